@@ -1,0 +1,11 @@
+//! Wire types of the Treewright tuning service. The meaning of every message stands in the comments of
+//! `proto/treewright/v1/*.proto`; this crate only compiles them.
+
+/// Package `treewright.v1`.
+#[allow(clippy::doc_markdown, clippy::large_enum_variant, missing_docs)]
+pub mod v1 {
+    tonic::include_proto!("treewright.v1");
+}
+
+/// The encoded `FileDescriptorSet` of the package, for gRPC reflection.
+pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptor.bin"));

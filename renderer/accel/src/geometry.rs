@@ -1,0 +1,125 @@
+//! The triangles of a scene, flattened to world space, and the rays that meet them.
+//!
+//! One shared vertex array and one index array serve every back end: positions are 16 bytes apart
+//! because Embree reads 16 bytes a vertex from shared buffers.
+
+use glam::{Vec3, Vec3A};
+use serde::Serialize;
+
+use crate::limits::{COORDINATE_MAX, TRIANGLES_MAX};
+
+/// Indexed triangles in world space, checked once: indices in range, coordinates finite and at most
+/// [`COORDINATE_MAX`] in magnitude. A triangle's number is its index everywhere.
+#[derive(Clone, Debug, Default)]
+pub struct Triangles {
+    positions: Vec<Vec3A>,
+    indices: Vec<[u32; 3]>,
+}
+
+/// Why triangles were refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GeometryError {
+    /// An index names a vertex that does not exist.
+    #[error("triangle {triangle} names vertex {vertex}, but there are only {vertices} vertices")]
+    IndexOutOfRange {
+        /// Number of the triangle.
+        triangle: usize,
+        /// The index it holds.
+        vertex: u32,
+        /// Number of vertices.
+        vertices: usize,
+    },
+    /// A coordinate is NaN, infinite or too large for single-precision intersection.
+    #[error("vertex {vertex} has a coordinate that is not finite or beyond ±{COORDINATE_MAX:e}")]
+    BadCoordinate {
+        /// Number of the vertex.
+        vertex: usize,
+    },
+    /// More triangles than the limit.
+    #[error("{count} triangles are more than the limit of {TRIANGLES_MAX}")]
+    TooMany {
+        /// How many there are.
+        count: usize,
+    },
+}
+
+impl Triangles {
+    /// Checks and takes over the arrays. Only vertices that a triangle names must be finite.
+    pub fn new(positions: Vec<Vec3A>, indices: Vec<[u32; 3]>) -> Result<Self, GeometryError> {
+        if indices.len() > TRIANGLES_MAX {
+            return Err(GeometryError::TooMany { count: indices.len() });
+        }
+        for (triangle, corners) in indices.iter().enumerate() {
+            for &vertex in corners {
+                let Some(position) = positions.get(vertex as usize) else {
+                    return Err(GeometryError::IndexOutOfRange { triangle, vertex, vertices: positions.len() });
+                };
+                // NaN fails the comparison and is refused with the rest.
+                if !position.abs().cmple(Vec3A::splat(COORDINATE_MAX)).all() {
+                    return Err(GeometryError::BadCoordinate { vertex: vertex as usize });
+                }
+            }
+        }
+        Ok(Self { positions, indices })
+    }
+
+    /// Vertex positions, 16 bytes apart.
+    pub fn positions(&self) -> &[Vec3A] {
+        &self.positions
+    }
+
+    /// Three vertex numbers a triangle.
+    pub fn indices(&self) -> &[[u32; 3]] {
+        &self.indices
+    }
+
+    /// Number of triangles.
+    pub fn len(&self) -> usize {
+        self.indices.len()
+    }
+
+    /// No triangle at all.
+    pub fn is_empty(&self) -> bool {
+        self.indices.is_empty()
+    }
+
+    /// The three corners of a triangle.
+    pub fn corners(&self, triangle: usize) -> [Vec3A; 3] {
+        self.indices[triangle].map(|vertex| self.positions[vertex as usize])
+    }
+}
+
+/// A ray segment: `origin + t * direction` for `t_min < t < t_max`. The direction need not be normalised.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Where it starts.
+    pub origin: Vec3,
+    /// Where it goes.
+    pub direction: Vec3,
+    /// Begin of the segment, at least 0.
+    pub t_min: f32,
+    /// End of the segment; infinity for none.
+    pub t_max: f32,
+}
+
+/// Where a ray meets a triangle.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Hit {
+    /// Ray parameter.
+    pub t: f32,
+    /// Barycentric weight of the second corner.
+    pub u: f32,
+    /// Barycentric weight of the third corner.
+    pub v: f32,
+    /// Number of the triangle.
+    pub triangle: u32,
+}
+
+/// Anything that answers ray queries over [`Triangles`]. Queries never fail: rays with non-finite
+/// components miss.
+pub trait Intersector: Sync + Send {
+    /// The nearest hit inside the segment.
+    fn closest(&self, ray: &Ray) -> Option<Hit>;
+    /// Whether anything lies inside the segment.
+    fn occluded(&self, ray: &Ray) -> bool;
+}
