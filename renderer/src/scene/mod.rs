@@ -26,6 +26,8 @@ pub struct Scene {
     pub sky: Sky,
     /// Cameras of the file, or one framing camera. At least one.
     pub cameras: Vec<Camera>,
+    /// Keys of a hand-laid camera path; empty when nobody laid one (see [`crate::camera_path`]).
+    pub path_keys: Vec<Camera>,
     /// What the loader had to leave out or make up, one sentence each.
     pub notes: Vec<String>,
 }
