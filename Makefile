@@ -1,0 +1,26 @@
+# Thin front doors. Each target says what it calls; `make help` lists them.
+
+CARGO ?= cargo
+
+.PHONY: help setup build demo test lint bench clean-demo
+
+help: ## what there is to make
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
+
+setup: ## find or fetch Embree 4.4, libclang and a C compiler (tools/setup.py)
+	@python3 tools/setup.py
+
+build: setup ## release binaries: treewrightd, treewright, treewright-render
+	$(CARGO) build --release --locked --bins
+
+demo: build ## tune a built-in scene, then open demo/report.html
+	@tools/demo.sh
+
+test: setup ## formatting, lints, docs, unit, property and end-to-end tests
+	@tools/test.sh
+
+lint: setup ## formatting, lints and docs only
+	@tools/test.sh lint
+
+bench: build ## measure the evaluation scenes (tools/bench.py; SCENES=FOLDER for real ones)
+	@python3 tools/bench.py

@@ -1,0 +1,77 @@
+//! Starting and ending the daemon: its one line, its signals, and what it says when it cannot start.
+
+use std::net::TcpListener;
+
+use treewright_proto::v1 as pb;
+use treewright_tests::daemon::Daemon;
+use treewright_tests::programs::{run, stderr, stdout};
+
+use crate::wire;
+
+#[tokio::test]
+async fn sigterm_ends_it_politely_and_the_database_stays_whole() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let database = folder.path().join("tuning.db");
+    let daemon = Daemon::start(&database);
+    let mut client = wire::connect(daemon.url()).await;
+    let study = wire::create(&mut client, "polite").await;
+    let trial = client.suggest(wire::suggestion(&study, "one", 0.5)).await.expect("a trial").into_inner();
+    client.report(wire::report(&trial)).await.expect("taken");
+    // A stream left open must not hold up the end.
+    let (_open, requests) = tokio::sync::mpsc::channel::<pb::TuneRequest>(1);
+    let stream = client.tune(tokio_stream::wrappers::ReceiverStream::new(requests)).await;
+    assert!(stream.is_ok());
+    assert!(daemon.terminate().success(), "SIGTERM is a normal end");
+
+    let daemon = Daemon::start(&database);
+    let mut client = wire::connect(daemon.url()).await;
+    assert_eq!(wire::query(&mut client, &study, "state = COMPLETED").await.len(), 1);
+}
+
+#[test]
+fn a_taken_port_is_named() {
+    let taken = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = taken.local_addr().expect("an address").to_string();
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let database = folder.path().join("tuning.db");
+    let output = run("treewrightd", &["serve", "--listen", &address, "--database", &database.to_string_lossy()]);
+    assert!(!output.status.success());
+    assert!(stderr(&output).contains(&address), "{}", stderr(&output));
+    assert!(stdout(&output).is_empty(), "nothing claims to listen");
+}
+
+#[test]
+fn a_database_in_use_is_named() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let database = folder.path().join("tuning.db");
+    let _daemon = Daemon::start(&database);
+    let output = run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", &database.to_string_lossy()]);
+    assert!(!output.status.success());
+    let said = stderr(&output);
+    assert!(said.contains("tuning.db") && said.contains("in use"), "{said}");
+}
+
+#[test]
+fn a_database_that_is_none_is_named() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let at = |path: &std::path::Path| {
+        let output = run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", &path.to_string_lossy()]);
+        assert!(!output.status.success());
+        stderr(&output)
+    };
+    assert!(at(folder.path()).contains("folder") || at(folder.path()).contains("directory"), "{}", at(folder.path()));
+    let letter = folder.path().join("letter.txt");
+    std::fs::write(&letter, "Dear database, ".repeat(100)).expect("it can be written");
+    assert!(at(&letter).contains("not a"), "{}", at(&letter));
+    let nowhere = folder.path().join("no/such/folder/tuning.db");
+    assert!(at(&nowhere).contains("no/such/folder"), "{}", at(&nowhere));
+}
+
+#[test]
+fn an_open_address_is_refused_without_insecure() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let database = folder.path().join("tuning.db");
+    let output = run("treewrightd", &["serve", "--listen", "0.0.0.0:0", "--database", &database.to_string_lossy()]);
+    assert!(!output.status.success());
+    assert!(stderr(&output).contains("--insecure"), "{}", stderr(&output));
+}

@@ -1,0 +1,7 @@
+//! End to end: the daemon, the renderer and the command line as separate processes.
+
+mod bad_input;
+mod lifecycle;
+mod restart;
+mod tuning;
+mod wire;

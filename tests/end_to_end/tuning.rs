@@ -1,0 +1,73 @@
+//! The loop of Figure 1 over the wire: renderer, daemon and command line as three programs.
+
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use treewright_tests::daemon::Daemon;
+use treewright_tests::programs::{program, run, stderr, stdout};
+
+fn tune(url: &str, json: &std::path::Path, iterations: &str) -> Command {
+    let mut command = Command::new(program("treewright-render"));
+    command.current_dir(std::env::temp_dir()).args(["tune", "--server", url, "--scene", "builtin:quick"]);
+    command.args(["--size", "64x48", "--objective", "render", "--study", "quick", "--iterations", iterations]);
+    command.arg("--json").arg(json).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn read(json: &std::path::Path) -> serde_json::Value {
+    let text = std::fs::read_to_string(json).expect("the renderer wrote its results");
+    serde_json::from_str(&text).expect("the results are JSON")
+}
+
+fn trials(url: &str, filter: &str) -> Vec<serde_json::Value> {
+    let output = run("treewright", &["--server", url, "--json", "trials", "quick", "--filter", filter, "--limit", "1000"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let answer: serde_json::Value = serde_json::from_str(&stdout(&output)).expect("JSON");
+    answer["trials"].as_array().or(answer.as_array()).expect("a list of trials").clone()
+}
+
+#[test]
+fn a_renderer_is_tuned_and_the_command_line_shows_it() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let json = folder.path().join("run.json");
+    let output = tune(daemon.url(), &json, "14").output().expect("the renderer runs");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let shown = stdout(&output);
+    for row in ["default", "native", "tuned", "prediction", "overhead", "break-even"] {
+        assert!(shown.to_lowercase().contains(row), "no {row} in the table:\n{shown}");
+    }
+    assert_eq!(read(&json)["trials"].as_array().map(Vec::len), Some(14));
+    assert_eq!(trials(daemon.url(), "state = COMPLETED AND mode = DEFAULT").len(), 1, "the default is measured first");
+    assert!(trials(daemon.url(), "state = COMPLETED").len() >= 14);
+    assert!(trials(daemon.url(), "state = OPEN").is_empty(), "no lease is left behind");
+    let best = run("treewright", &["--server", daemon.url(), "best", "quick"]);
+    assert!(best.status.success() && stdout(&best).contains("quality"), "{}{}", stdout(&best), stderr(&best));
+    let studies = run("treewright", &["--server", daemon.url(), "studies"]);
+    assert!(stdout(&studies).contains("quick"), "{}", stdout(&studies));
+}
+
+#[test]
+fn the_renderer_survives_the_daemon() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let database = folder.path().join("tuning.db");
+    let daemon = Daemon::start(&database);
+    let (url, address) = (daemon.url().to_owned(), daemon.address().to_owned());
+    let json = folder.path().join("run.json");
+    let renderer = tune(&url, &json, "60").spawn().expect("the renderer runs");
+    while trials(&url, "state = COMPLETED").len() < 5 {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    daemon.kill();
+    std::thread::sleep(Duration::from_millis(300));
+    let daemon = Daemon::start_at(&database, &address);
+    let output = renderer.wait_with_output().expect("the renderer ends");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let results = read(&json);
+    assert_eq!(results["trials"].as_array().map(Vec::len), Some(60), "every frame was rendered");
+    // What the renderer was told is safe is in the database.
+    let acknowledged = results["client"]["acknowledged"].as_u64().expect("the count of acknowledged reports");
+    let stored = trials(daemon.url(), "state = COMPLETED").len() as u64;
+    assert!(stored >= acknowledged, "{acknowledged} acknowledged, {stored} stored");
+    assert!(acknowledged >= 5);
+}

@@ -1,0 +1,95 @@
+//! Arrows between the crates point one way, and the pure core stays pure.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
+
+use treewright_tests::programs::workspace;
+
+/// What each crate may depend on among ours. Anything else is an arrow against the grain.
+const ARROWS: &[(&str, &[&str])] = &[
+    ("treewright-proto", &[]),
+    ("treewright-core", &[]),
+    ("treewright-accel", &[]),
+    ("treewright-store", &["treewright-core"]),
+    ("treewright-server", &["treewright-core", "treewright-proto", "treewright-store"]),
+    ("treewright-client", &["treewright-proto"]),
+    ("treewright-renderer", &["treewright-accel", "treewright-client"]),
+];
+
+/// Crates that would bring I/O, clocks or threads into the core.
+const NOT_IN_CORE: &[&str] = &["tokio", "sqlx", "tonic", "prost", "reqwest", "rusqlite", "tracing", "chrono"];
+
+/// Standard library paths that the core must not name: it computes, the shell does.
+const NOT_SAID_IN_CORE: &[&str] =
+    &["std::fs", "std::io", "std::net", "std::env", "std::thread", "SystemTime", "Instant::now", "thread_rng"];
+
+fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
+    let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+        .current_dir(workspace())
+        .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
+        .output()
+        .expect("cargo metadata runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).expect("cargo metadata is JSON");
+    let packages = metadata["packages"].as_array().expect("packages is a list");
+    let name = |value: &serde_json::Value| value["name"].as_str().expect("a name is text").to_owned();
+    packages
+        .iter()
+        .map(|package| {
+            let all = package["dependencies"].as_array().expect("dependencies is a list");
+            // Tests may reach further than the code they test.
+            (name(package), all.iter().filter(|one| one["kind"] != "dev").map(name).collect())
+        })
+        .collect()
+}
+
+#[test]
+fn arrows_point_one_way() {
+    let dependencies = dependencies();
+    for (package, allowed) in ARROWS {
+        let ours = dependencies[*package].iter().filter(|name| name.starts_with("treewright-"));
+        for name in ours {
+            assert!(allowed.contains(&name.as_str()), "{package} must not know {name}");
+        }
+    }
+    for package in dependencies.keys().filter(|name| *name != "treewright-tests") {
+        assert!(ARROWS.iter().any(|(known, _)| known == package), "{package} has no place in the order of crates");
+    }
+}
+
+#[test]
+fn the_core_does_no_io() {
+    for name in &dependencies()["treewright-core"] {
+        assert!(!NOT_IN_CORE.contains(&name.as_str()), "treewright-core must not depend on {name}");
+    }
+    for file in super::tidiness::rust_files().filter(|file| file.path.starts_with("server/core/src")) {
+        for phrase in NOT_SAID_IN_CORE {
+            let code = file.text.lines().find(|line| !line.trim_start().starts_with("//") && line.contains(phrase));
+            assert!(code.is_none(), "{}: the core must not use {phrase}: {}", file.path, code.unwrap_or_default());
+        }
+    }
+}
+
+#[test]
+fn unsafe_stands_in_one_crate() {
+    for file in super::tidiness::rust_files() {
+        let root = file.path.ends_with("src/lib.rs") || file.path.ends_with("src/main.rs");
+        let fenced = file.path.starts_with("renderer/accel/");
+        if root && !fenced {
+            let forbidden = file.text.contains("#![forbid(unsafe_code)]");
+            assert!(forbidden, "{} lacks #![forbid(unsafe_code)]", file.path);
+        }
+        if fenced {
+            let mut argued = false;
+            for (number, line) in file.text.lines().enumerate() {
+                let code = line.trim_start();
+                argued |= code.contains("SAFETY:") || code.contains("# Safety");
+                if code.contains("unsafe {") || code.starts_with("unsafe impl") {
+                    assert!(argued, "{}:{}: an unsafe block without a SAFETY comment", file.path, number + 1);
+                }
+                // An argument covers the lines below it up to the next blank one.
+                argued &= !code.is_empty();
+            }
+        }
+    }
+}

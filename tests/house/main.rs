@@ -1,0 +1,5 @@
+//! The house rules as tests: which crate may know which, where `unsafe` and I/O may stand, how long a
+//! file may be, and what must not be left lying about.
+
+mod layering;
+mod tidiness;

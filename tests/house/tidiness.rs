@@ -1,0 +1,69 @@
+//! Files that fit in the head, that say what they are, and that carry no leftovers.
+
+use std::path::Path;
+
+use treewright_tests::programs::workspace;
+
+/// Longest Rust file. One room, one purpose.
+const LINES_MAX: usize = 600;
+
+/// Marks of unfinished work. Split so that this file does not find itself.
+const LEFTOVERS: &[&str] = &[concat!("todo", "!("), concat!("unimplemented", "!("), concat!("#[ig", "nore"), concat!("FIX", "ME")];
+
+/// A source file of the workspace.
+pub struct File {
+    /// Path below the top folder.
+    pub path: String,
+    /// What it says.
+    pub text: String,
+}
+
+/// Every Rust file of the workspace, build folders left out.
+pub fn rust_files() -> impl Iterator<Item = File> {
+    let mut found = Vec::new();
+    let top = workspace();
+    for folder in ["proto", "server", "client", "renderer", "tests"] {
+        collect(&top, &top.join(folder), &mut found);
+    }
+    assert!(found.len() > 20, "the source files were not found");
+    found.into_iter()
+}
+
+fn collect(top: &Path, folder: &Path, found: &mut Vec<File>) {
+    for entry in std::fs::read_dir(folder).expect("a source folder can be read") {
+        let path = entry.expect("a source folder can be listed").path();
+        if path.is_dir() {
+            if !path.ends_with("target") {
+                collect(top, &path, found);
+            }
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            let text = std::fs::read_to_string(&path).expect("a source file is text");
+            let path = path.strip_prefix(top).expect("it lies below the top").to_string_lossy().into_owned();
+            found.push(File { path, text });
+        }
+    }
+}
+
+#[test]
+fn files_fit_in_the_head() {
+    for file in rust_files() {
+        let lines = file.text.lines().count();
+        assert!(lines <= LINES_MAX, "{} has {lines} lines; split it by meaning (limit {LINES_MAX})", file.path);
+    }
+}
+
+#[test]
+fn every_module_says_what_it_is() {
+    for file in rust_files() {
+        assert!(file.text.starts_with("//!"), "{} does not begin with a line `//! what, why, source`", file.path);
+    }
+}
+
+#[test]
+fn nothing_is_left_lying_about() {
+    for file in rust_files() {
+        for mark in LEFTOVERS {
+            assert!(!file.text.contains(mark), "{} still holds {mark:?}", file.path);
+        }
+    }
+}

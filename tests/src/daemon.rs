@@ -1,0 +1,87 @@
+//! A `treewrightd` process under test.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::programs::program;
+
+/// A running daemon. Killed when dropped.
+pub struct Daemon {
+    process: Child,
+    url: String,
+}
+
+impl Daemon {
+    /// Starts a daemon on any free port.
+    ///
+    /// # Panics
+    /// When it does not say where it listens.
+    pub fn start(database: &Path) -> Self {
+        Self::start_at(database, "127.0.0.1:0")
+    }
+
+    /// Starts a daemon at an address, e.g. the one that an earlier daemon had.
+    ///
+    /// # Panics
+    /// When it does not say where it listens.
+    pub fn start_at(database: &Path, address: &str) -> Self {
+        let mut process = Command::new(program("treewrightd"))
+            .args(["serve", "--listen", address, "--database"])
+            .arg(database)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::inherit())
+            .spawn()
+            .expect("treewrightd starts");
+        let mut line = String::new();
+        BufReader::new(process.stdout.take().expect("stdout is piped")).read_line(&mut line).expect("stdout is text");
+        let url = line.trim().rsplit(' ').next().unwrap_or_default().to_owned();
+        assert!(url.starts_with("http://"), "treewrightd said {line:?} instead of its address");
+        Self { process, url }
+    }
+
+    /// `http://127.0.0.1:PORT`.
+    pub fn url(&self) -> &str {
+        &self.url
+    }
+
+    /// `127.0.0.1:PORT`.
+    pub fn address(&self) -> &str {
+        self.url.trim_start_matches("http://")
+    }
+
+    /// `kill -9`, and waits until it is gone.
+    ///
+    /// # Panics
+    /// When the process cannot be killed.
+    pub fn kill(mut self) {
+        self.process.kill().expect("the daemon can be killed");
+        self.process.wait().expect("the daemon can be waited for");
+    }
+
+    /// SIGTERM, and waits for a polite end.
+    ///
+    /// # Panics
+    /// When it has not ended after half a minute.
+    pub fn terminate(mut self) -> ExitStatus {
+        let sent = Command::new("kill").args(["-TERM", &self.process.id().to_string()]).status().expect("kill runs");
+        assert!(sent.success(), "SIGTERM could not be sent");
+        let patience = Instant::now() + Duration::from_secs(30);
+        loop {
+            if let Some(status) = self.process.try_wait().expect("the daemon can be waited for") {
+                return status;
+            }
+            assert!(Instant::now() < patience, "the daemon does not end on SIGTERM");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        // Already gone after kill() and terminate(); a failed test leaves it to be cleaned up here.
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}

@@ -1,0 +1,29 @@
+#!/usr/bin/env bash
+# Everything that is checked, in the order in which it fails fastest. `tools/test.sh lint` stops before the tests.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+step() { printf '\n== %s\n' "$*"; }
+
+for tool in fmt clippy; do
+    if ! cargo "$tool" --version >/dev/null 2>&1; then
+        component=${tool/fmt/rustfmt}
+        rustup component add "$component" || {
+            echo "test: cargo $tool is missing; run: rustup component add $component" >&2
+            exit 1
+        }
+    fi
+done
+
+step "formatting"
+cargo fmt --all --check
+step "lints"
+cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
+step "documentation"
+RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet
+[ "${1:-all}" = lint ] && exit 0
+
+step "unit, property and end-to-end tests"
+# The end-to-end tests start the real programs, which this puts beside them.
+cargo build --workspace --bins --locked --quiet
+cargo test --workspace --locked
