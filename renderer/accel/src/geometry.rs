@@ -47,16 +47,24 @@ impl Triangles {
     /// Checks and takes over the arrays. Only vertices that a triangle names must be finite.
     pub fn new(positions: Vec<Vec3A>, indices: Vec<[u32; 3]>) -> Result<Self, GeometryError> {
         if indices.len() > TRIANGLES_MAX {
-            return Err(GeometryError::TooMany { count: indices.len() });
+            return Err(GeometryError::TooMany {
+                count: indices.len(),
+            });
         }
         for (triangle, corners) in indices.iter().enumerate() {
             for &vertex in corners {
                 let Some(position) = positions.get(vertex as usize) else {
-                    return Err(GeometryError::IndexOutOfRange { triangle, vertex, vertices: positions.len() });
+                    return Err(GeometryError::IndexOutOfRange {
+                        triangle,
+                        vertex,
+                        vertices: positions.len(),
+                    });
                 };
                 // NaN fails the comparison and is refused with the rest.
                 if !position.abs().cmple(Vec3A::splat(COORDINATE_MAX)).all() {
-                    return Err(GeometryError::BadCoordinate { vertex: vertex as usize });
+                    return Err(GeometryError::BadCoordinate {
+                        vertex: vertex as usize,
+                    });
                 }
             }
         }
@@ -90,6 +98,7 @@ impl Triangles {
 }
 
 /// A ray segment: `origin + t * direction` for `t_min < t < t_max`. The direction need not be normalised.
+/// Whether a hit at exactly `t_max` counts is left open: native Embree counts it, the others do not.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
     /// Where it starts.
@@ -100,6 +109,16 @@ pub struct Ray {
     pub t_min: f32,
     /// End of the segment; infinity for none.
     pub t_max: f32,
+}
+
+impl Ray {
+    /// Whether origin and direction are finite and `t_min <= t_max` are numbers. Rays that are not valid miss.
+    #[inline]
+    pub fn is_valid(&self) -> bool {
+        // Zero times a finite number is zero; times infinity or NaN it is NaN, which fails the comparison.
+        let zero = (self.origin * 0.0 + self.direction * 0.0).element_sum();
+        zero == 0.0 && self.t_min <= self.t_max
+    }
 }
 
 /// Where a ray meets a triangle.

@@ -4,5 +4,29 @@
 /// single precision and native Embree drops triangles silently; three orders of magnitude are kept in reserve.
 pub const COORDINATE_MAX: f32 = 1e15;
 
-/// Most triangles in one structure. Spatial splits hand out 27 bits of geometry numbers.
+/// Most triangles in one structure: one build of that size takes some 20 GB, beyond what we verified.
 pub const TRIANGLES_MAX: usize = 1 << 27;
+
+/// Series of Embree our C structures are laid out for: `(major, minor)`.
+pub const EMBREE_SERIES: (isize, isize) = (4, 4);
+
+/// Most build threads.
+pub const THREADS_MAX: usize = 1024;
+
+/// Permitted `max_depth`. Embree's builders stop using the heuristic 8 levels above the limit, so 9 is the least
+/// that leaves one level to it; 64 sizes the traversal stack.
+pub const MAX_DEPTH: std::ops::RangeInclusive<u32> = 9..=64;
+
+/// Most triangles a leaf: the Morton builder keeps a leaf's triangles in a fixed array of this size and
+/// writes past its end when told more.
+pub const LEAF_SIZE_MAX: u32 = 32;
+
+/// Largest `sah_block_size`.
+pub const SAH_BLOCK_SIZE_MAX: u32 = 32;
+
+/// Largest cost of a step or a test in the heuristic.
+pub const COST_MAX: f32 = 10.0;
+
+/// Room for the references that spatial splits add, as a factor on the number of triangles. Native Embree
+/// takes the same.
+pub const SPLIT_CAPACITY_FACTOR: f64 = 1.2;

@@ -1,0 +1,244 @@
+//! The Embree device: one a process, checked once, its errors turned into values.
+//!
+//! Embree keeps one error per thread, so it is read on the calling thread after every call that can
+//! fail. The code alone says little ("unknown error" is also "depth limit reached"); the text comes
+//! through the error callback, which may run on one of Embree's own threads.
+
+use std::ffi::{CStr, CString, c_char, c_uint, c_void};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicIsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::ffi;
+use crate::limits::{EMBREE_SERIES, THREADS_MAX};
+
+/// Why there is no device.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DeviceError {
+    /// `rtcNewDevice` failed.
+    #[error(
+        "Embree refused to start (error {code}): check that the processor has at least SSE2 and that memory is free"
+    )]
+    Refused {
+        /// Embree's error code.
+        code: u32,
+    },
+    /// The library is of another series than the one our structures are laid out for.
+    #[error(
+        "Embree is version {found}, but only {}.{}.x is verified: run `make setup` or point EMBREE_DIR at such an installation",
+        EMBREE_SERIES.0,
+        EMBREE_SERIES.1
+    )]
+    WrongVersion {
+        /// The version found, for instance "4.2.0".
+        found: String,
+    },
+    /// The process already has a device with another number of threads.
+    #[error(
+        "this process already opened Embree with {open} threads (0 means all) and cannot open it with {asked}"
+    )]
+    OtherThreads {
+        /// Threads of the open device.
+        open: usize,
+        /// Threads asked for.
+        asked: usize,
+    },
+    /// More threads than the limit.
+    #[error("{asked} threads are more than the limit of {THREADS_MAX}")]
+    TooManyThreads {
+        /// Threads asked for.
+        asked: usize,
+    },
+}
+
+/// An error of one Embree call.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct EmbreeFailure {
+    pub(crate) code: u32,
+    pub(crate) message: String,
+}
+
+/// The process's Embree device. Cloning shares it.
+#[derive(Clone, Debug)]
+pub struct Device {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    handle: ffi::RTCDevice,
+    threads: usize,
+    heard: Box<Heard>,
+}
+
+/// What the callbacks write. Boxed, since Embree keeps its address.
+#[derive(Debug, Default)]
+struct Heard {
+    /// Text of the latest error, of any thread.
+    message: Mutex<String>,
+    /// Bytes Embree holds for its structures.
+    bytes: AtomicIsize,
+}
+
+// SAFETY: Embree's device functions may be called from any thread; `Heard` is synchronised.
+unsafe impl Send for Inner {}
+// SAFETY: as above.
+unsafe impl Sync for Inner {}
+
+/// The one device. It is never closed: TBB's threads live as long as the process anyway.
+static OPEN: Mutex<Option<Device>> = Mutex::new(None);
+
+impl Device {
+    /// Opens Embree, or gives the open device again. `threads` is the number of build threads,
+    /// 0 for one a core.
+    pub fn open(threads: usize) -> Result<Self, DeviceError> {
+        if threads > THREADS_MAX {
+            return Err(DeviceError::TooManyThreads { asked: threads });
+        }
+        let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*open {
+            Some(device) if device.inner.threads == threads => Ok(device.clone()),
+            Some(device) => Err(DeviceError::OtherThreads {
+                open: device.inner.threads,
+                asked: threads,
+            }),
+            None => {
+                let device = Self::new(threads)?;
+                *open = Some(device.clone());
+                Ok(device)
+            }
+        }
+    }
+
+    fn new(threads: usize) -> Result<Self, DeviceError> {
+        // Configuration files in the home or working folder must not change what is measured.
+        let options = CString::new(format!("ignore_config_files=1,threads={threads}"))
+            .expect("no zero byte in a number");
+        // SAFETY: a valid C string.
+        let handle = unsafe { ffi::rtcNewDevice(options.as_ptr()) };
+        if handle.is_null() {
+            // SAFETY: a null device is allowed here and means the failed creation.
+            let code = unsafe { ffi::rtc_get_device_error(handle) };
+            return Err(DeviceError::Refused { code });
+        }
+        let inner = Inner {
+            handle,
+            threads,
+            heard: Box::default(),
+        };
+        // SAFETY: the handle is valid.
+        let version = unsafe { ffi::rtcGetDeviceProperty(handle, ffi::RTCDeviceProperty::VERSION) };
+        let (major, minor, patch) = (version / 10_000, version / 100 % 100, version % 100);
+        if (major, minor) != EMBREE_SERIES {
+            return Err(DeviceError::WrongVersion {
+                found: format!("{major}.{minor}.{patch}"),
+            });
+        }
+        let user = (&raw const *inner.heard).cast_mut().cast::<c_void>();
+        // SAFETY: the callbacks take `user` as `&Heard`, which lives as long as the device.
+        unsafe {
+            ffi::rtc_set_device_error_function(handle, Some(hear_error), user);
+            ffi::rtcSetDeviceMemoryMonitorFunction(handle, Some(hear_memory), user);
+        }
+        Ok(Self {
+            inner: Arc::new(inner),
+        })
+    }
+
+    /// Version of the library as `(major, minor, patch)`.
+    pub fn version(&self) -> (u32, u32, u32) {
+        // SAFETY: the handle is valid.
+        let version =
+            unsafe { ffi::rtcGetDeviceProperty(self.handle(), ffi::RTCDeviceProperty::VERSION) };
+        let version = u32::try_from(version).unwrap_or(0);
+        (version / 10_000, version / 100 % 100, version % 100)
+    }
+
+    /// Number of build threads that was asked for; 0 for one a core.
+    pub fn threads(&self) -> usize {
+        self.inner.threads
+    }
+
+    /// Bytes Embree holds for its structures now, as its memory monitor counts them.
+    pub fn bytes_held(&self) -> usize {
+        usize::try_from(self.inner.heard.bytes.load(Ordering::Relaxed)).unwrap_or(0)
+    }
+
+    pub(crate) fn handle(&self) -> ffi::RTCDevice {
+        self.inner.handle
+    }
+
+    /// The error of this thread's last Embree call, if it failed. Reading clears it.
+    pub(crate) fn check(&self) -> Result<(), EmbreeFailure> {
+        // SAFETY: the handle is valid.
+        let code = unsafe { ffi::rtc_get_device_error(self.handle()) };
+        if code == ffi::ERROR_NONE {
+            return Ok(());
+        }
+        let message = self
+            .inner
+            .heard
+            .message
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone();
+        Err(EmbreeFailure { code, message })
+    }
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        // SAFETY: the handle is valid and ours; structures hold a `Device` and so outlive none of this.
+        unsafe { ffi::rtcReleaseDevice(self.handle) };
+    }
+}
+
+unsafe extern "C" fn hear_error(user: *mut c_void, _code: c_uint, text: *const c_char) {
+    // Nothing may unwind into Embree; a message that cannot be kept is a lesser loss.
+    let _ = catch_unwind(AssertUnwindSafe(|| {
+        // SAFETY: `user` is the device's `Heard`; `text` is null or a C string for the call's duration.
+        let (heard, text) = unsafe {
+            (
+                &*user.cast::<Heard>(),
+                (!text.is_null()).then(|| CStr::from_ptr(text)),
+            )
+        };
+        if let Some(text) = text {
+            let mut message = heard.message.lock().unwrap_or_else(PoisonError::into_inner);
+            *message = text.to_string_lossy().into_owned();
+        }
+    }));
+}
+
+unsafe extern "C" fn hear_memory(user: *mut c_void, bytes: isize, _after: bool) -> bool {
+    // SAFETY: `user` is the device's `Heard`.
+    let heard = unsafe { &*user.cast::<Heard>() };
+    heard.bytes.fetch_add(bytes, Ordering::Relaxed);
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn is_one_a_process() {
+        let device = Device::open(0).expect("Embree is set up");
+        let again = Device::open(0).expect("the same device");
+        assert!(Arc::ptr_eq(&device.inner, &again.inner));
+        assert_eq!(
+            Device::open(1).unwrap_err(),
+            DeviceError::OtherThreads { open: 0, asked: 1 }
+        );
+        assert!(matches!(
+            Device::open(THREADS_MAX + 1),
+            Err(DeviceError::TooManyThreads { .. })
+        ));
+    }
+
+    #[test]
+    fn is_of_the_verified_series() {
+        let (major, minor, _) = Device::open(0).expect("Embree is set up").version();
+        assert_eq!((major as isize, minor as isize), EMBREE_SERIES);
+    }
+}

@@ -1,0 +1,95 @@
+//! The C interface of Embree 4.4, as far as we use it.
+//!
+//! Functions, handles and constants come from `embree4-sys`, whose headers are of 4.2. Two things there
+//! do not fit a 4.4 library and are declared here instead:
+//!
+//! * **Structures that grew.** A 4.4 library built with instance arrays writes one more word per hit
+//!   (`instPrimID`): its `RTCRayHit` has 96 bytes, the crate's 80. Passing the smaller one corrupts the
+//!   stack. A 4.4 library built without them writes less, which the larger one bears as well.
+//! * **Functions with Rust enums.** A value the enum lacks would be undefined behaviour, so these
+//!   functions are declared again with plain integers.
+
+use std::ffi::{c_char, c_uint, c_void};
+
+pub(crate) use embree4_sys::{
+    RTCBVH, RTCBounds, RTCBufferType, RTCBuildArguments, RTCBuildFlags, RTCBuildPrimitive,
+    RTCBuildQuality, RTCDevice, RTCDeviceProperty, RTCFormat, RTCGeometryType, RTCScene,
+    RTCSceneFlags, RTCThreadLocalAllocator, rtcAttachGeometry, rtcBuildBVH, rtcCommitGeometry,
+    rtcCommitScene, rtcGetDeviceProperty, rtcIntersect1, rtcNewBVH, rtcNewDevice, rtcNewGeometry,
+    rtcNewScene, rtcOccluded1, rtcReleaseBVH, rtcReleaseDevice, rtcReleaseGeometry,
+    rtcReleaseScene, rtcRetainDevice, rtcSetDeviceMemoryMonitorFunction, rtcSetSceneBuildQuality,
+    rtcSetSceneFlags, rtcSetSharedGeometryBuffer, rtcThreadLocalAlloc,
+};
+
+/// "No geometry was hit."
+pub(crate) const INVALID_GEOMETRY: u32 = embree4_sys::RTC_INVALID_GEOMETRY_ID;
+
+/// `RTCRay` (`rtcore_ray.h`): the same in 4.2 and 4.4, declared again to stand beside [`RayHit`].
+#[repr(C, align(16))]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RtcRay {
+    pub(crate) origin: [f32; 3],
+    pub(crate) t_near: f32,
+    pub(crate) direction: [f32; 3],
+    pub(crate) time: f32,
+    pub(crate) t_far: f32,
+    pub(crate) mask: u32,
+    pub(crate) id: u32,
+    pub(crate) flags: u32,
+}
+
+/// `RTCHit` of a 4.4 library with instance arrays: one word more than in 4.2.
+#[repr(C, align(16))]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RtcHit {
+    pub(crate) normal: [f32; 3],
+    pub(crate) u: f32,
+    pub(crate) v: f32,
+    pub(crate) primitive: u32,
+    pub(crate) geometry: u32,
+    pub(crate) instance: u32,
+    pub(crate) instance_primitive: u32,
+}
+
+/// `RTCRayHit` of a 4.4 library with instance arrays.
+#[repr(C, align(16))]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RayHit {
+    pub(crate) ray: RtcRay,
+    pub(crate) hit: RtcHit,
+}
+
+const _: () = {
+    assert!(size_of::<RtcRay>() == 48 && align_of::<RtcRay>() == 16);
+    assert!(size_of::<embree4_sys::RTCRay>() == 48);
+    // Nine words, rounded up to a multiple of 16 bytes.
+    assert!(size_of::<RtcHit>() == 48);
+    assert!(size_of::<RayHit>() == 96 && align_of::<RayHit>() == 16);
+    assert!(std::mem::offset_of!(RayHit, hit) == 48);
+    // Equal in both versions; the build arguments and primitives are handed over as the crate has them.
+    assert!(size_of::<RTCBuildArguments>() == 136);
+    assert!(size_of::<RTCBuildPrimitive>() == 32 && align_of::<RTCBuildPrimitive>() == 32);
+    assert!(size_of::<RTCBounds>() == 32);
+};
+
+unsafe extern "C" {
+    /// `rtcGetDeviceError` with a plain integer: the error of the calling thread, which is cleared.
+    /// A null device asks for the error of a failed `rtcNewDevice`.
+    #[link_name = "rtcGetDeviceError"]
+    pub(crate) fn rtc_get_device_error(device: RTCDevice) -> c_uint;
+
+    /// `rtcSetDeviceErrorFunction` with a plain integer as the callback's code.
+    #[link_name = "rtcSetDeviceErrorFunction"]
+    pub(crate) fn rtc_set_device_error_function(
+        device: RTCDevice,
+        heard: Option<unsafe extern "C" fn(user: *mut c_void, code: c_uint, text: *const c_char)>,
+        user: *mut c_void,
+    );
+}
+
+/// `RTC_ERROR_NONE`.
+pub(crate) const ERROR_NONE: u32 = 0;
+/// `RTC_ERROR_UNKNOWN`: what a builder says that ran into its depth limit.
+pub(crate) const ERROR_UNKNOWN: u32 = 1;
+/// `RTC_ERROR_OUT_OF_MEMORY`.
+pub(crate) const ERROR_OUT_OF_MEMORY: u32 = 4;

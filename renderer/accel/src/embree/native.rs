@@ -1,0 +1,276 @@
+//! A native Embree scene: the comparison, and the only way to what Embree alone offers (compact trees).
+//!
+//! One triangle geometry shares our vertex and index arrays. Its geometry number is 0, so a hit's
+//! primitive number is the triangle's number.
+
+use std::ptr;
+use std::sync::Arc;
+
+use super::device::{Device, EmbreeFailure};
+use super::ffi;
+use crate::error::BuildError;
+use crate::geometry::{Hit, Intersector, Ray, Triangles};
+use crate::parameters::{NativeOptions, NativeQuality};
+
+/// A committed Embree scene over shared triangles.
+#[derive(Debug)]
+pub struct NativeScene {
+    scene: SceneHandle,
+    bytes: usize,
+    /// The scene reads these arrays and lives on this device: both must outlive it.
+    _triangles: Arc<Triangles>,
+    _device: Device,
+}
+
+/// Releases the scene on every way out, also that of a failed build.
+#[derive(Debug)]
+struct SceneHandle(ffi::RTCScene);
+
+// SAFETY: a committed scene is read-only, and Embree allows queries and release from any thread.
+unsafe impl Send for SceneHandle {}
+// SAFETY: as above.
+unsafe impl Sync for SceneHandle {}
+
+impl Drop for SceneHandle {
+    fn drop(&mut self) {
+        // SAFETY: the handle is ours and valid.
+        unsafe { ffi::rtcReleaseScene(self.0) };
+    }
+}
+
+impl NativeScene {
+    /// Builds a scene with `rtcCommitScene`.
+    pub(crate) fn build(
+        device: &Device,
+        triangles: &Arc<Triangles>,
+        options: &NativeOptions,
+    ) -> Result<Self, BuildError> {
+        let before = device.bytes_held();
+        // SAFETY: the device is valid.
+        let scene = SceneHandle(unsafe { ffi::rtcNewScene(device.handle()) });
+        if scene.0.is_null() {
+            return Err(failure(device));
+        }
+        let mut flags = ffi::RTCSceneFlags::NONE;
+        for (wanted, flag) in [
+            (options.compact, ffi::RTCSceneFlags::COMPACT),
+            (options.dynamic, ffi::RTCSceneFlags::DYNAMIC),
+            (options.robust, ffi::RTCSceneFlags::ROBUST),
+        ] {
+            if wanted {
+                flags |= flag;
+            }
+        }
+        let quality = match options.quality {
+            NativeQuality::Low => ffi::RTCBuildQuality::LOW,
+            NativeQuality::Medium => ffi::RTCBuildQuality::MEDIUM,
+            NativeQuality::High => ffi::RTCBuildQuality::HIGH,
+        };
+        // SAFETY: the scene is valid and not committed yet.
+        unsafe {
+            ffi::rtcSetSceneFlags(scene.0, flags);
+            ffi::rtcSetSceneBuildQuality(scene.0, quality);
+        }
+        if !triangles.is_empty() {
+            attach(device, &scene, triangles)?;
+        }
+        // SAFETY: the scene is valid; the shared arrays are alive.
+        unsafe { ffi::rtcCommitScene(scene.0) };
+        device.check().map_err(BuildError::from)?;
+        let bytes = device.bytes_held().saturating_sub(before);
+        Ok(Self {
+            scene,
+            bytes,
+            _triangles: Arc::clone(triangles),
+            _device: device.clone(),
+        })
+    }
+
+    /// Bytes Embree took during the build, by its own memory monitor. A build running at the same time
+    /// on the same device is counted in.
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+}
+
+fn failure(device: &Device) -> BuildError {
+    let failure = device.check().err().unwrap_or(EmbreeFailure {
+        code: ffi::ERROR_UNKNOWN,
+        message: "no reason given".into(),
+    });
+    BuildError::from(failure)
+}
+
+fn attach(device: &Device, scene: &SceneHandle, triangles: &Triangles) -> Result<(), BuildError> {
+    // SAFETY: the device is valid.
+    let geometry = unsafe { ffi::rtcNewGeometry(device.handle(), ffi::RTCGeometryType::TRIANGLE) };
+    if geometry.is_null() {
+        return Err(failure(device));
+    }
+    let positions = triangles.positions();
+    let indices = triangles.indices();
+    // SAFETY: positions are 16 bytes apart and 16 bytes long, as Embree reads them; the arrays do not
+    // move while the scene's `Arc` holds them; indices are in range by the invariant of `Triangles`.
+    // Attaching retains the geometry, so our own reference is released at once.
+    unsafe {
+        ffi::rtcSetSharedGeometryBuffer(
+            geometry,
+            ffi::RTCBufferType::VERTEX,
+            0,
+            ffi::RTCFormat::FLOAT3,
+            positions.as_ptr().cast(),
+            0,
+            16,
+            positions.len(),
+        );
+        ffi::rtcSetSharedGeometryBuffer(
+            geometry,
+            ffi::RTCBufferType::INDEX,
+            0,
+            ffi::RTCFormat::UINT3,
+            indices.as_ptr().cast(),
+            0,
+            12,
+            indices.len(),
+        );
+        ffi::rtcCommitGeometry(geometry);
+        ffi::rtcAttachGeometry(scene.0, geometry);
+        ffi::rtcReleaseGeometry(geometry);
+    }
+    device.check().map_err(BuildError::from)
+}
+
+fn to_embree(ray: &Ray) -> ffi::RtcRay {
+    ffi::RtcRay {
+        origin: ray.origin.to_array(),
+        t_near: ray.t_min,
+        direction: ray.direction.to_array(),
+        time: 0.0,
+        t_far: ray.t_max,
+        mask: u32::MAX,
+        id: 0,
+        flags: 0,
+    }
+}
+
+impl Intersector for NativeScene {
+    #[inline]
+    fn closest(&self, ray: &Ray) -> Option<Hit> {
+        if !ray.is_valid() {
+            return None;
+        }
+        let mut query = ffi::RayHit {
+            ray: to_embree(ray),
+            hit: ffi::RtcHit {
+                normal: [0.0; 3],
+                u: 0.0,
+                v: 0.0,
+                primitive: ffi::INVALID_GEOMETRY,
+                geometry: ffi::INVALID_GEOMETRY,
+                instance: ffi::INVALID_GEOMETRY,
+                instance_primitive: ffi::INVALID_GEOMETRY,
+            },
+        };
+        // SAFETY: the scene is committed; our structure is at least as large as the library's (see `ffi`);
+        // null arguments mean the defaults.
+        unsafe { ffi::rtcIntersect1(self.scene.0, (&raw mut query).cast(), ptr::null_mut()) };
+        let hit = &query.hit;
+        (hit.geometry != ffi::INVALID_GEOMETRY).then(|| Hit {
+            t: query.ray.t_far,
+            u: hit.u,
+            v: hit.v,
+            triangle: hit.primitive,
+        })
+    }
+
+    #[inline]
+    fn occluded(&self, ray: &Ray) -> bool {
+        if !ray.is_valid() {
+            return false;
+        }
+        let mut query = to_embree(ray);
+        // SAFETY: as above.
+        unsafe { ffi::rtcOccluded1(self.scene.0, (&raw mut query).cast(), ptr::null_mut()) };
+        // Embree answers with minus infinity.
+        query.t_far < 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Vec3, Vec3A};
+
+    use super::*;
+
+    const CANARY: u64 = 0x5afe_c0de_5afe_c0de;
+
+    /// A query structure with known words right behind it.
+    #[repr(C)]
+    struct Guarded<T> {
+        query: T,
+        canary: [u64; 16],
+    }
+
+    fn triangle() -> NativeScene {
+        let device = Device::open(0).expect("Embree is set up");
+        let corners = vec![Vec3A::ZERO, Vec3A::X, Vec3A::Y];
+        let triangles = Arc::new(Triangles::new(corners, vec![[0, 1, 2]]).expect("valid"));
+        NativeScene::build(&device, &triangles, &NativeOptions::default()).expect("builds")
+    }
+
+    fn ray() -> Ray {
+        Ray {
+            origin: Vec3::new(0.25, 0.25, 1.0),
+            direction: Vec3::NEG_Z,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        }
+    }
+
+    #[test]
+    fn the_library_does_not_write_past_our_structures() {
+        let native = triangle();
+        let mut closest = Guarded {
+            query: ffi::RayHit {
+                ray: to_embree(&ray()),
+                hit: ffi::RtcHit {
+                    normal: [0.0; 3],
+                    u: 0.0,
+                    v: 0.0,
+                    primitive: 7,
+                    geometry: ffi::INVALID_GEOMETRY,
+                    instance: 7,
+                    instance_primitive: 7,
+                },
+            },
+            canary: [CANARY; 16],
+        };
+        let mut any = Guarded {
+            query: to_embree(&ray()),
+            canary: [CANARY; 16],
+        };
+        // SAFETY: as in the queries above.
+        unsafe {
+            ffi::rtcIntersect1(
+                native.scene.0,
+                (&raw mut closest.query).cast(),
+                ptr::null_mut(),
+            );
+            ffi::rtcOccluded1(native.scene.0, (&raw mut any.query).cast(), ptr::null_mut());
+        }
+        assert_eq!(
+            closest.query.hit.geometry, 0,
+            "the ray must hit, for only then is the hit written"
+        );
+        assert_eq!(closest.query.hit.primitive, 0);
+        assert!(any.query.t_far < 0.0);
+        assert_eq!(closest.canary, [CANARY; 16]);
+        assert_eq!(any.canary, [CANARY; 16]);
+    }
+
+    #[test]
+    fn a_hit_carries_distance_and_weights() {
+        let hit = triangle().closest(&ray()).expect("hits");
+        assert_eq!((hit.t, hit.u, hit.v, hit.triangle), (1.0, 0.25, 0.25, 0));
+    }
+}
