@@ -1,0 +1,67 @@
+//! Configurations: a value for every active parameter of a space, in canonical form.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::value::Value;
+
+/// A configuration that has not been checked against a space yet: what comes over the wire or out of a
+/// table. [`Space::configuration`](crate::space::Space::configuration) turns it into a [`Configuration`].
+pub type RawConfiguration = BTreeMap<String, Value>;
+
+/// A value for every active parameter of a space, and for no other; every value inside its domain, every
+/// constraint fulfilled.
+///
+/// It can only be made by a [`Space`](crate::space::Space), and serialises as a plain map of values. There
+/// is on purpose no `Deserialize`: read a [`RawConfiguration`] and hand it to the space.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(transparent)]
+pub struct Configuration {
+    values: BTreeMap<String, Value>,
+}
+
+impl Configuration {
+    /// The one way in; the caller is the space, which has checked `values`.
+    pub(crate) fn from_checked(values: BTreeMap<String, Value>) -> Self {
+        Configuration { values }
+    }
+
+    /// The values by parameter name, in the order of the names.
+    pub fn values(&self) -> &BTreeMap<String, Value> {
+        &self.values
+    }
+
+    /// The value of one parameter; `None` when it is not active.
+    pub fn get(&self, name: &str) -> Option<&Value> {
+        self.values.get(name)
+    }
+
+    /// A compact text, equal exactly for equal configurations of one space:
+    /// `max_leaf_size=8;robust=false`.
+    pub fn key(&self) -> String {
+        self.to_string()
+    }
+
+    /// The unchecked form, for the wire and for tables.
+    pub fn to_raw(&self) -> RawConfiguration {
+        self.values.clone()
+    }
+}
+
+impl fmt::Display for Configuration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, (name, value)) in self.values.iter().enumerate() {
+            let separator = if index == 0 { "" } else { ";" };
+            write!(f, "{separator}{name}={value}")?;
+        }
+        Ok(())
+    }
+}
+
+impl From<Configuration> for RawConfiguration {
+    fn from(configuration: Configuration) -> Self {
+        configuration.values
+    }
+}

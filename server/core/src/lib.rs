@@ -1,0 +1,25 @@
+//! The pure tuning core: typed parameter spaces, searches inside one state, predictors across states, and
+//! the state machine of one study that joins them.
+//!
+//! It carries out sections 3.2, 5, 6 and 7.1 of Herveau, Pfaffe, Tillmann, Tichy and Dachsbacher,
+//! "Analysis of Acceleration Structure Parameters and Hybrid Autotuning for Ray Tracing" ("the paper" in
+//! the comments of this crate). The core does no I/O, reads no clock and no environment, and owns no
+//! randomness it was not handed: the same specification and the same calls give the same bytes.
+//!
+//! The way through the crate, from the ground up: [`value`], [`space`] and [`configuration`] say what can
+//! be run; [`indicator`] and [`objective`] say what is known of an input and what is minimised; [`study`]
+//! joins them with a [`policy`]; [`trial`] is what is handed out; [`search`] explores one state;
+//! [`predict`] carries knowledge from state to state; [`tuner`] decides.
+#![forbid(unsafe_code)]
+
+pub mod configuration;
+pub mod indicator;
+pub mod limits;
+pub mod names;
+pub mod objective;
+pub mod policy;
+pub mod space;
+pub mod study;
+pub mod trial;
+pub mod tuner;
+pub mod value;

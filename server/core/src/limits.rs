@@ -1,0 +1,77 @@
+//! Every limit of the core in one place, as the comments of the wire contract state them.
+//!
+//! A limit that is reached is answered with an error that names the field and the limit, never with
+//! silent truncation.
+
+/// Longest name of a parameter, an indicator or a metric, in characters.
+pub const NAME_CHARACTERS_MAX: usize = 64;
+/// Longest `display_name` of a study, in characters.
+pub const DISPLAY_NAME_CHARACTERS_MAX: usize = 200;
+/// Longest `client_id`, in characters.
+pub const CLIENT_ID_CHARACTERS_MAX: usize = 128;
+/// Longest text value of a categorical parameter, in characters.
+pub const TEXT_VALUE_CHARACTERS_MAX: usize = 256;
+/// Longest reason of an infeasible or failed outcome, in characters.
+pub const OUTCOME_REASON_CHARACTERS_MAX: usize = 1000;
+/// Longest entry of a fingerprint, in characters.
+pub const FINGERPRINT_TEXT_CHARACTERS_MAX: usize = 256;
+/// Most software entries of a fingerprint.
+pub const FINGERPRINT_SOFTWARE_MAX: usize = 32;
+
+/// Most parameters of a space.
+pub const PARAMETERS_MAX: usize = 128;
+/// Most constraints of a space.
+pub const CONSTRAINTS_MAX: usize = 64;
+/// Most values of a categorical domain, and of a condition.
+pub const CATEGORIES_MAX: usize = 64;
+/// Largest magnitude of an integer: beyond 2^53 a double can no longer tell neighbours apart.
+pub const INTEGER_MAGNITUDE_MAX: i64 = 1 << 53;
+/// Most indicators of a study.
+pub const INDICATORS_MAX: usize = 128;
+/// Most terms of an objective.
+pub const OBJECTIVE_TERMS_MAX: usize = 16;
+/// Most measurements of a report.
+pub const MEASUREMENTS_MAX: usize = 64;
+
+/// Most measured configurations a state's search may take.
+pub const TRIALS_PER_STATE_MAX: u32 = 100_000;
+/// Most measurements of one configuration in one state before the search goes on.
+pub const REPLICATES_MAX: u32 = 100;
+/// Longest lease, in seconds: one day.
+pub const LEASE_S_MAX: u32 = 86_400;
+
+/// Most states of a study. The look-up of a state is linear in them; 100,000 states of 17 indicators are
+/// 13.6 MB and are passed over in well under a millisecond per thousand thanks to the early way out.
+pub const STATES_MAX: usize = 100_000;
+/// Most trials one client may hold open, one per state.
+pub const OPEN_TRIALS_PER_CLIENT_MAX: usize = 64;
+/// Most clients a study remembers the visits of.
+pub const CLIENTS_MAX: usize = 100_000;
+
+/// Largest magnitude of a normalised indicator. Values further out of the declared range than a billion
+/// times its width are held here, so that squares and sums of them stay finite.
+pub const NORMALISED_MAGNITUDE_MAX: f64 = 1e9;
+
+/// How many points a search may propose in one suggestion that turn out to be known already. Each is
+/// answered from the table; after so many an unseen configuration is drawn at random instead.
+pub const KNOWN_POINTS_PER_SUGGESTION_MAX: usize = 32;
+/// How many random configurations are drawn to find an unseen one.
+pub const UNSEEN_DRAWS_MAX: usize = 64;
+/// How often a configuration may fail in one state, without a verdict on it, before it is given up there.
+pub const FAILURES_PER_CONFIGURATION_MAX: u32 = 3;
+
+/// Most neighbouring states that a reason lists.
+pub const NEIGHBOURS_MAX: usize = 5;
+/// Most configurations among which the radial basis model chooses.
+pub const CANDIDATES_MAX: usize = 512;
+/// The smallest cost that the radial basis model tells from zero: its reward is the inverse of the cost,
+/// and sums of rewards must stay finite.
+pub const REWARD_COST_MIN: f64 = 1e-100;
+/// Most features of the radial basis model. ceil(3.5 x (128 parameters + 128 indicators)).
+pub const FEATURES_MAX: usize = 896;
+
+const _: () = assert!(2 * FEATURES_MAX >= 7 * (PARAMETERS_MAX + INDICATORS_MAX));
+// The square of the largest distance between two normalised states must be finite.
+const _: () = assert!(
+    4.0 * NORMALISED_MAGNITUDE_MAX * NORMALISED_MAGNITUDE_MAX * (INDICATORS_MAX as f64) < f64::MAX
+);

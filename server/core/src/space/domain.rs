@@ -1,0 +1,241 @@
+//! One domain and the unit interval.
+//!
+//! Discrete domains cut the interval into equal cells (equal in the logarithm for a log scale) and a value
+//! sits in the middle of its cell, so that uniform points give uniform values and the ends are not
+//! under-sampled.
+
+use crate::limits::{CATEGORIES_MAX, INTEGER_MAGNITUDE_MAX, TEXT_VALUE_CHARACTERS_MAX};
+use crate::space::{Domain, Scale};
+use crate::value::Value;
+
+impl Domain {
+    /// What is wrong with the domain itself, in words.
+    pub(super) fn problem(&self) -> Option<String> {
+        match self {
+            Domain::Integer { min, max, scale } => {
+                if min > max {
+                    Some(format!(
+                        "the range {min} to {max} is empty; min must not be greater than max"
+                    ))
+                } else if *min < -INTEGER_MAGNITUDE_MAX || *max > INTEGER_MAGNITUDE_MAX {
+                    Some(format!("the range {min} to {max} leaves -2^53 to 2^53"))
+                } else if *scale == Scale::Log && *min <= 0 {
+                    Some(format!(
+                        "a log scale needs a positive lower bound, not {min}"
+                    ))
+                } else {
+                    None
+                }
+            }
+            Domain::Float { min, max, scale } => {
+                if !min.is_finite() || !max.is_finite() {
+                    Some(format!("the range {min} to {max} must be finite"))
+                } else if min > max {
+                    Some(format!(
+                        "the range {min} to {max} is empty; min must not be greater than max"
+                    ))
+                } else if *scale == Scale::Log && *min <= 0.0 {
+                    Some(format!(
+                        "a log scale needs a positive lower bound, not {min}"
+                    ))
+                } else {
+                    None
+                }
+            }
+            Domain::Categorical { values } => categories_problem(values),
+            Domain::Boolean => None,
+        }
+    }
+
+    /// Whether `value` is of the right kind and in range.
+    pub fn contains(&self, value: &Value) -> bool {
+        match (self, value) {
+            (Domain::Integer { min, max, .. }, Value::Integer(integer)) => {
+                (min..=max).contains(&integer)
+            }
+            (Domain::Float { min, max, .. }, Value::Float(float)) => (min..=max).contains(&float),
+            (Domain::Categorical { values }, value) => values.contains(value),
+            (Domain::Boolean, Value::Boolean(_)) => true,
+            _ => false,
+        }
+    }
+
+    /// The domain in words, for messages.
+    pub fn describe(&self) -> String {
+        match self {
+            Domain::Integer { min, max, .. } => format!("an integer from {min} to {max}"),
+            Domain::Float { min, max, .. } => format!("a float from {min:?} to {max:?}"),
+            Domain::Categorical { values } => {
+                let texts: Vec<String> = values.iter().map(Value::to_string).collect();
+                format!("one of {}", texts.join(", "))
+            }
+            Domain::Boolean => "a boolean".to_owned(),
+        }
+    }
+
+    /// Lowest and highest number of a numeric domain.
+    pub(super) fn bounds(&self) -> Option<(f64, f64)> {
+        match self {
+            Domain::Integer { min, max, .. } => Some((*min as f64, *max as f64)),
+            Domain::Float { min, max, .. } => Some((*min, *max)),
+            Domain::Categorical { .. } | Domain::Boolean => None,
+        }
+    }
+
+    /// The value at `coordinate`, which is clamped to 0..1 (NaN counts as 0).
+    ///
+    /// Floats are rounded to twelve significant digits: that keeps the names of configurations short and
+    /// lets values that people write survive the way there and back.
+    pub(super) fn decode(&self, coordinate: f64) -> Value {
+        let x = if coordinate.is_nan() {
+            0.0
+        } else {
+            coordinate.clamp(0.0, 1.0)
+        };
+        match self {
+            Domain::Integer {
+                min,
+                max,
+                scale: Scale::Linear,
+            } => {
+                let cells = (max - min) as f64 + 1.0;
+                let cell = ((x * cells).floor() as i64).min(max - min);
+                Value::Integer(min + cell)
+            }
+            Domain::Integer {
+                min,
+                max,
+                scale: Scale::Log,
+            } => {
+                let (low, high) = integer_log_bounds(*min, *max);
+                let integer = (low + x * (high - low)).exp().round() as i64;
+                Value::Integer(integer.clamp(*min, *max))
+            }
+            Domain::Float { min, max, scale } => {
+                let float = match scale {
+                    Scale::Linear => min * (1.0 - x) + max * x,
+                    Scale::Log => (min.ln() * (1.0 - x) + max.ln() * x).exp(),
+                };
+                Value::Float(round_significant(float).clamp(*min, *max)).canonical()
+            }
+            Domain::Categorical { values } => values[cell_index(x, values.len())].clone(),
+            Domain::Boolean => Value::Boolean(x >= 0.5),
+        }
+    }
+
+    /// The coordinate of a value of this domain, 0 to 1: for discrete domains the middle of its cell.
+    pub(super) fn encode(&self, value: &Value) -> f64 {
+        let coordinate = match (self, value) {
+            (
+                Domain::Integer {
+                    min,
+                    max,
+                    scale: Scale::Linear,
+                },
+                Value::Integer(integer),
+            ) => ((integer - min) as f64 + 0.5) / ((max - min) as f64 + 1.0),
+            (
+                Domain::Integer {
+                    min,
+                    max,
+                    scale: Scale::Log,
+                },
+                Value::Integer(integer),
+            ) => {
+                let (low, high) = integer_log_bounds(*min, *max);
+                ((*integer as f64).ln() - low) / (high - low)
+            }
+            (Domain::Float { min, max, .. }, Value::Float(_)) if min == max => 0.5,
+            // Halves keep the differences of very large numbers finite.
+            (
+                Domain::Float {
+                    min,
+                    max,
+                    scale: Scale::Linear,
+                },
+                Value::Float(float),
+            ) => (float / 2.0 - min / 2.0) / (max / 2.0 - min / 2.0),
+            (
+                Domain::Float {
+                    min,
+                    max,
+                    scale: Scale::Log,
+                },
+                Value::Float(float),
+            ) => (float.ln() - min.ln()) / (max.ln() - min.ln()),
+            (Domain::Categorical { values }, value) => {
+                let index = values
+                    .iter()
+                    .position(|candidate| candidate == value)
+                    .unwrap_or(0);
+                (index as f64 + 0.5) / values.len() as f64
+            }
+            (Domain::Boolean, Value::Boolean(boolean)) => {
+                if *boolean {
+                    0.75
+                } else {
+                    0.25
+                }
+            }
+            _ => unreachable!("a checked configuration holds values of the right kind"),
+        };
+        // Only bounds that lie within rounding of each other leave the interval.
+        if coordinate.is_nan() {
+            0.5
+        } else {
+            coordinate.clamp(0.0, 1.0)
+        }
+    }
+}
+
+fn categories_problem(values: &[Value]) -> Option<String> {
+    if values.is_empty() || values.len() > CATEGORIES_MAX {
+        return Some(format!(
+            "{} values; give 1 to {CATEGORIES_MAX}",
+            values.len()
+        ));
+    }
+    for (index, value) in values.iter().enumerate() {
+        match value {
+            Value::Boolean(_) => {
+                return Some("values must be integers, floats or text; use a boolean domain".into());
+            }
+            Value::Float(float) if !float.is_finite() => {
+                return Some(format!("the value {float} is not finite"));
+            }
+            Value::Integer(integer) if integer.unsigned_abs() > INTEGER_MAGNITUDE_MAX as u64 => {
+                return Some(format!("the value {integer} leaves -2^53 to 2^53"));
+            }
+            Value::Text(text) if text.chars().count() > TEXT_VALUE_CHARACTERS_MAX => {
+                return Some(format!(
+                    "a text value is longer than {TEXT_VALUE_CHARACTERS_MAX} characters"
+                ));
+            }
+            _ => {}
+        }
+        if value.kind() != values[0].kind() {
+            return Some(format!(
+                "values must be of one kind, not {} and {}",
+                values[0].kind(),
+                value.kind()
+            ));
+        }
+        if values[..index].contains(value) {
+            return Some(format!("the value {value} is listed twice"));
+        }
+    }
+    None
+}
+
+fn integer_log_bounds(min: i64, max: i64) -> (f64, f64) {
+    ((min as f64 - 0.5).ln(), (max as f64 + 0.5).ln())
+}
+
+fn cell_index(x: f64, cells: usize) -> usize {
+    ((x * cells as f64) as usize).min(cells - 1)
+}
+
+fn round_significant(float: f64) -> f64 {
+    // Formatting is the one exact way to round to decimal digits; reading its output back cannot fail.
+    format!("{float:.11e}").parse().unwrap_or(float)
+}

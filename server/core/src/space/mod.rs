@@ -1,0 +1,266 @@
+//! Typed parameter spaces: parameters, domains, conditions and constraints.
+//!
+//! A [`Space`] is checked once, when it is made; after that every [`Configuration`] it hands out is valid,
+//! and so is everything that is built on it. `check` holds the rules, `domain` the map of one domain to
+//! the unit interval, `codec` the map of whole configurations to the unit cube in which searches work,
+//! `repair` what is done about points of the cube that break a constraint.
+
+mod check;
+mod codec;
+mod domain;
+mod repair;
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::configuration::{Configuration, RawConfiguration};
+use crate::names::NAME_RULE;
+use crate::value::Value;
+
+/// How a numeric range is spread over the unit interval.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Scale {
+    /// Equal differences are equal steps.
+    #[default]
+    Linear,
+    /// Equal ratios are equal steps. The lower bound of a parameter must be positive.
+    Log,
+}
+
+/// What a parameter may be.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Domain {
+    /// Whole numbers `min` to `max`, both included; within -2^53 to 2^53.
+    Integer {
+        /// Smallest value.
+        min: i64,
+        /// Largest value, at least `min`.
+        max: i64,
+        /// Spread over the unit interval.
+        scale: Scale,
+    },
+    /// Finite numbers `min` to `max`, both included.
+    Float {
+        /// Smallest value.
+        min: f64,
+        /// Largest value, at least `min`.
+        max: f64,
+        /// Spread over the unit interval.
+        scale: Scale,
+    },
+    /// One of 1 to 64 distinct values of one kind (integers, floats or text), without an order of its own.
+    Categorical {
+        /// The choices.
+        values: Vec<Value>,
+    },
+    /// `false` or `true`.
+    Boolean,
+}
+
+/// Holds while the named parameter is active and has one of the values.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Condition {
+    /// A parameter that is listed earlier.
+    pub parameter: String,
+    /// 1 to 64 values of its domain.
+    pub any_of: Vec<Value>,
+}
+
+/// One tunable.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Parameter {
+    /// 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a letter.
+    pub name: String,
+    /// What it may be.
+    pub domain: Domain,
+    /// The recommended value, inside the domain: the baseline everything is judged against.
+    pub default: Value,
+    /// The parameter exists only while this holds.
+    pub active_if: Option<Condition>,
+}
+
+/// `lesser <= greater`, between two parameters with integer or float domains, while both are active.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Constraint {
+    /// The parameter that must not be greater.
+    pub lesser: String,
+    /// The parameter that must not be less.
+    pub greater: String,
+}
+
+/// The parameters and the relations between them, checked.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "SpaceParts", into = "SpaceParts")]
+pub struct Space {
+    parameters: Vec<Parameter>,
+    constraints: Vec<Constraint>,
+    /// For each parameter, the index of the parameter its condition names.
+    condition_of: Vec<Option<usize>>,
+    /// The constraints as indices: `(lesser, greater)`.
+    order: Vec<(usize, usize)>,
+    default: Configuration,
+    /// The default values' coordinates.
+    default_point: Vec<f64>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct SpaceParts {
+    parameters: Vec<Parameter>,
+    constraints: Vec<Constraint>,
+}
+
+/// Why a space or a configuration is refused.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum SpaceError {
+    /// A count is out of range.
+    #[error("the space has {count} {what}; {least} to {most} are allowed")]
+    Count {
+        /// What is counted.
+        what: &'static str,
+        /// How many were given.
+        count: usize,
+        /// Fewest allowed.
+        least: usize,
+        /// Most allowed.
+        most: usize,
+    },
+    /// A parameter is not spelt like a name.
+    #[error("parameter {name:?} is not a name; use {NAME_RULE}")]
+    Name {
+        /// As given.
+        name: String,
+    },
+    /// A parameter is listed twice.
+    #[error("parameter {name:?} is listed twice; remove or rename one")]
+    Twice {
+        /// As given.
+        name: String,
+    },
+    /// A domain is not acceptable.
+    #[error("parameter {parameter:?}: {problem}")]
+    Domain {
+        /// The parameter.
+        parameter: String,
+        /// What is wrong, in words.
+        problem: String,
+    },
+    /// The default is not in the domain.
+    #[error("parameter {parameter:?}: the default {value} is not {allowed}")]
+    Default {
+        /// The parameter.
+        parameter: String,
+        /// The default.
+        value: Value,
+        /// The domain in words.
+        allowed: String,
+    },
+    /// A condition is not acceptable.
+    #[error("parameter {parameter:?}: active_if {problem}")]
+    Condition {
+        /// The parameter that carries the condition.
+        parameter: String,
+        /// What is wrong, in words.
+        problem: String,
+    },
+    /// A constraint is not acceptable.
+    #[error("constraint {lesser:?} <= {greater:?}: {problem}")]
+    Constraint {
+        /// The lesser parameter.
+        lesser: String,
+        /// The greater parameter.
+        greater: String,
+        /// What is wrong, in words.
+        problem: String,
+    },
+    /// A configuration names a parameter that the space does not have.
+    #[error("parameter {name:?} is unknown; the space has {known}")]
+    Unknown {
+        /// As given.
+        name: String,
+        /// The space's parameters.
+        known: String,
+    },
+    /// A configuration lacks an active parameter.
+    #[error("parameter {name:?} is active here and has no value; give it one")]
+    Missing {
+        /// The missing one.
+        name: String,
+    },
+    /// A configuration has a value for an inactive parameter.
+    #[error("parameter {name:?} is not active here; leave it out")]
+    Inactive {
+        /// The parameter.
+        name: String,
+    },
+    /// A value is outside its domain.
+    #[error("parameter {parameter:?} is {value}; it must be {allowed}")]
+    Value {
+        /// The parameter.
+        parameter: String,
+        /// As given.
+        value: Value,
+        /// The domain in words.
+        allowed: String,
+    },
+    /// A configuration breaks a constraint.
+    #[error(
+        "{lesser} = {lesser_value} is greater than {greater} = {greater_value}; the space demands {lesser} <= {greater}"
+    )]
+    Violated {
+        /// The lesser parameter.
+        lesser: String,
+        /// Its value.
+        lesser_value: Value,
+        /// The greater parameter.
+        greater: String,
+        /// Its value.
+        greater_value: Value,
+    },
+}
+
+impl Space {
+    /// The parameters in order.
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    /// The constraints in order.
+    pub fn constraints(&self) -> &[Constraint] {
+        &self.constraints
+    }
+
+    /// The number of coordinates of a point: one per parameter, active or not.
+    pub fn dimension(&self) -> usize {
+        self.parameters.len()
+    }
+
+    /// The recommended configuration: the baseline.
+    pub fn default_configuration(&self) -> Configuration {
+        self.default.clone()
+    }
+
+    /// Checks a set of values: exactly the active parameters, each in its domain, every constraint
+    /// fulfilled. The error names what is wrong.
+    pub fn configuration(&self, values: RawConfiguration) -> Result<Configuration, SpaceError> {
+        self.check_configuration(values)
+    }
+}
+
+impl TryFrom<SpaceParts> for Space {
+    type Error = SpaceError;
+
+    fn try_from(parts: SpaceParts) -> Result<Self, SpaceError> {
+        Space::new(parts.parameters, parts.constraints)
+    }
+}
+
+impl From<Space> for SpaceParts {
+    fn from(space: Space) -> Self {
+        SpaceParts {
+            parameters: space.parameters,
+            constraints: space.constraints,
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! The specification of a study: everything that is fixed when it is created, and its policy.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::indicator::IndicatorSchema;
+use crate::limits::DISPLAY_NAME_CHARACTERS_MAX;
+use crate::objective::Objective;
+use crate::policy::{Policy, PolicyError, RawPolicy};
+use crate::space::Space;
+
+/// State tolerance where the study does not say.
+pub const STATE_TOLERANCE_DEFAULT: f64 = 0.01;
+
+/// A tuning problem. All but `policy` (and `display_name`) is fixed: trials measured under one space and
+/// one schema are not comparable with trials measured under another.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RawStudySpec")]
+pub struct StudySpec {
+    /// A line for people, at most 200 characters.
+    pub display_name: String,
+    /// The tunables.
+    pub space: Space,
+    /// The numbers that describe an input. May be empty: the study then has one state.
+    pub indicators: IndicatorSchema,
+    /// What is minimised.
+    pub objective: Objective,
+    /// Two states are the same when every normalised indicator differs by at most this much, 0 to 1.
+    pub state_tolerance: f64,
+    /// How the study decides; the one mutable part.
+    pub policy: Policy,
+    /// Seed of every random decision.
+    pub seed: u64,
+}
+
+#[derive(Deserialize)]
+struct RawStudySpec {
+    display_name: String,
+    space: Space,
+    indicators: IndicatorSchema,
+    objective: Objective,
+    state_tolerance: f64,
+    policy: RawPolicy,
+    seed: u64,
+}
+
+/// Why a specification is refused. Spaces, schemas and objectives have errors of their own.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum StudyError {
+    /// Too long, or holds control characters.
+    #[error(
+        "display_name must be at most {DISPLAY_NAME_CHARACTERS_MAX} characters without control characters"
+    )]
+    DisplayName,
+    /// Not within 0 to 1.
+    #[error("state_tolerance is {0}; it must be between 0 and 1")]
+    StateTolerance(f64),
+    /// The policy is not acceptable.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+}
+
+impl TryFrom<RawStudySpec> for StudySpec {
+    type Error = StudyError;
+
+    fn try_from(raw: RawStudySpec) -> Result<Self, StudyError> {
+        let spec = StudySpec {
+            policy: raw.policy.check(&raw.space)?,
+            display_name: raw.display_name,
+            space: raw.space,
+            indicators: raw.indicators,
+            objective: raw.objective,
+            state_tolerance: raw.state_tolerance,
+            seed: raw.seed,
+        };
+        spec.validate()?;
+        Ok(spec)
+    }
+}
+
+impl StudySpec {
+    /// Checks what the types of the parts cannot say.
+    pub fn validate(&self) -> Result<(), StudyError> {
+        let name = &self.display_name;
+        if name.chars().count() > DISPLAY_NAME_CHARACTERS_MAX || name.chars().any(char::is_control)
+        {
+            return Err(StudyError::DisplayName);
+        }
+        if !(0.0..=1.0).contains(&self.state_tolerance) {
+            return Err(StudyError::StateTolerance(self.state_tolerance));
+        }
+        self.policy.validate(&self.space)?;
+        Ok(())
+    }
+
+    /// Names in words the first thing in which two specifications differ, leaving out `policy` and
+    /// `display_name`. `None` when they are equal.
+    pub fn first_difference(&self, other: &StudySpec) -> Option<String> {
+        let (mine, theirs) = (self.space.parameters(), other.space.parameters());
+        if let Some(found) = list_difference("parameter", mine, theirs, |parameter| &parameter.name)
+        {
+            return Some(found);
+        }
+        let (mine, theirs) = (self.space.constraints(), other.space.constraints());
+        if let Some(found) =
+            list_difference("constraint", mine, theirs, |constraint| &constraint.lesser)
+        {
+            return Some(found);
+        }
+        let (mine, theirs) = (self.indicators.indicators(), other.indicators.indicators());
+        if let Some(found) = list_difference("indicator", mine, theirs, |indicator| &indicator.name)
+        {
+            return Some(found);
+        }
+        let (mine, theirs) = (self.objective.terms(), other.objective.terms());
+        if let Some(found) = list_difference("objective term", mine, theirs, |term| &term.metric) {
+            return Some(found);
+        }
+        if self.state_tolerance != other.state_tolerance {
+            return Some(format!(
+                "state_tolerance is {} against {}",
+                self.state_tolerance, other.state_tolerance
+            ));
+        }
+        if self.seed != other.seed {
+            return Some(format!("seed is {} against {}", self.seed, other.seed));
+        }
+        None
+    }
+}
+
+fn list_difference<T: PartialEq + Serialize>(
+    what: &str,
+    mine: &[T],
+    theirs: &[T],
+    name: impl Fn(&T) -> &String,
+) -> Option<String> {
+    let text = |item: &T| serde_json::to_string(item).unwrap_or_else(|_| name(item).clone());
+    for (index, (a, b)) in mine.iter().zip(theirs).enumerate() {
+        if name(a) != name(b) {
+            return Some(format!(
+                "{what} {} is {:?} against {:?}",
+                index + 1,
+                name(a),
+                name(b)
+            ));
+        }
+        if a != b {
+            return Some(format!(
+                "{what} {:?} is {} against {}",
+                name(a),
+                text(a),
+                text(b)
+            ));
+        }
+    }
+    if mine.len() != theirs.len() {
+        return Some(format!(
+            "the number of {what}s is {} against {}",
+            mine.len(),
+            theirs.len()
+        ));
+    }
+    None
+}

@@ -1,0 +1,275 @@
+//! What goes into the state machine of a study and what comes out of it.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::configuration::{Configuration, RawConfiguration};
+use crate::indicator::IndicatorError;
+use crate::limits::{
+    CLIENT_ID_CHARACTERS_MAX, CLIENTS_MAX, FINGERPRINT_SOFTWARE_MAX,
+    FINGERPRINT_TEXT_CHARACTERS_MAX, MEASUREMENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX,
+    OUTCOME_REASON_CHARACTERS_MAX, STATES_MAX,
+};
+use crate::names::NAME_RULE;
+use crate::objective::ObjectiveError;
+use crate::space::{Space, SpaceError};
+use crate::study::StudyError;
+use crate::trial::{Fingerprint, Mode, Reason, Trial, TrialState};
+use crate::tuner::exploration::Exploration;
+
+/// A client's question: what to run next?
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ask {
+    /// Stable over the client's restarts, unique among clients; 1 to 128 printable characters.
+    pub client_id: String,
+    /// A value for each indicator of the study.
+    pub indicators: BTreeMap<String, f64>,
+    /// The machine, if the client names it.
+    pub fingerprint: Option<Fingerprint>,
+}
+
+/// A state of the study as it is stored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StateRecord {
+    /// Rises by one from 1 within the study.
+    pub id: u64,
+    /// The normalised indicators that founded the state: its anchor.
+    pub indicators: Vec<f64>,
+    /// The search in it, if it was ever explored. Opaque to the store, exact through serde.
+    pub search: Option<Exploration>,
+}
+
+/// Where a client is, and what was decided when it came there. One row per client.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Visit<C = Configuration> {
+    /// The client.
+    pub client_id: String,
+    /// The state it is in.
+    pub state_id: u64,
+    /// How many visits the client has made, this one included.
+    pub number: u64,
+    /// Explore or exploit.
+    pub decision: Decision<C>,
+}
+
+/// A visit whose configuration has not been checked yet: as it is read from a table.
+pub type RawVisit = Visit<RawConfiguration>;
+
+/// What was decided for a visit (paper section 6).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Decision<C = Configuration> {
+    /// Points of the state's search, one after the other.
+    Explore,
+    /// One configuration, kept until the client's state changes.
+    Exploit {
+        /// The kept configuration.
+        configuration: C,
+        /// `Exploit`, or `Default` when nothing was known.
+        mode: Mode,
+        /// Predicted objective, where something is known.
+        predicted_cost: Option<f64>,
+        /// How it came about.
+        reason: Reason,
+    },
+}
+
+impl RawVisit {
+    /// Checks the kept configuration against the space of the study.
+    pub fn check(self, space: &Space) -> Result<Visit, SpaceError> {
+        let decision = match self.decision {
+            Decision::Explore => Decision::Explore,
+            Decision::Exploit {
+                configuration,
+                mode,
+                predicted_cost,
+                reason,
+            } => Decision::Exploit {
+                configuration: space.configuration(configuration)?,
+                mode,
+                predicted_cost,
+                reason,
+            },
+        };
+        Ok(Visit {
+            client_id: self.client_id,
+            state_id: self.state_id,
+            number: self.number,
+            decision,
+        })
+    }
+}
+
+/// Rows to insert or replace in one transaction, keyed by trial number, state id and client id. Nothing of
+/// an answer may be told to the client before its change is stored.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[must_use = "a change that is not stored is lost at the next restart"]
+pub struct Change {
+    /// Trials.
+    pub trials: Vec<Trial>,
+    /// States.
+    pub states: Vec<StateRecord>,
+    /// Visits.
+    pub visits: Vec<Visit>,
+}
+
+impl Change {
+    /// Whether there is nothing to store.
+    pub fn is_empty(&self) -> bool {
+        self.trials.is_empty() && self.states.is_empty() && self.visits.is_empty()
+    }
+}
+
+/// All that must be kept to rebuild a tuner, but for its trials.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Snapshot {
+    /// Every state, by rising id.
+    pub states: Vec<StateRecord>,
+    /// Every visit.
+    pub visits: Vec<Visit>,
+    /// The highest trial number ever handed out; 0 when none was.
+    pub last_trial: u64,
+}
+
+/// What would be exploited for given indicators.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prediction {
+    /// The configuration.
+    pub configuration: Configuration,
+    /// `Default` when nothing is known, `Pinned` when pinned, else `Exploit`.
+    pub mode: Mode,
+    /// In the objective's units, where something is known.
+    pub predicted_cost: Option<f64>,
+    /// How it came about.
+    pub reason: Reason,
+}
+
+/// The best known configuration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Best {
+    /// The configuration.
+    pub configuration: Configuration,
+    /// Mean objective of its measurements in the state.
+    pub cost: f64,
+    /// Mean objective of the default configuration in the same state, if it was measured there.
+    pub default_cost: Option<f64>,
+    /// How many measurements `cost` rests on.
+    pub measurements: u64,
+    /// The state.
+    pub state_id: u64,
+    /// The most recent trial that measured it.
+    pub trial: u64,
+    /// When that was, in milliseconds of the caller's clock.
+    pub last_measure_ms: i64,
+}
+
+/// Counts that tell how far a study is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Statistics {
+    /// Distinct states met.
+    pub states: u64,
+    /// Trials handed out.
+    pub trials: u64,
+    /// Trials with a final outcome.
+    pub completed_trials: u64,
+    /// Trials under a live lease.
+    pub open_trials: u64,
+}
+
+/// Why the tuner refuses. Nothing was changed.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum TunerError {
+    /// The client id is malformed.
+    #[error("client_id must be 1 to {CLIENT_ID_CHARACTERS_MAX} printable characters")]
+    ClientId,
+    /// The indicators do not fit the study.
+    #[error(transparent)]
+    Indicators(#[from] IndicatorError),
+    /// The fingerprint is over a limit.
+    #[error(
+        "fingerprint: at most {FINGERPRINT_SOFTWARE_MAX} software entries, and at most \
+         {FINGERPRINT_TEXT_CHARACTERS_MAX} characters in each text"
+    )]
+    Fingerprint,
+    /// The study is full of states.
+    #[error(
+        "the study has {STATES_MAX} states, the most it may have; use a larger state_tolerance or a new study"
+    )]
+    TooManyStates,
+    /// The study is full of clients.
+    #[error(
+        "the study has seen {CLIENTS_MAX} clients, the most it may; let clients keep their client_id over restarts"
+    )]
+    TooManyClients,
+    /// The client holds too many trials.
+    #[error(
+        "client {client_id:?} holds {OPEN_TRIALS_PER_CLIENT_MAX} open trials, the most it may; report or abandon some"
+    )]
+    TooManyOpenTrials {
+        /// The client.
+        client_id: String,
+    },
+    /// Too many measurements.
+    #[error("{count} measurements; at most {MEASUREMENTS_MAX} are allowed")]
+    TooManyMeasurements {
+        /// How many were given.
+        count: usize,
+    },
+    /// A measurement is not spelt like a name.
+    #[error("measurement {name:?} is not a name; use {NAME_RULE}")]
+    MeasurementName {
+        /// As given.
+        name: String,
+    },
+    /// A measurement, or the objective computed from them, is not usable.
+    #[error(transparent)]
+    Objective(#[from] ObjectiveError),
+    /// A lower bound is not usable.
+    #[error("outcome aborted: the lower bound is {0}; it must be finite and not negative")]
+    LowerBound(f64),
+    /// A reason is too long.
+    #[error("outcome: the reason has more than {OUTCOME_REASON_CHARACTERS_MAX} characters")]
+    OutcomeReason,
+    /// The trial is complete: answer a repeated report with the stored trial.
+    #[error("trial {number} is already completed")]
+    AlreadyCompleted {
+        /// The trial.
+        number: u64,
+    },
+    /// The client gave the trial back.
+    #[error("trial {number} was abandoned by its client; ask for a new one")]
+    Abandoned {
+        /// The trial.
+        number: u64,
+    },
+    /// The trial is not under a lease.
+    #[error("trial {number} is {state:?}, not open; ask for a new one")]
+    NotOpen {
+        /// The trial.
+        number: u64,
+        /// Where it stands.
+        state: TrialState,
+    },
+    /// The study never handed out such a trial.
+    #[error("trial {number} is not of this study")]
+    UnknownTrial {
+        /// The trial.
+        number: u64,
+    },
+    /// The specification or the new policy is not acceptable.
+    #[error(transparent)]
+    Study(#[from] StudyError),
+}
+
+/// Why stored rows do not make a tuner. It means that the database was damaged or changed by hand.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum RestoreError {
+    /// The specification is not acceptable.
+    #[error(transparent)]
+    Study(#[from] StudyError),
+    /// A row contradicts another.
+    #[error("the stored study is inconsistent: {0}; restore the database from a backup")]
+    Inconsistent(String),
+}

@@ -1,0 +1,165 @@
+//! Values of parameters, with a total order so that configurations can be compared, sorted and hashed.
+
+use std::cmp::Ordering;
+use std::fmt;
+use std::hash::{Hash, Hasher};
+
+use serde::{Deserialize, Serialize};
+
+/// A value of a parameter.
+///
+/// Equality, order and hash are total and agree with each other. Floats compare by their canonical form:
+/// `-0.0` equals `0.0`, and every NaN equals every other; a [`Space`](crate::space::Space) refuses NaN and
+/// infinities, so they never reach a configuration.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Value {
+    /// A whole number, -2^53 to 2^53.
+    Integer(i64),
+    /// A finite number.
+    Float(f64),
+    /// A name of a choice.
+    Text(String),
+    /// A switch.
+    Boolean(bool),
+}
+
+impl Value {
+    /// The kind of the value in one word, for messages.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Value::Integer(_) => "integer",
+            Value::Float(_) => "float",
+            Value::Text(_) => "text",
+            Value::Boolean(_) => "boolean",
+        }
+    }
+
+    /// The value as a number, where it is one.
+    pub fn as_number(&self) -> Option<f64> {
+        match self {
+            // Integers are limited to 2^53, so nothing is lost.
+            Value::Integer(integer) => Some(*integer as f64),
+            Value::Float(float) => Some(*float),
+            Value::Text(_) | Value::Boolean(_) => None,
+        }
+    }
+
+    /// The canonical form: a negative zero becomes zero.
+    pub(crate) fn canonical(self) -> Value {
+        match self {
+            // Adding a positive zero turns -0.0 into 0.0 and leaves every other number alone.
+            Value::Float(float) => Value::Float(float + 0.0),
+            other => other,
+        }
+    }
+
+    fn rank(&self) -> u8 {
+        match self {
+            Value::Integer(_) => 0,
+            Value::Float(_) => 1,
+            Value::Text(_) => 2,
+            Value::Boolean(_) => 3,
+        }
+    }
+}
+
+fn canonical_float(float: f64) -> f64 {
+    if float.is_nan() {
+        f64::NAN.abs()
+    } else {
+        float + 0.0
+    }
+}
+
+impl Ord for Value {
+    fn cmp(&self, other: &Self) -> Ordering {
+        match (self, other) {
+            (Value::Integer(a), Value::Integer(b)) => a.cmp(b),
+            (Value::Float(a), Value::Float(b)) => {
+                canonical_float(*a).total_cmp(&canonical_float(*b))
+            }
+            (Value::Text(a), Value::Text(b)) => a.cmp(b),
+            (Value::Boolean(a), Value::Boolean(b)) => a.cmp(b),
+            _ => self.rank().cmp(&other.rank()),
+        }
+    }
+}
+
+impl PartialOrd for Value {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Value {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Value {}
+
+impl Hash for Value {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.rank().hash(state);
+        match self {
+            Value::Integer(integer) => integer.hash(state),
+            Value::Float(float) => canonical_float(*float).to_bits().hash(state),
+            Value::Text(text) => text.hash(state),
+            Value::Boolean(boolean) => boolean.hash(state),
+        }
+    }
+}
+
+/// Integers and booleans as usual, floats in the shortest form that reads back exactly (always with a
+/// point or an exponent), text in double quotes with escapes.
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Value::Integer(integer) => write!(f, "{integer}"),
+            Value::Float(float) => write!(f, "{float:?}"),
+            Value::Text(text) => write!(f, "{text:?}"),
+            Value::Boolean(boolean) => write!(f, "{boolean}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::Value;
+
+    #[test]
+    fn zeros_are_equal_and_kinds_are_not() {
+        assert_eq!(Value::Float(0.0), Value::Float(-0.0));
+        assert_eq!(Value::Float(-0.0).canonical().to_string(), "0.0");
+        assert_ne!(Value::Integer(1), Value::Float(1.0));
+        assert_ne!(Value::Boolean(true), Value::Integer(1));
+        let all = [
+            Value::Float(-0.0),
+            Value::Float(0.0),
+            Value::Text("0".into()),
+            Value::Integer(0),
+        ];
+        assert_eq!(all.into_iter().collect::<BTreeSet<_>>().len(), 3);
+    }
+
+    #[test]
+    fn values_survive_json_exactly() {
+        for value in [
+            Value::Integer(-(1 << 53)),
+            Value::Float(0.1 + 0.2),
+            Value::Float(5e-324),
+            Value::Text("a\"b".into()),
+            Value::Boolean(false),
+        ] {
+            let text = serde_json::to_string(&value).expect("a value is plain data");
+            assert_eq!(
+                serde_json::from_str::<Value>(&text).expect("own output"),
+                value
+            );
+        }
+    }
+}
