@@ -18,6 +18,8 @@ pub mod limits;
 pub mod names;
 pub mod objective;
 pub mod policy;
+mod randomness;
+pub mod search;
 pub mod space;
 pub mod study;
 pub mod trial;

@@ -198,7 +198,9 @@ fn categories_problem(values: &[Value]) -> Option<String> {
     for (index, value) in values.iter().enumerate() {
         match value {
             Value::Boolean(_) => {
-                return Some("values must be integers, floats or text; use a boolean domain".into());
+                return Some(
+                    "values must be integers, floats or text; use a boolean domain".into(),
+                );
             }
             Value::Float(float) if !float.is_finite() => {
                 return Some(format!("the value {float} is not finite"));

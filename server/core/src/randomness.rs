@@ -1,0 +1,66 @@
+//! Every random decision of the core, each from a stream of its own.
+//!
+//! A stream is named by the study's seed, by what it is for and by two numbers (a state, a step). ChaCha is
+//! a pseudo-random function of its key, so streams with different names are independent, and nothing but
+//! the counters has to be stored to draw the same numbers again after a restart.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+/// What a stream is for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Purpose {
+    /// A step of a search: state, step.
+    Search = 1,
+    /// Explore or exploit: client, visit.
+    Decision = 2,
+    /// Centres of the radial basis functions.
+    Centres = 3,
+    /// An unseen configuration where a search has none: state, trial.
+    Unseen = 4,
+}
+
+/// The stream of that name.
+pub(crate) fn stream(seed: u64, purpose: Purpose, first: u64, second: u64) -> ChaCha8Rng {
+    let mut key = [0u8; 32];
+    for (slot, word) in key
+        .chunks_exact_mut(8)
+        .zip([seed, purpose as u64, first, second])
+    {
+        slot.copy_from_slice(&word.to_le_bytes());
+    }
+    ChaCha8Rng::from_seed(key)
+}
+
+/// A number for a text that never changes between releases (the FNV-1a hash; the standard library's hasher
+/// promises no such thing).
+pub(crate) fn text_number(text: &str) -> u64 {
+    text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::Rng;
+
+    use super::*;
+
+    #[test]
+    fn streams_are_told_apart_by_every_part_of_their_name() {
+        let first = |seed, purpose, a, b| stream(seed, purpose, a, b).next_u64();
+        let base = first(1, Purpose::Search, 2, 3);
+        assert_eq!(base, first(1, Purpose::Search, 2, 3));
+        assert_ne!(base, first(2, Purpose::Search, 2, 3));
+        assert_ne!(base, first(1, Purpose::Decision, 2, 3));
+        assert_ne!(base, first(1, Purpose::Search, 3, 3));
+        assert_ne!(base, first(1, Purpose::Search, 2, 4));
+    }
+
+    #[test]
+    fn the_text_hash_matches_the_published_vectors() {
+        assert_eq!(text_number(""), 0xcbf2_9ce4_8422_2325);
+        assert_eq!(text_number("a"), 0xaf63_dc4c_8601_ec8c);
+        assert_eq!(text_number("foobar"), 0x8594_4171_f739_67e8);
+    }
+}

@@ -1,0 +1,129 @@
+//! One suite that every search passes.
+
+use std::collections::BTreeSet;
+
+use proptest::prelude::*;
+
+use super::*;
+
+const METHODS: [SearchMethod; 3] = [
+    SearchMethod::NelderMead,
+    SearchMethod::LatinHypercube,
+    SearchMethod::Random,
+];
+
+fn setup(seed: u64, dimension: usize, budget: u32) -> SearchSetup {
+    SearchSetup {
+        seed,
+        state_id: 7,
+        start: vec![0.25; dimension],
+        budget,
+    }
+}
+
+fn bowl(x: &[f64]) -> f64 {
+    x.iter()
+        .enumerate()
+        .map(|(axis, x)| (x - 0.1 * axis as f64).powi(2))
+        .sum()
+}
+
+fn answer(point: &Point, scale: f64) -> Feedback {
+    let cost = bowl(&point.x) * scale;
+    let verdict = match point.id % 7 {
+        5 => Verdict::Infeasible,
+        6 => Verdict::AtLeast(cost),
+        _ => Verdict::Cost(cost),
+    };
+    Feedback {
+        verdict,
+        fresh: !point.id.is_multiple_of(5),
+    }
+}
+
+fn run(search: &mut AnySearch, steps: usize, scale: f64) -> Vec<Point> {
+    let mut points = Vec::new();
+    for _ in 0..steps {
+        let point = search.ask().expect("nothing is out");
+        search.tell(point.id, answer(&point, scale));
+        points.push(point);
+    }
+    points
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn points_lie_in_the_cube_and_begin_with_the_default(
+        seed: u64, dimension in 1usize..40, budget in 1u32..200, method in 0usize..3,
+    ) {
+        let mut search = AnySearch::new(METHODS[method], setup(seed, dimension, budget));
+        let points = run(&mut search, 150, 1.0);
+        prop_assert_eq!(&points[0].x, &vec![0.25; dimension]);
+        prop_assert_eq!(points[0].step, Step::Default);
+        let ids: BTreeSet<u64> = points.iter().map(|point| point.id).collect();
+        prop_assert_eq!(ids.len(), points.len());
+        for point in points {
+            prop_assert_eq!(point.x.len(), dimension);
+            prop_assert!(point.x.iter().all(|x| (0.0..=1.0).contains(x)));
+        }
+    }
+
+    #[test]
+    fn a_stored_search_goes_on_as_if_it_had_never_stopped(seed: u64, stop in 0usize..100, method in 0usize..3) {
+        let mut search = AnySearch::new(METHODS[method], setup(seed, 5, 60));
+        run(&mut search, stop, 1.0);
+        let out = search.ask();
+        let text = serde_json::to_string(&search).expect("plain data");
+        let mut copy: AnySearch = serde_json::from_str(&text).expect("own output");
+        prop_assert_eq!(&copy, &search);
+        if let Some(point) = out {
+            search.tell(point.id, answer(&point, 1.0));
+            copy.tell(point.id, answer(&point, 1.0));
+        }
+        prop_assert_eq!(run(&mut copy, 40, 1.0), run(&mut search, 40, 1.0));
+    }
+
+    #[test]
+    fn points_do_not_depend_on_the_unit_of_the_cost(seed: u64, scale in 1e-3f64..1e3, method in 0usize..3) {
+        let mut plain = AnySearch::new(METHODS[method], setup(seed, 4, 80));
+        let mut scaled = plain.clone();
+        prop_assert_eq!(run(&mut plain, 100, 1.0), run(&mut scaled, 100, scale));
+    }
+}
+
+#[test]
+fn a_withdrawn_point_is_asked_again_and_answers_count_once() {
+    for method in METHODS {
+        let mut search = AnySearch::new(method, setup(3, 3, 40));
+        let first = search.ask().expect("the first point");
+        let second = search.ask().expect("designs are asked together");
+        search.withdraw(first.id);
+        assert_eq!(search.ask().as_ref(), Some(&first), "{method:?}");
+        search.tell(first.id, answer(&first, 1.0));
+        let told = search.clone();
+        search.tell(first.id, answer(&first, 1.0));
+        search.withdraw(first.id);
+        assert_eq!(search, told, "{method:?}");
+        search.tell(second.id, answer(&second, 1.0));
+        run(&mut search, 50, 1.0);
+    }
+}
+
+#[test]
+fn states_and_seeds_draw_different_points() {
+    for method in METHODS {
+        let points = |setup| run(&mut AnySearch::new(method, setup), 5, 1.0);
+        let base = points(setup(1, 3, 40));
+        assert_ne!(base, points(setup(2, 3, 40)), "{method:?}");
+        assert_ne!(
+            base,
+            points(SearchSetup {
+                state_id: 8,
+                ..setup(1, 3, 40)
+            }),
+            "{method:?}"
+        );
+    }
+}

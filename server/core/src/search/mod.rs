@@ -1,0 +1,206 @@
+//! Searches inside one state: ask for a point of the unit cube, tell what came of it.
+//!
+//! A search is a small value: its state goes through serde exactly, and its randomness is derived from
+//! `(seed, state, step)` (see [`SearchSetup`]), so a search that is stored and read back goes on with the
+//! same points. Points that are out (asked and not told) are part of the state; a point whose client went
+//! away is withdrawn and asked again.
+
+mod flight;
+pub mod latin_hypercube;
+pub mod nelder_mead;
+pub mod random;
+
+use std::cmp::Ordering;
+
+use serde::{Deserialize, Serialize};
+
+use crate::policy::SearchMethod;
+pub use latin_hypercube::LatinHypercubeSearch;
+pub use nelder_mead::NelderMead;
+pub use random::RandomSearch;
+
+/// A point that a search wants measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Point {
+    /// Names the point within its search.
+    pub id: u64,
+    /// Coordinates in 0..1.
+    pub x: Vec<f64>,
+    /// Which step of the search asks.
+    pub step: Step,
+}
+
+/// The steps of the searches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Step {
+    /// The default configuration: the first point of every search.
+    Default,
+    /// A point of a Latin hypercube design.
+    LatinHypercube,
+    /// The worst vertex of a simplex mirrored at the centre of the others.
+    Reflect,
+    /// Further in the direction of a reflection that paid off.
+    Expand,
+    /// Between the centre and the worst or the reflected vertex.
+    Contract,
+    /// A random point, near the best or anywhere.
+    RandomSearch,
+    /// A vertex of a new simplex around the best point.
+    Restart,
+}
+
+impl Step {
+    /// The name that reasons carry.
+    pub fn name(self) -> &'static str {
+        match self {
+            Step::Default => "default",
+            Step::LatinHypercube => "latin_hypercube",
+            Step::Reflect => "reflect",
+            Step::Expand => "expand",
+            Step::Contract => "contract",
+            Step::RandomSearch => "random_search",
+            Step::Restart => "restart",
+        }
+    }
+}
+
+/// How good a point is. The order is total: costs by size, then everything that is infeasible.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Score {
+    /// Measured: finite, less is better.
+    Cost(f64),
+    /// Cannot be run: worse than any cost.
+    Infeasible,
+}
+
+impl Score {
+    /// Total order, best first.
+    pub fn compare(&self, other: &Score) -> Ordering {
+        match (self, other) {
+            (Score::Cost(a), Score::Cost(b)) => a.total_cmp(b),
+            (Score::Cost(_), Score::Infeasible) => Ordering::Less,
+            (Score::Infeasible, Score::Cost(_)) => Ordering::Greater,
+            (Score::Infeasible, Score::Infeasible) => Ordering::Equal,
+        }
+    }
+
+    /// Strictly better.
+    pub fn beats(&self, other: &Score) -> bool {
+        self.compare(other) == Ordering::Less
+    }
+}
+
+/// What came of a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Verdict {
+    /// Measured: a finite cost.
+    Cost(f64),
+    /// Stopped early: the cost is at least this. Searches never take it for an improvement.
+    AtLeast(f64),
+    /// Cannot be run.
+    Infeasible,
+}
+
+/// The answer to a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Feedback {
+    /// What came of it.
+    pub verdict: Verdict,
+    /// `false` when the point fell on a configuration that was known already, so that nothing was learnt:
+    /// searches on integer plateaus take longer steps then.
+    pub fresh: bool,
+}
+
+/// An explorer of one state. Lengths of points are the setup's dimension; costs are finite.
+pub trait Search {
+    /// The next point to measure. `None` while the search waits for points that are out.
+    fn ask(&mut self) -> Option<Point>;
+
+    /// Answers a point. An id that is not out is passed over: the answer came twice.
+    fn tell(&mut self, id: u64, feedback: Feedback);
+
+    /// Takes a point back whose client went away; it is the next to be asked, under the same id.
+    fn withdraw(&mut self, id: u64);
+}
+
+/// What a search is made from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SearchSetup {
+    /// Seed of the study.
+    pub seed: u64,
+    /// The state, so that states of one study draw different points.
+    pub state_id: u64,
+    /// The default configuration's point: the first that is asked. Its length is the dimension.
+    pub start: Vec<f64>,
+    /// How many measurements are planned; initial designs are sized by it.
+    pub budget: u32,
+}
+
+impl SearchSetup {
+    fn dimension(&self) -> usize {
+        self.start.len()
+    }
+}
+
+/// One of the searches, as it is stored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AnySearch {
+    /// See [`nelder_mead`].
+    NelderMead(NelderMead),
+    /// See [`latin_hypercube`].
+    LatinHypercube(LatinHypercubeSearch),
+    /// See [`random`].
+    Random(RandomSearch),
+}
+
+impl AnySearch {
+    /// A fresh search.
+    pub fn new(method: SearchMethod, setup: SearchSetup) -> Self {
+        match method {
+            SearchMethod::NelderMead => AnySearch::NelderMead(NelderMead::new(setup)),
+            SearchMethod::LatinHypercube => {
+                AnySearch::LatinHypercube(LatinHypercubeSearch::new(setup))
+            }
+            SearchMethod::Random => AnySearch::Random(RandomSearch::new(setup)),
+        }
+    }
+
+    /// Which search it is.
+    pub fn method(&self) -> SearchMethod {
+        match self {
+            AnySearch::NelderMead(_) => SearchMethod::NelderMead,
+            AnySearch::LatinHypercube(_) => SearchMethod::LatinHypercube,
+            AnySearch::Random(_) => SearchMethod::Random,
+        }
+    }
+
+    fn inner(&mut self) -> &mut dyn Search {
+        match self {
+            AnySearch::NelderMead(search) => search,
+            AnySearch::LatinHypercube(search) => search,
+            AnySearch::Random(search) => search,
+        }
+    }
+}
+
+impl Search for AnySearch {
+    fn ask(&mut self) -> Option<Point> {
+        self.inner().ask()
+    }
+
+    fn tell(&mut self, id: u64, feedback: Feedback) {
+        self.inner().tell(id, feedback);
+    }
+
+    fn withdraw(&mut self, id: u64) {
+        self.inner().withdraw(id);
+    }
+}
+
+#[cfg(test)]
+mod contract;
+#[cfg(test)]
+mod quality;
