@@ -3,10 +3,34 @@
 //! Whatever a scene came from (glTF, OBJ, PLY, a built-in generator), it ends up as one [`Scene`]; the
 //! integrator and the indicators know nothing else.
 
+pub mod assemble;
+mod bounds;
+mod error;
+pub mod framing;
+mod gltf_extras;
+mod gltf_file;
+mod gltf_geometry;
+mod gltf_material;
+pub mod limits;
+mod load;
+#[cfg(test)]
+mod load_tests;
+mod obj_file;
+mod obj_text;
+pub mod part;
+mod ply_file;
+pub(crate) mod probe;
+pub mod shapes;
+mod sky;
+
 use std::sync::Arc;
 
 use glam::Vec3;
 use treewright_accel::Triangles;
+
+pub use bounds::Bounds;
+pub use error::SceneError;
+pub use load::load;
 
 /// A scene ready to be rendered.
 #[derive(Clone, Debug)]
@@ -16,7 +40,7 @@ pub struct Scene {
     /// All triangles, world space.
     pub triangles: Arc<Triangles>,
     /// Shading normal of each vertex (unit length, parallel to `triangles.positions()`); empty when every
-    /// triangle is flat.
+    /// triangle is flat. The front (counter-clockwise) side of a triangle is where its normals point.
     pub normals: Vec<Vec3>,
     /// Meshes in order of their triangles; together they cover all of them.
     pub meshes: Vec<Mesh>,

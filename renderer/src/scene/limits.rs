@@ -1,0 +1,24 @@
+//! Every limit of scenes, in one place. The number of triangles is limited by
+//! [`treewright_accel::limits::TRIANGLES_MAX`].
+
+/// Largest scene file that is read, in bytes.
+pub const FILE_BYTES_MAX: u64 = 8 << 30;
+
+/// Most vertices of a scene: they are numbered with 32 bits, and a numbering that has no free value left
+/// could not mark the unused ones.
+pub const VERTICES_MAX: usize = 1 << 29;
+
+/// Most meshes of a scene after instances are flattened.
+pub const MESHES_MAX: usize = 1 << 20;
+
+/// Deepest nesting of nodes in a glTF file.
+pub const NODE_DEPTH_MAX: usize = 256;
+
+/// Most cameras taken from a file; a file with more is usually an animation exported frame by frame.
+pub const CAMERAS_MAX: usize = 256;
+
+/// Range of the `detail` of a built-in scene. At the upper end the largest scene has some 8 million triangles.
+pub const DETAIL_RANGE: std::ops::RangeInclusive<f32> = 0.001..=8.0;
+
+/// Most positions sampled along a camera path at once.
+pub const PATH_POSITIONS_MAX: usize = 1 << 20;

@@ -1,0 +1,110 @@
+//! One mesh on its way into a scene.
+
+use glam::{Mat3, Mat4, Vec3};
+
+/// Triangles with their own vertex numbering, before they join a scene.
+#[derive(Clone, Debug, Default)]
+pub struct Part {
+    /// Vertex positions.
+    pub positions: Vec<Vec3>,
+    /// Shading normals parallel to `positions`, or empty for flat triangles.
+    pub normals: Vec<Vec3>,
+    /// Three vertex numbers a triangle.
+    pub indices: Vec<[u32; 3]>,
+}
+
+impl Part {
+    /// Moves everything by an affine transform. A mirroring one turns the winding too, so that front sides
+    /// stay front sides.
+    pub fn transform(&mut self, transform: &Mat4) {
+        let linear = Mat3::from_mat4(*transform);
+        let determinant = linear.determinant();
+        for position in &mut self.positions {
+            *position = transform.transform_point3(*position);
+        }
+        // The cofactor matrix moves normals like the inverse transpose does, and exists for flattened
+        // meshes too.
+        let cofactor = Mat3::from_cols(
+            linear.y_axis.cross(linear.z_axis),
+            linear.z_axis.cross(linear.x_axis),
+            linear.x_axis.cross(linear.y_axis),
+        ) * determinant.signum();
+        for normal in &mut self.normals {
+            *normal = (cofactor * *normal).normalize_or_zero();
+        }
+        if determinant < 0.0 {
+            for triangle in &mut self.indices {
+                triangle.swap(1, 2);
+            }
+        }
+    }
+
+    /// Adds another part's triangles. Both have normals or neither has.
+    pub fn append(&mut self, other: &Part) {
+        let first = self.positions.len() as u32;
+        self.positions.extend_from_slice(&other.positions);
+        self.normals.extend_from_slice(&other.normals);
+        self.indices.extend(
+            other
+                .indices
+                .iter()
+                .map(|triangle| triangle.map(|vertex| vertex + first)),
+        );
+    }
+
+    /// Cuts a polygon into a fan of triangles.
+    pub fn push_polygon(&mut self, corners: &[u32]) {
+        if let [first, rest @ ..] = corners {
+            self.indices
+                .extend(rest.windows(2).map(|edge| [*first, edge[0], edge[1]]));
+        }
+    }
+
+    /// Area-weighted normals of the vertices, for surfaces that should look smooth. Unit length; up where a
+    /// vertex has no area around it.
+    pub fn smooth_normals(&self) -> Vec<Vec3> {
+        let mut normals = vec![Vec3::ZERO; self.positions.len()];
+        for triangle in &self.indices {
+            let [a, b, c] = triangle.map(|vertex| self.positions[vertex as usize]);
+            let weighted = (b - a).cross(c - a);
+            for vertex in triangle {
+                normals[*vertex as usize] += weighted;
+            }
+        }
+        for normal in &mut normals {
+            *normal = normal.normalize_or(Vec3::Y);
+        }
+        normals
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mirroring_keeps_front_sides_in_front() {
+        let mut part = Part {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+            normals: vec![Vec3::Z; 3],
+            indices: vec![[0, 1, 2]],
+        };
+        part.transform(&Mat4::from_scale(Vec3::new(-2.0, 1.0, 1.0)));
+        let [a, b, c] = part.indices[0].map(|vertex| part.positions[vertex as usize]);
+        assert_eq!((b - a).cross(c - a).normalize(), Vec3::Z);
+        assert_eq!(part.normals[0], Vec3::Z);
+    }
+
+    #[test]
+    fn normals_stay_upright_under_uneven_scaling() {
+        let tilted = Vec3::new(1.0, 1.0, 0.0).normalize();
+        let mut part = Part {
+            positions: vec![Vec3::ZERO],
+            normals: vec![tilted],
+            indices: vec![],
+        };
+        part.transform(&Mat4::from_scale(Vec3::new(2.0, 1.0, 1.0)));
+        let expected = Vec3::new(0.5, 1.0, 0.0).normalize();
+        assert!((part.normals[0] - expected).length() < 1e-6);
+    }
+}
