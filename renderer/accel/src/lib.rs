@@ -2,16 +2,22 @@
 //! scenes, and a brute-force oracle. Every `unsafe` line of the workspace lives in this crate.
 
 mod brute_force;
+mod denormals;
 mod embree;
 mod error;
 pub mod geometry;
 pub mod limits;
 pub mod parameters;
 mod structure;
+mod traverse;
+mod tree;
 
 pub use brute_force::BruteForce;
+pub use denormals::set_flush_denormals;
 pub use embree::{Device, DeviceError, NativeScene};
 pub use error::BuildError;
 pub use geometry::{GeometryError, Hit, Intersector, Ray, Triangles};
 pub use parameters::{BuildChoice, NativeOptions, NativeQuality, Quality, TreeParameters};
 pub use structure::{Statistics, Structure, Visitor, build};
+pub use traverse::Isa;
+pub use tree::{Tree, TreeFault, TreeStatistics};

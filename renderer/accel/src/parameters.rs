@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::BuildError;
+use crate::limits::{COST_MAX, LEAF_SIZE_MAX, MAX_DEPTH, SAH_BLOCK_SIZE_MAX};
+
 /// Builder of the tunable tree (Table 1 `quality` 1, 2, 3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -15,6 +18,14 @@ pub enum Quality {
 }
 
 /// The eleven parameters of Table 1.
+///
+/// Not every parameter matters in every configuration:
+///
+/// | when | inactive |
+/// |---|---|
+/// | `compact` | all others but `robust`: the tree is Embree's own |
+/// | `quality` is [`Quality::Morton`] | `sah_block_size`, `traversal_cost`, `intersection_cost` (paper, section 3.2); `max_leaf_size` acts only near the depth limit |
+/// | always | of the two costs only their ratio acts; `static_scene` sets a builder flag that a tree built once and never updated does not feel (paper, section 4.1, finds the same of the last three) |
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TreeParameters {
     /// Builder.
@@ -60,6 +71,61 @@ impl Default for TreeParameters {
     }
 }
 
+impl TreeParameters {
+    /// Checks that every active parameter lies in its range and that they fit together.
+    pub fn check(&self) -> Result<(), BuildError> {
+        if self.compact {
+            return Ok(());
+        }
+        let refuse = |parameter, value: &dyn std::fmt::Display, rule| {
+            Err(BuildError::InvalidParameters {
+                parameter,
+                value: value.to_string(),
+                rule,
+            })
+        };
+        if ![2, 4, 8].contains(&self.branching_factor) {
+            return refuse(
+                "branching_factor",
+                &self.branching_factor,
+                "it must be 2, 4 or 8",
+            );
+        }
+        if !MAX_DEPTH.contains(&self.max_depth) {
+            return refuse("max_depth", &self.max_depth, "it must be 9 to 64");
+        }
+        if !self.sah_block_size.is_power_of_two() || self.sah_block_size > SAH_BLOCK_SIZE_MAX {
+            return refuse(
+                "sah_block_size",
+                &self.sah_block_size,
+                "it must be a power of two, 1 to 32",
+            );
+        }
+        if !(1..=LEAF_SIZE_MAX).contains(&self.max_leaf_size) {
+            return refuse("max_leaf_size", &self.max_leaf_size, "it must be 1 to 32");
+        }
+        if !(1..=self.max_leaf_size).contains(&self.min_leaf_size) {
+            return refuse(
+                "min_leaf_size",
+                &self.min_leaf_size,
+                "it must be 1 to max_leaf_size",
+            );
+        }
+        // NaN lies in no range.
+        if !(0.0..=COST_MAX).contains(&self.traversal_cost) {
+            return refuse("traversal_cost", &self.traversal_cost, "it must be 0 to 10");
+        }
+        if !(f32::MIN_POSITIVE..=COST_MAX).contains(&self.intersection_cost) {
+            return refuse(
+                "intersection_cost",
+                &self.intersection_cost,
+                "it must be above 0, to 10",
+            );
+        }
+        Ok(())
+    }
+}
+
 /// Build quality of a native Embree scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -96,4 +162,131 @@ pub enum BuildChoice {
     Native(NativeOptions),
     /// No structure: every triangle is tested. The oracle of the tests.
     BruteForce,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn table_1_is_valid_and_each_mistake_is_named() {
+        let good = TreeParameters::default();
+        assert_eq!(good.check(), Ok(()));
+        let bad = [
+            (
+                TreeParameters {
+                    branching_factor: 3,
+                    ..good
+                },
+                "branching_factor",
+            ),
+            (
+                TreeParameters {
+                    max_depth: 8,
+                    ..good
+                },
+                "max_depth",
+            ),
+            (
+                TreeParameters {
+                    max_depth: 65,
+                    ..good
+                },
+                "max_depth",
+            ),
+            (
+                TreeParameters {
+                    sah_block_size: 0,
+                    ..good
+                },
+                "sah_block_size",
+            ),
+            (
+                TreeParameters {
+                    sah_block_size: 3,
+                    ..good
+                },
+                "sah_block_size",
+            ),
+            (
+                TreeParameters {
+                    sah_block_size: 64,
+                    ..good
+                },
+                "sah_block_size",
+            ),
+            (
+                TreeParameters {
+                    max_leaf_size: 33,
+                    ..good
+                },
+                "max_leaf_size",
+            ),
+            (
+                TreeParameters {
+                    max_leaf_size: 0,
+                    ..good
+                },
+                "max_leaf_size",
+            ),
+            (
+                TreeParameters {
+                    min_leaf_size: 0,
+                    ..good
+                },
+                "min_leaf_size",
+            ),
+            (
+                TreeParameters {
+                    min_leaf_size: 9,
+                    max_leaf_size: 8,
+                    ..good
+                },
+                "min_leaf_size",
+            ),
+            (
+                TreeParameters {
+                    traversal_cost: f32::NAN,
+                    ..good
+                },
+                "traversal_cost",
+            ),
+            (
+                TreeParameters {
+                    traversal_cost: -1.0,
+                    ..good
+                },
+                "traversal_cost",
+            ),
+            (
+                TreeParameters {
+                    intersection_cost: 0.0,
+                    ..good
+                },
+                "intersection_cost",
+            ),
+            (
+                TreeParameters {
+                    intersection_cost: f32::INFINITY,
+                    ..good
+                },
+                "intersection_cost",
+            ),
+        ];
+        for (parameters, name) in bad {
+            match parameters.check() {
+                Err(BuildError::InvalidParameters { parameter, .. }) => assert_eq!(parameter, name),
+                other => panic!("{parameters:?} gave {other:?}"),
+            }
+            // Nothing but `robust` acts beside `compact`.
+            assert_eq!(
+                TreeParameters {
+                    compact: true,
+                    ..parameters
+                }
+                .check(),
+                Ok(())
+            );
+        }
+    }
 }

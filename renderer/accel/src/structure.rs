@@ -8,12 +8,15 @@ use crate::brute_force::BruteForce;
 use crate::embree::{Device, NativeScene};
 use crate::error::BuildError;
 use crate::geometry::{Hit, Intersector, Ray, Triangles};
-use crate::parameters::{BuildChoice, NativeOptions, NativeQuality};
+use crate::parameters::{BuildChoice, NativeOptions};
+use crate::tree::{Tree, TreeStatistics};
 
 /// A built acceleration structure. Each variant is an [`Intersector`] of its own; [`Structure::visit`]
 /// runs code that is compiled once per variant.
 #[derive(Debug)]
 pub enum Structure {
+    /// A tunable tree.
+    Tree(Tree),
     /// A native Embree scene.
     Native(NativeScene),
     /// No structure.
@@ -33,6 +36,8 @@ pub trait Visitor {
 pub struct Statistics {
     /// Bytes of memory beyond the triangles themselves.
     pub bytes: usize,
+    /// Shape of a tree of our own; Embree does not tell that of its native ones.
+    pub tree: Option<TreeStatistics>,
 }
 
 /// Builds a structure over the triangles. Zero triangles give a structure that every ray misses.
@@ -43,14 +48,16 @@ pub fn build(
 ) -> Result<Structure, BuildError> {
     match choice {
         BuildChoice::Tree(parameters) => {
-            // The tree is the next step: until then its place is taken by the native scene.
-            let options = NativeOptions {
-                quality: NativeQuality::Medium,
-                compact: parameters.compact,
-                dynamic: !parameters.static_scene,
-                robust: parameters.robust,
-            };
-            NativeScene::build(device, triangles, &options).map(Structure::Native)
+            if parameters.compact {
+                let options = NativeOptions {
+                    compact: true,
+                    robust: parameters.robust,
+                    ..NativeOptions::default()
+                };
+                NativeScene::build(device, triangles, &options).map(Structure::Native)
+            } else {
+                Tree::build(device, triangles, parameters).map(Structure::Tree)
+            }
         }
         BuildChoice::Native(options) => {
             NativeScene::build(device, triangles, options).map(Structure::Native)
@@ -64,24 +71,38 @@ impl Structure {
     /// choice per ray.
     pub fn visit<V: Visitor>(&self, visitor: V) -> V::Output {
         match self {
+            Self::Tree(tree) => visitor.visit(tree),
             Self::Native(native) => visitor.visit(native),
             Self::BruteForce(brute_force) => visitor.visit(brute_force),
         }
     }
 
-    /// Size of the structure.
+    /// Size and, for a tree of our own, shape. Walks the tree: milliseconds per million triangles.
     pub fn statistics(&self) -> Statistics {
-        let bytes = match self {
-            Self::Native(native) => native.bytes(),
-            Self::BruteForce(_) => 0,
-        };
-        Statistics { bytes }
+        match self {
+            Self::Tree(tree) => {
+                let shape = tree.statistics();
+                Statistics {
+                    bytes: shape.bytes,
+                    tree: Some(shape),
+                }
+            }
+            Self::Native(native) => Statistics {
+                bytes: native.bytes(),
+                tree: None,
+            },
+            Self::BruteForce(_) => Statistics {
+                bytes: 0,
+                tree: None,
+            },
+        }
     }
 }
 
 impl Intersector for Structure {
     fn closest(&self, ray: &Ray) -> Option<Hit> {
         match self {
+            Self::Tree(tree) => tree.closest(ray),
             Self::Native(native) => native.closest(ray),
             Self::BruteForce(brute_force) => brute_force.closest(ray),
         }
@@ -89,6 +110,7 @@ impl Intersector for Structure {
 
     fn occluded(&self, ray: &Ray) -> bool {
         match self {
+            Self::Tree(tree) => tree.occluded(ray),
             Self::Native(native) => native.occluded(ray),
             Self::BruteForce(brute_force) => brute_force.occluded(ray),
         }

@@ -2,10 +2,12 @@
 //!
 //! Embree keeps one error per thread, so it is read on the calling thread after every call that can
 //! fail. The code alone says little ("unknown error" is also "depth limit reached"); the text comes
-//! through the error callback, which may run on one of Embree's own threads.
+//! through the error callback, which Embree runs on the thread that made the call, so it is kept per
+//! thread as well.
 
+use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char, c_uint, c_void};
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::catch_unwind;
 use std::sync::atomic::{AtomicIsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -58,6 +60,13 @@ pub(crate) struct EmbreeFailure {
     pub(crate) message: String,
 }
 
+impl EmbreeFailure {
+    /// Whether a builder ran into its depth limit, which has no code of its own.
+    pub(crate) fn is_depth_limit(&self) -> bool {
+        self.code == ffi::ERROR_UNKNOWN && self.message.contains("depth limit")
+    }
+}
+
 /// The process's Embree device. Cloning shares it.
 #[derive(Clone, Debug)]
 pub struct Device {
@@ -71,11 +80,14 @@ struct Inner {
     heard: Box<Heard>,
 }
 
+thread_local! {
+    /// Text of this thread's latest error.
+    static MESSAGE: RefCell<String> = const { RefCell::new(String::new()) };
+}
+
 /// What the callbacks write. Boxed, since Embree keeps its address.
 #[derive(Debug, Default)]
 struct Heard {
-    /// Text of the latest error, of any thread.
-    message: Mutex<String>,
     /// Bytes Embree holds for its structures.
     bytes: AtomicIsize,
 }
@@ -175,13 +187,7 @@ impl Device {
         if code == ffi::ERROR_NONE {
             return Ok(());
         }
-        let message = self
-            .inner
-            .heard
-            .message
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone();
+        let message = MESSAGE.take();
         Err(EmbreeFailure { code, message })
     }
 }
@@ -193,21 +199,17 @@ impl Drop for Inner {
     }
 }
 
-unsafe extern "C" fn hear_error(user: *mut c_void, _code: c_uint, text: *const c_char) {
-    // Nothing may unwind into Embree; a message that cannot be kept is a lesser loss.
-    let _ = catch_unwind(AssertUnwindSafe(|| {
-        // SAFETY: `user` is the device's `Heard`; `text` is null or a C string for the call's duration.
-        let (heard, text) = unsafe {
-            (
-                &*user.cast::<Heard>(),
-                (!text.is_null()).then(|| CStr::from_ptr(text)),
-            )
-        };
-        if let Some(text) = text {
-            let mut message = heard.message.lock().unwrap_or_else(PoisonError::into_inner);
-            *message = text.to_string_lossy().into_owned();
+unsafe extern "C" fn hear_error(_user: *mut c_void, _code: c_uint, text: *const c_char) {
+    // Nothing may unwind into Embree; a message that cannot be kept is the lesser loss.
+    let _ = catch_unwind(|| {
+        if !text.is_null() {
+            // SAFETY: not null, so a C string for the duration of the call.
+            let text = unsafe { CStr::from_ptr(text) }
+                .to_string_lossy()
+                .into_owned();
+            MESSAGE.set(text);
         }
-    }));
+    });
 }
 
 unsafe extern "C" fn hear_memory(user: *mut c_void, bytes: isize, _after: bool) -> bool {

@@ -1,0 +1,172 @@
+//! Which children of a node does a ray meet, and where?
+//!
+//! The slab test of Kay and Kajiya (1986) on all children at once. The signs of the direction choose the
+//! near and far plane of each axis beforehand, as an offset into the node, so that no comparison is left.
+
+#![allow(
+    unsafe_op_in_unsafe_fn,
+    reason = "each operation is unsafe for the one reason that `Lanes` states"
+)]
+
+use super::lanes::{Lanes, Lanes3};
+use crate::geometry::Ray;
+use crate::tree::Root;
+use crate::tree::layout::Node;
+
+/// A ray prepared for tests against the boxes of nodes.
+///
+/// # Safety
+/// Both functions require the processor features of `Times`.
+pub(crate) trait Boxes<const W: usize>: Copy {
+    /// The distances of the children.
+    type Times: Lanes;
+
+    unsafe fn new(root: &Root, ray: &Ray) -> Self;
+
+    /// One bit for each child whose box meets the ray before `t_max`, and the entry distances.
+    unsafe fn test(&self, node: &Node<W>, t_max: f32) -> (u32, Self::Times);
+}
+
+/// Smallest divisor: zero and nearly zero components become this, which keeps every product finite and
+/// free of NaN for coordinates up to `COORDINATE_MAX`.
+const DIVISOR_MIN: f32 = 1e-18;
+
+#[inline(always)]
+fn safe_reciprocal(component: f32) -> f32 {
+    if component.abs() < DIVISOR_MIN {
+        1.0 / DIVISOR_MIN
+    } else {
+        1.0 / component
+    }
+}
+
+/// Offset of each axis' near plane inside a node, in floats; the far plane is the other one.
+#[inline(always)]
+fn near_offsets<const W: usize>(reciprocal: glam::Vec3) -> [usize; 3] {
+    // `bounds[axis][side][child]`: an axis spans 2 W numbers, its upper planes start at W.
+    let of = |axis: usize| 2 * W * axis + if reciprocal[axis] < 0.0 { W } else { 0 };
+    [of(0), of(1), of(2)]
+}
+
+/// One fused operation a plane: `plane / d - origin / d`. Its rounding can lose rays that graze a box.
+#[derive(Clone, Copy)]
+pub(crate) struct FastBoxes<L> {
+    reciprocal: Lanes3<L>,
+    origin: Lanes3<L>,
+    t_min: L,
+    near: [usize; 3],
+}
+
+impl<L: Lanes, const W: usize> Boxes<W> for FastBoxes<L> {
+    type Times = L;
+
+    #[inline(always)]
+    unsafe fn new(_root: &Root, ray: &Ray) -> Self {
+        debug_assert!(L::COUNT == W);
+        let direction = ray.direction;
+        let reciprocal = glam::Vec3::new(
+            safe_reciprocal(direction.x),
+            safe_reciprocal(direction.y),
+            safe_reciprocal(direction.z),
+        );
+        Self {
+            reciprocal: Lanes3::splat(reciprocal),
+            origin: Lanes3::splat(ray.origin * reciprocal),
+            t_min: L::splat(ray.t_min),
+            near: near_offsets::<W>(reciprocal),
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn test(&self, node: &Node<W>, t_max: f32) -> (u32, L) {
+        let planes = (&raw const node.bounds).cast::<f32>();
+        let ([rx, ry, rz], [ox, oy, oz], [x, y, z]) = (self.reciprocal.0, self.origin.0, self.near);
+        let near_x = L::load(planes.add(x)).mul_sub(rx, ox);
+        let near_y = L::load(planes.add(y)).mul_sub(ry, oy);
+        let near_z = L::load(planes.add(z)).mul_sub(rz, oz);
+        let far_x = L::load(planes.add(x ^ W)).mul_sub(rx, ox);
+        let far_y = L::load(planes.add(y ^ W)).mul_sub(ry, oy);
+        let far_z = L::load(planes.add(z ^ W)).mul_sub(rz, oz);
+        let near = near_x.max(near_y).max(near_z.max(self.t_min));
+        let far = far_x.min(far_y).min(far_z.min(L::splat(t_max)));
+        (L::bits(near.less_equal(far)), near)
+    }
+}
+
+/// Conservative test for watertight trees, after Woop, Benthin and Wald (2013), section 4: the origin is
+/// moved apart for near and far planes by more than the shear of the triangle test can err, and the
+/// reciprocals are rounded down and up.
+#[derive(Clone, Copy)]
+pub(crate) struct PaddedBoxes<L> {
+    near_reciprocal: Lanes3<L>,
+    far_reciprocal: Lanes3<L>,
+    near_origin: Lanes3<L>,
+    far_origin: Lanes3<L>,
+    t_min: L,
+    near: [usize; 3],
+}
+
+impl<L: Lanes, const W: usize> Boxes<W> for PaddedBoxes<L> {
+    type Times = L;
+
+    #[inline(always)]
+    unsafe fn new(root: &Root, ray: &Ray) -> Self {
+        debug_assert!(L::COUNT == W);
+        let (lower, upper) = (
+            glam::Vec3::from(root.bounds.lower),
+            glam::Vec3::from(root.bounds.upper),
+        );
+        // No coordinate relative to the origin is larger than this; eight units of its last place cover
+        // the two roundings of translation and shear and those of the differences below.
+        let reach = (lower - ray.origin)
+            .abs()
+            .max((upper - ray.origin).abs())
+            .max_element();
+        let pad = glam::Vec3::splat(reach * (4.0 * f32::EPSILON));
+        let direction = ray.direction;
+        let reciprocal = glam::Vec3::new(
+            safe_reciprocal(direction.x),
+            safe_reciprocal(direction.y),
+            safe_reciprocal(direction.z),
+        );
+        // Towards the ray's start on near planes, away from it on far ones.
+        let towards = pad * glam::Vec3::ONE.copysign(reciprocal);
+        Self {
+            near_reciprocal: Lanes3::splat(reciprocal * (1.0 - 2.0 * f32::EPSILON)),
+            far_reciprocal: Lanes3::splat(reciprocal * (1.0 + 2.0 * f32::EPSILON)),
+            near_origin: Lanes3::splat(ray.origin + towards),
+            far_origin: Lanes3::splat(ray.origin - towards),
+            t_min: L::splat(ray.t_min),
+            near: near_offsets::<W>(reciprocal),
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn test(&self, node: &Node<W>, t_max: f32) -> (u32, L) {
+        let planes = (&raw const node.bounds).cast::<f32>();
+        let [x, y, z] = self.near;
+        let near_planes = Lanes3([
+            L::load(planes.add(x)),
+            L::load(planes.add(y)),
+            L::load(planes.add(z)),
+        ])
+        .sub(self.near_origin);
+        let far_planes = Lanes3([
+            L::load(planes.add(x ^ W)),
+            L::load(planes.add(y ^ W)),
+            L::load(planes.add(z ^ W)),
+        ])
+        .sub(self.far_origin);
+        let [near_x, near_y, near_z] = scaled(near_planes, self.near_reciprocal);
+        let [far_x, far_y, far_z] = scaled(far_planes, self.far_reciprocal);
+        let near = near_x.max(near_y).max(near_z.max(self.t_min));
+        let far = far_x.min(far_y).min(far_z.min(L::splat(t_max)));
+        (L::bits(near.less_equal(far)), near)
+    }
+}
+
+#[inline(always)]
+unsafe fn scaled<L: Lanes>(planes: Lanes3<L>, by: Lanes3<L>) -> [L; 3] {
+    let ([x, y, z], [sx, sy, sz]) = (planes.0, by.0);
+    [x.mul(sx), y.mul(sy), z.mul(sz)]
+}

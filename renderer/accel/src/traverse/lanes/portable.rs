@@ -1,0 +1,130 @@
+//! Vectors in plain Rust: the fallback, and the yardstick of the others.
+
+use super::Lanes;
+
+/// `N` numbers the compiler may keep in whatever vectors it has.
+#[derive(Clone, Copy)]
+#[repr(align(16))]
+pub(crate) struct Portable<const N: usize>([f32; N]);
+
+impl<const N: usize> Portable<N> {
+    #[inline(always)]
+    fn zip(self, other: Self, mut operation: impl FnMut(f32, f32) -> f32) -> Self {
+        let mut result = [0.0; N];
+        for lane in 0..N {
+            result[lane] = operation(self.0[lane], other.0[lane]);
+        }
+        Self(result)
+    }
+
+    #[inline(always)]
+    fn compare(self, other: Self, mut operation: impl FnMut(f32, f32) -> bool) -> [bool; N] {
+        let mut result = [false; N];
+        for lane in 0..N {
+            result[lane] = operation(self.0[lane], other.0[lane]);
+        }
+        result
+    }
+}
+
+impl<const N: usize> Lanes for Portable<N> {
+    const COUNT: usize = N;
+    type Mask = [bool; N];
+
+    #[inline(always)]
+    unsafe fn splat(value: f32) -> Self {
+        Self([value; N])
+    }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: the caller vouches for the pointer; an array needs no more alignment than a number.
+        Self(unsafe { from.cast::<[f32; N]>().read() })
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        // SAFETY: as above.
+        unsafe { to.cast::<[f32; N]>().write(self.0) };
+    }
+
+    #[inline(always)]
+    unsafe fn add(self, other: Self) -> Self {
+        self.zip(other, |a, b| a + b)
+    }
+
+    #[inline(always)]
+    unsafe fn sub(self, other: Self) -> Self {
+        self.zip(other, |a, b| a - b)
+    }
+
+    #[inline(always)]
+    unsafe fn mul(self, other: Self) -> Self {
+        self.zip(other, |a, b| a * b)
+    }
+
+    #[inline(always)]
+    unsafe fn div(self, other: Self) -> Self {
+        self.zip(other, |a, b| a / b)
+    }
+
+    #[inline(always)]
+    unsafe fn mul_sub(self, factor: Self, less: Self) -> Self {
+        // Without the instruction a fused operation is a slow library call.
+        self.zip(factor, |a, b| a * b).zip(less, |a, b| a - b)
+    }
+
+    #[inline(always)]
+    unsafe fn min(self, other: Self) -> Self {
+        self.zip(other, |a, b| if a < b { a } else { b })
+    }
+
+    #[inline(always)]
+    unsafe fn max(self, other: Self) -> Self {
+        self.zip(other, |a, b| if a > b { a } else { b })
+    }
+
+    #[inline(always)]
+    unsafe fn abs(self) -> Self {
+        Self(self.0.map(f32::abs))
+    }
+
+    #[inline(always)]
+    unsafe fn flip_sign(self, by: Self) -> Self {
+        self.zip(by, |a, b| {
+            f32::from_bits(a.to_bits() ^ (b.to_bits() & (1 << 31)))
+        })
+    }
+
+    #[inline(always)]
+    unsafe fn less(self, other: Self) -> Self::Mask {
+        self.compare(other, |a, b| a < b)
+    }
+
+    #[inline(always)]
+    unsafe fn less_equal(self, other: Self) -> Self::Mask {
+        self.compare(other, |a, b| a <= b)
+    }
+
+    #[inline(always)]
+    unsafe fn equal(self, other: Self) -> Self::Mask {
+        self.compare(other, |a, b| a == b)
+    }
+
+    #[inline(always)]
+    unsafe fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        std::array::from_fn(|lane| a[lane] & b[lane])
+    }
+
+    #[inline(always)]
+    unsafe fn or(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        std::array::from_fn(|lane| a[lane] | b[lane])
+    }
+
+    #[inline(always)]
+    unsafe fn bits(mask: Self::Mask) -> u32 {
+        mask.iter()
+            .enumerate()
+            .fold(0, |bits, (lane, &set)| bits | u32::from(set) << lane)
+    }
+}

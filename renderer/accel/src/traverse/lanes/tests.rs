@@ -1,0 +1,124 @@
+//! Every kind of vector against plain Rust, operation by operation.
+
+use super::*;
+use crate::traverse::Isa;
+
+/// Pairs of numbers with every special value among them.
+fn samples() -> Vec<[f32; 2]> {
+    let values = [
+        0.0,
+        -0.0,
+        1.0,
+        -1.5,
+        3.25e-3,
+        1e30,
+        -1e30,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        f32::NAN,
+    ];
+    values
+        .iter()
+        .flat_map(|&a| values.map(|b| [a, b]))
+        .collect()
+}
+
+fn numbers(lanes: impl Lanes) -> [f32; 8] {
+    // SAFETY: the caller checked the processor.
+    unsafe { Stored::from(lanes).0 }
+}
+
+fn same(a: [f32; 8], b: [f32; 8], count: usize, what: &str) {
+    for lane in 0..count {
+        let equal =
+            a[lane].to_bits() == b[lane].to_bits() || (a[lane].is_nan() && b[lane].is_nan());
+        assert!(equal, "{what}, lane {lane}: {} and {}", a[lane], b[lane]);
+    }
+}
+
+/// Compares `L` with the portable vector of as many lanes.
+fn agrees<L: Lanes, P: Lanes>() {
+    assert_eq!(L::COUNT, P::COUNT);
+    for window in samples().windows(8) {
+        let (mut a, mut b) = (Stored([0.0; 8]), Stored([0.0; 8]));
+        for (lane, pair) in window.iter().enumerate() {
+            a.0[lane] = pair[0];
+            b.0[lane] = pair[1];
+        }
+        let count = L::COUNT;
+        // SAFETY: the caller checked the processor; both arrays are aligned and long enough.
+        unsafe {
+            let (la, lb) = (L::load(a.0.as_ptr()), L::load(b.0.as_ptr()));
+            let (pa, pb) = (P::load(a.0.as_ptr()), P::load(b.0.as_ptr()));
+            same(numbers(la.add(lb)), numbers(pa.add(pb)), count, "add");
+            same(numbers(la.sub(lb)), numbers(pa.sub(pb)), count, "sub");
+            same(numbers(la.mul(lb)), numbers(pa.mul(pb)), count, "mul");
+            same(numbers(la.div(lb)), numbers(pa.div(pb)), count, "div");
+            same(numbers(la.min(lb)), numbers(pa.min(pb)), count, "min");
+            same(numbers(la.max(lb)), numbers(pa.max(pb)), count, "max");
+            same(numbers(la.abs()), numbers(pa.abs()), count, "abs");
+            same(
+                numbers(la.flip_sign(lb)),
+                numbers(pa.flip_sign(pb)),
+                count,
+                "flip_sign",
+            );
+            // Exact in single precision, so that fused and separate rounding agree.
+            let (two, one) = (L::splat(2.0), L::splat(1.0));
+            same(
+                numbers(two.mul_sub(two, one)),
+                numbers(P::splat(3.0)),
+                count,
+                "mul_sub",
+            );
+            assert_eq!(L::bits(la.less(lb)), P::bits(pa.less(pb)), "less");
+            assert_eq!(
+                L::bits(la.less_equal(lb)),
+                P::bits(pa.less_equal(pb)),
+                "less_equal"
+            );
+            assert_eq!(L::bits(la.equal(lb)), P::bits(pa.equal(pb)), "equal");
+            let (and, or) = (
+                L::and(la.less(lb), la.less_equal(lb)),
+                L::or(la.less(lb), la.equal(lb)),
+            );
+            assert_eq!(L::bits(and), P::bits(pa.less(pb)), "and");
+            assert_eq!(L::bits(or), P::bits(pa.less_equal(pb)), "or");
+        }
+    }
+}
+
+#[test]
+fn portable_is_plain_arithmetic() {
+    let (a, b) = ([1.0f32, -2.0, 0.5, f32::NAN], [4.0f32, 0.25, -8.0, 1.0]);
+    // SAFETY: portable vectors need no features.
+    unsafe {
+        let (la, lb) = (
+            Portable::<4>::load(a.as_ptr()),
+            Portable::<4>::load(b.as_ptr()),
+        );
+        assert_eq!(numbers(la.mul(lb))[..3], [4.0, -0.5, -4.0]);
+        assert_eq!(numbers(la.max(lb))[..4], [4.0, 0.25, 0.5, 1.0]);
+        assert_eq!(Portable::<4>::bits(la.less(lb)), 0b0011);
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[test]
+fn avx2_agrees_with_portable() {
+    if Isa::Avx2.is_available() {
+        agrees::<avx2::Two, Portable<2>>();
+        agrees::<avx2::Four, Portable<4>>();
+        agrees::<avx2::Eight, Portable<8>>();
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[test]
+fn avx512_agrees_with_portable() {
+    if Isa::Avx512.is_available() {
+        agrees::<avx512::Two, Portable<2>>();
+        agrees::<avx512::Four, Portable<4>>();
+        agrees::<avx512::Eight, Portable<8>>();
+    }
+}

@@ -1,0 +1,117 @@
+//! What AVX2 and AVX-512 vectors have in common: everything but comparisons.
+
+/// Implements the arithmetic of [`super::Lanes`] for a wrapper of an x86 vector, given its intrinsics.
+macro_rules! arithmetic {
+    ($splat:ident $add:ident $sub:ident $mul:ident $div:ident $fmsub:ident $min:ident $max:ident $and:ident $andnot:ident $xor:ident) => {
+        #[inline(always)]
+        unsafe fn splat(value: f32) -> Self {
+            Self($splat(value))
+        }
+
+        #[inline(always)]
+        unsafe fn add(self, other: Self) -> Self {
+            Self($add(self.0, other.0))
+        }
+
+        #[inline(always)]
+        unsafe fn sub(self, other: Self) -> Self {
+            Self($sub(self.0, other.0))
+        }
+
+        #[inline(always)]
+        unsafe fn mul(self, other: Self) -> Self {
+            Self($mul(self.0, other.0))
+        }
+
+        #[inline(always)]
+        unsafe fn div(self, other: Self) -> Self {
+            Self($div(self.0, other.0))
+        }
+
+        #[inline(always)]
+        unsafe fn mul_sub(self, factor: Self, less: Self) -> Self {
+            Self($fmsub(self.0, factor.0, less.0))
+        }
+
+        #[inline(always)]
+        unsafe fn min(self, other: Self) -> Self {
+            Self($min(self.0, other.0))
+        }
+
+        #[inline(always)]
+        unsafe fn max(self, other: Self) -> Self {
+            Self($max(self.0, other.0))
+        }
+
+        #[inline(always)]
+        unsafe fn abs(self) -> Self {
+            Self($andnot($splat(-0.0), self.0))
+        }
+
+        #[inline(always)]
+        unsafe fn flip_sign(self, by: Self) -> Self {
+            Self($xor(self.0, $and(by.0, $splat(-0.0))))
+        }
+    };
+}
+
+/// [`arithmetic`] of four lanes; two lanes use the lower half of the same registers.
+macro_rules! arithmetic_128 {
+    () => {
+        $crate::traverse::lanes::x86::arithmetic!(_mm_set1_ps _mm_add_ps _mm_sub_ps _mm_mul_ps _mm_div_ps _mm_fmsub_ps _mm_min_ps _mm_max_ps _mm_and_ps _mm_andnot_ps _mm_xor_ps);
+    };
+}
+
+/// [`arithmetic`] of eight lanes.
+macro_rules! arithmetic_256 {
+    () => {
+        $crate::traverse::lanes::x86::arithmetic!(_mm256_set1_ps _mm256_add_ps _mm256_sub_ps _mm256_mul_ps _mm256_div_ps _mm256_fmsub_ps _mm256_min_ps _mm256_max_ps _mm256_and_ps _mm256_andnot_ps _mm256_xor_ps);
+    };
+}
+
+/// Loads and stores of the lower two lanes.
+macro_rules! memory_64 {
+    () => {
+        #[inline(always)]
+        unsafe fn load(from: *const f32) -> Self {
+            Self(_mm_castpd_ps(_mm_load_sd(from.cast())))
+        }
+
+        #[inline(always)]
+        unsafe fn store(self, to: *mut f32) {
+            _mm_store_sd(to.cast(), _mm_castps_pd(self.0));
+        }
+    };
+}
+
+/// Loads and stores of four lanes.
+macro_rules! memory_128 {
+    () => {
+        #[inline(always)]
+        unsafe fn load(from: *const f32) -> Self {
+            Self(_mm_load_ps(from))
+        }
+
+        #[inline(always)]
+        unsafe fn store(self, to: *mut f32) {
+            _mm_store_ps(to, self.0);
+        }
+    };
+}
+
+/// Loads and stores of eight lanes.
+macro_rules! memory_256 {
+    () => {
+        #[inline(always)]
+        unsafe fn load(from: *const f32) -> Self {
+            Self(_mm256_load_ps(from))
+        }
+
+        #[inline(always)]
+        unsafe fn store(self, to: *mut f32) {
+            _mm256_store_ps(to, self.0);
+        }
+    };
+}
+
+pub(super) use {arithmetic, arithmetic_128, arithmetic_256, memory_64, memory_128, memory_256};

@@ -1,0 +1,207 @@
+//! From parameters to a tree: one call of `rtcBuildBVH`.
+//!
+//! What Embree makes of the parameters (seen in its builders):
+//! * a set of at most `min_leaf_size` triangles becomes a leaf at once; leaves smaller than that arise all
+//!   the same, when a larger set is split;
+//! * no leaf exceeds `max_leaf_size`; the SAH builders make a leaf of a set between the two limits when
+//!   the heuristic says so, the Morton builder only where it nears the depth limit;
+//! * eight levels above `max_depth` the heuristic stops and sets are halved until they fit a leaf; a
+//!   branch that would still pass the limit fails the build.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use rayon::prelude::*;
+
+use super::callbacks::{
+    Context, create_leaf, create_node, set_bounds, set_children, split_primitive,
+};
+use super::layout::{Bounds, NodeRef};
+use super::{Memory, Root, Tree};
+use crate::embree::{Device, ffi};
+use crate::error::BuildError;
+use crate::geometry::Triangles;
+use crate::limits::SPLIT_CAPACITY_FACTOR;
+use crate::parameters::{Quality, TreeParameters};
+use crate::traverse::{Isa, Kernels};
+
+/// Fewest triangles that are worth a task of their own while references are made.
+const REFERENCES_PER_TASK: usize = 16_384;
+
+impl Tree {
+    /// Checks the parameters and builds.
+    pub(crate) fn build(
+        device: &Device,
+        triangles: &Arc<Triangles>,
+        parameters: &TreeParameters,
+    ) -> Result<Self, BuildError> {
+        parameters.check()?;
+        let isa = Isa::detect();
+        let kernels = Kernels::select(isa, parameters.branching_factor, parameters.robust)
+            .expect("the width was checked and the instruction set detected");
+        // SAFETY: the device is valid.
+        let memory = Memory {
+            handle: unsafe { ffi::rtcNewBVH(device.handle()) },
+            _device: device.clone(),
+        };
+        device.check()?;
+        let node = match triangles.is_empty() {
+            true => NodeRef::EMPTY,
+            false => grow(device, &memory, triangles, parameters)?,
+        };
+        let width = parameters.branching_factor;
+        let bounds = root_bounds(node, width, triangles);
+        let root = Root { node, bounds };
+        Ok(Self {
+            root,
+            kernels,
+            isa,
+            parameters: *parameters,
+            triangles: Arc::clone(triangles),
+            _memory: memory,
+        })
+    }
+}
+
+/// Runs the builder and gives the root.
+fn grow(
+    device: &Device,
+    memory: &Memory,
+    triangles: &Triangles,
+    parameters: &TreeParameters,
+) -> Result<NodeRef, BuildError> {
+    let mut primitives = references(triangles, parameters.quality)?;
+    let context = Context::new(triangles, parameters.robust);
+    let (create, children, bounds): (
+        ffi::RTCCreateNodeFunction,
+        ffi::RTCSetNodeChildrenFunction,
+        ffi::RTCSetNodeBoundsFunction,
+    ) = match parameters.branching_factor {
+        2 => (
+            Some(create_node::<2>),
+            Some(set_children::<2>),
+            Some(set_bounds::<2>),
+        ),
+        4 => (
+            Some(create_node::<4>),
+            Some(set_children::<4>),
+            Some(set_bounds::<4>),
+        ),
+        _ => (
+            Some(create_node::<8>),
+            Some(set_children::<8>),
+            Some(set_bounds::<8>),
+        ),
+    };
+    let arguments = ffi::RTCBuildArguments {
+        byteSize: size_of::<ffi::RTCBuildArguments>(),
+        buildQuality: match parameters.quality {
+            Quality::Morton => ffi::RTCBuildQuality::LOW,
+            Quality::Sah => ffi::RTCBuildQuality::MEDIUM,
+            Quality::SahSplit => ffi::RTCBuildQuality::HIGH,
+        },
+        buildFlags: if parameters.static_scene {
+            ffi::RTCBuildFlags::NONE
+        } else {
+            ffi::RTCBuildFlags::DYNAMIC
+        },
+        maxBranchingFactor: parameters.branching_factor,
+        maxDepth: parameters.max_depth,
+        sahBlockSize: parameters.sah_block_size,
+        minLeafSize: parameters.min_leaf_size,
+        maxLeafSize: parameters.max_leaf_size,
+        traversalCost: parameters.traversal_cost,
+        intersectionCost: parameters.intersection_cost,
+        bvh: memory.handle,
+        primitives: primitives.as_mut_ptr(),
+        primitiveCount: primitives.len(),
+        primitiveArrayCapacity: primitives.capacity(),
+        createNode: create,
+        setNodeChildren: children,
+        setNodeBounds: bounds,
+        createLeaf: Some(create_leaf),
+        splitPrimitive: Some(split_primitive),
+        buildProgress: None,
+        userPtr: (&raw const context).cast_mut().cast(),
+    };
+    // SAFETY: the arguments are valid and checked to lie where the builders are well behaved; the
+    // callbacks fit the width; context and primitives outlive the call.
+    let root = unsafe { ffi::rtcBuildBVH(&raw const arguments) };
+    let outcome = device.check();
+    if context.panicked.load(Ordering::Relaxed) {
+        return Err(BuildError::CallbackPanicked);
+    }
+    if context.out_of_memory.load(Ordering::Relaxed) {
+        return Err(BuildError::OutOfMemory);
+    }
+    match outcome {
+        Err(failure) if failure.is_depth_limit() => Err(BuildError::DepthLimit {
+            max_depth: parameters.max_depth,
+        }),
+        Err(failure) => Err(failure.into()),
+        Ok(()) if root.is_null() => Err(BuildError::Embree {
+            code: ffi::ERROR_UNKNOWN,
+            message: "the builder gave no root and no reason".into(),
+        }),
+        Ok(()) => Ok(NodeRef::from_raw(root)),
+    }
+}
+
+/// One box a triangle, with spare room behind them where the builder splits. The coordinates are finite
+/// by the invariant of [`Triangles`]; a NaN here would spoil other triangles' nodes without an error.
+fn references(
+    triangles: &Triangles,
+    quality: Quality,
+) -> Result<Vec<ffi::RTCBuildPrimitive>, BuildError> {
+    let count = triangles.len();
+    let capacity = match quality {
+        Quality::SahSplit => (count as f64 * SPLIT_CAPACITY_FACTOR).ceil() as usize,
+        Quality::Morton | Quality::Sah => count,
+    };
+    let mut primitives = Vec::new();
+    primitives
+        .try_reserve_exact(capacity)
+        .map_err(|_| BuildError::OutOfMemory)?;
+    (0..count)
+        .into_par_iter()
+        .with_min_len(REFERENCES_PER_TASK)
+        .map(|triangle| {
+            let Bounds { lower, upper } = Bounds::of_corners(&triangles.corners(triangle));
+            ffi::RTCBuildPrimitive {
+                lower_x: lower[0],
+                lower_y: lower[1],
+                lower_z: lower[2],
+                geomID: 0,
+                upper_x: upper[0],
+                upper_y: upper[1],
+                upper_z: upper[2],
+                primID: triangle as u32,
+            }
+        })
+        .collect_into_vec(&mut primitives);
+    Ok(primitives)
+}
+
+/// Box of the whole tree, from the root alone.
+fn root_bounds(node: NodeRef, width: u32, triangles: &Triangles) -> Bounds {
+    fn of_children<const W: usize>(node: NodeRef) -> Bounds {
+        // SAFETY: the builder made this node with width `W`, and its memory lives.
+        let node = unsafe { node.node::<W>() };
+        (0..W)
+            .map(|child| node.child_bounds(child))
+            .fold(Bounds::EMPTY, Bounds::union)
+    }
+    if node.is_leaf() {
+        // SAFETY: the builder made this leaf, and its memory lives.
+        let blocks = unsafe { node.blocks() };
+        let numbers = blocks.iter().flat_map(super::layout::Block::numbers);
+        return numbers
+            .map(|number| Bounds::of_corners(&triangles.corners(number as usize)))
+            .fold(Bounds::EMPTY, Bounds::union);
+    }
+    match width {
+        2 => of_children::<2>(node),
+        4 => of_children::<4>(node),
+        _ => of_children::<8>(node),
+    }
+}

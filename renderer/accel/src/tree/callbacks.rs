@@ -1,0 +1,221 @@
+//! What Embree's builder calls: makes nodes and leaves in our layout, in Embree's own memory.
+//!
+//! Leaves are filled here, in parallel and while the builder has the triangles at hand; with that the
+//! whole build takes as long as Embree's native one. The functions run on Embree's threads: nothing may
+//! unwind out of them, so a panic is caught, noted and answered with an empty result.
+
+use std::ffi::c_void;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::layout::{BLOCK, Block, Bounds, LEAF_BLOCKS_MAX, Node, NodeRef};
+use super::split::split;
+use crate::embree::ffi;
+use crate::geometry::Triangles;
+
+/// What the callbacks know of the build, and what went wrong in them.
+pub(crate) struct Context<'a> {
+    pub(crate) triangles: &'a Triangles,
+    pub(crate) watertight: bool,
+    pub(crate) panicked: AtomicBool,
+    pub(crate) out_of_memory: AtomicBool,
+}
+
+impl<'a> Context<'a> {
+    pub(crate) fn new(triangles: &'a Triangles, watertight: bool) -> Self {
+        Self {
+            triangles,
+            watertight,
+            panicked: AtomicBool::new(false),
+            out_of_memory: AtomicBool::new(false),
+        }
+    }
+
+    /// Takes room for `count` values, or notes that there is none.
+    ///
+    /// # Safety
+    /// `allocator` is the one the builder handed to the running callback.
+    unsafe fn allocate<T>(
+        &self,
+        allocator: ffi::RTCThreadLocalAllocator,
+        count: usize,
+    ) -> Option<*mut T> {
+        // SAFETY: the caller vouches for the allocator; Embree takes alignments up to 64.
+        let room =
+            unsafe { ffi::rtcThreadLocalAlloc(allocator, count * size_of::<T>(), align_of::<T>()) };
+        if room.is_null() {
+            self.out_of_memory.store(true, Ordering::Relaxed);
+            return None;
+        }
+        Some(room.cast())
+    }
+}
+
+/// Runs a callback's body with the context behind `user`; a panic is noted and gives `otherwise`.
+///
+/// # Safety
+/// `user` is the `Context` of the running build.
+unsafe fn guarded<T>(user: *mut c_void, otherwise: T, body: impl FnOnce(&Context<'_>) -> T) -> T {
+    // SAFETY: the caller vouches for it.
+    let context = unsafe { &*user.cast::<Context<'_>>() };
+    catch_unwind(AssertUnwindSafe(|| body(context))).unwrap_or_else(|_| {
+        context.panicked.store(true, Ordering::Relaxed);
+        otherwise
+    })
+}
+
+/// `RTCCreateNodeFunction`.
+pub(crate) unsafe extern "C" fn create_node<const W: usize>(
+    allocator: ffi::RTCThreadLocalAllocator,
+    _children: u32,
+    user: *mut c_void,
+) -> *mut c_void {
+    // SAFETY: Embree hands back our context and its allocator; the room is large enough and aligned.
+    unsafe {
+        guarded(user, std::ptr::null_mut(), |context| {
+            match context.allocate::<Node<W>>(allocator, 1) {
+                Some(node) => {
+                    node.write(Node::EMPTY);
+                    NodeRef::to_node(node).into_raw()
+                }
+                None => std::ptr::null_mut(),
+            }
+        })
+    }
+}
+
+/// `RTCSetNodeChildrenFunction`.
+pub(crate) unsafe extern "C" fn set_children<const W: usize>(
+    node: *mut c_void,
+    children: *mut *mut c_void,
+    count: u32,
+    user: *mut c_void,
+) {
+    // SAFETY: `node` is null or came from `create_node`; `children` has `count` entries, each made by one
+    // of these functions.
+    unsafe {
+        guarded(user, (), |_| {
+            let Some(node) = node.cast::<Node<W>>().as_mut() else {
+                return;
+            };
+            for (place, &child) in node
+                .children
+                .iter_mut()
+                .zip(std::slice::from_raw_parts(children, count as usize))
+            {
+                *place = if child.is_null() {
+                    NodeRef::EMPTY
+                } else {
+                    NodeRef::from_raw(child)
+                };
+            }
+        });
+    }
+}
+
+/// `RTCSetNodeBoundsFunction`.
+pub(crate) unsafe extern "C" fn set_bounds<const W: usize>(
+    node: *mut c_void,
+    bounds: *mut *const ffi::RTCBounds,
+    count: u32,
+    user: *mut c_void,
+) {
+    // SAFETY: `node` is null or came from `create_node`; `bounds` has `count` valid entries.
+    unsafe {
+        guarded(user, (), |_| {
+            let Some(node) = node.cast::<Node<W>>().as_mut() else {
+                return;
+            };
+            for (child, &bounds) in std::slice::from_raw_parts(bounds, count as usize)
+                .iter()
+                .enumerate()
+                .take(W)
+            {
+                let bounds = from_embree(&*bounds);
+                for axis in 0..3 {
+                    node.bounds[axis][0][child] = bounds.lower[axis];
+                    node.bounds[axis][1][child] = bounds.upper[axis];
+                }
+            }
+        });
+    }
+}
+
+/// `RTCCreateLeafFunction`.
+pub(crate) unsafe extern "C" fn create_leaf(
+    allocator: ffi::RTCThreadLocalAllocator,
+    primitives: *const ffi::RTCBuildPrimitive,
+    count: usize,
+    user: *mut c_void,
+) -> *mut c_void {
+    // SAFETY: Embree hands back our context, its allocator and `count` primitives; the room is large
+    // enough and aligned for the blocks written.
+    unsafe {
+        guarded(user, std::ptr::null_mut(), |context| {
+            if count == 0 {
+                return NodeRef::EMPTY.into_raw();
+            }
+            let primitives = std::slice::from_raw_parts(primitives, count);
+            let blocks = count.div_ceil(BLOCK);
+            assert!(
+                blocks <= LEAF_BLOCKS_MAX,
+                "Embree made a leaf of {count} triangles"
+            );
+            let Some(room) = context.allocate::<Block>(allocator, blocks) else {
+                return std::ptr::null_mut();
+            };
+            for (index, four) in primitives.chunks(BLOCK).enumerate() {
+                let numbers = four.iter().map(|primitive| primitive.primID);
+                room.add(index)
+                    .write(Block::new(numbers, context.triangles, context.watertight));
+            }
+            NodeRef::to_leaf(room, blocks).into_raw()
+        })
+    }
+}
+
+/// `RTCSplitPrimitiveFunction`.
+pub(crate) unsafe extern "C" fn split_primitive(
+    primitive: *const ffi::RTCBuildPrimitive,
+    dimension: u32,
+    position: f32,
+    left: *mut ffi::RTCBounds,
+    right: *mut ffi::RTCBounds,
+    user: *mut c_void,
+) {
+    // SAFETY: Embree hands back our context, one of our primitives and two boxes to write.
+    unsafe {
+        guarded(user, (), |context| {
+            let primitive = &*primitive;
+            let within = Bounds {
+                lower: [primitive.lower_x, primitive.lower_y, primitive.lower_z],
+                upper: [primitive.upper_x, primitive.upper_y, primitive.upper_z],
+            };
+            let corners = context.triangles.corners(primitive.primID as usize);
+            let (lower, upper) = split(&corners, &within, dimension as usize, position);
+            left.write(to_embree(&lower));
+            right.write(to_embree(&upper));
+        });
+    }
+}
+
+fn from_embree(bounds: &ffi::RTCBounds) -> Bounds {
+    Bounds {
+        lower: [bounds.lower_x, bounds.lower_y, bounds.lower_z],
+        upper: [bounds.upper_x, bounds.upper_y, bounds.upper_z],
+    }
+}
+
+fn to_embree(bounds: &Bounds) -> ffi::RTCBounds {
+    let ([lower_x, lower_y, lower_z], [upper_x, upper_y, upper_z]) = (bounds.lower, bounds.upper);
+    ffi::RTCBounds {
+        lower_x,
+        lower_y,
+        lower_z,
+        align0: 0.0,
+        upper_x,
+        upper_y,
+        upper_z,
+        align1: 0.0,
+    }
+}

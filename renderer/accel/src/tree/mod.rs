@@ -1,0 +1,97 @@
+//! The tunable tree: built by Embree's `rtcBuildBVH`, kept in our own layout, walked by our own kernels.
+
+pub(crate) mod layout;
+
+mod build;
+mod callbacks;
+mod split;
+mod statistics;
+mod validate;
+mod walk;
+
+use std::sync::Arc;
+
+pub use statistics::TreeStatistics;
+pub use validate::TreeFault;
+
+use crate::embree::{Device, ffi};
+use crate::geometry::{Hit, Intersector, Ray, Triangles};
+use crate::parameters::TreeParameters;
+use crate::traverse::{Isa, Kernels};
+use layout::{Bounds, NodeRef};
+
+/// A tree over triangles, with the kernels that fit it and this machine.
+#[derive(Debug)]
+pub struct Tree {
+    root: Root,
+    kernels: Kernels,
+    isa: Isa,
+    parameters: TreeParameters,
+    triangles: Arc<Triangles>,
+    /// Owns every node and leaf.
+    _memory: Memory,
+}
+
+/// Where a ray begins, and the box of everything.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Root {
+    pub(crate) node: NodeRef,
+    pub(crate) bounds: Bounds,
+}
+
+/// Embree's `RTCBVH`: the memory of the tree. The device outlives it.
+#[derive(Debug)]
+struct Memory {
+    handle: ffi::RTCBVH,
+    _device: Device,
+}
+
+impl Drop for Memory {
+    fn drop(&mut self) {
+        // SAFETY: the handle is valid and ours, and no reference into its nodes outlives the tree.
+        unsafe { ffi::rtcReleaseBVH(self.handle) };
+    }
+}
+
+// SAFETY: after the build nobody writes to the nodes, and Embree allows release from any thread.
+unsafe impl Send for Tree {}
+// SAFETY: as above.
+unsafe impl Sync for Tree {}
+
+impl Tree {
+    /// The parameters it was built with.
+    pub fn parameters(&self) -> &TreeParameters {
+        &self.parameters
+    }
+
+    /// The instruction set its kernels use.
+    pub fn isa(&self) -> Isa {
+        self.isa
+    }
+
+    /// The same tree walked by another instruction set's kernels, or `None` if the processor lacks it.
+    /// For tests and measurements.
+    pub fn with_isa(mut self, isa: Isa) -> Option<Self> {
+        self.kernels = Kernels::select(
+            isa,
+            self.parameters.branching_factor,
+            self.parameters.robust,
+        )?;
+        self.isa = isa;
+        Some(self)
+    }
+}
+
+impl Intersector for Tree {
+    #[inline]
+    fn closest(&self, ray: &Ray) -> Option<Hit> {
+        // SAFETY: the kernels were selected for this tree's width and blocks and for this processor.
+        unsafe { (self.kernels.closest)(&self.root, ray) }
+    }
+
+    #[inline]
+    fn occluded(&self, ray: &Ray) -> bool {
+        // SAFETY: as above.
+        unsafe { (self.kernels.occluded)(&self.root, ray) }
+    }
+}

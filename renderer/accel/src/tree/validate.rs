@@ -1,0 +1,107 @@
+//! Is the tree right? Checked triangle by triangle, for tests and for doubt.
+
+use super::Tree;
+use super::layout::Bounds;
+use super::walk::Met;
+use crate::parameters::Quality;
+
+/// What is wrong with a tree.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum TreeFault {
+    /// A child's box sticks out of its parent's.
+    #[error("at depth {depth} a child's box sticks out of its parent's")]
+    ChildOutside {
+        /// Depth of the parent.
+        depth: u32,
+    },
+    /// A leaf is deeper than allowed.
+    #[error("a leaf lies at depth {depth}, the limit is {limit}")]
+    TooDeep {
+        /// Depth of the leaf.
+        depth: u32,
+        /// The limit.
+        limit: u32,
+    },
+    /// A leaf holds more triangles than allowed, or none.
+    #[error("a leaf holds {triangles} triangles, the limit is {limit}")]
+    LeafSize {
+        /// Triangles in the leaf.
+        triangles: usize,
+        /// The limit.
+        limit: u32,
+    },
+    /// A triangle is in no leaf, or in several of a tree without splits.
+    #[error("triangle {triangle} is in {leaves} leaves")]
+    References {
+        /// Its number.
+        triangle: usize,
+        /// Leaves that hold it.
+        leaves: u32,
+    },
+    /// The boxes of the leaves that hold a triangle do not cover it.
+    #[error("the leaves of triangle {triangle} do not cover it")]
+    NotCovered {
+        /// Its number.
+        triangle: usize,
+    },
+}
+
+impl Tree {
+    /// Checks that boxes contain their children, that every triangle is found in exactly one leaf (at
+    /// least one where the builder splits) whose box covers it, and that depth and leaf sizes keep their limits.
+    pub fn validate(&self) -> Result<(), TreeFault> {
+        let mut fault = None;
+        let mut leaves_of = vec![0u32; self.triangles.len()];
+        let mut covered_by = vec![Bounds::EMPTY; self.triangles.len()];
+        let parameters = &self.parameters;
+        self.walk(|met| match met {
+            Met::Node {
+                bounds,
+                depth,
+                children,
+                ..
+            } => {
+                if !children.iter().all(|child| bounds.contains(child)) {
+                    fault.get_or_insert(TreeFault::ChildOutside { depth });
+                }
+            }
+            Met::Leaf {
+                bounds,
+                depth,
+                blocks,
+            } => {
+                let numbers: Vec<u32> = blocks
+                    .iter()
+                    .flat_map(super::layout::Block::numbers)
+                    .collect();
+                if depth > parameters.max_depth {
+                    fault.get_or_insert(TreeFault::TooDeep {
+                        depth,
+                        limit: parameters.max_depth,
+                    });
+                }
+                if numbers.is_empty() || numbers.len() > parameters.max_leaf_size as usize {
+                    let limit = parameters.max_leaf_size;
+                    fault.get_or_insert(TreeFault::LeafSize {
+                        triangles: numbers.len(),
+                        limit,
+                    });
+                }
+                for number in numbers {
+                    leaves_of[number as usize] += 1;
+                    covered_by[number as usize] = covered_by[number as usize].union(bounds);
+                }
+            }
+        });
+        for (triangle, &leaves) in leaves_of.iter().enumerate() {
+            if leaves == 0 || (leaves > 1 && parameters.quality != Quality::SahSplit) {
+                fault.get_or_insert(TreeFault::References { triangle, leaves });
+            } else if !covered_by[triangle]
+                .contains(&Bounds::of_corners(&self.triangles.corners(triangle)))
+            {
+                fault.get_or_insert(TreeFault::NotCovered { triangle });
+            }
+        }
+        fault.map_or(Ok(()), Err)
+    }
+}
