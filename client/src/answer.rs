@@ -1,0 +1,86 @@
+//! Getting an answer within a deadline, whichever way it is asked for.
+//!
+//! An answer arrives through a one-shot channel that is made with the question. A caller whose deadline
+//! passes keeps the channel; the next call for the same state takes the answer from it. If nobody
+//! wants it any more the channel is dropped, the answer with it, and a dropped suggestion gives its trial
+//! back. So a late answer is used or given back, and cannot be taken for the answer to a later question.
+
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use tokio::sync::oneshot;
+use tokio::sync::oneshot::error::TryRecvError;
+use tokio::time::Instant;
+
+use crate::study::Shared;
+use crate::{ClientError, Indicators, Suggestion};
+
+/// What comes back for one question.
+pub(crate) type Answer = Result<Suggestion, ClientError>;
+
+/// A question that was asked and not answered in time.
+#[derive(Debug)]
+pub(crate) struct Outstanding {
+    indicators: Indicators,
+    answer: oneshot::Receiver<Answer>,
+}
+
+/// Answers within the deadline: with the late answer to an earlier question about the same state, with
+/// the answer to a new question, or with the fallback.
+///
+/// `ask` sends the question. It is dropped, with what it holds, as soon as it is clear that it is not needed.
+pub(crate) async fn within_deadline(
+    shared: &Arc<Shared>,
+    outstanding: &mut Option<Outstanding>,
+    indicators: &Indicators,
+    ask: impl FnOnce() -> oneshot::Receiver<Answer>,
+) -> Suggestion {
+    let limit = shared.core.options.deadline;
+    let deadline = Instant::now() + limit;
+    if let Err(problem) = shared.spec.check_indicators(indicators) {
+        return shared.fall_back(Arc::new(problem));
+    }
+    let mut earlier = outstanding
+        .take()
+        .filter(|earlier| shared.spec.same_state(&earlier.indicators, indicators));
+    if let Some(one) = &mut earlier {
+        match one.answer.try_recv() {
+            Ok(Ok(suggestion)) if suggestion.lease_is_live(SystemTime::now()) => {
+                return shared.deliver(suggestion);
+            }
+            Ok(_) | Err(TryRecvError::Closed) => earlier = None,
+            Err(TryRecvError::Empty) => {}
+        }
+    }
+    if let Some(problem) = shared.problem() {
+        *outstanding = earlier;
+        return shared.fall_back(problem);
+    }
+    let mut question = match earlier {
+        Some(earlier) => {
+            drop(ask);
+            earlier
+        }
+        None => Outstanding {
+            indicators: indicators.clone(),
+            answer: ask(),
+        },
+    };
+    match tokio::time::timeout_at(deadline, &mut question.answer).await {
+        Ok(Ok(Ok(suggestion))) => shared.deliver(suggestion),
+        Ok(Ok(Err(problem))) => shared.fall_back(Arc::new(problem)),
+        Ok(Err(_closed)) => {
+            let reason = "the connection ended before the answer came".to_owned();
+            shared.fall_back(Arc::new(ClientError::Away {
+                url: shared.core.url.clone(),
+                reason,
+            }))
+        }
+        Err(_elapsed) => {
+            let problem = Arc::new(shared.core.late("Suggest", limit));
+            shared.core.link.failure(Arc::clone(&problem));
+            *outstanding = Some(question);
+            shared.fall_back(problem)
+        }
+    }
+}

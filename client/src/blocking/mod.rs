@@ -1,0 +1,232 @@
+//! The same client for programs without a tokio runtime: calls return when they are done.
+//!
+//! One thread drives the network, the outbox and the timers; calls wait on the caller's own thread. What the
+//! asynchronous client never lets block ([`crate::Suggestion::report`], dropping a suggestion) does not block here.
+//!
+//! When the client and its last study are dropped, queued reports are sent for at most two more seconds.
+
+mod runtime;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use runtime::RuntimeThread;
+
+use crate::{
+    Best, ClientError, Finished, Indicators, Options, PolicyChange, Prediction, Stats, Status,
+    StudyRecord, StudySpec, Suggestion, TrialQuery, TrialRecord,
+};
+
+/// See [`crate::Client`]. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Client {
+    // Dropped before the thread, whose end waits for the outbox.
+    client: crate::Client,
+    thread: Arc<RuntimeThread>,
+}
+
+impl Client {
+    /// Makes a client with a thread of its own; see [`crate::Client::connect`].
+    ///
+    /// Errors: [`ClientError::BadUrl`], [`ClientError::Invalid`]; [`ClientError::NoRuntime`] when the thread cannot be started.
+    pub fn connect(url: &str, options: Options) -> Result<Self, ClientError> {
+        let thread = RuntimeThread::start()?;
+        let client = thread.run(async || crate::Client::connect(url, options))?;
+        thread.flush_at_the_end(&client);
+        Ok(Self {
+            client,
+            thread: Arc::new(thread),
+        })
+    }
+
+    /// See [`crate::Client::study`]. Errors: as there.
+    pub fn study(&self, id: &str, spec: StudySpec) -> Result<Study, ClientError> {
+        Ok(self.wrap(
+            self.thread
+                .run(async || self.client.study(id, spec).await)?,
+        ))
+    }
+
+    /// See [`crate::Client::existing_study`]. Errors: as there.
+    pub fn existing_study(&self, id: &str) -> Result<Study, ClientError> {
+        Ok(self.wrap(
+            self.thread
+                .run(async || self.client.existing_study(id).await)?,
+        ))
+    }
+
+    /// See [`crate::Client::url`].
+    #[must_use]
+    pub fn url(&self) -> &str {
+        self.client.url()
+    }
+
+    /// See [`crate::Client::status`].
+    #[must_use]
+    pub fn status(&self) -> Status {
+        self.client.status()
+    }
+
+    /// See [`crate::Client::stats`].
+    #[must_use]
+    pub fn stats(&self) -> Stats {
+        self.client.stats()
+    }
+
+    /// See [`crate::Client::flush`]. Errors: as there.
+    pub fn flush(&self, deadline: Duration) -> Result<(), ClientError> {
+        self.thread.run(async || self.client.flush(deadline).await)
+    }
+
+    /// See [`crate::Client::ping`]. Errors: as there.
+    pub fn ping(&self) -> Result<Duration, ClientError> {
+        self.thread.run(async || self.client.ping().await)
+    }
+
+    /// See [`crate::Client::list_studies`]. Errors: as there.
+    pub fn list_studies(&self) -> Result<Vec<StudyRecord>, ClientError> {
+        self.thread.run(async || self.client.list_studies().await)
+    }
+
+    /// See [`crate::Client::get_study`]. Errors: as there.
+    pub fn get_study(&self, id: &str) -> Result<StudyRecord, ClientError> {
+        self.thread.run(async || self.client.get_study(id).await)
+    }
+
+    /// See [`crate::Client::update_policy`]. Errors: as there.
+    pub fn update_policy(
+        &self,
+        id: &str,
+        change: &PolicyChange,
+    ) -> Result<StudyRecord, ClientError> {
+        self.thread
+            .run(async || self.client.update_policy(id, change).await)
+    }
+
+    /// See [`crate::Client::delete_study`]. Errors: as there.
+    pub fn delete_study(&self, id: &str) -> Result<(), ClientError> {
+        self.thread.run(async || self.client.delete_study(id).await)
+    }
+
+    /// Reads trials one after the other; pages are fetched as they are needed. See [`crate::Client::trials`].
+    #[must_use]
+    pub fn trials(&self, study: &str, query: TrialQuery) -> Trials {
+        Trials {
+            pages: Some(self.client.trials(study, query)),
+            thread: Arc::clone(&self.thread),
+        }
+    }
+
+    /// See [`crate::Client::predict`]. Errors: as there.
+    pub fn predict(&self, study: &str, indicators: &Indicators) -> Result<Prediction, ClientError> {
+        self.thread
+            .run(async || self.client.predict(study, indicators).await)
+    }
+
+    /// See [`crate::Client::best`]. Errors: as there.
+    pub fn best(&self, study: &str, indicators: &Indicators) -> Result<Best, ClientError> {
+        self.thread
+            .run(async || self.client.best(study, indicators).await)
+    }
+
+    /// See [`Suggestion::extend_lease`]. Errors: as there.
+    pub fn extend_lease(&self, suggestion: &mut Suggestion) -> Result<(), ClientError> {
+        self.thread.run(async || suggestion.extend_lease().await)
+    }
+
+    fn wrap(&self, study: crate::Study) -> Study {
+        Study {
+            study,
+            thread: Arc::clone(&self.thread),
+        }
+    }
+}
+
+/// See [`crate::Study`]. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Study {
+    study: crate::Study,
+    thread: Arc<RuntimeThread>,
+}
+
+impl Study {
+    /// See [`crate::Study::name`].
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.study.name()
+    }
+
+    /// See [`crate::Study::spec`].
+    #[must_use]
+    pub fn spec(&self) -> &StudySpec {
+        self.study.spec()
+    }
+
+    /// See [`crate::Study::suggest`]: answers within the deadline, whatever happens.
+    pub fn suggest(&self, indicators: &Indicators) -> Suggestion {
+        self.thread
+            .run(async || self.study.suggest(indicators).await)
+    }
+
+    /// See [`crate::Study::tuner`].
+    #[must_use]
+    pub fn tuner(&self) -> Tuner {
+        let tuner = self.thread.run(async || self.study.tuner());
+        Tuner {
+            tuner,
+            thread: Arc::clone(&self.thread),
+        }
+    }
+
+    /// See [`crate::Study::predict`]. Errors: as there.
+    pub fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {
+        self.thread
+            .run(async || self.study.predict(indicators).await)
+    }
+
+    /// See [`crate::Study::best`]. Errors: as there.
+    pub fn best(&self, indicators: &Indicators) -> Result<Best, ClientError> {
+        self.thread.run(async || self.study.best(indicators).await)
+    }
+
+    /// See [`crate::Study::record`]. Errors: as there.
+    pub fn record(&self) -> Result<StudyRecord, ClientError> {
+        self.thread.run(async || self.study.record().await)
+    }
+}
+
+/// See [`crate::Tuner`].
+#[derive(Debug)]
+pub struct Tuner {
+    tuner: crate::Tuner,
+    thread: Arc<RuntimeThread>,
+}
+
+impl Tuner {
+    /// See [`crate::Tuner::next`]: answers within the deadline, whatever happens.
+    pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
+        let tuner = &mut self.tuner;
+        self.thread
+            .run(async move || tuner.next(indicators, previous).await)
+    }
+}
+
+/// Trials one after the other. Ends after the first error.
+#[derive(Debug)]
+pub struct Trials {
+    pages: Option<crate::TrialPages>,
+    thread: Arc<RuntimeThread>,
+}
+
+impl Iterator for Trials {
+    type Item = Result<TrialRecord, ClientError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let pages = self.pages.as_mut()?;
+        let next = self.thread.run(async || pages.next().await).transpose();
+        if !matches!(next, Some(Ok(_))) {
+            self.pages = None;
+        }
+        next
+    }
+}

@@ -1,0 +1,337 @@
+//! The client: one connection, the studies on it, and everything that is not part of a frame.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use treewright_proto::v1;
+
+use crate::core::Core;
+use crate::link::Status;
+use crate::pages::{TrialPages, TrialQuery};
+use crate::{
+    Best, ClientError, Indicators, Options, PolicyChange, Prediction, Stats, Study, StudyRecord,
+    StudySpec, TrialRecord, delivery, limits, wire,
+};
+
+/// A connection to the tuning service. Cheap to clone; clones share the connection, the outbox and the counts.
+///
+/// Needs a tokio runtime; [`crate::blocking::Client`] does not. After the last handle is dropped, queued
+/// reports are still sent for two seconds, as long as the runtime lives.
+#[derive(Debug, Clone)]
+pub struct Client {
+    pub(crate) core: Arc<Core>,
+    last_handle: Arc<LastHandle>,
+}
+
+/// Shared by the client and its studies; dropped with the last of them.
+#[derive(Debug)]
+pub(crate) struct LastHandle {
+    core: Arc<Core>,
+}
+
+impl Drop for LastHandle {
+    fn drop(&mut self) {
+        self.core.outbox.close();
+    }
+}
+
+impl Client {
+    /// Makes a client. It begins to connect in the background and does not wait for that: an absent
+    /// daemon is no error but shows in [`Client::status`].
+    ///
+    /// Errors: [`ClientError::BadUrl`]; [`ClientError::Invalid`] for an option out of range;
+    /// [`ClientError::NoRuntime`] outside a tokio runtime.
+    pub fn connect(url: &str, options: Options) -> Result<Self, ClientError> {
+        let runtime =
+            tokio::runtime::Handle::try_current().map_err(|error| ClientError::NoRuntime {
+                reason: error.to_string(),
+            })?;
+        let core = Arc::new(Core::new(url, options)?);
+        runtime.spawn(delivery::run(Arc::clone(&core)));
+        let probing = Arc::clone(&core);
+        runtime.spawn(async move {
+            let probe = || probing.probe(limits::PROBE);
+            tokio::select! {
+                () = probing.link.keep_probing(probing.back_off(), probe) => {}
+                // Delivery ends at most so long after closing, and until then wants to know of the daemon's return.
+                () = async {
+                    probing.outbox.closing().await;
+                    tokio::time::sleep(limits::FLUSH_ON_DROP).await;
+                } => {}
+            }
+        });
+        let last_handle = Arc::new(LastHandle {
+            core: Arc::clone(&core),
+        });
+        Ok(Self { core, last_handle })
+    }
+
+    /// Creates the study, or finds the equal one that is stored under this id.
+    ///
+    /// An absent daemon is no error: the study is then created in the background as soon as the daemon is
+    /// there, and suggestions are fallbacks until then.
+    ///
+    /// Errors: [`ClientError::Refused`] when the daemon answers and will not have it, e.g. because the id is taken
+    /// by a different specification; [`ClientError::Malformed`].
+    pub async fn study(&self, id: &str, spec: StudySpec) -> Result<Study, ClientError> {
+        let name = study_name(id);
+        let known = match self.core.create_study(&name, &spec).await {
+            Ok(_) => true,
+            Err(problem) if problem.is_unreachable() => {
+                self.core.counters.note(&problem);
+                false
+            }
+            Err(problem) => return Err(problem),
+        };
+        Ok(Study::new(
+            &self.core,
+            &self.last_handle,
+            &name,
+            spec,
+            known,
+            true,
+        ))
+    }
+
+    /// A study that exists already. It is not created again when it is deleted meanwhile.
+    ///
+    /// Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn existing_study(&self, id: &str) -> Result<Study, ClientError> {
+        let record = self.core.study_record(&study_name(id)).await?;
+        Ok(Study::new(
+            &self.core,
+            &self.last_handle,
+            &record.name,
+            record.spec,
+            true,
+            false,
+        ))
+    }
+
+    /// The address the client was made with.
+    #[must_use]
+    pub fn url(&self) -> &str {
+        &self.core.url
+    }
+
+    /// What is known of the connection at the moment.
+    #[must_use]
+    pub fn status(&self) -> Status {
+        self.core.link.status()
+    }
+
+    /// What became of suggestions and reports so far.
+    #[must_use]
+    pub fn stats(&self) -> Stats {
+        self.core.counters.snapshot(self.core.outbox.waiting())
+    }
+
+    /// Waits until every report is acknowledged or refused for good and every trial is given back.
+    ///
+    /// Errors: [`ClientError::Unflushed`] with the number of those still waiting when the time is up.
+    pub async fn flush(&self, deadline: Duration) -> Result<(), ClientError> {
+        self.core.flush(deadline).await
+    }
+
+    /// Asks the daemon whether it serves; returns how long the answer took.
+    ///
+    /// Errors: [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn ping(&self) -> Result<Duration, ClientError> {
+        let start = Instant::now();
+        self.core.probe(self.core.options.call_deadline).await?;
+        Ok(start.elapsed())
+    }
+
+    /// All studies, by name. Errors: [`ClientError::Away`], [`ClientError::Late`], [`ClientError::Malformed`].
+    pub async fn list_studies(&self) -> Result<Vec<StudyRecord>, ClientError> {
+        let mut studies = Vec::new();
+        let mut page_token = String::new();
+        loop {
+            let request = v1::ListStudiesRequest {
+                page_size: limits::PAGE_SIZE,
+                page_token,
+            };
+            let mut rpc = self.core.rpc();
+            let answer = self
+                .core
+                .admin("ListStudies", rpc.list_studies(request))
+                .await?;
+            for study in answer.studies {
+                studies.push(self.core.read_study("ListStudies", study)?);
+            }
+            page_token = answer.next_page_token;
+            if page_token.is_empty() {
+                return Ok(studies);
+            }
+        }
+    }
+
+    /// A stored study. Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn get_study(&self, id: &str) -> Result<StudyRecord, ClientError> {
+        self.core.study_record(&study_name(id)).await
+    }
+
+    /// Changes a stored study's policy, and nothing else.
+    ///
+    /// Errors: [`ClientError::Invalid`] for a change of nothing or out of range; [`ClientError::Refused`]; [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn update_policy(
+        &self,
+        id: &str,
+        change: &PolicyChange,
+    ) -> Result<StudyRecord, ClientError> {
+        change.set.check()?;
+        let paths = change.paths();
+        if paths.is_empty() {
+            return Err(ClientError::invalid(
+                "policy",
+                "nothing to change; name at least one field",
+            ));
+        }
+        let mut policy = wire::policy_to_wire(&change.set);
+        if change.unpin {
+            policy.pinned = None;
+        }
+        let study = v1::Study {
+            name: study_name(id),
+            policy: Some(policy),
+            ..v1::Study::default()
+        };
+        let request = v1::UpdateStudyRequest {
+            study: Some(study),
+            update_mask: Some(prost_types::FieldMask { paths }),
+        };
+        let mut rpc = self.core.rpc();
+        let study = self
+            .core
+            .admin("UpdateStudy", rpc.update_study(request))
+            .await?;
+        self.core.read_study("UpdateStudy", study)
+    }
+
+    /// Deletes a study with its states, trials and models.
+    ///
+    /// A client that still works on a study that it specified itself creates it anew.
+    /// Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn delete_study(&self, id: &str) -> Result<(), ClientError> {
+        let request = v1::DeleteStudyRequest {
+            name: study_name(id),
+        };
+        let mut rpc = self.core.rpc();
+        self.core
+            .admin("DeleteStudy", rpc.delete_study(request))
+            .await
+    }
+
+    /// Reads trials. Nothing is asked before the first [`TrialPages::next`].
+    #[must_use]
+    pub fn trials(&self, study: &str, query: TrialQuery) -> TrialPages {
+        TrialPages::new(Arc::clone(&self.core), study_name(study), query)
+    }
+
+    /// See [`Study::predict`].
+    ///
+    /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn predict(
+        &self,
+        study: &str,
+        indicators: &Indicators,
+    ) -> Result<Prediction, ClientError> {
+        self.core.predict(&study_name(study), indicators).await
+    }
+
+    /// See [`Study::best`].
+    ///
+    /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn best(&self, study: &str, indicators: &Indicators) -> Result<Best, ClientError> {
+        self.core.best(&study_name(study), indicators).await
+    }
+}
+
+/// Takes an id or a whole resource name.
+fn study_name(id: &str) -> String {
+    if id.starts_with("studies/") {
+        id.to_owned()
+    } else {
+        format!("studies/{id}")
+    }
+}
+
+impl Core {
+    /// A call that is not part of a frame.
+    async fn admin<T>(
+        &self,
+        name: &'static str,
+        rpc: impl Future<Output = Result<tonic::Response<T>, tonic::Status>>,
+    ) -> Result<T, ClientError> {
+        self.call(name, self.options.call_deadline, rpc).await
+    }
+
+    fn read_study(&self, call: &'static str, study: v1::Study) -> Result<StudyRecord, ClientError> {
+        wire::study_from_wire(study).map_err(|problem| self.malformed(call, problem))
+    }
+
+    pub(crate) async fn create_study(
+        &self,
+        name: &str,
+        spec: &StudySpec,
+    ) -> Result<StudyRecord, ClientError> {
+        let study_id = name.strip_prefix("studies/").unwrap_or(name).to_owned();
+        let request = v1::CreateStudyRequest {
+            study_id,
+            study: Some(wire::spec_to_wire(String::new(), spec)),
+        };
+        let mut rpc = self.rpc();
+        let study = self.admin("CreateStudy", rpc.create_study(request)).await?;
+        self.read_study("CreateStudy", study)
+    }
+
+    pub(crate) async fn study_record(&self, name: &str) -> Result<StudyRecord, ClientError> {
+        let mut rpc = self.rpc();
+        let study = self
+            .admin(
+                "GetStudy",
+                rpc.get_study(v1::GetStudyRequest {
+                    name: name.to_owned(),
+                }),
+            )
+            .await?;
+        self.read_study("GetStudy", study)
+    }
+
+    pub(crate) async fn predict(
+        &self,
+        study: &str,
+        indicators: &Indicators,
+    ) -> Result<Prediction, ClientError> {
+        let request = v1::PredictRequest {
+            study: study.to_owned(),
+            indicators: indicators.0.clone(),
+        };
+        let mut rpc = self.rpc();
+        let prediction = self.admin("Predict", rpc.predict(request)).await?;
+        wire::prediction_from_wire(prediction).map_err(|problem| self.malformed("Predict", problem))
+    }
+
+    pub(crate) async fn best(
+        &self,
+        study: &str,
+        indicators: &Indicators,
+    ) -> Result<Best, ClientError> {
+        let request = v1::GetBestRequest {
+            study: study.to_owned(),
+            indicators: indicators.0.clone(),
+        };
+        let mut rpc = self.rpc();
+        let best = self.admin("GetBest", rpc.get_best(request)).await?;
+        wire::best_from_wire(best).map_err(|problem| self.malformed("GetBest", problem))
+    }
+
+    pub(crate) async fn extend_lease(&self, trial: &str) -> Result<TrialRecord, ClientError> {
+        let request = v1::ExtendLeaseRequest {
+            trial: trial.to_owned(),
+        };
+        let mut rpc = self.rpc();
+        let trial = self.admin("ExtendLease", rpc.extend_lease(request)).await?;
+        wire::trial_from_wire(trial).map_err(|problem| self.malformed("ExtendLease", problem))
+    }
+}

@@ -1,0 +1,224 @@
+//! What all handles of one client share: the channel, the state of the connection, the outbox, the counts.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tonic::transport::{Channel, Endpoint};
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_check_response::ServingStatus;
+use tonic_health::pb::health_client::HealthClient;
+use treewright_proto::v1::tuning_service_client::TuningServiceClient;
+
+use crate::back_off::BackOff;
+use crate::link::Link;
+use crate::outbox::{Lost, Outbox};
+use crate::stats::Counters;
+use crate::{ClientError, Options, limits, wire};
+
+/// Shared by a client, its studies and their suggestions.
+#[derive(Debug)]
+pub(crate) struct Core {
+    pub(crate) url: String,
+    pub(crate) options: Options,
+    pub(crate) link: Link,
+    pub(crate) outbox: Arc<Outbox>,
+    pub(crate) counters: Counters,
+    channel: Channel,
+}
+
+impl Core {
+    /// Makes the channel without connecting it. Must run inside a tokio runtime.
+    pub(crate) fn new(url: &str, options: Options) -> Result<Self, ClientError> {
+        options.check()?;
+        let endpoint = endpoint(url)?
+            .connect_timeout(limits::CONNECT)
+            .tcp_nodelay(true)
+            .http2_keep_alive_interval(Duration::from_secs(10))
+            .keep_alive_timeout(Duration::from_secs(5));
+        Ok(Self {
+            url: url.to_owned(),
+            link: Link::new(),
+            outbox: Arc::new(Outbox::new(options.queue)),
+            counters: Counters::default(),
+            channel: endpoint.connect_lazy(),
+            options,
+        })
+    }
+
+    /// The generated client, on the shared connection.
+    pub(crate) fn rpc(&self) -> TuningServiceClient<Channel> {
+        TuningServiceClient::new(self.channel.clone())
+            .max_decoding_message_size(limits::ANSWER_BYTES)
+    }
+
+    pub(crate) fn back_off(&self) -> BackOff {
+        BackOff::new(&self.options)
+    }
+
+    /// Makes one call within a time limit and learns from it whether the daemon is there.
+    pub(crate) async fn call<T>(
+        &self,
+        name: &'static str,
+        limit: Duration,
+        rpc: impl Future<Output = Result<tonic::Response<T>, tonic::Status>>,
+    ) -> Result<T, ClientError> {
+        let result = match tokio::time::timeout(limit, rpc).await {
+            Ok(Ok(response)) => Ok(response.into_inner()),
+            Ok(Err(status)) => Err(ClientError::from_status(&self.url, name, &status)),
+            Err(_) => Err(self.late(name, limit)),
+        };
+        match &result {
+            Err(problem) if problem.is_unreachable() => {
+                self.link.failure(Arc::new(problem.clone()))
+            }
+            Ok(_) | Err(_) => self.link.success(),
+        }
+        result
+    }
+
+    /// Asks the daemon's health service whether it serves.
+    pub(crate) async fn probe(&self, limit: Duration) -> Result<(), ClientError> {
+        let request = HealthCheckRequest {
+            service: String::new(),
+        };
+        let mut client = HealthClient::new(self.channel.clone());
+        match tokio::time::timeout(limit, client.check(request)).await {
+            Ok(Ok(response)) if response.get_ref().status() == ServingStatus::Serving => Ok(()),
+            Ok(Ok(_)) => Err(ClientError::Away {
+                url: self.url.clone(),
+                reason: "it is not serving at the moment".into(),
+            }),
+            Ok(Err(status)) => match ClientError::from_status(&self.url, "Check", &status) {
+                // Somebody answers, without a health service: that is good enough to ask the real thing.
+                ClientError::Refused {
+                    code: tonic::Code::Unimplemented,
+                    ..
+                } => Ok(()),
+                problem => Err(problem),
+            },
+            Err(_) => Err(self.late("Check", limit)),
+        }
+    }
+
+    pub(crate) fn late(&self, call: &'static str, deadline: Duration) -> ClientError {
+        ClientError::Late {
+            url: self.url.clone(),
+            call,
+            deadline,
+        }
+    }
+
+    pub(crate) fn malformed(&self, call: &'static str, problem: wire::Problem) -> ClientError {
+        let problem = ClientError::Malformed { call, problem };
+        self.counters.note(&problem);
+        problem
+    }
+
+    /// Counts what the outbox lost.
+    pub(crate) fn count_lost(&self, lost: Lost) {
+        self.counters.dropped.add(lost.reports);
+        self.counters.abandons_dropped.add(lost.abandons);
+        if lost.reports > 0 {
+            self.counters.note(format!(
+                "{} report(s) were dropped, because the queue is full or closed",
+                lost.reports
+            ));
+        }
+    }
+
+    /// Waits until every report is acknowledged or refused.
+    pub(crate) async fn flush(&self, deadline: Duration) -> Result<(), ClientError> {
+        let quiet = tokio::time::timeout(deadline, self.outbox.wait_until_quiet()).await;
+        let waiting = self.outbox.waiting();
+        if quiet.is_ok() || waiting == 0 {
+            return Ok(());
+        }
+        let last = self
+            .link
+            .problem()
+            .map(|problem| problem.to_string())
+            .or_else(|| self.counters.last_error());
+        Err(ClientError::Unflushed {
+            waiting,
+            deadline,
+            last: last.unwrap_or_else(|| "none".into()),
+        })
+    }
+}
+
+/// Checks more than the HTTP library does, which takes any word for an address.
+fn endpoint(url: &str) -> Result<Endpoint, ClientError> {
+    let bad = |reason: String| ClientError::BadUrl {
+        url: url.to_owned(),
+        reason,
+    };
+    let Some(rest) = url.strip_prefix("http://") else {
+        let https = url.starts_with("https://");
+        let reason = if https {
+            "this build has no TLS, so it must begin with http://"
+        } else {
+            "it does not begin with http://"
+        };
+        return Err(bad(reason.into()));
+    };
+    if rest.is_empty() || rest.starts_with(['/', ':']) {
+        return Err(bad("it names no host".into()));
+    }
+    let endpoint = Endpoint::from_shared(url.to_owned())
+        .map_err(|error| bad(crate::error::innermost(&error)))?;
+    let uri = endpoint.uri();
+    let port_is_missing_or_fits = uri
+        .authority()
+        .is_some_and(|all| !all.as_str().ends_with(':'))
+        && {
+            let after_host = uri.authority().map_or("", |all| {
+                &all.as_str()[all.as_str().rfind(']').unwrap_or(0)..]
+            });
+            after_host
+                .rsplit_once(':')
+                .is_none_or(|(_, port)| port.parse::<u16>().is_ok())
+        };
+    if !port_is_missing_or_fits {
+        return Err(bad("its port is not a number from 1 to 65535".into()));
+    }
+    if !matches!(uri.path(), "" | "/") {
+        return Err(bad(format!(
+            "the path `{}` has no meaning here",
+            uri.path()
+        )));
+    }
+    Ok(endpoint)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_checked() {
+        for good in [
+            "http://127.0.0.1:50611",
+            "http://[::1]:50611/",
+            "http://render-farm",
+        ] {
+            assert!(endpoint(good).is_ok(), "{good}");
+        }
+        for bad in [
+            "",
+            "here",
+            "http://",
+            "http://:50611",
+            "https://x",
+            "http://x:99999",
+            "http://x:",
+            "http://a b",
+            "http://x/y",
+        ] {
+            let error = endpoint(bad).err().map(|error| error.to_string());
+            assert!(
+                error.is_some_and(|text| text.contains("http://127.0.0.1:50611")),
+                "{bad}"
+            );
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! What can go wrong, as one small enum. Each message names the cause and the remedy, because it is
+//! mostly read in a renderer's log by somebody who does not know this service.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Why a call did not succeed.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum ClientError {
+    /// The daemon's address is not a URL that can be connected to.
+    #[error(
+        "`{url}` is not an address of a daemon: {reason}; write it like http://127.0.0.1:50611"
+    )]
+    BadUrl {
+        /// As given by the caller.
+        url: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+
+    /// The asynchronous client was used outside a tokio runtime, or its thread could not be started.
+    #[error(
+        "no tokio runtime: {reason}; use `treewright_client::blocking` in programs without one"
+    )]
+    NoRuntime {
+        /// What was missing.
+        reason: String,
+    },
+
+    /// Nobody answers at the address.
+    #[error(
+        "no daemon answers at {url} ({reason}); start one with `treewrightd serve --listen ADDRESS --database FILE`, \
+         or point the client at a running one"
+    )]
+    Away {
+        /// Where the daemon was expected.
+        url: String,
+        /// What the network said.
+        reason: String,
+    },
+
+    /// The daemon took longer than the caller may wait.
+    #[error(
+        "the daemon at {url} did not answer {call} within {} ms; allow a longer deadline, or look at the daemon's load",
+        deadline.as_millis()
+    )]
+    Late {
+        /// Where the daemon was asked.
+        url: String,
+        /// What was asked.
+        call: &'static str,
+        /// How long was waited.
+        deadline: Duration,
+    },
+
+    /// The daemon answered that it will not do it.
+    #[error("the daemon refused {call}: {message} ({code:?})")]
+    Refused {
+        /// What was asked.
+        call: &'static str,
+        /// The canonical gRPC code.
+        code: tonic::Code,
+        /// The daemon's words.
+        message: String,
+    },
+
+    /// The daemon's answer does not follow the wire contract.
+    #[error(
+        "the daemon's answer to {call} makes no sense: {problem}; client and daemon may be of different versions"
+    )]
+    Malformed {
+        /// What was asked.
+        call: &'static str,
+        /// What was found.
+        problem: String,
+    },
+
+    /// Something the caller handed in is wrong; nothing was sent.
+    #[error("{what}: {problem}")]
+    Invalid {
+        /// The offending thing, e.g. `parameter max_depth`.
+        what: String,
+        /// What is wrong with it and what would be right.
+        problem: String,
+    },
+
+    /// A configuration was asked for a value that it does not have, or has with another type.
+    #[error("the configuration has no {wanted} named `{name}`: found {found}")]
+    NoSuchValue {
+        /// The name asked for.
+        name: String,
+        /// The type asked for.
+        wanted: &'static str,
+        /// What there is instead.
+        found: String,
+    },
+
+    /// Reports were still waiting when the time for sending them was up.
+    #[error("{waiting} report(s) are not acknowledged after {} ms; the last problem was: {last}", deadline.as_millis())]
+    Unflushed {
+        /// Reports and abandoned trials not yet acknowledged.
+        waiting: usize,
+        /// How long was waited.
+        deadline: Duration,
+        /// The most recent error, or `none`.
+        last: String,
+    },
+
+    /// Too much is under way already.
+    #[error("{what}: the limit of {limit} is reached; try again when some of it is done")]
+    Busy {
+        /// What there is too much of.
+        what: &'static str,
+        /// The limit.
+        limit: usize,
+    },
+}
+
+/// An error that several handles share.
+pub type SharedError = Arc<ClientError>;
+
+impl ClientError {
+    /// Whether the daemon could not be reached in time, so that trying again later makes sense.
+    #[must_use]
+    pub fn is_unreachable(&self) -> bool {
+        matches!(self, Self::Away { .. } | Self::Late { .. })
+    }
+
+    /// Whether the daemon said that the thing does not exist.
+    #[must_use]
+    pub fn is_not_found(&self) -> bool {
+        matches!(
+            self,
+            Self::Refused {
+                code: tonic::Code::NotFound,
+                ..
+            }
+        )
+    }
+
+    pub(crate) fn invalid(what: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self::Invalid {
+            what: what.into(),
+            problem: problem.into(),
+        }
+    }
+
+    /// Sorts a gRPC status into "nobody there", "too late" and "refused".
+    pub(crate) fn from_status(url: &str, call: &'static str, status: &tonic::Status) -> Self {
+        use tonic::Code;
+        let away = |reason: String| Self::Away {
+            url: url.to_owned(),
+            reason,
+        };
+        // A status with a source was made on this side, out of a fault of the connection.
+        if let Some(source) = std::error::Error::source(status) {
+            return away(innermost(source));
+        }
+        match status.code() {
+            Code::Unavailable => away(status.message().to_owned()),
+            Code::DeadlineExceeded | Code::Cancelled => {
+                away(format!("{:?}: {}", status.code(), status.message()))
+            }
+            code => Self::Refused {
+                call,
+                code,
+                message: status.message().to_owned(),
+            },
+        }
+    }
+}
+
+/// The message at the bottom of a chain of errors, which is the one that says something.
+pub(crate) fn innermost(error: &dyn std::error::Error) -> String {
+    let mut error = error;
+    while let Some(source) = error.source() {
+        error = source;
+    }
+    error.to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn statuses_are_sorted_by_what_can_be_done_about_them() {
+        let error =
+            |status: tonic::Status| ClientError::from_status("http://x", "Suggest", &status);
+        assert!(error(tonic::Status::unavailable("draining")).is_unreachable());
+        assert!(error(tonic::Status::not_found("studies/x")).is_not_found());
+        let refused = error(tonic::Status::invalid_argument("indicator a is not finite"));
+        assert!(!refused.is_unreachable());
+        assert_eq!(
+            refused.to_string(),
+            "the daemon refused Suggest: indicator a is not finite (InvalidArgument)"
+        );
+    }
+
+    #[test]
+    fn an_absent_daemon_is_named_with_the_remedy() {
+        let text = ClientError::Away {
+            url: "http://127.0.0.1:1".into(),
+            reason: "Connection refused".into(),
+        }
+        .to_string();
+        assert!(
+            text.contains("http://127.0.0.1:1")
+                && text.contains("Connection refused")
+                && text.contains("treewrightd serve")
+        );
+    }
+}

@@ -1,0 +1,59 @@
+//! Every limit of the client, in one place. The service has limits of its own; those that can be
+//! checked before anything is sent are repeated here, so that a mistake is found where it is made.
+
+use std::time::Duration;
+
+/// Parameters of one space (the wire contract's limit).
+pub const PARAMETERS: usize = 128;
+/// Constraints of one space (the wire contract's limit).
+pub const CONSTRAINTS: usize = 64;
+/// Values of one categorical parameter (the wire contract's limit).
+pub const CATEGORICAL_VALUES: usize = 64;
+/// Terms of one objective (the wire contract's limit).
+pub const OBJECTIVE_TERMS: usize = 16;
+/// Measurements of one report (the wire contract's limit).
+pub const MEASUREMENTS: usize = 64;
+/// Indicators of one study. The contract sets no number; this one keeps a request small.
+pub const INDICATORS: usize = 256;
+/// Pieces of software in one fingerprint (the wire contract's limit).
+pub const SOFTWARE: usize = 32;
+/// Bytes of a parameter's, indicator's or metric's name (the wire contract's limit).
+pub const NAME_BYTES: usize = 64;
+/// Characters of a reason that a client gives for people; longer ones are cut (the wire contract's limit).
+pub const REASON_CHARACTERS: usize = 1000;
+/// Characters of a client id (the wire contract's limit).
+pub const CLIENT_ID_CHARACTERS: usize = 128;
+/// Characters of a study's display name (the wire contract's limit).
+pub const DISPLAY_NAME_CHARACTERS: usize = 200;
+/// Integers beyond this magnitude are not exact in every program that reads them (the wire contract's limit).
+pub const INTEGER_MAGNITUDE: i64 = 1 << 53;
+
+/// Reports and abandoned trials that wait for the daemon, unless the options say otherwise.
+pub const DEFAULT_QUEUE: usize = 1024;
+/// The largest queue that the options may ask for.
+pub const LARGEST_QUEUE: usize = 1 << 20;
+/// Distinct configurations remembered for the time when the daemon is away.
+pub const REMEMBERED_CONFIGURATIONS: usize = 16;
+/// Configurations remembered as infeasible, so that they are not handed out as a fallback.
+pub const REMEMBERED_INFEASIBLE: usize = 256;
+/// Suggestions that one study may have under way at once; a further one gets the fallback.
+pub const OUTSTANDING_SUGGESTIONS: usize = 64;
+/// Frames that a tuner's stream may have unanswered; a further one gets the fallback.
+pub const UNANSWERED_FRAMES: usize = 8;
+/// A report answered by an internal error of the daemon is given up after so many attempts.
+pub const ATTEMPTS_AFTER_INTERNAL_ERROR: u32 = 8;
+/// Trials fetched at once when reading page by page. A trial takes about 3 kB, a page thus 0.6 MB.
+pub const PAGE_SIZE: i32 = 200;
+/// Bytes of the largest answer that is accepted.
+pub const ANSWER_BYTES: usize = 16 << 20;
+
+/// A suggestion that missed its frame is still awaited for so long, for the next frame.
+pub const LATE_ANSWER: Duration = Duration::from_secs(5);
+/// One attempt to deliver a report or to give a trial back may take so long.
+pub const DELIVERY_ATTEMPT: Duration = Duration::from_secs(5);
+/// One attempt to find out whether the daemon answers may take so long.
+pub const PROBE: Duration = Duration::from_secs(1);
+/// Establishing one connection may take so long.
+pub const CONNECT: Duration = Duration::from_secs(1);
+/// When the last handle is gone, queued reports are still sent for so long.
+pub const FLUSH_ON_DROP: Duration = Duration::from_secs(2);

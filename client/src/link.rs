@@ -1,0 +1,224 @@
+//! Whether the daemon answers. After a failure nobody waits for it any more until a probe in the
+//! background, made after growing pauses, finds it answering again; so an absent daemon costs a frame
+//! one deadline at most, and not one after the other. A circuit breaker, after M. Nygard, "Release It!".
+
+use std::sync::Arc;
+
+use tokio::sync::watch;
+
+use crate::back_off::BackOff;
+use crate::{ClientError, SharedError};
+
+/// What is known of the connection.
+#[derive(Debug, Clone)]
+pub enum Status {
+    /// Nothing was heard of the daemon yet, neither good nor bad.
+    Unknown,
+    /// The daemon answered last time.
+    Connected,
+    /// The daemon did not answer; frames get fallbacks while it is looked for in the background.
+    Away {
+        /// Failures in a row.
+        failures: u32,
+        /// The most recent one.
+        problem: SharedError,
+    },
+}
+
+/// Shared knowledge of the connection.
+#[derive(Debug)]
+pub(crate) struct Link {
+    state: watch::Sender<State>,
+}
+
+#[derive(Debug, Clone)]
+struct State {
+    status: Status,
+    /// Failures since the last real success. A probe that succeeds does not reset it: a daemon that
+    /// answers probes and nothing else must not be trusted again and again at the shortest interval.
+    failures: u32,
+}
+
+impl Link {
+    pub(crate) fn new() -> Self {
+        Self {
+            state: watch::Sender::new(State {
+                status: Status::Unknown,
+                failures: 0,
+            }),
+        }
+    }
+
+    pub(crate) fn status(&self) -> Status {
+        self.state.borrow().status.clone()
+    }
+
+    /// Why the daemon is not worth waiting for at the moment.
+    pub(crate) fn problem(&self) -> Option<SharedError> {
+        match &self.state.borrow().status {
+            Status::Away { problem, .. } => Some(Arc::clone(problem)),
+            Status::Unknown | Status::Connected => None,
+        }
+    }
+
+    /// The daemon did what it was asked, or said why not.
+    pub(crate) fn success(&self) {
+        self.state.send_if_modified(|state| {
+            let changes = state.failures > 0 || !matches!(state.status, Status::Connected);
+            *state = State {
+                status: Status::Connected,
+                failures: 0,
+            };
+            changes
+        });
+    }
+
+    /// The daemon did not answer. Failures of calls that were under way when the first one failed count once.
+    pub(crate) fn failure(&self, problem: SharedError) {
+        self.state.send_modify(|state| {
+            if !matches!(state.status, Status::Away { .. }) {
+                state.failures = state.failures.saturating_add(1);
+            }
+            state.status = Status::Away {
+                failures: state.failures,
+                problem,
+            };
+        });
+    }
+
+    /// Waits until the daemon is worth asking.
+    pub(crate) async fn wait_until_worth_asking(&self) {
+        // The sender lives as long as `self`, so that waiting cannot fail.
+        let _ = self
+            .state
+            .subscribe()
+            .wait_for(|state| !matches!(state.status, Status::Away { .. }))
+            .await;
+    }
+
+    /// Looks for the daemon whenever it is away, for ever.
+    pub(crate) async fn keep_probing<F>(&self, back_off: BackOff, probe: impl Fn() -> F)
+    where
+        F: Future<Output = Result<(), ClientError>>,
+    {
+        if matches!(self.status(), Status::Unknown) {
+            self.probed(probe().await);
+        }
+        loop {
+            let _ = self
+                .state
+                .subscribe()
+                .wait_for(|state| matches!(state.status, Status::Away { .. }))
+                .await;
+            let failures = self.state.borrow().failures;
+            back_off.sleep(failures).await;
+            if self.problem().is_some() {
+                self.probed(probe().await);
+            }
+        }
+    }
+
+    fn probed(&self, result: Result<(), ClientError>) {
+        self.state.send_modify(|state| match result {
+            Ok(()) => state.status = Status::Connected,
+            Err(problem) => {
+                state.failures = state.failures.saturating_add(1);
+                state.status = Status::Away {
+                    failures: state.failures,
+                    problem: Arc::new(problem),
+                };
+            }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicU32, Ordering};
+    use std::time::Duration;
+
+    use tokio::time::Instant;
+
+    use super::*;
+    use crate::Options;
+
+    fn away() -> ClientError {
+        ClientError::Away {
+            url: "http://nowhere".into(),
+            reason: "refused".into(),
+        }
+    }
+
+    fn back_off() -> BackOff {
+        let (back_off_min, back_off_max) = (Duration::from_secs(1), Duration::from_secs(16));
+        BackOff::new(&Options {
+            back_off_min,
+            back_off_max,
+            ..Options::default()
+        })
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_absent_daemon_is_looked_for_ever_more_rarely() {
+        let link = Link::new();
+        let start = Instant::now();
+        let times = std::sync::Mutex::new(Vec::new());
+        let probe = async || {
+            times.lock().unwrap().push(start.elapsed().as_secs_f64());
+            if times.lock().unwrap().len() < 8 {
+                Err(away())
+            } else {
+                Ok(())
+            }
+        };
+        tokio::select! {
+            () = link.keep_probing(back_off(), probe) => unreachable!("it never ends"),
+            () = async {
+                tokio::time::sleep(Duration::from_millis(1)).await;
+                assert!(link.problem().is_some());
+                link.wait_until_worth_asking().await;
+            } => {}
+        }
+        let times = times.into_inner().unwrap();
+        let pauses: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        for (pause, whole) in pauses.iter().zip([1.0, 2.0, 4.0, 8.0, 16.0, 16.0, 16.0]) {
+            assert!((0.5 * whole..=whole + 0.01).contains(pause), "{pauses:?}");
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_daemon_that_only_answers_probes_is_trusted_ever_more_rarely() {
+        let link = Link::new();
+        let probes = AtomicU32::new(0);
+        let probe = async || {
+            probes.fetch_add(1, Ordering::Relaxed);
+            Ok(())
+        };
+        let ask_in_vain = async {
+            for failures in 1..=5 {
+                link.wait_until_worth_asking().await;
+                link.failure(Arc::new(away()));
+                assert!(
+                    matches!(link.status(), Status::Away { failures: counted, .. } if counted == failures)
+                );
+            }
+            link.wait_until_worth_asking().await;
+            link.success();
+            link.failure(Arc::new(away()));
+            assert!(matches!(link.status(), Status::Away { failures: 1, .. }));
+        };
+        tokio::select! {
+            () = link.keep_probing(back_off(), probe) => unreachable!("it never ends"),
+            () = ask_in_vain => {}
+        }
+    }
+
+    #[test]
+    fn failures_of_the_same_outage_count_once() {
+        let link = Link::new();
+        for _ in 0..100 {
+            link.failure(Arc::new(away()));
+        }
+        assert!(matches!(link.status(), Status::Away { failures: 1, .. }));
+    }
+}

@@ -1,0 +1,156 @@
+//! What can be set about a client.
+
+use std::time::Duration;
+
+use crate::{ClientError, Fingerprint, limits};
+
+/// Settings of a client; the defaults suit a renderer on the daemon's machine.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Who this is, to the service: 1 to 128 printable characters, unique among the clients of a study.
+    /// A study hands one trial per state and client out at a time, so give each frame loop its own id.
+    /// Default: program, machine and process number, unique but new with every start; set it to
+    /// something stable to get an unfinished trial back after a restart.
+    pub client_id: String,
+    /// The machine and software, sent with every suggestion. Default: [`Fingerprint::detect`].
+    pub fingerprint: Fingerprint,
+    /// How long a suggestion may keep a frame waiting, connecting included. Default 50 ms.
+    pub deadline: Duration,
+    /// How long any other call may take. Default 5 s.
+    pub call_deadline: Duration,
+    /// How many reports may wait for the daemon, 1 to 1048576. Default 1024. When it is full, the oldest
+    /// is dropped and counted: its lease is the likeliest to be gone, and the newest says most of the present.
+    pub queue: usize,
+    /// First pause after a failure; it doubles with each further one. Default 50 ms.
+    pub back_off_min: Duration,
+    /// Longest pause after a failure. Default 5 s.
+    pub back_off_max: Duration,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            client_id: default_client_id(),
+            fingerprint: Fingerprint::detect(),
+            deadline: Duration::from_millis(50),
+            call_deadline: Duration::from_secs(5),
+            queue: limits::DEFAULT_QUEUE,
+            back_off_min: Duration::from_millis(50),
+            back_off_max: Duration::from_secs(5),
+        }
+    }
+}
+
+impl Options {
+    /// The defaults.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Sets who this is.
+    #[must_use]
+    pub fn client_id(mut self, client_id: impl Into<String>) -> Self {
+        self.client_id = client_id.into();
+        self
+    }
+
+    /// Sets the machine and software.
+    #[must_use]
+    pub fn fingerprint(mut self, fingerprint: Fingerprint) -> Self {
+        self.fingerprint = fingerprint;
+        self
+    }
+
+    /// Sets how long a suggestion may keep a frame waiting.
+    #[must_use]
+    pub fn deadline(mut self, deadline: Duration) -> Self {
+        self.deadline = deadline;
+        self
+    }
+
+    /// Sets how long any other call may take.
+    #[must_use]
+    pub fn call_deadline(mut self, deadline: Duration) -> Self {
+        self.call_deadline = deadline;
+        self
+    }
+
+    /// Sets how many reports may wait.
+    #[must_use]
+    pub fn queue(mut self, reports: usize) -> Self {
+        self.queue = reports;
+        self
+    }
+
+    pub(crate) fn check(&self) -> Result<(), ClientError> {
+        let characters = self.client_id.chars().count();
+        if characters == 0
+            || characters > limits::CLIENT_ID_CHARACTERS
+            || self.client_id.chars().any(char::is_control)
+        {
+            let problem = format!(
+                "it must have 1 to {} printable characters",
+                limits::CLIENT_ID_CHARACTERS
+            );
+            return Err(ClientError::invalid("client id", problem));
+        }
+        if !(1..=limits::LARGEST_QUEUE).contains(&self.queue) {
+            let problem = format!(
+                "{} is not within 1 to {}",
+                self.queue,
+                limits::LARGEST_QUEUE
+            );
+            return Err(ClientError::invalid("queue", problem));
+        }
+        if self.back_off_min.is_zero() || self.back_off_max < self.back_off_min {
+            return Err(ClientError::invalid(
+                "back-off",
+                "the shortest must be above 0 and not above the longest",
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// `PROGRAM@MACHINE-PROCESS`, of what can be found out.
+fn default_client_id() -> String {
+    let program = std::env::current_exe()
+        .ok()
+        .and_then(|path| {
+            path.file_stem()
+                .map(|stem| stem.to_string_lossy().into_owned())
+        })
+        .unwrap_or_else(|| "client".to_owned());
+    let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let machine = if machine.trim().is_empty() {
+        "machine"
+    } else {
+        machine.trim()
+    };
+    let short = |text: &str| {
+        text.chars()
+            .filter(|each| !each.is_control())
+            .take(50)
+            .collect::<String>()
+    };
+    format!(
+        "{}@{}-{}",
+        short(&program),
+        short(machine),
+        std::process::id()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_are_checked() {
+        assert!(Options::default().check().is_ok());
+        assert!(Options::new().client_id("").check().is_err());
+        assert!(Options::new().client_id("a\nb").check().is_err());
+        assert!(Options::new().queue(0).check().is_err());
+    }
+}

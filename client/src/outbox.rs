@@ -1,0 +1,456 @@
+//! Reports on their way, and which trials this client holds. One lock over both, because they answer
+//! one question: may this trial be handed to the program, given back, or must it wait?
+//!
+//! The service hands a client that already holds an open trial for a state that same trial again. So a
+//! new suggestion waits until what was said about earlier trials of the study has arrived, or it would be
+//! given a trial that is being reported at that moment.
+
+use std::collections::{HashMap, VecDeque};
+use std::sync::Arc;
+
+use tokio::sync::watch;
+
+use crate::{Measurements, Outcome};
+
+/// What is to be said about a trial.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Message {
+    /// Its result.
+    Report(Measurements, Outcome),
+    /// It is given back.
+    Abandon,
+}
+
+/// One thing to be said to the daemon.
+#[derive(Debug, Clone)]
+pub(crate) struct Item {
+    pub(crate) study: Arc<str>,
+    pub(crate) trial: Arc<str>,
+    pub(crate) message: Message,
+    /// How often it was sent already.
+    pub(crate) attempts: u32,
+}
+
+/// What a full or closed outbox lost.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Lost {
+    pub(crate) reports: usize,
+    pub(crate) abandons: usize,
+}
+
+/// The queue and the held trials.
+#[derive(Debug)]
+pub(crate) struct Outbox {
+    state: watch::Sender<State>,
+    capacity: usize,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    queue: VecDeque<Item>,
+    /// Study and trial of the item that is being sent.
+    sending: Option<(Arc<str>, Arc<str>)>,
+    held: HashMap<Arc<str>, Held>,
+    /// Suggestions asked for and not yet answered.
+    answers_due: usize,
+    /// Reports that travel on a stream and are not yet acknowledged.
+    reports_on_streams: usize,
+    phase: Phase,
+}
+
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    #[default]
+    Open,
+    /// The last handle is gone; what is queued is still sent.
+    Closing,
+    /// Nothing is sent any more.
+    Closed,
+}
+
+#[derive(Debug, Default)]
+struct Held {
+    handles: usize,
+    reported: bool,
+}
+
+impl Outbox {
+    pub(crate) fn new(capacity: usize) -> Self {
+        Self {
+            state: watch::Sender::new(State::default()),
+            capacity,
+        }
+    }
+
+    /// Takes hold of a trial. False when it is being reported or given back, so that it is no longer ours.
+    pub(crate) fn hold(&self, trial: &Arc<str>) -> bool {
+        self.change(|state| {
+            state
+                .queue
+                .retain(|item| item.trial != *trial || item.message != Message::Abandon);
+            let leaving = state
+                .sending
+                .as_ref()
+                .is_some_and(|(_, sent)| sent == trial)
+                || state.queue.iter().any(|item| item.trial == *trial)
+                || state.held.get(trial).is_some_and(|held| held.reported);
+            if !leaving {
+                state.held.entry(Arc::clone(trial)).or_default().handles += 1;
+            }
+            !leaving
+        })
+    }
+
+    /// The trial has its result, whichever way that goes to the daemon.
+    pub(crate) fn mark_reported(&self, trial: &Arc<str>) {
+        self.change(|state| {
+            if let Some(held) = state.held.get_mut(trial) {
+                held.reported = true;
+            }
+        });
+    }
+
+    /// Lets go of a trial; without a result it is given back.
+    pub(crate) fn release(&self, study: &Arc<str>, trial: &Arc<str>) -> Lost {
+        self.change(|state| {
+            let Some(held) = state.held.get_mut(trial) else {
+                return Lost::default();
+            };
+            held.handles -= 1;
+            if held.handles > 0 {
+                return Lost::default();
+            }
+            let reported = held.reported;
+            state.held.remove(trial);
+            if reported {
+                return Lost::default();
+            }
+            let (study, trial) = (Arc::clone(study), Arc::clone(trial));
+            state.put(
+                Item {
+                    study,
+                    trial,
+                    message: Message::Abandon,
+                    attempts: 0,
+                },
+                self.capacity,
+            )
+        })
+    }
+
+    /// Queues a report.
+    pub(crate) fn report(&self, item: Item) -> Lost {
+        self.change(|state| state.put(item, self.capacity))
+    }
+
+    /// The next item to be sent; `None` when closing, everything is sent, and no answer is due that could
+    /// bring a trial to be given back.
+    pub(crate) async fn next(&self) -> Option<Item> {
+        let mut changes = self.state.subscribe();
+        loop {
+            let over = |state: &State| state.phase != Phase::Open && state.answers_due == 0;
+            // The sender lives as long as `self`, so that waiting cannot fail.
+            let _ = changes
+                .wait_for(|state| !state.queue.is_empty() || over(state))
+                .await;
+            let (item, over) = self.change(|state| {
+                let item = state.queue.pop_front();
+                state.sending = item
+                    .as_ref()
+                    .map(|item| (Arc::clone(&item.study), Arc::clone(&item.trial)));
+                (item, over(state))
+            });
+            if item.is_some() || over {
+                return item;
+            }
+        }
+    }
+
+    /// The item that was being sent is done with.
+    pub(crate) fn done(&self) {
+        self.change(|state| state.sending = None);
+    }
+
+    /// The item that was being sent has to be sent again, before all others.
+    pub(crate) fn put_back(&self, item: Item) -> Lost {
+        self.change(|state| {
+            state.sending = None;
+            let taken_up_again =
+                item.message == Message::Abandon && state.held.contains_key(&item.trial);
+            if taken_up_again {
+                return Lost::default();
+            }
+            if state.queue.len() >= self.capacity {
+                return Lost::of(&item);
+            }
+            state.queue.push_front(item);
+            Lost::default()
+        })
+    }
+
+    /// Waits until nothing about the study's trials is queued or being sent.
+    pub(crate) async fn wait_until_told(&self, study: &str) {
+        let told = |state: &State| {
+            state.queue.iter().all(|item| &*item.study != study)
+                && state
+                    .sending
+                    .as_ref()
+                    .is_none_or(|(sent, _)| &**sent != study)
+        };
+        let _ = self.state.subscribe().wait_for(told).await;
+    }
+
+    /// Waits until nothing is queued or on its way and no answer is due.
+    pub(crate) async fn wait_until_quiet(&self) {
+        let _ = self
+            .state
+            .subscribe()
+            .wait_for(|state| state.waiting() == 0 && state.answers_due == 0)
+            .await;
+    }
+
+    /// Reports and abandoned trials that are not acknowledged.
+    pub(crate) fn waiting(&self) -> usize {
+        self.state.borrow().waiting()
+    }
+
+    /// Notes that an answer is due, until the guard is dropped.
+    pub(crate) fn expect_answer(self: &Arc<Self>, with_report: bool) -> AnswerDue {
+        self.change(|state| {
+            state.answers_due += 1;
+            state.reports_on_streams += usize::from(with_report);
+        });
+        AnswerDue {
+            outbox: Arc::clone(self),
+            with_report,
+        }
+    }
+
+    /// No handle is left: what is queued is sent, then no more.
+    pub(crate) fn close(&self) {
+        self.change(|state| {
+            if state.phase == Phase::Open {
+                state.phase = Phase::Closing;
+            }
+        });
+    }
+
+    /// Waits until [`Outbox::close`] was called.
+    pub(crate) async fn closing(&self) {
+        let _ = self
+            .state
+            .subscribe()
+            .wait_for(|state| state.phase != Phase::Open)
+            .await;
+    }
+
+    /// Sends nothing any more. Tells what was still waiting.
+    pub(crate) fn give_up(&self) -> Lost {
+        self.change(|state| {
+            state.phase = Phase::Closed;
+            state.sending = None;
+            state
+                .queue
+                .drain(..)
+                .map(|item| Lost::of(&item))
+                .fold(Lost::default(), Lost::and)
+        })
+    }
+
+    fn change<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
+        let mut result = None;
+        self.state.send_modify(|state| result = Some(change(state)));
+        result.expect("send_modify calls the closure once")
+    }
+}
+
+impl State {
+    /// Appends. A full queue first loses abandoned trials, whose leases run out by themselves, and then
+    /// its oldest report: that lease is the likeliest to be gone, and the newest says most of the present.
+    fn put(&mut self, item: Item, capacity: usize) -> Lost {
+        if self.phase == Phase::Closed {
+            return Lost::of(&item);
+        }
+        let mut lost = Lost::default();
+        if self.queue.len() >= capacity {
+            let abandon = self
+                .queue
+                .iter()
+                .position(|other| other.message == Message::Abandon);
+            if abandon.is_none() && item.message == Message::Abandon {
+                return Lost::of(&item);
+            }
+            if let Some(victim) = self.queue.remove(abandon.unwrap_or(0)) {
+                lost = Lost::of(&victim);
+            }
+        }
+        self.queue.push_back(item);
+        lost
+    }
+
+    fn waiting(&self) -> usize {
+        self.queue.len() + usize::from(self.sending.is_some()) + self.reports_on_streams
+    }
+}
+
+impl Lost {
+    pub(crate) fn of(item: &Item) -> Self {
+        match item.message {
+            Message::Report(..) => Self {
+                reports: 1,
+                abandons: 0,
+            },
+            Message::Abandon => Self {
+                reports: 0,
+                abandons: 1,
+            },
+        }
+    }
+
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self {
+            reports: self.reports + other.reports,
+            abandons: self.abandons + other.abandons,
+        }
+    }
+}
+
+/// An answer is due as long as this lives.
+#[derive(Debug)]
+pub(crate) struct AnswerDue {
+    outbox: Arc<Outbox>,
+    with_report: bool,
+}
+
+impl Drop for AnswerDue {
+    fn drop(&mut self) {
+        self.outbox.change(|state| {
+            state.answers_due -= 1;
+            state.reports_on_streams -= usize::from(self.with_report);
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn name(text: &str) -> Arc<str> {
+        Arc::from(text)
+    }
+
+    fn report(trial: &str) -> Item {
+        let message = Message::Report(Measurements::from([("render_ms", 1.0)]), Outcome::Ok);
+        Item {
+            study: name("s"),
+            trial: name(trial),
+            message,
+            attempts: 0,
+        }
+    }
+
+    fn queued(outbox: &Outbox) -> Vec<String> {
+        outbox
+            .state
+            .borrow()
+            .queue
+            .iter()
+            .map(|item| item.trial.to_string())
+            .collect()
+    }
+
+    #[test]
+    fn a_full_queue_loses_abandons_first_and_then_the_oldest_report() {
+        let outbox = Outbox::new(2);
+        assert!(outbox.hold(&name("a")));
+        assert_eq!(outbox.release(&name("s"), &name("a")), Lost::default());
+        assert_eq!(outbox.report(report("b")), Lost::default());
+        assert_eq!(
+            outbox.report(report("c")),
+            Lost {
+                reports: 0,
+                abandons: 1
+            }
+        );
+        assert_eq!(
+            outbox.report(report("d")),
+            Lost {
+                reports: 1,
+                abandons: 0
+            }
+        );
+        assert_eq!(queued(&outbox), ["c", "d"]);
+        assert!(outbox.hold(&name("e")));
+        assert_eq!(
+            outbox.release(&name("s"), &name("e")),
+            Lost {
+                reports: 0,
+                abandons: 1
+            }
+        );
+        assert_eq!(
+            outbox.give_up(),
+            Lost {
+                reports: 2,
+                abandons: 0
+            }
+        );
+        assert_eq!(
+            outbox.report(report("f")),
+            Lost {
+                reports: 1,
+                abandons: 0
+            }
+        );
+    }
+
+    #[test]
+    fn a_trial_is_given_back_by_its_last_handle_only() {
+        let outbox = Outbox::new(9);
+        assert!(outbox.hold(&name("a")) && outbox.hold(&name("a")));
+        outbox.release(&name("s"), &name("a"));
+        assert!(queued(&outbox).is_empty());
+        outbox.release(&name("s"), &name("a"));
+        assert_eq!(queued(&outbox), ["a"]);
+    }
+
+    #[test]
+    fn a_trial_handed_out_again_is_not_given_back() {
+        let outbox = Outbox::new(9);
+        outbox.hold(&name("a"));
+        outbox.release(&name("s"), &name("a"));
+        assert!(outbox.hold(&name("a")), "the queued message is withdrawn");
+        assert!(queued(&outbox).is_empty());
+    }
+
+    #[tokio::test]
+    async fn a_trial_that_is_being_reported_is_no_longer_ours() {
+        let outbox = Outbox::new(9);
+        outbox.hold(&name("a"));
+        outbox.mark_reported(&name("a"));
+        assert!(!outbox.hold(&name("a")), "held with its result");
+        outbox.report(report("a"));
+        outbox.release(&name("s"), &name("a"));
+        assert!(!outbox.hold(&name("a")), "queued");
+        let item = outbox.next().await.unwrap();
+        assert!(!outbox.hold(&name("a")), "being sent");
+        assert_eq!(outbox.waiting(), 1);
+        outbox.put_back(item);
+        assert_eq!(queued(&outbox), ["a"]);
+        outbox.next().await.unwrap();
+        outbox.done();
+        outbox.wait_until_told("s").await;
+        outbox.wait_until_quiet().await;
+        assert!(outbox.hold(&name("a")));
+    }
+
+    #[tokio::test]
+    async fn closing_sends_what_is_left() {
+        let outbox = Outbox::new(9);
+        outbox.report(report("a"));
+        outbox.close();
+        outbox.closing().await;
+        assert_eq!(&*outbox.next().await.unwrap().trial, "a");
+        assert!(outbox.next().await.is_none());
+    }
+}

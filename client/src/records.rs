@@ -1,0 +1,191 @@
+//! What the service tells about studies and trials, in types of this crate.
+
+use std::time::SystemTime;
+
+use serde::{Serialize, Serializer};
+
+use crate::{Configuration, Fingerprint, Indicators, Measurements, Outcome, StudySpec};
+
+/// Why a client got a configuration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum Mode {
+    /// The space's defaults.
+    Default,
+    /// The next point of the state's search.
+    Explore,
+    /// What is known or predicted to be good.
+    Exploit,
+    /// The policy pins it.
+    Pinned,
+}
+
+/// Where a trial stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum TrialState {
+    /// Leased and not reported.
+    Open,
+    /// Reported; see the outcome.
+    Completed,
+    /// Given back by its client.
+    Abandoned,
+    /// The lease ran out; a late report still completes it.
+    Expired,
+}
+
+/// How an answer came about.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Reason {
+    /// One plain sentence.
+    pub summary: String,
+    /// The search or predictor that chose, e.g. `nelder_mead`.
+    pub source: String,
+    /// The step of the search, e.g. `reflect`; empty when exploiting.
+    pub step: String,
+    /// The known states the answer rests on, nearest first.
+    pub neighbours: Vec<Neighbour>,
+}
+
+/// A known state near the asked one.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Neighbour {
+    /// The state's number.
+    pub state_id: i64,
+    /// Euclidean distance of the normalised indicators.
+    pub distance: f64,
+    /// Best objective known there.
+    pub best_cost: f64,
+}
+
+/// A trial as the service has stored it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrialRecord {
+    /// `studies/{study}/trials/{trial}`.
+    pub name: String,
+    /// Who holds it.
+    pub client_id: String,
+    /// Equal for equal states of the study.
+    pub state_id: i64,
+    /// The indicators as the client sent them.
+    pub indicators: Indicators,
+    /// What to run with.
+    pub configuration: Configuration,
+    /// Why this configuration.
+    pub mode: Mode,
+    /// In the objective's units, where something is known.
+    pub predicted_cost: Option<f64>,
+    /// How the answer came about.
+    pub reason: Reason,
+    /// Until when the client may take its time.
+    #[serde(serialize_with = "time_as_text")]
+    pub lease_expire_time: Option<SystemTime>,
+    /// Where the trial stands.
+    pub state: TrialState,
+    /// The raw measurements of the report.
+    pub measurements: Measurements,
+    /// The objective computed from the measurements.
+    pub cost: Option<f64>,
+    /// How it ended; `None` before the report.
+    pub outcome: Option<Outcome>,
+    /// The report came after the lease had expired.
+    pub late: bool,
+    /// When it was handed out.
+    #[serde(serialize_with = "time_as_text")]
+    pub create_time: Option<SystemTime>,
+    /// When it was reported.
+    #[serde(serialize_with = "time_as_text")]
+    pub complete_time: Option<SystemTime>,
+    /// The machine and software that the client named.
+    pub fingerprint: Option<Fingerprint>,
+}
+
+impl TrialRecord {
+    /// The number at the end of the name; `None` when the name has another form.
+    #[must_use]
+    pub fn number(&self) -> Option<u64> {
+        self.name
+            .rsplit_once('/')
+            .and_then(|(_, number)| number.parse().ok())
+    }
+}
+
+/// A study as the service has stored it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StudyRecord {
+    /// `studies/{study}`.
+    pub name: String,
+    /// What defines it, and its policy at the time.
+    pub spec: StudySpec,
+    /// When it was created.
+    #[serde(serialize_with = "time_as_text")]
+    pub create_time: Option<SystemTime>,
+    /// How far it is.
+    pub statistics: StudyStatistics,
+}
+
+impl StudyRecord {
+    /// The name without `studies/`.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        self.name.strip_prefix("studies/").unwrap_or(&self.name)
+    }
+}
+
+/// Counts that tell how far a study is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct StudyStatistics {
+    /// Distinct states met.
+    pub states: i64,
+    /// Trials handed out.
+    pub trials: i64,
+    /// Trials with a final outcome.
+    pub completed_trials: i64,
+    /// Trials under a live lease.
+    pub open_trials: i64,
+}
+
+/// What would be exploited for some indicators.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Prediction {
+    /// The configuration.
+    pub configuration: Configuration,
+    /// `Default` when nothing is known yet, `Pinned` when pinned, else `Exploit`.
+    pub mode: Mode,
+    /// In the objective's units, where something is known.
+    pub predicted_cost: Option<f64>,
+    /// How the answer came about.
+    pub reason: Reason,
+}
+
+/// The best known configuration.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Best {
+    /// The configuration.
+    pub configuration: Configuration,
+    /// Mean objective of its measurements.
+    pub cost: f64,
+    /// Mean objective of the default configuration in the same state, if it was measured there.
+    pub default_cost: Option<f64>,
+    /// How many measurements `cost` rests on.
+    pub measurements: i32,
+    /// The state it holds for.
+    pub state_id: i64,
+    /// The most recent trial that measured it.
+    pub trial: String,
+    /// When that was.
+    #[serde(serialize_with = "time_as_text")]
+    pub last_measure_time: Option<SystemTime>,
+}
+
+/// Times are written as RFC 3339 text.
+#[allow(clippy::ref_option)] // serde hands over a reference to the field
+fn time_as_text<S: Serializer>(
+    time: &Option<SystemTime>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    match time {
+        Some(time) => serializer.collect_str(&humantime::format_rfc3339_millis(*time)),
+        None => serializer.serialize_none(),
+    }
+}

@@ -1,0 +1,286 @@
+//! A suggestion is what to run next and, if it came from the daemon, the handle of a trial under a lease.
+
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use crate::delivery::report_request;
+use crate::outbox::{Item, Message};
+use crate::study::Shared;
+use crate::{
+    ClientError, Configuration, Measurements, Mode, Outcome, Reason, SharedError, TrialRecord,
+};
+
+/// Where a configuration came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Source {
+    /// The daemon, in time.
+    Daemon,
+    /// The daemon did not answer; this is the last configuration that came from it and was not reported infeasible.
+    LastGood,
+    /// The daemon has never answered; these are the space's recommended values.
+    Default,
+}
+
+/// What to run next. If it came from the daemon it holds a trial: report the result with
+/// [`Suggestion::report`], or drop it, which gives the trial back. Neither ever blocks.
+///
+/// A suggestion that did not come from the daemon ([`Suggestion::source`]) is used in the same way, but
+/// there is no trial that its result could be reported to; results are only counted ([`crate::Stats::unreported`]).
+#[derive(Debug)]
+#[must_use = "a dropped suggestion gives its trial back"]
+pub struct Suggestion {
+    shared: Arc<Shared>,
+    configuration: Configuration,
+    source: Source,
+    mode: Mode,
+    predicted_cost: Option<f64>,
+    reason: Reason,
+    problem: Option<SharedError>,
+    lease: Option<Lease>,
+    lease_expire_time: Option<SystemTime>,
+}
+
+impl Suggestion {
+    pub(crate) fn of_trial(shared: Arc<Shared>, trial: TrialRecord, lease: Lease) -> Self {
+        Self {
+            shared,
+            configuration: trial.configuration,
+            source: Source::Daemon,
+            mode: trial.mode,
+            predicted_cost: trial.predicted_cost,
+            reason: trial.reason,
+            problem: None,
+            lease: Some(lease),
+            lease_expire_time: trial.lease_expire_time,
+        }
+    }
+
+    pub(crate) fn fallback(
+        shared: Arc<Shared>,
+        last_good: Option<Configuration>,
+        problem: SharedError,
+    ) -> Self {
+        let (source, mode) = match last_good {
+            Some(_) => (Source::LastGood, Mode::Exploit),
+            None => (Source::Default, Mode::Default),
+        };
+        let configuration =
+            last_good.unwrap_or_else(|| shared.spec.space().default_configuration());
+        let what = match source {
+            Source::LastGood => "the last good configuration",
+            Source::Daemon | Source::Default => "the recommended values",
+        };
+        let summary = format!("{what}, because of: {problem}");
+        let reason = Reason {
+            summary,
+            source: "fallback".into(),
+            ..Reason::default()
+        };
+        let problem = Some(problem);
+        Self {
+            shared,
+            configuration,
+            source,
+            mode,
+            predicted_cost: None,
+            reason,
+            problem,
+            lease: None,
+            lease_expire_time: None,
+        }
+    }
+
+    /// What to run with.
+    #[must_use]
+    pub fn configuration(&self) -> &Configuration {
+        &self.configuration
+    }
+
+    /// Where it came from.
+    #[must_use]
+    pub fn source(&self) -> Source {
+        self.source
+    }
+
+    /// Why this configuration. Fallbacks are [`Mode::Exploit`] or [`Mode::Default`].
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Predicted objective, in the objective's units, where something is known.
+    #[must_use]
+    pub fn predicted_cost(&self) -> Option<f64> {
+        self.predicted_cost
+    }
+
+    /// How the answer came about.
+    #[must_use]
+    pub fn reason(&self) -> &Reason {
+        &self.reason
+    }
+
+    /// Why the daemon was not the source; `None` when it was.
+    #[must_use]
+    pub fn problem(&self) -> Option<&ClientError> {
+        self.problem.as_deref()
+    }
+
+    /// Name of the trial, `studies/{study}/trials/{trial}`; `None` for fallbacks.
+    #[must_use]
+    pub fn trial(&self) -> Option<&str> {
+        self.lease.as_ref().map(|lease| &*lease.trial)
+    }
+
+    /// Until when the result is wanted, by the daemon's clock. Later results are taken and flagged late.
+    #[must_use]
+    pub fn lease_expire_time(&self) -> Option<SystemTime> {
+        self.lease_expire_time
+    }
+
+    /// Joins the result to the trial, for [`crate::Tuner::next`]. Dropping what this returns reports it, too.
+    ///
+    /// Errors: [`ClientError::Invalid`] when the service would refuse the result, e.g. a measurement
+    /// that is not finite; the trial is then given back.
+    pub fn finished(
+        mut self,
+        measurements: Measurements,
+        outcome: Outcome,
+    ) -> Result<Finished, ClientError> {
+        outcome.check(&measurements, self.shared.spec.objective())?;
+        self.shared.learn(&self.configuration, &outcome);
+        let lease = self.lease.take();
+        match &lease {
+            Some(lease) => self.shared.core.outbox.mark_reported(&lease.trial),
+            None => self.shared.core.counters.unreported.add(1),
+        }
+        Ok(Finished {
+            lease,
+            measurements,
+            outcome,
+            attempts: 0,
+        })
+    }
+
+    /// Puts the result into the outbox and returns at once; a background task delivers it.
+    ///
+    /// Errors: as for [`Suggestion::finished`].
+    pub fn report(self, measurements: Measurements, outcome: Outcome) -> Result<(), ClientError> {
+        self.finished(measurements, outcome).map(drop)
+    }
+
+    /// Gives the trial back unmeasured; the same as dropping it. Returns at once.
+    pub fn abandon(self) {}
+
+    /// Renews the lease, counted from now, for work that takes longer. Does nothing for fallbacks.
+    ///
+    /// Errors: [`ClientError::Refused`] when the trial is no longer open; [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn extend_lease(&mut self) -> Result<(), ClientError> {
+        if let Some(lease) = &self.lease {
+            self.lease_expire_time = self
+                .shared
+                .core
+                .extend_lease(&lease.trial)
+                .await?
+                .lease_expire_time;
+        }
+        Ok(())
+    }
+
+    pub(crate) fn lease_is_live(&self, now: SystemTime) -> bool {
+        self.lease_expire_time.is_none_or(|expires| now < expires)
+    }
+}
+
+/// A trial with its result, on its way to the daemon. Dropped, it goes into the outbox.
+#[derive(Debug)]
+pub struct Finished {
+    lease: Option<Lease>,
+    measurements: Measurements,
+    outcome: Outcome,
+    attempts: u32,
+}
+
+impl Finished {
+    /// The message for a stream; `None` when there is no trial to report to.
+    pub(crate) fn request(&self) -> Option<treewright_proto::v1::ReportRequest> {
+        self.lease
+            .as_ref()
+            .map(|lease| report_request(&lease.trial, &self.measurements, &self.outcome))
+    }
+
+    /// It is being sent outside the outbox.
+    pub(crate) fn note_attempt(&mut self) {
+        if let Some(lease) = &self.lease {
+            let counters = &lease.shared.core.counters;
+            counters.sent.add(1);
+            counters.resent.add(usize::from(self.attempts > 0));
+            self.attempts += 1;
+        }
+    }
+
+    /// The daemon has it.
+    pub(crate) fn acknowledged(mut self, duplicate: bool) {
+        if let Some(lease) = self.lease.take() {
+            lease.shared.core.counters.acknowledged.add(1);
+            lease
+                .shared
+                .core
+                .counters
+                .duplicates
+                .add(usize::from(duplicate));
+        }
+    }
+
+    /// The daemon will never have it.
+    pub(crate) fn refused(mut self, problem: &ClientError) {
+        if let Some(lease) = self.lease.take() {
+            tracing::warn!(trial = %lease.trial, %problem, "a report is given up");
+            lease.shared.core.counters.refused.add(1);
+            lease.shared.core.counters.note(problem);
+        }
+    }
+}
+
+impl Drop for Finished {
+    fn drop(&mut self) {
+        if let Some(lease) = self.lease.take() {
+            let message =
+                Message::Report(std::mem::take(&mut self.measurements), self.outcome.clone());
+            let (study, trial) = (Arc::clone(&lease.shared.name), Arc::clone(&lease.trial));
+            let core = &lease.shared.core;
+            core.count_lost(core.outbox.report(Item {
+                study,
+                trial,
+                message,
+                attempts: self.attempts,
+            }));
+        }
+    }
+}
+
+/// Our hold on a trial. The last one dropped without a result gives the trial back.
+#[derive(Debug)]
+pub(crate) struct Lease {
+    shared: Arc<Shared>,
+    trial: Arc<str>,
+}
+
+impl Lease {
+    /// Takes hold; `None` when this client is just reporting that trial or giving it back.
+    pub(crate) fn take(shared: &Arc<Shared>, trial: &str) -> Option<Self> {
+        let trial: Arc<str> = Arc::from(trial);
+        shared.core.outbox.hold(&trial).then(|| Self {
+            shared: Arc::clone(shared),
+            trial,
+        })
+    }
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        let core = &self.shared.core;
+        core.count_lost(core.outbox.release(&self.shared.name, &self.trial));
+    }
+}
