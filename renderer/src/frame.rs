@@ -1,0 +1,143 @@
+//! One frame: build the acceleration structure if there is need, render one sample a pixel, time both.
+//!
+//! Two ways to use it (paper section 7). Progressive: build once, render while nothing moves, the samples
+//! add up. Real-time: build for each frame. Build and render are timed apart and reported raw.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde::Serialize;
+use treewright_accel::{BuildChoice, BuildError, Device, DeviceError, Intersector, Structure, Visitor, build};
+
+use crate::film::Film;
+use crate::integrator::{Counts, Prepared, View, render_sample};
+use crate::scene::Scene;
+
+/// What one frame took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct FrameTimes {
+    /// Building the structure; 0 when it was kept.
+    pub build_ms: f64,
+    /// Rendering one sample a pixel.
+    pub render_ms: f64,
+}
+
+/// Why there is no renderer.
+#[derive(Debug, thiserror::Error)]
+pub enum RendererError {
+    /// Embree does not start.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    /// The system gives no threads.
+    #[error("{threads} render threads cannot be started: {source}; ask for fewer with --threads")]
+    Threads {
+        /// How many were asked for; 0 means one a core.
+        threads: usize,
+        /// What the system said.
+        source: rayon::ThreadPoolBuildError,
+    },
+}
+
+/// Render threads, the Embree device, a scene, and the structure that was built last.
+#[derive(Debug)]
+pub struct Renderer {
+    device: Device,
+    pool: rayon::ThreadPool,
+    prepared: Arc<Prepared>,
+    structure: Option<Structure>,
+}
+
+impl Renderer {
+    /// A renderer of a scene with this many threads for building and rendering; 0 for one a core.
+    pub fn new(scene: Arc<Scene>, threads: usize) -> Result<Self, RendererError> {
+        let device = Device::open(threads)?;
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .thread_name(|index| format!("render-{index}"))
+            // Denormal numbers cost hundreds of cycles each and Embree asks for this mode.
+            .start_handler(|_| treewright_accel::set_flush_denormals())
+            .build()
+            .map_err(|source| RendererError::Threads { threads, source })?;
+        let prepared = Arc::new(pool.install(|| Prepared::new(scene)));
+        Ok(Self { device, pool, prepared, structure: None })
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.prepared.scene
+    }
+
+    /// Number of render threads.
+    pub fn threads(&self) -> usize {
+        self.pool.current_num_threads()
+    }
+
+    /// Version of Embree: major, minor, patch.
+    pub fn embree_version(&self) -> (u32, u32, u32) {
+        self.device.version()
+    }
+
+    /// Changes the scene, e.g. because something in it moved. The structure of the old one is dropped.
+    pub fn set_scene(&mut self, scene: Arc<Scene>) {
+        self.structure = None;
+        self.prepared = Arc::new(self.pool.install(|| Prepared::new(scene)));
+    }
+
+    /// Builds a structure without keeping it, and says how long it took. For comparing many.
+    pub fn build(&self, choice: &BuildChoice) -> Result<(Structure, f64), BuildError> {
+        let begin = Instant::now();
+        let structure = self.pool.install(|| build(&self.device, &self.prepared.scene.triangles, choice))?;
+        Ok((structure, milliseconds(begin)))
+    }
+
+    /// Builds a structure and keeps it for the frames to come; returns `build_ms`. If the build fails, the
+    /// last good structure is kept.
+    pub fn rebuild(&mut self, choice: &BuildChoice) -> Result<f64, BuildError> {
+        let (structure, build_ms) = self.build(choice)?;
+        self.structure = Some(structure);
+        Ok(build_ms)
+    }
+
+    /// The kept structure.
+    pub fn structure(&self) -> Option<&Structure> {
+        self.structure.as_ref()
+    }
+
+    /// Adds one sample to each pixel of the film with a given structure; returns `render_ms` and the counts.
+    pub fn render_with(&self, structure: &Structure, view: &View, film: &mut Film) -> (f64, Counts) {
+        let sample = Sample { prepared: &self.prepared, view, film };
+        let begin = Instant::now();
+        let counts = self.pool.install(|| structure.visit(sample));
+        (milliseconds(begin), counts)
+    }
+
+    /// Adds one sample with the kept structure. `None` while there is none.
+    pub fn render(&self, view: &View, film: &mut Film) -> Option<(f64, Counts)> {
+        Some(self.render_with(self.structure.as_ref()?, view, film))
+    }
+
+    /// Runs something on the render threads.
+    pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        self.pool.install(work)
+    }
+}
+
+/// One sample a pixel, to be compiled for each kind of structure.
+struct Sample<'a> {
+    prepared: &'a Prepared,
+    view: &'a View,
+    film: &'a mut Film,
+}
+
+impl Visitor for Sample<'_> {
+    type Output = Counts;
+
+    fn visit<I: Intersector>(self, intersector: &I) -> Counts {
+        render_sample(self.prepared, intersector, self.view, self.film)
+    }
+}
+
+/// Milliseconds since `begin`.
+pub fn milliseconds(begin: Instant) -> f64 {
+    begin.elapsed().as_secs_f64() * 1e3
+}

@@ -1,0 +1,200 @@
+//! Pictures on disc: PNG for people, EXR for measuring.
+//!
+//! PNG files are tone-mapped: exposure, a filmic curve, the sRGB transfer function. EXR files hold the
+//! linear radiance as it is. Sources: Reinhard et al., Photographic Tone Reproduction for Digital Images,
+//! SIGGRAPH 2002 (automatic exposure); Narkowicz, ACES Filmic Tone Mapping Curve, 2015 (the fitted curve);
+//! IEC 61966-2-1 (sRGB).
+
+use std::path::{Path, PathBuf};
+
+use glam::Vec3;
+use image::{DynamicImage, ImageBuffer, ImageFormat, Rgb, RgbImage};
+
+use crate::film::Picture;
+use crate::integrator::sampling::luminance;
+
+/// Why a picture was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum ImageFileError {
+    /// The extension is neither of the two.
+    #[error("{}: pictures are written as .png or .exr; choose one of these extensions", path.display())]
+    UnknownFormat {
+        /// The file asked for.
+        path: PathBuf,
+    },
+    /// The folder it should lie in does not exist.
+    #[error("{}: the folder {} does not exist; create it first", path.display(), folder.display())]
+    NoFolder {
+        /// The file asked for.
+        path: PathBuf,
+        /// The missing folder.
+        folder: PathBuf,
+    },
+    /// The file cannot be written.
+    #[error("{} cannot be written: {source}; check the permissions and the free space", path.display())]
+    Write {
+        /// The file asked for.
+        path: PathBuf,
+        /// What the encoder or the system said.
+        source: image::ImageError,
+    },
+}
+
+/// How bright a PNG is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Exposure {
+    /// The picture's log-average luminance becomes middle grey.
+    #[default]
+    Auto,
+    /// Radiance is multiplied by two to this power.
+    Stops(f32),
+}
+
+/// Middle grey: the reflectance that looks half as bright as white.
+const MIDDLE_GREY: f32 = 0.18;
+
+/// Checks a file's name before minutes go into its picture: known extension, existing folder.
+pub fn check_path(path: &Path) -> Result<(), ImageFileError> {
+    format_of(path)?;
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    if folder.is_dir() {
+        Ok(())
+    } else {
+        Err(ImageFileError::NoFolder { path: path.into(), folder: folder.into() })
+    }
+}
+
+/// Writes a picture; the extension says how.
+pub fn write(picture: &Picture, exposure: Exposure, path: &Path) -> Result<(), ImageFileError> {
+    check_path(path)?;
+    let format = format_of(path)?;
+    let image = match format {
+        ImageFormat::OpenExr => DynamicImage::ImageRgb32F(linear(picture)),
+        _ => DynamicImage::ImageRgb8(developed(picture, exposure)),
+    };
+    image.save_with_format(path, format).map_err(|source| ImageFileError::Write { path: path.into(), source })
+}
+
+/// The bytes of a PNG file, for pictures inside other files.
+pub fn png_bytes(picture: &Picture, exposure: Exposure) -> Result<Vec<u8>, ImageFileError> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    DynamicImage::ImageRgb8(developed(picture, exposure))
+        .write_to(&mut bytes, ImageFormat::Png)
+        .map_err(|source| ImageFileError::Write { path: "a PNG in memory".into(), source })?;
+    Ok(bytes.into_inner())
+}
+
+/// The factor on radiance that an exposure means for a picture.
+pub fn exposure_factor(picture: &Picture, exposure: Exposure) -> f32 {
+    match exposure {
+        Exposure::Stops(stops) => stops.exp2(),
+        Exposure::Auto => {
+            // Pixels that are nearly black say nothing about how bright the rest should be.
+            let floor = picture.mean_luminance() * 1e-4;
+            let (mut sum, mut count) = (0.0, 0_u32);
+            for pixel in &picture.pixels {
+                let luminance = f64::from(luminance(*pixel));
+                if luminance > floor {
+                    sum += luminance.ln();
+                    count += 1;
+                }
+            }
+            if count == 0 { 1.0 } else { MIDDLE_GREY / (sum / f64::from(count)).exp() as f32 }
+        }
+    }
+}
+
+fn format_of(path: &Path) -> Result<ImageFormat, ImageFileError> {
+    match path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).as_deref() {
+        Some("png") => Ok(ImageFormat::Png),
+        Some("exr") => Ok(ImageFormat::OpenExr),
+        _ => Err(ImageFileError::UnknownFormat { path: path.into() }),
+    }
+}
+
+fn linear(picture: &Picture) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
+    ImageBuffer::from_fn(picture.width, picture.height, |x, y| Rgb(pixel(picture, x, y).to_array()))
+}
+
+fn developed(picture: &Picture, exposure: Exposure) -> RgbImage {
+    let factor = exposure_factor(picture, exposure);
+    ImageBuffer::from_fn(picture.width, picture.height, |x, y| {
+        Rgb((pixel(picture, x, y) * factor).to_array().map(|radiance| (srgb(filmic(radiance)) * 255.0).round() as u8))
+    })
+}
+
+fn pixel(picture: &Picture, x: u32, y: u32) -> Vec3 {
+    picture.pixels[(y * picture.width + x) as usize]
+}
+
+/// A film-like curve from [0, ∞) to [0, 1]: a toe for the shadows, a shoulder for the lights.
+fn filmic(radiance: f32) -> f32 {
+    // The quotient of two squares of infinity is not a number.
+    let x = radiance.clamp(0.0, 1e6);
+    ((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)).clamp(0.0, 1.0)
+}
+
+/// The sRGB transfer function.
+fn srgb(linear: f32) -> f32 {
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grey(level: f32) -> Picture {
+        Picture { width: 4, height: 3, pixels: vec![Vec3::splat(level); 12] }
+    }
+
+    #[test]
+    fn the_curve_rises_from_black_to_white() {
+        let steps: Vec<f32> = (0..2000).map(|step| srgb(filmic(step as f32 * 0.01))).collect();
+        assert_eq!(steps[0], 0.0);
+        assert!(steps.is_sorted());
+        assert!(steps[1999] > 0.99);
+        assert!((srgb(filmic(f32::INFINITY)) - 1.0).abs() < 1e-6);
+        assert!((srgb(0.5) - 0.735_357).abs() < 1e-5, "IEC 61966-2-1");
+    }
+
+    #[test]
+    fn automatic_exposure_makes_equal_pictures_of_equal_scenes() {
+        for level in [1e-3, 1.0, 500.0] {
+            assert!((exposure_factor(&grey(level), Exposure::Auto) * level - MIDDLE_GREY).abs() < 1e-3);
+        }
+        assert_eq!(exposure_factor(&grey(0.0), Exposure::Auto), 1.0);
+        assert_eq!(exposure_factor(&grey(7.0), Exposure::Stops(-2.0)), 0.25);
+    }
+
+    #[test]
+    fn files_are_read_back_as_they_were_written() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let mut picture = grey(0.25);
+        picture.pixels[5] = Vec3::new(3.5, 0.0, 1e4);
+        let (png, exr) = (folder.path().join("a.png"), folder.path().join("b.EXR"));
+        write(&picture, Exposure::Auto, &png).expect("the PNG is written");
+        write(&picture, Exposure::Auto, &exr).expect("the EXR is written");
+        let developed = image::open(&png).expect("the PNG is read").to_rgb8();
+        assert_eq!(developed.dimensions(), (4, 3));
+        assert_eq!(developed.get_pixel(0, 0).0[0], developed.get_pixel(0, 0).0[1]);
+        assert_eq!(developed.get_pixel(1, 1).0[1], 0);
+        let linear = image::load_from_memory_with_format(&std::fs::read(&exr).expect("it exists"), ImageFormat::OpenExr);
+        let linear = linear.expect("the EXR is read").to_rgb32f();
+        assert_eq!(linear.get_pixel(1, 1).0, [3.5, 0.0, 1e4]);
+        assert_eq!(linear.get_pixel(0, 0).0, [0.25; 3]);
+        let bytes = png_bytes(&picture, Exposure::Auto).expect("a PNG in memory");
+        assert_eq!(bytes, std::fs::read(&png).expect("it exists"));
+    }
+
+    #[test]
+    fn wrong_names_are_told_before_rendering() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let told = |name: &str| check_path(&folder.path().join(name)).expect_err("it is refused").to_string();
+        assert!(told("a.gif").contains(".png or .exr"));
+        assert!(told("nowhere/a.png").contains("nowhere does not exist"));
+        assert!(check_path(Path::new("a.png")).is_ok());
+    }
+}

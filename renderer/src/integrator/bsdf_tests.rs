@@ -1,0 +1,140 @@
+//! Analytic and statistical tests of the scattering model.
+
+use super::*;
+use crate::integrator::random::PathRandom;
+
+fn material(base: f32, metallic: f32, roughness: f32, transmission: f32, ior: f32) -> Material {
+    Material { base_color: Vec3::splat(base), metallic, roughness, transmission, ior, emission: Vec3::ZERO }
+}
+
+fn view_at(cosine: f32) -> Vec3 {
+    Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine)
+}
+
+/// Mean weight over many samples: the share of light that leaves again, over all directions.
+fn albedo(bsdf: &Bsdf, view: Vec3, samples: u32) -> f32 {
+    let mut random = PathRandom::new(11, 0, 0);
+    let sum: f64 = (0..samples)
+        .filter_map(|_| bsdf.sample(view, random.single(), random.pair()))
+        .map(|sample| f64::from(sample.weight.y))
+        .sum();
+    (sum / f64::from(samples)) as f32
+}
+
+#[test]
+fn white_lambert_loses_nothing() {
+    let bsdf = Bsdf::new(&material(1.0, 0.0, 1.0, 0.0, 1.0));
+    for cosine in [0.05, 0.3, 0.7, 1.0] {
+        assert!((albedo(&bsdf, view_at(cosine), 1000) - 1.0).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn perfect_mirrors_and_clear_sheets_lose_nothing() {
+    let mirror = Bsdf::new(&material(1.0, 1.0, 0.0, 0.0, 1.5));
+    let sheet = Bsdf::new(&material(1.0, 0.0, 0.0, 1.0, 1.5));
+    for cosine in [0.05, 0.3, 0.7, 1.0] {
+        assert!((albedo(&mirror, view_at(cosine), 100) - 1.0).abs() < 1e-4);
+        assert!((albedo(&sheet, view_at(cosine), 1000) - 1.0).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn no_material_makes_light() {
+    for base in [0.5, 1.0] {
+        for metallic in [0.0, 0.5, 1.0] {
+            for roughness in [0.0, 0.1, 0.4, 1.0] {
+                for transmission in [0.0, 0.5, 1.0] {
+                    let bsdf = Bsdf::new(&material(base, metallic, roughness, transmission, 1.5));
+                    for cosine in [0.02, 0.2, 0.6, 1.0] {
+                        let albedo = albedo(&bsdf, view_at(cosine), 20_000);
+                        // Weights are at most a few, so the mean of 20,000 is good to about 0.02.
+                        let case = (base, metallic, roughness, transmission, cosine);
+                        assert!(albedo <= 1.02, "{case:?} reflects {albedo}");
+                        assert!(albedo > 0.15 * base, "{case:?} reflects only {albedo}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn densities_integrate_to_the_share_of_rough_samples() {
+    for roughness in [0.25, 0.4, 1.0] {
+        for metallic in [0.0, 1.0] {
+            let bsdf = Bsdf::new(&material(0.6, metallic, roughness, 0.3, 1.5));
+            for cosine in [0.2, 0.8] {
+                let view = view_at(cosine);
+                let mut random = PathRandom::new(5, 0, 0);
+                let drawn = 40_000;
+                let rough = (0..drawn)
+                    .filter_map(|_| bsdf.sample(view, random.single(), random.pair()))
+                    .filter(|sample| sample.scatter == Scatter::Rough)
+                    .count() as f64
+                    / f64::from(drawn);
+                let integral = integrate(&bsdf, view, [0.0, 1.0], [0.0, TAU], 600);
+                assert!((rough - integral).abs() < 0.015, "{roughness} {metallic} {cosine}: {rough} vs {integral}");
+            }
+        }
+    }
+}
+
+/// Integral of the density over a patch of (cosine, azimuth), midpoint rule.
+fn integrate(bsdf: &Bsdf, view: Vec3, cosines: [f32; 2], azimuths: [f32; 2], steps: u32) -> f64 {
+    let (dc, da) = ((cosines[1] - cosines[0]) / steps as f32, (azimuths[1] - azimuths[0]) / steps as f32);
+    let mut sum = 0.0;
+    for i in 0..steps {
+        let cosine = cosines[0] + (i as f32 + 0.5) * dc;
+        let sine = (1.0 - cosine * cosine).sqrt();
+        for j in 0..steps {
+            let (sin, cos) = (azimuths[0] + (j as f32 + 0.5) * da).sin_cos();
+            sum += f64::from(bsdf.pdf(view, Vec3::new(sine * cos, sine * sin, cosine)));
+        }
+    }
+    sum * f64::from(dc) * f64::from(da)
+}
+
+#[test]
+fn samples_follow_their_density_cell_by_cell() {
+    const CELLS: usize = 8;
+    let drawn = 60_000;
+    for (roughness, metallic) in [(0.3, 1.0), (0.5, 0.0), (1.0, 0.4)] {
+        let bsdf = Bsdf::new(&material(0.8, metallic, roughness, 0.0, 1.5));
+        let view = view_at(0.6);
+        let mut counts = [[0_u32; CELLS]; CELLS];
+        let mut random = PathRandom::new(17, 0, 0);
+        for _ in 0..drawn {
+            let Some(sample) = bsdf.sample(view, random.single(), random.pair()) else { continue };
+            let row = (sample.direction.z * CELLS as f32) as usize;
+            let azimuth = sample.direction.y.atan2(sample.direction.x).rem_euclid(TAU);
+            let column = (azimuth / TAU * CELLS as f32) as usize;
+            counts[row.min(CELLS - 1)][column.min(CELLS - 1)] += 1;
+        }
+        // Pearson's statistic over 64 cells; 64 degrees of freedom stay below 130 with overwhelming probability.
+        let mut statistic = 0.0;
+        for (row, line) in counts.iter().enumerate() {
+            for (column, &count) in line.iter().enumerate() {
+                let edge = |index: usize| index as f32 / CELLS as f32;
+                let cosines = [edge(row), edge(row + 1)];
+                let azimuths = [edge(column) * TAU, edge(column + 1) * TAU];
+                let expected = f64::from(drawn) * integrate(&bsdf, view, cosines, azimuths, 64);
+                if expected > 5.0 {
+                    statistic += (f64::from(count) - expected).powi(2) / expected;
+                }
+            }
+        }
+        assert!(statistic < 130.0, "roughness {roughness}, metallic {metallic}: chi-square {statistic}");
+    }
+}
+
+#[test]
+fn reciprocity_holds() {
+    let bsdf = Bsdf::new(&material(0.7, 0.3, 0.4, 0.2, 1.5));
+    for (a, b) in [(0.2, 0.9), (0.5, 0.6), (0.1, 0.15)] {
+        let (view, light) = (view_at(a), Vec3::new(0.0, (1.0_f32 - b * b).sqrt(), b));
+        let there = bsdf.evaluate(view, light) / light.z;
+        let back = bsdf.evaluate(light, view) / view.z;
+        assert!((there - back).length() < 1e-4 * there.length(), "{there} {back}");
+    }
+}

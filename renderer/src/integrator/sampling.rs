@@ -1,0 +1,173 @@
+//! Small pieces of Monte Carlo geometry: local frames, hemispheres, triangles, the alias table, MIS weights.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::Vec3;
+
+/// An orthonormal frame around a normal, after Duff et al. (Building an Orthonormal Basis, Revisited,
+/// JCGT 2017). Local z is the normal.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    tangent: Vec3,
+    bitangent: Vec3,
+    normal: Vec3,
+}
+
+impl Frame {
+    /// The frame around a unit vector.
+    pub fn new(normal: Vec3) -> Self {
+        let sign = 1.0_f32.copysign(normal.z);
+        let a = -1.0 / (sign + normal.z);
+        let b = normal.x * normal.y * a;
+        Self {
+            tangent: Vec3::new(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x),
+            bitangent: Vec3::new(b, sign + normal.y * normal.y * a, -normal.y),
+            normal,
+        }
+    }
+
+    /// World to local.
+    pub fn to_local(&self, world: Vec3) -> Vec3 {
+        Vec3::new(world.dot(self.tangent), world.dot(self.bitangent), world.dot(self.normal))
+    }
+
+    /// Local to world.
+    pub fn to_world(&self, local: Vec3) -> Vec3 {
+        self.tangent * local.x + self.bitangent * local.y + self.normal * local.z
+    }
+}
+
+/// A direction around local z with density cos / π (Malley's method: a disc point, projected up).
+pub fn cosine_hemisphere([u, v]: [f32; 2]) -> Vec3 {
+    let (sin, cos) = (TAU * v).sin_cos();
+    let radius = u.sqrt();
+    Vec3::new(radius * cos, radius * sin, (1.0 - u).max(0.0).sqrt())
+}
+
+/// Density of [`cosine_hemisphere`] for a direction with this cosine.
+pub fn cosine_hemisphere_pdf(cosine: f32) -> f32 {
+    cosine.max(0.0) / PI
+}
+
+/// A direction uniform in the cone of half angle `acos(cos_max)` around local z.
+pub fn uniform_cone([u, v]: [f32; 2], cos_max: f32) -> Vec3 {
+    let cosine = 1.0 - u * (1.0 - cos_max);
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    let (sin, cos) = (TAU * v).sin_cos();
+    Vec3::new(sine * cos, sine * sin, cosine)
+}
+
+/// Barycentric weights of the second and third corner, uniform over the triangle's area.
+pub fn uniform_triangle([u, v]: [f32; 2]) -> [f32; 2] {
+    let root = u.sqrt();
+    [root * (1.0 - v), root * v]
+}
+
+/// Weight of a sample drawn with density `pdf` when another technique would draw it with `other`: the power
+/// heuristic with exponent 2 (Veach, Robust Monte Carlo Methods for Light Transport Simulation, 1997, 9.2.4).
+pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
+    if !other.is_finite() {
+        return 0.0;
+    }
+    // The ratio keeps squares of large densities inside single precision.
+    let ratio = other / pdf;
+    1.0 / (1.0 + ratio * ratio)
+}
+
+/// Relative luminance of linear sRGB (ITU-R BT.709).
+pub fn luminance(color: Vec3) -> f32 {
+    color.dot(Vec3::new(0.2126, 0.7152, 0.0722))
+}
+
+/// Draws an index with probability proportional to its weight in constant time, after Vose (A Linear
+/// Algorithm for Generating Random Numbers with a Given Distribution, 1991).
+#[derive(Clone, Debug, Default)]
+pub struct AliasTable {
+    /// Probability of keeping the slot's own index, and the index taken otherwise.
+    slots: Vec<(f32, u32)>,
+}
+
+impl AliasTable {
+    /// The table over weights that are finite and not negative. `None` if they add up to nothing or there
+    /// are more than `u32::MAX` of them.
+    pub fn new(weights: &[f64]) -> Option<Self> {
+        let total: f64 = weights.iter().sum();
+        if !(total.is_finite() && total > 0.0) || u32::try_from(weights.len()).is_err() {
+            return None;
+        }
+        let scale = weights.len() as f64 / total;
+        let mut share: Vec<f64> = weights.iter().map(|weight| weight * scale).collect();
+        let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..share.len()).partition(|&index| share[index] < 1.0);
+        let mut slots = vec![(1.0_f32, 0_u32); share.len()];
+        while let (Some(&poor), Some(&rich)) = (small.last(), large.last()) {
+            small.pop();
+            slots[poor] = (share[poor] as f32, rich as u32);
+            share[rich] -= 1.0 - share[poor];
+            if share[rich] < 1.0 {
+                large.pop();
+                small.push(rich);
+            }
+        }
+        // What is left differs from 1 only by rounding.
+        for index in small.into_iter().chain(large) {
+            slots[index] = (1.0, index as u32);
+        }
+        Some(Self { slots })
+    }
+
+    /// The index that belongs to a number in [0, 1).
+    pub fn sample(&self, u: f32) -> usize {
+        let scaled = f64::from(u) * self.slots.len() as f64;
+        let slot = (scaled as usize).min(self.slots.len() - 1);
+        let (keep, other) = self.slots[slot];
+        if scaled - (slot as f64) < f64::from(keep) { slot } else { other as usize }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::integrator::random::PathRandom;
+
+    proptest! {
+        #[test]
+        fn frames_are_orthonormal_and_invertible(x in -1.0_f32..1.0, y in -1.0_f32..1.0, z in -1.0_f32..1.0) {
+            let normal = Vec3::new(x, y, z);
+            prop_assume!(normal.length() > 1e-3);
+            let normal = normal.normalize();
+            let frame = Frame::new(normal);
+            prop_assert!((frame.to_world(Vec3::Z) - normal).length() < 1e-6);
+            let direction = Vec3::new(0.3, -0.5, 0.8);
+            prop_assert!((frame.to_world(frame.to_local(direction)) - direction).length() < 1e-5);
+        }
+
+        #[test]
+        fn heuristic_weights_of_two_techniques_add_up_to_one(a in 1e-6_f32..1e12, b in 1e-6_f32..1e12) {
+            prop_assert!((power_heuristic(a, b) + power_heuristic(b, a) - 1.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn alias_table_draws_in_proportion() {
+        let weights = [0.0, 1.0, 2.0, 5.0, 0.0, 8.0];
+        let table = AliasTable::new(&weights).expect("weights are positive");
+        let mut counts = [0_u32; 6];
+        let mut random = PathRandom::new(3, 0, 0);
+        for _ in 0..160_000 {
+            counts[table.sample(random.single())] += 1;
+        }
+        for (count, weight) in counts.iter().zip(weights) {
+            let expected = weight * 10_000.0;
+            assert!((f64::from(*count) - expected).abs() <= 5.0 * expected.sqrt(), "{counts:?}");
+        }
+    }
+
+    #[test]
+    fn alias_table_of_nothing_is_refused() {
+        assert!(AliasTable::new(&[]).is_none());
+        assert!(AliasTable::new(&[0.0, 0.0]).is_none());
+        assert!(AliasTable::new(&[f64::NAN]).is_none());
+    }
+}

@@ -1,0 +1,28 @@
+//! Every limit of the renderer's loop and programs, in one place. The scene readers have their own.
+
+/// Largest width and height of a picture in pixels.
+pub const SIZE_MAX: u32 = 16_384;
+
+/// Most samples a pixel that a picture is rendered with.
+pub const SAMPLES_MAX: u32 = 1 << 20;
+
+/// Most bounces of a path.
+pub const BOUNCES_MAX: u32 = 64;
+
+/// Most thin sheets (glass) that a ray passes between two bounces.
+pub const SHEETS_PER_SEGMENT_MAX: u32 = 4;
+
+/// Most render threads.
+pub const THREADS_MAX: usize = 1024;
+
+/// Most iterations of a tuning run and frames of a flight.
+pub const ITERATIONS_MAX: u32 = 100_000;
+
+/// Most rounds in which winners are measured again.
+pub const ROUNDS_MAX: u32 = 10_000;
+
+/// Most configurations of one benchmark.
+pub const CONTENDERS_MAX: usize = 64;
+
+/// Most rays that accelerators are compared on.
+pub const VERIFY_RAYS_MAX: u32 = 10_000_000;
