@@ -14,10 +14,12 @@
 
 pub mod configuration;
 pub mod indicator;
+pub mod knowledge;
 pub mod limits;
 pub mod names;
 pub mod objective;
 pub mod policy;
+pub mod predict;
 mod randomness;
 pub mod search;
 pub mod space;

@@ -1,0 +1,206 @@
+//! What is known of one state: every configuration that was run in it, and what came of it.
+//!
+//! This is the table of paper section 6.1 ("a table of previous states, configurations, and the observed
+//! runtime") and the database of section 6 that keeps the same pair of state and configuration from being
+//! sampled twice. Looking up and taking a result cost the logarithm of the number of configurations.
+
+use std::cmp::Ordering;
+use std::collections::{BTreeSet, HashMap};
+
+use crate::configuration::Configuration;
+use crate::limits::FAILURES_PER_CONFIGURATION_MAX;
+use crate::search::Verdict;
+use crate::trial::{Outcome, Trial};
+
+/// What is known of one configuration in one state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Record {
+    /// The configuration.
+    pub configuration: Configuration,
+    /// Completed measurements.
+    pub measurements: u64,
+    /// Their mean objective; 0 without any.
+    pub mean_cost: f64,
+    /// The most recent trial that measured it; 0 without any.
+    pub last_trial: u64,
+    /// When that was, in milliseconds of the caller's clock.
+    pub last_measure_ms: i64,
+    /// The highest lower bound of a trial that was stopped early.
+    pub lower_bound: Option<f64>,
+    /// It could not be run once; it is never exploited here.
+    pub infeasible: bool,
+    /// Trials that failed without a verdict.
+    pub failures: u32,
+}
+
+impl Record {
+    /// Whether at least one trial said something about the configuration.
+    fn is_tried(&self) -> bool {
+        self.measurements > 0 || self.infeasible || self.lower_bound.is_some()
+    }
+
+    fn rank(&self, index: usize) -> Option<Rank> {
+        let usable = self.measurements > 0 && !self.infeasible;
+        usable.then_some(Rank {
+            cost: self.mean_cost,
+            index,
+        })
+    }
+}
+
+/// Place in the ranking: by cost, then by age.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Rank {
+    cost: f64,
+    index: usize,
+}
+
+impl Eq for Rank {}
+
+impl Ord for Rank {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.cost
+            .total_cmp(&other.cost)
+            .then(self.index.cmp(&other.index))
+    }
+}
+
+impl PartialOrd for Rank {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+/// What is known of one state.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Knowledge {
+    records: Vec<Record>,
+    /// Only looked up, never walked, so its order does not matter.
+    index: HashMap<Configuration, usize>,
+    ranking: BTreeSet<Rank>,
+    tried: usize,
+}
+
+impl Knowledge {
+    /// Takes a completed trial. Costs are finite: reports are checked before.
+    pub fn learn(&mut self, trial: &Trial) {
+        let Some(outcome) = &trial.outcome else {
+            return;
+        };
+        let index = self.slot(&trial.configuration);
+        let record = &mut self.records[index];
+        let (old_rank, was_tried) = (record.rank(index), record.is_tried());
+        match outcome {
+            Outcome::Ok => {
+                if let Some(cost) = trial.cost {
+                    record.measurements += 1;
+                    // A running mean, because the sum of large costs could leave the range of a double.
+                    record.mean_cost += (cost - record.mean_cost) / record.measurements as f64;
+                    record.last_trial = trial.number;
+                    record.last_measure_ms = trial.complete_ms.unwrap_or(trial.create_ms);
+                }
+            }
+            Outcome::Infeasible { .. } => record.infeasible = true,
+            Outcome::Aborted { lower_bound } => {
+                record.lower_bound = Some(
+                    record
+                        .lower_bound
+                        .map_or(*lower_bound, |old| old.max(*lower_bound)),
+                );
+            }
+            Outcome::Failed { .. } => record.failures = record.failures.saturating_add(1),
+        }
+        let (new_rank, is_tried) = (record.rank(index), record.is_tried());
+        self.tried += usize::from(is_tried && !was_tried);
+        if old_rank != new_rank {
+            old_rank.map(|rank| self.ranking.remove(&rank));
+            self.ranking.extend(new_rank);
+        }
+    }
+
+    fn slot(&mut self, configuration: &Configuration) -> usize {
+        if let Some(&index) = self.index.get(configuration) {
+            return index;
+        }
+        let index = self.records.len();
+        self.index.insert(configuration.clone(), index);
+        self.records.push(Record {
+            configuration: configuration.clone(),
+            measurements: 0,
+            mean_cost: 0.0,
+            last_trial: 0,
+            last_measure_ms: 0,
+            lower_bound: None,
+            infeasible: false,
+            failures: 0,
+        });
+        index
+    }
+
+    /// What is known of one configuration; `None` when no trial of it was ever completed here.
+    pub fn record(&self, configuration: &Configuration) -> Option<&Record> {
+        self.index
+            .get(configuration)
+            .map(|&index| &self.records[index])
+    }
+
+    /// The measured configurations that can be run, best mean first.
+    pub fn ranked(&self) -> impl Iterator<Item = &Record> {
+        self.ranking.iter().map(|rank| &self.records[rank.index])
+    }
+
+    /// The best of them.
+    pub fn best(&self) -> Option<&Record> {
+        self.ranked().next()
+    }
+
+    /// How many configurations have a verdict.
+    pub fn tried(&self) -> usize {
+        self.tried
+    }
+
+    /// Whether the configuration could not be run here.
+    pub fn is_infeasible(&self, configuration: &Configuration) -> bool {
+        self.record(configuration)
+            .is_some_and(|record| record.infeasible)
+    }
+
+    /// Whether the configuration has a verdict, final or not.
+    pub fn is_tried(&self, configuration: &Configuration) -> bool {
+        self.record(configuration).is_some_and(Record::is_tried)
+    }
+
+    /// What a search is told of a configuration; `None` while it should be measured (again), because it has
+    /// less than `replicates` measurements. One abort settles it, and so do repeated failures, which a
+    /// search takes for infeasible because it must go on.
+    pub fn settled(&self, configuration: &Configuration, replicates: u32) -> Option<Verdict> {
+        let record = self.record(configuration)?;
+        if record.infeasible {
+            return Some(Verdict::Infeasible);
+        }
+        let given_up = record.failures >= FAILURES_PER_CONFIGURATION_MAX;
+        match record.lower_bound {
+            _ if record.measurements >= u64::from(replicates) => {
+                Some(Verdict::Cost(record.mean_cost))
+            }
+            _ if record.measurements > 0 && given_up => Some(Verdict::Cost(record.mean_cost)),
+            Some(_) if record.measurements > 0 => Some(Verdict::Cost(record.mean_cost)),
+            Some(bound) => Some(Verdict::AtLeast(bound)),
+            None if given_up => Some(Verdict::Infeasible),
+            None => None,
+        }
+    }
+}
+
+/// A state of the study with what is known of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnownState {
+    /// Rises by one from 1 within the study.
+    pub id: u64,
+    /// The normalised indicators that founded it.
+    pub anchor: Vec<f64>,
+    /// A search was begun in it.
+    pub explored: bool,
+    /// The table of its configurations.
+    pub knowledge: Knowledge,
+}
