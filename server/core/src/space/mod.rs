@@ -241,6 +241,10 @@ impl Space {
         self.default.clone()
     }
 
+    pub(crate) fn default_ref(&self) -> &Configuration {
+        &self.default
+    }
+
     /// Checks a set of values: exactly the active parameters, each in its domain, every constraint
     /// fulfilled. The error names what is wrong.
     pub fn configuration(&self, values: RawConfiguration) -> Result<Configuration, SpaceError> {

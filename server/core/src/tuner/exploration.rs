@@ -1,7 +1,37 @@
 //! The search of one state together with the trials that carry its points.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
-/// The search of one state and its points in flight.
+use crate::search::{AnySearch, Feedback, Search};
+
+/// The search of one state and its points in flight. Opaque, exact through serde.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Exploration {}
+pub struct Exploration {
+    pub(super) search: AnySearch,
+    /// Which point of the search each open trial measures, by trial number.
+    pub(super) open: BTreeMap<u64, u64>,
+}
+
+impl Exploration {
+    pub(super) fn new(search: AnySearch) -> Self {
+        Exploration {
+            search,
+            open: BTreeMap::new(),
+        }
+    }
+
+    /// Ends the trial's hold on its point: the point is answered, or without feedback goes back and is
+    /// asked again. `false` when the trial carried no point.
+    pub(super) fn release(&mut self, trial: u64, feedback: Option<Feedback>) -> bool {
+        let Some(point) = self.open.remove(&trial) else {
+            return false;
+        };
+        match feedback {
+            Some(feedback) => self.search.tell(point, feedback),
+            None => self.search.withdraw(point),
+        }
+        true
+    }
+}

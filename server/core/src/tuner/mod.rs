@@ -1,9 +1,26 @@
 //! The state machine of one study: who gets which configuration, and what a report teaches.
+//!
+//! It carries out the workflow of paper section 6 (figure 10). Indicators are recognised as a state; on
+//! every change of a client's state an epsilon-greedy decision is taken to explore it with a search or to
+//! exploit a predictor's answer, which is then kept until the state changes again; every report feeds the
+//! table, the search and the model.
+//!
+//! The machine is pure. Whatever an answer depends on is either in the rows of the [`Change`]s it returned
+//! or is rebuilt from them: a tuner that is [restored](Tuner::restore) gives the same next answers, byte for
+//! byte, as one that never stopped. `recognise` finds states, `decide` takes decisions, `explore` walks a
+//! search, `suggest` and `report` are the two halves of a client's frame, `restore` rebuilds.
 
+mod checks;
+mod decide;
 mod exploration;
+mod explore;
+mod recognise;
+mod report;
+mod restore;
+mod suggest;
 mod types;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 pub use exploration::Exploration;
@@ -12,32 +29,60 @@ pub use types::{
     Statistics, TunerError, Visit,
 };
 
+use crate::configuration::Configuration;
+use crate::knowledge::{KnownState, Record};
 use crate::policy::Policy;
+use crate::predict::Rbf;
 use crate::study::{StudyError, StudySpec};
-use crate::trial::{Outcome, Trial};
+use crate::trial::Trial;
 
 /// The state machine of one study. Pure: time comes in as `now_ms`, randomness from the study's seed.
+///
+/// No call costs more when there are more trials. Recognising a state is linear in the states.
 #[derive(Clone, Debug)]
 pub struct Tuner {
     spec: Arc<StudySpec>,
+    /// State `id` sits at place `id - 1`.
+    states: Vec<KnownState>,
+    /// The work that goes on in each state, in the same order.
+    work: Vec<Work>,
+    visits: BTreeMap<String, Visit>,
+    /// Open trials by number.
+    open: BTreeMap<u64, Trial>,
+    /// The open trials of each client: number by state.
+    held: BTreeMap<String, BTreeMap<u64, u64>>,
+    /// Always trained, so that the policy can change to it at any time.
+    model: Rbf,
+    last_trial: u64,
+    completed: u64,
+    last_completion: u64,
 }
 
-#[allow(unused_variables)]
+/// The work that goes on in one state.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Work {
+    exploration: Option<Exploration>,
+    /// How many open trials run each configuration here. Only looked up, so its order does not matter.
+    running: HashMap<Configuration, u32>,
+}
+
 impl Tuner {
     /// A tuner that has seen nothing yet.
     pub fn new(spec: Arc<StudySpec>) -> Result<Self, StudyError> {
         spec.validate()?;
-        Ok(Tuner { spec })
-    }
-
-    /// Rebuilds a tuner from what its changes wrote. `trials`: the open ones in any place, the completed
-    /// ones by rising `completion`; others are not needed and passed over.
-    pub fn restore(
-        spec: Arc<StudySpec>,
-        snapshot: Snapshot,
-        trials: impl IntoIterator<Item = Trial>,
-    ) -> Result<Self, RestoreError> {
-        unimplemented!()
+        let indicators = spec.indicators.indicators().len();
+        Ok(Tuner {
+            model: Rbf::new(spec.space.dimension(), indicators, spec.seed),
+            spec,
+            states: Vec::new(),
+            work: Vec::new(),
+            visits: BTreeMap::new(),
+            open: BTreeMap::new(),
+            held: BTreeMap::new(),
+            last_trial: 0,
+            completed: 0,
+            last_completion: 0,
+        })
     }
 
     /// The specification, with the policy in force.
@@ -45,72 +90,122 @@ impl Tuner {
         &self.spec
     }
 
-    /// Hands out a trial under a lease.
-    pub fn suggest(&mut self, ask: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
-        unimplemented!()
-    }
-
-    /// Takes the result of a trial: an open one, or one that expired (then it counts as late).
-    pub fn report(
-        &mut self,
-        trial: &Trial,
-        measurements: BTreeMap<String, f64>,
-        outcome: Outcome,
-        now_ms: i64,
-    ) -> Result<(Trial, Change), TunerError> {
-        unimplemented!()
-    }
-
-    /// Gives a trial back unmeasured. Idempotent.
-    pub fn abandon(&mut self, trial: &Trial) -> Result<(Trial, Change), TunerError> {
-        unimplemented!()
-    }
-
-    /// Renews the lease of an open trial, counted from now.
-    pub fn extend_lease(
-        &mut self,
-        trial: &Trial,
-        now_ms: i64,
-    ) -> Result<(Trial, Change), TunerError> {
-        unimplemented!()
-    }
-
-    /// Ends every lease that has run out: the trial is expired and its search point goes back.
-    pub fn expire(&mut self, now_ms: i64) -> Change {
-        unimplemented!()
-    }
-
-    /// When the next lease runs out.
-    pub fn next_expiry_ms(&self) -> Option<i64> {
-        unimplemented!()
+    /// Replaces the policy. It takes effect with the next suggestion; trials that are out stay as they are.
+    pub fn set_policy(&mut self, policy: Policy) -> Result<(), StudyError> {
+        policy.validate(&self.spec.space)?;
+        Arc::make_mut(&mut self.spec).policy = policy;
+        Ok(())
     }
 
     /// An open trial.
     pub fn open_trial(&self, number: u64) -> Option<&Trial> {
-        unimplemented!()
+        self.open.get(&number)
     }
 
-    /// What would be exploited for these indicators. Changes nothing.
-    pub fn predict(&self, indicators: &BTreeMap<String, f64>) -> Result<Prediction, TunerError> {
-        unimplemented!()
-    }
-
-    /// The best known configuration of the state that matches the indicators, or of all states. `None`
-    /// when nothing has been measured there.
-    pub fn best(
-        &self,
-        indicators: Option<&BTreeMap<String, f64>>,
-    ) -> Result<Option<Best>, TunerError> {
-        unimplemented!()
-    }
-
-    /// Replaces the policy. It takes effect with the next suggestion.
-    pub fn set_policy(&mut self, policy: Policy) -> Result<(), StudyError> {
-        unimplemented!()
+    /// When the next lease runs out, in milliseconds of the caller's clock.
+    pub fn next_expiry_ms(&self) -> Option<i64> {
+        self.open.values().map(|trial| trial.lease_expire_ms).min()
     }
 
     /// Counts.
     pub fn statistics(&self) -> Statistics {
-        unimplemented!()
+        Statistics {
+            states: self.states.len() as u64,
+            trials: self.last_trial,
+            completed_trials: self.completed,
+            open_trials: self.open.len() as u64,
+        }
+    }
+
+    /// The best known configuration of the state that matches the indicators, or of all states where none
+    /// are given. `None` when nothing has been measured there.
+    pub fn best(
+        &self,
+        indicators: Option<&BTreeMap<String, f64>>,
+    ) -> Result<Option<Best>, TunerError> {
+        let best_of = |state: usize| {
+            self.states[state]
+                .knowledge
+                .best()
+                .map(|best| (state, best))
+        };
+        let found = match indicators {
+            Some(indicators) => {
+                let state = self.recognise(None, &self.spec.indicators.normalise(indicators)?);
+                state.and_then(best_of)
+            }
+            None => (0..self.states.len())
+                .filter_map(best_of)
+                .min_by(|a, b| a.1.mean_cost.total_cmp(&b.1.mean_cost)),
+        };
+        Ok(found.map(|(state, record)| self.best_answer(state, record)))
+    }
+
+    fn best_answer(&self, state: usize, record: &Record) -> Best {
+        Best {
+            configuration: record.configuration.clone(),
+            cost: record.mean_cost,
+            default_cost: self.default_cost(state),
+            measurements: record.measurements,
+            state_id: self.states[state].id,
+            trial: record.last_trial,
+            last_measure_ms: record.last_measure_ms,
+        }
+    }
+
+    /// Mean cost of the default configuration in a state, if it was measured there.
+    fn default_cost(&self, state: usize) -> Option<f64> {
+        let record = self.states[state]
+            .knowledge
+            .record(self.spec.space.default_ref())?;
+        (record.measurements > 0).then_some(record.mean_cost)
+    }
+
+    /// The row of a state.
+    fn state_record(&self, state: usize) -> StateRecord {
+        StateRecord {
+            id: self.states[state].id,
+            indicators: self.states[state].anchor.clone(),
+            search: self.work[state].exploration.clone(),
+        }
+    }
+
+    /// Enters an open trial into the tables.
+    fn enter(&mut self, trial: Trial) {
+        let state = place(trial.state_id);
+        let running = self.work[state].running.entry(trial.configuration.clone());
+        *running.or_insert(0) += 1;
+        let held = self.held.entry(trial.client_id.clone()).or_default();
+        held.insert(trial.state_id, trial.number);
+        self.open.insert(trial.number, trial);
+    }
+
+    /// Takes an open trial out of the tables.
+    fn remove(&mut self, number: u64) -> Option<Trial> {
+        let trial = self.open.remove(&number)?;
+        let running = &mut self.work[place(trial.state_id)].running;
+        if let Some(count) = running.get_mut(&trial.configuration) {
+            *count -= 1;
+            if *count == 0 {
+                running.remove(&trial.configuration);
+            }
+        }
+        if let Some(held) = self.held.get_mut(&trial.client_id) {
+            held.remove(&trial.state_id);
+            if held.is_empty() {
+                self.held.remove(&trial.client_id);
+            }
+        }
+        Some(trial)
     }
 }
+
+/// The place of a state in the tables.
+fn place(state_id: u64) -> usize {
+    state_id as usize - 1
+}
+
+#[cfg(test)]
+mod replay_tests;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,193 @@
+//! The next step of a state's search, for one client among several.
+
+use rand::RngExt;
+
+use crate::configuration::Configuration;
+use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
+use crate::randomness::{Purpose, stream};
+use crate::search::{AnySearch, Feedback, Point, Search, SearchSetup, Step};
+use crate::trial::{Mode, Reason};
+use crate::tuner::{Exploration, Prediction, Tuner, Work};
+
+/// What the walk along a search came to.
+enum Walk {
+    /// A point to measure.
+    Measure(Point, Configuration),
+    /// The search waits for trials that are out, or its budget is spent.
+    Wait,
+    /// One point after the other fell on known configurations.
+    OnlyKnown,
+}
+
+impl Tuner {
+    /// What a client that explores `state` runs in trial `number`: the search's next point that is worth a
+    /// measurement; where there is none (other clients hold what the search waits for, or the budget is
+    /// spent), the best that is known, because a client never waits. The best may change from one answer to
+    /// the next here: measuring the leaders again is what tells luck from merit.
+    pub(super) fn explore(&mut self, state: usize, number: u64, normalised: &[f64]) -> Prediction {
+        self.ensure_exploration(state);
+        let walk = self.walk(state);
+        let unseen = match walk {
+            Walk::Measure(point, configuration) => {
+                return self.measure(state, number, point, configuration);
+            }
+            Walk::OnlyKnown => self.unseen(state, number),
+            Walk::Wait => None,
+        };
+        if let Some(configuration) = unseen {
+            let reason = Reason {
+                summary: "The search only met known configurations; this one was drawn at random."
+                    .into(),
+                source: "random".into(),
+                step: Step::RandomSearch.name().into(),
+                neighbours: Vec::new(),
+            };
+            return Prediction {
+                configuration,
+                mode: Mode::Explore,
+                predicted_cost: None,
+                reason,
+            };
+        }
+        self.best_known(state)
+            .unwrap_or_else(|| self.exploitation(normalised, Some(state)))
+    }
+
+    /// Sees that the state has a search of the policy's kind. Trials that carry points of an earlier search
+    /// only feed the table from then on.
+    fn ensure_exploration(&mut self, state: usize) {
+        let method = self.spec.policy.search;
+        let current = self.work[state].exploration.as_ref();
+        if current.is_some_and(|exploration| exploration.search.method() == method) {
+            return;
+        }
+        let setup = SearchSetup {
+            seed: self.spec.seed,
+            state_id: self.states[state].id,
+            start: self.spec.space.encode(self.spec.space.default_ref()),
+            budget: self.spec.policy.trials_per_state,
+        };
+        self.work[state].exploration = Some(Exploration::new(AnySearch::new(method, setup)));
+        self.states[state].explored = true;
+    }
+
+    /// Asks the search until a point is worth a measurement. Points that fall on configurations with a
+    /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
+    /// whose configuration runs just now in this state go back until it is reported.
+    fn walk(&mut self, state: usize) -> Walk {
+        let Tuner {
+            spec, states, work, ..
+        } = self;
+        let (space, policy, knowledge) = (&spec.space, &spec.policy, &states[state].knowledge);
+        let Work {
+            exploration: Some(Exploration { search, open }),
+            running,
+        } = &mut work[state]
+        else {
+            return Walk::Wait;
+        };
+        let spent = knowledge.tried() + open.len() >= policy.trials_per_state as usize;
+        let mut held = Vec::new();
+        let mut walk = Walk::OnlyKnown;
+        for _ in 0..KNOWN_POINTS_PER_SUGGESTION_MAX {
+            let Some(point) = search.ask() else {
+                walk = Walk::Wait;
+                break;
+            };
+            let configuration = match point.step {
+                // The default itself, even where its coordinates lose a digit.
+                Step::Default => space.default_configuration(),
+                _ => space.decode(&point.x),
+            };
+            if let Some(verdict) = knowledge.settled(&configuration, policy.replicates) {
+                search.tell(
+                    point.id,
+                    Feedback {
+                        verdict,
+                        fresh: false,
+                    },
+                );
+            } else if running.contains_key(&configuration) {
+                held.push(point.id);
+                walk = Walk::Wait;
+            } else if spent && !knowledge.is_tried(&configuration) {
+                held.push(point.id);
+                walk = Walk::Wait;
+                break;
+            } else {
+                walk = Walk::Measure(point, configuration);
+                break;
+            }
+        }
+        for id in held {
+            search.withdraw(id);
+        }
+        walk
+    }
+
+    fn measure(
+        &mut self,
+        state: usize,
+        number: u64,
+        point: Point,
+        configuration: Configuration,
+    ) -> Prediction {
+        let record = self.states[state].knowledge.record(&configuration);
+        let known = record.filter(|record| record.measurements > 0);
+        let predicted_cost = known.map(|record| record.mean_cost);
+        let (mode, summary) = match (point.step, known) {
+            (Step::Default, _) => (
+                Mode::Default,
+                "The baseline comes first in a state that is explored.".to_owned(),
+            ),
+            (_, None) => (
+                Mode::Explore,
+                "The next point of the state's search.".to_owned(),
+            ),
+            (_, Some(record)) => {
+                let count = record.measurements;
+                (
+                    Mode::Explore,
+                    format!("Another replicate, after {count} measurements."),
+                )
+            }
+        };
+        let reason = Reason {
+            summary,
+            source: self.spec.policy.search.name().to_owned(),
+            step: point.step.name().to_owned(),
+            neighbours: Vec::new(),
+        };
+        if let Some(exploration) = &mut self.work[state].exploration {
+            exploration.open.insert(number, point.id);
+        }
+        Prediction {
+            configuration,
+            mode,
+            predicted_cost,
+            reason,
+        }
+    }
+
+    /// A configuration without a verdict that nobody runs, drawn at random; `None` when a bounded number of
+    /// draws meets none, as in a space that is as good as used up.
+    fn unseen(&self, state: usize, number: u64) -> Option<Configuration> {
+        let knowledge = &self.states[state].knowledge;
+        let running = &self.work[state].running;
+        let mut random = stream(
+            self.spec.seed,
+            Purpose::Unseen,
+            self.states[state].id,
+            number,
+        );
+        (0..UNSEEN_DRAWS_MAX).find_map(|_| {
+            let x: Vec<f64> = (0..self.spec.space.dimension())
+                .map(|_| random.random())
+                .collect();
+            let configuration = self.spec.space.decode(&x);
+            let seen = knowledge.settled(&configuration, 1).is_some()
+                || running.contains_key(&configuration);
+            (!seen).then_some(configuration)
+        })
+    }
+}

@@ -1,0 +1,280 @@
+//! A tuner that is rebuilt from its rows answers like one that never stopped, whatever happened before.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use proptest::prelude::*;
+
+use super::tests::{ask, cost, measured, spec};
+use super::*;
+use crate::policy::{Policy, PredictorMethod, SearchMethod};
+use crate::trial::{Outcome, RawTrial, Trial, TrialState};
+
+/// A store as simple as can be: rows as text, so that what serde loses would be found missing.
+#[derive(Default)]
+struct Rows {
+    trials: BTreeMap<u64, String>,
+    states: BTreeMap<u64, String>,
+    visits: BTreeMap<String, String>,
+}
+
+fn text<T: serde::Serialize>(row: &T) -> String {
+    serde_json::to_string(row).expect("rows are plain data")
+}
+
+impl Rows {
+    fn write(&mut self, change: &Change) {
+        self.trials.extend(
+            change
+                .trials
+                .iter()
+                .map(|trial| (trial.number, text(trial))),
+        );
+        self.states
+            .extend(change.states.iter().map(|state| (state.id, text(state))));
+        self.visits.extend(
+            change
+                .visits
+                .iter()
+                .map(|visit| (visit.client_id.clone(), text(visit))),
+        );
+    }
+
+    fn trial(&self, tuner: &Tuner, number: u64) -> Trial {
+        let raw: RawTrial = serde_json::from_str(&self.trials[&number]).expect("own row");
+        raw.check(&tuner.spec().space)
+            .expect("a valid configuration")
+    }
+
+    fn restore(&self, tuner: &Tuner) -> Tuner {
+        // The specification takes the way through text as well.
+        let spec: StudySpec = serde_json::from_str(&text(tuner.spec().as_ref())).expect("own row");
+        assert_eq!(&spec, tuner.spec().as_ref());
+        let mut trials: Vec<Trial> = self
+            .trials
+            .keys()
+            .map(|&number| self.trial(tuner, number))
+            .collect();
+        trials.sort_by_key(|trial| trial.completion);
+        let visit = |row: &String| {
+            let raw: RawVisit = serde_json::from_str(row).expect("own row");
+            raw.check(&spec.space).expect("a valid configuration")
+        };
+        let snapshot = Snapshot {
+            states: self
+                .states
+                .values()
+                .map(|row| serde_json::from_str(row).expect("own row"))
+                .collect(),
+            visits: self.visits.values().map(visit).collect(),
+            last_trial: self.trials.keys().next_back().copied().unwrap_or(0),
+        };
+        Tuner::restore(Arc::new(spec), snapshot, trials).expect("consistent rows")
+    }
+}
+
+/// One thing that happens to a study.
+#[derive(Clone, Debug)]
+enum Event {
+    Suggest { client: usize, place: usize },
+    Report { which: usize, kind: usize },
+    Abandon { which: usize },
+    Expire { later_ms: i64 },
+    Policy { which: usize },
+    Restart,
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    prop_oneof![
+        8 => (0usize..3, 0usize..6).prop_map(|(client, place)| Event::Suggest { client, place }),
+        8 => (0usize..8, 0usize..12).prop_map(|(which, kind)| Event::Report { which, kind }),
+        1 => (0usize..8).prop_map(|which| Event::Abandon { which }),
+        1 => (0i64..80_000).prop_map(|later_ms| Event::Expire { later_ms }),
+        1 => (0usize..4).prop_map(|which| Event::Policy { which }),
+        2 => Just(Event::Restart),
+    ]
+}
+
+fn policy(which: usize) -> Policy {
+    let base = Policy {
+        epsilon: 0.5,
+        trials_per_state: 12,
+        ..Policy::default()
+    };
+    match which {
+        0 => base,
+        1 => Policy {
+            predictor: PredictorMethod::RbfGreedyGq,
+            replicates: 2,
+            ..base
+        },
+        2 => Policy {
+            search: SearchMethod::LatinHypercube,
+            lease_s: 5,
+            ..base
+        },
+        _ => Policy {
+            epsilon: 0.9,
+            trials_per_state: 6,
+            ..base
+        },
+    }
+}
+
+fn outcome(kind: usize, trial: &Trial) -> Outcome {
+    match kind {
+        0 => Outcome::Infeasible {
+            reason: "depth".into(),
+        },
+        1 => Outcome::Aborted {
+            lower_bound: cost(trial) * 0.75,
+        },
+        2 => Outcome::Failed {
+            reason: "crash".into(),
+        },
+        _ => Outcome::Ok,
+    }
+}
+
+/// Lets `event` happen to one tuner.
+fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -> Option<Trial> {
+    *now_ms += 100;
+    // Reports concern any trial that was ever handed out, the latest ones above all.
+    let pick = |rows: &Rows, tuner: &Tuner, which: usize| {
+        let number = rows
+            .trials
+            .keys()
+            .nth_back(which.min(rows.trials.len().checked_sub(1)?))?;
+        Some(
+            tuner
+                .open_trial(*number)
+                .cloned()
+                .unwrap_or_else(|| rows.trial(tuner, *number)),
+        )
+    };
+    let (answer, change) = match event {
+        Event::Suggest { client, place } => {
+            let (x, y) = (0.1 * *place as f64, 0.3 + 0.01 * *client as f64);
+            let answer = tuner.suggest(&ask(&format!("client {client}"), x, y), *now_ms);
+            answer.expect("a valid question")
+        }
+        Event::Report { which, kind } => {
+            let trial = pick(rows, tuner, *which)?;
+            let measurements = measured(cost(&trial));
+            tuner
+                .report(&trial, measurements, outcome(*kind, &trial), *now_ms)
+                .ok()?
+        }
+        Event::Abandon { which } => tuner.abandon(&pick(rows, tuner, *which)?).ok()?,
+        Event::Expire { later_ms } => {
+            *now_ms += later_ms;
+            rows.write(&tuner.expire(*now_ms));
+            return None;
+        }
+        Event::Policy { which } => {
+            tuner.set_policy(policy(*which)).expect("valid");
+            return None;
+        }
+        Event::Restart => return None,
+    };
+    rows.write(&change);
+    Some(answer)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(96))]
+
+    #[test]
+    fn a_restored_tuner_gives_the_same_next_answers(events in prop::collection::vec(event(), 1..160)) {
+        let fresh = || Tuner::new(Arc::new(spec(policy(0)))).expect("valid");
+        let (mut steady, mut steady_rows, mut steady_ms) = (fresh(), Rows::default(), 0);
+        let (mut restarted, mut rows, mut now_ms) = (fresh(), Rows::default(), 0);
+        for event in &events {
+            let expected = happen(&mut steady, &mut steady_rows, event, &mut steady_ms);
+            if matches!(event, Event::Restart) {
+                restarted = rows.restore(&restarted);
+            }
+            let answer = happen(&mut restarted, &mut rows, event, &mut now_ms);
+            prop_assert_eq!(answer, expected);
+        }
+        prop_assert_eq!(&rows.trials, &steady_rows.trials);
+        prop_assert_eq!(&rows.states, &steady_rows.states);
+        prop_assert_eq!(&rows.visits, &steady_rows.visits);
+        prop_assert_eq!(restarted.statistics(), steady.statistics());
+        for place in 0..6 {
+            let indicators = ask("z", 0.1 * f64::from(place), 0.31).indicators;
+            prop_assert_eq!(restarted.predict(&indicators), steady.predict(&indicators));
+            prop_assert_eq!(restarted.best(Some(&indicators)), steady.best(Some(&indicators)));
+        }
+    }
+
+    #[test]
+    fn answers_do_not_depend_on_the_unit_of_the_cost(
+        seed: u64, power in -20i32..20, rbf in any::<bool>(), places in prop::collection::vec(0usize..4, 60),
+    ) {
+        let predictor = if rbf { PredictorMethod::RbfGreedyGq } else { PredictorMethod::NearestNeighbour };
+        let policy = Policy { epsilon: 0.5, predictor, trials_per_state: 20, ..Policy::default() };
+        let scale = 2f64.powi(power);
+        let run = |scale: f64| {
+            let mut tuner = Tuner::new(Arc::new(StudySpec { seed, ..spec(policy.clone()) })).expect("valid");
+            let mut answers = Vec::new();
+            for place in &places {
+                for _ in 0..4 {
+                    let trial = tuner.suggest(&ask("a", 0.2 * *place as f64, 0.5), 0).expect("valid").0;
+                    let report = tuner.report(&trial, measured(scale * cost(&trial)), Outcome::Ok, 1);
+                    assert!(report.is_ok());
+                    answers.push((trial.configuration, trial.mode));
+                }
+            }
+            answers
+        };
+        prop_assert_eq!(run(1.0), run(scale));
+    }
+}
+
+#[test]
+fn rows_that_contradict_each_other_are_refused() {
+    let mut tuner = Tuner::new(Arc::new(spec(policy(0)))).expect("valid");
+    let (trial, change) = tuner.suggest(&ask("a", 0.5, 0.5), 0).expect("valid");
+    let snapshot = |last_trial| Snapshot {
+        states: change.states.clone(),
+        visits: vec![],
+        last_trial,
+    };
+    let restore = |snapshot, trial: &Trial| {
+        Tuner::restore(tuner.spec().clone(), snapshot, [trial.clone()])
+            .map(|tuner| tuner.statistics())
+    };
+    assert_eq!(
+        restore(snapshot(1), &trial).map(|counts| counts.open_trials),
+        Ok(1)
+    );
+    assert!(
+        restore(snapshot(0), &trial).is_err(),
+        "a trial beyond the last"
+    );
+    let strange = Trial {
+        state_id: 7,
+        ..trial.clone()
+    };
+    assert!(
+        restore(snapshot(1), &strange).is_err(),
+        "a state that does not exist"
+    );
+    let unordered = Trial {
+        state: TrialState::Completed,
+        ..trial.clone()
+    };
+    assert!(
+        restore(snapshot(1), &unordered).is_err(),
+        "a completed trial without its place"
+    );
+    let gap = Snapshot {
+        states: vec![StateRecord {
+            id: 3,
+            ..change.states[0].clone()
+        }],
+        ..snapshot(1)
+    };
+    assert!(restore(gap, &trial).is_err(), "a gap between states");
+}

@@ -1,0 +1,207 @@
+//! The second half of a client's frame, and the other ends a trial can come to.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::predict::{Lesson, Predictor};
+use crate::search::{Feedback, Verdict};
+use crate::trial::{Outcome, Trial, TrialState};
+use crate::tuner::{Change, Tuner, TunerError, checks, place};
+
+impl Tuner {
+    /// Takes the result of a trial and tells what must be stored before it is acknowledged.
+    ///
+    /// `trial` is the record the caller has: [`Tuner::open_trial`], or what its store holds when the lease
+    /// has run out (the result is taken all the same and flagged `late`). [`TunerError::AlreadyCompleted`]
+    /// and [`TunerError::Abandoned`] tell what the caller's record says. `measurements` are finite and not
+    /// negative; with [`Outcome::Ok`] they hold every metric of the objective.
+    pub fn report(
+        &mut self,
+        trial: &Trial,
+        measurements: BTreeMap<String, f64>,
+        outcome: Outcome,
+        now_ms: i64,
+    ) -> Result<(Trial, Change), TunerError> {
+        let number = trial.number;
+        let trial = match (self.open.get(&number), trial.state) {
+            (Some(open), _) => open,
+            (None, TrialState::Completed) => return Err(TunerError::AlreadyCompleted { number }),
+            (None, TrialState::Abandoned) => return Err(TunerError::Abandoned { number }),
+            (None, TrialState::Expired) if self.is_ours(trial) => trial,
+            (None, _) => return Err(TunerError::UnknownTrial { number }),
+        };
+        checks::measurements(&measurements)?;
+        checks::outcome(&outcome)?;
+        let cost = match &outcome {
+            Outcome::Ok => Some(self.spec.objective.cost(&measurements)?),
+            Outcome::Aborted { lower_bound } => Some(*lower_bound + 0.0),
+            Outcome::Infeasible { .. } | Outcome::Failed { .. } => None,
+        };
+        let completed = Trial {
+            late: trial.state == TrialState::Expired || now_ms > trial.lease_expire_ms,
+            state: TrialState::Completed,
+            measurements,
+            cost,
+            outcome: Some(outcome),
+            complete_ms: Some(now_ms),
+            completion: Some(self.last_completion + 1),
+            ..trial.clone()
+        };
+        self.remove(number);
+        self.complete(&completed);
+        let state = place(completed.state_id);
+        let settled = self.states[state]
+            .knowledge
+            .settled(&completed.configuration, self.spec.policy.replicates);
+        let mut change = Change {
+            trials: vec![completed.clone()],
+            ..Change::default()
+        };
+        if self.release(
+            &completed,
+            settled.map(|verdict| Feedback {
+                verdict,
+                fresh: true,
+            }),
+        ) {
+            change.states.push(self.state_record(state));
+        }
+        Ok((completed, change))
+    }
+
+    /// Feeds a completed trial to the table and the model: now, and again when they are rebuilt.
+    pub(super) fn complete(&mut self, trial: &Trial) {
+        self.completed += 1;
+        self.last_completion = trial.completion.unwrap_or(self.last_completion + 1);
+        let state = place(trial.state_id);
+        self.states[state].knowledge.learn(trial);
+        let verdict = match (&trial.outcome, trial.cost) {
+            (Some(Outcome::Ok), Some(cost)) => Verdict::Cost(cost),
+            (Some(Outcome::Aborted { lower_bound }), _) => Verdict::AtLeast(*lower_bound),
+            (Some(Outcome::Infeasible { .. }), _) => Verdict::Infeasible,
+            // Says nothing of the configuration.
+            _ => return,
+        };
+        let default_cost = self.default_cost(state);
+        let point = self.spec.space.encode(&trial.configuration);
+        // The indicators were checked when the trial was handed out.
+        if let Ok(normalised) = self.spec.indicators.normalise(&trial.indicators) {
+            self.model.learn(&Lesson {
+                state: &normalised,
+                configuration: &trial.configuration,
+                point: &point,
+                verdict,
+                default_cost,
+            });
+        }
+    }
+
+    /// Gives a trial back unmeasured; its search point is handed out again. Idempotent. `trial` is the
+    /// record the caller has, as for [`Tuner::report`].
+    pub fn abandon(&mut self, trial: &Trial) -> Result<(Trial, Change), TunerError> {
+        let number = trial.number;
+        if let Some(state) = self.open.get(&number).map(|open| place(open.state_id)) {
+            let before = self.work[state].exploration.clone();
+            let abandoned = self.take_back(number, TrialState::Abandoned);
+            let mut change = Change {
+                trials: abandoned.into_iter().collect(),
+                ..Change::default()
+            };
+            if self.work[state].exploration != before {
+                change.states.push(self.state_record(state));
+            }
+            let trial = change.trials[0].clone();
+            return Ok((trial, change));
+        }
+        match trial.state {
+            TrialState::Completed => Err(TunerError::AlreadyCompleted { number }),
+            TrialState::Abandoned => Ok((trial.clone(), Change::default())),
+            TrialState::Expired if self.is_ours(trial) => {
+                let abandoned = Trial {
+                    state: TrialState::Abandoned,
+                    ..trial.clone()
+                };
+                Ok((
+                    abandoned.clone(),
+                    Change {
+                        trials: vec![abandoned],
+                        ..Change::default()
+                    },
+                ))
+            }
+            _ => Err(TunerError::UnknownTrial { number }),
+        }
+    }
+
+    /// Renews the lease of an open trial, counted from now.
+    pub fn extend_lease(
+        &mut self,
+        trial: &Trial,
+        now_ms: i64,
+    ) -> Result<(Trial, Change), TunerError> {
+        match self.renew(trial.number, now_ms) {
+            Some(renewed) => Ok((
+                renewed.clone(),
+                Change {
+                    trials: vec![renewed],
+                    ..Change::default()
+                },
+            )),
+            None => Err(TunerError::NotOpen {
+                number: trial.number,
+                state: trial.state,
+            }),
+        }
+    }
+
+    /// Ends every lease that has run out by `now_ms`: the trial is expired and its search point goes back.
+    pub fn expire(&mut self, now_ms: i64) -> Change {
+        let due: Vec<u64> = self
+            .open
+            .values()
+            .filter(|trial| trial.lease_expire_ms < now_ms)
+            .map(|trial| trial.number)
+            .collect();
+        let mut change = Change::default();
+        let mut states = BTreeSet::new();
+        for number in due {
+            let Some(state) = self.open.get(&number).map(|trial| place(trial.state_id)) else {
+                continue;
+            };
+            let carries =
+                |tuner: &Tuner| tuner.work[state].exploration.as_ref().map(|e| e.open.len());
+            let before = carries(self);
+            change
+                .trials
+                .extend(self.take_back(number, TrialState::Expired));
+            if carries(self) != before {
+                states.insert(state);
+            }
+        }
+        change.states = states
+            .into_iter()
+            .map(|state| self.state_record(state))
+            .collect();
+        change
+    }
+
+    /// Takes an open trial out unmeasured and gives its point back.
+    pub(super) fn take_back(&mut self, number: u64, state: TrialState) -> Option<Trial> {
+        let mut trial = self.remove(number)?;
+        trial.state = state;
+        self.release(&trial, None);
+        Some(trial)
+    }
+
+    fn release(&mut self, trial: &Trial, feedback: Option<Feedback>) -> bool {
+        let exploration = &mut self.work[place(trial.state_id)].exploration;
+        exploration
+            .as_mut()
+            .is_some_and(|exploration| exploration.release(trial.number, feedback))
+    }
+
+    /// Whether a record that is not open can be of this study.
+    fn is_ours(&self, trial: &Trial) -> bool {
+        let states = 1..=self.states.len() as u64;
+        trial.number <= self.last_trial && states.contains(&trial.state_id)
+    }
+}

@@ -1,0 +1,173 @@
+//! The first half of a client's frame: what to run next.
+
+use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX};
+use crate::trial::{Mode, Trial, TrialState};
+use crate::tuner::{Ask, Change, Decision, Prediction, Tuner, TunerError, Visit, checks};
+
+impl Tuner {
+    /// Hands out a trial under a lease, and tells what must be stored before the client may hear of it.
+    ///
+    /// A client that still holds an open trial for the state gets that one again with a fresh lease (its
+    /// answer was lost), unless the policy began or ceased to pin since. `now_ms` is the caller's clock.
+    pub fn suggest(&mut self, ask: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
+        checks::client_id(&ask.client_id)?;
+        checks::fingerprint(ask.fingerprint.as_ref())?;
+        let normalised = self.spec.indicators.normalise(&ask.indicators)?;
+        let found = self.recognise(Some(&ask.client_id), &normalised);
+        self.check_room(&ask.client_id, found)?;
+        // From here on nothing fails.
+        let state = found.unwrap_or_else(|| self.found(normalised.clone()));
+        let state_id = self.states[state].id;
+        let mut change = Change::default();
+        let search_before = self.work[state].exploration.clone();
+        let pinned = self.pinned();
+        if pinned.is_none() {
+            change
+                .visits
+                .extend(self.visit(&ask.client_id, &normalised, state));
+        }
+        let held = self
+            .held
+            .get(&ask.client_id)
+            .and_then(|held| held.get(&state_id))
+            .copied();
+        let trial = match held.map(|number| (number, self.still_fits(number, pinned.as_ref()))) {
+            Some((number, true)) => self.renew(number, now_ms),
+            stale => {
+                if let Some((number, _)) = stale {
+                    change
+                        .trials
+                        .extend(self.take_back(number, TrialState::Abandoned));
+                }
+                let number = self.last_trial + 1;
+                let prediction =
+                    pinned.unwrap_or_else(|| self.answer(ask, number, &normalised, state));
+                Some(self.hand_out(ask, number, state_id, prediction, now_ms))
+            }
+        };
+        let trial = trial.expect("a held trial is open");
+        change.trials.push(trial.clone());
+        if found.is_none() || self.work[state].exploration != search_before {
+            change.states.push(self.state_record(state));
+        }
+        Ok((trial, change))
+    }
+
+    fn check_room(&self, client_id: &str, found: Option<usize>) -> Result<(), TunerError> {
+        if found.is_none() && self.states.len() >= STATES_MAX {
+            return Err(TunerError::TooManyStates);
+        }
+        if !self.visits.contains_key(client_id) && self.visits.len() >= CLIENTS_MAX {
+            return Err(TunerError::TooManyClients);
+        }
+        let Some(held) = self.held.get(client_id) else {
+            return Ok(());
+        };
+        let again = found.is_some_and(|state| held.contains_key(&self.states[state].id));
+        if !again && held.len() >= OPEN_TRIALS_PER_CLIENT_MAX {
+            return Err(TunerError::TooManyOpenTrials {
+                client_id: client_id.to_owned(),
+            });
+        }
+        Ok(())
+    }
+
+    /// Notes a change of the client's state and decides for the new visit. A kept configuration that proved
+    /// infeasible here meanwhile is decided anew. Returns the visit's row if it changed.
+    fn visit(&mut self, client_id: &str, normalised: &[f64], state: usize) -> Option<Visit> {
+        let state_id = self.states[state].id;
+        let current = self.visits.get(client_id);
+        let number = match current {
+            Some(visit) if visit.state_id == state_id => match &visit.decision {
+                Decision::Exploit { configuration, .. }
+                    if self.states[state].knowledge.is_infeasible(configuration) =>
+                {
+                    visit.number
+                }
+                _ => return None,
+            },
+            Some(visit) => visit.number + 1,
+            None => 1,
+        };
+        let decision = self.decide(client_id, number, normalised, state);
+        let visit = Visit {
+            client_id: client_id.to_owned(),
+            state_id,
+            number,
+            decision,
+        };
+        self.visits.insert(visit.client_id.clone(), visit.clone());
+        Some(visit)
+    }
+
+    /// Whether a held trial is what the policy would still have the client run.
+    fn still_fits(&self, number: u64, pinned: Option<&Prediction>) -> bool {
+        let Some(trial) = self.open.get(&number) else {
+            return false;
+        };
+        match pinned {
+            Some(pinned) => {
+                trial.mode == Mode::Pinned && trial.configuration == pinned.configuration
+            }
+            None => trial.mode != Mode::Pinned,
+        }
+    }
+
+    fn answer(&mut self, ask: &Ask, number: u64, normalised: &[f64], state: usize) -> Prediction {
+        match self.visits.get(&ask.client_id).map(|visit| &visit.decision) {
+            Some(Decision::Exploit {
+                configuration,
+                mode,
+                predicted_cost,
+                reason,
+            }) => Prediction {
+                configuration: configuration.clone(),
+                mode: *mode,
+                predicted_cost: *predicted_cost,
+                reason: reason.clone(),
+            },
+            _ => self.explore(state, number, normalised),
+        }
+    }
+
+    fn hand_out(
+        &mut self,
+        ask: &Ask,
+        number: u64,
+        state_id: u64,
+        prediction: Prediction,
+        now_ms: i64,
+    ) -> Trial {
+        let trial = Trial {
+            number,
+            client_id: ask.client_id.clone(),
+            state_id,
+            indicators: ask.indicators.clone(),
+            configuration: prediction.configuration,
+            mode: prediction.mode,
+            predicted_cost: prediction.predicted_cost,
+            reason: prediction.reason,
+            lease_expire_ms: now_ms.saturating_add(self.spec.policy.lease_ms()),
+            state: TrialState::Open,
+            measurements: Default::default(),
+            cost: None,
+            outcome: None,
+            late: false,
+            create_ms: now_ms,
+            complete_ms: None,
+            completion: None,
+            fingerprint: ask.fingerprint.clone(),
+        };
+        self.last_trial = number;
+        self.enter(trial.clone());
+        trial
+    }
+
+    /// Gives an open trial a fresh lease.
+    pub(super) fn renew(&mut self, number: u64, now_ms: i64) -> Option<Trial> {
+        let lease_expire_ms = now_ms.saturating_add(self.spec.policy.lease_ms());
+        let trial = self.open.get_mut(&number)?;
+        trial.lease_expire_ms = lease_expire_ms;
+        Some(trial.clone())
+    }
+}
