@@ -1,0 +1,148 @@
+//! Page tokens: where a page ended, so that the next one goes on behind it.
+//!
+//! A token holds the last row's key rather than a count of rows, so that trials that are reported
+//! between two pages neither repeat rows nor skip any that keep their place. It also holds a digest of
+//! the question, so that a token is only good for the filter and order it came from, and a check sum,
+//! so that a mangled one is refused instead of misread.
+
+use std::fmt::Write as _;
+
+use crate::limits;
+
+/// A page token that this server did not give out, or gave out for another question.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "page_token does not belong to this request; repeat the request that gave it, with the same filter and order, or begin again without a token"
+)]
+pub struct TokenError;
+
+/// The last row of a page of trials.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cursor {
+    /// The value the trials are ordered by; none when the row had none.
+    pub value: Option<f64>,
+    /// The row's number.
+    pub number: i64,
+}
+
+impl Cursor {
+    /// The token for this place in the answer to `question`.
+    #[must_use]
+    pub fn token(&self, question: &[&str]) -> String {
+        let value = self
+            .value
+            .map_or("-".to_owned(), |value| format!("{:016x}", value.to_bits()));
+        seal(&format!("{value} {}", self.number), question)
+    }
+
+    /// Reads a token; an empty one is no place.
+    ///
+    /// # Errors
+    /// [`TokenError`] when the token was not made by [`token`](Self::token) for the same question.
+    pub fn parse(token: &str, question: &[&str]) -> Result<Option<Self>, TokenError> {
+        if token.is_empty() {
+            return Ok(None);
+        }
+        let text = open(token, question)?;
+        let (value, number) = text.split_once(' ').ok_or(TokenError)?;
+        let value = match value {
+            "-" => None,
+            bits => Some(f64::from_bits(
+                u64::from_str_radix(bits, 16).map_err(|_| TokenError)?,
+            )),
+        };
+        if value.is_some_and(|value| !value.is_finite()) {
+            return Err(TokenError);
+        }
+        Ok(Some(Self {
+            value,
+            number: number.parse().map_err(|_| TokenError)?,
+        }))
+    }
+}
+
+/// Makes a token of `text` that only [`open`] with the same question reads.
+#[must_use]
+pub fn seal(text: &str, question: &[&str]) -> String {
+    let mut token = format!("{:016x}", digest(text, question));
+    for byte in text.bytes() {
+        // Writing to a string cannot fail.
+        let _ = write!(token, "{byte:02x}");
+    }
+    token
+}
+
+/// Reads a token that [`seal`] made.
+///
+/// # Errors
+/// [`TokenError`] when the token was not made for the same question.
+pub fn open(token: &str, question: &[&str]) -> Result<String, TokenError> {
+    if token.len() > limits::TOKEN_CHARACTERS || !token.is_ascii() || !token.len().is_multiple_of(2)
+    {
+        return Err(TokenError);
+    }
+    let (digits, body) = token.split_at_checked(16).ok_or(TokenError)?;
+    let bytes = (0..body.len() / 2)
+        .map(|i| u8::from_str_radix(&body[2 * i..2 * i + 2], 16))
+        .collect::<Result<Vec<u8>, _>>()
+        .map_err(|_| TokenError)?;
+    let text = String::from_utf8(bytes).map_err(|_| TokenError)?;
+    match u64::from_str_radix(digits, 16) {
+        Ok(found) if found == digest(&text, question) => Ok(text),
+        _ => Err(TokenError),
+    }
+}
+
+/// FNV-1a (Fowler, Noll, Vo) over the text and the question's parts. It guards against mistakes, not
+/// against malice: a forged token could only ask for a page its sender may read anyway.
+fn digest(text: &str, question: &[&str]) -> u64 {
+    let mut hash: u64 = 0xcbf2_9ce4_8422_2325;
+    for part in std::iter::once(&text).chain(question) {
+        for byte in part.bytes().chain([0xff]) {
+            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+    }
+    hash
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const QUESTION: [&str; 3] = ["sponza", "cost < 3", "cost"];
+
+    #[test]
+    fn tokens_come_back() {
+        for value in [None, Some(0.1), Some(-1e300), Some(0.0)] {
+            let cursor = Cursor { value, number: 17 };
+            let token = cursor.token(&QUESTION);
+            assert_eq!(Cursor::parse(&token, &QUESTION), Ok(Some(cursor)));
+        }
+        assert_eq!(Cursor::parse("", &QUESTION), Ok(None));
+    }
+
+    #[test]
+    fn tokens_of_other_questions_and_mangled_ones_are_refused() {
+        let cursor = Cursor {
+            value: Some(0.5),
+            number: 3,
+        };
+        let token = cursor.token(&QUESTION);
+        for other in [
+            ["sponza", "cost < 4", "cost"],
+            ["hall", "cost < 3", "cost"],
+            ["sponza", "cost < 3cost", ""],
+        ] {
+            assert_eq!(Cursor::parse(&token, &other), Err(TokenError));
+        }
+        for at in 0..token.len() {
+            let mut mangled = token.clone().into_bytes();
+            mangled[at] = if mangled[at] == b'1' { b'2' } else { b'1' };
+            let mangled = String::from_utf8(mangled).unwrap();
+            assert_eq!(Cursor::parse(&mangled, &QUESTION), Err(TokenError));
+        }
+        for nonsense in ["x", "zz", "0123456789abcdef", "é0", &"0".repeat(1000)] {
+            assert_eq!(Cursor::parse(nonsense, &QUESTION), Err(TokenError));
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! What can go wrong with a store, each with its cause and its remedy.
+
+use std::path::PathBuf;
+
+/// Why a store cannot do what was asked. Nothing of the request was stored.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum StoreError {
+    /// No study has this id.
+    #[error("study {study:?} does not exist")]
+    StudyNotFound {
+        /// The id that was asked for.
+        study: String,
+    },
+    /// The id is taken by another specification.
+    #[error(
+        "study {study:?} exists with a different specification: {difference} (stored against given); choose another id or repeat the stored specification"
+    )]
+    StudyExists {
+        /// The id.
+        study: String,
+        /// The first difference, in words.
+        difference: String,
+    },
+    /// The database is full of studies.
+    #[error("the database holds {limit} studies, the most it may; delete some")]
+    TooManyStudies {
+        /// The limit.
+        limit: u32,
+    },
+    /// The study has no such trial.
+    #[error("trial {number} of study {study:?} does not exist")]
+    TrialNotFound {
+        /// The study.
+        study: String,
+        /// The number that was asked for.
+        number: u64,
+    },
+    /// The change was computed on a copy of the study that is no longer current.
+    #[error("study {study:?} was reloaded meanwhile; try again")]
+    Fenced {
+        /// The study.
+        study: String,
+    },
+    /// Too many writes wait.
+    #[error("{limit} writes are waiting for the disk, the most that may; try again later")]
+    QueueFull {
+        /// The limit.
+        limit: usize,
+    },
+    /// The database refused, at the moment.
+    #[error("the database cannot be used at the moment: {problem}; try again later")]
+    Unavailable {
+        /// What it said.
+        problem: String,
+    },
+    /// The store has been closed.
+    #[error("the database is closed; the daemon is shutting down")]
+    Closed,
+    /// A stored row does not say what it should, or a change breaks a rule of the tables.
+    #[error(
+        "the database is inconsistent: {problem}; restore it from a backup and report this as a defect"
+    )]
+    Inconsistent {
+        /// What was found.
+        problem: String,
+    },
+}
+
+/// Why a database file cannot be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// The path names a directory.
+    #[error("{} is a directory; name a database file", path.display())]
+    Directory {
+        /// The path.
+        path: PathBuf,
+    },
+    /// The directory that should hold the file is missing.
+    #[error("the directory {} does not exist; create it or choose another path", path.display())]
+    NoDirectory {
+        /// The directory.
+        path: PathBuf,
+    },
+    /// The file or its directory may not be written.
+    #[error("{} cannot be written ({problem}); check the permissions of the file and its directory, or choose another path", path.display())]
+    NotWritable {
+        /// The path.
+        path: PathBuf,
+        /// What the system said.
+        problem: String,
+    },
+    /// Another daemon serves this file.
+    #[error("{} is in use by another treewrightd{}; stop it or choose another path", path.display(), pid.map(|pid| format!(" (pid {pid})")).unwrap_or_default())]
+    InUse {
+        /// The path.
+        path: PathBuf,
+        /// The other process, where it could be read.
+        pid: Option<u32>,
+    },
+    /// Another program holds a lock.
+    #[error("{} is locked by another process; close the program that has it open and try again", path.display())]
+    Locked {
+        /// The path.
+        path: PathBuf,
+    },
+    /// Not SQLite, or damaged.
+    #[error("{} is not a usable database ({problem}); choose another path or restore it from a backup", path.display())]
+    NotADatabase {
+        /// The path.
+        path: PathBuf,
+        /// What SQLite said.
+        problem: String,
+    },
+    /// An SQLite database that something else made.
+    #[error("{} is a database of another program; choose another path", path.display())]
+    Foreign {
+        /// The path.
+        path: PathBuf,
+    },
+    /// The tables are newer than this program.
+    #[error("{} was written by a newer treewrightd (schema version {version}, this one knows {known}); upgrade this program", path.display())]
+    Newer {
+        /// The path.
+        path: PathBuf,
+        /// The newest schema version in the file.
+        version: i64,
+        /// The newest schema version this program knows.
+        known: i64,
+    },
+    /// Anything else.
+    #[error("{} cannot be opened: {problem}", path.display())]
+    Other {
+        /// The path.
+        path: PathBuf,
+        /// What was said.
+        problem: String,
+    },
+}

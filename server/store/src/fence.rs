@@ -1,0 +1,92 @@
+//! Fences and receipts: how a copy of a study in memory stays honest.
+//!
+//! A daemon keeps each study's tuner in memory and writes what it decides. Should one write fail, the
+//! copy is ahead of the database, and everything computed on it since must not be stored either. So each
+//! load of a study hands out a [`Fence`]; every change names the fence it was computed under; and the
+//! store breaks the fence at the first failure, at a newer load, and when the study is deleted. A change
+//! under a broken fence is refused. (The idea is that of the fencing token for leases in distributed
+//! locks; see Kleppmann, "Designing Data-Intensive Applications", chapter 8.)
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use tokio::sync::oneshot;
+
+use crate::error::StoreError;
+
+/// The right to change one study, from its load until the fence breaks. Cheap to clone.
+#[derive(Clone, Debug)]
+pub struct Fence(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    study: String,
+    key: i64,
+    broken: AtomicBool,
+}
+
+impl Fence {
+    pub(crate) fn new(study: &str, key: i64) -> Self {
+        Self(Arc::new(Inner {
+            study: study.to_owned(),
+            key,
+            broken: AtomicBool::new(false),
+        }))
+    }
+
+    /// The study's id.
+    #[must_use]
+    pub fn study(&self) -> &str {
+        &self.0.study
+    }
+
+    /// The study's key in the store's tables.
+    pub(crate) fn key(&self) -> i64 {
+        self.0.key
+    }
+
+    /// Whether what was loaded is still current. Once false, it stays so: load again.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        !self.0.broken.load(Ordering::Acquire)
+    }
+
+    pub(crate) fn break_up(&self) {
+        self.0.broken.store(true, Ordering::Release);
+    }
+
+    /// The error for a change that comes too late.
+    pub(crate) fn check(&self) -> Result<(), StoreError> {
+        if self.holds() {
+            Ok(())
+        } else {
+            Err(StoreError::Fenced {
+                study: self.study().to_owned(),
+            })
+        }
+    }
+}
+
+/// The promise of an answer from the disk: the change has its place in the order of writes, and
+/// [`durable`](Receipt::durable) tells when it is stored.
+#[derive(Debug)]
+#[must_use = "nothing may be told to a client before the receipt is durable"]
+pub struct Receipt(pub(crate) oneshot::Receiver<Result<(), StoreError>>);
+
+impl Receipt {
+    /// A receipt for something that has been decided already.
+    pub(crate) fn settled(result: Result<(), StoreError>) -> Self {
+        let (sender, receiver) = oneshot::channel();
+        // The receiver is alive: it is returned below.
+        let _ = sender.send(result);
+        Self(receiver)
+    }
+
+    /// Waits until the change, and every change before it, is on the disk.
+    ///
+    /// # Errors
+    /// Why it was not stored.
+    pub async fn durable(self) -> Result<(), StoreError> {
+        self.0.await.unwrap_or(Err(StoreError::Closed))
+    }
+}

@@ -1,0 +1,80 @@
+//! What a filter means, in memory. The SQLite store's translation is held against this.
+
+use treewright_core::trial::RawTrial;
+use treewright_core::value::Value;
+
+use super::{Comparison, Filter, Literal, Operator, OutcomeKind};
+
+impl Filter {
+    /// Whether every comparison holds for `trial`.
+    #[must_use]
+    pub fn matches(&self, trial: &RawTrial) -> bool {
+        self.comparisons
+            .iter()
+            .all(|comparison| comparison.holds(trial))
+    }
+}
+
+impl Comparison {
+    fn holds(&self, trial: &RawTrial) -> bool {
+        match self {
+            Self::State(operator, state) => operator.equality(trial.state == *state),
+            Self::Mode(operator, mode) => operator.equality(trial.mode == *mode),
+            Self::Outcome(operator, kind) => trial
+                .outcome
+                .as_ref()
+                .is_some_and(|outcome| operator.equality(OutcomeKind::of(outcome) == *kind)),
+            Self::Late(operator, late) => operator.equality(trial.late == *late),
+            Self::ClientId(operator, text) => operator.holds(trial.client_id.as_str(), text),
+            Self::StateId(operator, id) => operator.holds(&signed(trial.state_id), id),
+            Self::Number(operator, number) => operator.holds(&signed(trial.number), number),
+            Self::Cost(operator, cost) => trial.cost.is_some_and(|own| operator.holds(&own, cost)),
+            Self::Measurement(name, operator, value) => trial
+                .measurements
+                .get(name)
+                .is_some_and(|own| operator.holds(own, value)),
+            Self::Indicator(name, operator, value) => trial
+                .indicators
+                .get(name)
+                .is_some_and(|own| operator.holds(own, value)),
+            Self::Configuration(name, operator, literal) => trial
+                .configuration
+                .get(name)
+                .is_some_and(|own| literal_holds(own, *operator, literal)),
+        }
+    }
+}
+
+fn literal_holds(own: &Value, operator: Operator, literal: &Literal) -> bool {
+    match (own, literal) {
+        (Value::Text(own), Literal::Text(text)) => operator.holds(own, text),
+        (Value::Boolean(own), Literal::Boolean(boolean)) => operator.equality(own == boolean),
+        (Value::Integer(_) | Value::Float(_), Literal::Number(number)) => own
+            .as_number()
+            .is_some_and(|own| operator.holds(&own, number)),
+        _ => false,
+    }
+}
+
+impl Operator {
+    fn equality(self, equal: bool) -> bool {
+        equal == (self == Self::Equal)
+    }
+
+    /// Compares two values of one ordered kind. Text is ordered by its bytes, as SQLite does.
+    fn holds<T: PartialOrd + ?Sized>(self, left: &T, right: &T) -> bool {
+        match self {
+            Self::Equal => left == right,
+            Self::NotEqual => left != right,
+            Self::Less => left < right,
+            Self::LessOrEqual => left <= right,
+            Self::Greater => left > right,
+            Self::GreaterOrEqual => left >= right,
+        }
+    }
+}
+
+/// Numbers rise by one from 1 and never come near the end of the signed range.
+fn signed(number: u64) -> i64 {
+    i64::try_from(number).unwrap_or(i64::MAX)
+}

@@ -1,0 +1,133 @@
+//! The order in which trials are read: `number`, `cost desc`, `measurement.render_ms`.
+
+use std::cmp::Ordering;
+
+use treewright_core::trial::Trial;
+
+use super::FilterError;
+use super::parse;
+use super::token::{Token, tokens};
+use crate::cursor::Cursor;
+
+/// An order. Equal values, and trials without the value, which come last, follow by rising number, so
+/// that an order is always total and a page can go on where the last one ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Order {
+    /// What is compared.
+    pub key: OrderKey,
+    /// Largest first.
+    pub descending: bool,
+}
+
+/// What trials can be ordered by.
+#[derive(Clone, Debug, PartialEq)]
+pub enum OrderKey {
+    /// The trial's number.
+    Number,
+    /// The objective that was measured.
+    Cost,
+    /// A measurement, by name.
+    Measurement(String),
+}
+
+impl Default for Order {
+    fn default() -> Self {
+        Self {
+            key: OrderKey::Number,
+            descending: false,
+        }
+    }
+}
+
+impl Order {
+    /// Reads an order. Blank text means rising number.
+    ///
+    /// # Errors
+    /// [`FilterError`] with the place and what was expected there.
+    pub fn parse(text: &str) -> Result<Self, FilterError> {
+        const KEYS: &str = "number, cost or measurement.NAME";
+        const DIRECTION: &str = "`desc` or the end";
+        let mut tokens = tokens(text)?.into_iter();
+        let Some(first) = tokens.next() else {
+            return Ok(Self::default());
+        };
+        let unexpected = |position, token: &Token, expected| {
+            FilterError::new(
+                position,
+                format!("found {} instead of {expected}", token.shown()),
+            )
+        };
+        let key = match &first.token {
+            Token::Word(word) if word == "number" => OrderKey::Number,
+            Token::Word(word) if word == "cost" => OrderKey::Cost,
+            Token::Word(word) => match word.split_once('.') {
+                Some(("measurement", name)) => {
+                    OrderKey::Measurement(parse::name(name, first.position + "measurement.".len())?)
+                }
+                _ => return Err(unexpected(first.position, &first.token, KEYS)),
+            },
+            other => return Err(unexpected(first.position, other, KEYS)),
+        };
+        let descending = match tokens.next() {
+            None => false,
+            Some(placed) if placed.token == Token::Word("desc".to_owned()) => true,
+            Some(placed) => return Err(unexpected(placed.position, &placed.token, DIRECTION)),
+        };
+        if let Some(placed) = tokens.next() {
+            return Err(unexpected(placed.position, &placed.token, "the end"));
+        }
+        Ok(Self { key, descending })
+    }
+
+    /// The value by which `trial` is ordered; none puts it last.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss)] // Numbers are far below 2^53.
+    pub fn value<C>(&self, trial: &Trial<C>) -> Option<f64> {
+        match &self.key {
+            OrderKey::Number => Some(trial.number as f64),
+            OrderKey::Cost => trial.cost,
+            OrderKey::Measurement(name) => trial.measurements.get(name).copied(),
+        }
+    }
+
+    /// Which of two rows comes first.
+    #[must_use]
+    pub fn compare(&self, left: &Cursor, right: &Cursor) -> Ordering {
+        let values = match (left.value, right.value) {
+            (Some(left), Some(right)) if self.descending => right.total_cmp(&left),
+            (Some(left), Some(right)) => left.total_cmp(&right),
+            (left, right) => right.is_some().cmp(&left.is_some()),
+        };
+        values.then(left.number.cmp(&right.number))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn orders_parse() {
+        assert_eq!(Order::parse(" ").unwrap(), Order::default());
+        assert_eq!(Order::parse("number").unwrap(), Order::default());
+        let order = Order::parse("measurement.render_ms desc").unwrap();
+        assert_eq!(order.key, OrderKey::Measurement("render_ms".into()));
+        assert!(order.descending);
+        assert_eq!(Order::parse("cost").unwrap().key, OrderKey::Cost);
+    }
+
+    #[test]
+    fn mistakes_are_pointed_at() {
+        for (text, position, fragment) in [
+            ("price", 1, "instead of number, cost or measurement.NAME"),
+            ("cost down", 6, "instead of `desc` or the end"),
+            ("cost desc, number", 10, "has no meaning"),
+            ("cost desc number", 11, "instead of the end"),
+            ("measurement.A", 13, "is not a name"),
+        ] {
+            let error = Order::parse(text).unwrap_err();
+            assert_eq!(error.position, position, "{text}: {error}");
+            assert!(error.problem.contains(fragment), "{text}: {error}");
+        }
+    }
+}

@@ -1,0 +1,257 @@
+//! Tokens to [`Filter`]: `comparison { AND comparison }`, `comparison = field operator value`.
+
+use super::token::{Placed, Token, tokens};
+use super::{Comparison, Filter, FilterError, Literal, Operator};
+use crate::limits;
+use crate::words::{self, MODES, OUTCOMES, STATES};
+
+const FIELDS: &str = "a field: state, mode, outcome, client_id, state_id, number, cost, late, \
+                      measurement.NAME, config.NAME or indicator.NAME";
+
+pub(super) fn filter(text: &str) -> Result<Filter, FilterError> {
+    if text.chars().nth(limits::FILTER_CHARACTERS).is_some() {
+        return Err(FilterError::new(
+            limits::FILTER_CHARACTERS + 1,
+            format!(
+                "a filter has at most {} characters",
+                limits::FILTER_CHARACTERS
+            ),
+        ));
+    }
+    let mut parser = Parser {
+        tokens: tokens(text)?,
+        next: 0,
+        end: text.chars().count() + 1,
+    };
+    let mut comparisons = Vec::new();
+    while parser.next < parser.tokens.len() {
+        if !comparisons.is_empty() {
+            parser.and()?;
+        }
+        if comparisons.len() == limits::FILTER_COMPARISONS {
+            return Err(FilterError::new(
+                parser.position(),
+                format!(
+                    "a filter has at most {} comparisons",
+                    limits::FILTER_COMPARISONS
+                ),
+            ));
+        }
+        comparisons.push(parser.comparison()?);
+    }
+    Ok(Filter { comparisons })
+}
+
+/// Checks that `name` is spelt like a parameter's name, so that it can be part of a JSON path.
+pub(super) fn name(name: &str, position: usize) -> Result<String, FilterError> {
+    let spelt = name.starts_with(|c: char| c.is_ascii_lowercase())
+        && name
+            .chars()
+            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+    if spelt && name.len() <= limits::NAME_CHARACTERS {
+        Ok(name.to_owned())
+    } else {
+        Err(FilterError::new(
+            position,
+            format!(
+                "`{name}` is not a name: 1 to {} characters of a-z, 0-9 and _, beginning with a letter",
+                limits::NAME_CHARACTERS
+            ),
+        ))
+    }
+}
+
+struct Parser {
+    tokens: Vec<Placed>,
+    next: usize,
+    /// The place just behind the text, where what is missing is missing.
+    end: usize,
+}
+
+impl Parser {
+    fn position(&self) -> usize {
+        self.tokens.get(self.next).map_or(self.end, |t| t.position)
+    }
+
+    /// Takes the next token, or says that `expected` is missing.
+    fn take(&mut self, expected: &str) -> Result<Placed, FilterError> {
+        let placed = self.tokens.get(self.next).cloned().ok_or_else(|| {
+            FilterError::new(self.end, format!("the filter ends before {expected}"))
+        })?;
+        self.next += 1;
+        Ok(placed)
+    }
+
+    fn and(&mut self) -> Result<(), FilterError> {
+        let placed = self.take("`AND`")?;
+        match placed.token {
+            Token::Word(word) if word == "AND" => Ok(()),
+            other => Err(unexpected(placed.position, &other, "`AND`")),
+        }
+    }
+
+    fn comparison(&mut self) -> Result<Comparison, FilterError> {
+        let field = self.take(FIELDS)?;
+        let Token::Word(word) = &field.token else {
+            return Err(unexpected(field.position, &field.token, FIELDS));
+        };
+        let prefixed = word.split_once('.');
+        let known = match prefixed {
+            Some((prefix, _)) => matches!(prefix, "measurement" | "config" | "indicator"),
+            None => matches!(
+                word.as_str(),
+                "state"
+                    | "mode"
+                    | "outcome"
+                    | "client_id"
+                    | "state_id"
+                    | "number"
+                    | "cost"
+                    | "late"
+            ),
+        };
+        if !known {
+            return Err(unexpected(field.position, &field.token, FIELDS));
+        }
+        let named = match prefixed {
+            Some((prefix, rest)) => name(rest, field.position + prefix.len() + 1)?,
+            None => String::new(),
+        };
+
+        let operator = self.operator()?;
+        Ok(match prefixed.map_or(word.as_str(), |(prefix, _)| prefix) {
+            "state" => {
+                Comparison::State(operator.equality("state")?, self.word(STATES, "a state")?)
+            }
+            "mode" => Comparison::Mode(operator.equality("mode")?, self.word(MODES, "a mode")?),
+            "outcome" => Comparison::Outcome(
+                operator.equality("outcome")?,
+                self.word(OUTCOMES, "an outcome")?,
+            ),
+            "late" => Comparison::Late(
+                operator.equality("late")?,
+                self.word(BOOLEANS, "a truth value")?,
+            ),
+            "client_id" => Comparison::ClientId(operator.operator, self.text()?),
+            "state_id" => Comparison::StateId(operator.operator, self.whole_number()?),
+            "number" => Comparison::Number(operator.operator, self.whole_number()?),
+            "cost" => Comparison::Cost(operator.operator, self.number()?),
+            "measurement" => Comparison::Measurement(named, operator.operator, self.number()?),
+            "indicator" => Comparison::Indicator(named, operator.operator, self.number()?),
+            _ => {
+                let literal = self.literal()?;
+                if matches!(literal, Literal::Boolean(_)) {
+                    operator.equality("a boolean parameter")?;
+                }
+                Comparison::Configuration(named, operator.operator, literal)
+            }
+        })
+    }
+
+    fn operator(&mut self) -> Result<PlacedOperator, FilterError> {
+        const EXPECTED: &str = "an operator: = != < <= > >=";
+        let placed = self.take(EXPECTED)?;
+        match placed.token {
+            Token::Operator(operator) => Ok(PlacedOperator {
+                position: placed.position,
+                operator,
+            }),
+            other => Err(unexpected(placed.position, &other, EXPECTED)),
+        }
+    }
+
+    /// One of a list of words.
+    fn word<T: Copy>(&mut self, words: &[(&str, T)], what: &str) -> Result<T, FilterError> {
+        let list: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
+        let expected = format!("{what}: {}", list.join(", "));
+        let placed = self.take(&expected)?;
+        let found = match &placed.token {
+            Token::Word(word) => words::value(words, word),
+            _ => None,
+        };
+        found.ok_or_else(|| unexpected(placed.position, &placed.token, &expected))
+    }
+
+    fn text(&mut self) -> Result<String, FilterError> {
+        const EXPECTED: &str = "text in double quotes";
+        let placed = self.take(EXPECTED)?;
+        match placed.token {
+            Token::Text(text) => Ok(text),
+            other => Err(unexpected(placed.position, &other, EXPECTED)),
+        }
+    }
+
+    fn number(&mut self) -> Result<f64, FilterError> {
+        const EXPECTED: &str = "a number";
+        let placed = self.take(EXPECTED)?;
+        match &placed.token {
+            Token::Number(written) => finite(written, placed.position),
+            other => Err(unexpected(placed.position, other, EXPECTED)),
+        }
+    }
+
+    fn whole_number(&mut self) -> Result<i64, FilterError> {
+        const EXPECTED: &str = "a whole number";
+        let placed = self.take(EXPECTED)?;
+        match &placed.token {
+            Token::Number(written) => written
+                .parse()
+                .map_err(|_| unexpected(placed.position, &placed.token, EXPECTED)),
+            other => Err(unexpected(placed.position, other, EXPECTED)),
+        }
+    }
+
+    fn literal(&mut self) -> Result<Literal, FilterError> {
+        const EXPECTED: &str = "a number, text in double quotes, true or false";
+        let placed = self.take(EXPECTED)?;
+        match &placed.token {
+            Token::Number(written) => finite(written, placed.position).map(Literal::Number),
+            Token::Text(text) => Ok(Literal::Text(text.clone())),
+            Token::Word(word) if word == "true" => Ok(Literal::Boolean(true)),
+            Token::Word(word) if word == "false" => Ok(Literal::Boolean(false)),
+            other => Err(unexpected(placed.position, other, EXPECTED)),
+        }
+    }
+}
+
+struct PlacedOperator {
+    position: usize,
+    operator: Operator,
+}
+
+impl PlacedOperator {
+    /// The operator, if it needs no order.
+    fn equality(&self, field: &str) -> Result<Operator, FilterError> {
+        if self.operator.is_equality() {
+            Ok(self.operator)
+        } else {
+            Err(FilterError::new(
+                self.position,
+                format!("{field} is compared with = or != only"),
+            ))
+        }
+    }
+}
+
+const BOOLEANS: &[(&str, bool)] = &[("true", true), ("false", false)];
+
+fn finite(written: &str, position: usize) -> Result<f64, FilterError> {
+    match written.parse::<f64>() {
+        // A negative zero would print and hash differently from zero while comparing equal.
+        Ok(number) if number.is_finite() => Ok(number + 0.0),
+        _ => Err(FilterError::new(
+            position,
+            format!("`{written}` is not a finite number"),
+        )),
+    }
+}
+
+fn unexpected(position: usize, found: &Token, expected: &str) -> FilterError {
+    FilterError::new(
+        position,
+        format!("found {} instead of {expected}", found.shown()),
+    )
+}
+
+#[cfg(test)]
+mod tests;

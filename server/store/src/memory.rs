@@ -1,0 +1,317 @@
+//! The store without a disk: the oracle of the contract suite, and quick for tests.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use async_trait::async_trait;
+use treewright_core::policy::Policy;
+use treewright_core::study::StudySpec;
+use treewright_core::trial::{RawTrial, Trial, TrialState};
+use treewright_core::tuner::{Change, Snapshot, StateRecord, Statistics, Visit};
+
+use crate::cursor::Cursor;
+use crate::error::StoreError;
+use crate::fence::{Fence, Receipt};
+use crate::filter::Order;
+use crate::limits;
+use crate::raw::raw_trial;
+use crate::store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+
+/// Keeps everything in memory and forgets it when dropped.
+#[derive(Debug, Default)]
+pub struct MemoryStore {
+    inner: Mutex<Inner>,
+}
+
+#[derive(Debug, Default)]
+struct Inner {
+    studies: BTreeMap<String, MemoryStudy>,
+    last_key: i64,
+    closed: bool,
+}
+
+#[derive(Debug)]
+struct MemoryStudy {
+    key: i64,
+    spec: StudySpec,
+    create_ms: i64,
+    fence: Option<Fence>,
+    states: BTreeMap<u64, StateRecord>,
+    visits: BTreeMap<String, Visit>,
+    trials: BTreeMap<u64, Trial>,
+}
+
+impl MemoryStore {
+    /// An empty store.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// A panic under the lock would leave whole values behind, since each write is checked before it is
+    /// done; so a poisoned lock is as good as any.
+    fn lock(&self) -> Result<MutexGuard<'_, Inner>, StoreError> {
+        let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
+        if inner.closed {
+            Err(StoreError::Closed)
+        } else {
+            Ok(inner)
+        }
+    }
+}
+
+impl Inner {
+    fn study(&self, id: &str) -> Result<&MemoryStudy, StoreError> {
+        self.studies.get(id).ok_or_else(|| not_found(id))
+    }
+
+    fn fenced(&mut self, fence: &Fence) -> Result<&mut MemoryStudy, StoreError> {
+        fence.check()?;
+        self.studies
+            .get_mut(fence.study())
+            .filter(|study| study.key == fence.key())
+            .ok_or_else(|| not_found(fence.study()))
+    }
+}
+
+fn not_found(id: &str) -> StoreError {
+    StoreError::StudyNotFound {
+        study: id.to_owned(),
+    }
+}
+
+impl MemoryStudy {
+    fn record(&self, id: &str) -> StudyRecord {
+        let count = |state| self.trials.values().filter(|t| t.state == state).count() as u64;
+        StudyRecord {
+            id: id.to_owned(),
+            spec: self.spec.clone(),
+            create_ms: self.create_ms,
+            statistics: Statistics {
+                states: self.states.len() as u64,
+                trials: self.trials.len() as u64,
+                completed_trials: count(TrialState::Completed),
+                open_trials: count(TrialState::Open),
+            },
+        }
+    }
+
+    fn apply(&mut self, changes: &[Change]) -> Result<(), StoreError> {
+        for trial in changes.iter().flat_map(|change| &change.trials) {
+            let stored = self.trials.get(&trial.number);
+            if stored.is_some_and(|stored| stored.state == TrialState::Completed) {
+                return Err(StoreError::Inconsistent {
+                    problem: "a completed trial is never changed".to_owned(),
+                });
+            }
+        }
+        for change in changes {
+            for state in &change.states {
+                self.states.insert(state.id, state.clone());
+            }
+            for visit in &change.visits {
+                self.visits.insert(visit.client_id.clone(), visit.clone());
+            }
+            for trial in &change.trials {
+                self.trials.insert(trial.number, trial.clone());
+            }
+        }
+        Ok(())
+    }
+}
+
+#[async_trait]
+impl Store for MemoryStore {
+    async fn create_study(
+        &self,
+        id: &str,
+        spec: &StudySpec,
+        now_ms: i64,
+    ) -> Result<Created, StoreError> {
+        let mut inner = self.lock()?;
+        if let Some(stored) = inner.studies.get(id) {
+            return match stored.spec.first_difference(spec) {
+                None => Ok(Created {
+                    study: stored.record(id),
+                    is_new: false,
+                }),
+                Some(difference) => Err(StoreError::StudyExists {
+                    study: id.to_owned(),
+                    difference,
+                }),
+            };
+        }
+        if inner.studies.len() >= limits::STUDIES as usize {
+            return Err(StoreError::TooManyStudies {
+                limit: limits::STUDIES,
+            });
+        }
+        inner.last_key += 1;
+        let study = MemoryStudy {
+            key: inner.last_key,
+            spec: spec.clone(),
+            create_ms: now_ms,
+            fence: None,
+            states: BTreeMap::new(),
+            visits: BTreeMap::new(),
+            trials: BTreeMap::new(),
+        };
+        let record = study.record(id);
+        inner.studies.insert(id.to_owned(), study);
+        Ok(Created {
+            study: record,
+            is_new: true,
+        })
+    }
+
+    async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
+        Ok(self.lock()?.study(study)?.record(study))
+    }
+
+    async fn list_studies(
+        &self,
+        after: Option<&str>,
+        size: u32,
+    ) -> Result<Vec<StudyRecord>, StoreError> {
+        let inner = self.lock()?;
+        let behind = |id: &str| after.is_none_or(|after| id > after);
+        Ok(inner
+            .studies
+            .iter()
+            .filter(|(id, _)| behind(id))
+            .take(size as usize)
+            .map(|(id, study)| study.record(id))
+            .collect())
+    }
+
+    async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
+        let removed = self
+            .lock()?
+            .studies
+            .remove(study)
+            .ok_or_else(|| not_found(study))?;
+        if let Some(fence) = removed.fence {
+            fence.break_up();
+        }
+        Ok(())
+    }
+
+    async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
+        let mut inner = self.lock()?;
+        let found = inner
+            .studies
+            .get_mut(study)
+            .ok_or_else(|| not_found(study))?;
+        let fence = Fence::new(study, found.key);
+        if let Some(earlier) = found.fence.replace(fence.clone()) {
+            earlier.break_up();
+        }
+        let mut trials: Vec<Trial> = found
+            .trials
+            .values()
+            .filter(|trial| matches!(trial.state, TrialState::Open | TrialState::Completed))
+            .cloned()
+            .collect();
+        trials.sort_by_key(|trial| (trial.completion, trial.number));
+        Ok(Loaded {
+            fence,
+            study: found.record(study),
+            snapshot: Snapshot {
+                states: found.states.values().cloned().collect(),
+                visits: found.visits.values().cloned().collect(),
+                last_trial: found.trials.keys().last().copied().unwrap_or(0),
+            },
+            trials,
+        })
+    }
+
+    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
+        let result = self
+            .lock()
+            .and_then(|mut inner| inner.fenced(fence)?.apply(changes));
+        if result.is_err() {
+            fence.break_up();
+        }
+        Receipt::settled(result)
+    }
+
+    fn update_policy(&self, fence: &Fence, policy: &Policy) -> Receipt {
+        let result = self.lock().and_then(|mut inner| {
+            inner.fenced(fence)?.spec.policy = policy.clone();
+            Ok(())
+        });
+        if result.is_err() {
+            fence.break_up();
+        }
+        Receipt::settled(result)
+    }
+
+    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
+        let inner = self.lock()?;
+        let trial = inner.study(study)?.trials.get(&number);
+        trial
+            .map(|trial| raw_trial(trial.clone()))
+            .ok_or_else(|| StoreError::TrialNotFound {
+                study: study.to_owned(),
+                number,
+            })
+    }
+
+    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+        let inner = self.lock()?;
+        let mut found: Vec<RawTrial> = inner
+            .study(study)?
+            .trials
+            .values()
+            .map(|trial| raw_trial(trial.clone()))
+            .filter(|trial| query.filter.matches(trial))
+            .collect();
+        found.sort_by(|a, b| {
+            query
+                .order
+                .compare(&key(&query.order, a), &key(&query.order, b))
+        });
+        if let Some(after) = &query.after {
+            found.retain(|trial| {
+                query
+                    .order
+                    .compare(&key(&query.order, trial), after)
+                    .is_gt()
+            });
+        }
+        let more = found.len() > query.size as usize;
+        found.truncate(query.size as usize);
+        Ok(TrialPage {
+            next: found
+                .last()
+                .filter(|_| more)
+                .map(|last| key(&query.order, last)),
+            trials: found,
+        })
+    }
+
+    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
+        let inner = self.lock()?;
+        let due = |trial: &Trial| trial.state == TrialState::Open && trial.lease_expire_ms < now_ms;
+        Ok(inner
+            .studies
+            .iter()
+            .filter(|(_, study)| study.trials.values().any(due))
+            .map(|(id, _)| id.clone())
+            .collect())
+    }
+
+    async fn close(&self) {
+        self.inner
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .closed = true;
+    }
+}
+
+fn key(order: &Order, trial: &RawTrial) -> Cursor {
+    Cursor {
+        value: order.value(trial),
+        number: i64::try_from(trial.number).unwrap_or(i64::MAX),
+    }
+}

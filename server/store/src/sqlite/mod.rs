@@ -1,0 +1,251 @@
+//! The store on SQLite: a write-ahead log, one writer, a few readers.
+//!
+//! `open` readies the file, `lock` keeps a second daemon out, `writer` and `commands` write, `read` reads,
+//! `filter` translates questions, `statements` holds the fixed SQL and `rows` the way to domain types.
+
+mod commands;
+mod filter;
+mod lock;
+mod open;
+mod read;
+mod rows;
+mod statements;
+mod writer;
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use async_trait::async_trait;
+use sqlx::Connection as _;
+use sqlx::pool::PoolConnection;
+use sqlx::sqlite::{Sqlite, SqliteConnection, SqlitePool};
+use tokio::sync::{mpsc, oneshot};
+use tokio::task::JoinHandle;
+use treewright_core::policy::Policy;
+use treewright_core::study::StudySpec;
+use treewright_core::trial::RawTrial;
+use treewright_core::tuner::Change;
+
+use crate::error::{OpenError, StoreError};
+use crate::fence::{Fence, Receipt};
+use crate::limits;
+use crate::store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+use rows::Rows;
+use writer::{Answer, Command, Done, Job};
+
+/// Keeps everything in one SQLite file and survives being killed at any moment: what has been
+/// acknowledged is on the disk.
+#[derive(Debug)]
+pub struct SqliteStore {
+    path: PathBuf,
+    readers: SqlitePool,
+    /// None once closed.
+    open: Mutex<Option<Open>>,
+}
+
+#[derive(Debug)]
+struct Open {
+    queue: mpsc::Sender<Job>,
+    writer: JoinHandle<SqliteConnection>,
+    lock: lock::DatabaseLock,
+}
+
+impl SqliteStore {
+    /// Opens or creates the database file, and brings its schema up to date. Must be called within a
+    /// tokio runtime, on which the writer then lives.
+    ///
+    /// # Errors
+    /// [`OpenError`] with the cause and a remedy; a lock held elsewhere is one after at most
+    /// [`BUSY_TIMEOUT`](limits::BUSY_TIMEOUT).
+    pub async fn open(path: &Path) -> Result<Self, OpenError> {
+        let opened = open::open(path).await?;
+        let (queue, waiting) = mpsc::channel(limits::WRITE_QUEUE);
+        let writer = tokio::spawn(writer::run(opened.writer, waiting));
+        Ok(Self {
+            path: path.to_owned(),
+            readers: opened.readers,
+            open: Mutex::new(Some(Open {
+                queue,
+                writer,
+                lock: opened.lock,
+            })),
+        })
+    }
+
+    /// The database file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Gives a write its place in the order of writes.
+    fn enqueue(&self, command: Command, answer: Answer) {
+        let open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+        let (job, error) = match &*open {
+            None => (Job { command, answer }, StoreError::Closed),
+            Some(open) => match open.queue.try_send(Job { command, answer }) {
+                Ok(()) => return,
+                Err(mpsc::error::TrySendError::Closed(job)) => (job, StoreError::Closed),
+                Err(mpsc::error::TrySendError::Full(job)) => {
+                    let limit = limits::WRITE_QUEUE;
+                    (job, StoreError::QueueFull { limit })
+                }
+            },
+        };
+        job.refuse(error);
+    }
+
+    fn enqueue_change(&self, command: Command) -> Receipt {
+        let (sender, receiver) = oneshot::channel();
+        self.enqueue(command, Answer::Stored(sender));
+        Receipt(receiver)
+    }
+
+    async fn write(&self, command: Command) -> Result<Done, StoreError> {
+        let (sender, receiver) = oneshot::channel();
+        self.enqueue(command, Answer::Done(sender));
+        receiver.await.unwrap_or(Err(StoreError::Closed))
+    }
+
+    async fn reader(&self) -> Result<PoolConnection<Sqlite>, StoreError> {
+        self.readers
+            .acquire()
+            .await
+            .map_err(|error| store_error(&error))
+    }
+}
+
+/// Trouble with the database as the daemon's callers see it.
+fn store_error(error: &sqlx::Error) -> StoreError {
+    match error {
+        sqlx::Error::PoolClosed => StoreError::Closed,
+        sqlx::Error::Database(database) => StoreError::Unavailable {
+            problem: database.message().to_owned(),
+        },
+        sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) => StoreError::Inconsistent {
+            problem: error.to_string(),
+        },
+        other => StoreError::Unavailable {
+            problem: other.to_string(),
+        },
+    }
+}
+
+/// An answer of another kind than the command asks for.
+fn mismatch() -> StoreError {
+    StoreError::Inconsistent {
+        problem: "the writer answered another question".to_owned(),
+    }
+}
+
+#[async_trait]
+impl Store for SqliteStore {
+    async fn create_study(
+        &self,
+        id: &str,
+        spec: &StudySpec,
+        now_ms: i64,
+    ) -> Result<Created, StoreError> {
+        let command = Command::Create {
+            id: id.to_owned(),
+            spec: Box::new(spec.clone()),
+            now_ms,
+        };
+        match self.write(command).await? {
+            Done::Created(created) => Ok(*created),
+            _ => Err(mismatch()),
+        }
+    }
+
+    async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
+        read::study(&mut *self.reader().await?, study).await
+    }
+
+    async fn list_studies(
+        &self,
+        after: Option<&str>,
+        size: u32,
+    ) -> Result<Vec<StudyRecord>, StoreError> {
+        read::studies(&self.readers, after, size).await
+    }
+
+    async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
+        let study = study.to_owned();
+        self.write(Command::Delete { study }).await.map(|_| ())
+    }
+
+    async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
+        let study = study.to_owned();
+        match self.write(Command::Fence { study }).await? {
+            Done::Fenced(fence) => read::load(&mut *self.reader().await?, fence).await,
+            _ => Err(mismatch()),
+        }
+    }
+
+    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
+        let fence = fence.clone();
+        match Rows::of(changes) {
+            Ok(rows) => self.enqueue_change(Command::Commit { fence, rows }),
+            Err(error) => {
+                fence.break_up();
+                Receipt::settled(Err(error))
+            }
+        }
+    }
+
+    fn update_policy(&self, fence: &Fence, policy: &Policy) -> Receipt {
+        let fence = fence.clone();
+        match rows::policy(policy) {
+            Ok(policy) => self.enqueue_change(Command::Policy { fence, policy }),
+            Err(error) => {
+                fence.break_up();
+                Receipt::settled(Err(error))
+            }
+        }
+    }
+
+    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
+        read::trial(&mut *self.reader().await?, study, number).await
+    }
+
+    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+        read::trials(&mut *self.reader().await?, study, query).await
+    }
+
+    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
+        read::studies_with_due_leases(&self.readers, now_ms).await
+    }
+
+    async fn close(&self) {
+        let taken = self
+            .open
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        let Some(Open {
+            queue,
+            writer,
+            lock,
+        }) = taken
+        else {
+            return;
+        };
+        // With its last sender gone the queue runs dry, and the writer ends.
+        drop(queue);
+        let connection = writer.await;
+        self.readers.close().await;
+        // Closing the last connection folds the write-ahead log into the file.
+        let closed = match connection {
+            Ok(connection) => connection.close().await.map_err(|error| error.to_string()),
+            Err(error) => Err(error.to_string()),
+        };
+        if let Err(error) = closed {
+            tracing::warn!(
+                error,
+                "the database was not closed cleanly; nothing is lost"
+            );
+        }
+        // Only now may another daemon have the file.
+        drop(lock);
+    }
+}

@@ -1,0 +1,309 @@
+//! Rows: what the tables hold, and the way from and to domain types. Nothing outside the SQLite store
+//! sees them.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value as Json;
+use treewright_core::configuration::RawConfiguration;
+use treewright_core::policy::Policy;
+use treewright_core::study::StudySpec;
+use treewright_core::trial::{Mode, Outcome, RawTrial, Trial, TrialState};
+use treewright_core::tuner::{Change, RawVisit, StateRecord, Visit};
+use treewright_core::value::Value;
+
+use crate::error::StoreError;
+use crate::filter::OutcomeKind;
+use crate::words::{self, MODES, OUTCOMES, STATES};
+
+/// A row of `trials`, without its study.
+#[derive(Debug, sqlx::FromRow)]
+pub(super) struct TrialRow {
+    pub(super) number: i64,
+    pub(super) client_id: String,
+    pub(super) state_id: i64,
+    pub(super) mode: String,
+    pub(super) state: String,
+    pub(super) outcome: Option<String>,
+    pub(super) outcome_reason: Option<String>,
+    pub(super) outcome_lower_bound: Option<f64>,
+    pub(super) cost: Option<f64>,
+    pub(super) predicted_cost: Option<f64>,
+    pub(super) late: bool,
+    pub(super) create_ms: i64,
+    pub(super) lease_expire_ms: i64,
+    pub(super) complete_ms: Option<i64>,
+    pub(super) completion: Option<i64>,
+    pub(super) configuration: String,
+    pub(super) indicators: String,
+    pub(super) measurements: String,
+    pub(super) reason: String,
+    pub(super) fingerprint: Option<String>,
+}
+
+/// A row of `states`, without its study.
+#[derive(Debug, sqlx::FromRow)]
+pub(super) struct StateRow {
+    pub(super) id: i64,
+    pub(super) indicators: String,
+    pub(super) search: Option<String>,
+}
+
+/// A row of `visits`, without its study.
+#[derive(Debug, sqlx::FromRow)]
+pub(super) struct VisitRow {
+    pub(super) client_id: String,
+    pub(super) state_id: i64,
+    pub(super) number: i64,
+    pub(super) decision: String,
+}
+
+/// The rows of a change. Of several changes to one row only the last is kept, which halves the writes of
+/// a report that is followed by a suggestion.
+#[derive(Debug, Default)]
+pub(super) struct Rows {
+    pub(super) states: Vec<StateRow>,
+    pub(super) visits: Vec<VisitRow>,
+    pub(super) trials: Vec<TrialRow>,
+}
+
+impl Rows {
+    pub(super) fn of(changes: &[Change]) -> Result<Self, StoreError> {
+        let mut states = BTreeMap::new();
+        let mut visits = BTreeMap::new();
+        let mut trials = BTreeMap::new();
+        for change in changes {
+            states.extend(change.states.iter().map(|state| (state.id, state)));
+            visits.extend(change.visits.iter().map(|visit| (&visit.client_id, visit)));
+            trials.extend(change.trials.iter().map(|trial| (trial.number, trial)));
+        }
+        Ok(Self {
+            states: states
+                .into_values()
+                .map(StateRow::of)
+                .collect::<Result<_, _>>()?,
+            visits: visits
+                .into_values()
+                .map(VisitRow::of)
+                .collect::<Result<_, _>>()?,
+            trials: trials
+                .into_values()
+                .map(TrialRow::of)
+                .collect::<Result<_, _>>()?,
+        })
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.states.is_empty() && self.visits.is_empty() && self.trials.is_empty()
+    }
+}
+
+impl TrialRow {
+    fn of(trial: &Trial) -> Result<Self, StoreError> {
+        let (outcome_reason, outcome_lower_bound) = match &trial.outcome {
+            Some(Outcome::Infeasible { reason } | Outcome::Failed { reason }) => {
+                (Some(reason.clone()), None)
+            }
+            Some(Outcome::Aborted { lower_bound }) => (None, Some(*lower_bound)),
+            Some(Outcome::Ok) | None => (None, None),
+        };
+        let kind = trial.outcome.as_ref().map(OutcomeKind::of);
+        Ok(Self {
+            number: signed(trial.number)?,
+            client_id: trial.client_id.clone(),
+            state_id: signed(trial.state_id)?,
+            mode: words::word(MODES, trial.mode).to_owned(),
+            state: words::word(STATES, trial.state).to_owned(),
+            outcome: kind.map(|kind| words::word(OUTCOMES, kind).to_owned()),
+            outcome_reason,
+            outcome_lower_bound,
+            cost: trial.cost,
+            predicted_cost: trial.predicted_cost,
+            late: trial.late,
+            create_ms: trial.create_ms,
+            lease_expire_ms: trial.lease_expire_ms,
+            complete_ms: trial.complete_ms,
+            completion: trial.completion.map(signed).transpose()?,
+            configuration: configuration_to_json(trial.configuration.values()),
+            indicators: write(&trial.indicators)?,
+            measurements: write(&trial.measurements)?,
+            reason: write(&trial.reason)?,
+            fingerprint: trial.fingerprint.as_ref().map(write).transpose()?,
+        })
+    }
+
+    pub(super) fn into_trial(self) -> Result<RawTrial, StoreError> {
+        let mode: Mode = value(MODES, &self.mode)?;
+        let state: TrialState = value(STATES, &self.state)?;
+        let kind = self
+            .outcome
+            .map(|word| value(OUTCOMES, &word))
+            .transpose()?;
+        let reason_text = self.outcome_reason.unwrap_or_default();
+        let outcome = match kind {
+            None => None,
+            Some(OutcomeKind::Ok) => Some(Outcome::Ok),
+            Some(OutcomeKind::Infeasible) => Some(Outcome::Infeasible {
+                reason: reason_text,
+            }),
+            Some(OutcomeKind::Failed) => Some(Outcome::Failed {
+                reason: reason_text,
+            }),
+            Some(OutcomeKind::Aborted) => Some(Outcome::Aborted {
+                lower_bound: self
+                    .outcome_lower_bound
+                    .ok_or_else(|| inconsistent("an aborted trial has no lower bound"))?,
+            }),
+        };
+        Ok(RawTrial {
+            number: unsigned(self.number)?,
+            client_id: self.client_id,
+            state_id: unsigned(self.state_id)?,
+            indicators: read("indicators", &self.indicators)?,
+            configuration: configuration_from_json(&self.configuration)?,
+            mode,
+            predicted_cost: self.predicted_cost,
+            reason: read("reason", &self.reason)?,
+            lease_expire_ms: self.lease_expire_ms,
+            state,
+            measurements: read("measurements", &self.measurements)?,
+            cost: self.cost,
+            outcome,
+            late: self.late,
+            create_ms: self.create_ms,
+            complete_ms: self.complete_ms,
+            completion: self.completion.map(unsigned).transpose()?,
+            fingerprint: self
+                .fingerprint
+                .map(|text| read("fingerprint", &text))
+                .transpose()?,
+        })
+    }
+}
+
+impl StateRow {
+    fn of(state: &StateRecord) -> Result<Self, StoreError> {
+        Ok(Self {
+            id: signed(state.id)?,
+            indicators: write(&state.indicators)?,
+            search: state.search.as_ref().map(write).transpose()?,
+        })
+    }
+
+    pub(super) fn into_state(self) -> Result<StateRecord, StoreError> {
+        Ok(StateRecord {
+            id: unsigned(self.id)?,
+            indicators: read("indicators", &self.indicators)?,
+            search: self.search.map(|text| read("search", &text)).transpose()?,
+        })
+    }
+}
+
+impl VisitRow {
+    fn of(visit: &Visit) -> Result<Self, StoreError> {
+        Ok(Self {
+            client_id: visit.client_id.clone(),
+            state_id: signed(visit.state_id)?,
+            number: signed(visit.number)?,
+            decision: write(&visit.decision)?,
+        })
+    }
+
+    pub(super) fn into_visit(self) -> Result<RawVisit, StoreError> {
+        Ok(RawVisit {
+            client_id: self.client_id,
+            state_id: unsigned(self.state_id)?,
+            number: unsigned(self.number)?,
+            decision: read("decision", &self.decision)?,
+        })
+    }
+}
+
+/// The two texts of a study: everything but the policy, and the policy.
+pub(super) fn specification(spec: &StudySpec) -> Result<(String, String), StoreError> {
+    let mut json = serde_json::to_value(spec).map_err(|error| inconsistent(error.to_string()))?;
+    if let Some(fields) = json.as_object_mut() {
+        fields.remove("policy");
+    }
+    Ok((json.to_string(), policy(&spec.policy)?))
+}
+
+pub(super) fn policy(policy: &Policy) -> Result<String, StoreError> {
+    write(policy)
+}
+
+/// Joins the two texts of a study again.
+pub(super) fn into_specification(
+    specification: &str,
+    policy: &str,
+) -> Result<StudySpec, StoreError> {
+    let mut json: Json = read("specification", specification)?;
+    let policy: Json = read("policy", policy)?;
+    if let Some(fields) = json.as_object_mut() {
+        fields.insert("policy".to_owned(), policy);
+    }
+    serde_json::from_value(json)
+        .map_err(|error| inconsistent(format!("column specification: {error}")))
+}
+
+/// A configuration as people and filters read it: `{"max_leaf_size":8,"robust":false,"travel_cost":1.5}`.
+/// Integers and floats are told apart by the point or exponent, which JSON text keeps.
+fn configuration_to_json(values: &RawConfiguration) -> String {
+    let fields = values.iter().map(|(name, value)| {
+        let value = match value {
+            Value::Integer(integer) => Json::from(*integer),
+            Value::Float(float) => Json::from(*float),
+            Value::Text(text) => Json::from(text.as_str()),
+            Value::Boolean(boolean) => Json::from(*boolean),
+        };
+        (name.clone(), value)
+    });
+    Json::Object(fields.collect()).to_string()
+}
+
+fn configuration_from_json(text: &str) -> Result<RawConfiguration, StoreError> {
+    let fields: BTreeMap<String, Json> = read("configuration", text)?;
+    fields
+        .into_iter()
+        .map(|(name, value)| {
+            let value = match value {
+                Json::Bool(boolean) => Value::Boolean(boolean),
+                Json::String(text) => Value::Text(text),
+                Json::Number(number) => match (number.as_i64(), number.as_f64()) {
+                    (Some(integer), _) => Value::Integer(integer),
+                    (None, Some(float)) => Value::Float(float),
+                    (None, None) => return Err(inconsistent("column configuration: a number")),
+                },
+                _ => return Err(inconsistent("column configuration: not a plain value")),
+            };
+            Ok((name, value))
+        })
+        .collect()
+}
+
+fn value<T: Copy>(list: &[(&str, T)], word: &str) -> Result<T, StoreError> {
+    words::value(list, word).ok_or_else(|| inconsistent(format!("{word:?} has no meaning")))
+}
+
+fn write(value: &impl Serialize) -> Result<String, StoreError> {
+    serde_json::to_string(value).map_err(|error| inconsistent(error.to_string()))
+}
+
+fn read<T: DeserializeOwned>(column: &str, text: &str) -> Result<T, StoreError> {
+    serde_json::from_str(text).map_err(|error| inconsistent(format!("column {column}: {error}")))
+}
+
+pub(super) fn signed(number: u64) -> Result<i64, StoreError> {
+    i64::try_from(number).map_err(|_| inconsistent("a number is out of range"))
+}
+
+pub(super) fn unsigned(number: i64) -> Result<u64, StoreError> {
+    u64::try_from(number).map_err(|_| inconsistent("a number is negative"))
+}
+
+pub(super) fn inconsistent(problem: impl Into<String>) -> StoreError {
+    StoreError::Inconsistent {
+        problem: problem.into(),
+    }
+}

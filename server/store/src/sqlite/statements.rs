@@ -1,0 +1,98 @@
+//! The fixed SQL, in the subset that SQLite and PostgreSQL share: numbered parameters, `ON CONFLICT`,
+//! no functions but `count`, `max` and `coalesce`. What is SQLite's own stands in `open` and `filter`.
+
+pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1";
+
+pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies";
+
+pub(super) const STUDY_INSERT: &str = "INSERT INTO studies (name, specification, policy, create_ms) \
+     VALUES ($1, $2, $3, $4)";
+
+pub(super) const STUDY_DELETE: &str = "DELETE FROM studies WHERE id = $1";
+
+pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $2 WHERE id = $1";
+
+/// A study with its counts. Trial numbers, state ids and completions rise by one from 1, so that the
+/// highest is the count; each is one look at the end of an index.
+macro_rules! study_select {
+    ($rest:literal) => {
+        concat!(
+            "SELECT name, specification, policy, create_ms, ",
+            "(SELECT coalesce(max(s.id), 0) FROM states s WHERE s.study = studies.id) AS states, ",
+            "(SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id) AS trials, ",
+            "(SELECT coalesce(max(t.completion), 0) FROM trials t WHERE t.study = studies.id ",
+            "AND t.completion IS NOT NULL) AS completed_trials, ",
+            "(SELECT count(*) FROM trials t WHERE t.study = studies.id AND t.state = 'OPEN') ",
+            "AS open_trials FROM studies ",
+            $rest
+        )
+    };
+}
+
+pub(super) const STUDY_BY_NAME: &str = study_select!("WHERE name = $1");
+
+pub(super) const STUDY_BY_KEY: &str = study_select!("WHERE id = $1");
+
+pub(super) const STUDY_PAGE: &str = study_select!("WHERE name > $1 ORDER BY name LIMIT $2");
+
+pub(super) const STATES_OF_STUDY: &str =
+    "SELECT id, indicators, search FROM states WHERE study = $1 ORDER BY id";
+
+pub(super) const STATE_UPSERT: &str = "INSERT INTO states (study, id, indicators, search) \
+     VALUES ($1, $2, $3, $4) \
+     ON CONFLICT (study, id) DO UPDATE SET search = excluded.search";
+
+pub(super) const VISITS_OF_STUDY: &str =
+    "SELECT client_id, state_id, number, decision FROM visits WHERE study = $1 ORDER BY client_id";
+
+pub(super) const VISIT_UPSERT: &str = "INSERT INTO visits (study, client_id, state_id, number, decision) \
+     VALUES ($1, $2, $3, $4, $5) \
+     ON CONFLICT (study, client_id) DO UPDATE SET state_id = excluded.state_id, \
+     number = excluded.number, decision = excluded.decision";
+
+macro_rules! trial_columns {
+    () => {
+        "number, client_id, state_id, mode, state, outcome, outcome_reason, outcome_lower_bound, cost, \
+         predicted_cost, late, create_ms, lease_expire_ms, complete_ms, completion, configuration, \
+         indicators, measurements, reason, fingerprint"
+    };
+}
+
+/// The columns that a [`TrialRow`](super::rows::TrialRow) reads.
+pub(super) const TRIAL_COLUMNS: &str = trial_columns!();
+
+/// What was handed out stays; only the lease and the report can still change.
+pub(super) const TRIAL_UPSERT: &str = concat!(
+    "INSERT INTO trials (study, ",
+    trial_columns!(),
+    ") VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, \
+     $21) ON CONFLICT (study, number) DO UPDATE SET state = excluded.state, outcome = excluded.outcome, \
+     outcome_reason = excluded.outcome_reason, outcome_lower_bound = excluded.outcome_lower_bound, \
+     cost = excluded.cost, late = excluded.late, lease_expire_ms = excluded.lease_expire_ms, \
+     complete_ms = excluded.complete_ms, completion = excluded.completion, \
+     measurements = excluded.measurements"
+);
+
+pub(super) const TRIAL_BY_NUMBER: &str = concat!(
+    "SELECT ",
+    trial_columns!(),
+    " FROM trials WHERE study = $1 AND number = $2"
+);
+
+pub(super) const LAST_TRIAL: &str = "SELECT coalesce(max(number), 0) FROM trials WHERE study = $1";
+
+pub(super) const OPEN_TRIALS: &str = concat!(
+    "SELECT ",
+    trial_columns!(),
+    " FROM trials WHERE study = $1 AND state = 'OPEN' ORDER BY number"
+);
+
+pub(super) const COMPLETED_TRIALS: &str = concat!(
+    "SELECT ",
+    trial_columns!(),
+    " FROM trials WHERE study = $1 AND completion IS NOT NULL ORDER BY completion"
+);
+
+pub(super) const STUDIES_WITH_DUE_LEASES: &str = "SELECT name FROM studies WHERE EXISTS \
+     (SELECT 1 FROM trials t WHERE t.study = studies.id AND t.state = 'OPEN' AND t.lease_expire_ms < $1) \
+     ORDER BY name";

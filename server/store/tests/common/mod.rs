@@ -1,0 +1,172 @@
+//! Studies and changes to store.
+#![allow(dead_code)] // Each test file uses its own part.
+
+use std::collections::BTreeMap;
+
+use treewright_core::configuration::RawConfiguration;
+use treewright_core::indicator::{Indicator, IndicatorSchema};
+use treewright_core::objective::{Objective, ObjectiveTerm};
+use treewright_core::policy::Policy;
+use treewright_core::space::{Domain, Parameter, Scale, Space};
+use treewright_core::study::StudySpec;
+use treewright_core::trial::{Fingerprint, Mode, Neighbour, Outcome, Reason, Trial, TrialState};
+use treewright_core::tuner::{Change, Decision, StateRecord, Visit};
+use treewright_core::value::Value;
+
+fn parameter(name: &str, domain: Domain, default: Value) -> Parameter {
+    Parameter {
+        name: name.to_owned(),
+        domain,
+        default,
+        active_if: None,
+    }
+}
+
+/// A study with a parameter of each kind.
+pub(crate) fn spec() -> StudySpec {
+    let scale = Scale::Linear;
+    let texts = |words: &[&str]| words.iter().map(|w| Value::Text((*w).to_owned())).collect();
+    StudySpec {
+        display_name: "A hall".to_owned(),
+        space: Space::new(
+            vec![
+                parameter(
+                    "leaf",
+                    Domain::Integer {
+                        min: 1,
+                        max: 32,
+                        scale,
+                    },
+                    Value::Integer(8),
+                ),
+                parameter(
+                    "cost",
+                    Domain::Float {
+                        min: -1e9,
+                        max: 1e9,
+                        scale,
+                    },
+                    Value::Float(1.5),
+                ),
+                parameter(
+                    "quality",
+                    Domain::Categorical {
+                        values: texts(&["low", "high", "it's \"odd\" \\ ä"]),
+                    },
+                    Value::Text("low".to_owned()),
+                ),
+                parameter("compact", Domain::Boolean, Value::Boolean(false)),
+            ],
+            vec![],
+        )
+        .expect("a valid space"),
+        indicators: IndicatorSchema::new(vec![Indicator {
+            name: "triangles".to_owned(),
+            min: 0.0,
+            max: 1e6,
+            scale: Scale::Log,
+        }])
+        .expect("a valid schema"),
+        objective: Objective::new(vec![ObjectiveTerm {
+            metric: "render_ms".to_owned(),
+            weight: 1.0,
+        }])
+        .expect("a valid objective"),
+        state_tolerance: 0.01,
+        policy: Policy::default(),
+        seed: 7,
+    }
+}
+
+pub(crate) fn state(id: u64) -> StateRecord {
+    StateRecord {
+        id,
+        indicators: vec![0.1 * id as f64],
+        search: None,
+    }
+}
+
+/// An open trial of state 1.
+pub(crate) fn open(number: u64) -> Trial {
+    let configuration: RawConfiguration = BTreeMap::from([
+        ("leaf".to_owned(), Value::Integer(8)),
+        ("cost".to_owned(), Value::Float(2.0)),
+        ("quality".to_owned(), Value::Text("high".to_owned())),
+        ("compact".to_owned(), Value::Boolean(true)),
+    ]);
+    Trial {
+        number,
+        client_id: "renderer".to_owned(),
+        state_id: 1,
+        indicators: BTreeMap::from([("triangles".to_owned(), 0.1 + 0.2)]),
+        configuration: spec().space.configuration(configuration).expect("valid"),
+        mode: Mode::Explore,
+        predicted_cost: Some(1.0 / 3.0),
+        reason: Reason {
+            summary: "The next point.".to_owned(),
+            source: "nelder_mead".to_owned(),
+            step: "reflect".to_owned(),
+            neighbours: vec![Neighbour {
+                state_id: 1,
+                distance: 0.25,
+                best_cost: 12.5,
+            }],
+        },
+        lease_expire_ms: 60_000,
+        state: TrialState::Open,
+        measurements: BTreeMap::new(),
+        cost: None,
+        outcome: None,
+        late: false,
+        create_ms: 1_000,
+        complete_ms: None,
+        completion: None,
+        fingerprint: Some(Fingerprint {
+            cpu_model: "a \"fast\" one".to_owned(),
+            isa: "avx512".to_owned(),
+            threads: 2,
+            software: BTreeMap::from([("embree".to_owned(), "4.4.0".to_owned())]),
+        }),
+    }
+}
+
+/// The trial as it is once it was reported.
+pub(crate) fn completed(number: u64, completion: u64, outcome: Outcome) -> Trial {
+    let cost = match &outcome {
+        Outcome::Ok => Some(0.5 + number as f64),
+        Outcome::Aborted { lower_bound } => Some(*lower_bound),
+        Outcome::Infeasible { .. } | Outcome::Failed { .. } => None,
+    };
+    Trial {
+        state: TrialState::Completed,
+        measurements: BTreeMap::from([("render_ms".to_owned(), 0.5 + number as f64)]),
+        cost,
+        outcome: Some(outcome),
+        complete_ms: Some(2_000),
+        completion: Some(completion),
+        ..open(number)
+    }
+}
+
+pub(crate) fn visit(client_id: &str, number: u64) -> Visit {
+    Visit {
+        client_id: client_id.to_owned(),
+        state_id: 1,
+        number,
+        decision: Decision::Exploit {
+            configuration: open(1).configuration,
+            mode: Mode::Exploit,
+            predicted_cost: Some(0.1),
+            reason: Reason::default(),
+        },
+    }
+}
+
+/// A change with one state and some trials.
+pub(crate) fn change(trials: Vec<Trial>) -> Change {
+    Change {
+        trials,
+        states: vec![state(1)],
+        visits: vec![],
+    }
+}

@@ -1,0 +1,354 @@
+//! What every store promises, run against each implementation. The memory store is the oracle.
+
+mod common;
+
+use common::{change, completed, open, spec, state, visit};
+use treewright_core::policy::{Policy, SearchMethod};
+use treewright_core::trial::{Mode, Outcome, RawTrial, TrialState};
+use treewright_core::tuner::Change;
+use treewright_store::filter::{Filter, Order};
+use treewright_store::{Fence, MemoryStore, SqliteStore, Store, StoreError, TrialQuery};
+
+/// Runs each function of the suite on each store.
+macro_rules! contract {
+    ($($name:ident),* $(,)?) => {
+        mod memory {
+            $(#[tokio::test] async fn $name() {
+                super::$name(&super::MemoryStore::new()).await;
+            })*
+        }
+        mod sqlite {
+            $(#[tokio::test] async fn $name() {
+                let directory = tempfile::tempdir().expect("a directory");
+                let path = directory.path().join("studies.db");
+                let store = super::SqliteStore::open(&path).await.expect("a new database");
+                super::$name(&store).await;
+            })*
+        }
+    };
+}
+
+contract!(
+    creating_is_idempotent_for_equal_specifications,
+    studies_are_listed_by_id,
+    everything_comes_back_as_it_was_stored,
+    of_two_changes_in_one_commit_the_last_wins,
+    a_completed_trial_is_never_changed,
+    a_commit_is_stored_whole_or_not_at_all,
+    a_newer_load_breaks_the_fence,
+    policies_change_and_stay,
+    deleting_takes_everything_along,
+    pages_follow_each_other_in_every_order,
+    due_leases_are_found,
+    unknown_names_are_named,
+    a_closed_store_says_so,
+);
+
+async fn fence(store: &dyn Store, study: &str) -> Fence {
+    store.create_study(study, &spec(), 5).await.expect("stored");
+    store.load(study).await.expect("loaded").fence
+}
+
+async fn commit(store: &dyn Store, fence: &Fence, changes: &[Change]) -> Result<(), StoreError> {
+    store.commit(fence, changes).durable().await
+}
+
+fn ask(filter: &str, order: &str, size: u32) -> TrialQuery {
+    TrialQuery {
+        filter: Filter::parse(filter).expect("a filter"),
+        order: Order::parse(order).expect("an order"),
+        after: None,
+        size,
+    }
+}
+
+async fn numbers(store: &dyn Store, filter: &str) -> Vec<u64> {
+    let page = store
+        .query_trials("hall", &ask(filter, "", 1000))
+        .await
+        .expect("an answer");
+    page.trials.iter().map(|trial| trial.number).collect()
+}
+
+async fn creating_is_idempotent_for_equal_specifications(store: &dyn Store) {
+    let first = store.create_study("hall", &spec(), 5).await.unwrap();
+    assert!(first.is_new);
+    assert_eq!(first.study.spec, spec());
+    assert_eq!(first.study.create_ms, 5);
+
+    // Name and policy are no part of what is compared, and what is stored stays.
+    let mut renamed = spec();
+    renamed.display_name = "Another name".to_owned();
+    renamed.policy.epsilon = 0.5;
+    let again = store.create_study("hall", &renamed, 9).await.unwrap();
+    assert!(!again.is_new);
+    assert_eq!(again.study, first.study);
+
+    let mut other = spec();
+    other.seed = 8;
+    let error = store.create_study("hall", &other, 9).await.unwrap_err();
+    assert_eq!(
+        error,
+        StoreError::StudyExists {
+            study: "hall".to_owned(),
+            difference: "seed is 7 against 8".to_owned()
+        }
+    );
+}
+
+async fn studies_are_listed_by_id(store: &dyn Store) {
+    for id in ["sponza", "bmw", "hall", "a-1"] {
+        store.create_study(id, &spec(), 5).await.unwrap();
+    }
+    let ids = |list: Vec<treewright_store::StudyRecord>| {
+        list.into_iter().map(|study| study.id).collect::<Vec<_>>()
+    };
+    let page = store.list_studies(None, 3).await.unwrap();
+    assert_eq!(ids(page), ["a-1", "bmw", "hall"]);
+    let page = store.list_studies(Some("hall"), 3).await.unwrap();
+    assert_eq!(ids(page), ["sponza"]);
+}
+
+async fn everything_comes_back_as_it_was_stored(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    let mut default = completed(4, 3, Outcome::Ok);
+    default.mode = Mode::Default;
+    default.late = true;
+    let mut pinned = open(6);
+    pinned.mode = Mode::Pinned;
+    pinned.state = TrialState::Abandoned;
+    let mut exploited = open(7);
+    exploited.mode = Mode::Exploit;
+    exploited.state = TrialState::Expired;
+    exploited.predicted_cost = None;
+    exploited.fingerprint = None;
+    let reason = || "depth \"limit\" reached".to_owned();
+    let trials = vec![
+        completed(1, 2, Outcome::Infeasible { reason: reason() }),
+        completed(2, 1, Outcome::Failed { reason: reason() }),
+        completed(3, 4, Outcome::Aborted { lower_bound: 0.1 }),
+        default,
+        open(5),
+        pinned,
+        exploited,
+    ];
+    let stored = Change {
+        trials: trials.clone(),
+        states: vec![state(1), state(2)],
+        visits: vec![visit("a", 3), visit("b", 1)],
+    };
+    commit(store, &held, std::slice::from_ref(&stored))
+        .await
+        .unwrap();
+
+    let space = spec().space;
+    for trial in &trials {
+        let raw: RawTrial = store.get_trial("hall", trial.number).await.unwrap();
+        assert_eq!(&raw.check(&space).expect("valid"), trial);
+    }
+    let loaded = store.load("hall").await.unwrap();
+    assert_eq!(loaded.snapshot.states, stored.states);
+    assert_eq!(loaded.snapshot.visits, stored.visits);
+    assert_eq!(loaded.snapshot.last_trial, 7);
+    let order: Vec<u64> = loaded.trials.iter().map(|trial| trial.number).collect();
+    assert_eq!(order, [5, 2, 1, 4, 3]);
+    assert_eq!(loaded.trials[0], trials[4]);
+
+    let statistics = store.get_study("hall").await.unwrap().statistics;
+    assert_eq!((statistics.states, statistics.trials), (2, 7));
+    assert_eq!(
+        (statistics.completed_trials, statistics.open_trials),
+        (4, 1)
+    );
+}
+
+async fn of_two_changes_in_one_commit_the_last_wins(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    let changes = [
+        change(vec![open(1)]),
+        change(vec![completed(1, 1, Outcome::Ok), open(2)]),
+    ];
+    commit(store, &held, &changes).await.unwrap();
+    assert_eq!(numbers(store, "state = COMPLETED").await, [1]);
+    assert_eq!(numbers(store, "state = OPEN").await, [2]);
+}
+
+async fn a_completed_trial_is_never_changed(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    let original = completed(1, 1, Outcome::Ok);
+    commit(store, &held, &[change(vec![original.clone()])])
+        .await
+        .unwrap();
+    let mut forged = original.clone();
+    forged.measurements.insert("render_ms".to_owned(), 0.0);
+    let error = commit(store, &held, &[change(vec![forged])])
+        .await
+        .unwrap_err();
+    assert!(matches!(error, StoreError::Inconsistent { .. }), "{error}");
+    assert!(error.to_string().contains("never changed"), "{error}");
+    let raw = store.get_trial("hall", 1).await.unwrap();
+    assert_eq!(raw.check(&spec().space).unwrap(), original);
+    // What else the holder computed rests on a change that was refused.
+    assert!(!held.holds());
+    let error = commit(store, &held, &[change(vec![open(2)])])
+        .await
+        .unwrap_err();
+    assert!(matches!(error, StoreError::Fenced { .. }));
+}
+
+async fn a_commit_is_stored_whole_or_not_at_all(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    let other = fence(store, "sponza").await;
+    commit(store, &held, &[change(vec![completed(1, 1, Outcome::Ok)])])
+        .await
+        .unwrap();
+    // Queued together, so that they share a transaction where a store groups its writes.
+    let good = store.commit(&other, &[change(vec![open(1)])]);
+    let bad = store.commit(&held, &[change(vec![open(2)]), change(vec![open(1)])]);
+    let late = store.commit(&held, &[change(vec![open(3)])]);
+    let also_good = store.commit(&other, &[change(vec![open(2)])]);
+    assert_eq!(good.durable().await, Ok(()));
+    assert!(bad.durable().await.is_err());
+    assert!(matches!(
+        late.durable().await,
+        Err(StoreError::Fenced { .. })
+    ));
+    assert_eq!(also_good.durable().await, Ok(()));
+    assert_eq!(numbers(store, "").await, [1]);
+    assert_eq!(
+        store.get_study("sponza").await.unwrap().statistics.trials,
+        2
+    );
+}
+
+async fn a_newer_load_breaks_the_fence(store: &dyn Store) {
+    let old = fence(store, "hall").await;
+    let before = store.commit(&old, &[change(vec![open(1)])]);
+    let loaded = store.load("hall").await.unwrap();
+    // What was queued before the load is in it.
+    assert_eq!(before.durable().await, Ok(()));
+    assert_eq!(loaded.snapshot.last_trial, 1);
+    assert!(!old.holds());
+    assert!(loaded.fence.holds());
+    let refused = commit(store, &old, &[]).await;
+    assert!(matches!(refused, Err(StoreError::Fenced { .. })));
+    assert_eq!(commit(store, &loaded.fence, &[]).await, Ok(()));
+}
+
+async fn policies_change_and_stay(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    let policy = Policy {
+        epsilon: 1.0,
+        search: SearchMethod::Random,
+        pinned: Some(open(1).configuration),
+        ..Policy::default()
+    };
+    store.update_policy(&held, &policy).durable().await.unwrap();
+    assert!(held.holds());
+    let stored = store.get_study("hall").await.unwrap();
+    assert_eq!(stored.spec.policy, policy);
+    assert_eq!(stored.spec.first_difference(&spec()), None);
+}
+
+async fn deleting_takes_everything_along(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    commit(store, &held, &[change(vec![completed(1, 1, Outcome::Ok)])])
+        .await
+        .unwrap();
+    store.delete_study("hall").await.unwrap();
+    assert!(!held.holds());
+    assert!(matches!(
+        store.delete_study("hall").await,
+        Err(StoreError::StudyNotFound { .. })
+    ));
+    let anew = fence(store, "hall").await;
+    // A change to the deleted study does not reach its namesake.
+    assert!(
+        commit(store, &held, &[change(vec![open(1)])])
+            .await
+            .is_err()
+    );
+    assert_eq!(numbers(store, "").await, [0; 0]);
+    assert_eq!(commit(store, &anew, &[change(vec![open(1)])]).await, Ok(()));
+}
+
+async fn pages_follow_each_other_in_every_order(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    let mut trials = vec![open(1)];
+    for (completion, number) in (2..=9_u64).enumerate() {
+        let mut trial = completed(number, completion as u64 + 1, Outcome::Ok);
+        // Ties, so that the number has to break them.
+        trial.cost = Some((number % 3) as f64 * 0.1);
+        trials.push(trial);
+    }
+    commit(store, &held, &[change(trials)]).await.unwrap();
+    for (order, expected) in [
+        ("number", [1, 2, 3, 4, 5, 6, 7, 8, 9]),
+        ("number desc", [9, 8, 7, 6, 5, 4, 3, 2, 1]),
+        ("cost", [3, 6, 9, 4, 7, 2, 5, 8, 1]),
+        ("cost desc", [2, 5, 8, 4, 7, 3, 6, 9, 1]),
+        ("measurement.render_ms desc", [9, 8, 7, 6, 5, 4, 3, 2, 1]),
+        ("measurement.absent", [1, 2, 3, 4, 5, 6, 7, 8, 9]),
+    ] {
+        for size in [1, 2, 4, 9, 20] {
+            let mut query = ask("", order, size);
+            let mut found = Vec::new();
+            loop {
+                let page = store.query_trials("hall", &query).await.unwrap();
+                assert!(page.trials.len() <= size as usize);
+                found.extend(page.trials.iter().map(|trial| trial.number));
+                query.after = page.next;
+                if query.after.is_none() {
+                    break;
+                }
+            }
+            assert_eq!(found, expected, "{order}, {size} to a page");
+        }
+    }
+}
+
+async fn due_leases_are_found(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    store.create_study("empty", &spec(), 5).await.unwrap();
+    commit(store, &held, &[change(vec![open(1)])])
+        .await
+        .unwrap();
+    let due = |now_ms| store.studies_with_due_leases(now_ms);
+    assert_eq!(due(60_000).await.unwrap(), [""; 0]);
+    assert_eq!(due(60_001).await.unwrap(), ["hall"]);
+    commit(store, &held, &[change(vec![completed(1, 1, Outcome::Ok)])])
+        .await
+        .unwrap();
+    assert_eq!(due(60_001).await.unwrap(), [""; 0]);
+}
+
+async fn unknown_names_are_named(store: &dyn Store) {
+    let error = store.get_study("hal").await.unwrap_err();
+    assert_eq!(error.to_string(), "study \"hal\" does not exist");
+    assert_eq!(store.load("hal").await.unwrap_err(), error);
+    assert_eq!(store.get_trial("hal", 1).await.unwrap_err(), error);
+    let query = ask("", "", 1);
+    assert_eq!(store.query_trials("hal", &query).await.unwrap_err(), error);
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    for number in [1, u64::MAX] {
+        assert_eq!(
+            store.get_trial("hall", number).await.unwrap_err(),
+            StoreError::TrialNotFound {
+                study: "hall".to_owned(),
+                number
+            }
+        );
+    }
+}
+
+async fn a_closed_store_says_so(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    let last = store.commit(&held, &[change(vec![open(1)])]);
+    store.close().await;
+    // What was queued before is stored.
+    assert_eq!(last.durable().await, Ok(()));
+    assert_eq!(store.get_study("hall").await, Err(StoreError::Closed));
+    let refused = store.commit(&held, &[change(vec![open(2)])]);
+    assert!(refused.durable().await.is_err());
+    store.close().await;
+}

@@ -1,0 +1,229 @@
+//! What the SQLite store makes of files: reopening, and every file that cannot be opened.
+
+mod common;
+
+use std::path::Path;
+
+use common::{change, completed, open, spec, state};
+use sqlx::{ConnectOptions as _, Connection as _, Executor as _};
+use treewright_core::trial::Outcome;
+use treewright_core::tuner::Change;
+use treewright_store::{OpenError, SqliteStore, Store};
+
+async fn refusal(path: &Path) -> OpenError {
+    SqliteStore::open(path)
+        .await
+        .expect_err("this file cannot be opened")
+}
+
+/// Another program's connection.
+async fn foreign(path: &Path) -> sqlx::SqliteConnection {
+    sqlx::sqlite::SqliteConnectOptions::new()
+        .filename(path)
+        .create_if_missing(true)
+        .connect()
+        .await
+        .expect("a connection")
+}
+
+#[tokio::test]
+async fn what_was_acknowledged_is_there_after_reopening() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    let store = SqliteStore::open(&path).await.unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    let fence = store.load("hall").await.unwrap().fence;
+    let stored = change(vec![completed(1, 1, Outcome::Ok), open(2)]);
+    store
+        .commit(&fence, &[stored.clone()])
+        .durable()
+        .await
+        .unwrap();
+    store.close().await;
+    assert!(!directory.path().join("studies.db-wal").exists());
+
+    let store = SqliteStore::open(&path).await.unwrap();
+    let loaded = store.load("hall").await.unwrap();
+    assert_eq!(loaded.study.spec, spec());
+    assert_eq!(loaded.snapshot.states, [state(1)]);
+    assert_eq!(loaded.snapshot.last_trial, 2);
+    let mut trials = stored.trials;
+    trials.reverse();
+    assert_eq!(loaded.trials, trials);
+}
+
+#[tokio::test]
+async fn many_writers_at_once_are_all_answered() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = SqliteStore::open(&directory.path().join("studies.db"))
+        .await
+        .unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    let fence = store.load("hall").await.unwrap().fence;
+    let receipts: Vec<_> = (1..=500)
+        .map(|number| store.commit(&fence, &[change(vec![open(number)])]))
+        .collect();
+    for receipt in receipts {
+        receipt.durable().await.unwrap();
+    }
+    assert_eq!(
+        store.get_study("hall").await.unwrap().statistics.trials,
+        500
+    );
+}
+
+#[tokio::test]
+async fn a_full_queue_refuses_and_breaks_the_fence() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = SqliteStore::open(&directory.path().join("studies.db"))
+        .await
+        .unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    let fence = store.load("hall").await.unwrap().fence;
+    // On this single-threaded runtime the writer only runs while we wait, so the queue must fill up.
+    let receipts: Vec<_> = (0..=treewright_store::limits::WRITE_QUEUE)
+        .map(|_| store.commit(&fence, &[Change::default()]))
+        .collect();
+    assert!(!fence.holds());
+    let mut full = 0;
+    for receipt in receipts {
+        if let Err(error) = receipt.durable().await {
+            full += usize::from(
+                error
+                    .to_string()
+                    .contains("writes are waiting for the disk"),
+            );
+        }
+    }
+    assert_eq!(full, 1);
+}
+
+#[tokio::test]
+async fn a_second_daemon_is_told_who_has_the_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    let first = SqliteStore::open(&path).await.unwrap();
+    let error = refusal(&path).await;
+    assert!(matches!(error, OpenError::InUse { pid: Some(pid), .. } if pid == std::process::id()));
+    let message = error.to_string();
+    assert!(
+        message.contains(&format!(
+            "in use by another treewrightd (pid {})",
+            std::process::id()
+        )),
+        "{message}"
+    );
+    first.close().await;
+    SqliteStore::open(&path).await.expect("free again");
+}
+
+#[tokio::test]
+async fn a_foreign_lock_is_an_error_and_not_a_hang() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    SqliteStore::open(&path).await.unwrap().close().await;
+    let mut other = foreign(&path).await;
+    other.execute("BEGIN IMMEDIATE").await.unwrap();
+    let error = refusal(&path).await;
+    assert!(matches!(error, OpenError::Locked { .. }), "{error}");
+    other.execute("ROLLBACK").await.unwrap();
+
+    // The same while serving: the write fails with a reason, and the next one works again.
+    let store = SqliteStore::open(&path).await.unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    other.execute("BEGIN IMMEDIATE").await.unwrap();
+    let error = store.create_study("sponza", &spec(), 5).await.unwrap_err();
+    assert!(error.to_string().contains("database is locked"), "{error}");
+    other.execute("ROLLBACK").await.unwrap();
+    other.close().await.unwrap();
+    store
+        .create_study("sponza", &spec(), 5)
+        .await
+        .expect("stored");
+}
+
+#[tokio::test]
+async fn paths_that_cannot_be_a_database_are_explained() {
+    let directory = tempfile::tempdir().unwrap();
+    let error = refusal(directory.path()).await;
+    assert!(matches!(error, OpenError::Directory { .. }), "{error}");
+    let error = refusal(&directory.path().join("missing/studies.db")).await;
+    assert!(matches!(error, OpenError::NoDirectory { .. }), "{error}");
+    // A file in place of a directory also fails for a superuser, whom permissions do not stop.
+    let file = directory.path().join("file");
+    std::fs::write(&file, "x").unwrap();
+    let error = refusal(&file.join("studies.db")).await;
+    assert!(matches!(error, OpenError::NoDirectory { .. }), "{error}");
+    // So does a lock file that cannot be one.
+    std::fs::create_dir(directory.path().join("studies.db.lock")).unwrap();
+    let error = refusal(&directory.path().join("studies.db")).await;
+    assert!(matches!(error, OpenError::NotWritable { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn files_that_are_no_database_are_left_alone() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("notes.txt");
+    let text = "These are notes, not a database. ".repeat(40);
+    std::fs::write(&path, &text).unwrap();
+    let error = refusal(&path).await;
+    assert!(matches!(error, OpenError::NotADatabase { .. }), "{error}");
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+}
+
+#[tokio::test]
+async fn a_damaged_database_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    SqliteStore::open(&path).await.unwrap().close().await;
+    let mut bytes = std::fs::read(&path).unwrap();
+    // The first page keeps its header; the schema behind it becomes nonsense.
+    bytes[100..4096].fill(0x5a);
+    std::fs::write(&path, &bytes).unwrap();
+    let error = refusal(&path).await;
+    assert!(matches!(error, OpenError::NotADatabase { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn another_programs_database_is_refused_and_left_alone() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("album.db");
+    let mut other = foreign(&path).await;
+    other
+        .execute("CREATE TABLE photographs (id INTEGER)")
+        .await
+        .unwrap();
+    other.close().await.unwrap();
+    let before = std::fs::read(&path).unwrap();
+    let error = refusal(&path).await;
+    assert!(matches!(error, OpenError::Foreign { .. }), "{error}");
+    assert_eq!(std::fs::read(&path).unwrap(), before);
+}
+
+#[tokio::test]
+async fn a_newer_schema_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    SqliteStore::open(&path).await.unwrap().close().await;
+    let mut other = foreign(&path).await;
+    other
+        .execute(
+            "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) \
+             VALUES (9999, 'from the future', 1, x'00', 1)",
+        )
+        .await
+        .unwrap();
+    other.close().await.unwrap();
+    let error = refusal(&path).await;
+    assert!(
+        matches!(
+            error,
+            OpenError::Newer {
+                version: 9999,
+                known: 1,
+                ..
+            }
+        ),
+        "{error}"
+    );
+}
