@@ -190,8 +190,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ),
     ];
     println!(
-        "{} on {:?}, {rounds} rounds; each cell: ratio to native medium (Mrays/s)",
-        "treewright-accel",
+        "{:?} kernels, {rounds} rounds; each cell: ratio to native medium (Mrays/s)",
         Isa::detect()
     );
     for (scene, triangles, eye, target) in places {

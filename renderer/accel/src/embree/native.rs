@@ -175,7 +175,7 @@ impl Intersector for NativeScene {
         // null arguments mean the defaults.
         unsafe { ffi::rtcIntersect1(self.scene.0, (&raw mut query).cast(), ptr::null_mut()) };
         let hit = &query.hit;
-        (hit.geometry != ffi::INVALID_GEOMETRY).then(|| Hit {
+        (hit.geometry != ffi::INVALID_GEOMETRY).then_some(Hit {
             t: query.ray.t_far,
             u: hit.u,
             v: hit.v,

@@ -33,7 +33,7 @@ macro_rules! compile {
             use super::watertight::WatertightBlocks;
             use super::{Hit, Kernels, Ray, Root, kernel, lanes};
 
-            // SAFETY of both: the caller has the processor features and a tree of width `W` whose blocks
+            // SAFETY: for both, the caller has the processor features and a tree of width `W` whose blocks
             // are of the kind `T` tests.
             $(#[$feature])*
             unsafe fn closest<const W: usize, B: Boxes<W>, T: Blocks>(root: &Root, ray: &Ray) -> Option<Hit> {

@@ -9,9 +9,22 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::layout::{BLOCK, Block, Bounds, LEAF_BLOCKS_MAX, Node, NodeRef};
-use super::split::split;
+use super::split::{Piece, split};
 use crate::embree::ffi;
 use crate::geometry::Triangles;
+
+const _: () = {
+    // `Piece` stands for both in the split callback.
+    assert!(
+        size_of::<Piece>() == size_of::<ffi::RTCBounds>()
+            && align_of::<Piece>() <= align_of::<ffi::RTCBounds>()
+    );
+    assert!(size_of::<Piece>() == size_of::<ffi::RTCBuildPrimitive>());
+    assert!(
+        std::mem::offset_of!(Piece, upper) == std::mem::offset_of!(ffi::RTCBuildPrimitive, upper_x)
+    );
+    assert!(std::mem::offset_of!(Piece, upper) == std::mem::offset_of!(ffi::RTCBounds, upper_x));
+};
 
 /// What the callbacks know of the build, and what went wrong in them.
 pub(crate) struct Context<'a> {
@@ -186,15 +199,13 @@ pub(crate) unsafe extern "C" fn split_primitive(
     // SAFETY: Embree hands back our context, one of our primitives and two boxes to write.
     unsafe {
         guarded(user, (), |context| {
+            // Corner, geometry number, corner, triangle number: a box in which the numbers do no harm.
+            let within = &*primitive.cast::<Piece>();
             let primitive = &*primitive;
-            let within = Bounds {
-                lower: [primitive.lower_x, primitive.lower_y, primitive.lower_z],
-                upper: [primitive.upper_x, primitive.upper_y, primitive.upper_z],
-            };
             let corners = context.triangles.corners(primitive.primID as usize);
-            let (lower, upper) = split(&corners, &within, dimension as usize, position);
-            left.write(to_embree(&lower));
-            right.write(to_embree(&upper));
+            let (lower, upper) = split(&corners, within, dimension as usize, position);
+            left.cast::<Piece>().write(lower);
+            right.cast::<Piece>().write(upper);
         });
     }
 }
@@ -203,19 +214,5 @@ fn from_embree(bounds: &ffi::RTCBounds) -> Bounds {
     Bounds {
         lower: [bounds.lower_x, bounds.lower_y, bounds.lower_z],
         upper: [bounds.upper_x, bounds.upper_y, bounds.upper_z],
-    }
-}
-
-fn to_embree(bounds: &Bounds) -> ffi::RTCBounds {
-    let ([lower_x, lower_y, lower_z], [upper_x, upper_y, upper_z]) = (bounds.lower, bounds.upper);
-    ffi::RTCBounds {
-        lower_x,
-        lower_y,
-        lower_z,
-        align0: 0.0,
-        upper_x,
-        upper_y,
-        upper_z,
-        align1: 0.0,
     }
 }

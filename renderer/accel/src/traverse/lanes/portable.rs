@@ -9,21 +9,15 @@ pub(crate) struct Portable<const N: usize>([f32; N]);
 
 impl<const N: usize> Portable<N> {
     #[inline(always)]
-    fn zip(self, other: Self, mut operation: impl FnMut(f32, f32) -> f32) -> Self {
-        let mut result = [0.0; N];
-        for lane in 0..N {
-            result[lane] = operation(self.0[lane], other.0[lane]);
-        }
-        Self(result)
+    fn zip(self, other: Self, operation: impl Fn(f32, f32) -> f32) -> Self {
+        Self(std::array::from_fn(|lane| {
+            operation(self.0[lane], other.0[lane])
+        }))
     }
 
     #[inline(always)]
-    fn compare(self, other: Self, mut operation: impl FnMut(f32, f32) -> bool) -> [bool; N] {
-        let mut result = [false; N];
-        for lane in 0..N {
-            result[lane] = operation(self.0[lane], other.0[lane]);
-        }
-        result
+    fn compare(self, other: Self, operation: impl Fn(f32, f32) -> bool) -> [bool; N] {
+        std::array::from_fn(|lane| operation(self.0[lane], other.0[lane]))
     }
 }
 
