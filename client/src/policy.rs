@@ -170,7 +170,8 @@ impl PolicyChange {
             ("pinned", self.unpin || set.pinned.is_some()),
         ]
         .into_iter()
-        .filter_map(|(field, changes)| changes.then(|| format!("policy.{field}")))
+        .filter(|(_, changes)| *changes)
+        .map(|(field, _)| format!("policy.{field}"))
         .collect()
     }
 }

@@ -358,9 +358,8 @@ fn categorical_problem(values: &[Value]) -> Option<String> {
 }
 
 fn check_constraints(space: &Space) -> Result<(), ClientError> {
-    let default = space.default_configuration();
-    for Constraint { lesser, greater } in &space.constraints {
-        let what = format!("constraint {lesser} <= {greater}");
+    for constraint @ Constraint { lesser, greater } in &space.constraints {
+        let what = format!("constraint {constraint}");
         for name in [lesser, greater] {
             let numeric = space.parameters.iter().any(|parameter| {
                 parameter.name == *name
@@ -382,22 +381,14 @@ fn check_constraints(space: &Space) -> Result<(), ClientError> {
                 "it compares a parameter with itself",
             ));
         }
-        let number = |name: &str| match default.get(name) {
-            #[allow(clippy::cast_precision_loss)] // integers are at most 2^53
-            Some(Value::Integer(value)) => Some(*value as f64),
-            Some(Value::Float(value)) => Some(*value),
-            _ => None,
-        };
-        if let (Some(low), Some(high)) = (number(lesser), number(greater))
-            && low > high
-        {
-            return Err(ClientError::invalid(
-                what,
-                format!("the defaults break it: {low} > {high}"),
-            ));
-        }
     }
-    Ok(())
+    match space.broken_constraint(&space.default_configuration()) {
+        Some((broken, problem)) => Err(ClientError::invalid(
+            format!("constraint {broken}"),
+            format!("with the defaults {problem}"),
+        )),
+        None => Ok(()),
+    }
 }
 
 #[cfg(test)]

@@ -1,0 +1,240 @@
+//! The command line.
+
+use std::time::Duration;
+
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
+use treewright_client::{PredictorMethod, SearchMethod, Value};
+
+const EXAMPLES: &str = "\
+Examples:
+  treewright studies
+  treewright best sponza
+  treewright trials sponza --filter 'state = COMPLETED AND cost < 12.5' --order-by cost --limit 10
+  treewright predict sponza --indicator triangles=262267 --indicator camera_distance=12.5
+  treewright policy sponza --epsilon 0.1 --pin max_depth=32,compact=true
+  treewright --json trials sponza | jq '.[].cost'
+
+Exit codes:
+  0  done
+  1  the operation failed, e.g. there is no such study
+  2  the command line makes no sense
+  3  the daemon cannot be reached
+";
+
+/// Looks at a tuning daemon: studies, trials, the best configurations, and the policy.
+#[derive(Debug, Parser)]
+#[command(name = "treewright", version, after_help = EXAMPLES)]
+pub(crate) struct Arguments {
+    /// Where the daemon listens
+    #[arg(
+        long,
+        global = true,
+        env = "TREEWRIGHT_SERVER",
+        value_name = "URL",
+        default_value = "http://127.0.0.1:50611"
+    )]
+    pub(crate) server: String,
+
+    /// Print JSON, for scripts
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+
+    /// How long to wait for the daemon, e.g. 500ms or 10s
+    #[arg(long, global = true, value_name = "TIME", default_value = "5s", value_parser = humantime::parse_duration)]
+    pub(crate) timeout: Duration,
+
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Lists the studies
+    Studies,
+    /// Shows or deletes one study
+    #[command(subcommand)]
+    Study(StudyCommand),
+    /// Lists a study's trials
+    #[command(after_help = "\
+Filter: comparisons joined by AND, with = != < <= > >=, text in double quotes. Fields: state (OPEN,
+COMPLETED, ABANDONED, EXPIRED), mode (DEFAULT, EXPLORE, EXPLOIT, PINNED), outcome (OK, INFEASIBLE,
+ABORTED, FAILED), client_id, state_id, number, cost, late, measurement.NAME, config.NAME, indicator.NAME.
+
+Examples:
+  treewright trials sponza --order-by cost --limit 5
+  treewright trials sponza --filter 'outcome = INFEASIBLE AND config.max_depth < 20'
+  treewright trials sponza --order-by 'measurement.render_ms desc'")]
+    Trials(Trials),
+    /// Shows the best known configuration, of one state or of all
+    #[command(after_help = "Example:\n  treewright best sponza --indicator triangles=262267")]
+    Best(State),
+    /// Shows what would be exploited for a state; writes nothing
+    #[command(after_help = "Example:\n  treewright predict sponza --indicator triangles=262267")]
+    Predict(State),
+    /// Changes how a study decides; fields that are not named stay as they are
+    #[command(after_help = "\
+Examples:
+  treewright policy sponza --epsilon 0.1 --search nelder-mead
+  treewright policy sponza --pin max_depth=32,compact=true
+  treewright policy sponza --unpin")]
+    Policy(Policy),
+    /// Asks whether the daemon serves
+    Ping,
+}
+
+/// What to do with one study.
+#[derive(Debug, Subcommand)]
+pub(crate) enum StudyCommand {
+    /// Shows its space, indicators, objective and policy
+    Show {
+        /// Its id, e.g. `sponza`
+        name: String,
+    },
+    /// Deletes it, with its trials and models
+    Delete {
+        /// Its id, e.g. `sponza`
+        name: String,
+        /// Really do it
+        #[arg(long)]
+        yes: bool,
+    },
+}
+
+/// Which trials.
+#[derive(Debug, Args)]
+pub(crate) struct Trials {
+    /// The study's id, e.g. `sponza`
+    pub(crate) study: String,
+    /// Only trials for which this holds
+    #[arg(long, default_value = "")]
+    pub(crate) filter: String,
+    /// `number`, `cost` or `measurement.NAME`, each with an optional ` desc`
+    #[arg(long, default_value = "", value_name = "FIELD")]
+    pub(crate) order_by: String,
+    /// At most so many
+    #[arg(long, default_value_t = 50, value_name = "COUNT")]
+    pub(crate) limit: usize,
+}
+
+/// A study and a state.
+#[derive(Debug, Args)]
+pub(crate) struct State {
+    /// The study's id, e.g. `sponza`
+    pub(crate) study: String,
+    /// An indicator's raw value; once for each indicator of the study
+    #[arg(long = "indicator", value_name = "NAME=NUMBER", value_parser = indicator)]
+    pub(crate) indicators: Vec<(String, f64)>,
+}
+
+/// A change of policy.
+#[derive(Debug, Args)]
+#[command(group = ArgGroup::new("change").required(true).multiple(true).args(
+    ["epsilon", "search", "predictor", "trials_per_state", "replicates", "lease_s", "pin", "unpin"]))]
+pub(crate) struct Policy {
+    /// The study's id, e.g. `sponza`
+    pub(crate) study: String,
+    /// Probability of exploring when a client's state changes, 0 to 1
+    #[arg(long)]
+    pub(crate) epsilon: Option<f64>,
+    /// Search inside a state
+    #[arg(long)]
+    pub(crate) search: Option<Search>,
+    /// What answers when exploiting
+    #[arg(long)]
+    pub(crate) predictor: Option<Predictor>,
+    /// A state's search ends after so many measured configurations
+    #[arg(long, value_name = "COUNT")]
+    pub(crate) trials_per_state: Option<u32>,
+    /// How often one configuration is measured in one state
+    #[arg(long, value_name = "COUNT")]
+    pub(crate) replicates: Option<u32>,
+    /// How long a lease lasts, in seconds
+    #[arg(long, value_name = "SECONDS")]
+    pub(crate) lease_s: Option<u32>,
+    /// Give every client this configuration; parameters that are not named take their defaults
+    #[arg(long, value_name = "NAME=VALUE,…", value_delimiter = ',', value_parser = parameter)]
+    pub(crate) pin: Vec<(String, Value)>,
+    /// Give no fixed configuration any more
+    #[arg(long, conflicts_with = "pin")]
+    pub(crate) unpin: bool,
+}
+
+/// Searches, as they are written on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum Search {
+    NelderMead,
+    LatinHypercube,
+    Random,
+}
+
+/// Predictors, as they are written on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum Predictor {
+    NearestNeighbour,
+    RbfGreedyGq,
+}
+
+impl From<Search> for SearchMethod {
+    fn from(search: Search) -> Self {
+        match search {
+            Search::NelderMead => Self::NelderMead,
+            Search::LatinHypercube => Self::LatinHypercube,
+            Search::Random => Self::Random,
+        }
+    }
+}
+
+impl From<Predictor> for PredictorMethod {
+    fn from(predictor: Predictor) -> Self {
+        match predictor {
+            Predictor::NearestNeighbour => Self::NearestNeighbour,
+            Predictor::RbfGreedyGq => Self::RbfGreedyGq,
+        }
+    }
+}
+
+fn indicator(text: &str) -> Result<(String, f64), String> {
+    let (name, number) = pair(text)?;
+    match number.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok((name, value)),
+        _ => Err(format!("`{number}` is not a finite number")),
+    }
+}
+
+fn parameter(text: &str) -> Result<(String, Value), String> {
+    let (name, value) = pair(text)?;
+    Ok((name, Value::parse(value)))
+}
+
+fn pair(text: &str) -> Result<(String, &str), String> {
+    let (name, value) = text
+        .split_once('=')
+        .ok_or("it must be written NAME=VALUE")?;
+    Ok((name.trim().to_owned(), value.trim()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn pairs_are_read() {
+        assert_eq!(
+            indicator("triangles=1e6").unwrap(),
+            ("triangles".into(), 1e6)
+        );
+        assert!(indicator("triangles=nan").unwrap_err().contains("finite"));
+        assert_eq!(
+            parameter("compact = true").unwrap(),
+            ("compact".into(), Value::from(true))
+        );
+        assert!(parameter("compact").is_err());
+    }
+}

@@ -1,0 +1,236 @@
+//! What the stand-in knows: studies and trials, after the rules of the wire contract.
+
+use std::collections::BTreeMap;
+
+use tonic::{Code, Status};
+use treewright_proto::v1::{self, TrialState, parameter::Domain};
+
+/// The stand-in's memory, and what it is to do wrong.
+#[derive(Debug, Default)]
+pub struct Book {
+    pub studies: BTreeMap<String, v1::Study>,
+    pub trials: Vec<v1::Trial>,
+    /// How often each call came in, health checks aside.
+    pub calls: BTreeMap<&'static str, usize>,
+    /// Reports that completed a trial. More than one for a trial would be a defect of the stand-in.
+    pub stored_reports: Vec<String>,
+    /// So many of the next reports are stored, and their answers lost.
+    pub lose_answers: usize,
+    /// So many of the next streamed requests are carried out, and the stream breaks instead of the answer.
+    pub break_streams: usize,
+    /// Answers to give instead of doing what is asked.
+    pub refuse: BTreeMap<&'static str, Code>,
+}
+
+impl Book {
+    pub fn count(&self, call: &str) -> usize {
+        self.calls.get(call).copied().unwrap_or(0)
+    }
+
+    pub fn in_state(&self, state: TrialState) -> usize {
+        self.trials
+            .iter()
+            .filter(|trial| trial.state() == state)
+            .count()
+    }
+
+    /// Counts a call and answers it at once where that is wished.
+    pub fn enter(&mut self, call: &'static str) -> Result<(), Status> {
+        *self.calls.entry(call).or_default() += 1;
+        match self.refuse.get(call) {
+            Some(code) => Err(Status::new(*code, format!("{call} is refused by the test"))),
+            None => Ok(()),
+        }
+    }
+
+    pub fn study(&self, name: &str) -> Result<&v1::Study, Status> {
+        self.studies
+            .get(name)
+            .ok_or_else(|| Status::not_found(format!("{name} does not exist")))
+    }
+
+    pub fn create(&mut self, request: v1::CreateStudyRequest) -> Result<v1::Study, Status> {
+        let name = format!("studies/{}", request.study_id);
+        let mut study = request
+            .study
+            .ok_or_else(|| Status::invalid_argument("study: missing"))?;
+        study.name.clone_from(&name);
+        study.create_time = Some(prost_types::Timestamp {
+            seconds: 1_700_000_000,
+            nanos: 0,
+        });
+        match self.studies.get(&name) {
+            Some(stored) if *stored != study => Err(Status::already_exists(format!(
+                "{name} differs in the space"
+            ))),
+            Some(stored) => Ok(stored.clone()),
+            None => Ok(self.studies.entry(name).or_insert(study).clone()),
+        }
+    }
+
+    pub fn suggest(&mut self, request: v1::SuggestRequest) -> Result<v1::Trial, Status> {
+        let configuration = configuration(self.study(&request.study)?, self.trials.len());
+        let held = self.trials.iter().find(|trial| {
+            trial.state() == TrialState::Open
+                && trial.client_id == request.client_id
+                && trial.indicators == request.indicators
+                && trial.name.starts_with(&request.study)
+        });
+        if let Some(trial) = held {
+            return Ok(trial.clone());
+        }
+        let first = self.trials.is_empty();
+        let trial = v1::Trial {
+            name: format!("{}/trials/{}", request.study, self.trials.len() + 1),
+            client_id: request.client_id,
+            state_id: 1,
+            indicators: request.indicators,
+            configuration: Some(configuration),
+            mode: if first {
+                v1::Mode::Default
+            } else {
+                v1::Mode::Explore
+            }
+            .into(),
+            reason: Some(v1::Reason {
+                summary: "by the stand-in".into(),
+                source: "fake".into(),
+                ..v1::Reason::default()
+            }),
+            lease_expire_time: Some(prost_types::Timestamp {
+                seconds: 32_000_000_000,
+                nanos: 0,
+            }),
+            state: TrialState::Open.into(),
+            fingerprint: request.fingerprint,
+            ..v1::Trial::default()
+        };
+        self.trials.push(trial.clone());
+        Ok(trial)
+    }
+
+    pub fn report(&mut self, request: v1::ReportRequest) -> Result<v1::ReportResponse, Status> {
+        let trial = find(&mut self.trials, &request.trial)?;
+        let duplicate = match trial.state() {
+            TrialState::Completed => true,
+            TrialState::Abandoned => {
+                return Err(Status::failed_precondition(format!(
+                    "{} was given back",
+                    trial.name
+                )));
+            }
+            _ => {
+                trial.state = TrialState::Completed.into();
+                trial.cost = request.measurements.get("render_ms").copied();
+                trial.measurements = request.measurements;
+                trial.outcome = request.outcome;
+                self.stored_reports.push(request.trial);
+                false
+            }
+        };
+        Ok(v1::ReportResponse {
+            trial: Some(trial.clone()),
+            duplicate,
+        })
+    }
+
+    pub fn abandon(&mut self, name: &str) -> Result<v1::Trial, Status> {
+        let trial = find(&mut self.trials, name)?;
+        if trial.state() == TrialState::Completed {
+            return Err(Status::failed_precondition(format!("{name} is completed")));
+        }
+        trial.state = TrialState::Abandoned.into();
+        Ok(trial.clone())
+    }
+
+    pub fn extend(&mut self, name: &str) -> Result<v1::Trial, Status> {
+        let trial = find(&mut self.trials, name)?;
+        trial.lease_expire_time = Some(prost_types::Timestamp {
+            seconds: 33_000_000_000,
+            nanos: 0,
+        });
+        Ok(trial.clone())
+    }
+
+    /// Pages are two trials long, so that paging is met in every test. Knows one filter.
+    pub fn query(
+        &self,
+        request: &v1::QueryTrialsRequest,
+    ) -> Result<v1::QueryTrialsResponse, Status> {
+        self.study(&request.study)?;
+        let wanted = match request.filter.as_str() {
+            "" => None,
+            "state = COMPLETED" => Some(TrialState::Completed),
+            other => {
+                return Err(Status::invalid_argument(format!(
+                    "filter: `{other}` cannot be parsed at column 1"
+                )));
+            }
+        };
+        let begin: usize = request.page_token.parse().unwrap_or(0);
+        let mut found: Vec<_> = self
+            .trials
+            .iter()
+            .filter(|trial| wanted.is_none_or(|state| trial.state() == state))
+            .cloned()
+            .collect();
+        if request.order_by == "number desc" {
+            found.reverse();
+        }
+        let end = (begin + 2).min(found.len());
+        let next_page_token = if end < found.len() {
+            end.to_string()
+        } else {
+            String::new()
+        };
+        Ok(v1::QueryTrialsResponse {
+            trials: found[begin..end].to_vec(),
+            next_page_token,
+        })
+    }
+
+    pub fn best(&self, request: &v1::GetBestRequest) -> Result<v1::Best, Status> {
+        self.study(&request.study)?;
+        let measured = self.trials.iter().filter(|trial| trial.cost.is_some());
+        let best = measured.min_by(|a, b| a.cost.partial_cmp(&b.cost).expect("costs are finite"));
+        let best = best.ok_or_else(|| {
+            Status::not_found(format!("{}: nothing is measured yet", request.study))
+        })?;
+        Ok(v1::Best {
+            configuration: best.configuration.clone(),
+            cost: best.cost.unwrap_or_default(),
+            default_cost: self.trials[0].cost,
+            measurements: 1,
+            state_id: 1,
+            trial: best.name.clone(),
+            last_measure_time: Some(prost_types::Timestamp {
+                seconds: 1_700_000_001,
+                nanos: 0,
+            }),
+        })
+    }
+}
+
+fn find<'a>(trials: &'a mut [v1::Trial], name: &str) -> Result<&'a mut v1::Trial, Status> {
+    let found = trials.iter_mut().find(|trial| trial.name == name);
+    found.ok_or_else(|| Status::not_found(format!("{name} does not exist")))
+}
+
+/// The defaults, with the first integer moved on for each further trial so that configurations differ.
+fn configuration(study: &v1::Study, number: usize) -> v1::Configuration {
+    let mut moved = false;
+    let parameters = study.space.iter().flat_map(|space| &space.parameters);
+    let values = parameters.filter_map(|parameter| {
+        let mut value = parameter.default_value.clone()?;
+        if let (Some(Domain::Integer(_)), Some(v1::value::Kind::Integer(integer)), false) =
+            (&parameter.domain, &mut value.kind, moved)
+        {
+            *integer += i64::try_from(number).expect("few trials");
+            moved = true;
+        }
+        Some((parameter.name.clone(), value))
+    });
+    v1::Configuration {
+        values: values.collect(),
+    }
+}

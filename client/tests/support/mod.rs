@@ -1,0 +1,165 @@
+//! A stand-in for the daemon that runs inside the test. It keeps studies and trials in memory after the
+//! rules of the wire contract, and can be told to hang, to lose answers, to refuse, and to be away.
+#![allow(dead_code, unreachable_pub)] // each test program uses its own part of it
+
+mod book;
+mod service;
+
+use std::net::{SocketAddr, TcpListener};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Duration;
+
+use tokio::sync::watch;
+use treewright_client::{Indicators, Measurements, Options, Scale, Space, StudySpec};
+
+pub use book::Book;
+
+/// Which calls are held back for the time being.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Hold {
+    /// None.
+    Nothing,
+    /// Suggest and the stream; all else is answered.
+    Suggestions,
+    /// Reports outside the stream.
+    Reports,
+    /// All, as if the process were stopped.
+    Everything,
+}
+
+/// The stand-in.
+pub struct Fake {
+    address: SocketAddr,
+    book: Arc<Mutex<Book>>,
+    hold: watch::Sender<Hold>,
+    runtime: Option<tokio::runtime::Runtime>,
+}
+
+impl Fake {
+    /// Starts one on a free port.
+    pub fn start() -> Self {
+        let mut fake = Self::absent();
+        fake.come_back();
+        fake
+    }
+
+    /// One that has a port but does not listen on it yet.
+    pub fn absent() -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        let address = listener.local_addr().expect("the port is known");
+        Self {
+            address,
+            book: Arc::default(),
+            hold: watch::Sender::new(Hold::Nothing),
+            runtime: None,
+        }
+    }
+
+    pub fn url(&self) -> String {
+        format!("http://{}", self.address)
+    }
+
+    /// What it knows and what it is to do wrong.
+    pub fn book(&self) -> MutexGuard<'_, Book> {
+        self.book.lock().expect("no test panics inside the book")
+    }
+
+    pub fn hold(&self, hold: Hold) {
+        self.hold.send_replace(hold);
+    }
+
+    /// Ends the process, so to speak: every connection breaks. What is stored stays.
+    pub fn go_away(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            // Tests call this inside a runtime of their own, where nothing may block but another thread.
+            let end = std::thread::spawn(move || runtime.shutdown_timeout(Duration::from_secs(5)));
+            end.join().expect("the stand-in ends");
+        }
+    }
+
+    /// Starts it again on the same port.
+    pub fn come_back(&mut self) {
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(1)
+            .enable_all()
+            .build()
+            .expect("a runtime for the stand-in");
+        let listener = TcpListener::bind(self.address).expect("the port is still free");
+        listener
+            .set_nonblocking(true)
+            .expect("a listener can be made non-blocking");
+        let service = service::Service {
+            book: Arc::clone(&self.book),
+            hold: self.hold.clone(),
+        };
+        runtime.spawn(service.serve(listener));
+        self.runtime = Some(runtime);
+    }
+}
+
+impl Drop for Fake {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+/// Settings with which nothing but a hanging daemon runs into a deadline, however busy the machine is.
+pub fn patient() -> Options {
+    let (back_off_min, back_off_max) = (Duration::from_millis(5), Duration::from_millis(40));
+    Options {
+        back_off_min,
+        back_off_max,
+        ..Options::new()
+            .client_id("tester")
+            .deadline(Duration::from_secs(20))
+    }
+}
+
+/// Settings with which a hanging daemon is noticed at once.
+pub fn hasty() -> Options {
+    patient()
+        .deadline(Duration::from_millis(30))
+        .call_deadline(Duration::from_millis(200))
+}
+
+/// A small study.
+pub fn spec() -> StudySpec {
+    let space = Space::builder()
+        .integer("max_depth", 9..=1000)
+        .default(32)
+        .log()
+        .boolean("compact")
+        .default(false)
+        .build()
+        .expect("a valid space");
+    StudySpec::builder(space)
+        .display_name("a scene")
+        .indicator("triangles", 0.0..=1e6, Scale::Log)
+        .minimise("render_ms", 1.0)
+        .build()
+        .expect("a valid specification")
+}
+
+/// A state of that study; different numbers are far apart.
+pub fn state(number: u32) -> Indicators {
+    Indicators::from([(
+        "triangles",
+        10f64.powi(i32::try_from(number).expect("a small number")),
+    )])
+}
+
+pub fn measured(render_ms: f64) -> Measurements {
+    Measurements::from([("render_ms", render_ms)])
+}
+
+/// Waits for something that must happen, without saying when.
+pub async fn until(what: &str, holds: impl Fn() -> bool) {
+    let patience = tokio::time::timeout(Duration::from_secs(30), async {
+        while !holds() {
+            tokio::time::sleep(Duration::from_millis(2)).await;
+        }
+    });
+    assert!(patience.await.is_ok(), "it never happened: {what}");
+}
