@@ -24,6 +24,8 @@ mod randomness;
 pub mod search;
 pub mod space;
 pub mod study;
+#[cfg(test)]
+mod testing;
 pub mod trial;
 pub mod tuner;
 pub mod value;

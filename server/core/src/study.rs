@@ -163,3 +163,128 @@ fn list_difference<T: PartialEq + Serialize>(
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::indicator::Indicator;
+    use crate::objective::ObjectiveTerm;
+    use crate::space::{Constraint, Domain, Parameter, Scale};
+    use crate::value::Value;
+
+    fn spec() -> StudySpec {
+        let parameter = |name: &str| Parameter {
+            name: name.into(),
+            domain: Domain::Integer {
+                min: 1,
+                max: 9,
+                scale: Scale::Linear,
+            },
+            default: Value::Integer(3),
+            active_if: None,
+        };
+        let order = Constraint {
+            lesser: "a".into(),
+            greater: "b".into(),
+        };
+        let indicator = Indicator {
+            name: "x".into(),
+            min: 0.0,
+            max: 1.0,
+            scale: Scale::Linear,
+        };
+        let term = ObjectiveTerm {
+            metric: "render_ms".into(),
+            weight: 1.0,
+        };
+        StudySpec {
+            display_name: "a study".into(),
+            space: Space::new(vec![parameter("a"), parameter("b")], vec![order]).expect("valid"),
+            indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
+            objective: Objective::new(vec![term]).expect("valid"),
+            state_tolerance: STATE_TOLERANCE_DEFAULT,
+            policy: Policy::default(),
+            seed: 0,
+        }
+    }
+
+    #[test]
+    fn the_first_difference_is_named_and_policy_and_display_name_do_not_count() {
+        let base = spec();
+        let policy = Policy {
+            epsilon: 0.9,
+            ..Policy::default()
+        };
+        let renamed = StudySpec {
+            display_name: "other".into(),
+            policy,
+            ..spec()
+        };
+        assert_eq!(base.first_difference(&renamed), None);
+        let mut parameters = base.space.parameters().to_vec();
+        parameters[1].default = Value::Integer(4);
+        let space = Space::new(parameters, base.space.constraints().to_vec()).expect("valid");
+        let other = base
+            .first_difference(&StudySpec { space, ..spec() })
+            .expect("differs");
+        assert!(other.starts_with("parameter \"b\" is {"), "{other}");
+        let space = Space::new(base.space.parameters().to_vec(), vec![]).expect("valid");
+        let other = base.first_difference(&StudySpec { space, ..spec() });
+        assert_eq!(
+            other.as_deref(),
+            Some("the number of constraints is 1 against 0")
+        );
+        let other = base.first_difference(&StudySpec {
+            indicators: IndicatorSchema::default(),
+            ..spec()
+        });
+        assert_eq!(
+            other.as_deref(),
+            Some("the number of indicators is 1 against 0")
+        );
+        let other = base.first_difference(&StudySpec { seed: 7, ..spec() });
+        assert_eq!(other.as_deref(), Some("seed is 0 against 7"));
+    }
+
+    #[test]
+    fn specifications_are_checked_on_the_way_in() {
+        let text = serde_json::to_string(&spec()).expect("plain data");
+        assert_eq!(
+            serde_json::from_str::<StudySpec>(&text).expect("own output"),
+            spec()
+        );
+        let pinned = r#""pinned":{"a":{"integer":5},"b":{"integer":4}}"#;
+        for (good, bad) in [
+            (r#""state_tolerance":0.01"#, r#""state_tolerance":1.5"#),
+            (r#""epsilon":0.2"#, r#""epsilon":-0.2"#),
+            (r#""replicates":1"#, r#""replicates":0"#),
+            (r#""lease_s":60"#, r#""lease_s":86401"#),
+            (
+                r#""display_name":"a study""#,
+                r#""display_name":"a\nstudy""#,
+            ),
+            (r#""pinned":null"#, pinned),
+        ] {
+            assert!(text.contains(good), "{good}");
+            assert!(
+                serde_json::from_str::<StudySpec>(&text.replace(good, bad)).is_err(),
+                "{bad}"
+            );
+        }
+        let order = serde_json::from_str::<StudySpec>(&text.replace(r#""pinned":null"#, pinned));
+        assert!(
+            order
+                .expect_err("a > b")
+                .to_string()
+                .contains("a = 5 is greater than b = 4")
+        );
+        assert!(
+            StudySpec {
+                state_tolerance: f64::NAN,
+                ..spec()
+            }
+            .validate()
+            .is_err()
+        );
+    }
+}

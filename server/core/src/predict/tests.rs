@@ -160,7 +160,7 @@ fn infeasible_configurations_lose_their_value() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(32))]
+    #![proptest_config(crate::testing::cases(32))]
 
     #[test]
     fn the_model_stays_finite_whatever_it_is_told(

@@ -52,7 +52,7 @@ fn run(search: &mut AnySearch, steps: usize, scale: f64) -> Vec<Point> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(crate::testing::cases(24))]
 
     #[test]
     fn points_lie_in_the_cube_and_begin_with_the_default(

@@ -101,6 +101,8 @@ mod tests {
     use super::*;
 
     proptest! {
+        #![proptest_config(crate::testing::cases(256))]
+
         #[test]
         fn every_stratum_of_every_axis_holds_one_point(count in 1usize..60, dimension in 1usize..12, seed: u64) {
             let points = design(count, dimension, &mut stream(seed, Purpose::Search, 0, 0));

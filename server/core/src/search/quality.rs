@@ -163,9 +163,7 @@ fn tune_tree(method: SearchMethod, seed: u64, budget: u32) -> (f64, usize) {
         let point = search.ask().expect("nothing is out");
         let configuration = space.decode(&point.x);
         let fresh = !known.contains_key(&configuration);
-        let cost = *known
-            .entry(configuration)
-            .or_insert_with_key(|configuration| tree_cost(configuration));
+        let cost = *known.entry(configuration).or_insert_with_key(tree_cost);
         in_a_row = if fresh { 0 } else { in_a_row + 1 };
         most = most.max(in_a_row);
         assert!(in_a_row < 1000, "the search stalls");

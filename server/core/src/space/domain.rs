@@ -111,6 +111,9 @@ impl Domain {
                 let integer = (low + x * (high - low)).exp().round() as i64;
                 Value::Integer(integer.clamp(*min, *max))
             }
+            // Rounding must not keep a search from the ends of the range.
+            Domain::Float { min, .. } if x <= 0.0 => Value::Float(*min),
+            Domain::Float { max, .. } if x >= 1.0 => Value::Float(*max),
             Domain::Float { min, max, scale } => {
                 let float = match scale {
                     Scale::Linear => min * (1.0 - x) + max * x,

@@ -9,6 +9,8 @@ mod check;
 mod codec;
 mod domain;
 mod repair;
+#[cfg(test)]
+mod tests;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;

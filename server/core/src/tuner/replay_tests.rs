@@ -182,7 +182,7 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(96))]
+    #![proptest_config(crate::testing::cases(96))]
 
     #[test]
     fn a_restored_tuner_gives_the_same_next_answers(events in prop::collection::vec(event(), 1..160)) {
