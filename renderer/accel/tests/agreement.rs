@@ -375,11 +375,14 @@ fn robust_trees_are_watertight() {
                 random.random_range(0.0..1.0)
             };
             let target = Vec3::from(a + (b - a) * share);
-            let origin = Vec3::new(
-                random.random_range(-0.5..0.5),
-                random.random_range(1.5..40.0),
-                random.random_range(-0.5..0.5),
+            // From near and far: the farther, the coarser the translated corners.
+            let distance = random.random_range(0.2f32..4.0).exp2().exp2();
+            let aside = Vec3::new(
+                random.random_range(-0.3..0.3),
+                1.0,
+                random.random_range(-0.3..0.3),
             );
+            let origin = aside * distance;
             Ray {
                 origin,
                 direction: target - origin,
@@ -405,6 +408,40 @@ fn robust_trees_are_watertight() {
                     "{isa:?}, {parameters:?}: {ray:?} slips through"
                 );
             }
+        }
+    }
+}
+
+/// The origin lies beside the long edge by less than single precision can tell from its products.
+#[test]
+fn robust_trees_decide_close_edges_in_double_precision() {
+    let (b, c) = (
+        Vec3A::new(1.0 + f32::EPSILON, 1.0, 0.0),
+        Vec3A::new(-1.0, f32::EPSILON / 2.0 - 1.0, 0.0),
+    );
+    let ray = Ray {
+        origin: Vec3::NEG_Z,
+        direction: Vec3::Z,
+        t_min: 0.0,
+        t_max: f32::INFINITY,
+    };
+    for (a, inside) in [
+        (Vec3A::new(-1.0, 1.0, 0.0), true),
+        (Vec3A::new(1.0, -1.0, 0.0), false),
+    ] {
+        let triangles = scenes::separate([[a, b, c]]);
+        assert_eq!(BruteForce::new(&triangles).occluded(&ray), inside);
+        let mut tree = tree(
+            &triangles,
+            &TreeParameters {
+                robust: true,
+                ..TreeParameters::default()
+            },
+        );
+        for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+            tree = tree.with_isa(isa).expect("it is available");
+            assert_eq!(tree.closest(&ray).is_some(), inside, "{isa:?}");
+            assert_eq!(tree.occluded(&ray), inside, "{isa:?}");
         }
     }
 }

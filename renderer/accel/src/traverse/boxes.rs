@@ -170,3 +170,75 @@ unsafe fn scaled<L: Lanes>(planes: Lanes3<L>, by: Lanes3<L>) -> [L; 3] {
     let ([x, y, z], [sx, sy, sz]) = (planes.0, by.0);
     [x.mul(sx), y.mul(sy), z.mul(sz)]
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::super::lanes::Portable;
+    use super::*;
+    use crate::tree::layout::{Bounds, NodeRef};
+
+    /// The unit cube as the only child.
+    fn cube() -> (Root, Node<2>) {
+        let bounds = Bounds {
+            lower: [0.0; 3],
+            upper: [1.0; 3],
+        };
+        let mut node = Node::<2>::EMPTY;
+        for axis in 0..3 {
+            node.bounds[axis][0][0] = 0.0;
+            node.bounds[axis][1][0] = 1.0;
+        }
+        (
+            Root {
+                node: NodeRef::EMPTY,
+                bounds,
+            },
+            node,
+        )
+    }
+
+    fn met<B: Boxes<2>>(origin: Vec3, direction: Vec3, t_max: f32) -> u32 {
+        let (root, node) = cube();
+        let ray = Ray {
+            origin,
+            direction,
+            t_min: 0.0,
+            t_max,
+        };
+        // SAFETY: portable vectors need no features.
+        unsafe { B::new(&root, &ray).test(&node, t_max).0 }
+    }
+
+    #[test]
+    fn padding_covers_the_rounding_of_far_origins() {
+        // From 100 away, coordinates relative to the origin have errors of about 1e-5.
+        let beside = Vec3::new(1.0 + 2e-6, 0.5, -100.0);
+        assert_eq!(
+            met::<FastBoxes<Portable<2>>>(beside, Vec3::Z, f32::INFINITY),
+            0
+        );
+        assert_eq!(
+            met::<PaddedBoxes<Portable<2>>>(beside, Vec3::Z, f32::INFINITY),
+            1
+        );
+        let far_beside = Vec3::new(1.001, 0.5, -100.0);
+        assert_eq!(
+            met::<PaddedBoxes<Portable<2>>>(far_beside, Vec3::Z, f32::INFINITY),
+            0
+        );
+    }
+
+    #[test]
+    fn unused_places_and_boxes_out_of_reach_are_not_met() {
+        for sign in [1.0, -1.0] {
+            let origin = Vec3::splat(0.5) - sign * Vec3::new(3.0, 2.0, 1.0);
+            let direction = sign * Vec3::new(3.0, 2.0, 1.0);
+            assert_eq!(met::<FastBoxes<Portable<2>>>(origin, direction, 1.0), 1);
+            assert_eq!(met::<PaddedBoxes<Portable<2>>>(origin, direction, 1.0), 1);
+            assert_eq!(met::<FastBoxes<Portable<2>>>(origin, direction, 0.1), 0);
+            assert_eq!(met::<PaddedBoxes<Portable<2>>>(origin, -direction, 1.0), 0);
+        }
+    }
+}
