@@ -324,3 +324,23 @@ async fn a_daemon_that_forgot_the_study_is_told_again() {
         "a study that was only opened is not created"
     );
 }
+
+#[tokio::test]
+async fn the_deadline_covers_connecting() {
+    // The kernel accepts connections for a listener that nobody serves; they never hear a word.
+    let mute = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("http://{}", mute.local_addr().unwrap());
+    let client = Client::connect(&url, hasty().call_deadline(Duration::from_millis(30))).unwrap();
+    let study = client.study("scene", spec()).await.unwrap();
+    let suggestion = study.suggest(&state(1)).await;
+    assert_eq!(suggestion.source(), Source::Default);
+    assert!(
+        suggestion
+            .problem()
+            .is_some_and(ClientError::is_unreachable)
+    );
+    assert!(
+        client.flush(Duration::from_millis(30)).await.is_ok(),
+        "nothing was to be reported"
+    );
+}
