@@ -69,7 +69,8 @@ impl Client {
     /// Creates the study, or finds the equal one that is stored under this id.
     ///
     /// An absent daemon is no error: the study is then created in the background as soon as the daemon is
-    /// there, and suggestions are fallbacks until then.
+    /// there, and suggestions are fallbacks until then. A hanging one is waited for once, for
+    /// [`Options::call_deadline`].
     ///
     /// Errors: [`ClientError::Refused`] when the daemon answers and will not have it, e.g. because the id is taken
     /// by a different specification; [`ClientError::Malformed`].
