@@ -40,8 +40,9 @@ pub const REPLICATES_MAX: u32 = 100;
 /// Longest lease, in seconds: one day.
 pub const LEASE_S_MAX: u32 = 86_400;
 
-/// Most states of a study. The look-up of a state is linear in them; 100,000 states of 17 indicators are
-/// 13.6 MB and are passed over in well under a millisecond per thousand thanks to the early way out.
+/// Most states of a study. The look-up of a state is linear in them, about 20 microseconds for 5,000 on a
+/// desktop processor because most are left at their first indicator; 100,000 anchors of 17 indicators are
+/// 13.6 MB.
 pub const STATES_MAX: usize = 100_000;
 /// Most trials one client may hold open, one per state.
 pub const OPEN_TRIALS_PER_CLIENT_MAX: usize = 64;

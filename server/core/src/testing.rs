@@ -2,19 +2,26 @@
 
 use proptest::test_runner::{Config, RngSeed};
 
-/// A configuration of `cases` cases. `PROPTEST_CASES` and `PROPTEST_RNG_SEED` widen the search by hand.
+/// What the library runs where nothing is asked for.
+const CASES_USUAL: u32 = 256;
+
+/// A configuration of `cases` cases. The library's variables `PROPTEST_CASES` and `PROPTEST_RNG_SEED`
+/// widen the search by hand.
 pub(crate) fn cases(cases: u32) -> Config {
-    let environment = Config::default();
-    let by_hand = std::env::var_os("PROPTEST_CASES").is_some();
-    let rng_seed = match environment.rng_seed {
+    let given = Config::default();
+    let rng_seed = match given.rng_seed {
         RngSeed::Random => RngSeed::Fixed(1),
         fixed => fixed,
     };
-    let cases = if by_hand { environment.cases } else { cases };
+    let cases = if given.cases == CASES_USUAL {
+        cases
+    } else {
+        given.cases
+    };
     Config {
         cases,
         rng_seed,
         failure_persistence: None,
-        ..environment
+        ..given
     }
 }
