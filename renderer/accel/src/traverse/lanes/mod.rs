@@ -30,6 +30,8 @@ pub(crate) trait Lanes: Copy {
     unsafe fn sub(self, other: Self) -> Self;
     unsafe fn mul(self, other: Self) -> Self;
     unsafe fn div(self, other: Self) -> Self;
+    /// `self * factor + more`, rounded once where the machine can.
+    unsafe fn mul_add(self, factor: Self, more: Self) -> Self;
     /// `self * factor - less`, rounded once where the machine can.
     unsafe fn mul_sub(self, factor: Self, less: Self) -> Self;
     unsafe fn min(self, other: Self) -> Self;
@@ -108,7 +110,7 @@ impl<L: Lanes> Lanes3<L> {
     #[inline(always)]
     pub(crate) unsafe fn dot(self, other: Self) -> L {
         let ([ax, ay, az], [bx, by, bz]) = (self.0, other.0);
-        ax.mul(bx).add(ay.mul(by)).add(az.mul(bz))
+        ax.mul_add(bx, ay.mul_add(by, az.mul(bz)))
     }
 }
 

@@ -63,8 +63,13 @@ impl<const N: usize> Lanes for Portable<N> {
     }
 
     #[inline(always)]
-    unsafe fn mul_sub(self, factor: Self, less: Self) -> Self {
+    unsafe fn mul_add(self, factor: Self, more: Self) -> Self {
         // Without the instruction a fused operation is a slow library call.
+        self.zip(factor, |a, b| a * b).zip(more, |a, b| a + b)
+    }
+
+    #[inline(always)]
+    unsafe fn mul_sub(self, factor: Self, less: Self) -> Self {
         self.zip(factor, |a, b| a * b).zip(less, |a, b| a - b)
     }
 

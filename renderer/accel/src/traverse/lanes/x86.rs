@@ -2,7 +2,7 @@
 
 /// Implements the arithmetic of [`super::Lanes`] for a wrapper of an x86 vector, given its intrinsics.
 macro_rules! arithmetic {
-    ($splat:ident $add:ident $sub:ident $mul:ident $div:ident $fmsub:ident $min:ident $max:ident $and:ident $andnot:ident $xor:ident) => {
+    ($splat:ident $add:ident $sub:ident $mul:ident $div:ident $fmadd:ident $fmsub:ident $min:ident $max:ident $and:ident $andnot:ident $xor:ident) => {
         #[inline(always)]
         unsafe fn splat(value: f32) -> Self {
             Self($splat(value))
@@ -26,6 +26,11 @@ macro_rules! arithmetic {
         #[inline(always)]
         unsafe fn div(self, other: Self) -> Self {
             Self($div(self.0, other.0))
+        }
+
+        #[inline(always)]
+        unsafe fn mul_add(self, factor: Self, more: Self) -> Self {
+            Self($fmadd(self.0, factor.0, more.0))
         }
 
         #[inline(always)]
@@ -58,14 +63,14 @@ macro_rules! arithmetic {
 /// [`arithmetic`] of four lanes; two lanes use the lower half of the same registers.
 macro_rules! arithmetic_128 {
     () => {
-        $crate::traverse::lanes::x86::arithmetic!(_mm_set1_ps _mm_add_ps _mm_sub_ps _mm_mul_ps _mm_div_ps _mm_fmsub_ps _mm_min_ps _mm_max_ps _mm_and_ps _mm_andnot_ps _mm_xor_ps);
+        $crate::traverse::lanes::x86::arithmetic!(_mm_set1_ps _mm_add_ps _mm_sub_ps _mm_mul_ps _mm_div_ps _mm_fmadd_ps _mm_fmsub_ps _mm_min_ps _mm_max_ps _mm_and_ps _mm_andnot_ps _mm_xor_ps);
     };
 }
 
 /// [`arithmetic`] of eight lanes.
 macro_rules! arithmetic_256 {
     () => {
-        $crate::traverse::lanes::x86::arithmetic!(_mm256_set1_ps _mm256_add_ps _mm256_sub_ps _mm256_mul_ps _mm256_div_ps _mm256_fmsub_ps _mm256_min_ps _mm256_max_ps _mm256_and_ps _mm256_andnot_ps _mm256_xor_ps);
+        $crate::traverse::lanes::x86::arithmetic!(_mm256_set1_ps _mm256_add_ps _mm256_sub_ps _mm256_mul_ps _mm256_div_ps _mm256_fmadd_ps _mm256_fmsub_ps _mm256_min_ps _mm256_max_ps _mm256_and_ps _mm256_andnot_ps _mm256_xor_ps);
     };
 }
 
