@@ -24,7 +24,8 @@ const OMEGA: f64 = 1.0;
 
 /// The learning rate; the paper names none. A step never exceeds `1 / |phi|^2`, at which an update would
 /// reproduce the reward exactly; beyond twice that, updates diverge. Of the rates 0.03, 0.1, 0.3, 0.5 and 1,
-/// this is the smallest that learns a smooth cost from 6,000 trials as well as the largest.
+/// this is the smallest that learns a smooth cost from 6,000 trials about as well as the largest (mean errors
+/// of the reward 0.108 and 0.106).
 const ALPHA: f64 = 0.3;
 
 /// A configuration that was seen to work, and may be chosen.
