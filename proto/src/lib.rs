@@ -1,5 +1,6 @@
 //! Wire types of the Treewright tuning service. The meaning of every message stands in the comments of
 //! `proto/treewright/v1/*.proto`; this crate only compiles them.
+#![forbid(unsafe_code)]
 
 /// Package `treewright.v1`.
 #[allow(clippy::doc_markdown, clippy::large_enum_variant, missing_docs)]
