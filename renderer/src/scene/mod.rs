@@ -5,6 +5,7 @@
 
 pub mod assemble;
 mod bounds;
+pub mod builtin;
 mod error;
 pub mod framing;
 mod gltf_extras;

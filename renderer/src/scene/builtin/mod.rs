@@ -1,0 +1,96 @@
+//! Built-in scenes, generated from a name, a level of detail and a seed: the same three give the same bytes.
+//!
+//! They cover what makes acceleration structures differ: architecture with large and small triangles side
+//! by side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`, `needles`), one
+//! dense surface (`statue`), wide extent (`city`), and a small one for trials (`quick`).
+
+mod architecture;
+mod city;
+mod courtyard;
+mod gallery;
+mod hall;
+mod needles;
+mod noise;
+mod palette;
+mod stage;
+mod statue;
+mod voxel_mesh;
+mod voxels;
+
+use std::path::PathBuf;
+
+use stage::{Plan, Stage};
+
+use super::assemble::{Assembler, Lighting};
+use super::framing::View;
+use super::limits::DETAIL_RANGE;
+use super::{Scene, SceneError};
+
+/// How a built-in scene is to be generated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Scales the number of triangles; 1 is the number that [`about`] names. 0.001 to 8.
+    pub detail: f32,
+    /// Varies what is left to chance.
+    pub seed: u64,
+    /// Moment of an animated scene (`needles`), where 0 to 1 is one round; any finite number.
+    pub time: f32,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { detail: 1.0, seed: 1, time: 0.0 }
+    }
+}
+
+/// A scene in the list: its name, what it shows, and its generator.
+type Entry = (&'static str, &'static str, fn(&mut Stage) -> Result<Plan, SceneError>);
+
+const SCENES: [Entry; 7] = [
+    ("hall", "columned hall with coffered ceiling, sunlit through high windows; 250,000 triangles", hall::build),
+    ("voxels", "landscape of cubes with caves, trees, a lake and a keep; 500,000 triangles", voxels::build),
+    ("gallery", "picture gallery of thin frames, wires and railings; 200,000 triangles", gallery::build),
+    ("statue", "finely displaced figure under a dome with an open eye; 1,000,000 triangles", statue::build),
+    ("needles", "bundle of long thin triangles turning through the hall; 100,000 triangles", needles::build),
+    ("city", "blocks of towers with window frames, lamps, cars and trees; 480,000 triangles", city::build),
+    ("quick", "small courtyard with a fountain for tests and demonstrations; 20,000 triangles", courtyard::build),
+];
+
+/// The names of all built-in scenes.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    SCENES.iter().map(|(name, ..)| *name)
+}
+
+/// One line about a built-in scene, or nothing when there is none of that name.
+pub fn about(name: &str) -> Option<&'static str> {
+    SCENES.iter().find(|entry| entry.0 == name).map(|entry| entry.1)
+}
+
+/// Generates a built-in scene.
+///
+/// # Errors
+/// [`SceneError::UnknownBuiltin`] and [`SceneError::BadOption`].
+pub fn build(name: &str, options: &Options) -> Result<Scene, SceneError> {
+    let Some((name, _, generate)) = SCENES.iter().find(|entry| entry.0 == name) else {
+        let known = names().collect::<Vec<_>>().join(", ");
+        return Err(SceneError::UnknownBuiltin { name: name.to_owned(), known });
+    };
+    if !DETAIL_RANGE.contains(&options.detail) {
+        return Err(SceneError::BadOption { option: "detail", value: options.detail });
+    }
+    if !options.time.is_finite() {
+        return Err(SceneError::BadOption { option: "time", value: options.time });
+    }
+    let mut assembler = Assembler::new(*name, &PathBuf::from(format!("builtin:{name}")));
+    let plan = generate(&mut Stage::new(&mut assembler, *options))?;
+    let views = plan.keys.iter().take(1).map(|camera| View {
+        position: camera.position,
+        forward: camera.target - camera.position,
+        up: camera.up,
+        vertical_fov_deg: camera.vertical_fov_deg,
+        distance: Some(camera.position.distance(camera.target)),
+    });
+    let mut scene = assembler.finish(Lighting::Given(plan.sky), views.collect())?;
+    scene.path_keys = plan.keys;
+    Ok(scene)
+}
