@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
+use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, presets};
 use treewright_client::{
     Best, Configuration, Outcome, Policy, Prediction, Scale, StudyRecord, TrialRecord,
 };
@@ -10,8 +10,9 @@ use treewright_client::{
 /// A table whose columns with the given numbers hold figures.
 fn table(header: &[&str], figures: &[usize]) -> Table {
     let mut table = Table::new();
+    let style = presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none());
     table
-        .load_style(presets::UTF8_HORIZONTAL_ONLY)
+        .load_style(style)
         .set_content_arrangement(ContentArrangement::Dynamic);
     table.set_header(header.iter().map(Cell::new).collect::<Vec<_>>());
     for &index in figures {
