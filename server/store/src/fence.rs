@@ -51,6 +51,12 @@ impl Fence {
         !self.0.broken.load(Ordering::Acquire)
     }
 
+    /// Whether both come from one load.
+    #[must_use]
+    pub fn is_same(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+
     pub(crate) fn break_up(&self) {
         self.0.broken.store(true, Ordering::Release);
     }
@@ -74,6 +80,12 @@ impl Fence {
 pub struct Receipt(pub(crate) oneshot::Receiver<Result<(), StoreError>>);
 
 impl Receipt {
+    /// A receipt for a change that was refused at once; the fence breaks. For stores of one's own.
+    pub fn refused(fence: &Fence, error: StoreError) -> Self {
+        fence.break_up();
+        Self::settled(Err(error))
+    }
+
     /// A receipt for something that has been decided already.
     pub(crate) fn settled(result: Result<(), StoreError>) -> Self {
         let (sender, receiver) = oneshot::channel();

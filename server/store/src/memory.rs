@@ -9,10 +9,8 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Snapshot, StateRecord, Statistics, Visit};
 
-use crate::cursor::Cursor;
 use crate::error::StoreError;
 use crate::fence::{Fence, Receipt};
-use crate::filter::Order;
 use crate::limits;
 use crate::raw::raw_trial;
 use crate::store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
@@ -269,13 +267,13 @@ impl Store for MemoryStore {
         found.sort_by(|a, b| {
             query
                 .order
-                .compare(&key(&query.order, a), &key(&query.order, b))
+                .compare(&query.order.place(a), &query.order.place(b))
         });
         if let Some(after) = &query.after {
             found.retain(|trial| {
                 query
                     .order
-                    .compare(&key(&query.order, trial), after)
+                    .compare(&query.order.place(trial), after)
                     .is_gt()
             });
         }
@@ -285,7 +283,7 @@ impl Store for MemoryStore {
             next: found
                 .last()
                 .filter(|_| more)
-                .map(|last| key(&query.order, last)),
+                .map(|last| query.order.place(last)),
             trials: found,
         })
     }
@@ -306,12 +304,5 @@ impl Store for MemoryStore {
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .closed = true;
-    }
-}
-
-fn key(order: &Order, trial: &RawTrial) -> Cursor {
-    Cursor {
-        value: order.value(trial),
-        number: i64::try_from(trial.number).unwrap_or(i64::MAX),
     }
 }

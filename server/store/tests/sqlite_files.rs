@@ -35,7 +35,7 @@ async fn what_was_acknowledged_is_there_after_reopening() {
     let fence = store.load("hall").await.unwrap().fence;
     let stored = change(vec![completed(1, 1, Outcome::Ok), open(2)]);
     store
-        .commit(&fence, &[stored.clone()])
+        .commit(&fence, std::slice::from_ref(&stored))
         .durable()
         .await
         .unwrap();

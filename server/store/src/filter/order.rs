@@ -90,6 +90,15 @@ impl Order {
         }
     }
 
+    /// The place of `trial` in this order: a page can go on behind it.
+    #[must_use]
+    pub fn place<C>(&self, trial: &Trial<C>) -> Cursor {
+        Cursor {
+            value: self.value(trial),
+            number: i64::try_from(trial.number).unwrap_or(i64::MAX),
+        }
+    }
+
     /// Which of two rows comes first.
     #[must_use]
     pub fn compare(&self, left: &Cursor, right: &Cursor) -> Ordering {

@@ -186,10 +186,7 @@ impl Store for SqliteStore {
         let fence = fence.clone();
         match Rows::of(changes) {
             Ok(rows) => self.enqueue_change(Command::Commit { fence, rows }),
-            Err(error) => {
-                fence.break_up();
-                Receipt::settled(Err(error))
-            }
+            Err(error) => Receipt::refused(&fence, error),
         }
     }
 
@@ -197,10 +194,7 @@ impl Store for SqliteStore {
         let fence = fence.clone();
         match rows::policy(policy) {
             Ok(policy) => self.enqueue_change(Command::Policy { fence, policy }),
-            Err(error) => {
-                fence.break_up();
-                Receipt::settled(Err(error))
-            }
+            Err(error) => Receipt::refused(&fence, error),
         }
     }
 

@@ -1,0 +1,175 @@
+//! The command line of `treewrightd`. Every option can also be set by an environment variable.
+
+use std::net::{SocketAddr, ToSocketAddrs as _};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::error::ErrorKind;
+use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum};
+
+use crate::limits::DRAIN_S;
+
+/// A tuning service for ray-tracing acceleration structures.
+///
+/// Clients ask it over gRPC what to run next and tell how long it took; it keeps everything in one
+/// database file, and what it has acknowledged survives a crash.
+#[derive(Debug, Parser)]
+#[command(name = "treewrightd", version, max_term_width = 100)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Serve until SIGTERM or Ctrl-C.
+    ///
+    /// Prints one line on standard output when it is ready, "treewrightd listening on http://ADDRESS",
+    /// and logs to standard error. Exit codes: 0 stopped as asked, 1 failed, 2 wrong usage, 3 the address
+    /// cannot be listened on, 4 the database cannot be opened.
+    Serve(ServeConfig),
+}
+
+/// How to serve.
+#[derive(Clone, Debug, clap::Args)]
+pub struct ServeConfig {
+    /// Address and port to listen on; port 0 takes a free one.
+    #[arg(long, env = "TREEWRIGHT_LISTEN", default_value = "127.0.0.1:50611", value_name = "ADDRESS", value_parser = address)]
+    pub listen: SocketAddr,
+
+    /// Database file; created if it does not exist.
+    #[arg(long, env = "TREEWRIGHT_DATABASE", value_name = "FILE")]
+    pub database: PathBuf,
+
+    /// Listen beyond this machine. There is no encryption and no authentication: whoever reaches the port
+    /// can read and change every study.
+    #[arg(long, env = "TREEWRIGHT_INSECURE")]
+    pub insecure: bool,
+
+    /// How long requests may take to finish after SIGTERM, in seconds.
+    #[arg(long, env = "TREEWRIGHT_DRAIN_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=DRAIN_S))]
+    pub drain_s: u64,
+
+    /// What to log: error, warn, info, debug, trace, or a list such as "info,treewright_server=debug".
+    #[arg(
+        long,
+        env = "TREEWRIGHT_LOG",
+        default_value = "info",
+        value_name = "FILTER"
+    )]
+    pub log: String,
+
+    /// How to write the log.
+    #[arg(
+        long,
+        env = "TREEWRIGHT_LOG_FORMAT",
+        default_value = "text",
+        value_name = "FORMAT"
+    )]
+    pub log_format: LogFormat,
+}
+
+/// Forms of the log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// Lines for people.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+impl ServeConfig {
+    /// How long draining may take.
+    #[must_use]
+    pub fn drain(&self) -> Duration {
+        Duration::from_secs(self.drain_s)
+    }
+}
+
+impl Cli {
+    /// Reads the arguments and checks what they mean together.
+    ///
+    /// # Errors
+    /// A message for people; [`clap::Error::exit`] prints it and ends with the right code.
+    pub fn read<I, T>(arguments: I) -> Result<Self, clap::Error>
+    where
+        I: IntoIterator<Item = T>,
+        T: Into<std::ffi::OsString> + Clone,
+    {
+        let cli = Self::try_parse_from(arguments)?;
+        let Command::Serve(serve) = &cli.command;
+        if !serve.listen.ip().is_loopback() && !serve.insecure {
+            let problem = format!(
+                "{} can be reached from other machines, without encryption or authentication; listen on \
+                 127.0.0.1, or say --insecure if the network is trusted",
+                serve.listen
+            );
+            return Err(Self::command().error(ErrorKind::ValueValidation, problem));
+        }
+        if let Err(error) = crate::telemetry::filter(&serve.log) {
+            let problem = format!("--log {:?}: {error}", serve.log);
+            return Err(Self::command().error(ErrorKind::ValueValidation, problem));
+        }
+        Ok(cli)
+    }
+}
+
+/// `ADDRESS:PORT`, where the address may be a name such as `localhost`.
+fn address(text: &str) -> Result<SocketAddr, String> {
+    let mut found = text
+        .to_socket_addrs()
+        .map_err(|error| format!("{error}; write ADDRESS:PORT, for example 127.0.0.1:50611"))?;
+    found
+        .next()
+        .ok_or_else(|| "the name has no address".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(arguments: &[&str]) -> Result<ServeConfig, clap::Error> {
+        let all = ["treewrightd", "serve"].iter().chain(arguments);
+        let Command::Serve(serve) = Cli::read(all)?.command;
+        Ok(serve)
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn defaults_are_safe() {
+        let config = read(&["--database", "x.db"]).unwrap();
+        assert!(config.listen.ip().is_loopback());
+        assert_eq!(config.listen.port(), 50611);
+        assert!(!config.insecure);
+        assert_eq!(config.drain(), Duration::from_secs(10));
+    }
+
+    #[test]
+    fn mistakes_are_usage_errors() {
+        for (arguments, fragment) in [
+            (&["--listen", "127.0.0.1:0"][..], "--database"),
+            (&["--database", "x", "--listen", "0.0.0.0:1"], "--insecure"),
+            (&["--database", "x", "--listen", "[::]:1"], "--insecure"),
+            (
+                &["--database", "x", "--listen", "127.0.0.1"],
+                "ADDRESS:PORT",
+            ),
+            (&["--database", "x", "--drain-s", "3601"], "3600"),
+            (&["--database", "x", "--log-format", "xml"], "json"),
+            (&["--database", "x", "--log", "a=b=c"], "--log"),
+            (&["--database", "x", "--colour"], "--colour"),
+        ] {
+            let error = read(arguments).unwrap_err();
+            assert_eq!(error.exit_code(), 2, "{error}");
+            assert!(error.to_string().contains(fragment), "{error}");
+        }
+        let trusted = ["--database", "x", "--listen", "0.0.0.0:1", "--insecure"];
+        assert!(read(&trusted).is_ok());
+    }
+}

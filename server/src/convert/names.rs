@@ -1,0 +1,137 @@
+//! Resource names: `studies/{study}` and `studies/{study}/trials/{trial}`.
+
+use crate::error::Error;
+use crate::limits::{NAME_BYTES, STUDY_ID_CHARACTERS};
+
+/// A trial's place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TrialName {
+    /// The study's id.
+    pub study: String,
+    /// The trial's number, from 1.
+    pub number: u64,
+}
+
+/// Checks the id of a study that is to be created.
+///
+/// # Errors
+/// [`Error::Invalid`] with the rule.
+pub fn study_id(field: &str, id: &str) -> Result<String, Error> {
+    let spelt = id.starts_with(|c: char| c.is_ascii_lowercase())
+        && id
+            .bytes()
+            .all(|b| matches!(b, b'a'..=b'z' | b'0'..=b'9' | b'-' | b'_'));
+    if spelt && id.len() <= STUDY_ID_CHARACTERS {
+        return Ok(id.to_owned());
+    }
+    Err(Error::invalid(
+        field,
+        format!(
+            "{:?} must be 1 to {STUDY_ID_CHARACTERS} characters of a-z, 0-9, - and _, beginning with a letter",
+            shortened(id)
+        ),
+    ))
+}
+
+/// Reads `studies/{study}`.
+///
+/// # Errors
+/// [`Error::Invalid`] with the form.
+pub fn study(field: &str, name: &str) -> Result<String, Error> {
+    let id = short(name).and_then(|name| name.strip_prefix("studies/"));
+    id.and_then(|id| study_id(field, id).ok()).ok_or_else(|| {
+        let name = shortened(name);
+        Error::invalid(field, format!("{name:?} must have the form studies/STUDY"))
+    })
+}
+
+/// Reads `studies/{study}/trials/{trial}`.
+///
+/// # Errors
+/// [`Error::Invalid`] with the form.
+pub fn trial(field: &str, name: &str) -> Result<TrialName, Error> {
+    let read = || {
+        let (study, number) = short(name)?
+            .strip_prefix("studies/")?
+            .split_once("/trials/")?;
+        let plain = number.starts_with(|c: char| matches!(c, '1'..='9'));
+        Some(TrialName {
+            study: study_id(field, study).ok()?,
+            number: number.parse().ok().filter(|_| plain)?,
+        })
+    };
+    read().ok_or_else(|| {
+        let name = shortened(name);
+        let form = "must have the form studies/STUDY/trials/NUMBER";
+        Error::invalid(field, format!("{name:?} {form}"))
+    })
+}
+
+/// Writes `studies/{study}`.
+#[must_use]
+pub fn study_name(study: &str) -> String {
+    format!("studies/{study}")
+}
+
+/// Writes `studies/{study}/trials/{trial}`.
+#[must_use]
+pub fn trial_name(study: &str, number: u64) -> String {
+    format!("studies/{study}/trials/{number}")
+}
+
+fn short(name: &str) -> Option<&str> {
+    (name.len() <= NAME_BYTES).then_some(name)
+}
+
+/// What of a name fits into a message.
+fn shortened(name: &str) -> String {
+    const SHOWN: usize = 80;
+    let mut text: String = name.chars().take(SHOWN).collect();
+    if text.len() < name.len() {
+        text.push_str("...");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_read_as_they_are_written() {
+        assert_eq!(study("name", &study_name("hall-2_b")).unwrap(), "hall-2_b");
+        let name = trial("name", &trial_name("hall", 17)).unwrap();
+        assert_eq!((name.study.as_str(), name.number), ("hall", 17));
+    }
+
+    #[test]
+    fn other_names_are_refused_with_their_field() {
+        let long = "a".repeat(STUDY_ID_CHARACTERS + 1);
+        for bad in ["", "Hall", "2hall", "hall/1", "häll", &long] {
+            let error = study_id("study_id", bad).unwrap_err().to_string();
+            assert!(error.starts_with("study_id: "), "{error}");
+        }
+        for bad in [
+            "",
+            "hall",
+            "studies/",
+            "studies/Hall",
+            "studies/hall/trials/1",
+        ] {
+            assert!(study("study", bad).is_err(), "{bad}");
+        }
+        for bad in [
+            "studies/hall",
+            "studies/hall/trials/",
+            "studies/hall/trials/0",
+            "studies/hall/trials/+1",
+            "studies/hall/trials/01",
+            "studies/hall/trials/-1",
+            "studies/hall/trials/18446744073709551616",
+        ] {
+            assert!(trial("trial", bad).is_err(), "{bad}");
+        }
+        let huge = format!("studies/{}", "x".repeat(1_000_000));
+        assert!(study("study", &huge).unwrap_err().to_string().len() < 200);
+    }
+}

@@ -1,0 +1,69 @@
+//! What a request can fail with. How each is told to a client stands in [`status`](crate::status).
+
+use treewright_core::tuner::{RestoreError, TunerError};
+use treewright_store::StoreError;
+
+/// Why a request was refused. Nothing of it was done.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A field of the request is missing, malformed or over its limit.
+    #[error("{field}: {problem}")]
+    Invalid {
+        /// Which, as a path in the request message.
+        field: String,
+        /// What is wrong and what would be right.
+        problem: String,
+    },
+    /// The tuner refuses.
+    #[error(transparent)]
+    Tuner(#[from] TunerError),
+    /// The store refuses.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// What is stored does not make a tuner.
+    #[error("study {study:?}: {problem}")]
+    Restore {
+        /// The study.
+        study: String,
+        /// What does not fit.
+        problem: RestoreError,
+    },
+    /// Nothing is known to be best yet.
+    #[error("nothing has been measured {place} of study {study:?} yet; report a trial first")]
+    NothingMeasured {
+        /// The study.
+        study: String,
+        /// `in this state` or `in any state`.
+        place: &'static str,
+    },
+    /// The study could not be kept in memory long enough to answer.
+    #[error("study {study:?} is being reloaded; try again later")]
+    Reloading {
+        /// The study.
+        study: String,
+    },
+    /// Too much at once.
+    #[error("the daemon is working on {limit} {what}, the most it takes; try again later")]
+    Busy {
+        /// What is counted.
+        what: &'static str,
+        /// The limit.
+        limit: usize,
+    },
+    /// The daemon is on its way out.
+    #[error("the daemon is draining and takes no new requests; try again later")]
+    Draining,
+    /// A part of the daemon ended that should not have.
+    #[error("the daemon has a defect: {0}")]
+    Defect(&'static str),
+}
+
+impl Error {
+    /// A field is not as it should be.
+    pub fn invalid(field: impl Into<String>, problem: impl std::fmt::Display) -> Self {
+        Self::Invalid {
+            field: field.into(),
+            problem: problem.to_string(),
+        }
+    }
+}

@@ -1,0 +1,20 @@
+//! The Treewright daemon: the gRPC front of the tuning core.
+//!
+//! A request's way: `connections` and [`gate`] let it in, [`rpc`] reads it with [`convert`], [`tuning`]
+//! does its work on a tuner in memory and on the store, [`convert`] writes the answer, and [`status`] says
+//! what went wrong. [`serve`] runs all that until told to stop; [`daemon`] adds what makes it a process.
+#![forbid(unsafe_code)]
+
+pub mod clock;
+pub mod config;
+mod connections;
+pub mod convert;
+pub mod daemon;
+pub mod error;
+pub mod gate;
+pub mod limits;
+pub mod rpc;
+pub mod serve;
+pub mod status;
+pub mod telemetry;
+pub mod tuning;

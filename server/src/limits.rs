@@ -1,0 +1,53 @@
+//! Every limit of the daemon, in one place. Limits of what a study may hold stand in the core, limits of
+//! filters and pages in the store.
+
+use std::time::Duration;
+
+use treewright_store::limits::WRITE_QUEUE;
+
+/// Largest request message, in bytes.
+pub const REQUEST_BYTES: usize = 1 << 20;
+
+/// An answer with many entries ends a page early rather than grow beyond this, in bytes: generated
+/// clients refuse messages above 4 MiB unless told otherwise.
+pub const PAGE_BYTES: usize = 3 << 20;
+
+/// Connections at once.
+pub const CONNECTIONS: usize = 512;
+
+/// Calls and streams at once on one connection.
+pub const CALLS_PER_CONNECTION: u32 = 256;
+
+/// Requests that are being worked on at once; a frame of a Tune stream counts as one.
+pub const REQUESTS_IN_FLIGHT: usize = 384;
+
+/// Writes one request can have in the store's queue at once: ended leases, and its own.
+const WRITES_PER_REQUEST: usize = 2;
+
+// The store's queue cannot overflow as long as callers wait for their answers.
+const _: () = assert!(REQUESTS_IN_FLIGHT * WRITES_PER_REQUEST < WRITE_QUEUE);
+
+/// Tune streams open at once.
+pub const TUNE_STREAMS: usize = 1024;
+
+/// Answers of one Tune stream that wait for a slow reader.
+pub const TUNE_ANSWERS_WAITING: usize = 4;
+
+/// Studies whose tuner is held in memory. Another one replaces the least recently used.
+pub const STUDIES_IN_MEMORY: usize = 256;
+
+/// Longest id of a study, in characters. The wire contract promises this figure.
+pub const STUDY_ID_CHARACTERS: usize = 64;
+
+/// Longest resource name that is looked at, in bytes.
+pub const NAME_BYTES: usize = 256;
+
+/// How often leases that have run out are looked for.
+pub const SWEEP_PERIOD: Duration = Duration::from_secs(1);
+
+/// A connection that does not answer a ping within this time is closed, and the next ping follows after
+/// the same time: a vanished client's streams must not stay for ever.
+pub const KEEPALIVE: Duration = Duration::from_secs(20);
+
+/// Longest drain that can be asked for, in seconds.
+pub const DRAIN_S: u64 = 3600;

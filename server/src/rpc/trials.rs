@@ -1,0 +1,125 @@
+//! Requests that concern trials.
+
+use prost::Message as _;
+use treewright_proto::v1 as wire;
+use treewright_store::TrialQuery;
+use treewright_store::cursor::Cursor;
+use treewright_store::filter::{Filter, Order};
+
+use crate::convert::{from_proto, names, to_proto};
+use crate::error::Error;
+use crate::limits::PAGE_BYTES;
+use crate::tuning::{Reported, Tuning};
+
+pub(super) async fn suggest(
+    tuning: &Tuning,
+    request: wire::SuggestRequest,
+) -> Result<wire::Trial, Error> {
+    let suggest = from_proto::suggest(request)?;
+    let study = suggest.study.clone();
+    Ok(to_proto::trial(&study, &tuning.suggest(suggest).await?))
+}
+
+pub(super) async fn report(
+    tuning: &Tuning,
+    request: wire::ReportRequest,
+) -> Result<wire::ReportResponse, Error> {
+    let report = from_proto::report(request)?;
+    let study = report.trial.study.clone();
+    Ok(reported(&study, &tuning.report(report).await?))
+}
+
+/// The answer to a report.
+pub(super) fn reported(study: &str, reported: &Reported) -> wire::ReportResponse {
+    let (trial, duplicate) = match reported {
+        Reported::Taken(trial) => (to_proto::trial(study, trial), false),
+        Reported::Duplicate(trial) => (to_proto::trial(study, trial), true),
+    };
+    wire::ReportResponse {
+        trial: Some(trial),
+        duplicate,
+    }
+}
+
+pub(super) async fn predict(
+    tuning: &Tuning,
+    request: wire::PredictRequest,
+) -> Result<wire::PredictResponse, Error> {
+    let study = names::study("study", &request.study)?;
+    let prediction = tuning.predict(&study, &request.indicators).await?;
+    Ok(to_proto::prediction(&prediction))
+}
+
+pub(super) async fn abandon(
+    tuning: &Tuning,
+    request: wire::AbandonTrialRequest,
+) -> Result<wire::Trial, Error> {
+    let name = names::trial("trial", &request.trial)?;
+    Ok(to_proto::trial(&name.study, &tuning.abandon(&name).await?))
+}
+
+pub(super) async fn extend_lease(
+    tuning: &Tuning,
+    request: wire::ExtendLeaseRequest,
+) -> Result<wire::Trial, Error> {
+    let name = names::trial("trial", &request.trial)?;
+    let trial = tuning.extend_lease(&name).await?;
+    Ok(to_proto::trial(&name.study, &trial))
+}
+
+pub(super) async fn get(
+    tuning: &Tuning,
+    request: wire::GetTrialRequest,
+) -> Result<wire::Trial, Error> {
+    let name = names::trial("name", &request.name)?;
+    let trial = tuning.get_trial(&name).await?;
+    Ok(to_proto::trial(&name.study, &trial))
+}
+
+pub(super) async fn query(
+    tuning: &Tuning,
+    request: wire::QueryTrialsRequest,
+) -> Result<wire::QueryTrialsResponse, Error> {
+    let study = names::study("study", &request.study)?;
+    let filter = Filter::parse(&request.filter).map_err(|error| Error::invalid("filter", error))?;
+    let order =
+        Order::parse(&request.order_by).map_err(|error| Error::invalid("order_by", error))?;
+    let question = [study.as_str(), &request.filter, &request.order_by];
+    let after = Cursor::parse(&request.page_token, &question)
+        .map_err(|error| Error::invalid("page_token", error))?;
+    let query = TrialQuery {
+        filter,
+        order,
+        after,
+        size: from_proto::page_size(request.page_size)?,
+    };
+    let page = tuning.query_trials(&study, &query).await?;
+
+    let mut next = page.next;
+    let mut trials = Vec::with_capacity(page.trials.len());
+    let mut bytes = 0;
+    for trial in &page.trials {
+        let answer = to_proto::trial(&study, trial);
+        bytes += answer.encoded_len();
+        if bytes > PAGE_BYTES && !trials.is_empty() {
+            let last = &page.trials[trials.len() - 1];
+            next = Some(query.order.place(last));
+            break;
+        }
+        trials.push(answer);
+    }
+    Ok(wire::QueryTrialsResponse {
+        trials,
+        next_page_token: next.map_or_else(String::new, |next| next.token(&question)),
+    })
+}
+
+pub(super) async fn best(
+    tuning: &Tuning,
+    request: wire::GetBestRequest,
+) -> Result<wire::Best, Error> {
+    let study = names::study("study", &request.study)?;
+    let indicators = Some(&request.indicators).filter(|given| !given.is_empty());
+    let best = tuning.best(&study, indicators).await?;
+    Ok(to_proto::best(&study, &best))
+}

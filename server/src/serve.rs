@@ -1,0 +1,129 @@
+//! The life of the server: serve until told to stop, drain, close.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::net::TcpListener;
+use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
+use tonic::transport::Server;
+use tonic_health::ServingStatus;
+use tonic_health::server::{HealthReporter, HealthService};
+use treewright_proto::v1::tuning_service_server::{SERVICE_NAME, TuningServiceServer};
+use treewright_store::Store;
+
+use crate::clock::Clock;
+use crate::connections;
+use crate::gate::Gate;
+use crate::limits;
+use crate::rpc::Service;
+use crate::tuning::Tuning;
+
+/// Time for answers that have been given to leave the house, once nobody works on a request.
+const FLUSH: Duration = Duration::from_millis(200);
+
+/// Why serving ended badly.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The server could not be put together, or the listener failed.
+    #[error("the server failed: {0}")]
+    Server(String),
+}
+
+/// Serves `store` on `listener` until `shutdown`, then drains for at most `drain` and closes the store.
+///
+/// Draining: health turns NOT_SERVING, new requests are answered UNAVAILABLE, requests and stream frames
+/// that are being worked on are finished, streams end with UNAVAILABLE.
+///
+/// # Errors
+/// [`ServeError`] when the server cannot run at all.
+pub async fn run(
+    listener: TcpListener,
+    store: Arc<dyn Store>,
+    clock: Arc<dyn Clock>,
+    drain: Duration,
+    shutdown: impl Future<Output = ()> + Send,
+) -> Result<(), ServeError> {
+    let tuning = Arc::new(Tuning::new(Arc::clone(&store), clock));
+    let gate = Gate::default();
+    let mut health = HealthReporter::new();
+    set_health(&health, ServingStatus::Serving).await;
+
+    let service = TuningServiceServer::new(Service::new(Arc::clone(&tuning), gate.clone()))
+        .max_decoding_message_size(limits::REQUEST_BYTES);
+    let health_service = tonic_health::pb::health_server::HealthServer::new(
+        HealthService::from_health_reporter(health.clone()),
+    );
+    let reflection = || {
+        tonic_reflection::server::Builder::configure()
+            .register_encoded_file_descriptor_set(treewright_proto::FILE_DESCRIPTOR_SET)
+            .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
+    };
+    let defect = |error: tonic_reflection::server::Error| ServeError::Server(error.to_string());
+    let stop = Gate::draining(&gate);
+    let server = Server::builder()
+        .max_concurrent_streams(limits::CALLS_PER_CONNECTION)
+        .http2_keepalive_interval(Some(limits::KEEPALIVE))
+        .http2_keepalive_timeout(Some(limits::KEEPALIVE))
+        .add_service(health_service)
+        .add_service(reflection().build_v1().map_err(defect)?)
+        .add_service(reflection().build_v1alpha().map_err(defect)?)
+        .add_service(service)
+        .serve_with_incoming_shutdown(connections::accept(listener), stop);
+    tokio::pin!(server);
+
+    let sweeper = tokio::spawn(sweep(tuning));
+    let served = tokio::select! {
+        served = &mut server => Some(served),
+        () = shutdown => None,
+    };
+    let served = match served {
+        Some(served) => served,
+        None => {
+            tracing::info!(drain_s = drain.as_secs(), "draining");
+            set_health(&health, ServingStatus::NotServing).await;
+            gate.drain();
+            // The server must go on while those inside finish.
+            let finish = async {
+                gate.empty().await;
+                sleep(FLUSH).await;
+                // Ends the streams of those who watch the health.
+                for service in ["", SERVICE_NAME] {
+                    health.clear_service_status(service).await;
+                }
+                std::future::pending::<()>().await;
+            };
+            let drained = timeout(drain, async {
+                tokio::select! {
+                    served = &mut server => served,
+                    () = finish => Ok(()),
+                }
+            });
+            drained.await.unwrap_or_else(|_| {
+                tracing::warn!("not everything was finished in time; connections are cut");
+                Ok(())
+            })
+        }
+    };
+    sweeper.abort();
+    store.close().await;
+    tracing::info!("stopped");
+    served.map_err(|error| ServeError::Server(error.to_string()))
+}
+
+async fn set_health(health: &HealthReporter, status: ServingStatus) {
+    for service in ["", SERVICE_NAME] {
+        health.set_service_status(service, status).await;
+    }
+}
+
+/// Ends leases that have run out, also in studies that nobody asks about.
+async fn sweep(tuning: Arc<Tuning>) {
+    let mut ticks = interval(limits::SWEEP_PERIOD);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        ticks.tick().await;
+        if let Err(error) = tuning.sweep_leases().await {
+            tracing::warn!(%error, "leases could not be swept; trying again");
+        }
+    }
+}

@@ -1,0 +1,254 @@
+//! Suggest and report, apart and in one: what a client does every frame.
+
+use treewright_core::trial::{RawTrial, Trial, TrialState};
+use treewright_core::tuner::{Change, Tuner, TunerError};
+use treewright_store::{Fence, Receipt, Store};
+
+use super::{Live, Tuning};
+use crate::convert::from_proto::{Report, Suggest};
+use crate::error::Error;
+
+/// How often a report of a closed trial is tried, should another request change such a trial meanwhile.
+const TRIES: usize = 8;
+
+/// A report that was taken, or had been before.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reported {
+    /// The trial as this report completed it.
+    Taken(Box<Trial>),
+    /// The trial as an earlier report completed it.
+    Duplicate(Box<RawTrial>),
+}
+
+/// The answers to the parts of a frame that were asked.
+pub struct FrameAnswer {
+    /// To the report.
+    pub reported: Option<Result<Reported, Error>>,
+    /// To the suggestion.
+    pub suggested: Option<Result<Trial, Error>>,
+}
+
+/// What the tuner made of a report.
+enum Taken {
+    /// It completes an open trial.
+    Now(Box<Trial>, Change),
+    /// The trial is not open; the store knows what became of it.
+    Closed,
+    /// It is refused.
+    Refused(TunerError),
+}
+
+impl Tuning {
+    /// Hands out the next trial.
+    ///
+    /// # Errors
+    /// As the wire contract names them.
+    pub async fn suggest(&self, suggest: Suggest) -> Result<Trial, Error> {
+        let (trial, receipt) = self
+            .with_tuner(&suggest.study, |live, store, now_ms| {
+                let (trial, change) = live.tuner.suggest(&suggest.ask, now_ms)?;
+                note(&suggest, &trial, &change);
+                Ok::<_, TunerError>((trial, live.commit(store, &[change])))
+            })
+            .await??;
+        receipt.durable().await?;
+        Ok(trial)
+    }
+
+    /// Takes a result.
+    ///
+    /// # Errors
+    /// As the wire contract names them.
+    pub async fn report(&self, report: Report) -> Result<Reported, Error> {
+        let answer = self
+            .with_tuner(&report.trial.study, |live, store, now_ms| {
+                let taken = take(&mut live.tuner, &report, now_ms);
+                queue(live, store, taken)
+            })
+            .await?;
+        self.reported(report, answer).await
+    }
+
+    /// Takes a result and hands out the next trial, in one write where both are of one study.
+    pub async fn frame(&self, report: Option<Report>, suggest: Option<Suggest>) -> FrameAnswer {
+        match (report, suggest) {
+            (Some(report), Some(suggest)) if report.trial.study == suggest.study => {
+                self.joint_frame(report, suggest).await
+            }
+            (report, suggest) => FrameAnswer {
+                reported: match report {
+                    Some(report) => Some(self.report(report).await),
+                    None => None,
+                },
+                suggested: match suggest {
+                    Some(suggest) => Some(self.suggest(suggest).await),
+                    None => None,
+                },
+            },
+        }
+    }
+
+    async fn joint_frame(&self, report: Report, suggest: Suggest) -> FrameAnswer {
+        type Joint = (Box<Trial>, Result<Trial, TunerError>, Receipt);
+        let computed: Result<Option<Joint>, Error> = self
+            .with_tuner(&suggest.study, |live, store, now_ms| {
+                let Taken::Now(completed, change) = take(&mut live.tuner, &report, now_ms) else {
+                    return None;
+                };
+                let mut changes = vec![change];
+                let suggested = live
+                    .tuner
+                    .suggest(&suggest.ask, now_ms)
+                    .map(|(trial, change)| {
+                        note(&suggest, &trial, &change);
+                        changes.push(change);
+                        trial
+                    });
+                Some((completed, suggested, live.commit(store, &changes)))
+            })
+            .await;
+        match computed {
+            Ok(Some((completed, suggested, receipt))) => match receipt.durable().await {
+                Ok(()) => FrameAnswer {
+                    reported: Some(Ok(Reported::Taken(completed))),
+                    suggested: Some(suggested.map_err(Error::from)),
+                },
+                Err(error) => FrameAnswer {
+                    reported: Some(Err(error.clone().into())),
+                    suggested: Some(Err(error.into())),
+                },
+            },
+            // A report that is late, repeated or wrong goes its own way, and the suggestion another.
+            Ok(None) => FrameAnswer {
+                reported: Some(self.report(report).await),
+                suggested: Some(self.suggest(suggest).await),
+            },
+            Err(error) => FrameAnswer {
+                reported: Some(Err(error.clone())),
+                suggested: Some(Err(error)),
+            },
+        }
+    }
+
+    async fn reported(&self, report: Report, mut answer: Queued) -> Result<Reported, Error> {
+        for _ in 0..TRIES {
+            match answer {
+                Queued::Taken(completed, receipt) => {
+                    receipt.durable().await?;
+                    return Ok(Reported::Taken(completed));
+                }
+                Queued::Refused(error) => return Err(error.into()),
+                Queued::Closed(mark) => {
+                    let stored = self.closed_trial(&report.trial, mark.receipt).await?;
+                    if stored.state == TrialState::Completed {
+                        return Ok(Reported::Duplicate(Box::new(stored)));
+                    }
+                    let (fence, closed_changes) = (mark.fence, mark.closed_changes);
+                    answer = self
+                        .with_tuner(&report.trial.study, |live, store, now_ms| {
+                            if !live.is_at(&fence, closed_changes) {
+                                return Ok(queue(live, store, Taken::Closed));
+                            }
+                            let trial = live.check(stored)?;
+                            let (completed, change) = live.tuner.report(
+                                &trial,
+                                report.measurements.clone(),
+                                report.outcome.clone(),
+                                now_ms,
+                            )?;
+                            live.closed_changes += 1;
+                            Ok::<_, Error>(queue(
+                                live,
+                                store,
+                                Taken::Now(Box::new(completed), change),
+                            ))
+                        })
+                        .await??;
+                }
+            }
+        }
+        Err(Error::Reloading {
+            study: report.trial.study,
+        })
+    }
+}
+
+/// An answer that waits for the disk.
+enum Queued {
+    Taken(Box<Trial>, Receipt),
+    Closed(ClosedMark),
+    Refused(TunerError),
+}
+
+/// A point in a study's life at which a trial was not open.
+pub(super) struct ClosedMark {
+    /// Durable once everything before that point is, and so readable.
+    pub(super) receipt: Receipt,
+    pub(super) fence: Fence,
+    pub(super) closed_changes: u64,
+}
+
+impl Live {
+    /// Marks this point. All writes before it are awaited by the mark's receipt.
+    pub(super) fn mark(&self, store: &dyn Store) -> ClosedMark {
+        ClosedMark {
+            receipt: self.commit(store, &[]),
+            fence: self.fence().clone(),
+            closed_changes: self.closed_changes,
+        }
+    }
+
+    /// Whether no closed trial has changed since a mark.
+    pub(super) fn is_at(&self, fence: &Fence, closed_changes: u64) -> bool {
+        self.fence().is_same(fence) && self.closed_changes == closed_changes
+    }
+
+    /// Checks a trial that comes from the store.
+    pub(super) fn check(&self, trial: RawTrial) -> Result<Trial, Error> {
+        trial.check(&self.tuner.spec().space).map_err(|error| {
+            Error::Store(treewright_store::StoreError::Inconsistent {
+                problem: format!("a configuration does not fit its study: {error}"),
+            })
+        })
+    }
+}
+
+fn take(tuner: &mut Tuner, report: &Report, now_ms: i64) -> Taken {
+    let Some(open) = tuner.open_trial(report.trial.number).cloned() else {
+        return Taken::Closed;
+    };
+    let taken = tuner.report(
+        &open,
+        report.measurements.clone(),
+        report.outcome.clone(),
+        now_ms,
+    );
+    match taken {
+        Ok((completed, change)) => Taken::Now(Box::new(completed), change),
+        Err(error) => Taken::Refused(error),
+    }
+}
+
+fn queue(live: &Live, store: &dyn Store, taken: Taken) -> Queued {
+    match taken {
+        Taken::Now(completed, change) => Queued::Taken(completed, live.commit(store, &[change])),
+        Taken::Closed => Queued::Closed(live.mark(store)),
+        Taken::Refused(error) => Queued::Refused(error),
+    }
+}
+
+/// A line for each change of a client's state, and one for each trial for those who want all.
+fn note(suggest: &Suggest, trial: &Trial, change: &Change) {
+    let (study, client) = (suggest.study.as_str(), trial.client_id.as_str());
+    if !change.visits.is_empty() {
+        tracing::debug!(
+            study,
+            client,
+            state = trial.state_id,
+            mode = ?trial.mode,
+            "client came to a state: {}",
+            trial.reason.summary
+        );
+    }
+    tracing::trace!(study, client, trial = trial.number, "suggested");
+}

@@ -1,0 +1,97 @@
+//! The use cases of the daemon, apart from the wire: what each request does to tuner and store.
+//!
+//! The order is always the same: take the tuner's lock, compute, queue the change, let go, wait until it
+//! is durable, answer. Nothing is answered that is not on the disk. `runtime` holds the tuners, `frames`
+//! suggests and reports, `trials` does what concerns one trial, `studies` what concerns a study.
+
+mod frames;
+mod runtime;
+mod studies;
+mod trials;
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use treewright_store::Store;
+
+use crate::clock::Clock;
+use crate::error::Error;
+use crate::limits;
+use runtime::{Live, Runtime};
+
+pub use frames::{FrameAnswer, Reported};
+
+/// The use cases. Cheap to share.
+pub struct Tuning {
+    store: Arc<dyn Store>,
+    clock: Arc<dyn Clock>,
+    runtimes: Mutex<Runtimes>,
+}
+
+/// The studies in memory, each with the time of its last use, counted in uses.
+#[derive(Default)]
+struct Runtimes {
+    by_study: HashMap<String, (Arc<Runtime>, u64)>,
+    uses: u64,
+}
+
+impl Tuning {
+    /// The use cases on a store and a clock.
+    #[must_use]
+    pub fn new(store: Arc<dyn Store>, clock: Arc<dyn Clock>) -> Self {
+        Self {
+            store,
+            clock,
+            runtimes: Mutex::default(),
+        }
+    }
+
+    /// Computes on a study's tuner, with every lease that has run out ended before.
+    async fn with_tuner<T>(
+        &self,
+        study: &str,
+        compute: impl FnOnce(&mut Live, &dyn Store, i64) -> T + Send,
+    ) -> Result<T, Error> {
+        let runtime = self.runtime(study);
+        let store = &*self.store;
+        let computed = runtime
+            .with(store, study, |live| {
+                let now_ms = self.clock.now_ms();
+                live.expire(store, now_ms);
+                compute(live, store, now_ms)
+            })
+            .await;
+        if computed.is_err() {
+            // Chiefly names of no study, which must not fill the memory.
+            self.forget(study);
+        }
+        computed
+    }
+
+    /// The place of a study in memory. Where room is short, the least recently used one goes; what it
+    /// has queued is stored all the same.
+    fn runtime(&self, study: &str) -> Arc<Runtime> {
+        let mut runtimes = self.runtimes.lock().unwrap_or_else(PoisonError::into_inner);
+        runtimes.uses += 1;
+        let now = runtimes.uses;
+        if let Some((runtime, used)) = runtimes.by_study.get_mut(study) {
+            *used = now;
+            return Arc::clone(runtime);
+        }
+        if runtimes.by_study.len() >= limits::STUDIES_IN_MEMORY {
+            let oldest = runtimes.by_study.iter().min_by_key(|(_, (_, used))| *used);
+            if let Some(oldest) = oldest.map(|(study, _)| study.clone()) {
+                runtimes.by_study.remove(&oldest);
+            }
+        }
+        let runtime = Arc::<Runtime>::default();
+        let entry = (Arc::clone(&runtime), now);
+        runtimes.by_study.insert(study.to_owned(), entry);
+        runtime
+    }
+
+    fn forget(&self, study: &str) {
+        let mut runtimes = self.runtimes.lock().unwrap_or_else(PoisonError::into_inner);
+        runtimes.by_study.remove(study);
+    }
+}

@@ -1,0 +1,109 @@
+//! What concerns a study: create, read, list, change its policy, delete, and end leases everywhere.
+
+use treewright_core::study::StudySpec;
+use treewright_store::StudyRecord;
+
+use super::Tuning;
+use crate::convert::policy::PolicyUpdate;
+use crate::error::Error;
+
+impl Tuning {
+    /// Creates a study, or finds an equal one.
+    ///
+    /// # Errors
+    /// As the wire contract names them.
+    pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<StudyRecord, Error> {
+        let created = self
+            .store
+            .create_study(id, spec, self.clock.now_ms())
+            .await?;
+        if created.is_new {
+            tracing::info!(
+                study = id,
+                parameters = spec.space.parameters().len(),
+                indicators = spec.indicators.indicators().len(),
+                "study created"
+            );
+        }
+        Ok(created.study)
+    }
+
+    /// Reads a study.
+    ///
+    /// # Errors
+    /// When there is none, or the store cannot be read.
+    pub async fn get_study(&self, study: &str) -> Result<StudyRecord, Error> {
+        Ok(self.store.get_study(study).await?)
+    }
+
+    /// Reads studies by rising id, behind `after`.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub async fn list_studies(
+        &self,
+        after: Option<&str>,
+        size: u32,
+    ) -> Result<Vec<StudyRecord>, Error> {
+        Ok(self.store.list_studies(after, size).await?)
+    }
+
+    /// Changes a study's policy. It holds from the next suggestion on.
+    ///
+    /// # Errors
+    /// As the wire contract names them.
+    pub async fn update_policy(
+        &self,
+        study: &str,
+        update: &PolicyUpdate,
+    ) -> Result<StudyRecord, Error> {
+        let receipt = self
+            .with_tuner(study, |live, store, _| {
+                let spec = live.tuner.spec();
+                let policy = update.apply(&spec.policy, &spec.space)?;
+                live.tuner
+                    .set_policy(policy.clone())
+                    .map_err(|error| Error::invalid("study", error))?;
+                Ok::<_, Error>(store.update_policy(live.fence(), &policy))
+            })
+            .await??;
+        receipt.durable().await?;
+        tracing::info!(study, "policy changed");
+        self.get_study(study).await
+    }
+
+    /// Deletes a study with all it holds.
+    ///
+    /// # Errors
+    /// When there is none, or the store cannot be written.
+    pub async fn delete_study(&self, study: &str) -> Result<(), Error> {
+        self.store.delete_study(study).await?;
+        self.forget(study);
+        tracing::info!(study, "study deleted");
+        Ok(())
+    }
+
+    /// Ends the leases that have run out, in every study. To be called now and then; requests for a study
+    /// do it for that study themselves.
+    ///
+    /// # Errors
+    /// The first that occurred; the other studies are swept all the same.
+    pub async fn sweep_leases(&self) -> Result<(), Error> {
+        let due = self
+            .store
+            .studies_with_due_leases(self.clock.now_ms())
+            .await?;
+        let mut result = Ok(());
+        for study in due {
+            let swept = self
+                .with_tuner(&study, |live, store, _| live.commit(store, &[]))
+                .await;
+            let swept = match swept {
+                Ok(receipt) => receipt.durable().await.map_err(Error::from),
+                Err(error) => Err(error),
+            };
+            result = result.and(swept);
+        }
+        result
+    }
+}

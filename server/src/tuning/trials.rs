@@ -1,0 +1,164 @@
+//! What concerns one trial or reads many: abandon, extend, read, predict, best.
+
+use std::collections::BTreeMap;
+
+use treewright_core::trial::{RawTrial, Trial};
+use treewright_core::tuner::{Best, Prediction, TunerError};
+use treewright_store::{Receipt, TrialPage, TrialQuery};
+
+use super::Tuning;
+use super::frames::ClosedMark;
+use crate::convert::names::TrialName;
+use crate::error::Error;
+
+/// How often a closed trial is looked at, should another request change such a trial meanwhile.
+const TRIES: usize = 8;
+
+/// What became of a request for a trial under the tuner's lock.
+enum Found {
+    Done(Box<Trial>, Receipt),
+    Closed(ClosedMark),
+}
+
+impl Tuning {
+    /// Takes a trial back unmeasured.
+    ///
+    /// # Errors
+    /// As the wire contract names them.
+    pub async fn abandon(&self, name: &TrialName) -> Result<Trial, Error> {
+        let mut found = self
+            .with_tuner(&name.study, |live, store, _| {
+                let Some(open) = live.tuner.open_trial(name.number).cloned() else {
+                    return Ok(Found::Closed(live.mark(store)));
+                };
+                let (trial, change) = live.tuner.abandon(&open)?;
+                let receipt = live.commit(store, &[change]);
+                Ok::<_, Error>(Found::Done(Box::new(trial), receipt))
+            })
+            .await??;
+        for _ in 0..TRIES {
+            let mark = match found {
+                Found::Done(trial, receipt) => {
+                    receipt.durable().await?;
+                    return Ok(*trial);
+                }
+                Found::Closed(mark) => mark,
+            };
+            let stored = self.closed_trial(name, mark.receipt).await?;
+            let (fence, closed_changes) = (mark.fence, mark.closed_changes);
+            found = self
+                .with_tuner(&name.study, |live, store, _| {
+                    if !live.is_at(&fence, closed_changes) {
+                        return Ok(Found::Closed(live.mark(store)));
+                    }
+                    let (trial, change) = live.tuner.abandon(&live.check(stored)?)?;
+                    live.closed_changes += 1;
+                    let receipt = live.commit(store, &[change]);
+                    Ok::<_, Error>(Found::Done(Box::new(trial), receipt))
+                })
+                .await??;
+        }
+        Err(Error::Reloading {
+            study: name.study.clone(),
+        })
+    }
+
+    /// Renews a lease.
+    ///
+    /// # Errors
+    /// As the wire contract names them.
+    pub async fn extend_lease(&self, name: &TrialName) -> Result<Trial, Error> {
+        let found = self
+            .with_tuner(&name.study, |live, store, now_ms| {
+                let Some(open) = live.tuner.open_trial(name.number).cloned() else {
+                    return Ok(Found::Closed(live.mark(store)));
+                };
+                let (trial, change) = live.tuner.extend_lease(&open, now_ms)?;
+                let receipt = live.commit(store, &[change]);
+                Ok::<_, TunerError>(Found::Done(Box::new(trial), receipt))
+            })
+            .await??;
+        match found {
+            Found::Done(trial, receipt) => {
+                receipt.durable().await?;
+                Ok(*trial)
+            }
+            Found::Closed(mark) => {
+                let stored = self.closed_trial(name, mark.receipt).await?;
+                Err(TunerError::NotOpen {
+                    number: stored.number,
+                    state: stored.state,
+                }
+                .into())
+            }
+        }
+    }
+
+    /// Reads a trial that is not open, once everything before is stored.
+    pub(super) async fn closed_trial(
+        &self,
+        name: &TrialName,
+        before: Receipt,
+    ) -> Result<RawTrial, Error> {
+        before.durable().await?;
+        Ok(self.store.get_trial(&name.study, name.number).await?)
+    }
+
+    /// Reads a trial.
+    ///
+    /// # Errors
+    /// When there is none, or the store cannot be read.
+    pub async fn get_trial(&self, name: &TrialName) -> Result<RawTrial, Error> {
+        Ok(self.store.get_trial(&name.study, name.number).await?)
+    }
+
+    /// Reads a page of trials.
+    ///
+    /// # Errors
+    /// When there is no such study, or the store cannot be read.
+    pub async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, Error> {
+        Ok(self.store.query_trials(study, query).await?)
+    }
+
+    /// What would be exploited. Writes nothing and waits for nothing.
+    ///
+    /// # Errors
+    /// As the wire contract names them.
+    pub async fn predict(
+        &self,
+        study: &str,
+        indicators: &BTreeMap<String, f64>,
+    ) -> Result<Prediction, Error> {
+        let predicted = self
+            .with_tuner(study, |live, _, _| live.tuner.predict(indicators))
+            .await?;
+        Ok(predicted?)
+    }
+
+    /// The best known configuration, in the state of the indicators or anywhere. What it rests on is
+    /// stored.
+    ///
+    /// # Errors
+    /// As the wire contract names them.
+    pub async fn best(
+        &self,
+        study: &str,
+        indicators: Option<&BTreeMap<String, f64>>,
+    ) -> Result<Best, Error> {
+        let (best, receipt) = self
+            .with_tuner(study, |live, store, _| {
+                let best = live.tuner.best(indicators)?;
+                Ok::<_, TunerError>((best, live.commit(store, &[])))
+            })
+            .await??;
+        receipt.durable().await?;
+        best.ok_or_else(|| Error::NothingMeasured {
+            study: study.to_owned(),
+            place: if indicators.is_some() {
+                "in this state"
+            } else {
+                "in any state"
+            },
+        })
+    }
+}

@@ -1,0 +1,222 @@
+//! A server in this process, over a real socket, with a clock that stands still until it is moved.
+#![allow(dead_code)] // Each test file uses its own part.
+
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::net::TcpListener;
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+use tonic::transport::Channel;
+use treewright_proto::v1::tuning_service_client::TuningServiceClient;
+use treewright_proto::v1::{self as wire, outcome, parameter, value};
+use treewright_server::clock::ManualClock;
+use treewright_server::serve;
+use treewright_store::{MemoryStore, SqliteStore, Store};
+
+pub(crate) type Client = TuningServiceClient<Channel>;
+
+pub(crate) const START_MS: i64 = 1_750_000_000_000;
+
+pub(crate) struct Server {
+    pub(crate) address: SocketAddr,
+    pub(crate) clock: Arc<ManualClock>,
+    stop: Option<oneshot::Sender<()>>,
+    task: JoinHandle<()>,
+}
+
+impl Server {
+    pub(crate) async fn in_memory() -> Self {
+        Self::with(Arc::new(MemoryStore::new()), START_MS).await
+    }
+
+    pub(crate) async fn on_disk(path: &Path, now_ms: i64) -> Self {
+        let store = SqliteStore::open(path).await.expect("a database");
+        Self::with(Arc::new(store), now_ms).await
+    }
+
+    pub(crate) async fn with(store: Arc<dyn Store>, now_ms: i64) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let address = listener.local_addr().expect("an address");
+        let clock = Arc::new(ManualClock::at(now_ms));
+        let (stop, stopped) = oneshot::channel::<()>();
+        let served = serve::run(
+            listener,
+            store,
+            Arc::clone(&clock) as _,
+            Duration::from_secs(5),
+            async {
+                // A dropped server stops as well.
+                let _ = stopped.await;
+            },
+        );
+        let task = tokio::spawn(async { served.await.expect("served") });
+        Self {
+            address,
+            clock,
+            stop: Some(stop),
+            task,
+        }
+    }
+
+    pub(crate) async fn channel(&self) -> Channel {
+        Channel::from_shared(format!("http://{}", self.address))
+            .expect("an address")
+            .connect()
+            .await
+            .expect("a connection")
+    }
+
+    pub(crate) async fn client(&self) -> Client {
+        Client::new(self.channel().await)
+    }
+
+    /// Asks it to stop, without waiting.
+    pub(crate) fn begin_stop(&mut self) {
+        drop(self.stop.take());
+    }
+
+    /// Waits until it has stopped.
+    pub(crate) async fn stop(mut self) {
+        self.begin_stop();
+        self.task.await.expect("stopped");
+    }
+}
+
+pub(crate) fn integer(integer: i64) -> wire::Value {
+    wire::Value {
+        kind: Some(value::Kind::Integer(integer)),
+    }
+}
+
+pub(crate) fn text(text: &str) -> wire::Value {
+    wire::Value {
+        kind: Some(value::Kind::Text(text.to_owned())),
+    }
+}
+
+fn integer_parameter(name: &str, max: i64, default: i64) -> wire::Parameter {
+    wire::Parameter {
+        name: name.to_owned(),
+        domain: Some(parameter::Domain::Integer(wire::IntegerDomain {
+            min: 1,
+            max,
+            scale: 0,
+        })),
+        default_value: Some(integer(default)),
+        active_if: None,
+    }
+}
+
+/// A study that always explores.
+pub(crate) fn study() -> wire::Study {
+    wire::Study {
+        display_name: "A hall".to_owned(),
+        space: Some(wire::Space {
+            parameters: vec![
+                integer_parameter("min_leaf", 32, 1),
+                integer_parameter("max_leaf", 32, 8),
+                wire::Parameter {
+                    name: "quality".to_owned(),
+                    domain: Some(parameter::Domain::Categorical(wire::CategoricalDomain {
+                        values: vec![text("low"), text("high")],
+                    })),
+                    default_value: Some(text("low")),
+                    active_if: None,
+                },
+            ],
+            constraints: vec![wire::Constraint {
+                lesser: "min_leaf".to_owned(),
+                greater: "max_leaf".to_owned(),
+            }],
+        }),
+        indicators: vec![wire::Indicator {
+            name: "triangles".to_owned(),
+            min: 0.0,
+            max: 100.0,
+            scale: 0,
+        }],
+        objective: Some(wire::Objective {
+            terms: vec![wire::ObjectiveTerm {
+                metric: "render_ms".to_owned(),
+                weight: 1.0,
+            }],
+        }),
+        policy: Some(wire::Policy {
+            epsilon: Some(1.0),
+            ..wire::Policy::default()
+        }),
+        seed: 11,
+        ..wire::Study::default()
+    }
+}
+
+pub(crate) async fn create(client: &mut Client, id: &str) -> wire::Study {
+    let request = wire::CreateStudyRequest {
+        study_id: id.to_owned(),
+        study: Some(study()),
+    };
+    client
+        .create_study(request)
+        .await
+        .expect("created")
+        .into_inner()
+}
+
+pub(crate) fn triangles(count: f64) -> BTreeMap<String, f64> {
+    BTreeMap::from([("triangles".to_owned(), count)])
+}
+
+pub(crate) fn ask(client_id: &str, count: f64) -> wire::SuggestRequest {
+    wire::SuggestRequest {
+        study: "studies/hall".to_owned(),
+        client_id: client_id.to_owned(),
+        indicators: triangles(count),
+        fingerprint: Some(wire::Fingerprint {
+            cpu_model: "a fast one".to_owned(),
+            isa: "avx2".to_owned(),
+            threads: 2,
+            software: BTreeMap::from([("embree".to_owned(), "4.4.0".to_owned())]),
+        }),
+    }
+}
+
+pub(crate) fn ok() -> Option<wire::Outcome> {
+    Some(wire::Outcome {
+        kind: Some(outcome::Kind::Ok(wire::Ok {})),
+    })
+}
+
+pub(crate) fn report(trial: &str, render_ms: f64) -> wire::ReportRequest {
+    wire::ReportRequest {
+        trial: trial.to_owned(),
+        measurements: BTreeMap::from([
+            ("render_ms".to_owned(), render_ms),
+            ("build_ms".to_owned(), 3.5),
+        ]),
+        outcome: ok(),
+    }
+}
+
+pub(crate) async fn suggest(client: &mut Client, client_id: &str, count: f64) -> wire::Trial {
+    let request = ask(client_id, count);
+    client.suggest(request).await.expect("a trial").into_inner()
+}
+
+pub(crate) async fn done(client: &mut Client, trial: &str, render_ms: f64) -> wire::ReportResponse {
+    let request = report(trial, render_ms);
+    client.report(request).await.expect("taken").into_inner()
+}
+
+pub(crate) async fn get(client: &mut Client, trial: &str) -> wire::Trial {
+    let name = trial.to_owned();
+    let request = wire::GetTrialRequest { name };
+    client
+        .get_trial(request)
+        .await
+        .expect("a trial")
+        .into_inner()
+}

@@ -1,0 +1,235 @@
+//! The server's life: restarts, failing disks, health, reflection, draining.
+
+mod common;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use async_trait::async_trait;
+use common::{Client, START_MS, Server, create, done, report, suggest};
+use tokio_stream::StreamExt as _;
+use tonic::Code;
+use tonic_health::pb::health_client::HealthClient;
+use tonic_health::pb::{HealthCheckRequest, health_check_response::ServingStatus};
+use tonic_reflection::pb::v1::ServerReflectionRequest;
+use tonic_reflection::pb::v1::server_reflection_client::ServerReflectionClient;
+use tonic_reflection::pb::v1::server_reflection_request::MessageRequest;
+use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
+use treewright_core::policy::Policy;
+use treewright_core::study::StudySpec;
+use treewright_core::trial::RawTrial;
+use treewright_core::tuner::Change;
+use treewright_proto::v1 as wire;
+use treewright_store::{
+    Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage,
+    TrialQuery,
+};
+
+/// Rounds of one client: the names and configurations it gets.
+async fn rounds(client: &mut Client, count: u32) -> Vec<(String, Option<wire::Configuration>)> {
+    let mut seen = Vec::new();
+    for round in 0..count {
+        let trial = suggest(client, "a", 10.0).await;
+        done(client, &trial.name, f64::from(20 - round % 7)).await;
+        seen.push((trial.name, trial.configuration));
+    }
+    seen
+}
+
+#[tokio::test]
+async fn a_restarted_server_goes_on_with_the_same_suggestions() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    // One server that never stops is the oracle.
+    let steady = Server::in_memory().await;
+    let mut client = steady.client().await;
+    create(&mut client, "hall").await;
+    let expected = rounds(&mut client, 40).await;
+
+    let mut found = Vec::new();
+    for stretch in 0..4 {
+        let server = Server::on_disk(&path, START_MS).await;
+        let mut client = server.client().await;
+        create(&mut client, "hall").await;
+        // The costs go on where they stood: 10 is no multiple of their period.
+        for round in 0..10 {
+            let trial = suggest(&mut client, "a", 10.0).await;
+            let render_ms = f64::from(20 - (stretch * 10 + round) % 7);
+            done(&mut client, &trial.name, render_ms).await;
+            found.push((trial.name, trial.configuration));
+        }
+        drop(client);
+        server.stop().await;
+    }
+    assert_eq!(found, expected);
+}
+
+#[tokio::test]
+async fn an_open_trial_survives_a_restart() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    let server = Server::on_disk(&path, START_MS).await;
+    let mut client = server.client().await;
+    create(&mut client, "hall").await;
+    let held = suggest(&mut client, "a", 10.0).await;
+    let lost = suggest(&mut client, "b", 10.0).await;
+    drop(client);
+    server.stop().await;
+
+    let server = Server::on_disk(&path, START_MS + 1000).await;
+    let mut client = server.client().await;
+    let again = suggest(&mut client, "a", 10.0).await;
+    assert_eq!(
+        (again.name, again.configuration),
+        (held.name.clone(), held.configuration)
+    );
+    assert!(!done(&mut client, &held.name, 4.0).await.duplicate);
+    assert!(!done(&mut client, &lost.name, 5.0).await.duplicate);
+    drop(client);
+    server.stop().await;
+
+    // The third start is long after; nothing of what was acknowledged is missing.
+    let server = Server::on_disk(&path, START_MS + 1_000_000).await;
+    let mut client = server.client().await;
+    assert!(done(&mut client, &held.name, 9.0).await.duplicate);
+    drop(client);
+    server.stop().await;
+}
+
+/// A store whose disk can be unplugged.
+struct Flaky {
+    inner: MemoryStore,
+    broken: AtomicBool,
+}
+
+#[async_trait]
+impl Store for Flaky {
+    async fn create_study(
+        &self,
+        id: &str,
+        spec: &StudySpec,
+        now_ms: i64,
+    ) -> Result<Created, StoreError> {
+        self.inner.create_study(id, spec, now_ms).await
+    }
+    async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
+        self.inner.get_study(study).await
+    }
+    async fn list_studies(
+        &self,
+        after: Option<&str>,
+        size: u32,
+    ) -> Result<Vec<StudyRecord>, StoreError> {
+        self.inner.list_studies(after, size).await
+    }
+    async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
+        self.inner.delete_study(study).await
+    }
+    async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
+        self.inner.load(study).await
+    }
+    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
+        if self.broken.load(Ordering::SeqCst) {
+            let problem = "database or disk is full".to_owned();
+            return Receipt::refused(fence, StoreError::Unavailable { problem });
+        }
+        self.inner.commit(fence, changes)
+    }
+    fn update_policy(&self, fence: &Fence, policy: &Policy) -> Receipt {
+        self.inner.update_policy(fence, policy)
+    }
+    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
+        self.inner.get_trial(study, number).await
+    }
+    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+        self.inner.query_trials(study, query).await
+    }
+    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
+        self.inner.studies_with_due_leases(now_ms).await
+    }
+    async fn close(&self) {
+        self.inner.close().await;
+    }
+}
+
+#[tokio::test]
+async fn nothing_is_acknowledged_that_could_not_be_stored() {
+    let store = Arc::new(Flaky {
+        inner: MemoryStore::new(),
+        broken: AtomicBool::new(false),
+    });
+    let server = Server::with(Arc::clone(&store) as _, START_MS).await;
+    let mut client = server.client().await;
+    create(&mut client, "hall").await;
+    let held = suggest(&mut client, "a", 10.0).await;
+
+    store.broken.store(true, Ordering::SeqCst);
+    let status = client.report(report(&held.name, 4.0)).await.unwrap_err();
+    assert_eq!(status.code(), Code::Unavailable);
+    assert!(status.message().contains("disk is full"), "{status}");
+    let status = client.suggest(common::ask("b", 10.0)).await.unwrap_err();
+    assert_eq!(status.code(), Code::Unavailable);
+
+    // With the disk back, the tuner is what the store holds: the report is new, the number is free.
+    store.broken.store(false, Ordering::SeqCst);
+    assert!(!done(&mut client, &held.name, 4.0).await.duplicate);
+    let next = suggest(&mut client, "b", 10.0).await;
+    assert_eq!(next.name, "studies/hall/trials/2");
+}
+
+#[tokio::test]
+async fn health_and_reflection_answer() {
+    let mut server = Server::in_memory().await;
+    let channel = server.channel().await;
+    let mut health = HealthClient::new(channel.clone());
+    for service in ["", "treewright.v1.TuningService"] {
+        let service = service.to_owned();
+        let answer = health.check(HealthCheckRequest { service }).await.unwrap();
+        assert_eq!(answer.into_inner().status(), ServingStatus::Serving);
+    }
+
+    let list = ServerReflectionRequest {
+        host: String::new(),
+        message_request: Some(MessageRequest::ListServices(String::new())),
+    };
+    let mut reflection = ServerReflectionClient::new(channel.clone());
+    let mut answers = reflection
+        .server_reflection_info(tokio_stream::iter([list]))
+        .await
+        .unwrap()
+        .into_inner();
+    let answer = answers.message().await.unwrap().unwrap();
+    let Some(MessageResponse::ListServicesResponse(list)) = answer.message_response else {
+        panic!("not a list of services");
+    };
+    let names: Vec<_> = list
+        .service
+        .into_iter()
+        .map(|service| service.name)
+        .collect();
+    assert!(
+        names.contains(&"treewright.v1.TuningService".to_owned()),
+        "{names:?}"
+    );
+    assert!(
+        names.contains(&"grpc.health.v1.Health".to_owned()),
+        "{names:?}"
+    );
+    drop(answers);
+
+    // A watcher sees the end coming, and does not hold it up.
+    let service = String::new();
+    let mut watch = health
+        .watch(HealthCheckRequest { service })
+        .await
+        .unwrap()
+        .into_inner();
+    let first = watch.next().await.unwrap().unwrap();
+    assert_eq!(first.status(), ServingStatus::Serving);
+    server.begin_stop();
+    let second = watch.next().await.unwrap().unwrap();
+    assert_eq!(second.status(), ServingStatus::NotServing);
+    drop((health, reflection, channel));
+    assert!(watch.next().await.is_none());
+    server.stop().await;
+}
