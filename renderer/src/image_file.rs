@@ -63,7 +63,10 @@ pub fn check_path(path: &Path) -> Result<(), ImageFileError> {
     if folder.is_dir() {
         Ok(())
     } else {
-        Err(ImageFileError::NoFolder { path: path.into(), folder: folder.into() })
+        Err(ImageFileError::NoFolder {
+            path: path.into(),
+            folder: folder.into(),
+        })
     }
 }
 
@@ -75,7 +78,12 @@ pub fn write(picture: &Picture, exposure: Exposure, path: &Path) -> Result<(), I
         ImageFormat::OpenExr => DynamicImage::ImageRgb32F(linear(picture)),
         _ => DynamicImage::ImageRgb8(developed(picture, exposure)),
     };
-    image.save_with_format(path, format).map_err(|source| ImageFileError::Write { path: path.into(), source })
+    image
+        .save_with_format(path, format)
+        .map_err(|source| ImageFileError::Write {
+            path: path.into(),
+            source,
+        })
 }
 
 /// The bytes of a PNG file, for pictures inside other files.
@@ -83,7 +91,10 @@ pub fn png_bytes(picture: &Picture, exposure: Exposure) -> Result<Vec<u8>, Image
     let mut bytes = std::io::Cursor::new(Vec::new());
     DynamicImage::ImageRgb8(developed(picture, exposure))
         .write_to(&mut bytes, ImageFormat::Png)
-        .map_err(|source| ImageFileError::Write { path: "a PNG in memory".into(), source })?;
+        .map_err(|source| ImageFileError::Write {
+            path: "a PNG in memory".into(),
+            source,
+        })?;
     Ok(bytes.into_inner())
 }
 
@@ -102,13 +113,21 @@ pub fn exposure_factor(picture: &Picture, exposure: Exposure) -> f32 {
                     count += 1;
                 }
             }
-            if count == 0 { 1.0 } else { MIDDLE_GREY / (sum / f64::from(count)).exp() as f32 }
+            if count == 0 {
+                1.0
+            } else {
+                MIDDLE_GREY / (sum / f64::from(count)).exp() as f32
+            }
         }
     }
 }
 
 fn format_of(path: &Path) -> Result<ImageFormat, ImageFileError> {
-    match path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).as_deref() {
+    match path
+        .extension()
+        .map(|extension| extension.to_string_lossy().to_lowercase())
+        .as_deref()
+    {
         Some("png") => Ok(ImageFormat::Png),
         Some("exr") => Ok(ImageFormat::OpenExr),
         _ => Err(ImageFileError::UnknownFormat { path: path.into() }),
@@ -116,13 +135,17 @@ fn format_of(path: &Path) -> Result<ImageFormat, ImageFileError> {
 }
 
 fn linear(picture: &Picture) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
-    ImageBuffer::from_fn(picture.width, picture.height, |x, y| Rgb(pixel(picture, x, y).to_array()))
+    ImageBuffer::from_fn(picture.width, picture.height, |x, y| {
+        Rgb(pixel(picture, x, y).to_array())
+    })
 }
 
 fn developed(picture: &Picture, exposure: Exposure) -> RgbImage {
     let factor = exposure_factor(picture, exposure);
     ImageBuffer::from_fn(picture.width, picture.height, |x, y| {
-        Rgb((pixel(picture, x, y) * factor).to_array().map(|radiance| (srgb(filmic(radiance)) * 255.0).round() as u8))
+        Rgb((pixel(picture, x, y) * factor)
+            .to_array()
+            .map(|radiance| (srgb(filmic(radiance)) * 255.0).round() as u8))
     })
 }
 
@@ -139,7 +162,11 @@ fn filmic(radiance: f32) -> f32 {
 
 /// The sRGB transfer function.
 fn srgb(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+    if linear <= 0.003_130_8 {
+        12.92 * linear
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
+    }
 }
 
 #[cfg(test)]
@@ -147,12 +174,18 @@ mod tests {
     use super::*;
 
     fn grey(level: f32) -> Picture {
-        Picture { width: 4, height: 3, pixels: vec![Vec3::splat(level); 12] }
+        Picture {
+            width: 4,
+            height: 3,
+            pixels: vec![Vec3::splat(level); 12],
+        }
     }
 
     #[test]
     fn the_curve_rises_from_black_to_white() {
-        let steps: Vec<f32> = (0..2000).map(|step| srgb(filmic(step as f32 * 0.01))).collect();
+        let steps: Vec<f32> = (0..2000)
+            .map(|step| srgb(filmic(step as f32 * 0.01)))
+            .collect();
         assert_eq!(steps[0], 0.0);
         assert!(steps.is_sorted());
         assert!(steps[1999] > 0.99);
@@ -163,7 +196,9 @@ mod tests {
     #[test]
     fn automatic_exposure_makes_equal_pictures_of_equal_scenes() {
         for level in [1e-3, 1.0, 500.0] {
-            assert!((exposure_factor(&grey(level), Exposure::Auto) * level - MIDDLE_GREY).abs() < 1e-3);
+            assert!(
+                (exposure_factor(&grey(level), Exposure::Auto) * level - MIDDLE_GREY).abs() < 1e-3
+            );
         }
         assert_eq!(exposure_factor(&grey(0.0), Exposure::Auto), 1.0);
         assert_eq!(exposure_factor(&grey(7.0), Exposure::Stops(-2.0)), 0.25);
@@ -179,9 +214,15 @@ mod tests {
         write(&picture, Exposure::Auto, &exr).expect("the EXR is written");
         let developed = image::open(&png).expect("the PNG is read").to_rgb8();
         assert_eq!(developed.dimensions(), (4, 3));
-        assert_eq!(developed.get_pixel(0, 0).0[0], developed.get_pixel(0, 0).0[1]);
+        assert_eq!(
+            developed.get_pixel(0, 0).0[0],
+            developed.get_pixel(0, 0).0[1]
+        );
         assert_eq!(developed.get_pixel(1, 1).0[1], 0);
-        let linear = image::load_from_memory_with_format(&std::fs::read(&exr).expect("it exists"), ImageFormat::OpenExr);
+        let linear = image::load_from_memory_with_format(
+            &std::fs::read(&exr).expect("it exists"),
+            ImageFormat::OpenExr,
+        );
         let linear = linear.expect("the EXR is read").to_rgb32f();
         assert_eq!(linear.get_pixel(1, 1).0, [3.5, 0.0, 1e4]);
         assert_eq!(linear.get_pixel(0, 0).0, [0.25; 3]);
@@ -192,7 +233,11 @@ mod tests {
     #[test]
     fn wrong_names_are_told_before_rendering() {
         let folder = tempfile::tempdir().expect("a scratch folder");
-        let told = |name: &str| check_path(&folder.path().join(name)).expect_err("it is refused").to_string();
+        let told = |name: &str| {
+            check_path(&folder.path().join(name))
+                .expect_err("it is refused")
+                .to_string()
+        };
         assert!(told("a.gif").contains(".png or .exr"));
         assert!(told("nowhere/a.png").contains("nowhere does not exist"));
         assert!(check_path(Path::new("a.png")).is_ok());

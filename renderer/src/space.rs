@@ -11,7 +11,9 @@ use treewright_client::{Configuration, Constraint, Domain, Parameter, Space, Val
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ConfigurationError {
     /// Not of the form `name=value,name=value`.
-    #[error("\"{part}\" is not of the form name=value; write for example quality=3,branching_factor=8")]
+    #[error(
+        "\"{part}\" is not of the form name=value; write for example quality=3,branching_factor=8"
+    )]
     Syntax {
         /// The part that cannot be read.
         part: String,
@@ -104,7 +106,9 @@ pub fn parse(text: &str) -> Result<Configuration, ConfigurationError> {
             Some((name, value)) if !name.trim().is_empty() && !value.trim().is_empty() => {
                 Ok((name.trim().to_owned(), Value::parse(value.trim())))
             }
-            _ => Err(ConfigurationError::Syntax { part: part.to_owned() }),
+            _ => Err(ConfigurationError::Syntax {
+                part: part.to_owned(),
+            }),
         })
         .collect()
 }
@@ -113,22 +117,43 @@ pub fn parse(text: &str) -> Result<Configuration, ConfigurationError> {
 /// for each active parameter and no other.
 pub fn complete(space: &Space, given: &Configuration) -> Result<Configuration, ConfigurationError> {
     for (name, _) in given.iter() {
-        if space.parameters().iter().all(|parameter| parameter.name != name) {
-            let known = space.parameters().iter().map(|parameter| parameter.name.as_str()).collect::<Vec<_>>().join(", ");
-            return Err(ConfigurationError::Unknown { name: name.to_owned(), known });
+        if space
+            .parameters()
+            .iter()
+            .all(|parameter| parameter.name != name)
+        {
+            let known = space
+                .parameters()
+                .iter()
+                .map(|parameter| parameter.name.as_str())
+                .collect::<Vec<_>>()
+                .join(", ");
+            return Err(ConfigurationError::Unknown {
+                name: name.to_owned(),
+                known,
+            });
         }
     }
     let mut complete = Configuration::new();
     for parameter in space.parameters() {
         let missing = parameter.active_if.as_ref().filter(|condition| {
-            !complete.get(&condition.parameter).is_some_and(|value| condition.any_of.contains(value))
+            !complete
+                .get(&condition.parameter)
+                .is_some_and(|value| condition.any_of.contains(value))
         });
         match (missing, given.get(&parameter.name)) {
             (None, value) => complete.set(parameter.name.clone(), in_domain(parameter, value)?),
             (Some(_), None) => {}
             (Some(condition), Some(_)) => {
-                let condition = format!("{} = {}", condition.parameter, list(&condition.any_of, " or "));
-                return Err(ConfigurationError::Inactive { name: parameter.name.clone(), condition });
+                let condition = format!(
+                    "{} = {}",
+                    condition.parameter,
+                    list(&condition.any_of, " or ")
+                );
+                return Err(ConfigurationError::Inactive {
+                    name: parameter.name.clone(),
+                    condition,
+                });
             }
         }
     }
@@ -137,7 +162,12 @@ pub fn complete(space: &Space, given: &Configuration) -> Result<Configuration, C
             && number(low) > number(high)
         {
             let (low, high) = (low.to_string(), high.to_string());
-            return Err(ConfigurationError::Constraint { lesser: lesser.clone(), low, greater: greater.clone(), high });
+            return Err(ConfigurationError::Constraint {
+                lesser: lesser.clone(),
+                low,
+                greater: greater.clone(),
+                high,
+            });
         }
     }
     Ok(complete)
@@ -212,7 +242,11 @@ fn number(value: &Value) -> f64 {
 }
 
 fn list(values: &[Value], separator: &str) -> String {
-    values.iter().map(Value::to_string).collect::<Vec<_>>().join(separator)
+    values
+        .iter()
+        .map(Value::to_string)
+        .collect::<Vec<_>>()
+        .join(separator)
 }
 
 #[cfg(test)]
@@ -234,7 +268,10 @@ mod tests {
     fn the_default_is_the_papers() {
         let default = table_1().default_configuration();
         assert_eq!(default.len(), 11);
-        assert_eq!(build_choice(&default), Ok(BuildChoice::Tree(TreeParameters::default())));
+        assert_eq!(
+            build_choice(&default),
+            Ok(BuildChoice::Tree(TreeParameters::default()))
+        );
         assert_eq!(choice(""), Ok(TreeParameters::default()));
     }
 
@@ -260,7 +297,10 @@ mod tests {
             }
         );
         assert!(parameters.check().is_ok());
-        assert!(choice("compact=true,robust=true").is_ok_and(|parameters| parameters.compact && parameters.robust));
+        assert!(
+            choice("compact=true,robust=true")
+                .is_ok_and(|parameters| parameters.compact && parameters.robust)
+        );
     }
 
     #[test]
@@ -274,28 +314,44 @@ mod tests {
             };
             for value in ends {
                 let text = format!("{}={value}", parameter.name);
-                assert!(choice(&text).is_ok_and(|parameters| parameters.check().is_ok()), "{text}");
+                assert!(
+                    choice(&text).is_ok_and(|parameters| parameters.check().is_ok()),
+                    "{text}"
+                );
             }
         }
     }
 
     #[test]
     fn mistakes_are_named() {
-        assert!(problem("colour=blue").contains("\"colour\"") && problem("colour=blue").contains("max_leaf_size"));
+        assert!(
+            problem("colour=blue").contains("\"colour\"")
+                && problem("colour=blue").contains("max_leaf_size")
+        );
         assert!(problem("quality").contains("\"quality\" is not of the form"));
         assert!(problem("quality=9").contains("from 1 to 3"));
         assert!(problem("quality=fast").contains("cannot be fast"));
         assert!(problem("branching_factor=3").contains("one of 2, 4, 8"));
         assert!(problem("intersection_cost=0").contains("from 0.1 to 10"));
-        assert!(problem("min_leaf_size=9,max_leaf_size=3").contains("min_leaf_size (9) must not be above max_leaf_size (3)"));
+        assert!(
+            problem("min_leaf_size=9,max_leaf_size=3")
+                .contains("min_leaf_size (9) must not be above max_leaf_size (3)")
+        );
         assert!(problem("compact=true,quality=3").contains("it needs compact = false"));
         assert!(problem("quality=1,sah_block_size=4").contains("it needs quality = 2 or 3"));
     }
 
     #[test]
     fn inactive_parameters_are_left_out() {
-        let complete = |text: &str| complete(&table_1(), &parse(text).expect("it reads")).expect("it is sound");
+        let complete = |text: &str| {
+            complete(&table_1(), &parse(text).expect("it reads")).expect("it is sound")
+        };
         assert_eq!(complete("quality=1").len(), 8);
-        assert_eq!(complete("compact=true"), Configuration::new().with("compact", true).with("robust", false));
+        assert_eq!(
+            complete("compact=true"),
+            Configuration::new()
+                .with("compact", true)
+                .with("robust", false)
+        );
     }
 }

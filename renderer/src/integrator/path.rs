@@ -48,12 +48,15 @@ pub(super) fn radiance<I: Intersector>(
     loop {
         counts.rays += 1;
         let Some(hit) = intersector.closest(&ray) else {
-            radiance += throughput * (lights.sky(ray.direction) + weighed_sun(prepared, &ray, origin));
+            radiance +=
+                throughput * (lights.sky(ray.direction) + weighed_sun(prepared, &ray, origin));
             return radiance;
         };
         counts.hits += 1;
         let material = prepared.material_of[hit.triangle as usize] as usize;
-        let Some(surface) = Surface::new(scene, &ray, &hit) else { return radiance };
+        let Some(surface) = Surface::new(scene, &ray, &hit) else {
+            return radiance;
+        };
         let emission = scene.materials[material].emission;
         if emission != Vec3::ZERO {
             let weight = match origin {
@@ -80,14 +83,20 @@ pub(super) fn radiance<I: Intersector>(
                 let reach = light.distance * SHADOW_SHARE;
                 let seen = visibility(prepared, intersector, start, light.direction, reach, counts);
                 // After the last bounce the surface's own sampling does not follow, so nothing is shared.
-                let other = if last { 0.0 } else { bsdf.pdf(view, frame.to_local(light.direction)) };
+                let other = if last {
+                    0.0
+                } else {
+                    bsdf.pdf(view, frame.to_local(light.direction))
+                };
                 let weight = power_heuristic(light.pdf, other) / light.pdf;
                 radiance += throughput * value * light.radiance * seen * weight;
             }
         }
 
         let (choice, u) = (random.single(), random.pair());
-        let Some(sample) = bsdf.sample(view, choice, u) else { return radiance };
+        let Some(sample) = bsdf.sample(view, choice, u) else {
+            return radiance;
+        };
         let through = sample.scatter == Scatter::Through;
         if through {
             sheets += 1;
@@ -102,18 +111,31 @@ pub(super) fn radiance<I: Intersector>(
             sheets = 0;
         }
         throughput *= sample.weight;
-        let direction = if through { ray.direction } else { frame.to_world(sample.direction).normalize_or_zero() };
+        let direction = if through {
+            ray.direction
+        } else {
+            frame.to_world(sample.direction).normalize_or_zero()
+        };
         // A direction above the shading normal's horizon but below the triangle's would start inside the solid.
-        if throughput == Vec3::ZERO || (!through && direction.dot(surface.geometric_normal) <= 0.0) {
+        if throughput == Vec3::ZERO || (!through && direction.dot(surface.geometric_normal) <= 0.0)
+        {
             return radiance;
         }
         origin = match (sample.scatter, origin) {
             (Scatter::Through, _) => origin,
-            (Scatter::Rough, _) => Origin::Rough { position: surface.position, pdf: sample.pdf },
+            (Scatter::Rough, _) => Origin::Rough {
+                position: surface.position,
+                pdf: sample.pdf,
+            },
             (Scatter::Mirror, Origin::Direct) => Origin::Direct,
             (Scatter::Mirror, Origin::Caustic | Origin::Rough { .. }) => Origin::Caustic,
         };
-        ray = Ray { origin: surface.start(direction), direction, t_min: 0.0, t_max: f32::INFINITY };
+        ray = Ray {
+            origin: surface.start(direction),
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
     }
 }
 
@@ -122,7 +144,9 @@ fn weighed_sun(prepared: &Prepared, ray: &Ray, origin: Origin) -> Vec3 {
     match (prepared.lights.sun(ray.direction), origin) {
         (None, _) | (_, Origin::Caustic) => Vec3::ZERO,
         (Some((radiance, _)), Origin::Direct) => radiance,
-        (Some((radiance, sun_pdf)), Origin::Rough { pdf, .. }) => radiance * power_heuristic(pdf, sun_pdf),
+        (Some((radiance, sun_pdf)), Origin::Rough { pdf, .. }) => {
+            radiance * power_heuristic(pdf, sun_pdf)
+        }
     }
 }
 
@@ -135,7 +159,12 @@ fn visibility<I: Intersector>(
     reach: f32,
     counts: &mut Counts,
 ) -> Vec3 {
-    let mut ray = Ray { origin: start, direction, t_min: 0.0, t_max: reach };
+    let mut ray = Ray {
+        origin: start,
+        direction,
+        t_min: 0.0,
+        t_max: reach,
+    };
     counts.shadow_rays += 1;
     if !intersector.occluded(&ray) {
         return Vec3::ONE;
@@ -146,18 +175,20 @@ fn visibility<I: Intersector>(
     let mut seen = Vec3::ONE;
     for _ in 0..=SHEETS_PER_SEGMENT_MAX {
         counts.rays += 1;
-        let Some(hit) = intersector.closest(&ray) else { return seen };
+        let Some(hit) = intersector.closest(&ray) else {
+            return seen;
+        };
         counts.hits += 1;
         let bsdf = &prepared.bsdfs[prepared.material_of[hit.triangle as usize] as usize];
-        let Some(surface) = Surface::new(&prepared.scene, &ray, &hit).filter(|_| bsdf.is_thin()) else {
+        let Some(surface) = Surface::new(&prepared.scene, &ray, &hit).filter(|_| bsdf.is_thin())
+        else {
             return Vec3::ZERO;
         };
         seen *= bsdf.transmittance(-direction.dot(surface.shading_normal));
         let next = surface.start(direction);
         ray.t_max -= (next - ray.origin).length();
         ray.origin = next;
-        // Also ends when the rest is NaN.
-        if !(ray.t_max > 0.0) {
+        if ray.t_max <= 0.0 {
             return seen;
         }
     }

@@ -20,7 +20,11 @@ impl Frame {
         let a = -1.0 / (sign + normal.z);
         let b = normal.x * normal.y * a;
         Self {
-            tangent: Vec3::new(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x),
+            tangent: Vec3::new(
+                1.0 + sign * normal.x * normal.x * a,
+                sign * b,
+                -sign * normal.x,
+            ),
             bitangent: Vec3::new(b, sign + normal.y * normal.y * a, -normal.y),
             normal,
         }
@@ -28,7 +32,11 @@ impl Frame {
 
     /// World to local.
     pub fn to_local(&self, world: Vec3) -> Vec3 {
-        Vec3::new(world.dot(self.tangent), world.dot(self.bitangent), world.dot(self.normal))
+        Vec3::new(
+            world.dot(self.tangent),
+            world.dot(self.bitangent),
+            world.dot(self.normal),
+        )
     }
 
     /// Local to world.
@@ -97,7 +105,8 @@ impl AliasTable {
         }
         let scale = weights.len() as f64 / total;
         let mut share: Vec<f64> = weights.iter().map(|weight| weight * scale).collect();
-        let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..share.len()).partition(|&index| share[index] < 1.0);
+        let (mut small, mut large): (Vec<usize>, Vec<usize>) =
+            (0..share.len()).partition(|&index| share[index] < 1.0);
         let mut slots = vec![(1.0_f32, 0_u32); share.len()];
         while let (Some(&poor), Some(&rich)) = (small.last(), large.last()) {
             small.pop();
@@ -120,7 +129,11 @@ impl AliasTable {
         let scaled = f64::from(u) * self.slots.len() as f64;
         let slot = (scaled as usize).min(self.slots.len() - 1);
         let (keep, other) = self.slots[slot];
-        if scaled - (slot as f64) < f64::from(keep) { slot } else { other as usize }
+        if scaled - (slot as f64) < f64::from(keep) {
+            slot
+        } else {
+            other as usize
+        }
     }
 }
 
@@ -160,7 +173,10 @@ mod tests {
         }
         for (count, weight) in counts.iter().zip(weights) {
             let expected = weight * 10_000.0;
-            assert!((f64::from(*count) - expected).abs() <= 5.0 * expected.sqrt(), "{counts:?}");
+            assert!(
+                (f64::from(*count) - expected).abs() <= 5.0 * expected.sqrt(),
+                "{counts:?}"
+            );
         }
     }
 

@@ -43,14 +43,16 @@ impl Surface {
         }
         let position = Vec3::from(a + ab * u + ac * v);
         let edge = ab.abs().max_element().max(ac.abs().max_element());
-        Some(Self {
-            position,
-            geometric_normal,
-            shading_normal: shading_normal(scene, ray, hit.triangle, [1.0 - u - v, u, v])
-                .unwrap_or(geometric_normal),
-            offset: OFFSET_OF_POSITION * position.abs().max_element() + OFFSET_OF_EDGE * edge,
-        }
-        .guarded(ray))
+        Some(
+            Self {
+                position,
+                geometric_normal,
+                shading_normal: shading_normal(scene, ray, hit.triangle, [1.0 - u - v, u, v])
+                    .unwrap_or(geometric_normal),
+                offset: OFFSET_OF_POSITION * position.abs().max_element() + OFFSET_OF_EDGE * edge,
+            }
+            .guarded(ray),
+        )
     }
 
     /// Normals interpolated over coarse meshes can turn away from the viewer or from the triangle; the
@@ -91,7 +93,12 @@ fn shading_normal(scene: &Scene, ray: &Ray, triangle: u32, weights: [f32; 3]) ->
     if scene.normals.is_empty() {
         return None;
     }
-    let [a, b, c] = scene.triangles.indices()[triangle as usize].map(|vertex| scene.normals[vertex as usize]);
+    let [a, b, c] =
+        scene.triangles.indices()[triangle as usize].map(|vertex| scene.normals[vertex as usize]);
     let normal = (a * weights[0] + b * weights[1] + c * weights[2]).try_normalize()?;
-    Some(if normal.dot(ray.direction) > 0.0 { -normal } else { normal })
+    Some(if normal.dot(ray.direction) > 0.0 {
+        -normal
+    } else {
+        normal
+    })
 }

@@ -1,0 +1,301 @@
+//! Groups of arguments that several commands share, and how they become scenes, cameras and structures.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use treewright_accel::{BuildChoice, NativeOptions, NativeQuality};
+use treewright_client::{Configuration, Indicators};
+
+use super::error::CliError;
+use crate::camera_path::CameraPath;
+use crate::indicators::SceneIndicators;
+use crate::limits::{BOUNCES_MAX, SIZE_MAX, THREADS_MAX};
+use crate::scene::{Camera, Scene, builtin, load};
+use crate::space;
+
+/// Prefix of the names of built-in scenes.
+const BUILTIN: &str = "builtin:";
+
+/// Which scene.
+#[derive(Args, Clone, Debug)]
+pub(super) struct SceneArguments {
+    /// A glTF, GLB, OBJ or PLY file, or `builtin:NAME` (see `treewright-render scenes`).
+    #[arg(long, value_name = "PATH|builtin:NAME")]
+    pub(super) scene: String,
+
+    /// Scales the number of triangles of a built-in scene, 0.001 to 8.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    pub(super) detail: f32,
+
+    /// Moment of an animated built-in scene; 0 to 1 is one round.
+    #[arg(
+        long,
+        value_name = "T",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    pub(super) time: f32,
+}
+
+impl SceneArguments {
+    /// Loads or generates the scene.
+    pub(super) fn load(&self) -> Result<Arc<Scene>, CliError> {
+        let scene = match self.scene.strip_prefix(BUILTIN) {
+            Some(name) => {
+                let options = builtin::Options {
+                    detail: self.detail,
+                    time: self.time,
+                    ..builtin::Options::default()
+                };
+                builtin::build(name, &options)?
+            }
+            None => load(&self.scene)?,
+        };
+        Ok(Arc::new(scene))
+    }
+}
+
+/// Which camera of the scene.
+#[derive(Args, Clone, Debug)]
+pub(super) struct CameraArguments {
+    /// Number of a camera of the scene, from 0.
+    #[arg(long, value_name = "N", conflicts_with = "at")]
+    pub(super) camera: Option<usize>,
+
+    /// A point of the scene's camera path, 0 to 1.
+    #[arg(long, value_name = "T", value_parser = unit_interval)]
+    pub(super) at: Option<f32>,
+}
+
+impl CameraArguments {
+    /// Finds the camera: the one asked for, a point of the path, or the scene's first.
+    pub(super) fn find(&self, scene: &Scene) -> Result<Camera, CliError> {
+        match (self.camera, self.at) {
+            (Some(number), _) => scene.cameras.get(number).copied().ok_or_else(|| {
+                CliError::Usage(format!(
+                    "there is no camera {number}; {} has {}, counted from 0",
+                    scene.name,
+                    scene.cameras.len()
+                ))
+            }),
+            (None, Some(t)) => Ok(CameraPath::of(scene).sample(t)),
+            (None, None) => Ok(scene.cameras[0]),
+        }
+    }
+}
+
+/// How a frame is rendered.
+#[derive(Args, Clone, Copy, Debug)]
+pub(super) struct FrameArguments {
+    /// Seed of every random number of the picture: the same seed gives the same picture.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub(super) seed: u64,
+
+    /// Most bounces of a path.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=i64::from(BOUNCES_MAX)))]
+    pub(super) bounces: u32,
+
+    /// Threads for building and rendering; 0 is one a core.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
+    pub(super) threads: usize,
+}
+
+/// Width and height of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Size {
+    /// Pixels across.
+    pub(super) width: u32,
+    /// Pixels down.
+    pub(super) height: u32,
+}
+
+impl std::fmt::Display for Size {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{}x{}", self.width, self.height)
+    }
+}
+
+impl std::str::FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong =
+            || format!("a size is written WIDTHxHEIGHT, each 1 to {SIZE_MAX}, for example 640x480");
+        let (width, height) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
+        let edge = |text: &str| {
+            text.parse()
+                .ok()
+                .filter(|edge| (1..=SIZE_MAX).contains(edge))
+                .ok_or_else(wrong)
+        };
+        Ok(Self {
+            width: edge(width)?,
+            height: edge(height)?,
+        })
+    }
+}
+
+/// Build quality of Embree's own scenes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Native {
+    /// Morton codes: builds fast.
+    Low,
+    /// Binned surface area heuristic: Embree's default.
+    Medium,
+    /// With spatial splits: renders fast.
+    High,
+}
+
+impl Native {
+    /// The build choice.
+    pub(super) fn choice(self) -> BuildChoice {
+        let quality = match self {
+            Self::Low => NativeQuality::Low,
+            Self::Medium => NativeQuality::Medium,
+            Self::High => NativeQuality::High,
+        };
+        BuildChoice::Native(NativeOptions {
+            quality,
+            ..NativeOptions::default()
+        })
+    }
+}
+
+/// Which acceleration structure.
+#[derive(Args, Clone, Debug)]
+pub(super) struct StructureArguments {
+    /// Parameters of the tree, for example `quality=3,branching_factor=8`; what is left out keeps its
+    /// recommended value (see `treewright-render spaces`).
+    #[arg(long, value_name = "NAME=VALUE,…", conflicts_with_all = ["config_file", "native"])]
+    pub(super) config: Option<String>,
+
+    /// A JSON file with an object of parameters, as `tune --json` and `treewright best` write them.
+    #[arg(long, value_name = "FILE", conflicts_with = "native")]
+    pub(super) config_file: Option<PathBuf>,
+
+    /// Embree's own structure instead of the tunable tree.
+    #[arg(long, value_enum)]
+    pub(super) native: Option<Native>,
+}
+
+impl StructureArguments {
+    /// What to build: the recommended default when nothing is said.
+    pub(super) fn choice(&self) -> Result<BuildChoice, CliError> {
+        if let Some(native) = self.native {
+            return Ok(native.choice());
+        }
+        let configuration = match (&self.config, &self.config_file) {
+            (Some(text), _) => space::parse(text)?,
+            (None, Some(path)) => read_configuration(path)?,
+            (None, None) => Configuration::new(),
+        };
+        Ok(space::build_choice(&configuration)?)
+    }
+}
+
+/// Reads a configuration from JSON: an object of parameters, or an object that holds one as `configuration`.
+fn read_configuration(path: &std::path::Path) -> Result<Configuration, CliError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| CliError::Failed(format!("{} cannot be read: {error}", path.display())))?;
+    let wrong = |cause: String| {
+        CliError::Failed(format!(
+            "{} does not hold a configuration: {cause}; it must be an object like {{\"quality\": 3}}",
+            path.display()
+        ))
+    };
+    let mut value: serde_json::Value =
+        serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+    if let Some(inner) = value.get_mut("configuration") {
+        value = inner.take();
+    }
+    serde_json::from_value(value).map_err(|error| wrong(error.to_string()))
+}
+
+/// The indicators of a view in the client's form.
+pub(super) fn indicators(scene: &Scene, camera: &Camera) -> Indicators {
+    SceneIndicators::of(scene)
+        .with_camera(camera)
+        .values()
+        .into_iter()
+        .collect()
+}
+
+/// A number from 0 to 1.
+pub(super) fn unit_interval(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(value) if (0.0..=1.0).contains(&value) => Ok(value),
+        _ => Err("it must be a number from 0 to 1".to_owned()),
+    }
+}
+
+fn threads(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(threads) if threads <= THREADS_MAX => Ok(threads),
+        _ => Err(format!("it must be a whole number from 0 to {THREADS_MAX}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_read_and_refused() {
+        assert_eq!(
+            "640x480".parse(),
+            Ok(Size {
+                width: 640,
+                height: 480
+            })
+        );
+        assert_eq!(
+            "1X16384".parse(),
+            Ok(Size {
+                width: 1,
+                height: 16_384
+            })
+        );
+        for wrong in [
+            "",
+            "640",
+            "640x",
+            "x480",
+            "0x4",
+            "4x0",
+            "-4x4",
+            "640x480x2",
+            "99999x4",
+            "4.5x4",
+        ] {
+            assert!(
+                wrong
+                    .parse::<Size>()
+                    .is_err_and(|told| told.contains("WIDTHxHEIGHT")),
+                "{wrong}"
+            );
+        }
+    }
+
+    #[test]
+    fn configurations_are_read_from_files() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let path = folder.path().join("best.json");
+        let read = |text: &str| {
+            std::fs::write(&path, text).expect("it can be written");
+            read_configuration(&path)
+        };
+        let expected = Configuration::new()
+            .with("quality", 3)
+            .with("traversal_cost", 0.5)
+            .with("robust", true);
+        let plain = r#"{"quality": 3, "traversal_cost": 0.5, "robust": true}"#;
+        assert_eq!(read(plain).ok(), Some(expected.clone()));
+        assert_eq!(
+            read(&format!(r#"{{"cost": 1, "configuration": {plain}}}"#)).ok(),
+            Some(expected)
+        );
+        assert!(read("[1, 2]").is_err_and(|error| error.to_string().contains("best.json")));
+        assert!(read("{").is_err());
+    }
+}

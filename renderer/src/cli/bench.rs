@@ -1,0 +1,142 @@
+//! `treewright-render bench`: named structures, measured interleaved.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::arguments::{CameraArguments, FrameArguments, Native, SceneArguments, Size};
+use super::error::{CliError, write_file};
+use super::interrupt::Interrupt;
+use super::output;
+use crate::frame::Renderer;
+use crate::integrator::View;
+use crate::limits::{CONTENDERS_MAX, ROUNDS_MAX};
+use crate::measure::{Conditions, Contender, Standing, interleaved, standings};
+use crate::space;
+
+/// Arguments of `bench`.
+#[derive(Args, Clone, Debug)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    camera: CameraArguments,
+    #[command(flatten)]
+    frame: FrameArguments,
+
+    /// A further configuration, as for `image`; may be given several times.
+    #[arg(long, value_name = "NAME=VALUE,…")]
+    config: Vec<String>,
+
+    /// Pixels across and down.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    size: Size,
+
+    /// How often each structure is measured.
+    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
+    rounds: u32,
+
+    /// Build for each frame, as real-time rendering does.
+    #[arg(long)]
+    realtime: bool,
+
+    /// Write the results to a file as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// What `bench --json` writes.
+#[derive(Debug, Serialize)]
+struct Results<'a> {
+    scene: &'a str,
+    triangles: usize,
+    size: [u32; 2],
+    threads: usize,
+    rounds: u32,
+    build_each_round: bool,
+    standings: &'a [Standing],
+}
+
+/// Measures and prints.
+pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    let space = space::table_1();
+    let mut contenders = vec![
+        Contender {
+            name: "default".into(),
+            choice: space::build_choice(&space.default_configuration())?,
+        },
+        Contender {
+            name: "native low".into(),
+            choice: Native::Low.choice(),
+        },
+        Contender {
+            name: "native medium".into(),
+            choice: Native::Medium.choice(),
+        },
+        Contender {
+            name: "native high".into(),
+            choice: Native::High.choice(),
+        },
+    ];
+    for text in &arguments.config {
+        contenders.push(Contender {
+            name: text.clone(),
+            choice: space::build_choice(&space::parse(text)?)?,
+        });
+    }
+    if contenders.len() > CONTENDERS_MAX {
+        return Err(CliError::Usage(format!(
+            "{} structures are more than the limit of {CONTENDERS_MAX}",
+            contenders.len()
+        )));
+    }
+    let scene = arguments.scene.load()?;
+    let camera = arguments.camera.find(&scene)?;
+    let renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
+    let conditions = Conditions {
+        view: View {
+            camera,
+            seed: arguments.frame.seed,
+            bounces: arguments.frame.bounces,
+        },
+        width: arguments.size.width,
+        height: arguments.size.height,
+        rounds: arguments.rounds,
+        build_each_round: arguments.realtime,
+    };
+    let interrupt = Interrupt::listen();
+    let bar = output::bar(u64::from(arguments.rounds) + 1, "rounds");
+    let measured = interleaved(&renderer, &contenders, &conditions, || {
+        bar.inc(1);
+        !interrupt.requested()
+    });
+    bar.finish_and_clear();
+    let standings = standings(&measured, arguments.realtime);
+    println!(
+        "{}: {} triangles, {}, {} threads, {} rounds\n",
+        scene.name,
+        scene.triangles.len(),
+        arguments.size,
+        renderer.threads(),
+        arguments.rounds
+    );
+    println!("{}", output::standings(&standings));
+    if let Some(path) = &arguments.json {
+        let results = Results {
+            scene: &scene.name,
+            triangles: scene.triangles.len(),
+            size: [arguments.size.width, arguments.size.height],
+            threads: renderer.threads(),
+            rounds: arguments.rounds,
+            build_each_round: arguments.realtime,
+            standings: &standings,
+        };
+        write_file(path, output::to_json(&results)?.as_bytes())?;
+    }
+    if interrupt.requested() {
+        Err(CliError::Interrupted)
+    } else {
+        Ok(())
+    }
+}

@@ -1,0 +1,368 @@
+//! `treewright-render play`: the camera moves, and the service answers frame by frame.
+//!
+//! This is the hybrid of the paper's section 6: each time the state changes the service either searches a
+//! little or answers at once from what it knows. In progressive rendering a structure is kept as long as the
+//! configuration stays the same; in real-time rendering each frame builds its own.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::Args;
+use serde::Serialize;
+use treewright_accel::Structure;
+use treewright_client::{
+    Configuration, Finished, Indicators, Mode, Outcome, Policy, PolicyChange, Source, Stats,
+};
+
+use super::arguments::{FrameArguments, SceneArguments, Size, unit_interval};
+use super::error::{CliError, write_file};
+use super::interrupt::Interrupt;
+use super::output;
+use super::server::ServerArguments;
+use crate::camera_path::CameraPath;
+use crate::film::Film;
+use crate::frame::{FrameTimes, Renderer, milliseconds};
+use crate::indicators::SceneIndicators;
+use crate::integrator::View;
+use crate::limits::ITERATIONS_MAX;
+use crate::space;
+use crate::statistics::Summary;
+use crate::tuning::objective::{Objective, specification};
+use crate::tuning::search::measurements;
+
+/// Arguments of `play`.
+#[derive(Args, Clone, Debug)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    frame: FrameArguments,
+
+    /// What to minimise; together with scene and size it names the study.
+    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    objective: Objective,
+
+    /// How many frames the flight along the camera path has.
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
+    frames: u32,
+
+    /// Pixels across and down.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    size: Size,
+
+    /// Where on the camera path, 0 to 1, the flight begins.
+    #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = unit_interval)]
+    from: f32,
+
+    /// Where it ends.
+    #[arg(long, value_name = "T", default_value_t = 1.0, value_parser = unit_interval)]
+    to: f32,
+
+    /// Probability of exploring when the state changes; the study's own when left out.
+    #[arg(long, value_name = "P", value_parser = unit_interval)]
+    epsilon: Option<f32>,
+
+    /// Also render each frame with the recommended default, and tell the difference.
+    #[arg(long)]
+    compare: bool,
+
+    /// Write every frame to a file as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// One frame of the flight.
+#[derive(Debug, Serialize)]
+struct Frame {
+    number: u32,
+    camera_at: f32,
+    mode: Mode,
+    source: Source,
+    reason: String,
+    configuration: Configuration,
+    /// Whether a structure was built for this frame.
+    rebuilt: bool,
+    times: Option<FrameTimes>,
+    waiting_ms: f64,
+    /// The same frame with the recommended default.
+    default_times: Option<FrameTimes>,
+}
+
+/// What `play --json` writes.
+#[derive(Debug, Serialize)]
+struct Results {
+    scene: String,
+    study: String,
+    objective: Objective,
+    frames: Vec<Frame>,
+    client: Stats,
+}
+
+/// Flies.
+pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    let client = arguments.server.connect(arguments.frame.threads)?;
+    let scene = arguments.scene.load()?;
+    let renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
+    let id = arguments
+        .server
+        .study_id(&scene, arguments.objective, arguments.size);
+    let title = format!(
+        "{} at {}, {} time",
+        scene.name,
+        arguments.size,
+        arguments.objective.name()
+    );
+    let title: String = title.chars().take(200).collect();
+    let study = client.study(
+        &id,
+        specification(
+            &title,
+            arguments.objective,
+            Policy::new(),
+            arguments.frame.seed,
+        )?,
+    )?;
+    if let Some(epsilon) = arguments.epsilon {
+        client.update_policy(
+            &id,
+            &PolicyChange::set(Policy::new().epsilon(f64::from(epsilon))),
+        )?;
+    }
+    println!(
+        "Flying through {} in {} frames, study {id}\n",
+        scene.name, arguments.frames
+    );
+    println!(
+        "frame   path  mode        build ms  render ms{}  waited ms",
+        if arguments.compare {
+            "  default ms  speed-up"
+        } else {
+            ""
+        }
+    );
+
+    let mut flight = Flight::new(renderer, arguments)?;
+    let (path, scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
+    let interrupt = Interrupt::listen();
+    let mut tuner = study.tuner();
+    let mut previous: Option<Finished> = None;
+    let mut frames = Vec::new();
+    for number in 0..arguments.frames {
+        let share = number as f32 / (arguments.frames - 1).max(1) as f32;
+        let camera_at = arguments.from + (arguments.to - arguments.from) * share;
+        let camera = path.sample(camera_at);
+        let indicators: Indicators = scene_indicators
+            .with_camera(&camera)
+            .values()
+            .into_iter()
+            .collect();
+        let begin = Instant::now();
+        let suggestion = tuner.next(&indicators, previous.take());
+        let waiting_ms = milliseconds(begin);
+        flight.view.camera = camera;
+        let (outcome, times, rebuilt) = flight.frame(suggestion.configuration());
+        let frame = Frame {
+            number,
+            camera_at,
+            mode: suggestion.mode(),
+            source: suggestion.source(),
+            reason: suggestion.reason().summary.clone(),
+            configuration: suggestion.configuration().clone(),
+            rebuilt,
+            times,
+            waiting_ms,
+            default_times: flight.default_frame(),
+        };
+        print(&frame, arguments.objective);
+        frames.push(frame);
+        // What was shown without a new build cannot be reported where builds are part of the objective.
+        previous = Some(suggestion.finished(measurements(times), outcome)?);
+        if interrupt.requested() {
+            break;
+        }
+    }
+    drop(previous);
+    if let Err(error) = client.flush(std::time::Duration::from_secs(10)) {
+        println!("note: {error}");
+    }
+    summarise(&frames, arguments.objective);
+    if let Some(path) = &arguments.json {
+        let results = Results {
+            scene: scene.name.clone(),
+            study: id,
+            objective: arguments.objective,
+            frames,
+            client: client.stats(),
+        };
+        write_file(path, output::to_json(&results)?.as_bytes())?;
+    }
+    if interrupt.requested() {
+        Err(CliError::Interrupted)
+    } else {
+        Ok(())
+    }
+}
+
+/// What moves on from frame to frame.
+struct Flight {
+    renderer: Renderer,
+    view: View,
+    film: Film,
+    each_frame: bool,
+    /// What the kept structure was built with, and how long that took.
+    kept: Option<(Configuration, f64)>,
+    /// The structure of the recommended default, where it is compared with.
+    default: Option<(Structure, f64)>,
+}
+
+impl Flight {
+    fn new(renderer: Renderer, arguments: &Arguments) -> Result<Self, CliError> {
+        let default = space::build_choice(&space::table_1().default_configuration())?;
+        let view = View {
+            camera: renderer.scene().cameras[0],
+            seed: arguments.frame.seed,
+            bounces: arguments.frame.bounces,
+        };
+        let mut film = Film::new(arguments.size.width, arguments.size.height);
+        let built = renderer.build(&default)?;
+        // Warms threads, caches and clocks.
+        renderer.render_with(&built.0, &view, &mut film);
+        let each_frame = arguments.objective.builds_each_frame();
+        Ok(Self {
+            renderer,
+            view,
+            film,
+            each_frame,
+            kept: None,
+            default: arguments.compare.then_some(built),
+        })
+    }
+
+    /// Builds if needed and renders. After a failed build the frame is shown with the structure before it.
+    fn frame(&mut self, configuration: &Configuration) -> (Outcome, Option<FrameTimes>, bool) {
+        let kept = self
+            .kept
+            .as_ref()
+            .filter(|(known, _)| known == configuration && !self.each_frame);
+        let (build_ms, rebuilt) = match kept {
+            Some((_, build_ms)) => (*build_ms, false),
+            None => match self.build(configuration) {
+                Ok(build_ms) => (build_ms, true),
+                Err(outcome) => {
+                    self.film.clear();
+                    self.renderer.render(&self.view, &mut self.film);
+                    return (outcome, None, false);
+                }
+            },
+        };
+        self.film.clear();
+        match self.renderer.render(&self.view, &mut self.film) {
+            Some((render_ms, _)) => (
+                Outcome::Ok,
+                Some(FrameTimes {
+                    build_ms,
+                    render_ms,
+                }),
+                rebuilt,
+            ),
+            None => (Outcome::failed("no structure was built"), None, rebuilt),
+        }
+    }
+
+    fn build(&mut self, configuration: &Configuration) -> Result<f64, Outcome> {
+        let choice = space::build_choice(configuration)
+            .map_err(|error| Outcome::failed(error.to_string()))?;
+        let build_ms =
+            self.renderer
+                .rebuild(&choice)
+                .map_err(|error| match error.is_infeasible() {
+                    true => Outcome::infeasible(error.to_string()),
+                    false => Outcome::failed(error.to_string()),
+                })?;
+        self.kept = Some((configuration.clone(), build_ms));
+        Ok(build_ms)
+    }
+
+    /// The same view with the recommended default.
+    fn default_frame(&mut self) -> Option<FrameTimes> {
+        let (structure, build_ms) = self.default.as_mut()?;
+        if self.each_frame
+            && let Ok(choice) = space::build_choice(&space::table_1().default_configuration())
+            && let Ok(built) = self.renderer.build(&choice)
+        {
+            (*structure, *build_ms) = built;
+        }
+        self.film.clear();
+        let (render_ms, _) = self
+            .renderer
+            .render_with(structure, &self.view, &mut self.film);
+        Some(FrameTimes {
+            build_ms: *build_ms,
+            render_ms,
+        })
+    }
+}
+
+fn print(frame: &Frame, objective: Objective) {
+    let mode = match (frame.source, frame.mode) {
+        (Source::LastGood, _) => "last good",
+        (Source::Default, _) => "away",
+        (Source::Daemon, Mode::Default) => "default",
+        (Source::Daemon, Mode::Explore) => "explore",
+        (Source::Daemon, Mode::Exploit) => "exploit",
+        (Source::Daemon, Mode::Pinned) => "pinned",
+    };
+    let Some(times) = frame.times else {
+        println!(
+            "{:5}  {:.3}  {mode:10}  this configuration cannot be built; shown with the one before",
+            frame.number + 1,
+            frame.camera_at
+        );
+        return;
+    };
+    let build = if frame.rebuilt {
+        format!("{:9.1}", times.build_ms)
+    } else {
+        format!("{:>9}", "kept")
+    };
+    let compared = frame.default_times.map_or_else(String::new, |default| {
+        let (default_ms, own_ms) = (objective.cost(default), objective.cost(times));
+        format!("  {default_ms:10.1}  {:6.2} ×", default_ms / own_ms)
+    });
+    println!(
+        "{:5}  {:.3}  {mode:10} {build}  {:9.1}{compared}  {:9.2}",
+        frame.number + 1,
+        frame.camera_at,
+        times.render_ms,
+        frame.waiting_ms
+    );
+}
+
+fn summarise(frames: &[Frame], objective: Objective) {
+    let exploited: Vec<&Frame> = frames
+        .iter()
+        .filter(|frame| frame.mode == Mode::Exploit && frame.source == Source::Daemon)
+        .collect();
+    let waiting: Vec<f64> = frames.iter().map(|frame| frame.waiting_ms).collect();
+    println!(
+        "\n{} of {} frames were answered by the predictor; the service was waited for {:.2} ms a frame (median)",
+        exploited.len(),
+        frames.len(),
+        Summary::of(&waiting).median,
+    );
+    let pairs: Vec<f64> = exploited
+        .iter()
+        .filter_map(|frame| {
+            Some(objective.cost(frame.default_times?) / objective.cost(frame.times?))
+        })
+        .collect();
+    if !pairs.is_empty() {
+        let speedup = Summary::of(&pairs);
+        println!(
+            "predicted frames ran at {:.2} × the recommended default's speed (median; middle half {:.2} – {:.2}), without a search for these views",
+            speedup.median, speedup.lower_quartile, speedup.upper_quartile,
+        );
+    }
+}

@@ -1,0 +1,57 @@
+//! The daemon's address and the study's name, as arguments of every command that talks to it.
+
+use std::time::Duration;
+
+use clap::Args;
+use treewright_client::blocking::Client;
+use treewright_client::{Fingerprint, Options};
+
+use super::arguments::Size;
+use super::error::CliError;
+use crate::scene::Scene;
+use crate::tuning::objective::{Objective, study_id};
+
+/// Where the service is, and which study.
+#[derive(Args, Clone, Debug)]
+pub(super) struct ServerArguments {
+    /// Address of the daemon.
+    #[arg(
+        long,
+        value_name = "URL",
+        env = "TREEWRIGHT_SERVER",
+        default_value = "http://127.0.0.1:50611"
+    )]
+    pub(super) server: String,
+
+    /// Id of the study; made of scene, objective and size when left out.
+    #[arg(long, value_name = "ID")]
+    pub(super) study: Option<String>,
+
+    /// How long a frame waits for the daemon at most, in milliseconds. Then it is rendered with the last good configuration.
+    #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    pub(super) deadline_ms: u64,
+}
+
+impl ServerArguments {
+    /// Connects, and makes sure that somebody answers.
+    pub(super) fn connect(&self, threads: usize) -> Result<Client, CliError> {
+        let mut fingerprint =
+            Fingerprint::detect().software("treewright-render", env!("CARGO_PKG_VERSION"));
+        if threads > 0 {
+            fingerprint = fingerprint.threads(u32::try_from(threads).unwrap_or(u32::MAX));
+        }
+        let options = Options::new()
+            .deadline(Duration::from_millis(self.deadline_ms))
+            .fingerprint(fingerprint);
+        let client = Client::connect(&self.server, options)?;
+        client.ping()?;
+        Ok(client)
+    }
+
+    /// The study's id.
+    pub(super) fn study_id(&self, scene: &Scene, objective: Objective, size: Size) -> String {
+        self.study
+            .clone()
+            .unwrap_or_else(|| study_id(&scene.name, objective, size))
+    }
+}

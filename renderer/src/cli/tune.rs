@@ -1,0 +1,371 @@
+//! `treewright-render tune`: searches, measures the winner again, tells what it found.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use treewright_client::blocking::{Client, Study};
+use treewright_client::{Configuration, Fingerprint, Mode, Policy, PolicyChange, Source};
+
+use super::arguments::{
+    CameraArguments, FrameArguments, Native, SceneArguments, Size, indicators, unit_interval,
+};
+use super::error::{CliError, write_file};
+use super::interrupt::Interrupt;
+use super::server::ServerArguments;
+use super::{output, tune_output};
+use crate::camera_path::CameraPath;
+use crate::frame::{Renderer, milliseconds};
+use crate::integrator::View;
+use crate::limits::{ITERATIONS_MAX, ROUNDS_MAX};
+use crate::measure::{Conditions, Contender, Standing, interleaved, standings};
+use crate::report;
+use crate::scene::{Camera, Scene};
+use crate::space;
+use crate::tuning::objective::{Objective, specification};
+use crate::tuning::results::{Overhead, Prediction, Results, SceneFacts};
+use crate::tuning::search::{self, Found, Setting};
+use crate::tuning::verdict::{self, DEFAULT, NATIVE_HIGH, NATIVE_MEDIUM, PREDICTED, TUNED};
+
+/// How far along the camera path the fresh camera stands that the predictor is asked for.
+const FRESH_STEP: f32 = 0.2;
+
+/// How long the last reports may take to reach the service.
+const FLUSH: Duration = Duration::from_secs(10);
+
+/// The service's own default, which a study is left with.
+const EPSILON_AFTERWARDS: f64 = 0.2;
+
+/// Arguments of `tune`.
+#[derive(Args, Clone, Debug)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    camera: CameraArguments,
+    #[command(flatten)]
+    frame: FrameArguments,
+
+    /// What to minimise: the render time of a structure that is kept, or build and render time together.
+    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    objective: Objective,
+
+    /// How many configurations are tried.
+    #[arg(long, value_name = "N", default_value_t = 80, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
+    iterations: u32,
+
+    /// Pixels across and down.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    size: Size,
+
+    /// Paired rounds in which the winner is measured again.
+    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
+    rounds: u32,
+
+    /// Probability of exploring in a new state while this command runs.
+    #[arg(long, value_name = "P", default_value_t = 1.0, value_parser = unit_interval)]
+    epsilon: f32,
+
+    /// The point of the camera path, 0 to 1, where the predictor is asked without a search; 0.2 further on when left out.
+    #[arg(long, value_name = "T", value_parser = unit_interval)]
+    fresh_at: Option<f32>,
+
+    /// Write everything that was found out, every trial included, as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+
+    /// Write a report for the browser.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+/// Tunes and tells.
+pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    for path in arguments.json.iter().chain(&arguments.report) {
+        let folder = path
+            .parent()
+            .filter(|folder| !folder.as_os_str().is_empty());
+        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+            return Err(CliError::Failed(format!(
+                "{}: the folder {} does not exist; create it first",
+                path.display(),
+                folder.display()
+            )));
+        }
+    }
+    let client = arguments.server.connect(arguments.frame.threads)?;
+    let scene = arguments.scene.load()?;
+    let camera = arguments.camera.find(&scene)?;
+    let mut renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
+    let id = arguments
+        .server
+        .study_id(&scene, arguments.objective, arguments.size);
+    let study = open_study(&client, &id, &scene, arguments)?;
+    println!(
+        "Tuning {} ({} triangles) at {} for {} time, {} iterations, study {id}",
+        scene.name,
+        scene.triangles.len(),
+        arguments.size,
+        arguments.objective.name(),
+        arguments.iterations,
+    );
+
+    let interrupt = Interrupt::listen();
+    let setting = Setting {
+        objective: arguments.objective,
+        view: View {
+            camera,
+            seed: arguments.frame.seed,
+            bounces: arguments.frame.bounces,
+        },
+        width: arguments.size.width,
+        height: arguments.size.height,
+        indicators: indicators(&scene, &camera),
+    };
+    let found = search(
+        &mut renderer,
+        &study,
+        &setting,
+        arguments.iterations,
+        interrupt,
+    )?;
+    let mut notes = Vec::new();
+    if let Err(error) = client.flush(FLUSH) {
+        notes.push(error.to_string());
+    }
+    if let Err(error) = client.update_policy(
+        &id,
+        &PolicyChange::set(Policy::new().epsilon(EPSILON_AFTERWARDS)),
+    ) {
+        notes.push(format!(
+            "the study's policy was left as it was during the search: {error}"
+        ));
+    }
+
+    let judge = Judge {
+        renderer: &renderer,
+        study: &study,
+        arguments,
+        interrupt,
+    };
+    let conditions = judge.conditions(camera);
+    let spinner = output::spinner("measuring the best configurations again");
+    let tuned = verdict::winner(&renderer, &found.trials, &conditions, || {
+        !interrupt.requested()
+    })?;
+    let standings = judge.standings(&tuned, &conditions)?;
+    spinner.set_message("asking the predictor for another camera");
+    let prediction = judge.prediction(&scene).unwrap_or_else(|error| {
+        notes.push(format!("the predictor could not be asked: {error}"));
+        None
+    });
+    spinner.finish_and_clear();
+
+    let break_even = verdict::break_even(&found, arguments.objective, &standings);
+    let results = Results {
+        scene: facts(&scene),
+        size: [arguments.size.width, arguments.size.height],
+        objective: arguments.objective,
+        server: client.url().to_owned(),
+        study: id,
+        machine: Fingerprint::detect()
+            .threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
+        indicators: setting.indicators.clone(),
+        overhead: Overhead::of(&found.trials),
+        trials: found.trials,
+        reference_ms: found.reference_ms,
+        tuned,
+        standings,
+        prediction,
+        break_even,
+        break_even_frame: break_even.frame(),
+        client: client.stats(),
+        notes,
+    };
+    tune_output::print(&results);
+    if let Some(path) = &arguments.json {
+        write_file(path, output::to_json(&results)?.as_bytes())?;
+        println!("wrote {}", path.display());
+    }
+    if let Some(path) = arguments.report.as_ref().filter(|_| !interrupt.requested()) {
+        let html = report::html(&renderer, &setting, &results)
+            .map_err(|error| CliError::Failed(error.to_string()))?;
+        write_file(path, html.as_bytes())?;
+        println!("wrote {}", path.display());
+    }
+    if interrupt.requested() {
+        Err(CliError::Interrupted)
+    } else {
+        Ok(())
+    }
+}
+
+/// Creates or finds the study and lets it explore: the search gets room for the trials to come.
+fn open_study(
+    client: &Client,
+    id: &str,
+    scene: &Scene,
+    arguments: &Arguments,
+) -> Result<Study, CliError> {
+    let title = format!(
+        "{} at {}, {} time",
+        scene.name,
+        arguments.size,
+        arguments.objective.name()
+    );
+    let title: String = title.chars().take(200).collect();
+    let policy = Policy::new()
+        .epsilon(f64::from(arguments.epsilon))
+        .trials_per_state(arguments.iterations);
+    let spec = specification(
+        &title,
+        arguments.objective,
+        policy.clone(),
+        arguments.frame.seed,
+    )?;
+    let study = client.study(id, spec)?;
+    let done = study.record()?.statistics.completed_trials;
+    let room = u32::try_from(done)
+        .unwrap_or(0)
+        .saturating_add(arguments.iterations)
+        .min(ITERATIONS_MAX);
+    client.update_policy(id, &PolicyChange::set(policy.trials_per_state(room)))?;
+    if done > 0 {
+        println!("The study has {done} trials already; the search goes on where it stood.");
+    }
+    Ok(study)
+}
+
+/// Runs the search under a progress bar.
+fn search(
+    renderer: &mut Renderer,
+    study: &Study,
+    setting: &Setting,
+    iterations: u32,
+    interrupt: Interrupt,
+) -> Result<Found, CliError> {
+    let bar = output::bar(u64::from(iterations), "frames");
+    let mut tuner = study.tuner();
+    let (mut default, mut best): (Option<f64>, Option<f64>) = (None, None);
+    let mut away = false;
+    let found = search::run(renderer, &mut tuner, setting, iterations, |iteration| {
+        if let Some(cost) = iteration.cost {
+            if iteration.mode == Mode::Default && default.is_none() {
+                default = Some(cost);
+            }
+            best = Some(best.map_or(cost, |best| best.min(cost)));
+        }
+        let now_away = iteration.source != Source::Daemon;
+        if now_away != away {
+            bar.suspend(|| match now_away {
+                true => eprintln!("frame {}: the daemon does not answer; going on with the last good configuration", iteration.number),
+                false => eprintln!("frame {}: the daemon answers again", iteration.number),
+            });
+            away = now_away;
+        }
+        let faster = default
+            .zip(best)
+            .map(|(default, best)| format!(", {:.2} × the default's speed", default / best));
+        let best = best.map_or_else(
+            || "nothing could be built yet".to_owned(),
+            |best| format!("best {best:.1} ms"),
+        );
+        bar.set_message(best + &faster.unwrap_or_default());
+        bar.inc(1);
+        !interrupt.requested()
+    })?;
+    bar.finish_and_clear();
+    Ok(found)
+}
+
+/// What the measurements after the search have in common.
+struct Judge<'a> {
+    renderer: &'a Renderer,
+    study: &'a Study,
+    arguments: &'a Arguments,
+    interrupt: Interrupt,
+}
+
+impl Judge<'_> {
+    fn conditions(&self, camera: Camera) -> Conditions {
+        Conditions {
+            view: View {
+                camera,
+                seed: self.arguments.frame.seed,
+                bounces: self.arguments.frame.bounces,
+            },
+            width: self.arguments.size.width,
+            height: self.arguments.size.height,
+            rounds: self.arguments.rounds,
+            build_each_round: self.arguments.objective.builds_each_frame(),
+        }
+    }
+
+    fn measure(&self, contenders: &[Contender], conditions: &Conditions) -> Vec<Standing> {
+        let measured = interleaved(self.renderer, contenders, conditions, || {
+            !self.interrupt.requested()
+        });
+        standings(&measured, conditions.build_each_round)
+    }
+
+    /// Default, Embree's own structures, and the winner, in fresh rounds.
+    fn standings(
+        &self,
+        tuned: &Configuration,
+        conditions: &Conditions,
+    ) -> Result<Vec<Standing>, CliError> {
+        let contenders = [
+            verdict::contender(DEFAULT, &space::table_1().default_configuration())?,
+            Contender {
+                name: NATIVE_MEDIUM.into(),
+                choice: Native::Medium.choice(),
+            },
+            Contender {
+                name: NATIVE_HIGH.into(),
+                choice: Native::High.choice(),
+            },
+            verdict::contender(TUNED, tuned)?,
+        ];
+        Ok(self.measure(&contenders, conditions))
+    }
+
+    /// Asks the predictor for a camera that was never tuned, and measures its answer there.
+    fn prediction(&self, scene: &Arc<Scene>) -> Result<Option<Prediction>, CliError> {
+        if self.interrupt.requested() {
+            return Ok(None);
+        }
+        let camera_at = self
+            .arguments
+            .fresh_at
+            .unwrap_or_else(|| (self.arguments.camera.at.unwrap_or(0.0) + FRESH_STEP) % 1.0);
+        let camera = CameraPath::of(scene).sample(camera_at);
+        let begin = Instant::now();
+        let answer = self.study.predict(&indicators(scene, &camera))?;
+        let answer_ms = milliseconds(begin);
+        let contenders = [
+            verdict::contender(DEFAULT, &space::table_1().default_configuration())?,
+            verdict::contender(PREDICTED, &answer.configuration)?,
+        ];
+        Ok(Some(Prediction {
+            camera_at,
+            mode: answer.mode,
+            reason: answer.reason.summary,
+            configuration: answer.configuration,
+            answer_ms,
+            standings: self.measure(&contenders, &self.conditions(camera)),
+        }))
+    }
+}
+
+/// What describes a scene to people.
+fn facts(scene: &Scene) -> SceneFacts {
+    SceneFacts {
+        name: scene.name.clone(),
+        triangles: scene.triangles.len(),
+        meshes: scene.meshes.len(),
+        notes: scene.notes.clone(),
+    }
+}

@@ -1,0 +1,353 @@
+//! `treewright-render verify`: all accelerators give the same hits and the same pictures.
+//!
+//! Hits are compared ray by ray with the brute-force oracle, on rays from the camera and between random
+//! points of the scene's bounds. Triangles that coincide or touch can be named differently by different
+//! kernels, so what must agree is whether and how far away something is hit.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use clap::Args;
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::Serialize;
+use treewright_accel::{BuildChoice, Hit, Intersector, Ray, Visitor};
+
+use super::arguments::{CameraArguments, FrameArguments, Native, SceneArguments, Size};
+use super::error::CliError;
+use super::output;
+use crate::film::Film;
+use crate::frame::Renderer;
+use crate::integrator::random::PathRandom;
+use crate::integrator::{Lens, View};
+use crate::limits::VERIFY_RAYS_MAX;
+use crate::scene::{Bounds, Camera, Scene};
+use crate::space;
+
+/// Two distances agree when they differ by at most this share of the larger one, or of the scene's diagonal
+/// where both are small: single precision through different formulas.
+const DISTANCE_TOLERANCE: f32 = 1e-4;
+
+/// Largest share of rays that may disagree: rays through an edge or a corner can slip past either way.
+const DISAGREEING_RAYS_MAX: f64 = 1e-3;
+
+/// Largest mean relative difference of two pictures.
+const PICTURE_DIFFERENCE_MAX: f64 = 1e-3;
+
+/// Arguments of `verify`.
+#[derive(Args, Clone, Debug)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    camera: CameraArguments,
+    #[command(flatten)]
+    frame: FrameArguments,
+
+    /// A further configuration, as for `image`; may be given several times.
+    #[arg(long, value_name = "NAME=VALUE,…")]
+    config: Vec<String>,
+
+    /// How many rays are compared with the oracle.
+    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(1..=i64::from(VERIFY_RAYS_MAX)))]
+    rays: u32,
+
+    /// Pixels across and down of the pictures that are compared.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "160x120")]
+    size: Size,
+
+    /// Samples a pixel of these pictures.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    spp: u32,
+
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// How one accelerator did.
+#[derive(Debug, Serialize)]
+struct Verdict {
+    name: String,
+    /// Rays that hit something, of all.
+    hits: usize,
+    /// Rays that hit something in one accelerator only, or at another distance.
+    wrong_closest: usize,
+    /// Rays whose any-hit answer differs.
+    wrong_occluded: usize,
+    /// Against the first accelerator's picture.
+    picture_difference: f64,
+    /// Hits of all rays of the picture.
+    picture_hits: u64,
+    agrees: bool,
+    failure: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Results {
+    scene: String,
+    triangles: usize,
+    rays: usize,
+    oracle_hits: usize,
+    accelerators: Vec<Verdict>,
+    agrees: bool,
+}
+
+/// Verifies and prints; fails when anything disagrees.
+pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    let accelerators = accelerators(&arguments.config)?;
+    let scene = arguments.scene.load()?;
+    let camera = arguments.camera.find(&scene)?;
+    let renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
+    let rays = rays(&scene, &camera, arguments.rays, arguments.frame.seed);
+    let oracle = renderer.build(&BuildChoice::BruteForce)?.0;
+    let bar = if arguments.json {
+        indicatif::ProgressBar::hidden()
+    } else {
+        output::bar(rays.len() as u64, "rays asked of the oracle")
+    };
+    let (done, step) = (AtomicUsize::new(0), 64);
+    let answers: Vec<Answer> = renderer.install(|| {
+        let answer = |chunk: &[Ray]| {
+            let answers = oracle.visit(Ask { rays: chunk });
+            bar.set_position((done.fetch_add(chunk.len(), Ordering::Relaxed) + chunk.len()) as u64);
+            answers
+        };
+        rays.par_chunks(step).flat_map_iter(answer).collect()
+    });
+    bar.finish_and_clear();
+
+    let view = View {
+        camera,
+        seed: arguments.frame.seed,
+        bounces: arguments.frame.bounces,
+    };
+    let diagonal = Bounds::of(&scene.triangles).diagonal();
+    let mut first_picture = None;
+    let mut verdicts = Vec::new();
+    for (name, choice) in accelerators {
+        let structure = match renderer.build(&choice) {
+            Ok((structure, _)) => structure,
+            // A depth limit is a finding of the tuner and says nothing about hits.
+            Err(error) => {
+                let failure = Some(error.to_string());
+                verdicts.push(Verdict {
+                    failure,
+                    ..Verdict::unmeasured(name, error.is_infeasible())
+                });
+                continue;
+            }
+        };
+        let found: Vec<Answer> = renderer.install(|| {
+            rays.par_chunks(step)
+                .flat_map_iter(|chunk| structure.visit(Ask { rays: chunk }))
+                .collect()
+        });
+        let mut film = Film::new(arguments.size.width, arguments.size.height);
+        let mut picture_hits = 0;
+        for _ in 0..arguments.spp {
+            picture_hits += renderer.render_with(&structure, &view, &mut film).1.hits;
+        }
+        let picture = film.picture();
+        let picture_difference = first_picture
+            .get_or_insert_with(|| picture.clone())
+            .mean_relative_difference(&picture);
+        let pairs = || answers.iter().zip(&found);
+        let wrong_closest = pairs()
+            .filter(|(a, b)| !same_hit(a.closest, b.closest, diagonal))
+            .count();
+        let wrong_occluded = pairs().filter(|(a, b)| a.occluded != b.occluded).count();
+        let tolerated = (DISAGREEING_RAYS_MAX * rays.len() as f64) as usize;
+        verdicts.push(Verdict {
+            name,
+            hits: found
+                .iter()
+                .filter(|answer| answer.closest.is_some())
+                .count(),
+            wrong_closest,
+            wrong_occluded,
+            picture_difference,
+            picture_hits,
+            agrees: wrong_closest <= tolerated
+                && wrong_occluded <= tolerated
+                && picture_difference < PICTURE_DIFFERENCE_MAX,
+            failure: None,
+        });
+    }
+    let results = Results {
+        scene: scene.name.clone(),
+        triangles: scene.triangles.len(),
+        rays: rays.len(),
+        oracle_hits: answers
+            .iter()
+            .filter(|answer| answer.closest.is_some())
+            .count(),
+        agrees: verdicts.iter().all(|verdict| verdict.agrees),
+        accelerators: verdicts,
+    };
+    print(&results, arguments.json)
+}
+
+impl Verdict {
+    fn unmeasured(name: String, agrees: bool) -> Self {
+        Self {
+            name,
+            hits: 0,
+            wrong_closest: 0,
+            wrong_occluded: 0,
+            picture_difference: 0.0,
+            picture_hits: 0,
+            agrees,
+            failure: None,
+        }
+    }
+}
+
+fn print(results: &Results, json: bool) -> Result<(), CliError> {
+    if json {
+        output::json(results)?;
+    } else {
+        println!(
+            "{}: {} triangles, {} rays, {} of them hit by brute force\n",
+            results.scene, results.triangles, results.rays, results.oracle_hits
+        );
+        let mut table = output::table(&[
+            "accelerator",
+            "hits",
+            "wrong nearest",
+            "wrong any",
+            "picture differs by",
+            "agrees",
+        ]);
+        for one in &results.accelerators {
+            let verdict = if one.agrees { "yes" } else { "NO" };
+            match &one.failure {
+                Some(failure) => table.add_row([one.name.as_str(), failure, "", "", "", verdict]),
+                None => table.add_row([
+                    one.name.clone(),
+                    one.hits.to_string(),
+                    one.wrong_closest.to_string(),
+                    one.wrong_occluded.to_string(),
+                    format!("{:.5} %", one.picture_difference * 100.0),
+                    verdict.to_owned(),
+                ]),
+            };
+        }
+        println!("{table}");
+    }
+    if results.agrees {
+        Ok(())
+    } else {
+        Err(CliError::Failed(
+            "the accelerators do not agree; see the table".to_owned(),
+        ))
+    }
+}
+
+/// The structures that are compared: native ones and a spread of the tunable space.
+fn accelerators(more: &[String]) -> Result<Vec<(String, BuildChoice)>, CliError> {
+    let mut all: Vec<(String, BuildChoice)> = [Native::Medium, Native::Low, Native::High]
+        .map(|native| (format!("native {native:?}").to_lowercase(), native.choice()))
+        .into();
+    let spread = [
+        "quality=2",
+        "quality=1,branching_factor=8,max_depth=64",
+        "quality=2,branching_factor=8,sah_block_size=4,min_leaf_size=4,max_leaf_size=28",
+        "quality=3,branching_factor=4,max_leaf_size=8",
+        "quality=3,branching_factor=8,robust=true,static=true",
+        "compact=true",
+    ];
+    for text in spread.into_iter().chain(more.iter().map(String::as_str)) {
+        all.push((text.to_owned(), space::build_choice(&space::parse(text)?)?));
+    }
+    Ok(all)
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Answer {
+    closest: Option<Hit>,
+    occluded: bool,
+}
+
+struct Ask<'a> {
+    rays: &'a [Ray],
+}
+
+impl Visitor for Ask<'_> {
+    type Output = Vec<Answer>;
+
+    fn visit<I: Intersector>(self, intersector: &I) -> Vec<Answer> {
+        self.rays
+            .iter()
+            .map(|ray| Answer {
+                closest: intersector.closest(ray),
+                occluded: intersector.occluded(ray),
+            })
+            .collect()
+    }
+}
+
+/// Half of the rays start at the camera, half between random points of the scene's bounds; every other one of these has an end.
+fn rays(scene: &Scene, camera: &Camera, count: u32, seed: u64) -> Vec<Ray> {
+    let bounds = Bounds::of(&scene.triangles);
+    let (low, high) = (bounds.min, bounds.max);
+    let lens = Lens::new(camera, 1, 1);
+    (0..count)
+        .map(|number| {
+            let mut random = PathRandom::new(seed, number, u32::MAX);
+            if number % 2 == 0 {
+                return lens.ray(0, 0, random.pair());
+            }
+            let mut point = || {
+                let ([x, y], z) = (random.pair(), random.single());
+                low + (high - low) * Vec3::new(x, y, z)
+            };
+            let (origin, target) = (point(), point());
+            let t_max = if number % 4 == 1 { 1.0 } else { f32::INFINITY };
+            Ray {
+                origin,
+                direction: target - origin,
+                t_min: 0.0,
+                t_max,
+            }
+        })
+        .collect()
+}
+
+fn same_hit(a: Option<Hit>, b: Option<Hit>, diagonal: f32) -> bool {
+    match (a, b) {
+        (None, None) => true,
+        (Some(a), Some(b)) => {
+            let larger = a.t.max(b.t).max(diagonal * f32::EPSILON);
+            (a.t - b.t).abs() <= DISTANCE_TOLERANCE * larger
+        }
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_agree_within_single_precision() {
+        let at = |t: f32| {
+            Some(Hit {
+                t,
+                u: 0.0,
+                v: 0.0,
+                triangle: 0,
+            })
+        };
+        assert!(same_hit(None, None, 1.0));
+        assert!(same_hit(at(100.0), at(100.001), 1.0));
+        assert!(!same_hit(at(100.0), at(101.0), 1.0));
+        assert!(!same_hit(at(1.0), None, 1.0));
+        assert!(same_hit(at(0.0), at(1e-9), 100.0));
+    }
+
+    #[test]
+    fn every_structure_of_the_spread_is_sound() {
+        assert!(accelerators(&[]).is_ok_and(|all| all.len() == 9));
+        assert!(accelerators(&["colour=1".to_owned()]).is_err());
+    }
+}

@@ -1,0 +1,213 @@
+//! Comparing acceleration structures: all of them in each round, one after the other.
+//!
+//! The speed of a machine drifts by more than the differences that are looked for. Contenders are therefore
+//! measured interleaved, each round begins with another one, and what is told are ratios within rounds.
+
+use serde::Serialize;
+use treewright_accel::{BuildChoice, Structure};
+
+use crate::film::Film;
+use crate::frame::{FrameTimes, Renderer};
+use crate::integrator::View;
+use crate::statistics::Summary;
+
+/// A named structure to be measured.
+#[derive(Clone, Debug)]
+pub struct Contender {
+    /// For people.
+    pub name: String,
+    /// What is built.
+    pub choice: BuildChoice,
+}
+
+/// How contenders are measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Conditions {
+    /// What is rendered.
+    pub view: View,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// How often each contender is measured.
+    pub rounds: u32,
+    /// Build for each frame, as real-time rendering does; otherwise each structure is built once.
+    pub build_each_round: bool,
+}
+
+/// The times of one contender.
+#[derive(Clone, Debug, Default)]
+pub struct Measured {
+    /// The contender's name.
+    pub name: String,
+    /// Each build.
+    pub build_ms: Vec<f64>,
+    /// Each frame, in the order of rounds.
+    pub render_ms: Vec<f64>,
+    /// Why there is nothing, if the structure cannot be built.
+    pub failure: Option<String>,
+}
+
+/// Median and quartiles of a contender, and of its speed-ups over the first one.
+#[derive(Clone, Debug, Serialize)]
+pub struct Standing {
+    /// The contender's name.
+    pub name: String,
+    /// Build times.
+    pub build_ms: Summary,
+    /// Render times of one sample a pixel.
+    pub render_ms: Summary,
+    /// Their sum where each frame is built anew, else the render times.
+    pub frame_ms: Summary,
+    /// Frame time of the first contender over this one's, pair by pair.
+    pub speedup: Summary,
+    /// Why there is nothing, if the structure cannot be built.
+    pub failure: Option<String>,
+}
+
+impl Measured {
+    /// Time of each round's frame.
+    fn frame_ms(&self, build_each_round: bool) -> Vec<f64> {
+        if build_each_round {
+            self.build_ms
+                .iter()
+                .zip(&self.render_ms)
+                .map(|(build, render)| build + render)
+                .collect()
+        } else {
+            self.render_ms.clone()
+        }
+    }
+}
+
+/// Measures all contenders. `go_on` is asked before each round; when it says no, what there is so far is told.
+/// One round more than asked for is run first and forgotten, to warm caches and clocks.
+pub fn interleaved(
+    renderer: &Renderer,
+    contenders: &[Contender],
+    conditions: &Conditions,
+    mut go_on: impl FnMut() -> bool,
+) -> Vec<Measured> {
+    let mut structures: Vec<Option<Structure>> = Vec::new();
+    let mut measured: Vec<Measured> = Vec::new();
+    for contender in contenders {
+        let mut one = Measured {
+            name: contender.name.clone(),
+            ..Measured::default()
+        };
+        match renderer.build(&contender.choice) {
+            Ok((structure, build_ms)) => {
+                if !conditions.build_each_round {
+                    one.build_ms.push(build_ms);
+                }
+                structures.push(Some(structure));
+            }
+            Err(error) => {
+                one.failure = Some(error.to_string());
+                structures.push(None);
+            }
+        }
+        measured.push(one);
+    }
+    let mut film = Film::new(conditions.width, conditions.height);
+    let count = contenders.len();
+    for round in 0..=conditions.rounds as usize {
+        if !go_on() {
+            break;
+        }
+        for turn in 0..count {
+            let index = (round + turn) % count;
+            let Some(structure) = &mut structures[index] else {
+                continue;
+            };
+            let choice = &contenders[index].choice;
+            match frame(renderer, structure, choice, conditions, &mut film) {
+                Ok(times) if round > 0 => {
+                    if conditions.build_each_round {
+                        measured[index].build_ms.push(times.build_ms);
+                    }
+                    measured[index].render_ms.push(times.render_ms);
+                }
+                Ok(_) => {}
+                Err(reason) => {
+                    measured[index].failure = Some(reason);
+                    structures[index] = None;
+                }
+            }
+        }
+    }
+    measured
+}
+
+fn frame(
+    renderer: &Renderer,
+    structure: &mut Structure,
+    choice: &BuildChoice,
+    conditions: &Conditions,
+    film: &mut Film,
+) -> Result<FrameTimes, String> {
+    let mut times = FrameTimes::default();
+    if conditions.build_each_round {
+        (*structure, times.build_ms) = renderer.build(choice).map_err(|error| error.to_string())?;
+    }
+    // The same sample each time, so that every contender is asked the same rays.
+    film.clear();
+    times.render_ms = renderer.render_with(structure, &conditions.view, film).0;
+    Ok(times)
+}
+
+/// Compares everybody with the first contender.
+pub fn standings(measured: &[Measured], build_each_round: bool) -> Vec<Standing> {
+    let first = measured
+        .first()
+        .map(|first| first.frame_ms(build_each_round))
+        .unwrap_or_default();
+    measured
+        .iter()
+        .map(|one| {
+            let frame_ms = one.frame_ms(build_each_round);
+            Standing {
+                name: one.name.clone(),
+                build_ms: Summary::of(&one.build_ms),
+                render_ms: Summary::of(&one.render_ms),
+                frame_ms: Summary::of(&frame_ms),
+                speedup: Summary::of_ratios(&first, &frame_ms),
+                failure: one.failure.clone(),
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn speedups_are_those_of_pairs() {
+        let one = |name: &str, build_ms: &[f64], render_ms: &[f64]| Measured {
+            name: name.into(),
+            build_ms: build_ms.into(),
+            render_ms: render_ms.into(),
+            failure: None,
+        };
+        let measured = [
+            one("default", &[10.0, 10.0, 10.0], &[20.0, 40.0, 30.0]),
+            one("tuned", &[5.0, 5.0, 5.0], &[10.0, 20.0, 15.0]),
+        ];
+        let built_once = standings(&measured, false);
+        assert_eq!(built_once[0].speedup.median, 1.0);
+        assert_eq!(
+            built_once[1].speedup,
+            Summary {
+                lower_quartile: 2.0,
+                median: 2.0,
+                upper_quartile: 2.0,
+                count: 3
+            }
+        );
+        assert_eq!(built_once[1].frame_ms.median, 15.0);
+        let built_each = standings(&measured, true);
+        assert_eq!(built_each[1].frame_ms.median, 20.0);
+        assert_eq!(built_each[1].speedup.median, 2.0);
+    }
+}

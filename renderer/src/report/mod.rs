@@ -1,0 +1,151 @@
+//! The report: one HTML file that explains a tuning run to somebody who has not read the paper.
+//!
+//! It carries everything inside (pictures, curve, style), so that it can be mailed or opened from a file
+//! system. The curve is the paper's Figure 11.
+
+mod chart;
+mod parts;
+
+use askama::Template;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use crate::film::{Film, Picture};
+use crate::frame::Renderer;
+use crate::image_file::{Exposure, ImageFileError, png_bytes};
+use crate::space::{self, ConfigurationError};
+use crate::tuning::results::Results;
+use crate::tuning::search::Setting;
+use crate::tuning::verdict::{DEFAULT, TUNED};
+use parts::{ConfigurationRow, StandingRow};
+
+/// Samples a pixel of the report's two pictures.
+const PICTURE_SAMPLES: u32 = 24;
+
+/// Why there is no report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// A picture cannot be encoded.
+    #[error(transparent)]
+    Picture(#[from] ImageFileError),
+    /// The winner cannot be built any more.
+    #[error("the pictures of the report cannot be rendered: {0}")]
+    Build(#[from] treewright_accel::BuildError),
+    /// The winner does not follow the space.
+    #[error(transparent)]
+    Configuration(#[from] ConfigurationError),
+    /// The curve cannot be drawn.
+    #[error("the tuning curve cannot be drawn: {0}")]
+    Chart(String),
+    /// The template fails.
+    #[error("the report cannot be put together: {0}")]
+    Template(#[from] askama::Error),
+}
+
+/// The page. Numbers arrive as text, ready to be read.
+#[derive(Template)]
+#[template(path = "report.html")]
+struct Page<'a> {
+    scene: &'a str,
+    triangles: String,
+    size: String,
+    headline: String,
+    explanation: String,
+    frame_kind: &'a str,
+    default_image: String,
+    tuned_image: String,
+    default_ms: String,
+    tuned_ms: String,
+    difference: String,
+    samples: u32,
+    standings: Vec<StandingRow>,
+    chart: String,
+    search_summary: String,
+    prediction: Option<String>,
+    configurations: Vec<ConfigurationRow>,
+    has_prediction: bool,
+    has_failures: bool,
+    overhead: String,
+    break_even: String,
+    machine: String,
+    study: &'a str,
+    notes: Vec<String>,
+}
+
+/// Puts the report together. Renders the two pictures, which takes some seconds.
+pub fn html(
+    renderer: &Renderer,
+    setting: &Setting,
+    results: &Results,
+) -> Result<String, ReportError> {
+    let default = picture(renderer, setting, &space::table_1().default_configuration())?;
+    let tuned = picture(renderer, setting, &results.tuned)?;
+    page(results, &default, &tuned)
+}
+
+fn picture(
+    renderer: &Renderer,
+    setting: &Setting,
+    configuration: &treewright_client::Configuration,
+) -> Result<Picture, ReportError> {
+    let (structure, _) = renderer.build(&space::build_choice(configuration)?)?;
+    let mut film = Film::new(setting.width, setting.height);
+    for _ in 0..PICTURE_SAMPLES {
+        renderer.render_with(&structure, &setting.view, &mut film);
+    }
+    Ok(film.picture())
+}
+
+fn page(results: &Results, default: &Picture, tuned: &Picture) -> Result<String, ReportError> {
+    let frame_ms = |name: &str| {
+        results
+            .standing(name)
+            .map_or(0.0, |standing| standing.frame_ms.median)
+    };
+    let page = Page {
+        scene: &results.scene.name,
+        triangles: parts::thousands(results.scene.triangles),
+        size: format!("{} × {}", results.size[0], results.size[1]),
+        headline: parts::headline(results),
+        explanation: parts::explanation(results),
+        frame_kind: if results.objective.builds_each_frame() {
+            "build and render"
+        } else {
+            "render"
+        },
+        default_image: data_url(default)?,
+        tuned_image: data_url(tuned)?,
+        default_ms: format!("{:.1}", frame_ms(DEFAULT)),
+        tuned_ms: format!("{:.1}", frame_ms(TUNED)),
+        difference: format!("{:.4}", default.mean_relative_difference(tuned) * 100.0),
+        samples: PICTURE_SAMPLES,
+        standings: parts::standings(results),
+        chart: chart::svg(results).map_err(ReportError::Chart)?,
+        search_summary: parts::search_summary(results),
+        prediction: parts::prediction(results),
+        configurations: parts::configurations(results),
+        has_prediction: results.prediction.is_some(),
+        has_failures: results.trials.iter().any(|trial| trial.cost.is_none()),
+        overhead: parts::overhead(results),
+        break_even: parts::break_even(results),
+        machine: parts::machine(results),
+        study: &results.study,
+        notes: results
+            .notes
+            .iter()
+            .chain(&results.scene.notes)
+            .cloned()
+            .collect(),
+    };
+    Ok(page.render()?)
+}
+
+fn data_url(picture: &Picture) -> Result<String, ReportError> {
+    Ok(format!(
+        "data:image/png;base64,{}",
+        STANDARD.encode(png_bytes(picture, Exposure::Auto)?)
+    ))
+}
+
+#[cfg(test)]
+mod tests;

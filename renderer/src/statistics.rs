@@ -1,0 +1,179 @@
+//! The few statistics that timings need: quantiles, ratios of pairs, the break-even frame.
+//!
+//! Frame times are skewed and have outliers, so medians and quartiles are told, never means. Two
+//! configurations are compared by the ratios of pairs measured right after one another, which share the
+//! machine's momentary speed.
+
+use serde::Serialize;
+
+/// Median and quartiles of some measurements. All zero when there are none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// A quarter lies below.
+    pub lower_quartile: f64,
+    /// Half lies below.
+    pub median: f64,
+    /// A quarter lies above.
+    pub upper_quartile: f64,
+    /// How many there are.
+    pub count: usize,
+}
+
+impl Summary {
+    /// Summarises finite values.
+    pub fn of(values: &[f64]) -> Self {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        Self {
+            lower_quartile: quantile(&sorted, 0.25),
+            median: quantile(&sorted, 0.5),
+            upper_quartile: quantile(&sorted, 0.75),
+            count: sorted.len(),
+        }
+    }
+
+    /// Summarises the ratios `numerators[i] / denominators[i]`.
+    pub fn of_ratios(numerators: &[f64], denominators: &[f64]) -> Self {
+        let ratios: Vec<f64> = numerators
+            .iter()
+            .zip(denominators)
+            .map(|(a, b)| a / b)
+            .collect();
+        Self::of(&ratios)
+    }
+}
+
+/// A quantile of sorted values, interpolated between neighbours (Hyndman and Fan, Sample Quantiles in
+/// Statistical Packages, 1996, definition 7). Zero when there are none.
+pub fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else {
+        return 0.0;
+    };
+    let place = share.clamp(0.0, 1.0) * last as f64;
+    let low = place as usize;
+    let high = (low + 1).min(last);
+    sorted[low] + (sorted[high] - sorted[low]) * (place - low as f64)
+}
+
+/// When tuning has paid off: after how many frames the total time, tuning included, falls below that of
+/// never having tuned (compare the paper's Figure 14).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct BreakEven {
+    /// Everything spent while tuning: builds, frames, waiting for the service.
+    pub tuning_ms: f64,
+    /// Frames that were shown meanwhile.
+    pub frames_while_tuning: u32,
+    /// Spent once before frames with the tuned configuration: its build, where it is built once.
+    pub tuned_setup_ms: f64,
+    /// Each frame with the tuned configuration.
+    pub tuned_frame_ms: f64,
+    /// Spent once before frames with the default configuration.
+    pub default_setup_ms: f64,
+    /// Each frame with the default configuration.
+    pub default_frame_ms: f64,
+}
+
+impl BreakEven {
+    /// The first frame, counted from the begin of tuning, after which tuning has paid off. `None` if it never does.
+    pub fn frame(&self) -> Option<u64> {
+        let gain_ms = self.default_frame_ms - self.tuned_frame_ms;
+        let tuned_begin_ms = self.tuning_ms + self.tuned_setup_ms
+            - f64::from(self.frames_while_tuning) * self.tuned_frame_ms;
+        let needed = (tuned_begin_ms - self.default_setup_ms) / gain_ms;
+        let frame = needed.ceil().max(f64::from(self.frames_while_tuning));
+        // No gain leaves a negative number, infinity or NaN.
+        (gain_ms > 0.0 && frame.is_finite()).then_some(frame as u64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn quantiles_interpolate() {
+        let summary = Summary::of(&[4.0, 1.0, 3.0, 2.0]);
+        assert_eq!(
+            (
+                summary.lower_quartile,
+                summary.median,
+                summary.upper_quartile
+            ),
+            (1.75, 2.5, 3.25)
+        );
+        assert_eq!(Summary::of(&[7.0]).median, 7.0);
+        assert_eq!(Summary::of(&[]), Summary::default());
+        assert_eq!(Summary::of(&[3.0, 1.0, 2.0]).median, 2.0);
+    }
+
+    #[test]
+    fn ratios_are_taken_pair_by_pair() {
+        assert_eq!(
+            Summary::of_ratios(&[2.0, 40.0, 6.0], &[1.0, 10.0, 6.0]).median,
+            2.0
+        );
+    }
+
+    const CASE: BreakEven = BreakEven {
+        tuning_ms: 2000.0,
+        frames_while_tuning: 10,
+        tuned_setup_ms: 100.0,
+        tuned_frame_ms: 50.0,
+        default_setup_ms: 200.0,
+        default_frame_ms: 100.0,
+    };
+
+    #[test]
+    fn break_even_is_where_the_curves_cross() {
+        // 2000 + 100 + (n - 10) * 50 <= 200 + n * 100  <=>  1400 <= 50 n.
+        assert_eq!(CASE.frame(), Some(28));
+        assert_eq!(
+            BreakEven {
+                tuned_frame_ms: 100.0,
+                ..CASE
+            }
+            .frame(),
+            None
+        );
+        assert_eq!(
+            BreakEven {
+                tuned_frame_ms: 120.0,
+                ..CASE
+            }
+            .frame(),
+            None
+        );
+        assert_eq!(
+            BreakEven {
+                tuning_ms: 500.0,
+                ..CASE
+            }
+            .frame(),
+            Some(10),
+            "not before tuning has ended"
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn at_break_even_tuning_is_no_dearer_and_just_before_it_is(
+            tuning_ms in 0.0_f64..1e5, frames in 1_u32..200, tuned in 1.0_f64..50.0, gain in 0.1_f64..50.0, setup in 0.0_f64..1e3,
+        ) {
+            let case = BreakEven {
+                tuning_ms,
+                frames_while_tuning: frames,
+                tuned_setup_ms: setup,
+                tuned_frame_ms: tuned,
+                default_setup_ms: 10.0,
+                default_frame_ms: tuned + gain,
+            };
+            let frame = case.frame().expect("there is a gain") as f64;
+            let with = |n: f64| tuning_ms + setup + (n - f64::from(frames)) * tuned;
+            let without = |n: f64| 10.0 + n * (tuned + gain);
+            prop_assert!(with(frame) <= without(frame) + 1e-6);
+            prop_assert!(frame <= f64::from(frames) || with(frame - 1.0) > without(frame - 1.0) - 1e-6);
+        }
+    }
+}

@@ -1,0 +1,155 @@
+//! What is minimised, and the study that tells the service so.
+
+use clap::ValueEnum;
+use serde::Serialize;
+use treewright_client::{ClientError, Policy, Scale, StudySpec};
+
+use crate::frame::FrameTimes;
+use crate::indicators::{IndicatorScale, SCHEMA};
+use crate::space;
+
+/// Name of the measurement of a build, in milliseconds.
+pub const BUILD_MS: &str = "build_ms";
+
+/// Name of the measurement of a frame, in milliseconds.
+pub const RENDER_MS: &str = "render_ms";
+
+/// Longest study id that the service takes.
+const STUDY_ID_MAX: usize = 64;
+
+/// The two use cases of the paper's section 7.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Objective {
+    /// Progressive rendering: the structure is built once, so only the render time counts.
+    Render,
+    /// Real-time rendering: the structure is built for each frame, so build and render time count.
+    Total,
+}
+
+impl Objective {
+    /// The scalar that is minimised.
+    pub fn cost(self, times: FrameTimes) -> f64 {
+        match self {
+            Self::Render => times.render_ms,
+            Self::Total => times.build_ms + times.render_ms,
+        }
+    }
+
+    /// Whether each frame pays for a build.
+    pub fn builds_each_frame(self) -> bool {
+        self == Self::Total
+    }
+
+    /// `render` or `total`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Render => "render",
+            Self::Total => "total",
+        }
+    }
+}
+
+/// The study of a scene: Table 1's space, Table 2's indicators, this objective.
+pub fn specification(
+    title: &str,
+    objective: Objective,
+    policy: Policy,
+    seed: u64,
+) -> Result<StudySpec, ClientError> {
+    let mut builder = StudySpec::builder(space::table_1())
+        .display_name(title)
+        .policy(policy)
+        .seed(seed);
+    for indicator in &SCHEMA {
+        let scale = match indicator.scale {
+            IndicatorScale::Linear => Scale::Linear,
+            IndicatorScale::Log => Scale::Log,
+        };
+        builder = builder.indicator(indicator.name, indicator.min..=indicator.max, scale);
+    }
+    builder = match objective {
+        Objective::Render => builder.minimise(RENDER_MS, 1.0),
+        Objective::Total => builder.minimise(BUILD_MS, 1.0).minimise(RENDER_MS, 1.0),
+    };
+    builder.build()
+}
+
+/// An id of the letters the service takes, made of what tells studies apart.
+pub fn study_id(scene: &str, objective: Objective, size: impl std::fmt::Display) -> String {
+    let scene: String = scene
+        .to_lowercase()
+        .chars()
+        .map(|letter| {
+            if letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_' {
+                letter
+            } else {
+                '-'
+            }
+        })
+        .collect();
+    let end = format!("-{}-{size}-table1", objective.name());
+    let mut id = if scene.starts_with(|letter: char| letter.is_ascii_lowercase()) {
+        scene
+    } else {
+        format!("scene-{scene}")
+    };
+    // All characters are one byte long by now.
+    id.truncate(STUDY_ID_MAX.saturating_sub(end.len()));
+    id + &end
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_follow_the_contract() {
+        assert_eq!(
+            study_id("Sponza Atrium.v2", Objective::Render, "320x240"),
+            "sponza-atrium-v2-render-320x240-table1"
+        );
+        assert_eq!(
+            study_id("7even", Objective::Total, "8x8"),
+            "scene-7even-total-8x8-table1"
+        );
+        for name in ["", "ÄÖ", &"x".repeat(500)] {
+            let id = study_id(name, Objective::Total, "16384x16384");
+            assert!(
+                id.len() <= STUDY_ID_MAX
+                    && id.starts_with(|letter: char| letter.is_ascii_lowercase()),
+                "{id}"
+            );
+            assert!(id.ends_with("-total-16384x16384-table1"));
+        }
+        assert_ne!(
+            study_id("a", Objective::Render, "8x8"),
+            study_id("a", Objective::Total, "8x8")
+        );
+    }
+
+    #[test]
+    fn costs_are_what_the_study_minimises() {
+        let times = FrameTimes {
+            build_ms: 30.0,
+            render_ms: 12.0,
+        };
+        for (objective, cost) in [(Objective::Render, 12.0), (Objective::Total, 42.0)] {
+            let spec = specification("test", objective, Policy::new(), 1).expect("it is sound");
+            let measured = |metric: &str| {
+                if metric == BUILD_MS {
+                    times.build_ms
+                } else {
+                    times.render_ms
+                }
+            };
+            let sum: f64 = spec
+                .objective()
+                .iter()
+                .map(|term| term.weight * measured(&term.metric))
+                .sum();
+            assert_eq!((objective.cost(times), sum), (cost, cost));
+            assert_eq!(spec.indicators().len(), 17);
+        }
+    }
+}

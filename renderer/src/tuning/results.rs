@@ -1,0 +1,133 @@
+//! Everything a tuning run found out. Written as JSON, and shown by the report.
+
+use serde::Serialize;
+use treewright_client::{Configuration, Fingerprint, Indicators, Mode, Stats};
+
+use super::objective::Objective;
+use super::search::Iteration;
+use crate::measure::Standing;
+use crate::statistics::{BreakEven, Summary, quantile};
+
+/// A finished run.
+#[derive(Clone, Debug, Serialize)]
+pub struct Results {
+    /// What was rendered.
+    pub scene: SceneFacts,
+    /// Pixels across and down.
+    pub size: [u32; 2],
+    /// What was minimised.
+    pub objective: Objective,
+    /// Where the service is, and the study's id there.
+    pub server: String,
+    /// The study's id.
+    pub study: String,
+    /// The machine.
+    pub machine: Fingerprint,
+    /// The state that was tuned.
+    pub indicators: Indicators,
+    /// Every frame of the search.
+    pub trials: Vec<Iteration>,
+    /// The default's cost while the search ran: what the trials' costs are compared with.
+    pub reference_ms: f64,
+    /// The winner.
+    pub tuned: Configuration,
+    /// The recommended default, Embree's own structures and the winner, measured again side by side.
+    pub standings: Vec<Standing>,
+    /// The predictor's answer for a camera that was never tuned.
+    pub prediction: Option<Prediction>,
+    /// What asking and telling the service cost.
+    pub overhead: Overhead,
+    /// When tuning pays off.
+    pub break_even: BreakEven,
+    /// The frame of break-even; absent if it never comes.
+    pub break_even_frame: Option<u64>,
+    /// What became of suggestions and reports.
+    pub client: Stats,
+    /// What went wrong without ending the run, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// What describes a scene to people.
+#[derive(Clone, Debug, Serialize)]
+pub struct SceneFacts {
+    /// Its name.
+    pub name: String,
+    /// Triangles.
+    pub triangles: usize,
+    /// Meshes.
+    pub meshes: usize,
+    /// What the loader left out or made up.
+    pub notes: Vec<String>,
+}
+
+/// The predictor's first answer on a fresh camera, measured against the default there.
+#[derive(Clone, Debug, Serialize)]
+pub struct Prediction {
+    /// The point of the camera path.
+    pub camera_at: f32,
+    /// How the service answered.
+    pub mode: Mode,
+    /// Its reason in one sentence.
+    pub reason: String,
+    /// Its answer.
+    pub configuration: Configuration,
+    /// How long the answer took.
+    pub answer_ms: f64,
+    /// The default and the prediction, measured side by side.
+    pub standings: Vec<Standing>,
+}
+
+impl Prediction {
+    /// How many times faster than the default the predicted configuration is.
+    pub fn speedup(&self) -> f64 {
+        self.standings
+            .last()
+            .map_or(1.0, |standing| standing.speedup.median)
+    }
+}
+
+/// What asking and telling the service cost each frame.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Overhead {
+    /// Waiting in one frame.
+    pub waiting_ms: Summary,
+    /// One frame in a hundred waited longer.
+    pub waiting_p99_ms: f64,
+    /// Waiting as a share of the median frame, builds included.
+    pub share_of_frame: f64,
+    /// Waiting over the whole search.
+    pub waiting_total_ms: f64,
+}
+
+impl Overhead {
+    /// Of the frames of a search.
+    pub fn of(trials: &[Iteration]) -> Self {
+        let mut waiting: Vec<f64> = trials.iter().map(|trial| trial.waiting_ms).collect();
+        waiting.sort_by(f64::total_cmp);
+        let total: Vec<f64> = trials.iter().map(|trial| trial.total_ms).collect();
+        let (waiting_ms, total_ms) = (Summary::of(&waiting), Summary::of(&total));
+        Self {
+            waiting_ms,
+            waiting_p99_ms: quantile(&waiting, 0.99),
+            share_of_frame: if total_ms.median > 0.0 {
+                waiting_ms.median / total_ms.median
+            } else {
+                0.0
+            },
+            waiting_total_ms: waiting.iter().sum(),
+        }
+    }
+}
+
+impl Results {
+    /// The standing of that name.
+    pub fn standing(&self, name: &str) -> Option<&Standing> {
+        self.standings.iter().find(|standing| standing.name == name)
+    }
+
+    /// How many times faster than the default the winner is, median of pairs.
+    pub fn speedup(&self) -> f64 {
+        self.standing(super::verdict::TUNED)
+            .map_or(1.0, |standing| standing.speedup.median)
+    }
+}

@@ -1,0 +1,203 @@
+//! The loop itself: ask, build, render, tell.
+//!
+//! A build that fails is an outcome like any other, and the frame is skipped; a daemon that is away costs
+//! one deadline at most, and the frame is rendered with the last good configuration.
+
+use std::time::Instant;
+
+use serde::Serialize;
+use treewright_client::blocking::Tuner;
+use treewright_client::{
+    ClientError, Configuration, Finished, Indicators, Measurements, Mode, Outcome, Source,
+    Suggestion,
+};
+
+use super::objective::{BUILD_MS, Objective, RENDER_MS};
+use crate::film::Film;
+use crate::frame::{FrameTimes, Renderer, milliseconds};
+use crate::integrator::View;
+use crate::space;
+use crate::statistics::Summary;
+
+/// What happened in one frame of the search.
+#[derive(Clone, Debug, Serialize)]
+pub struct Iteration {
+    /// Counted from 1.
+    pub number: u32,
+    /// Name of the trial; absent when the daemon was away.
+    pub trial: Option<String>,
+    /// Why this configuration.
+    pub mode: Mode,
+    /// Where it came from.
+    pub source: Source,
+    /// The reason in one sentence.
+    pub reason: String,
+    /// The step of the search, e.g. `reflect`.
+    pub step: String,
+    /// What was run.
+    pub configuration: Configuration,
+    /// What the service expected.
+    pub predicted_cost: Option<f64>,
+    /// How it ended.
+    pub outcome: Outcome,
+    /// The frame's times; absent when the structure could not be built.
+    pub times: Option<FrameTimes>,
+    /// The objective.
+    pub cost: Option<f64>,
+    /// How long the frame waited for the service: the previous report and this suggestion.
+    pub waiting_ms: f64,
+    /// Everything this iteration took.
+    pub total_ms: f64,
+}
+
+/// What stays the same during a search.
+#[derive(Clone, Debug)]
+pub struct Setting {
+    /// What is minimised.
+    pub objective: Objective,
+    /// What is rendered.
+    pub view: View,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// The state, as the service sees it.
+    pub indicators: Indicators,
+}
+
+/// What a search found.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// Every frame.
+    pub trials: Vec<Iteration>,
+    /// Median cost of the recommended default in frames before and after the search, which nobody was told of.
+    /// The machine's speed may drift until winners are measured again; within the search it is compared with this.
+    pub reference_ms: f64,
+}
+
+/// Frames of the recommended default before the search, and again after it.
+const REFERENCE_FRAMES: usize = 3;
+
+/// Runs so many iterations, fewer if `told` says no after one of them. The last report is on its way when
+/// this returns, not necessarily acknowledged.
+pub fn run(
+    renderer: &mut Renderer,
+    tuner: &mut Tuner,
+    setting: &Setting,
+    iterations: u32,
+    mut told: impl FnMut(&Iteration) -> bool,
+) -> Result<Found, ClientError> {
+    let mut film = Film::new(setting.width, setting.height);
+    // The first frame of a process is slower than all others: memory is touched for the first time, threads
+    // start, clocks rise. It would be the default's, so some are rendered before anything counts.
+    reference(renderer, setting, &mut film);
+    let mut references = reference(renderer, setting, &mut film);
+    let mut all = Vec::new();
+    let mut previous: Option<Finished> = None;
+    for number in 1..=iterations {
+        let begin = Instant::now();
+        let suggestion = tuner.next(&setting.indicators, previous.take());
+        let waiting_ms = milliseconds(begin);
+        let (outcome, times) = frame(renderer, suggestion.configuration(), setting, &mut film);
+        let iteration = describe(
+            number,
+            &suggestion,
+            setting.objective,
+            &outcome,
+            times,
+            waiting_ms,
+            milliseconds(begin),
+        );
+        previous = Some(suggestion.finished(measurements(times), outcome)?);
+        let go_on = told(&iteration);
+        all.push(iteration);
+        if !go_on {
+            break;
+        }
+    }
+    // Puts the last result on its way before more frames are rendered.
+    drop(previous);
+    references.extend(reference(renderer, setting, &mut film));
+    Ok(Found {
+        trials: all,
+        reference_ms: Summary::of(&references).median,
+    })
+}
+
+/// Costs of some frames of the recommended default.
+fn reference(renderer: &mut Renderer, setting: &Setting, film: &mut Film) -> Vec<f64> {
+    let default = space::table_1().default_configuration();
+    (0..REFERENCE_FRAMES)
+        .filter_map(|_| frame(renderer, &default, setting, film).1)
+        .map(|times| setting.objective.cost(times))
+        .collect()
+}
+
+/// Builds and renders one frame. The same sample each time, so that all trials are asked the same rays.
+pub fn frame(
+    renderer: &mut Renderer,
+    configuration: &Configuration,
+    setting: &Setting,
+    film: &mut Film,
+) -> (Outcome, Option<FrameTimes>) {
+    let choice = match space::build_choice(configuration) {
+        Ok(choice) => choice,
+        Err(error) => return (Outcome::failed(error.to_string()), None),
+    };
+    let build_ms = match renderer.rebuild(&choice) {
+        Ok(build_ms) => build_ms,
+        Err(error) if error.is_infeasible() => {
+            return (Outcome::infeasible(error.to_string()), None);
+        }
+        Err(error) => return (Outcome::failed(error.to_string()), None),
+    };
+    film.clear();
+    match renderer.render(&setting.view, film) {
+        Some((render_ms, _)) => (
+            Outcome::Ok,
+            Some(FrameTimes {
+                build_ms,
+                render_ms,
+            }),
+        ),
+        None => (Outcome::failed("no structure was built"), None),
+    }
+}
+
+/// The raw measurements of a frame, as they are reported.
+pub fn measurements(times: Option<FrameTimes>) -> Measurements {
+    match times {
+        Some(times) => Measurements::from([
+            (BUILD_MS, times.build_ms),
+            (RENDER_MS, times.render_ms),
+            ("frames", 1.0),
+        ]),
+        None => Measurements::new(),
+    }
+}
+
+fn describe(
+    number: u32,
+    suggestion: &Suggestion,
+    objective: Objective,
+    outcome: &Outcome,
+    times: Option<FrameTimes>,
+    waiting_ms: f64,
+    total_ms: f64,
+) -> Iteration {
+    Iteration {
+        number,
+        trial: suggestion.trial().map(str::to_owned),
+        mode: suggestion.mode(),
+        source: suggestion.source(),
+        reason: suggestion.reason().summary.clone(),
+        step: suggestion.reason().step.clone(),
+        configuration: suggestion.configuration().clone(),
+        predicted_cost: suggestion.predicted_cost(),
+        outcome: outcome.clone(),
+        times,
+        cost: times.map(|times| objective.cost(times)),
+        waiting_ms,
+        total_ms,
+    }
+}
