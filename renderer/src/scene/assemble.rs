@@ -138,7 +138,10 @@ impl Assembler {
             }
             // Exporters disagree about winding, but normals point outward nearly always.
             let [a, b, c] = kept.map(|vertex| self.positions[vertex as usize]);
-            let outward: Vec3 = kept.iter().map(|vertex| self.normals[*vertex as usize]).sum();
+            let outward: Vec3 = kept
+                .iter()
+                .map(|vertex| self.normals[*vertex as usize])
+                .sum();
             if Vec3::from((b - a).cross(c - a)).dot(outward) < 0.0 {
                 kept.swap(1, 2);
             }

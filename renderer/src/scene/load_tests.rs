@@ -212,7 +212,10 @@ fn damaged_gltf_files() {
     assert!(
         error_of("mesh.glb", &changed("/nodes/0/mesh", json!(9))).contains("Index out of bounds")
     );
-    let points = changed("/meshes/0/primitives/0", json!({"attributes": {"POSITION": 0}, "mode": 0}));
+    let points = changed(
+        "/meshes/0/primitives/0",
+        json!({"attributes": {"POSITION": 0}, "mode": 0}),
+    );
     assert!(error_of("points.glb", &points).contains("Ignored 1 primitives"));
     let no_mesh = glb(
         &json!({"asset": {"version": "2.0"}, "scenes": [{"nodes": []}], "scene": 0}),

@@ -51,14 +51,14 @@ const KINDS: [(u8, &str); 13] = [
 
 fn material(kind: u8) -> Material {
     match kind {
-        GRASS => matt(0.2, 0.42, 0.09),
+        GRASS => matt(0.14, 0.29, 0.06),
         EARTH => matt(0.3, 0.19, 0.1),
-        ROCK => matt(0.36, 0.35, 0.34),
+        ROCK => matt(0.27, 0.26, 0.25),
         SAND => matt(0.76, 0.66, 0.42),
         WATER => polished(0.04, 0.17, 0.27, 0.06),
         SNOW => polished(0.9, 0.92, 0.95, 0.6),
         WOOD => matt(0.24, 0.14, 0.07),
-        LEAVES => matt(0.1, 0.3, 0.07),
+        LEAVES => matt(0.07, 0.2, 0.045),
         AUTUMN => matt(0.62, 0.26, 0.05),
         BRICK => matt(0.55, 0.5, 0.44),
         ROOF => matt(0.5, 0.12, 0.08),
@@ -93,7 +93,8 @@ fn layer(seed: u64, x: i32, z: i32, y: i32, top: i32) -> u8 {
 /// a third one is large.
 fn hollow(seed: u64, x: i32, y: i32, z: i32) -> bool {
     let at = Vec3::new(x as f32, y as f32 * 1.6, z as f32);
-    let tunnel = gradient(seed + 21, at / 27.0).abs() < 0.085 && gradient(seed + 22, at / 27.0).abs() < 0.085;
+    let tunnel = gradient(seed + 21, at / 27.0).abs() < 0.085
+        && gradient(seed + 22, at / 27.0).abs() < 0.085;
     tunnel || octaves(seed + 23, at / 34.0, 2) > 0.37
 }
 
@@ -107,28 +108,49 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
     });
     plant_trees(seed, &mut grid);
     let keep = build_keep(seed, &mut grid);
-    let materials: Vec<u32> = KINDS.iter().map(|(kind, _)| stage.material(material(*kind))).collect();
+    let materials: Vec<u32> = KINDS
+        .iter()
+        .map(|(kind, _)| stage.material(material(*kind)))
+        .collect();
     let blocks: Vec<IVec3> = (0..side)
         .step_by(BLOCK as usize)
-        .flat_map(|x| (0..side).step_by(BLOCK as usize).map(move |z| IVec3::new(x, 0, z)))
+        .flat_map(|x| {
+            (0..side)
+                .step_by(BLOCK as usize)
+                .map(move |z| IVec3::new(x, 0, z))
+        })
         .collect();
     // Blocks are meshed in parallel and added in order.
     let surfaces: Vec<_> = blocks
         .par_iter()
-        .map(|low| grid.surface(*low, (*low + IVec3::new(BLOCK, HEIGHT, BLOCK)).min(grid.size())))
+        .map(|low| {
+            grid.surface(
+                *low,
+                (*low + IVec3::new(BLOCK, HEIGHT, BLOCK)).min(grid.size()),
+            )
+        })
         .collect();
     for (kind, part) in surfaces.into_iter().flatten() {
-        let index = KINDS.iter().position(|(known, _)| *known == kind).unwrap_or(0);
+        let index = KINDS
+            .iter()
+            .position(|(known, _)| *known == kind)
+            .unwrap_or(0);
         stage.add_part(KINDS[index].1, materials[index], &part)?;
     }
-    Ok(Plan { sky: sky(), keys: keys(seed, side, keep) })
+    Ok(Plan {
+        sky: sky(),
+        keys: keys(seed, side, keep),
+    })
 }
 
 fn sky() -> Sky {
     Sky {
         zenith: Vec3::new(0.22, 0.42, 0.85),
-        horizon: Vec3::new(0.85, 0.82, 0.78),
-        sun: Some(Sun::towards(Vec3::new(-0.62, 0.5, 0.42), Vec3::new(3.5, 2.8, 2.0))),
+        horizon: Vec3::new(0.62, 0.68, 0.76),
+        sun: Some(Sun::towards(
+            Vec3::new(-0.62, 0.5, 0.42),
+            Vec3::new(3.3, 2.6, 1.8),
+        )),
     }
 }
 
@@ -136,15 +158,26 @@ fn sky() -> Sky {
 fn keys(seed: u64, side: i32, keep: IVec3) -> Vec<crate::scene::Camera> {
     let half = side as f32 * 0.5;
     let look = keep.as_vec3() + Vec3::new(0.0, 8.0, 0.0);
-    [(-0.30, 0.34, 26.0), (-0.42, 0.02, 20.0), (-0.26, -0.3, 24.0), (0.1, -0.4, 30.0), (0.38, -0.12, 26.0), (0.3, 0.3, 20.0), (0.02, 0.42, 24.0)]
-        .map(|(x, z, above): (f32, f32, f32)| {
-            let (x, z) = (half + x * side as f32, half + z * side as f32);
-            let around = [(0, 0), (9, 0), (-9, 0), (0, 9), (0, -9)];
-            let highest = around.map(|(dx, dz)| ground(seed, x as i32 + dx, z as i32 + dz)).into_iter().max();
-            let y = highest.unwrap_or(WATER_LEVEL).max(WATER_LEVEL + 6) as f32 + above;
-            key([x, y, z], look.to_array(), 50.0)
-        })
-        .to_vec()
+    [
+        (-0.30, 0.34, 26.0),
+        (-0.42, 0.02, 20.0),
+        (-0.26, -0.3, 24.0),
+        (0.1, -0.4, 30.0),
+        (0.38, -0.12, 26.0),
+        (0.3, 0.3, 20.0),
+        (0.02, 0.42, 24.0),
+    ]
+    .map(|(x, z, above): (f32, f32, f32)| {
+        let (x, z) = (half + x * side as f32, half + z * side as f32);
+        let around = [(0, 0), (9, 0), (-9, 0), (0, 9), (0, -9)];
+        let highest = around
+            .map(|(dx, dz)| ground(seed, x as i32 + dx, z as i32 + dz))
+            .into_iter()
+            .max();
+        let y = highest.unwrap_or(WATER_LEVEL).max(WATER_LEVEL + 6) as f32 + above;
+        key([x, y, z], look.to_array(), 50.0)
+    })
+    .to_vec()
 }
 
 fn fill_column(seed: u64, x: i32, z: i32, column: &mut [u8]) {
@@ -155,7 +188,11 @@ fn fill_column(seed: u64, x: i32, z: i32, column: &mut [u8]) {
         } else if y > 1 && (top > WATER_LEVEL + 2 || y < top - 5) && hollow(seed, x, y, z) {
             let floor_below = !hollow(seed, x, y - 1, z);
             let glows = at_cell(seed + 31, i64::from(x), i64::from(y), i64::from(z)) < 0.006;
-            if floor_below && glows && y < top - 3 { LIGHT } else { AIR }
+            if floor_below && glows && y < top - 3 {
+                LIGHT
+            } else {
+                AIR
+            }
         } else {
             layer(seed, x, z, y, top)
         };
@@ -170,7 +207,8 @@ fn plant_trees(seed: u64, grid: &mut Grid) {
             let dice = |what: i64| at_cell(seed + 41, i64::from(cell_x), what, i64::from(cell_z));
             let x = cell_x * SPACING + 1 + (dice(0) * 6.0) as i32;
             let z = cell_z * SPACING + 1 + (dice(1) * 6.0) as i32;
-            let wooded = 0.45 + octaves(seed + 42, Vec3::new(x as f32, 0.0, z as f32) / 60.0, 2) * 1.3;
+            let wooded =
+                0.45 + octaves(seed + 42, Vec3::new(x as f32, 0.0, z as f32) / 60.0, 2) * 1.3;
             let top = ground(seed, x, z);
             if dice(2) > wooded || grid.get(IVec3::new(x, top, z)) != GRASS {
                 continue;
@@ -185,24 +223,50 @@ fn plant_trees(seed: u64, grid: &mut Grid) {
                     for dz in -reach..=reach {
                         let at = crown + IVec3::new(dx, dy, dz);
                         let distance = Vec3::new(dx as f32, dy as f32 * 1.2, dz as f32).length();
-                        let frayed = at_cell(seed + 43, i64::from(at.x), i64::from(at.y), i64::from(at.z)) * 1.1;
+                        let frayed =
+                            at_cell(seed + 43, i64::from(at.x), i64::from(at.y), i64::from(at.z))
+                                * 1.1;
                         if distance + frayed < radius + 0.4 {
                             grid.fill(at, leaves);
                         }
                     }
                 }
             }
-            grid.set_box(IVec3::new(x, top + 1, z), IVec3::new(x, top + trunk, z), WOOD);
+            grid.set_box(
+                IVec3::new(x, top + 1, z),
+                IVec3::new(x, top + trunk, z),
+                WOOD,
+            );
         }
     }
 }
 
-/// A walled keep in the middle of the world; returns the middle of its yard.
+/// The evenest place near the middle of the world, a little above the water.
+fn keep_site(seed: u64, side: i32) -> IVec3 {
+    let mut best = (i32::MAX, IVec3::new(side / 2, WATER_LEVEL + 6, side / 2));
+    let range = side * 3 / 10..side * 7 / 10;
+    for x in range.clone().step_by(6) {
+        for z in range.clone().step_by(6) {
+            let reach = [-20, 0, 20];
+            let heights = reach
+                .iter()
+                .flat_map(|dx| reach.map(|dz| ground(seed, x + dx, z + dz)));
+            let (low, high) = heights.fold((i32::MAX, 0), |(low, high), height| {
+                (low.min(height), high.max(height))
+            });
+            let level = ((low + high) / 2).max(WATER_LEVEL + 4);
+            let badness = (high - low) * 2 + (level - 38).abs();
+            if badness < best.0 {
+                best = (badness, IVec3::new(x, level, z));
+            }
+        }
+    }
+    best.1
+}
+
+/// A walled keep on an even place; returns the middle of its yard.
 fn build_keep(seed: u64, grid: &mut Grid) -> IVec3 {
-    let size = grid.size();
-    let (cx, cz) = (size.x / 2, size.z / 2);
-    let level = ground(seed, cx, cz).max(WATER_LEVEL + 4);
-    let yard = IVec3::new(cx, level, cz);
+    let yard = keep_site(seed, grid.size().x);
     let offset = |x: i32, y: i32, z: i32| yard + IVec3::new(x, y, z);
     grid.set_box(offset(-21, -14, -21), offset(21, -1, 21), ROCK);
     grid.set_box(offset(-21, 0, -21), offset(21, 0, 21), GRASS);
@@ -211,8 +275,17 @@ fn build_keep(seed: u64, grid: &mut Grid) -> IVec3 {
     for along in -16..=16 {
         let high = if (along & 3) < 2 { 10 } else { 9 };
         for deep in 0..2 {
-            for (x, z) in [(along, -16 + deep), (along, 16 - deep), (-16 + deep, along), (16 - deep, along)] {
-                grid.set_box(offset(x, 1, z), offset(x, if deep == 0 { high } else { 8 }, z), BRICK);
+            for (x, z) in [
+                (along, -16 + deep),
+                (along, 16 - deep),
+                (-16 + deep, along),
+                (16 - deep, along),
+            ] {
+                grid.set_box(
+                    offset(x, 1, z),
+                    offset(x, if deep == 0 { high } else { 8 }, z),
+                    BRICK,
+                );
             }
         }
         if along % 6 == 0 {
@@ -241,7 +314,11 @@ fn round_tower(grid: &mut Grid, foot: IVec3, radius: i32, height: i32) {
             }
             let rim = distance > radius as f32 - 1.2;
             let high = height + i32::from(rim && (dx + dz) & 1 == 0);
-            grid.set_box(foot + IVec3::new(dx, 1, dz), foot + IVec3::new(dx, high, dz), BRICK);
+            grid.set_box(
+                foot + IVec3::new(dx, 1, dz),
+                foot + IVec3::new(dx, high, dz),
+                BRICK,
+            );
         }
     }
     grid.set(foot + IVec3::new(0, height + 1, 0), LIGHT);
@@ -249,30 +326,62 @@ fn round_tower(grid: &mut Grid, foot: IVec3, radius: i32, height: i32) {
     for rise in 0..=radius + 1 {
         let reach = radius + 1 - rise;
         let y = height + 5 + rise;
-        grid.set_box(foot + IVec3::new(-reach, y, -reach), foot + IVec3::new(reach, y, reach), ROOF);
+        grid.set_box(
+            foot + IVec3::new(-reach, y, -reach),
+            foot + IVec3::new(reach, y, reach),
+            ROOF,
+        );
     }
     for (x, z) in [(-3, -3), (-3, 3), (3, -3), (3, 3)] {
-        grid.set_box(foot + IVec3::new(x, height + 1, z), foot + IVec3::new(x, height + 4, z), WOOD);
+        grid.set_box(
+            foot + IVec3::new(x, height + 1, z),
+            foot + IVec3::new(x, height + 4, z),
+            WOOD,
+        );
     }
 }
 
 fn square_tower(grid: &mut Grid, foot: IVec3) {
-    grid.set_box(foot + IVec3::new(-6, 1, -6), foot + IVec3::new(6, 28, 6), BRICK);
-    grid.set_box(foot + IVec3::new(-5, 1, -5), foot + IVec3::new(5, 28, 5), AIR);
+    grid.set_box(
+        foot + IVec3::new(-6, 1, -6),
+        foot + IVec3::new(6, 28, 6),
+        BRICK,
+    );
+    grid.set_box(
+        foot + IVec3::new(-5, 1, -5),
+        foot + IVec3::new(5, 28, 5),
+        AIR,
+    );
     for floor in (0..28).step_by(7) {
-        grid.set_box(foot + IVec3::new(-5, floor, -5), foot + IVec3::new(5, floor, 5), PLANK);
+        grid.set_box(
+            foot + IVec3::new(-5, floor, -5),
+            foot + IVec3::new(5, floor, 5),
+            PLANK,
+        );
         grid.set(foot + IVec3::new(0, floor + 1, 0), LIGHT);
         for along in [-3, 0, 3] {
             for side in [-6, 6] {
                 let (low, high) = (floor + 3, floor + 5);
-                grid.set_box(foot + IVec3::new(along, low, side), foot + IVec3::new(along, high, side), AIR);
-                grid.set_box(foot + IVec3::new(side, low, along), foot + IVec3::new(side, high, along), AIR);
+                grid.set_box(
+                    foot + IVec3::new(along, low, side),
+                    foot + IVec3::new(along, high, side),
+                    AIR,
+                );
+                grid.set_box(
+                    foot + IVec3::new(side, low, along),
+                    foot + IVec3::new(side, high, along),
+                    AIR,
+                );
             }
         }
     }
     for rise in 0..=8 {
         let reach = 8 - rise;
         let y = 29 + rise;
-        grid.set_box(foot + IVec3::new(-reach, y, -reach), foot + IVec3::new(reach, y, reach), ROOF);
+        grid.set_box(
+            foot + IVec3::new(-reach, y, -reach),
+            foot + IVec3::new(reach, y, reach),
+            ROOF,
+        );
     }
 }
