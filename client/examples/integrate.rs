@@ -4,9 +4,7 @@
 use std::time::{Duration, Instant};
 
 use treewright_client::blocking::Client;
-use treewright_client::{
-    ClientError, Configuration, Indicators, Options, Outcome, Scale, Space, StudySpec,
-};
+use treewright_client::{ClientError, Configuration, Indicators, Options, Outcome, Scale, Space, StudySpec};
 
 fn main() -> Result<(), ClientError> {
     // What can be tuned, with the values used so far as defaults.
@@ -24,10 +22,7 @@ fn main() -> Result<(), ClientError> {
         .minimise("render_ms", 1.0)
         .build()?;
 
-    let client = Client::connect(
-        "http://127.0.0.1:50611",
-        Options::new().client_id("pretend-renderer"),
-    )?;
+    let client = Client::connect("http://127.0.0.1:50611", Options::new().client_id("pretend-renderer"))?;
     let study = client.study("pretend", spec)?;
     let mut tuner = study.tuner();
     let mut previous = None;
@@ -54,13 +49,10 @@ fn render_frame(configuration: &Configuration) -> Result<(f64, f64), ClientError
     let compact = configuration.boolean("compact")?;
     let stopwatch = |work: u32| {
         let start = Instant::now();
-        std::hint::black_box((0..work * 1000).fold(1u32, |sum, each| {
-            sum.rotate_left(3) ^ std::hint::black_box(each)
-        }));
+        std::hint::black_box(
+            (0..work * 1000).fold(1u32, |sum, each| sum.rotate_left(3) ^ std::hint::black_box(each)),
+        );
         start.elapsed().as_secs_f64() * 1e3
     };
-    Ok((
-        stopwatch(300 / leaf + 20 * u32::from(compact)),
-        stopwatch(40 * leaf + 50 * u32::from(!compact)),
-    ))
+    Ok((stopwatch(300 / leaf + 20 * u32::from(compact)), stopwatch(40 * leaf + 50 * u32::from(!compact))))
 }

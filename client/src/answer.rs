@@ -40,9 +40,8 @@ pub(crate) async fn within_deadline(
     if let Err(problem) = shared.spec.check_indicators(indicators) {
         return shared.fall_back(Arc::new(problem));
     }
-    let mut earlier = outstanding
-        .take()
-        .filter(|earlier| shared.spec.same_state(&earlier.indicators, indicators));
+    let mut earlier =
+        outstanding.take().filter(|earlier| shared.spec.same_state(&earlier.indicators, indicators));
     if let Some(one) = &mut earlier {
         match one.answer.try_recv() {
             Ok(Ok(suggestion)) if suggestion.lease_is_live(SystemTime::now()) => {
@@ -61,20 +60,14 @@ pub(crate) async fn within_deadline(
             drop(ask);
             earlier
         }
-        None => Outstanding {
-            indicators: indicators.clone(),
-            answer: ask(),
-        },
+        None => Outstanding { indicators: indicators.clone(), answer: ask() },
     };
     match tokio::time::timeout_at(deadline, &mut question.answer).await {
         Ok(Ok(Ok(suggestion))) => shared.deliver(suggestion),
         Ok(Ok(Err(problem))) => shared.fall_back(Arc::new(problem)),
         Ok(Err(_closed)) => {
             let reason = "the connection ended before the answer came".to_owned();
-            shared.fall_back(Arc::new(ClientError::Away {
-                url: shared.core.url.clone(),
-                reason,
-            }))
+            shared.fall_back(Arc::new(ClientError::Away { url: shared.core.url.clone(), reason }))
         }
         Err(_elapsed) => {
             let problem = Arc::new(shared.core.late("Suggest", limit));

@@ -15,10 +15,7 @@ pub(crate) struct BackOff {
 
 impl BackOff {
     pub(crate) fn new(options: &Options) -> Self {
-        Self {
-            min: options.back_off_min,
-            max: options.back_off_max,
-        }
+        Self { min: options.back_off_min, max: options.back_off_max }
     }
 
     /// The pause after so many failures in a row, with `chance` from 0 to 1.
@@ -41,25 +38,9 @@ mod tests {
     #[test]
     fn pauses_double_up_to_the_limit_and_vary_by_half() {
         let ms = Duration::from_millis;
-        let back_off = BackOff {
-            min: ms(50),
-            max: ms(1000),
-        };
-        let whole: Vec<_> = (1..=7)
-            .map(|failures| back_off.pause(failures, 1.0))
-            .collect();
-        assert_eq!(
-            whole,
-            [
-                ms(50),
-                ms(100),
-                ms(200),
-                ms(400),
-                ms(800),
-                ms(1000),
-                ms(1000)
-            ]
-        );
+        let back_off = BackOff { min: ms(50), max: ms(1000) };
+        let whole: Vec<_> = (1..=7).map(|failures| back_off.pause(failures, 1.0)).collect();
+        assert_eq!(whole, [ms(50), ms(100), ms(200), ms(400), ms(800), ms(1000), ms(1000)]);
         assert_eq!(back_off.pause(3, 0.0), ms(100));
         assert_eq!(back_off.pause(u32::MAX, 1.0), ms(1000));
     }

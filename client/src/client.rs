@@ -9,8 +9,8 @@ use crate::core::Core;
 use crate::link::Status;
 use crate::pages::{TrialPages, TrialQuery};
 use crate::{
-    Best, ClientError, Indicators, Options, PolicyChange, Prediction, Stats, Study, StudyRecord,
-    StudySpec, TrialRecord, delivery, limits, wire,
+    Best, ClientError, Indicators, Options, PolicyChange, Prediction, Stats, Study, StudyRecord, StudySpec,
+    TrialRecord, delivery, limits, wire,
 };
 
 /// A connection to the tuning service. Cheap to clone; clones share the connection, the outbox and the counts.
@@ -42,10 +42,8 @@ impl Client {
     /// Errors: [`ClientError::BadUrl`]; [`ClientError::Invalid`] for an option out of range;
     /// [`ClientError::NoRuntime`] outside a tokio runtime.
     pub fn connect(url: &str, options: Options) -> Result<Self, ClientError> {
-        let runtime =
-            tokio::runtime::Handle::try_current().map_err(|error| ClientError::NoRuntime {
-                reason: error.to_string(),
-            })?;
+        let runtime = tokio::runtime::Handle::try_current()
+            .map_err(|error| ClientError::NoRuntime { reason: error.to_string() })?;
         let core = Arc::new(Core::new(url, options)?);
         runtime.spawn(delivery::run(Arc::clone(&core)));
         let probing = Arc::clone(&core);
@@ -60,9 +58,7 @@ impl Client {
                 } => {}
             }
         });
-        let last_handle = Arc::new(LastHandle {
-            core: Arc::clone(&core),
-        });
+        let last_handle = Arc::new(LastHandle { core: Arc::clone(&core) });
         Ok(Self { core, last_handle })
     }
 
@@ -84,14 +80,7 @@ impl Client {
             }
             Err(problem) => return Err(problem),
         };
-        Ok(Study::new(
-            &self.core,
-            &self.last_handle,
-            &name,
-            spec,
-            known,
-            true,
-        ))
+        Ok(Study::new(&self.core, &self.last_handle, &name, spec, known, true))
     }
 
     /// A study that exists already. It is not created again when it is deleted meanwhile.
@@ -99,14 +88,7 @@ impl Client {
     /// Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn existing_study(&self, id: &str) -> Result<Study, ClientError> {
         let record = self.core.study_record(&study_name(id)).await?;
-        Ok(Study::new(
-            &self.core,
-            &self.last_handle,
-            &record.name,
-            record.spec,
-            true,
-            false,
-        ))
+        Ok(Study::new(&self.core, &self.last_handle, &record.name, record.spec, true, false))
     }
 
     /// The address the client was made with.
@@ -148,15 +130,9 @@ impl Client {
         let mut studies = Vec::new();
         let mut page_token = String::new();
         loop {
-            let request = v1::ListStudiesRequest {
-                page_size: limits::PAGE_SIZE,
-                page_token,
-            };
+            let request = v1::ListStudiesRequest { page_size: limits::PAGE_SIZE, page_token };
             let mut rpc = self.core.rpc();
-            let answer = self
-                .core
-                .admin("ListStudies", rpc.list_studies(request))
-                .await?;
+            let answer = self.core.admin("ListStudies", rpc.list_studies(request)).await?;
             for study in answer.studies {
                 studies.push(self.core.read_study("ListStudies", study)?);
             }
@@ -175,37 +151,23 @@ impl Client {
     /// Changes a stored study's policy, and nothing else.
     ///
     /// Errors: [`ClientError::Invalid`] for a change of nothing or out of range; [`ClientError::Refused`]; [`ClientError::Away`], [`ClientError::Late`].
-    pub async fn update_policy(
-        &self,
-        id: &str,
-        change: &PolicyChange,
-    ) -> Result<StudyRecord, ClientError> {
+    pub async fn update_policy(&self, id: &str, change: &PolicyChange) -> Result<StudyRecord, ClientError> {
         change.set.check()?;
         let paths = change.paths();
         if paths.is_empty() {
-            return Err(ClientError::invalid(
-                "policy",
-                "nothing to change; name at least one field",
-            ));
+            return Err(ClientError::invalid("policy", "nothing to change; name at least one field"));
         }
         let mut policy = wire::policy_to_wire(&change.set);
         if change.unpin {
             policy.pinned = None;
         }
-        let study = v1::Study {
-            name: study_name(id),
-            policy: Some(policy),
-            ..v1::Study::default()
-        };
+        let study = v1::Study { name: study_name(id), policy: Some(policy), ..v1::Study::default() };
         let request = v1::UpdateStudyRequest {
             study: Some(study),
             update_mask: Some(prost_types::FieldMask { paths }),
         };
         let mut rpc = self.core.rpc();
-        let study = self
-            .core
-            .admin("UpdateStudy", rpc.update_study(request))
-            .await?;
+        let study = self.core.admin("UpdateStudy", rpc.update_study(request)).await?;
         self.core.read_study("UpdateStudy", study)
     }
 
@@ -214,13 +176,9 @@ impl Client {
     /// A client that still works on a study that it specified itself creates it anew.
     /// Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn delete_study(&self, id: &str) -> Result<(), ClientError> {
-        let request = v1::DeleteStudyRequest {
-            name: study_name(id),
-        };
+        let request = v1::DeleteStudyRequest { name: study_name(id) };
         let mut rpc = self.core.rpc();
-        self.core
-            .admin("DeleteStudy", rpc.delete_study(request))
-            .await
+        self.core.admin("DeleteStudy", rpc.delete_study(request)).await
     }
 
     /// Reads trials. Nothing is asked before the first [`TrialPages::next`].
@@ -232,11 +190,7 @@ impl Client {
     /// See [`Study::predict`].
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
-    pub async fn predict(
-        &self,
-        study: &str,
-        indicators: &Indicators,
-    ) -> Result<Prediction, ClientError> {
+    pub async fn predict(&self, study: &str, indicators: &Indicators) -> Result<Prediction, ClientError> {
         self.core.predict(&study_name(study), indicators).await
     }
 
@@ -250,11 +204,7 @@ impl Client {
 
 /// Takes an id or a whole resource name.
 fn study_name(id: &str) -> String {
-    if id.starts_with("studies/") {
-        id.to_owned()
-    } else {
-        format!("studies/{id}")
-    }
+    if id.starts_with("studies/") { id.to_owned() } else { format!("studies/{id}") }
 }
 
 impl Core {
@@ -277,10 +227,8 @@ impl Core {
         spec: &StudySpec,
     ) -> Result<StudyRecord, ClientError> {
         let study_id = name.strip_prefix("studies/").unwrap_or(name).to_owned();
-        let request = v1::CreateStudyRequest {
-            study_id,
-            study: Some(wire::spec_to_wire(String::new(), spec)),
-        };
+        let request =
+            v1::CreateStudyRequest { study_id, study: Some(wire::spec_to_wire(String::new(), spec)) };
         let mut rpc = self.rpc();
         let study = self.admin("CreateStudy", rpc.create_study(request)).await?;
         self.read_study("CreateStudy", study)
@@ -288,14 +236,8 @@ impl Core {
 
     pub(crate) async fn study_record(&self, name: &str) -> Result<StudyRecord, ClientError> {
         let mut rpc = self.rpc();
-        let study = self
-            .admin(
-                "GetStudy",
-                rpc.get_study(v1::GetStudyRequest {
-                    name: name.to_owned(),
-                }),
-            )
-            .await?;
+        let study =
+            self.admin("GetStudy", rpc.get_study(v1::GetStudyRequest { name: name.to_owned() })).await?;
         self.read_study("GetStudy", study)
     }
 
@@ -304,33 +246,21 @@ impl Core {
         study: &str,
         indicators: &Indicators,
     ) -> Result<Prediction, ClientError> {
-        let request = v1::PredictRequest {
-            study: study.to_owned(),
-            indicators: indicators.0.clone(),
-        };
+        let request = v1::PredictRequest { study: study.to_owned(), indicators: indicators.0.clone() };
         let mut rpc = self.rpc();
         let prediction = self.admin("Predict", rpc.predict(request)).await?;
         wire::prediction_from_wire(prediction).map_err(|problem| self.malformed("Predict", problem))
     }
 
-    pub(crate) async fn best(
-        &self,
-        study: &str,
-        indicators: &Indicators,
-    ) -> Result<Best, ClientError> {
-        let request = v1::GetBestRequest {
-            study: study.to_owned(),
-            indicators: indicators.0.clone(),
-        };
+    pub(crate) async fn best(&self, study: &str, indicators: &Indicators) -> Result<Best, ClientError> {
+        let request = v1::GetBestRequest { study: study.to_owned(), indicators: indicators.0.clone() };
         let mut rpc = self.rpc();
         let best = self.admin("GetBest", rpc.get_best(request)).await?;
         wire::best_from_wire(best).map_err(|problem| self.malformed("GetBest", problem))
     }
 
     pub(crate) async fn extend_lease(&self, trial: &str) -> Result<TrialRecord, ClientError> {
-        let request = v1::ExtendLeaseRequest {
-            trial: trial.to_owned(),
-        };
+        let request = v1::ExtendLeaseRequest { trial: trial.to_owned() };
         let mut rpc = self.rpc();
         let trial = self.admin("ExtendLease", rpc.extend_lease(request)).await?;
         wire::trial_from_wire(trial).map_err(|problem| self.malformed("ExtendLease", problem))

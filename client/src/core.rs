@@ -47,8 +47,7 @@ impl Core {
 
     /// The generated client, on the shared connection.
     pub(crate) fn rpc(&self) -> TuningServiceClient<Channel> {
-        TuningServiceClient::new(self.channel.clone())
-            .max_decoding_message_size(limits::ANSWER_BYTES)
+        TuningServiceClient::new(self.channel.clone()).max_decoding_message_size(limits::ANSWER_BYTES)
     }
 
     pub(crate) fn back_off(&self) -> BackOff {
@@ -68,9 +67,7 @@ impl Core {
             Err(_) => Err(self.late(name, limit)),
         };
         match &result {
-            Err(problem) if problem.is_unreachable() => {
-                self.link.failure(Arc::new(problem.clone()))
-            }
+            Err(problem) if problem.is_unreachable() => self.link.failure(Arc::new(problem.clone())),
             Ok(_) | Err(_) => self.link.success(),
         }
         result
@@ -78,9 +75,7 @@ impl Core {
 
     /// Asks the daemon's health service whether it serves.
     pub(crate) async fn probe(&self, limit: Duration) -> Result<(), ClientError> {
-        let request = HealthCheckRequest {
-            service: String::new(),
-        };
+        let request = HealthCheckRequest { service: String::new() };
         let mut client = HealthClient::new(self.channel.clone());
         match tokio::time::timeout(limit, client.check(request)).await {
             Ok(Ok(response)) if response.get_ref().status() == ServingStatus::Serving => Ok(()),
@@ -90,10 +85,7 @@ impl Core {
             }),
             Ok(Err(status)) => match ClientError::from_status(&self.url, "Check", &status) {
                 // Somebody answers, without a health service: that is good enough to ask the real thing.
-                ClientError::Refused {
-                    code: tonic::Code::Unimplemented,
-                    ..
-                } => Ok(()),
+                ClientError::Refused { code: tonic::Code::Unimplemented, .. } => Ok(()),
                 problem => Err(problem),
             },
             Err(_) => Err(self.late("Check", limit)),
@@ -101,11 +93,7 @@ impl Core {
     }
 
     pub(crate) fn late(&self, call: &'static str, deadline: Duration) -> ClientError {
-        ClientError::Late {
-            url: self.url.clone(),
-            call,
-            deadline,
-        }
+        ClientError::Late { url: self.url.clone(), call, deadline }
     }
 
     pub(crate) fn malformed(&self, call: &'static str, problem: wire::Problem) -> ClientError {
@@ -133,25 +121,15 @@ impl Core {
         if quiet.is_ok() || waiting == 0 {
             return Ok(());
         }
-        let last = self
-            .link
-            .problem()
-            .map(|problem| problem.to_string())
-            .or_else(|| self.counters.last_error());
-        Err(ClientError::Unflushed {
-            waiting,
-            deadline,
-            last: last.unwrap_or_else(|| "none".into()),
-        })
+        let last =
+            self.link.problem().map(|problem| problem.to_string()).or_else(|| self.counters.last_error());
+        Err(ClientError::Unflushed { waiting, deadline, last: last.unwrap_or_else(|| "none".into()) })
     }
 }
 
 /// Checks more than the HTTP library does, which takes any word for an address.
 fn endpoint(url: &str) -> Result<Endpoint, ClientError> {
-    let bad = |reason: String| ClientError::BadUrl {
-        url: url.to_owned(),
-        reason,
-    };
+    let bad = |reason: String| ClientError::BadUrl { url: url.to_owned(), reason };
     let Some(rest) = url.strip_prefix("http://") else {
         let https = url.starts_with("https://");
         let reason = if https {
@@ -164,28 +142,19 @@ fn endpoint(url: &str) -> Result<Endpoint, ClientError> {
     if rest.is_empty() || rest.starts_with(['/', ':']) {
         return Err(bad("it names no host".into()));
     }
-    let endpoint = Endpoint::from_shared(url.to_owned())
-        .map_err(|error| bad(crate::error::innermost(&error)))?;
+    let endpoint =
+        Endpoint::from_shared(url.to_owned()).map_err(|error| bad(crate::error::innermost(&error)))?;
     let uri = endpoint.uri();
-    let port_is_missing_or_fits = uri
-        .authority()
-        .is_some_and(|all| !all.as_str().ends_with(':'))
-        && {
-            let after_host = uri.authority().map_or("", |all| {
-                &all.as_str()[all.as_str().rfind(']').unwrap_or(0)..]
-            });
-            after_host
-                .rsplit_once(':')
-                .is_none_or(|(_, port)| port.parse::<u16>().is_ok())
-        };
+    let port_is_missing_or_fits = uri.authority().is_some_and(|all| !all.as_str().ends_with(':')) && {
+        let after_host =
+            uri.authority().map_or("", |all| &all.as_str()[all.as_str().rfind(']').unwrap_or(0)..]);
+        after_host.rsplit_once(':').is_none_or(|(_, port)| port.parse::<u16>().is_ok())
+    };
     if !port_is_missing_or_fits {
         return Err(bad("its port is not a number from 1 to 65535".into()));
     }
     if !matches!(uri.path(), "" | "/") {
-        return Err(bad(format!(
-            "the path `{}` has no meaning here",
-            uri.path()
-        )));
+        return Err(bad(format!("the path `{}` has no meaning here", uri.path())));
     }
     Ok(endpoint)
 }
@@ -196,11 +165,7 @@ mod tests {
 
     #[test]
     fn addresses_are_checked() {
-        for good in [
-            "http://127.0.0.1:50611",
-            "http://[::1]:50611/",
-            "http://render-farm",
-        ] {
+        for good in ["http://127.0.0.1:50611", "http://[::1]:50611/", "http://render-farm"] {
             assert!(endpoint(good).is_ok(), "{good}");
         }
         for bad in [
@@ -215,10 +180,7 @@ mod tests {
             "http://x/y",
         ] {
             let error = endpoint(bad).err().map(|error| error.to_string());
-            assert!(
-                error.is_some_and(|text| text.contains("http://127.0.0.1:50611")),
-                "{bad}"
-            );
+            assert!(error.is_some_and(|text| text.contains("http://127.0.0.1:50611")), "{bad}");
         }
     }
 }

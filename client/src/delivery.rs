@@ -60,22 +60,13 @@ async fn send(core: &Core, item: &Item) -> Result<(), ClientError> {
             core.counters.sent.add(1);
             core.counters.resent.add(usize::from(item.attempts > 0));
             let request = report_request(&item.trial, measurements, outcome);
-            let response = core
-                .call("Report", limits::DELIVERY_ATTEMPT, rpc.report(request))
-                .await?;
+            let response = core.call("Report", limits::DELIVERY_ATTEMPT, rpc.report(request)).await?;
             core.counters.acknowledged.add(1);
-            core.counters
-                .duplicates
-                .add(usize::from(response.duplicate));
+            core.counters.duplicates.add(usize::from(response.duplicate));
         }
         Message::Abandon => {
             let request = v1::AbandonTrialRequest { trial };
-            core.call(
-                "AbandonTrial",
-                limits::DELIVERY_ATTEMPT,
-                rpc.abandon_trial(request),
-            )
-            .await?;
+            core.call("AbandonTrial", limits::DELIVERY_ATTEMPT, rpc.abandon_trial(request)).await?;
             core.counters.abandoned.add(1);
         }
     }
@@ -98,15 +89,11 @@ pub(crate) fn report_request(
 pub(crate) fn worth_repeating(problem: &ClientError, attempts: u32) -> bool {
     match problem {
         ClientError::Away { .. } | ClientError::Late { .. } => true,
-        ClientError::Refused {
-            code: Code::ResourceExhausted | Code::Aborted,
-            ..
-        } => true,
+        ClientError::Refused { code: Code::ResourceExhausted | Code::Aborted, .. } => true,
         // A defect of the daemon: it may pass, but must not hold up the queue for ever.
-        ClientError::Refused {
-            code: Code::Internal | Code::Unknown,
-            ..
-        } => attempts < limits::ATTEMPTS_AFTER_INTERNAL_ERROR,
+        ClientError::Refused { code: Code::Internal | Code::Unknown, .. } => {
+            attempts < limits::ATTEMPTS_AFTER_INTERNAL_ERROR
+        }
         _ => false,
     }
 }
@@ -117,32 +104,13 @@ mod tests {
 
     #[test]
     fn only_what_may_pass_is_repeated() {
-        let refused = |code| ClientError::Refused {
-            call: "Report",
-            code,
-            message: String::new(),
-        };
-        assert!(worth_repeating(
-            &ClientError::Away {
-                url: String::new(),
-                reason: String::new()
-            },
-            1_000_000
-        ));
-        assert!(worth_repeating(
-            &refused(Code::ResourceExhausted),
-            1_000_000
-        ));
+        let refused = |code| ClientError::Refused { call: "Report", code, message: String::new() };
+        assert!(worth_repeating(&ClientError::Away { url: String::new(), reason: String::new() }, 1_000_000));
+        assert!(worth_repeating(&refused(Code::ResourceExhausted), 1_000_000));
         assert!(
-            worth_repeating(&refused(Code::Internal), 7)
-                && !worth_repeating(&refused(Code::Internal), 8)
+            worth_repeating(&refused(Code::Internal), 7) && !worth_repeating(&refused(Code::Internal), 8)
         );
-        for code in [
-            Code::NotFound,
-            Code::InvalidArgument,
-            Code::FailedPrecondition,
-            Code::Unimplemented,
-        ] {
+        for code in [Code::NotFound, Code::InvalidArgument, Code::FailedPrecondition, Code::Unimplemented] {
             assert!(!worth_repeating(&refused(code), 1));
         }
     }

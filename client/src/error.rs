@@ -8,9 +8,7 @@ use std::time::Duration;
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum ClientError {
     /// The daemon's address is not a URL that can be connected to.
-    #[error(
-        "`{url}` is not an address of a daemon: {reason}; write it like http://127.0.0.1:50611"
-    )]
+    #[error("`{url}` is not an address of a daemon: {reason}; write it like http://127.0.0.1:50611")]
     BadUrl {
         /// As given by the caller.
         url: String,
@@ -19,9 +17,7 @@ pub enum ClientError {
     },
 
     /// The asynchronous client was used outside a tokio runtime, or its thread could not be started.
-    #[error(
-        "no tokio runtime: {reason}; use `treewright_client::blocking` in programs without one"
-    )]
+    #[error("no tokio runtime: {reason}; use `treewright_client::blocking` in programs without one")]
     NoRuntime {
         /// What was missing.
         reason: String,
@@ -129,29 +125,17 @@ impl ClientError {
     /// Whether the daemon said that the thing does not exist.
     #[must_use]
     pub fn is_not_found(&self) -> bool {
-        matches!(
-            self,
-            Self::Refused {
-                code: tonic::Code::NotFound,
-                ..
-            }
-        )
+        matches!(self, Self::Refused { code: tonic::Code::NotFound, .. })
     }
 
     pub(crate) fn invalid(what: impl Into<String>, problem: impl Into<String>) -> Self {
-        Self::Invalid {
-            what: what.into(),
-            problem: problem.into(),
-        }
+        Self::Invalid { what: what.into(), problem: problem.into() }
     }
 
     /// Sorts a gRPC status into "nobody there", "too late" and "refused".
     pub(crate) fn from_status(url: &str, call: &'static str, status: &tonic::Status) -> Self {
         use tonic::Code;
-        let away = |reason: String| Self::Away {
-            url: url.to_owned(),
-            reason,
-        };
+        let away = |reason: String| Self::Away { url: url.to_owned(), reason };
         // A status with a source was made on this side, out of a fault of the connection.
         if let Some(source) = std::error::Error::source(status) {
             return away(innermost(source));
@@ -161,11 +145,7 @@ impl ClientError {
             Code::DeadlineExceeded | Code::Cancelled => {
                 away(format!("{:?}: {}", status.code(), status.message()))
             }
-            code => Self::Refused {
-                call,
-                code,
-                message: status.message().to_owned(),
-            },
+            code => Self::Refused { call, code, message: status.message().to_owned() },
         }
     }
 }
@@ -185,8 +165,7 @@ mod tests {
 
     #[test]
     fn statuses_are_sorted_by_what_can_be_done_about_them() {
-        let error =
-            |status: tonic::Status| ClientError::from_status("http://x", "Suggest", &status);
+        let error = |status: tonic::Status| ClientError::from_status("http://x", "Suggest", &status);
         assert!(error(tonic::Status::unavailable("draining")).is_unreachable());
         assert!(error(tonic::Status::not_found("studies/x")).is_not_found());
         let refused = error(tonic::Status::invalid_argument("indicator a is not finite"));
@@ -199,11 +178,9 @@ mod tests {
 
     #[test]
     fn an_absent_daemon_is_named_with_the_remedy() {
-        let text = ClientError::Away {
-            url: "http://127.0.0.1:1".into(),
-            reason: "Connection refused".into(),
-        }
-        .to_string();
+        let text =
+            ClientError::Away { url: "http://127.0.0.1:1".into(), reason: "Connection refused".into() }
+                .to_string();
         assert!(
             text.contains("http://127.0.0.1:1")
                 && text.contains("Connection refused")

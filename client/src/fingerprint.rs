@@ -26,12 +26,7 @@ impl Fingerprint {
         let cpu_info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
         let threads = std::thread::available_parallelism()
             .map_or(0, |threads| threads.get().try_into().unwrap_or(u32::MAX));
-        Self {
-            cpu_model: cpu_model(&cpu_info),
-            isa: isa().to_owned(),
-            threads,
-            software: BTreeMap::new(),
-        }
+        Self { cpu_model: cpu_model(&cpu_info), isa: isa().to_owned(), threads, software: BTreeMap::new() }
     }
 
     /// Adds a piece of software that matters; further ones than 32 are left out.
@@ -96,9 +91,8 @@ mod tests {
 
     #[test]
     fn software_is_limited() {
-        let fingerprint = (0..40).fold(Fingerprint::detect(), |so_far, index| {
-            so_far.software(format!("s{index}"), "1")
-        });
+        let fingerprint =
+            (0..40).fold(Fingerprint::detect(), |so_far, index| so_far.software(format!("s{index}"), "1"));
         assert_eq!(fingerprint.software.len(), 32);
         assert!(fingerprint.threads >= 1);
     }

@@ -58,8 +58,7 @@ pub use outcome::Outcome;
 pub use pages::{TrialPages, TrialQuery};
 pub use policy::{Policy, PolicyChange, PredictorMethod, SearchMethod};
 pub use records::{
-    Best, Mode, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TrialRecord,
-    TrialState,
+    Best, Mode, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TrialRecord, TrialState,
 };
 pub use space::{Condition, Constraint, Domain, Parameter, Scale, Space};
 pub use space_builder::{

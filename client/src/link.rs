@@ -41,12 +41,7 @@ struct State {
 
 impl Link {
     pub(crate) fn new() -> Self {
-        Self {
-            state: watch::Sender::new(State {
-                status: Status::Unknown,
-                failures: 0,
-            }),
-        }
+        Self { state: watch::Sender::new(State { status: Status::Unknown, failures: 0 }) }
     }
 
     pub(crate) fn status(&self) -> Status {
@@ -65,10 +60,7 @@ impl Link {
     pub(crate) fn success(&self) {
         self.state.send_if_modified(|state| {
             let changes = state.failures > 0 || !matches!(state.status, Status::Connected);
-            *state = State {
-                status: Status::Connected,
-                failures: 0,
-            };
+            *state = State { status: Status::Connected, failures: 0 };
             changes
         });
     }
@@ -79,21 +71,14 @@ impl Link {
             if !matches!(state.status, Status::Away { .. }) {
                 state.failures = state.failures.saturating_add(1);
             }
-            state.status = Status::Away {
-                failures: state.failures,
-                problem,
-            };
+            state.status = Status::Away { failures: state.failures, problem };
         });
     }
 
     /// Waits until the daemon is worth asking.
     pub(crate) async fn wait_until_worth_asking(&self) {
         // The sender lives as long as `self`, so that waiting cannot fail.
-        let _ = self
-            .state
-            .subscribe()
-            .wait_for(|state| !matches!(state.status, Status::Away { .. }))
-            .await;
+        let _ = self.state.subscribe().wait_for(|state| !matches!(state.status, Status::Away { .. })).await;
     }
 
     /// Looks for the daemon whenever it is away, for ever.
@@ -105,11 +90,8 @@ impl Link {
             self.probed(probe().await);
         }
         loop {
-            let _ = self
-                .state
-                .subscribe()
-                .wait_for(|state| matches!(state.status, Status::Away { .. }))
-                .await;
+            let _ =
+                self.state.subscribe().wait_for(|state| matches!(state.status, Status::Away { .. })).await;
             let failures = self.state.borrow().failures;
             back_off.sleep(failures).await;
             if self.problem().is_some() {
@@ -123,10 +105,7 @@ impl Link {
             Ok(()) => state.status = Status::Connected,
             Err(problem) => {
                 state.failures = state.failures.saturating_add(1);
-                state.status = Status::Away {
-                    failures: state.failures,
-                    problem: Arc::new(problem),
-                };
+                state.status = Status::Away { failures: state.failures, problem: Arc::new(problem) };
             }
         });
     }
@@ -143,19 +122,12 @@ mod tests {
     use crate::Options;
 
     fn away() -> ClientError {
-        ClientError::Away {
-            url: "http://nowhere".into(),
-            reason: "refused".into(),
-        }
+        ClientError::Away { url: "http://nowhere".into(), reason: "refused".into() }
     }
 
     fn back_off() -> BackOff {
         let (back_off_min, back_off_max) = (Duration::from_secs(1), Duration::from_secs(16));
-        BackOff::new(&Options {
-            back_off_min,
-            back_off_max,
-            ..Options::default()
-        })
+        BackOff::new(&Options { back_off_min, back_off_max, ..Options::default() })
     }
 
     #[tokio::test(start_paused = true)]
@@ -165,11 +137,7 @@ mod tests {
         let times = std::sync::Mutex::new(Vec::new());
         let probe = async || {
             times.lock().unwrap().push(start.elapsed().as_secs_f64());
-            if times.lock().unwrap().len() < 8 {
-                Err(away())
-            } else {
-                Ok(())
-            }
+            if times.lock().unwrap().len() < 8 { Err(away()) } else { Ok(()) }
         };
         tokio::select! {
             () = link.keep_probing(back_off(), probe) => unreachable!("it never ends"),

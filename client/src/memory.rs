@@ -17,22 +17,14 @@ impl Memory {
     /// A configuration came from the daemon.
     pub(crate) fn remember(&mut self, configuration: &Configuration) {
         if !self.infeasible.contains(configuration) {
-            push(
-                &mut self.good,
-                configuration,
-                limits::REMEMBERED_CONFIGURATIONS,
-            );
+            push(&mut self.good, configuration, limits::REMEMBERED_CONFIGURATIONS);
         }
     }
 
     /// A configuration was reported infeasible.
     pub(crate) fn infeasible(&mut self, configuration: &Configuration) {
         self.good.retain(|other| other != configuration);
-        push(
-            &mut self.infeasible,
-            configuration,
-            limits::REMEMBERED_INFEASIBLE,
-        );
+        push(&mut self.infeasible, configuration, limits::REMEMBERED_INFEASIBLE);
     }
 
     /// A configuration was measured, so it works after all (in another state).

@@ -86,11 +86,7 @@ impl Measurements {
     /// Checks what the service would refuse. Errors: [`ClientError::Invalid`] naming the measurement.
     pub(crate) fn check(&self) -> Result<(), ClientError> {
         if self.len() > limits::MEASUREMENTS {
-            let problem = format!(
-                "{} of them; a report holds at most {}",
-                self.len(),
-                limits::MEASUREMENTS
-            );
+            let problem = format!("{} of them; a report holds at most {}", self.len(), limits::MEASUREMENTS);
             return Err(ClientError::invalid("measurements", problem));
         }
         for (name, value) in self.iter() {
@@ -110,9 +106,7 @@ impl Measurements {
 /// Names follow one rule everywhere: a letter, then letters, digits and `_`, all lower case.
 pub(crate) fn check_name(what: &str, name: &str) -> Result<(), ClientError> {
     let spelt = name.starts_with(|first: char| first.is_ascii_lowercase())
-        && name
-            .chars()
-            .all(|each| each.is_ascii_lowercase() || each.is_ascii_digit() || each == '_');
+        && name.chars().all(|each| each.is_ascii_lowercase() || each.is_ascii_digit() || each == '_');
     if spelt && name.len() <= limits::NAME_BYTES {
         return Ok(());
     }
@@ -129,21 +123,10 @@ mod tests {
 
     #[test]
     fn measurements_are_checked_before_they_are_sent() {
-        assert!(
-            Measurements::from([("build_ms", 0.0), ("render_ms", 12.5)])
-                .check()
-                .is_ok()
-        );
+        assert!(Measurements::from([("build_ms", 0.0), ("render_ms", 12.5)]).check().is_ok());
         for bad in [f64::NAN, f64::INFINITY, -1.0] {
-            let error = Measurements::new()
-                .with("render_ms", bad)
-                .check()
-                .unwrap_err()
-                .to_string();
-            assert!(
-                error.contains("render_ms") && error.contains("finite"),
-                "{error}"
-            );
+            let error = Measurements::new().with("render_ms", bad).check().unwrap_err().to_string();
+            assert!(error.contains("render_ms") && error.contains("finite"), "{error}");
         }
         assert!(Measurements::new().with("Render ms", 1.0).check().is_err());
         let many: Measurements = (0..65).map(|index| (format!("m{index}"), 1.0)).collect();

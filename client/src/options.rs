@@ -89,18 +89,11 @@ impl Options {
             || characters > limits::CLIENT_ID_CHARACTERS
             || self.client_id.chars().any(char::is_control)
         {
-            let problem = format!(
-                "it must have 1 to {} printable characters",
-                limits::CLIENT_ID_CHARACTERS
-            );
+            let problem = format!("it must have 1 to {} printable characters", limits::CLIENT_ID_CHARACTERS);
             return Err(ClientError::invalid("client id", problem));
         }
         if !(1..=limits::LARGEST_QUEUE).contains(&self.queue) {
-            let problem = format!(
-                "{} is not within 1 to {}",
-                self.queue,
-                limits::LARGEST_QUEUE
-            );
+            let problem = format!("{} is not within 1 to {}", self.queue, limits::LARGEST_QUEUE);
             return Err(ClientError::invalid("queue", problem));
         }
         if self.back_off_min.is_zero() || self.back_off_max < self.back_off_min {
@@ -117,29 +110,12 @@ impl Options {
 fn default_client_id() -> String {
     let program = std::env::current_exe()
         .ok()
-        .and_then(|path| {
-            path.file_stem()
-                .map(|stem| stem.to_string_lossy().into_owned())
-        })
+        .and_then(|path| path.file_stem().map(|stem| stem.to_string_lossy().into_owned()))
         .unwrap_or_else(|| "client".to_owned());
     let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    let machine = if machine.trim().is_empty() {
-        "machine"
-    } else {
-        machine.trim()
-    };
-    let short = |text: &str| {
-        text.chars()
-            .filter(|each| !each.is_control())
-            .take(50)
-            .collect::<String>()
-    };
-    format!(
-        "{}@{}-{}",
-        short(&program),
-        short(machine),
-        std::process::id()
-    )
+    let machine = if machine.trim().is_empty() { "machine" } else { machine.trim() };
+    let short = |text: &str| text.chars().filter(|each| !each.is_control()).take(50).collect::<String>();
+    format!("{}@{}-{}", short(&program), short(machine), std::process::id())
 }
 
 #[cfg(test)]

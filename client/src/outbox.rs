@@ -76,22 +76,14 @@ struct Held {
 
 impl Outbox {
     pub(crate) fn new(capacity: usize) -> Self {
-        Self {
-            state: watch::Sender::new(State::default()),
-            capacity,
-        }
+        Self { state: watch::Sender::new(State::default()), capacity }
     }
 
     /// Takes hold of a trial. False when it is being reported or given back, so that it is no longer ours.
     pub(crate) fn hold(&self, trial: &Arc<str>) -> bool {
         self.change(|state| {
-            state
-                .queue
-                .retain(|item| item.trial != *trial || item.message != Message::Abandon);
-            let leaving = state
-                .sending
-                .as_ref()
-                .is_some_and(|(_, sent)| sent == trial)
+            state.queue.retain(|item| item.trial != *trial || item.message != Message::Abandon);
+            let leaving = state.sending.as_ref().is_some_and(|(_, sent)| sent == trial)
                 || state.queue.iter().any(|item| item.trial == *trial)
                 || state.held.get(trial).is_some_and(|held| held.reported);
             if !leaving {
@@ -126,15 +118,7 @@ impl Outbox {
                 return Lost::default();
             }
             let (study, trial) = (Arc::clone(study), Arc::clone(trial));
-            state.put(
-                Item {
-                    study,
-                    trial,
-                    message: Message::Abandon,
-                    attempts: 0,
-                },
-                self.capacity,
-            )
+            state.put(Item { study, trial, message: Message::Abandon, attempts: 0 }, self.capacity)
         })
     }
 
@@ -150,14 +134,10 @@ impl Outbox {
         loop {
             let over = |state: &State| state.phase != Phase::Open && state.answers_due == 0;
             // The sender lives as long as `self`, so that waiting cannot fail.
-            let _ = changes
-                .wait_for(|state| !state.queue.is_empty() || over(state))
-                .await;
+            let _ = changes.wait_for(|state| !state.queue.is_empty() || over(state)).await;
             let (item, over) = self.change(|state| {
                 let item = state.queue.pop_front();
-                state.sending = item
-                    .as_ref()
-                    .map(|item| (Arc::clone(&item.study), Arc::clone(&item.trial)));
+                state.sending = item.as_ref().map(|item| (Arc::clone(&item.study), Arc::clone(&item.trial)));
                 (item, over(state))
             });
             if item.is_some() || over {
@@ -175,8 +155,7 @@ impl Outbox {
     pub(crate) fn put_back(&self, item: Item) -> Lost {
         self.change(|state| {
             state.sending = None;
-            let taken_up_again =
-                item.message == Message::Abandon && state.held.contains_key(&item.trial);
+            let taken_up_again = item.message == Message::Abandon && state.held.contains_key(&item.trial);
             if taken_up_again {
                 return Lost::default();
             }
@@ -192,21 +171,14 @@ impl Outbox {
     pub(crate) async fn wait_until_told(&self, study: &str) {
         let told = |state: &State| {
             state.queue.iter().all(|item| &*item.study != study)
-                && state
-                    .sending
-                    .as_ref()
-                    .is_none_or(|(sent, _)| &**sent != study)
+                && state.sending.as_ref().is_none_or(|(sent, _)| &**sent != study)
         };
         let _ = self.state.subscribe().wait_for(told).await;
     }
 
     /// Waits until nothing is queued or on its way and no answer is due.
     pub(crate) async fn wait_until_quiet(&self) {
-        let _ = self
-            .state
-            .subscribe()
-            .wait_for(|state| state.waiting() == 0 && state.answers_due == 0)
-            .await;
+        let _ = self.state.subscribe().wait_for(|state| state.waiting() == 0 && state.answers_due == 0).await;
     }
 
     /// Reports and abandoned trials that are not acknowledged.
@@ -220,10 +192,7 @@ impl Outbox {
             state.answers_due += 1;
             state.reports_on_streams += usize::from(with_report);
         });
-        AnswerDue {
-            outbox: Arc::clone(self),
-            with_report,
-        }
+        AnswerDue { outbox: Arc::clone(self), with_report }
     }
 
     /// No handle is left: what is queued is sent, then no more.
@@ -237,11 +206,7 @@ impl Outbox {
 
     /// Waits until [`Outbox::close`] was called.
     pub(crate) async fn closing(&self) {
-        let _ = self
-            .state
-            .subscribe()
-            .wait_for(|state| state.phase != Phase::Open)
-            .await;
+        let _ = self.state.subscribe().wait_for(|state| state.phase != Phase::Open).await;
     }
 
     /// Sends nothing any more. Tells what was still waiting.
@@ -249,11 +214,7 @@ impl Outbox {
         self.change(|state| {
             state.phase = Phase::Closed;
             state.sending = None;
-            state
-                .queue
-                .drain(..)
-                .map(|item| Lost::of(&item))
-                .fold(Lost::default(), Lost::and)
+            state.queue.drain(..).map(|item| Lost::of(&item)).fold(Lost::default(), Lost::and)
         })
     }
 
@@ -273,10 +234,7 @@ impl State {
         }
         let mut lost = Lost::default();
         if self.queue.len() >= capacity {
-            let abandon = self
-                .queue
-                .iter()
-                .position(|other| other.message == Message::Abandon);
+            let abandon = self.queue.iter().position(|other| other.message == Message::Abandon);
             if abandon.is_none() && item.message == Message::Abandon {
                 return Lost::of(&item);
             }
@@ -296,22 +254,13 @@ impl State {
 impl Lost {
     pub(crate) fn of(item: &Item) -> Self {
         match item.message {
-            Message::Report(..) => Self {
-                reports: 1,
-                abandons: 0,
-            },
-            Message::Abandon => Self {
-                reports: 0,
-                abandons: 1,
-            },
+            Message::Report(..) => Self { reports: 1, abandons: 0 },
+            Message::Abandon => Self { reports: 0, abandons: 1 },
         }
     }
 
     pub(crate) fn and(self, other: Self) -> Self {
-        Self {
-            reports: self.reports + other.reports,
-            abandons: self.abandons + other.abandons,
-        }
+        Self { reports: self.reports + other.reports, abandons: self.abandons + other.abandons }
     }
 }
 
@@ -341,22 +290,11 @@ mod tests {
 
     fn report(trial: &str) -> Item {
         let message = Message::Report(Measurements::from([("render_ms", 1.0)]), Outcome::Ok);
-        Item {
-            study: name("s"),
-            trial: name(trial),
-            message,
-            attempts: 0,
-        }
+        Item { study: name("s"), trial: name(trial), message, attempts: 0 }
     }
 
     fn queued(outbox: &Outbox) -> Vec<String> {
-        outbox
-            .state
-            .borrow()
-            .queue
-            .iter()
-            .map(|item| item.trial.to_string())
-            .collect()
+        outbox.state.borrow().queue.iter().map(|item| item.trial.to_string()).collect()
     }
 
     #[test]
@@ -365,43 +303,13 @@ mod tests {
         assert!(outbox.hold(&name("a")));
         assert_eq!(outbox.release(&name("s"), &name("a")), Lost::default());
         assert_eq!(outbox.report(report("b")), Lost::default());
-        assert_eq!(
-            outbox.report(report("c")),
-            Lost {
-                reports: 0,
-                abandons: 1
-            }
-        );
-        assert_eq!(
-            outbox.report(report("d")),
-            Lost {
-                reports: 1,
-                abandons: 0
-            }
-        );
+        assert_eq!(outbox.report(report("c")), Lost { reports: 0, abandons: 1 });
+        assert_eq!(outbox.report(report("d")), Lost { reports: 1, abandons: 0 });
         assert_eq!(queued(&outbox), ["c", "d"]);
         assert!(outbox.hold(&name("e")));
-        assert_eq!(
-            outbox.release(&name("s"), &name("e")),
-            Lost {
-                reports: 0,
-                abandons: 1
-            }
-        );
-        assert_eq!(
-            outbox.give_up(),
-            Lost {
-                reports: 2,
-                abandons: 0
-            }
-        );
-        assert_eq!(
-            outbox.report(report("f")),
-            Lost {
-                reports: 1,
-                abandons: 0
-            }
-        );
+        assert_eq!(outbox.release(&name("s"), &name("e")), Lost { reports: 0, abandons: 1 });
+        assert_eq!(outbox.give_up(), Lost { reports: 2, abandons: 0 });
+        assert_eq!(outbox.report(report("f")), Lost { reports: 1, abandons: 0 });
     }
 
     #[test]

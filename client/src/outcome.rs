@@ -31,9 +31,7 @@ impl Outcome {
     /// The configuration cannot work here.
     #[must_use]
     pub fn infeasible(reason: impl Into<String>) -> Self {
-        Self::Infeasible {
-            reason: cut(reason.into()),
-        }
+        Self::Infeasible { reason: cut(reason.into()) }
     }
 
     /// Stopped early; the objective is at least `lower_bound`.
@@ -45,9 +43,7 @@ impl Outcome {
     /// The client failed for a reason that says nothing about the configuration.
     #[must_use]
     pub fn failed(reason: impl Into<String>) -> Self {
-        Self::Failed {
-            reason: cut(reason.into()),
-        }
+        Self::Failed { reason: cut(reason.into()) }
     }
 
     /// Checks what the service would refuse.
@@ -58,25 +54,17 @@ impl Outcome {
     ) -> Result<(), ClientError> {
         measurements.check()?;
         match self {
-            Self::Ok => match objective
-                .iter()
-                .find(|term| measurements.get(&term.metric).is_none())
-            {
+            Self::Ok => match objective.iter().find(|term| measurements.get(&term.metric).is_none()) {
                 Some(term) => {
-                    let problem = "it is part of the objective and missing; measure it, or report another outcome";
-                    Err(ClientError::invalid(
-                        format!("measurement `{}`", term.metric),
-                        problem,
-                    ))
+                    let problem =
+                        "it is part of the objective and missing; measure it, or report another outcome";
+                    Err(ClientError::invalid(format!("measurement `{}`", term.metric), problem))
                 }
                 None => Ok(()),
             },
             Self::Aborted { lower_bound } if !(lower_bound.is_finite() && *lower_bound >= 0.0) => {
                 let problem = format!("{lower_bound} is not a finite number of at least 0");
-                Err(ClientError::invalid(
-                    "lower bound of an aborted trial",
-                    problem,
-                ))
+                Err(ClientError::invalid("lower bound of an aborted trial", problem))
             }
             Self::Aborted { .. } | Self::Infeasible { .. } | Self::Failed { .. } => Ok(()),
         }
@@ -97,38 +85,18 @@ mod tests {
 
     #[test]
     fn an_outcome_needs_its_numbers() {
-        let objective = [ObjectiveTerm {
-            metric: "render_ms".into(),
-            weight: 1.0,
-        }];
+        let objective = [ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }];
         let nothing = Measurements::new();
-        let problem = Outcome::Ok
-            .check(&nothing, &objective)
-            .unwrap_err()
-            .to_string();
+        let problem = Outcome::Ok.check(&nothing, &objective).unwrap_err().to_string();
         assert!(problem.contains("render_ms"), "{problem}");
-        assert!(
-            Outcome::Ok
-                .check(&Measurements::from([("render_ms", 1.0)]), &objective)
-                .is_ok()
-        );
-        assert!(
-            Outcome::infeasible("depth limit reached")
-                .check(&nothing, &objective)
-                .is_ok()
-        );
-        assert!(
-            Outcome::aborted(f64::NAN)
-                .check(&nothing, &objective)
-                .is_err()
-        );
+        assert!(Outcome::Ok.check(&Measurements::from([("render_ms", 1.0)]), &objective).is_ok());
+        assert!(Outcome::infeasible("depth limit reached").check(&nothing, &objective).is_ok());
+        assert!(Outcome::aborted(f64::NAN).check(&nothing, &objective).is_err());
     }
 
     #[test]
     fn long_reasons_are_cut_between_characters() {
-        let Outcome::Failed { reason } = Outcome::failed("é".repeat(1500)) else {
-            unreachable!()
-        };
+        let Outcome::Failed { reason } = Outcome::failed("é".repeat(1500)) else { unreachable!() };
         assert_eq!(reason.chars().count(), 1000);
     }
 }

@@ -53,19 +53,9 @@ impl TrialPages {
     pub(crate) fn new(core: Arc<Core>, study: String, query: TrialQuery) -> Self {
         let TrialQuery { filter, order_by } = query;
         let page_size = limits::PAGE_SIZE;
-        let request = v1::QueryTrialsRequest {
-            study,
-            filter,
-            order_by,
-            page_size,
-            page_token: String::new(),
-        };
-        Self {
-            core,
-            request,
-            page: VecDeque::new(),
-            last_page: false,
-        }
+        let request =
+            v1::QueryTrialsRequest { study, filter, order_by, page_size, page_token: String::new() };
+        Self { core, request, page: VecDeque::new(), last_page: false }
     }
 
     /// The next trial; `None` after the last.
@@ -76,10 +66,7 @@ impl TrialPages {
         while self.page.is_empty() && !self.last_page {
             let mut rpc = self.core.rpc();
             let limit = self.core.options.call_deadline;
-            let answer = self
-                .core
-                .call("QueryTrials", limit, rpc.query_trials(self.request.clone()))
-                .await?;
+            let answer = self.core.call("QueryTrials", limit, rpc.query_trials(self.request.clone())).await?;
             self.last_page = answer.next_page_token.is_empty();
             self.request.page_token = answer.next_page_token;
             self.page = answer.trials.into();

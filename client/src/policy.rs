@@ -142,19 +142,13 @@ impl PolicyChange {
     /// Replaces the fields that are `Some`.
     #[must_use]
     pub fn set(policy: Policy) -> Self {
-        Self {
-            set: policy,
-            unpin: false,
-        }
+        Self { set: policy, unpin: false }
     }
 
     /// Clears the pinned configuration.
     #[must_use]
     pub fn unpin() -> Self {
-        Self {
-            set: Policy::default(),
-            unpin: true,
-        }
+        Self { set: Policy::default(), unpin: true }
     }
 
     /// The fields that change, as paths of the wire contract's field mask.
@@ -202,13 +196,6 @@ mod tests {
                 .is_ok()
         );
         assert!(Policy::new().epsilon(f64::NAN).check().is_err());
-        assert!(
-            Policy::new()
-                .lease_s(0)
-                .check()
-                .unwrap_err()
-                .to_string()
-                .contains("lease_s")
-        );
+        assert!(Policy::new().lease_s(0).check().unwrap_err().to_string().contains("lease_s"));
     }
 }

@@ -104,9 +104,7 @@ impl TrialRecord {
     /// The number at the end of the name; `None` when the name has another form.
     #[must_use]
     pub fn number(&self) -> Option<u64> {
-        self.name
-            .rsplit_once('/')
-            .and_then(|(_, number)| number.parse().ok())
+        self.name.rsplit_once('/').and_then(|(_, number)| number.parse().ok())
     }
 }
 
@@ -180,10 +178,7 @@ pub struct Best {
 
 /// Times are written as RFC 3339 text.
 #[allow(clippy::ref_option)] // serde hands over a reference to the field
-fn time_as_text<S: Serializer>(
-    time: &Option<SystemTime>,
-    serializer: S,
-) -> Result<S::Ok, S::Error> {
+fn time_as_text<S: Serializer>(time: &Option<SystemTime>, serializer: S) -> Result<S::Ok, S::Error> {
     match time {
         Some(time) => serializer.collect_str(&humantime::format_rfc3339_millis(*time)),
         None => serializer.serialize_none(),

@@ -123,19 +123,11 @@ impl Space {
     /// Errors: [`ClientError::Invalid`] naming a value that is unknown, inactive or outside its domain, or
     /// the constraint that is broken.
     pub fn complete(&self, some: &Configuration) -> Result<Configuration, ClientError> {
-        if let Some((name, _)) = some
-            .iter()
-            .find(|(name, _)| self.parameters.iter().all(|known| known.name != *name))
+        if let Some((name, _)) =
+            some.iter().find(|(name, _)| self.parameters.iter().all(|known| known.name != *name))
         {
-            let known: Vec<_> = self
-                .parameters
-                .iter()
-                .map(|parameter| parameter.name.as_str())
-                .collect();
-            let problem = format!(
-                "there is no such parameter; the space has {}",
-                known.join(", ")
-            );
+            let known: Vec<_> = self.parameters.iter().map(|parameter| parameter.name.as_str()).collect();
+            let problem = format!("there is no such parameter; the space has {}", known.join(", "));
             return Err(ClientError::invalid(format!("parameter `{name}`"), problem));
         }
         let mut whole = Configuration::new();
@@ -156,27 +148,18 @@ impl Space {
                 (Some(value), _) => value.clone(),
             };
             if !parameter.domain.contains(&value) {
-                return Err(ClientError::invalid(
-                    what(),
-                    format!("{value} is not {}", parameter.domain),
-                ));
+                return Err(ClientError::invalid(what(), format!("{value} is not {}", parameter.domain)));
             }
             whole.set(parameter.name.clone(), value);
         }
         match self.broken_constraint(&whole) {
-            Some((broken, problem)) => Err(ClientError::invalid(
-                format!("constraint {broken}"),
-                problem,
-            )),
+            Some((broken, problem)) => Err(ClientError::invalid(format!("constraint {broken}"), problem)),
             None => Ok(whole),
         }
     }
 
     /// The first constraint that a configuration breaks, with its two values.
-    pub(crate) fn broken_constraint(
-        &self,
-        configuration: &Configuration,
-    ) -> Option<(&Constraint, String)> {
+    pub(crate) fn broken_constraint(&self, configuration: &Configuration) -> Option<(&Constraint, String)> {
         let number = |name: &str| match configuration.get(name) {
             #[allow(clippy::cast_precision_loss)] // integers are at most 2^53
             Some(Value::Integer(value)) => Some(*value as f64),
@@ -194,9 +177,7 @@ impl Parameter {
     /// Whether the parameter exists beside these values of earlier parameters.
     fn is_active_in(&self, earlier: &Configuration) -> bool {
         self.active_if.as_ref().is_none_or(|condition| {
-            earlier
-                .get(&condition.parameter)
-                .is_some_and(|value| condition.any_of.contains(value))
+            earlier.get(&condition.parameter).is_some_and(|value| condition.any_of.contains(value))
         })
     }
 }
@@ -210,11 +191,7 @@ impl fmt::Display for Constraint {
 impl fmt::Display for Domain {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let log = |scale: &Scale| {
-            if *scale == Scale::Log {
-                ", log scale"
-            } else {
-                ""
-            }
+            if *scale == Scale::Log { ", log scale" } else { "" }
         };
         match self {
             Self::Integer { min, max, scale } => {
@@ -252,10 +229,7 @@ mod tests {
             space("sah").default_configuration(),
             Configuration::new().with("split", "sah").with("bins", 16)
         );
-        assert_eq!(
-            space("median").default_configuration(),
-            Configuration::new().with("split", "median")
-        );
+        assert_eq!(space("median").default_configuration(), Configuration::new().with("split", "median"));
     }
 
     #[test]
@@ -273,30 +247,20 @@ mod tests {
             .less_or_equal("low", "high")
             .build()
             .unwrap();
-        let whole = space
-            .complete(&Configuration::new().with("cost", 2))
-            .unwrap();
+        let whole = space.complete(&Configuration::new().with("cost", 2)).unwrap();
         assert_eq!(whole.to_string(), "cost=2.0 high=5 low=1 split=sah");
-        let whole = space
-            .complete(&Configuration::new().with("split", "median"))
-            .unwrap();
+        let whole = space.complete(&Configuration::new().with("split", "median")).unwrap();
         assert_eq!(whole.get("cost"), None);
         let problem = |some: Configuration| space.complete(&some).unwrap_err().to_string();
         assert!(
-            problem(Configuration::new().with("colour", 1))
-                .contains("the space has split, cost, low, high")
+            problem(Configuration::new().with("colour", 1)).contains("the space has split, cost, low, high")
         );
         assert!(
-            problem(Configuration::new().with("low", 10))
-                .contains("10 is not a whole number from 1 to 9")
+            problem(Configuration::new().with("low", 10)).contains("10 is not a whole number from 1 to 9")
         );
+        assert!(problem(Configuration::new().with("low", 6)).contains("low <= high: it is broken: 6 > 5"));
         assert!(
-            problem(Configuration::new().with("low", 6))
-                .contains("low <= high: it is broken: 6 > 5")
-        );
-        assert!(
-            problem(Configuration::new().with("split", "median").with("cost", 1))
-                .contains("leave it out")
+            problem(Configuration::new().with("split", "median").with("cost", 1)).contains("leave it out")
         );
     }
 }

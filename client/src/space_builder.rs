@@ -59,11 +59,7 @@ impl SpaceBuilder {
     /// A space without parameters.
     #[must_use]
     pub fn new() -> Self {
-        Self {
-            parameters: Vec::new(),
-            constraints: Vec::new(),
-            last: PhantomData,
-        }
+        Self { parameters: Vec::new(), constraints: Vec::new(), last: PhantomData }
     }
 }
 
@@ -71,27 +67,13 @@ impl<Last> SpaceBuilder<Last> {
     /// A whole number in a range, both ends included.
     #[must_use]
     pub fn integer(self, name: &str, range: RangeInclusive<i64>) -> SpaceBuilder<IntegerParameter> {
-        self.parameter(
-            name,
-            Domain::Integer {
-                min: *range.start(),
-                max: *range.end(),
-                scale: Scale::Linear,
-            },
-        )
+        self.parameter(name, Domain::Integer { min: *range.start(), max: *range.end(), scale: Scale::Linear })
     }
 
     /// A number in a range, both ends included.
     #[must_use]
     pub fn float(self, name: &str, range: RangeInclusive<f64>) -> SpaceBuilder<FloatParameter> {
-        self.parameter(
-            name,
-            Domain::Float {
-                min: *range.start(),
-                max: *range.end(),
-                scale: Scale::Linear,
-            },
-        )
+        self.parameter(name, Domain::Float { min: *range.start(), max: *range.end(), scale: Scale::Linear })
     }
 
     /// `false` or `true`.
@@ -107,21 +89,13 @@ impl<Last> SpaceBuilder<Last> {
         name: &str,
         values: impl IntoIterator<Item = V>,
     ) -> SpaceBuilder<CategoricalParameter> {
-        self.parameter(
-            name,
-            Domain::Categorical {
-                values: values.into_iter().map(Into::into).collect(),
-            },
-        )
+        self.parameter(name, Domain::Categorical { values: values.into_iter().map(Into::into).collect() })
     }
 
     /// Every configuration has `lesser <= greater`.
     #[must_use]
     pub fn less_or_equal(mut self, lesser: &str, greater: &str) -> SpaceBuilder {
-        self.constraints.push(Constraint {
-            lesser: lesser.to_owned(),
-            greater: greater.to_owned(),
-        });
+        self.constraints.push(Constraint { lesser: lesser.to_owned(), greater: greater.to_owned() });
         self.turn()
     }
 
@@ -130,19 +104,13 @@ impl<Last> SpaceBuilder<Last> {
     /// Errors: [`ClientError::Invalid`] names the first parameter or constraint that the service would refuse.
     pub fn build(self) -> Result<Space, ClientError> {
         if self.parameters.is_empty() || self.parameters.len() > limits::PARAMETERS {
-            let problem = format!(
-                "{} parameters; there must be 1 to {}",
-                self.parameters.len(),
-                limits::PARAMETERS
-            );
+            let problem =
+                format!("{} parameters; there must be 1 to {}", self.parameters.len(), limits::PARAMETERS);
             return Err(ClientError::invalid("space", problem));
         }
         if self.constraints.len() > limits::CONSTRAINTS {
-            let problem = format!(
-                "{} constraints; the limit is {}",
-                self.constraints.len(),
-                limits::CONSTRAINTS
-            );
+            let problem =
+                format!("{} constraints; the limit is {}", self.constraints.len(), limits::CONSTRAINTS);
             return Err(ClientError::invalid("space", problem));
         }
         let mut parameters: Vec<Parameter> = Vec::with_capacity(self.parameters.len());
@@ -150,30 +118,18 @@ impl<Last> SpaceBuilder<Last> {
             let parameter = draft.finish(&parameters)?;
             parameters.push(parameter);
         }
-        let space = Space {
-            parameters,
-            constraints: self.constraints,
-        };
+        let space = Space { parameters, constraints: self.constraints };
         check_constraints(&space)?;
         Ok(space)
     }
 
     fn parameter<Next>(mut self, name: &str, domain: Domain) -> SpaceBuilder<Next> {
-        self.parameters.push(Draft {
-            name: name.to_owned(),
-            domain,
-            default: None,
-            active_if: None,
-        });
+        self.parameters.push(Draft { name: name.to_owned(), domain, default: None, active_if: None });
         self.turn()
     }
 
     fn turn<Next>(self) -> SpaceBuilder<Next> {
-        SpaceBuilder {
-            parameters: self.parameters,
-            constraints: self.constraints,
-            last: PhantomData,
-        }
+        SpaceBuilder { parameters: self.parameters, constraints: self.constraints, last: PhantomData }
     }
 
     fn change_last(mut self, change: impl FnOnce(&mut Draft)) -> Self {
@@ -201,10 +157,7 @@ macro_rules! of_a_parameter {
                 any_of: impl IntoIterator<Item = V>,
             ) -> Self {
                 let any_of = any_of.into_iter().map(Into::into).collect();
-                let condition = Condition {
-                    parameter: parameter.to_owned(),
-                    any_of,
-                };
+                let condition = Condition { parameter: parameter.to_owned(), any_of };
                 self.change_last(|last| last.active_if = Some(condition))
             }
         }
@@ -223,9 +176,7 @@ macro_rules! scaled {
             #[must_use]
             pub fn log(self) -> Self {
                 self.change_last(|last| match &mut last.domain {
-                    Domain::Integer { scale, .. } | Domain::Float { scale, .. } => {
-                        *scale = Scale::Log
-                    }
+                    Domain::Integer { scale, .. } | Domain::Float { scale, .. } => *scale = Scale::Log,
                     Domain::Categorical { .. } | Domain::Boolean => {}
                 })
             }
@@ -254,10 +205,7 @@ impl Draft {
             return invalid(format!("the default {default} lies outside its domain"));
         }
         if let Some(condition) = &self.active_if {
-            let Some(other) = earlier
-                .iter()
-                .find(|other| other.name == condition.parameter)
-            else {
+            let Some(other) = earlier.iter().find(|other| other.name == condition.parameter) else {
                 return invalid(format!(
                     "it depends on `{}`, which is not an earlier parameter",
                     condition.parameter
@@ -269,23 +217,11 @@ impl Draft {
                     other.name
                 ));
             }
-            if let Some(value) = condition
-                .any_of
-                .iter()
-                .find(|value| !other.domain.contains(value))
-            {
-                return invalid(format!(
-                    "it depends on `{}` being {value}, which that never is",
-                    other.name
-                ));
+            if let Some(value) = condition.any_of.iter().find(|value| !other.domain.contains(value)) {
+                return invalid(format!("it depends on `{}` being {value}, which that never is", other.name));
             }
         }
-        Ok(Parameter {
-            name: self.name,
-            domain: self.domain,
-            default,
-            active_if: self.active_if,
-        })
+        Ok(Parameter { name: self.name, domain: self.domain, default, active_if: self.active_if })
     }
 }
 
@@ -333,11 +269,7 @@ impl Domain {
 
 fn categorical_problem(values: &[Value]) -> Option<String> {
     if values.is_empty() || values.len() > limits::CATEGORICAL_VALUES {
-        return Some(format!(
-            "{} values; there must be 1 to {}",
-            values.len(),
-            limits::CATEGORICAL_VALUES
-        ));
+        return Some(format!("{} values; there must be 1 to {}", values.len(), limits::CATEGORICAL_VALUES));
     }
     for (index, value) in values.iter().enumerate() {
         if matches!(value, Value::Boolean(_)) {
@@ -363,10 +295,7 @@ fn check_constraints(space: &Space) -> Result<(), ClientError> {
         for name in [lesser, greater] {
             let numeric = space.parameters.iter().any(|parameter| {
                 parameter.name == *name
-                    && matches!(
-                        parameter.domain,
-                        Domain::Integer { .. } | Domain::Float { .. }
-                    )
+                    && matches!(parameter.domain, Domain::Integer { .. } | Domain::Float { .. })
             });
             if !numeric {
                 return Err(ClientError::invalid(
@@ -376,17 +305,13 @@ fn check_constraints(space: &Space) -> Result<(), ClientError> {
             }
         }
         if lesser == greater {
-            return Err(ClientError::invalid(
-                what,
-                "it compares a parameter with itself",
-            ));
+            return Err(ClientError::invalid(what, "it compares a parameter with itself"));
         }
     }
     match space.broken_constraint(&space.default_configuration()) {
-        Some((broken, problem)) => Err(ClientError::invalid(
-            format!("constraint {broken}"),
-            format!("with the defaults {problem}"),
-        )),
+        Some((broken, problem)) => {
+            Err(ClientError::invalid(format!("constraint {broken}"), format!("with the defaults {problem}")))
+        }
         None => Ok(()),
     }
 }
@@ -409,18 +334,10 @@ mod tests {
         assert!(problem(new().integer("depth", 0..=2).default(1).log()).contains("log scale"));
         assert!(problem(new().float("cost", 0.0..=f64::NAN).default(0.0)).contains("finite"));
         assert!(problem(new().categorical("split", ["a", "a"]).default("a")).contains("twice"));
-        assert!(
-            problem(new().boolean("x").default(true).boolean("x").default(true)).contains("taken")
-        );
+        assert!(problem(new().boolean("x").default(true).boolean("x").default(true)).contains("taken"));
         assert!(problem(new().boolean("x").default(true).active_if("y", [true])).contains("`y`"));
-        let twice = new()
-            .integer("low", 1..=9)
-            .default(5)
-            .integer("high", 1..=9)
-            .default(4);
+        let twice = new().integer("low", 1..=9).default(5).integer("high", 1..=9).default(4);
         assert!(problem(twice.less_or_equal("low", "high")).contains("5 > 4"));
-        assert!(
-            problem(new().boolean("x").default(true).less_or_equal("x", "y")).contains("numeric")
-        );
+        assert!(problem(new().boolean("x").default(true).less_or_equal("x", "y")).contains("numeric"));
     }
 }

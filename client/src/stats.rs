@@ -63,17 +63,11 @@ counted! {
 
 impl Counters {
     pub(crate) fn note(&self, problem: impl ToString) {
-        *self
-            .last_error
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner) = Some(problem.to_string());
+        *self.last_error.lock().unwrap_or_else(PoisonError::into_inner) = Some(problem.to_string());
     }
 
     pub(crate) fn last_error(&self) -> Option<String> {
-        self.last_error
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone()
+        self.last_error.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 

@@ -29,10 +29,7 @@ pub(crate) struct Frame {
 /// Serves a tuner until it is dropped, over as many streams as it takes.
 pub(crate) async fn run(shared: Arc<Shared>, mut frames: mpsc::Receiver<Frame>) {
     while let Some(first) = frames.recv().await {
-        let mut stream = Stream {
-            shared: &shared,
-            waiting: VecDeque::new(),
-        };
+        let mut stream = Stream { shared: &shared, waiting: VecDeque::new() };
         if let Err(problem) = stream.serve(first, &mut frames).await {
             tracing::debug!(%problem, "the stream broke");
             stream.shared.core.counters.note(&problem);
@@ -52,11 +49,7 @@ struct Stream<'a> {
 
 impl Stream<'_> {
     /// Opens the stream with the first frame and serves it until the tuner is gone or the stream breaks.
-    async fn serve(
-        &mut self,
-        first: Frame,
-        frames: &mut mpsc::Receiver<Frame>,
-    ) -> Result<(), ClientError> {
+    async fn serve(&mut self, first: Frame, frames: &mut mpsc::Receiver<Frame>) -> Result<(), ClientError> {
         let core = &self.shared.core;
         let (requests, outgoing) = mpsc::channel(limits::UNANSWERED_FRAMES);
         self.send(first, &requests).await?;
@@ -75,10 +68,7 @@ impl Stream<'_> {
             if requests.is_none() && self.waiting.is_empty() {
                 return Ok(());
             }
-            let oldest = self
-                .waiting
-                .front()
-                .map(|(_, sent)| *sent + limits::LATE_ANSWER);
+            let oldest = self.waiting.front().map(|(_, sent)| *sent + limits::LATE_ANSWER);
             let answer = async {
                 match oldest {
                     Some(oldest) => timeout_at(oldest, answers.message()).await.ok(),
@@ -108,24 +98,14 @@ impl Stream<'_> {
         requests: &mpsc::Sender<v1::TuneRequest>,
     ) -> Result<(), ClientError> {
         let core = &self.shared.core;
-        let told = timeout(
-            core.options.deadline,
-            core.outbox.wait_until_told(&self.shared.name),
-        )
-        .await;
+        let told = timeout(core.options.deadline, core.outbox.wait_until_told(&self.shared.name)).await;
         if told.is_err() {
             self.turn_away(frame, core.late("Report", core.options.deadline));
             return Ok(());
         }
         if self.waiting.len() >= limits::UNANSWERED_FRAMES {
             let limit = limits::UNANSWERED_FRAMES;
-            self.turn_away(
-                frame,
-                ClientError::Busy {
-                    what: "frames without an answer",
-                    limit,
-                },
-            );
+            self.turn_away(frame, ClientError::Busy { what: "frames without an answer", limit });
             return Ok(());
         }
         let report = frame.finished.as_ref().and_then(Finished::request);
@@ -134,9 +114,7 @@ impl Stream<'_> {
             finished.note_attempt();
         }
         self.waiting.push_back((frame, Instant::now()));
-        requests
-            .try_send(v1::TuneRequest { report, suggest })
-            .map_err(|_| self.ended())
+        requests.try_send(v1::TuneRequest { report, suggest }).map_err(|_| self.ended())
     }
 
     /// The answer to the oldest frame.
@@ -180,20 +158,12 @@ impl Stream<'_> {
     }
 
     fn ended(&self) -> ClientError {
-        ClientError::Away {
-            url: self.shared.core.url.clone(),
-            reason: "the daemon ended the stream".into(),
-        }
+        ClientError::Away { url: self.shared.core.url.clone(), reason: "the daemon ended the stream".into() }
     }
 
     /// Answers a frame that cannot be sent; its result goes to the outbox.
     fn turn_away(&self, frame: Frame, problem: ClientError) {
-        let Frame {
-            finished,
-            reply,
-            due,
-            ..
-        } = frame;
+        let Frame { finished, reply, due, .. } = frame;
         drop(finished);
         drop(reply.send(Err(problem)));
         drop(due);

@@ -12,8 +12,8 @@ use crate::delivery::worth_repeating;
 use crate::memory::Memory;
 use crate::suggestion::Lease;
 use crate::{
-    Best, ClientError, Configuration, Indicators, Outcome, Prediction, SharedError, StudyRecord,
-    StudySpec, Suggestion, Tuner, limits, wire,
+    Best, ClientError, Configuration, Indicators, Outcome, Prediction, SharedError, StudyRecord, StudySpec,
+    Suggestion, Tuner, limits, wire,
 };
 
 /// How often a suggestion is asked for again when the daemon names a trial that is just being reported.
@@ -61,11 +61,7 @@ impl Study {
         known: bool,
         ours: bool,
     ) -> Self {
-        let registration = if known {
-            Registration::Done
-        } else {
-            Registration::Pending
-        };
+        let registration = if known { Registration::Done } else { Registration::Pending };
         let shared = Arc::new(Shared {
             core: Arc::clone(core),
             name: Arc::from(name),
@@ -78,11 +74,7 @@ impl Study {
         if !known {
             tokio::spawn(Arc::clone(&shared).register());
         }
-        Self {
-            outstanding: Arc::default(),
-            shared,
-            _last_handle: Arc::clone(last_handle),
-        }
+        Self { outstanding: Arc::default(), shared, _last_handle: Arc::clone(last_handle) }
     }
 
     /// The resource name, `studies/{study}`.
@@ -105,10 +97,9 @@ impl Study {
     pub async fn suggest(&self, indicators: &Indicators) -> Suggestion {
         let shared = &self.shared;
         let mut outstanding = lock(&self.outstanding).take();
-        let suggestion = answer::within_deadline(shared, &mut outstanding, indicators, || {
-            shared.ask(indicators.clone())
-        })
-        .await;
+        let suggestion =
+            answer::within_deadline(shared, &mut outstanding, indicators, || shared.ask(indicators.clone()))
+                .await;
         if outstanding.is_some() {
             *lock(&self.outstanding) = outstanding;
         }
@@ -125,10 +116,7 @@ impl Study {
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {
-        self.shared
-            .core
-            .predict(&self.shared.name, indicators)
-            .await
+        self.shared.core.predict(&self.shared.name, indicators).await
     }
 
     /// The best configuration of the state with these indicators, or of all states when there are none.
@@ -157,10 +145,9 @@ impl Shared {
         }
         let reason = || format!("{} is not created there yet", self.name);
         match &*self.registration.borrow() {
-            Registration::Pending => Some(Arc::new(ClientError::Away {
-                url: self.core.url.clone(),
-                reason: reason(),
-            })),
+            Registration::Pending => {
+                Some(Arc::new(ClientError::Away { url: self.core.url.clone(), reason: reason() }))
+            }
             Registration::Done | Registration::Refused(_) => None,
         }
     }
@@ -190,13 +177,12 @@ impl Shared {
 
     /// Turns a trial from the daemon into a suggestion.
     pub(crate) fn accept(self: &Arc<Self>, trial: v1::Trial) -> Answer {
-        let trial = wire::trial_from_wire(trial)
-            .map_err(|problem| self.core.malformed("Suggest", problem))?;
+        let trial =
+            wire::trial_from_wire(trial).map_err(|problem| self.core.malformed("Suggest", problem))?;
         let Some(lease) = Lease::take(self, &trial.name) else {
-            return Err(self.core.malformed(
-                "Suggest",
-                format!("{} is just being reported by this client", trial.name),
-            ));
+            return Err(self
+                .core
+                .malformed("Suggest", format!("{} is just being reported by this client", trial.name)));
         };
         lock(&self.memory).remember(&trial.configuration);
         Ok(Suggestion::of_trial(Arc::clone(self), trial, lease))
@@ -235,18 +221,13 @@ impl Shared {
         let Ok(permit) = Arc::clone(&self.questions).try_acquire_owned() else {
             let limit = limits::OUTSTANDING_SUGGESTIONS;
             // The receiver is still in this function, so that sending cannot fail.
-            let _ = reply.send(Err(ClientError::Busy {
-                what: "suggestions under way",
-                limit,
-            }));
+            let _ = reply.send(Err(ClientError::Busy { what: "suggestions under way", limit }));
             return answer;
         };
         let due = self.core.outbox.expect_answer(false);
         tokio::spawn(async move {
-            let result =
-                tokio::time::timeout(limits::LATE_ANSWER, shared.ask_once_told(&indicators)).await;
-            let result =
-                result.unwrap_or_else(|_| Err(shared.core.late("Suggest", limits::LATE_ANSWER)));
+            let result = tokio::time::timeout(limits::LATE_ANSWER, shared.ask_once_told(&indicators)).await;
+            let result = result.unwrap_or_else(|_| Err(shared.core.late("Suggest", limits::LATE_ANSWER)));
             // A suggestion that nobody waits for comes back from here and gives its trial back.
             drop(reply.send(result));
             drop((permit, due));
@@ -255,10 +236,7 @@ impl Shared {
     }
 
     async fn ask_once_told(self: &Arc<Self>, indicators: &Indicators) -> Answer {
-        let mut result = Err(ClientError::Busy {
-            what: "attempts to get a trial",
-            limit: ASK_AGAIN,
-        });
+        let mut result = Err(ClientError::Busy { what: "attempts to get a trial", limit: ASK_AGAIN });
         for _ in 0..ASK_AGAIN {
             self.core.outbox.wait_until_told(&self.name).await;
             let mut rpc = self.core.rpc();

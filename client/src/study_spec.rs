@@ -108,22 +108,15 @@ impl StudySpec {
                     ));
                 }
                 Some(value) if !value.is_finite() => {
-                    return Err(ClientError::invalid(
-                        what(),
-                        format!("{value} is not a finite number"),
-                    ));
+                    return Err(ClientError::invalid(what(), format!("{value} is not a finite number")));
                 }
                 Some(_) => {}
             }
         }
-        match indicators
-            .iter()
-            .find(|(name, _)| self.indicators.iter().all(|known| known.name != *name))
-        {
-            Some((name, _)) => Err(ClientError::invalid(
-                format!("indicator `{name}`"),
-                "the study has no such indicator",
-            )),
+        match indicators.iter().find(|(name, _)| self.indicators.iter().all(|known| known.name != *name)) {
+            Some((name, _)) => {
+                Err(ClientError::invalid(format!("indicator `{name}`"), "the study has no such indicator"))
+            }
             None => Ok(()),
         }
     }
@@ -131,13 +124,9 @@ impl StudySpec {
     /// Whether the service takes both for the same state: every normalised indicator within the tolerance.
     pub(crate) fn same_state(&self, a: &Indicators, b: &Indicators) -> bool {
         let tolerance = self.state_tolerance();
-        self.indicators.iter().all(|indicator| {
-            match (a.get(&indicator.name), b.get(&indicator.name)) {
-                (Some(a), Some(b)) => {
-                    (indicator.normalised(a) - indicator.normalised(b)).abs() <= tolerance
-                }
-                _ => false,
-            }
+        self.indicators.iter().all(|indicator| match (a.get(&indicator.name), b.get(&indicator.name)) {
+            (Some(a), Some(b)) => (indicator.normalised(a) - indicator.normalised(b)).abs() <= tolerance,
+            _ => false,
         })
     }
 }
@@ -196,10 +185,7 @@ impl StudyBuilder {
     /// serves 30 frames: `build_ms` with weight 1/30 and `render_ms` with weight 1.
     #[must_use]
     pub fn minimise(mut self, metric: &str, weight: f64) -> Self {
-        self.spec.objective.push(ObjectiveTerm {
-            metric: metric.to_owned(),
-            weight,
-        });
+        self.spec.objective.push(ObjectiveTerm { metric: metric.to_owned(), weight });
         self
     }
 
@@ -230,10 +216,7 @@ impl StudyBuilder {
     pub fn build(self) -> Result<StudySpec, ClientError> {
         let spec = self.spec;
         if spec.display_name.chars().count() > limits::DISPLAY_NAME_CHARACTERS {
-            let problem = format!(
-                "it has more than {} characters",
-                limits::DISPLAY_NAME_CHARACTERS
-            );
+            let problem = format!("it has more than {} characters", limits::DISPLAY_NAME_CHARACTERS);
             return Err(ClientError::invalid("display name", problem));
         }
         check_indicator_schema(&spec.indicators)?;
@@ -241,10 +224,7 @@ impl StudyBuilder {
         if let Some(tolerance) = spec.state_tolerance
             && !(0.0..=1.0).contains(&tolerance)
         {
-            return Err(ClientError::invalid(
-                "state tolerance",
-                format!("{tolerance} is not within 0 to 1"),
-            ));
+            return Err(ClientError::invalid("state tolerance", format!("{tolerance} is not within 0 to 1")));
         }
         spec.policy.check()?;
         Ok(spec)
@@ -253,30 +233,17 @@ impl StudyBuilder {
 
 fn check_indicator_schema(indicators: &[Indicator]) -> Result<(), ClientError> {
     if indicators.len() > limits::INDICATORS {
-        let problem = format!(
-            "{} of them; the limit is {}",
-            indicators.len(),
-            limits::INDICATORS
-        );
+        let problem = format!("{} of them; the limit is {}", indicators.len(), limits::INDICATORS);
         return Err(ClientError::invalid("indicators", problem));
     }
     for (index, indicator) in indicators.iter().enumerate() {
         let what = format!("indicator `{}`", indicator.name);
         check_name(&what, &indicator.name)?;
-        if indicators[..index]
-            .iter()
-            .any(|other| other.name == indicator.name)
-        {
+        if indicators[..index].iter().any(|other| other.name == indicator.name) {
             return Err(ClientError::invalid(what, "it is listed twice"));
         }
-        if !(indicator.min.is_finite()
-            && indicator.max.is_finite()
-            && indicator.min < indicator.max)
-        {
-            let problem = format!(
-                "{}..={} is not a finite range that rises",
-                indicator.min, indicator.max
-            );
+        if !(indicator.min.is_finite() && indicator.max.is_finite() && indicator.min < indicator.max) {
+            let problem = format!("{}..={} is not a finite range that rises", indicator.min, indicator.max);
             return Err(ClientError::invalid(what, problem));
         }
     }
@@ -295,10 +262,7 @@ fn check_objective(objective: &[ObjectiveTerm]) -> Result<(), ClientError> {
     for (index, term) in objective.iter().enumerate() {
         let what = format!("objective term `{}`", term.metric);
         check_name(&what, &term.metric)?;
-        if objective[..index]
-            .iter()
-            .any(|other| other.metric == term.metric)
-        {
+        if objective[..index].iter().any(|other| other.metric == term.metric) {
             return Err(ClientError::invalid(what, "it is listed twice"));
         }
         if !(term.weight.is_finite() && term.weight > 0.0) {
@@ -316,13 +280,7 @@ mod tests {
     use super::*;
 
     fn builder() -> StudyBuilder {
-        StudySpec::builder(
-            Space::builder()
-                .boolean("compact")
-                .default(false)
-                .build()
-                .unwrap(),
-        )
+        StudySpec::builder(Space::builder().boolean("compact").default(false).build().unwrap())
     }
 
     #[test]
@@ -332,17 +290,11 @@ mod tests {
             .minimise("render_ms", 1.0)
             .build()
             .unwrap();
-        assert!(
-            spec.check_indicators(&Indicators::from([("triangles", 1e9)]))
-                .is_ok()
-        );
-        let problem =
-            |indicators: Indicators| spec.check_indicators(&indicators).unwrap_err().to_string();
+        assert!(spec.check_indicators(&Indicators::from([("triangles", 1e9)])).is_ok());
+        let problem = |indicators: Indicators| spec.check_indicators(&indicators).unwrap_err().to_string();
         assert!(problem(Indicators::new()).contains("`triangles`: it is missing"));
         assert!(problem(Indicators::from([("triangles", f64::NAN)])).contains("NaN"));
-        assert!(
-            problem(Indicators::from([("triangles", 1.0), ("lights", 2.0)])).contains("`lights`")
-        );
+        assert!(problem(Indicators::from([("triangles", 1.0), ("lights", 2.0)])).contains("`lights`"));
     }
 
     #[test]
@@ -367,25 +319,14 @@ mod tests {
         let problem = |builder: StudyBuilder| builder.build().unwrap_err().to_string();
         assert!(problem(builder()).contains("objective"));
         assert!(problem(builder().minimise("render_ms", 0.0)).contains("weight 0"));
+        assert!(problem(builder().minimise("render_ms", 1.0).state_tolerance(2.0)).contains("tolerance"));
         assert!(
-            problem(builder().minimise("render_ms", 1.0).state_tolerance(2.0))
-                .contains("tolerance")
+            problem(builder().minimise("render_ms", 1.0).indicator("a", 1.0..=1.0, Scale::Linear))
+                .contains("rises")
         );
         assert!(
-            problem(
-                builder()
-                    .minimise("render_ms", 1.0)
-                    .indicator("a", 1.0..=1.0, Scale::Linear)
-            )
-            .contains("rises")
-        );
-        assert!(
-            problem(
-                builder()
-                    .minimise("render_ms", 1.0)
-                    .policy(Policy::new().epsilon(1.5))
-            )
-            .contains("epsilon")
+            problem(builder().minimise("render_ms", 1.0).policy(Policy::new().epsilon(1.5)))
+                .contains("epsilon")
         );
     }
 }

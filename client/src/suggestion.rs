@@ -6,9 +6,7 @@ use std::time::SystemTime;
 use crate::delivery::report_request;
 use crate::outbox::{Item, Message};
 use crate::study::Shared;
-use crate::{
-    ClientError, Configuration, Measurements, Mode, Outcome, Reason, SharedError, TrialRecord,
-};
+use crate::{ClientError, Configuration, Measurements, Mode, Outcome, Reason, SharedError, TrialRecord};
 
 /// Where a configuration came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -65,18 +63,13 @@ impl Suggestion {
             Some(_) => (Source::LastGood, Mode::Exploit),
             None => (Source::Default, Mode::Default),
         };
-        let configuration =
-            last_good.unwrap_or_else(|| shared.spec.space().default_configuration());
+        let configuration = last_good.unwrap_or_else(|| shared.spec.space().default_configuration());
         let what = match source {
             Source::LastGood => "the last good configuration",
             Source::Daemon | Source::Default => "the recommended values",
         };
         let summary = format!("{what}, because of: {problem}");
-        let reason = Reason {
-            summary,
-            source: "fallback".into(),
-            ..Reason::default()
-        };
+        let reason = Reason { summary, source: "fallback".into(), ..Reason::default() };
         let problem = Some(problem);
         Self {
             shared,
@@ -143,11 +136,7 @@ impl Suggestion {
     ///
     /// Errors: [`ClientError::Invalid`] when the service would refuse the result, e.g. a measurement
     /// that is not finite; the trial is then given back.
-    pub fn finished(
-        mut self,
-        measurements: Measurements,
-        outcome: Outcome,
-    ) -> Result<Finished, ClientError> {
+    pub fn finished(mut self, measurements: Measurements, outcome: Outcome) -> Result<Finished, ClientError> {
         outcome.check(&measurements, self.shared.spec.objective())?;
         self.shared.learn(&self.configuration, &outcome);
         let lease = self.lease.take();
@@ -155,12 +144,7 @@ impl Suggestion {
             Some(lease) => self.shared.core.outbox.mark_reported(&lease.trial),
             None => self.shared.core.counters.unreported.add(1),
         }
-        Ok(Finished {
-            lease,
-            measurements,
-            outcome,
-            attempts: 0,
-        })
+        Ok(Finished { lease, measurements, outcome, attempts: 0 })
     }
 
     /// Puts the result into the outbox and returns at once; a background task delivers it.
@@ -178,12 +162,7 @@ impl Suggestion {
     /// Errors: [`ClientError::Refused`] when the trial is no longer open; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn extend_lease(&mut self) -> Result<(), ClientError> {
         if let Some(lease) = &self.lease {
-            self.lease_expire_time = self
-                .shared
-                .core
-                .extend_lease(&lease.trial)
-                .await?
-                .lease_expire_time;
+            self.lease_expire_time = self.shared.core.extend_lease(&lease.trial).await?.lease_expire_time;
         }
         Ok(())
     }
@@ -205,9 +184,7 @@ pub struct Finished {
 impl Finished {
     /// The message for a stream; `None` when there is no trial to report to.
     pub(crate) fn request(&self) -> Option<treewright_proto::v1::ReportRequest> {
-        self.lease
-            .as_ref()
-            .map(|lease| report_request(&lease.trial, &self.measurements, &self.outcome))
+        self.lease.as_ref().map(|lease| report_request(&lease.trial, &self.measurements, &self.outcome))
     }
 
     /// It is being sent outside the outbox.
@@ -224,12 +201,7 @@ impl Finished {
     pub(crate) fn acknowledged(mut self, duplicate: bool) {
         if let Some(lease) = self.lease.take() {
             lease.shared.core.counters.acknowledged.add(1);
-            lease
-                .shared
-                .core
-                .counters
-                .duplicates
-                .add(usize::from(duplicate));
+            lease.shared.core.counters.duplicates.add(usize::from(duplicate));
         }
     }
 
@@ -246,16 +218,10 @@ impl Finished {
 impl Drop for Finished {
     fn drop(&mut self) {
         if let Some(lease) = self.lease.take() {
-            let message =
-                Message::Report(std::mem::take(&mut self.measurements), self.outcome.clone());
+            let message = Message::Report(std::mem::take(&mut self.measurements), self.outcome.clone());
             let (study, trial) = (Arc::clone(&lease.shared.name), Arc::clone(&lease.trial));
             let core = &lease.shared.core;
-            core.count_lost(core.outbox.report(Item {
-                study,
-                trial,
-                message,
-                attempts: self.attempts,
-            }));
+            core.count_lost(core.outbox.report(Item { study, trial, message, attempts: self.attempts }));
         }
     }
 }
@@ -271,10 +237,7 @@ impl Lease {
     /// Takes hold; `None` when this client is just reporting that trial or giving it back.
     pub(crate) fn take(shared: &Arc<Shared>, trial: &str) -> Option<Self> {
         let trial: Arc<str> = Arc::from(trial);
-        shared.core.outbox.hold(&trial).then(|| Self {
-            shared: Arc::clone(shared),
-            trial,
-        })
+        shared.core.outbox.hold(&trial).then(|| Self { shared: Arc::clone(shared), trial })
     }
 }
 

@@ -34,11 +34,7 @@ impl Tuner {
     pub(crate) fn new(study: &Study) -> Self {
         let (frames, taken) = mpsc::channel(limits::UNANSWERED_FRAMES);
         tokio::spawn(stream::run(study.shared.clone(), taken));
-        Self {
-            outstanding: None,
-            frames,
-            study: study.clone(),
-        }
+        Self { outstanding: None, frames, study: study.clone() }
     }
 
     /// The study that is tuned.
@@ -51,22 +47,13 @@ impl Tuner {
     ///
     /// It never fails, like [`Study::suggest`]. When the stream is broken the result goes to the outbox,
     /// the answer is the fallback, and the stream is opened again as soon as the daemon is back.
-    pub async fn next(
-        &mut self,
-        indicators: &Indicators,
-        previous: Option<Finished>,
-    ) -> Suggestion {
+    pub async fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
         let shared = &self.study.shared;
         let frames = &self.frames;
         let ask = move || {
             let (reply, answer) = oneshot::channel();
             let due = shared.core.outbox.expect_answer(previous.is_some());
-            let frame = Frame {
-                finished: previous,
-                indicators: indicators.clone(),
-                reply,
-                due,
-            };
+            let frame = Frame { finished: previous, indicators: indicators.clone(), reply, due };
             // A frame that finds no room is dropped here: its result goes to the outbox, and the closed
             // reply makes the caller fall back.
             drop(frames.try_send(frame));

@@ -36,10 +36,7 @@ impl Value {
     /// Reads a value as people write it: `true`, `32`, `0.5`, or else text. What is in double quotes is text.
     #[must_use]
     pub fn parse(text: &str) -> Self {
-        if let Some(quoted) = text
-            .strip_prefix('"')
-            .and_then(|rest| rest.strip_suffix('"'))
-        {
+        if let Some(quoted) = text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) {
             return Self::Text(quoted.to_owned());
         }
         if let Ok(value) = text.parse() {
@@ -200,15 +197,9 @@ impl fmt::Display for Configuration {
 }
 
 fn no_such_value(name: &str, wanted: &'static str, found: Option<&Value>) -> ClientError {
-    let found = found.map_or_else(
-        || "nothing of that name".to_owned(),
-        |value| format!("the {} {value}", value.kind()),
-    );
-    ClientError::NoSuchValue {
-        name: name.to_owned(),
-        wanted,
-        found,
-    }
+    let found = found
+        .map_or_else(|| "nothing of that name".to_owned(), |value| format!("the {} {value}", value.kind()));
+    ClientError::NoSuchValue { name: name.to_owned(), wanted, found }
 }
 
 #[cfg(test)]
@@ -230,24 +221,14 @@ mod tests {
             configuration.float("quality").unwrap_err().to_string(),
             "the configuration has no float named `quality`: found the integer 2"
         );
-        assert!(
-            configuration
-                .integer("depth")
-                .unwrap_err()
-                .to_string()
-                .contains("nothing of that name")
-        );
+        assert!(configuration.integer("depth").unwrap_err().to_string().contains("nothing of that name"));
     }
 
     #[test]
     fn written_values_are_read_back_as_the_same_type() {
-        for value in [
-            Value::from(true),
-            Value::from(-3),
-            Value::from(2.0),
-            Value::from(0.125),
-            Value::from("sah"),
-        ] {
+        for value in
+            [Value::from(true), Value::from(-3), Value::from(2.0), Value::from(0.125), Value::from("sah")]
+        {
             assert_eq!(Value::parse(&value.to_string()), value);
         }
         assert_eq!(Value::parse("\"12\""), Value::from("12"));
@@ -258,9 +239,6 @@ mod tests {
     fn configurations_are_ordered_by_name() {
         let configuration = Configuration::new().with("b", 1).with("a", 2.0);
         assert_eq!(configuration.to_string(), "a=2.0 b=1");
-        assert_eq!(
-            configuration,
-            Configuration::new().with("a", 2.0).with("b", 1)
-        );
+        assert_eq!(configuration, Configuration::new().with("a", 2.0).with("b", 1));
     }
 }

@@ -11,10 +11,8 @@ use std::path::{Path, PathBuf};
 fn main() {
     println!("cargo::rerun-if-env-changed=EMBREE_DIR");
     let candidates = candidates();
-    let Some(library) = candidates
-        .iter()
-        .map(|folder| folder.join("libembree4.so"))
-        .find(|file| file.exists())
+    let Some(library) =
+        candidates.iter().map(|folder| folder.join("libembree4.so")).find(|file| file.exists())
     else {
         println!(
             "cargo::error=no libembree4.so in {}: run `make setup` in the repository's root",
@@ -44,26 +42,16 @@ fn main() {
 /// Folders that may hold the library, best first.
 fn candidates() -> Vec<PathBuf> {
     if let Some(root) = env::var_os("EMBREE_DIR").filter(|root| !root.is_empty()) {
-        return [
-            "lib",
-            "lib64",
-            "lib/x86_64-linux-gnu",
-            "lib/aarch64-linux-gnu",
-        ]
-        .map(|sub| Path::new(&root).join(sub))
-        .into();
+        return ["lib", "lib64", "lib/x86_64-linux-gnu", "lib/aarch64-linux-gnu"]
+            .map(|sub| Path::new(&root).join(sub))
+            .into();
     }
-    let package =
-        PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR"));
+    let package = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR"));
     let root = package.join("../..");
     let root = root.canonicalize().unwrap_or(root);
     vec![root.join("target/native/embree/lib")]
 }
 
 fn list(folders: &[PathBuf]) -> String {
-    folders
-        .iter()
-        .map(|folder| folder.display().to_string())
-        .collect::<Vec<_>>()
-        .join(", ")
+    folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ")
 }

@@ -58,13 +58,18 @@ fn configurations_that_do_not_exist() {
     let quick = Path::new("builtin:quick");
     expect(&image(quick, &["--config", "colour=blue"]), USAGE, &["colour"]);
     expect(&image(quick, &["--config", "quality=9"]), USAGE, &["quality"]);
-    expect(&image(quick, &["--config", "min_leaf_size=9,max_leaf_size=3"]), USAGE, &["min_leaf_size", "max_leaf_size"]);
+    expect(
+        &image(quick, &["--config", "min_leaf_size=9,max_leaf_size=3"]),
+        USAGE,
+        &["min_leaf_size", "max_leaf_size"],
+    );
     expect(&image(quick, &["--config", "quality"]), USAGE, &["quality"]);
 }
 
 #[test]
 fn a_daemon_that_is_not_there() {
-    let arguments = ["tune", "--server", "http://127.0.0.1:9", "--scene", "builtin:quick", "--iterations", "3"];
+    let arguments =
+        ["tune", "--server", "http://127.0.0.1:9", "--scene", "builtin:quick", "--iterations", "3"];
     expect(&run("treewright-render", &arguments), UNREACHABLE, &["127.0.0.1:9", "treewrightd"]);
     expect(&run("treewright", &["--server", "http://127.0.0.1:9", "studies"]), UNREACHABLE, &["127.0.0.1:9"]);
     let malformed = ["tune", "--server", "here", "--scene", "builtin:quick", "--iterations", "3"];
@@ -81,7 +86,8 @@ fn command_lines_that_make_no_sense() {
     expect(&tune(&["--objective", "beauty"]), USAGE, &["beauty"]);
     expect(&tune(&["--size", "0x0"]), USAGE, &["size"]);
     expect(&tune(&["--size", "wide"]), USAGE, &["wide"]);
-    expect(&tune(&["--iterations", "-4"]), USAGE, &["iterations"]);
+    expect(&tune(&["--iterations", "0"]), USAGE, &["iterations"]);
+    expect(&tune(&["--iterations", "many"]), USAGE, &["iterations", "many"]);
 }
 
 #[tokio::test]
@@ -91,11 +97,13 @@ async fn an_indicator_that_is_no_number() {
     let mut client = crate::wire::connect(daemon.url()).await;
     let study = crate::wire::create(&mut client, "strict").await;
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        let refused = client.suggest(crate::wire::suggestion(&study, "one", bad)).await.expect_err("it is refused");
+        let refused =
+            client.suggest(crate::wire::suggestion(&study, "one", bad)).await.expect_err("it is refused");
         assert_eq!(refused.code(), tonic::Code::InvalidArgument);
         assert!(refused.message().contains("near"), "{refused}");
     }
-    let trial = client.suggest(crate::wire::suggestion(&study, "one", 0.5)).await.expect("a trial").into_inner();
+    let trial =
+        client.suggest(crate::wire::suggestion(&study, "one", 0.5)).await.expect("a trial").into_inner();
     let mut report = crate::wire::report(&trial);
     report.measurements.insert("render_ms".into(), f64::NAN);
     let refused = client.report(report).await.expect_err("it is refused");

@@ -34,7 +34,8 @@ fn a_taken_port_is_named() {
     let address = taken.local_addr().expect("an address").to_string();
     let folder = tempfile::tempdir().expect("a scratch folder");
     let database = folder.path().join("tuning.db");
-    let output = run("treewrightd", &["serve", "--listen", &address, "--database", &database.to_string_lossy()]);
+    let output =
+        run("treewrightd", &["serve", "--listen", &address, "--database", &database.to_string_lossy()]);
     assert!(!output.status.success());
     assert!(stderr(&output).contains(&address), "{}", stderr(&output));
     assert!(stdout(&output).is_empty(), "nothing claims to listen");
@@ -45,7 +46,8 @@ fn a_database_in_use_is_named() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let database = folder.path().join("tuning.db");
     let _daemon = Daemon::start(&database);
-    let output = run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", &database.to_string_lossy()]);
+    let output =
+        run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", &database.to_string_lossy()]);
     assert!(!output.status.success());
     let said = stderr(&output);
     assert!(said.contains("tuning.db") && said.contains("in use"), "{said}");
@@ -55,11 +57,16 @@ fn a_database_in_use_is_named() {
 fn a_database_that_is_none_is_named() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let at = |path: &std::path::Path| {
-        let output = run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", &path.to_string_lossy()]);
+        let output =
+            run("treewrightd", &["serve", "--listen", "127.0.0.1:0", "--database", &path.to_string_lossy()]);
         assert!(!output.status.success());
         stderr(&output)
     };
-    assert!(at(folder.path()).contains("folder") || at(folder.path()).contains("directory"), "{}", at(folder.path()));
+    assert!(
+        at(folder.path()).contains("folder") || at(folder.path()).contains("directory"),
+        "{}",
+        at(folder.path())
+    );
     let letter = folder.path().join("letter.txt");
     std::fs::write(&letter, "Dear database, ".repeat(100)).expect("it can be written");
     assert!(at(&letter).contains("not a"), "{}", at(&letter));
@@ -71,7 +78,8 @@ fn a_database_that_is_none_is_named() {
 fn an_open_address_is_refused_without_insecure() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let database = folder.path().join("tuning.db");
-    let output = run("treewrightd", &["serve", "--listen", "0.0.0.0:0", "--database", &database.to_string_lossy()]);
+    let output =
+        run("treewrightd", &["serve", "--listen", "0.0.0.0:0", "--database", &database.to_string_lossy()]);
     assert!(!output.status.success());
     assert!(stderr(&output).contains("--insecure"), "{}", stderr(&output));
 }

@@ -25,12 +25,14 @@ async fn configurations(kill_before: &[usize], kill_while_open: &[usize]) -> Vec
             daemon = Daemon::start(&database);
             client = wire::connect(daemon.url()).await;
         }
-        let mut trial = client.suggest(wire::suggestion(&study, "one", 0.5)).await.expect("a trial").into_inner();
+        let mut trial =
+            client.suggest(wire::suggestion(&study, "one", 0.5)).await.expect("a trial").into_inner();
         if kill_while_open.contains(&number) {
             daemon.kill();
             daemon = Daemon::start(&database);
             client = wire::connect(daemon.url()).await;
-            let again = client.suggest(wire::suggestion(&study, "one", 0.5)).await.expect("a trial").into_inner();
+            let again =
+                client.suggest(wire::suggestion(&study, "one", 0.5)).await.expect("a trial").into_inner();
             assert_eq!(again.name, trial.name, "a client that comes back gets its open trial again");
             trial = again;
         }
@@ -67,7 +69,8 @@ async fn no_acknowledged_report_is_lost_in_a_storm_of_kills() {
                 // Ends with the first call that meets the dead daemon.
                 for step in 0.. {
                     let near = f64::from(worker) / 4.0 + f64::from(step % 3) / 20.0;
-                    let asked = client.suggest(wire::suggestion(&study, &format!("worker-{worker}"), near)).await;
+                    let asked =
+                        client.suggest(wire::suggestion(&study, &format!("worker-{worker}"), near)).await;
                     let Ok(trial) = asked.map(tonic::Response::into_inner) else { break };
                     let Ok(answer) = client.report(wire::report(&trial)).await else { break };
                     done.push(answer.into_inner().trial.expect("the stored trial").name);
@@ -87,7 +90,12 @@ async fn no_acknowledged_report_is_lost_in_a_storm_of_kills() {
     let completed = wire::query(&mut client, &study, "state = COMPLETED AND outcome = OK").await;
     let stored: BTreeSet<String> = completed.into_iter().map(|trial| trial.name).collect();
     let missing: Vec<_> = acknowledged.difference(&stored).collect();
-    assert!(missing.is_empty(), "{} of {} acknowledged reports are gone: {missing:?}", missing.len(), acknowledged.len());
+    assert!(
+        missing.is_empty(),
+        "{} of {} acknowledged reports are gone: {missing:?}",
+        missing.len(),
+        acknowledged.len()
+    );
 }
 
 #[tokio::test]

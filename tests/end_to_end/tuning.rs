@@ -9,7 +9,16 @@ use treewright_tests::programs::{program, run, stderr, stdout};
 fn tune(url: &str, json: &std::path::Path, iterations: &str) -> Command {
     let mut command = Command::new(program("treewright-render"));
     command.current_dir(std::env::temp_dir()).args(["tune", "--server", url, "--scene", "builtin:quick"]);
-    command.args(["--size", "64x48", "--objective", "render", "--study", "quick", "--iterations", iterations]);
+    command.args([
+        "--size",
+        "64x48",
+        "--objective",
+        "render",
+        "--study",
+        "quick",
+        "--iterations",
+        iterations,
+    ]);
     command.arg("--json").arg(json).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }
@@ -20,7 +29,10 @@ fn read(json: &std::path::Path) -> serde_json::Value {
 }
 
 fn trials(url: &str, filter: &str) -> Vec<serde_json::Value> {
-    let output = run("treewright", &["--server", url, "--json", "trials", "quick", "--filter", filter, "--limit", "1000"]);
+    let output = run(
+        "treewright",
+        &["--server", url, "--json", "trials", "quick", "--filter", filter, "--limit", "1000"],
+    );
     assert!(output.status.success(), "{}", stderr(&output));
     let answer: serde_json::Value = serde_json::from_str(&stdout(&output)).expect("JSON");
     answer["trials"].as_array().or(answer.as_array()).expect("a list of trials").clone()
@@ -38,7 +50,11 @@ fn a_renderer_is_tuned_and_the_command_line_shows_it() {
         assert!(shown.to_lowercase().contains(row), "no {row} in the table:\n{shown}");
     }
     assert_eq!(read(&json)["trials"].as_array().map(Vec::len), Some(14));
-    assert_eq!(trials(daemon.url(), "state = COMPLETED AND mode = DEFAULT").len(), 1, "the default is measured first");
+    assert_eq!(
+        trials(daemon.url(), "state = COMPLETED AND mode = DEFAULT").len(),
+        1,
+        "the default is measured first"
+    );
     assert!(trials(daemon.url(), "state = COMPLETED").len() >= 14);
     assert!(trials(daemon.url(), "state = OPEN").is_empty(), "no lease is left behind");
     let best = run("treewright", &["--server", daemon.url(), "best", "quick"]);
@@ -55,7 +71,8 @@ fn the_renderer_survives_the_daemon() {
     let (url, address) = (daemon.url().to_owned(), daemon.address().to_owned());
     let json = folder.path().join("run.json");
     let renderer = tune(&url, &json, "60").spawn().expect("the renderer runs");
-    while trials(&url, "state = COMPLETED").len() < 5 {
+    let begun = || stdout(&run("treewright", &["--server", &url, "studies"])).contains("quick");
+    while !begun() || trials(&url, "state = COMPLETED").len() < 5 {
         std::thread::sleep(Duration::from_millis(50));
     }
     daemon.kill();

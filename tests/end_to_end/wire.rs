@@ -7,7 +7,7 @@ use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_proto::v1::{self as pb, value::Kind};
 
 /// Connects, or says why not.
-pub async fn connect(url: &str) -> TuningServiceClient<Channel> {
+pub(crate) async fn connect(url: &str) -> TuningServiceClient<Channel> {
     TuningServiceClient::connect(url.to_owned()).await.expect("the daemon answers")
 }
 
@@ -17,7 +17,7 @@ fn parameter(name: &str, domain: pb::parameter::Domain, default: Kind) -> pb::Pa
 }
 
 /// A study with two integers, a float and two indicators; every state change explores.
-pub fn study() -> pb::Study {
+pub(crate) fn study() -> pb::Study {
     let integer = |min, max| pb::parameter::Domain::Integer(pb::IntegerDomain { min, max, scale: 0 });
     let float = pb::parameter::Domain::Float(pb::FloatDomain { min: 0.0, max: 10.0, scale: 0 });
     let indicator =
@@ -32,7 +32,9 @@ pub fn study() -> pb::Study {
             constraints: vec![pb::Constraint { lesser: "fewest".into(), greater: "most".into() }],
         }),
         indicators: vec![indicator("near"), indicator("far")],
-        objective: Some(pb::Objective { terms: vec![pb::ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }] }),
+        objective: Some(pb::Objective {
+            terms: vec![pb::ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }],
+        }),
         policy: Some(pb::Policy { epsilon: Some(1.0), ..Default::default() }),
         seed: 7,
         ..Default::default()
@@ -40,24 +42,24 @@ pub fn study() -> pb::Study {
 }
 
 /// Creates (or finds) [`study`] as `studies/ID` and returns its name.
-pub async fn create(client: &mut TuningServiceClient<Channel>, id: &str) -> String {
+pub(crate) async fn create(client: &mut TuningServiceClient<Channel>, id: &str) -> String {
     let request = pb::CreateStudyRequest { study_id: id.into(), study: Some(study()) };
     client.create_study(request).await.expect("the study is taken").into_inner().name
 }
 
 /// Asks for a trial in a state.
-pub fn suggestion(study: &str, client_id: &str, near: f64) -> pb::SuggestRequest {
+pub(crate) fn suggestion(study: &str, client_id: &str, near: f64) -> pb::SuggestRequest {
     let indicators = BTreeMap::from([("near".to_owned(), near), ("far".to_owned(), 0.5)]);
     pb::SuggestRequest { study: study.into(), client_id: client_id.into(), indicators, fingerprint: None }
 }
 
 /// A configuration as comparable text.
-pub fn text(configuration: &pb::Configuration) -> String {
+pub(crate) fn text(configuration: &pb::Configuration) -> String {
     configuration.values.iter().map(|(name, value)| format!("{name}={:?} ", value.kind)).collect()
 }
 
 /// What the pretend renderer measures: a bowl with its minimum inside the space.
-pub fn render_ms(configuration: &pb::Configuration) -> f64 {
+pub(crate) fn render_ms(configuration: &pb::Configuration) -> f64 {
     let number = |name: &str| match configuration.values[name].kind {
         Some(Kind::Integer(value)) => value as f64,
         Some(Kind::Float(value)) => value,
@@ -68,7 +70,7 @@ pub fn render_ms(configuration: &pb::Configuration) -> f64 {
 }
 
 /// The report of a trial that went well.
-pub fn report(trial: &pb::Trial) -> pb::ReportRequest {
+pub(crate) fn report(trial: &pb::Trial) -> pb::ReportRequest {
     let render_ms = render_ms(trial.configuration.as_ref().expect("a trial has a configuration"));
     pb::ReportRequest {
         trial: trial.name.clone(),
@@ -78,9 +80,17 @@ pub fn report(trial: &pb::Trial) -> pb::ReportRequest {
 }
 
 /// All trials of a study that match a filter, over all pages.
-pub async fn query(client: &mut TuningServiceClient<Channel>, study: &str, filter: &str) -> Vec<pb::Trial> {
-    let mut request =
-        pb::QueryTrialsRequest { study: study.into(), filter: filter.into(), page_size: 50, ..Default::default() };
+pub(crate) async fn query(
+    client: &mut TuningServiceClient<Channel>,
+    study: &str,
+    filter: &str,
+) -> Vec<pb::Trial> {
+    let mut request = pb::QueryTrialsRequest {
+        study: study.into(),
+        filter: filter.into(),
+        page_size: 50,
+        ..Default::default()
+    };
     let mut trials = Vec::new();
     loop {
         let page = client.query_trials(request.clone()).await.expect("the query is answered").into_inner();

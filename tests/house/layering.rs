@@ -20,8 +20,16 @@ const ARROWS: &[(&str, &[&str])] = &[
 const NOT_IN_CORE: &[&str] = &["tokio", "sqlx", "tonic", "prost", "reqwest", "rusqlite", "tracing", "chrono"];
 
 /// Standard library paths that the core must not name: it computes, the shell does.
-const NOT_SAID_IN_CORE: &[&str] =
-    &["std::fs", "std::io", "std::net", "std::env", "std::thread", "SystemTime", "Instant::now", "thread_rng"];
+const NOT_SAID_IN_CORE: &[&str] = &[
+    "std::fs",
+    "std::io",
+    "std::net",
+    "std::env",
+    "std::thread",
+    "SystemTime",
+    "Instant::now",
+    "thread_rng",
+];
 
 fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
     let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
@@ -53,7 +61,10 @@ fn arrows_point_one_way() {
         }
     }
     for package in dependencies.keys().filter(|name| *name != "treewright-tests") {
-        assert!(ARROWS.iter().any(|(known, _)| known == package), "{package} has no place in the order of crates");
+        assert!(
+            ARROWS.iter().any(|(known, _)| known == package),
+            "{package} has no place in the order of crates"
+        );
     }
 }
 
@@ -64,8 +75,14 @@ fn the_core_does_no_io() {
     }
     for file in super::tidiness::rust_files().filter(|file| file.path.starts_with("server/core/src")) {
         for phrase in NOT_SAID_IN_CORE {
-            let code = file.text.lines().find(|line| !line.trim_start().starts_with("//") && line.contains(phrase));
-            assert!(code.is_none(), "{}: the core must not use {phrase}: {}", file.path, code.unwrap_or_default());
+            let code =
+                file.text.lines().find(|line| !line.trim_start().starts_with("//") && line.contains(phrase));
+            assert!(
+                code.is_none(),
+                "{}: the core must not use {phrase}: {}",
+                file.path,
+                code.unwrap_or_default()
+            );
         }
     }
 }

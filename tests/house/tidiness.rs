@@ -8,18 +8,19 @@ use treewright_tests::programs::workspace;
 const LINES_MAX: usize = 600;
 
 /// Marks of unfinished work. Split so that this file does not find itself.
-const LEFTOVERS: &[&str] = &[concat!("todo", "!("), concat!("unimplemented", "!("), concat!("#[ig", "nore"), concat!("FIX", "ME")];
+const LEFTOVERS: &[&str] =
+    &[concat!("todo", "!("), concat!("unimplemented", "!("), concat!("#[ig", "nore"), concat!("FIX", "ME")];
 
 /// A source file of the workspace.
-pub struct File {
+pub(crate) struct File {
     /// Path below the top folder.
-    pub path: String,
+    pub(crate) path: String,
     /// What it says.
-    pub text: String,
+    pub(crate) text: String,
 }
 
 /// Every Rust file of the workspace, build folders left out.
-pub fn rust_files() -> impl Iterator<Item = File> {
+pub(crate) fn rust_files() -> impl Iterator<Item = File> {
     let mut found = Vec::new();
     let top = workspace();
     for folder in ["proto", "server", "client", "renderer", "tests"] {
@@ -48,14 +49,22 @@ fn collect(top: &Path, folder: &Path, found: &mut Vec<File>) {
 fn files_fit_in_the_head() {
     for file in rust_files() {
         let lines = file.text.lines().count();
-        assert!(lines <= LINES_MAX, "{} has {lines} lines; split it by meaning (limit {LINES_MAX})", file.path);
+        assert!(
+            lines <= LINES_MAX,
+            "{} has {lines} lines; split it by meaning (limit {LINES_MAX})",
+            file.path
+        );
     }
 }
 
 #[test]
 fn every_module_says_what_it_is() {
     for file in rust_files() {
-        assert!(file.text.starts_with("//!"), "{} does not begin with a line `//! what, why, source`", file.path);
+        assert!(
+            file.text.starts_with("//!"),
+            "{} does not begin with a line `//! what, why, source`",
+            file.path
+        );
     }
 }
 

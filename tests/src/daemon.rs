@@ -35,7 +35,9 @@ impl Daemon {
             .spawn()
             .expect("treewrightd starts");
         let mut line = String::new();
-        BufReader::new(process.stdout.take().expect("stdout is piped")).read_line(&mut line).expect("stdout is text");
+        BufReader::new(process.stdout.take().expect("stdout is piped"))
+            .read_line(&mut line)
+            .expect("stdout is text");
         let url = line.trim().rsplit(' ').next().unwrap_or_default().to_owned();
         assert!(url.starts_with("http://"), "treewrightd said {line:?} instead of its address");
         Self { process, url }
@@ -65,7 +67,8 @@ impl Daemon {
     /// # Panics
     /// When it has not ended after half a minute.
     pub fn terminate(mut self) -> ExitStatus {
-        let sent = Command::new("kill").args(["-TERM", &self.process.id().to_string()]).status().expect("kill runs");
+        let sent =
+            Command::new("kill").args(["-TERM", &self.process.id().to_string()]).status().expect("kill runs");
         assert!(sent.success(), "SIGTERM could not be sent");
         let patience = Instant::now() + Duration::from_secs(30);
         loop {

@@ -6,7 +6,10 @@ use std::sync::OnceLock;
 
 /// The workspace's top folder.
 pub fn workspace() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the tests lie one level below the top").to_path_buf()
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("the tests lie one level below the top")
+        .to_path_buf()
 }
 
 /// Path of a program of the workspace: `treewrightd`, `treewright` or `treewright-render`.

@@ -13,8 +13,8 @@ use std::time::Duration;
 use runtime::RuntimeThread;
 
 use crate::{
-    Best, ClientError, Finished, Indicators, Options, PolicyChange, Prediction, Stats, Status,
-    StudyRecord, StudySpec, Suggestion, TrialQuery, TrialRecord,
+    Best, ClientError, Finished, Indicators, Options, PolicyChange, Prediction, Stats, Status, StudyRecord,
+    StudySpec, Suggestion, TrialQuery, TrialRecord,
 };
 
 /// See [`crate::Client`]. Cheap to clone.
@@ -33,26 +33,17 @@ impl Client {
         let thread = RuntimeThread::start()?;
         let client = thread.run(async || crate::Client::connect(url, options))?;
         thread.flush_at_the_end(&client);
-        Ok(Self {
-            client,
-            thread: Arc::new(thread),
-        })
+        Ok(Self { client, thread: Arc::new(thread) })
     }
 
     /// See [`crate::Client::study`]. Errors: as there.
     pub fn study(&self, id: &str, spec: StudySpec) -> Result<Study, ClientError> {
-        Ok(self.wrap(
-            self.thread
-                .run(async || self.client.study(id, spec).await)?,
-        ))
+        Ok(self.wrap(self.thread.run(async || self.client.study(id, spec).await)?))
     }
 
     /// See [`crate::Client::existing_study`]. Errors: as there.
     pub fn existing_study(&self, id: &str) -> Result<Study, ClientError> {
-        Ok(self.wrap(
-            self.thread
-                .run(async || self.client.existing_study(id).await)?,
-        ))
+        Ok(self.wrap(self.thread.run(async || self.client.existing_study(id).await)?))
     }
 
     /// See [`crate::Client::url`].
@@ -94,13 +85,8 @@ impl Client {
     }
 
     /// See [`crate::Client::update_policy`]. Errors: as there.
-    pub fn update_policy(
-        &self,
-        id: &str,
-        change: &PolicyChange,
-    ) -> Result<StudyRecord, ClientError> {
-        self.thread
-            .run(async || self.client.update_policy(id, change).await)
+    pub fn update_policy(&self, id: &str, change: &PolicyChange) -> Result<StudyRecord, ClientError> {
+        self.thread.run(async || self.client.update_policy(id, change).await)
     }
 
     /// See [`crate::Client::delete_study`]. Errors: as there.
@@ -111,22 +97,17 @@ impl Client {
     /// Reads trials one after the other; pages are fetched as they are needed. See [`crate::Client::trials`].
     #[must_use]
     pub fn trials(&self, study: &str, query: TrialQuery) -> Trials {
-        Trials {
-            pages: Some(self.client.trials(study, query)),
-            thread: Arc::clone(&self.thread),
-        }
+        Trials { pages: Some(self.client.trials(study, query)), thread: Arc::clone(&self.thread) }
     }
 
     /// See [`crate::Client::predict`]. Errors: as there.
     pub fn predict(&self, study: &str, indicators: &Indicators) -> Result<Prediction, ClientError> {
-        self.thread
-            .run(async || self.client.predict(study, indicators).await)
+        self.thread.run(async || self.client.predict(study, indicators).await)
     }
 
     /// See [`crate::Client::best`]. Errors: as there.
     pub fn best(&self, study: &str, indicators: &Indicators) -> Result<Best, ClientError> {
-        self.thread
-            .run(async || self.client.best(study, indicators).await)
+        self.thread.run(async || self.client.best(study, indicators).await)
     }
 
     /// See [`Suggestion::extend_lease`]. Errors: as there.
@@ -135,10 +116,7 @@ impl Client {
     }
 
     fn wrap(&self, study: crate::Study) -> Study {
-        Study {
-            study,
-            thread: Arc::clone(&self.thread),
-        }
+        Study { study, thread: Arc::clone(&self.thread) }
     }
 }
 
@@ -164,24 +142,19 @@ impl Study {
 
     /// See [`crate::Study::suggest`]: answers within the deadline, whatever happens.
     pub fn suggest(&self, indicators: &Indicators) -> Suggestion {
-        self.thread
-            .run(async || self.study.suggest(indicators).await)
+        self.thread.run(async || self.study.suggest(indicators).await)
     }
 
     /// See [`crate::Study::tuner`].
     #[must_use]
     pub fn tuner(&self) -> Tuner {
         let tuner = self.thread.run(async || self.study.tuner());
-        Tuner {
-            tuner,
-            thread: Arc::clone(&self.thread),
-        }
+        Tuner { tuner, thread: Arc::clone(&self.thread) }
     }
 
     /// See [`crate::Study::predict`]. Errors: as there.
     pub fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {
-        self.thread
-            .run(async || self.study.predict(indicators).await)
+        self.thread.run(async || self.study.predict(indicators).await)
     }
 
     /// See [`crate::Study::best`]. Errors: as there.
@@ -206,8 +179,7 @@ impl Tuner {
     /// See [`crate::Tuner::next`]: answers within the deadline, whatever happens.
     pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
         let tuner = &mut self.tuner;
-        self.thread
-            .run(async move || tuner.next(indicators, previous).await)
+        self.thread.run(async move || tuner.next(indicators, previous).await)
     }
 }
 

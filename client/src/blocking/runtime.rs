@@ -20,13 +20,8 @@ pub(crate) struct RuntimeThread {
 
 impl RuntimeThread {
     pub(crate) fn start() -> Result<Self, ClientError> {
-        let no_runtime = |error: std::io::Error| ClientError::NoRuntime {
-            reason: error.to_string(),
-        };
-        let runtime = Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .map_err(no_runtime)?;
+        let no_runtime = |error: std::io::Error| ClientError::NoRuntime { reason: error.to_string() };
+        let runtime = Builder::new_current_thread().enable_all().build().map_err(no_runtime)?;
         let handle = runtime.handle().clone();
         let (end, ended) = oneshot::channel();
         let core = Arc::new(Mutex::new(None));
@@ -44,16 +39,9 @@ impl RuntimeThread {
             });
             runtime.shutdown_background();
         };
-        let thread = std::thread::Builder::new()
-            .name("treewright-client".into())
-            .spawn(drive)
-            .map_err(no_runtime)?;
-        Ok(Self {
-            handle,
-            end: Some(end),
-            thread: Some(thread),
-            core,
-        })
+        let thread =
+            std::thread::Builder::new().name("treewright-client".into()).spawn(drive).map_err(no_runtime)?;
+        Ok(Self { handle, end: Some(end), thread: Some(thread), core })
     }
 
     /// Names whose outbox is to be emptied at the end.

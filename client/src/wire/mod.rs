@@ -38,10 +38,7 @@ pub(crate) fn value_from_wire(value: v1::Value) -> Result<Value, Problem> {
 }
 
 pub(crate) fn configuration_to_wire(configuration: &Configuration) -> v1::Configuration {
-    let values = configuration
-        .iter()
-        .map(|(name, value)| (name.to_owned(), value_to_wire(value)))
-        .collect();
+    let values = configuration.iter().map(|(name, value)| (name.to_owned(), value_to_wire(value))).collect();
     v1::Configuration { values }
 }
 
@@ -49,16 +46,10 @@ pub(crate) fn configuration_from_wire(
     configuration: Option<v1::Configuration>,
 ) -> Result<Configuration, Problem> {
     let configuration = configuration.ok_or("no configuration")?;
-    configuration
-        .values
-        .into_iter()
-        .map(|(name, value)| Ok((name, value_from_wire(value)?)))
-        .collect()
+    configuration.values.into_iter().map(|(name, value)| Ok((name, value_from_wire(value)?))).collect()
 }
 
 /// A time, where there is one that this machine can represent.
-pub(crate) fn time_from_wire(
-    time: Option<prost_types::Timestamp>,
-) -> Option<std::time::SystemTime> {
+pub(crate) fn time_from_wire(time: Option<prost_types::Timestamp>) -> Option<std::time::SystemTime> {
     time.and_then(|time| time.try_into().ok())
 }

@@ -3,12 +3,11 @@
 use treewright_proto::v1;
 
 use super::{
-    Problem, configuration_from_wire, configuration_to_wire, time_from_wire, value_from_wire,
-    value_to_wire,
+    Problem, configuration_from_wire, configuration_to_wire, time_from_wire, value_from_wire, value_to_wire,
 };
 use crate::{
-    Condition, Constraint, Domain, Indicator, ObjectiveTerm, Parameter, Policy, PredictorMethod,
-    Scale, SearchMethod, Space, StudyRecord, StudySpec, StudyStatistics, Value,
+    Condition, Constraint, Domain, Indicator, ObjectiveTerm, Parameter, Policy, PredictorMethod, Scale,
+    SearchMethod, Space, StudyRecord, StudySpec, StudyStatistics, Value,
 };
 
 pub(crate) fn spec_to_wire(name: String, spec: &StudySpec) -> v1::Study {
@@ -21,10 +20,7 @@ pub(crate) fn spec_to_wire(name: String, spec: &StudySpec) -> v1::Study {
             terms: spec
                 .objective
                 .iter()
-                .map(|term| v1::ObjectiveTerm {
-                    metric: term.metric.clone(),
-                    weight: term.weight,
-                })
+                .map(|term| v1::ObjectiveTerm { metric: term.metric.clone(), weight: term.weight })
                 .collect(),
         }),
         state_tolerance: spec.state_tolerance,
@@ -43,17 +39,10 @@ pub(crate) fn study_from_wire(study: v1::Study) -> Result<StudyRecord, Problem> 
         spec: StudySpec {
             display_name: study.display_name,
             space: space_from_wire(study.space.ok_or("a study without a space")?)?,
-            indicators: study
-                .indicators
-                .into_iter()
-                .map(indicator_from_wire)
-                .collect(),
+            indicators: study.indicators.into_iter().map(indicator_from_wire).collect(),
             objective: terms
                 .into_iter()
-                .map(|term| ObjectiveTerm {
-                    metric: term.metric,
-                    weight: term.weight,
-                })
+                .map(|term| ObjectiveTerm { metric: term.metric, weight: term.weight })
                 .collect(),
             state_tolerance: study.state_tolerance,
             policy: policy_from_wire(study.policy.unwrap_or_default())?,
@@ -70,23 +59,16 @@ pub(crate) fn study_from_wire(study: v1::Study) -> Result<StudyRecord, Problem> 
 }
 
 pub(crate) fn policy_to_wire(policy: &Policy) -> v1::Policy {
-    let count =
-        |value: Option<u32>| value.map_or(0, |value| i32::try_from(value).unwrap_or(i32::MAX));
-    let search = policy
-        .search
-        .map_or(v1::SearchMethod::Unspecified, |search| match search {
-            SearchMethod::NelderMead => v1::SearchMethod::NelderMead,
-            SearchMethod::LatinHypercube => v1::SearchMethod::LatinHypercube,
-            SearchMethod::Random => v1::SearchMethod::Random,
-        });
-    let predictor =
-        policy.predictor.map_or(
-            v1::PredictorMethod::Unspecified,
-            |predictor| match predictor {
-                PredictorMethod::NearestNeighbour => v1::PredictorMethod::NearestNeighbour,
-                PredictorMethod::RbfGreedyGq => v1::PredictorMethod::RbfGreedyGq,
-            },
-        );
+    let count = |value: Option<u32>| value.map_or(0, |value| i32::try_from(value).unwrap_or(i32::MAX));
+    let search = policy.search.map_or(v1::SearchMethod::Unspecified, |search| match search {
+        SearchMethod::NelderMead => v1::SearchMethod::NelderMead,
+        SearchMethod::LatinHypercube => v1::SearchMethod::LatinHypercube,
+        SearchMethod::Random => v1::SearchMethod::Random,
+    });
+    let predictor = policy.predictor.map_or(v1::PredictorMethod::Unspecified, |predictor| match predictor {
+        PredictorMethod::NearestNeighbour => v1::PredictorMethod::NearestNeighbour,
+        PredictorMethod::RbfGreedyGq => v1::PredictorMethod::RbfGreedyGq,
+    });
     v1::Policy {
         epsilon: policy.epsilon,
         search: search.into(),
@@ -120,10 +102,7 @@ fn policy_from_wire(policy: v1::Policy) -> Result<Policy, Problem> {
         trials_per_state: count(policy.trials_per_state),
         replicates: count(policy.replicates),
         lease_s: count(policy.lease_s),
-        pinned: policy
-            .pinned
-            .map(|pinned| configuration_from_wire(Some(pinned)))
-            .transpose()?,
+        pinned: policy.pinned.map(|pinned| configuration_from_wire(Some(pinned))).transpose()?,
     })
 }
 
@@ -141,19 +120,15 @@ fn space_to_wire(space: &Space) -> v1::Space {
 fn parameter_to_wire(parameter: &Parameter) -> v1::Parameter {
     use v1::parameter::Domain as Wire;
     let domain = match &parameter.domain {
-        Domain::Integer { min, max, scale } => Wire::Integer(v1::IntegerDomain {
-            min: *min,
-            max: *max,
-            scale: scale_to_wire(*scale),
-        }),
-        Domain::Float { min, max, scale } => Wire::Float(v1::FloatDomain {
-            min: *min,
-            max: *max,
-            scale: scale_to_wire(*scale),
-        }),
-        Domain::Categorical { values } => Wire::Categorical(v1::CategoricalDomain {
-            values: values.iter().map(value_to_wire).collect(),
-        }),
+        Domain::Integer { min, max, scale } => {
+            Wire::Integer(v1::IntegerDomain { min: *min, max: *max, scale: scale_to_wire(*scale) })
+        }
+        Domain::Float { min, max, scale } => {
+            Wire::Float(v1::FloatDomain { min: *min, max: *max, scale: scale_to_wire(*scale) })
+        }
+        Domain::Categorical { values } => {
+            Wire::Categorical(v1::CategoricalDomain { values: values.iter().map(value_to_wire).collect() })
+        }
         Domain::Boolean => Wire::Boolean(v1::BooleanDomain {}),
     };
     v1::Parameter {
@@ -170,16 +145,9 @@ fn parameter_to_wire(parameter: &Parameter) -> v1::Parameter {
 fn space_from_wire(space: v1::Space) -> Result<Space, Problem> {
     let constraints = space.constraints.into_iter();
     Ok(Space {
-        parameters: space
-            .parameters
-            .into_iter()
-            .map(parameter_from_wire)
-            .collect::<Result<_, _>>()?,
+        parameters: space.parameters.into_iter().map(parameter_from_wire).collect::<Result<_, _>>()?,
         constraints: constraints
-            .map(|each| Constraint {
-                lesser: each.lesser,
-                greater: each.greater,
-            })
+            .map(|each| Constraint { lesser: each.lesser, greater: each.greater })
             .collect(),
     })
 }
@@ -187,44 +155,28 @@ fn space_from_wire(space: v1::Space) -> Result<Space, Problem> {
 fn parameter_from_wire(parameter: v1::Parameter) -> Result<Parameter, Problem> {
     use v1::parameter::Domain as Wire;
     let values = |values: Vec<v1::Value>| {
-        values
-            .into_iter()
-            .map(value_from_wire)
-            .collect::<Result<Vec<Value>, Problem>>()
+        values.into_iter().map(value_from_wire).collect::<Result<Vec<Value>, Problem>>()
     };
     let domain = match parameter.domain {
-        Some(Wire::Integer(domain)) => Domain::Integer {
-            min: domain.min,
-            max: domain.max,
-            scale: scale_from_wire(domain.scale),
-        },
-        Some(Wire::Float(domain)) => Domain::Float {
-            min: domain.min,
-            max: domain.max,
-            scale: scale_from_wire(domain.scale),
-        },
-        Some(Wire::Categorical(domain)) => Domain::Categorical {
-            values: values(domain.values)?,
-        },
+        Some(Wire::Integer(domain)) => {
+            Domain::Integer { min: domain.min, max: domain.max, scale: scale_from_wire(domain.scale) }
+        }
+        Some(Wire::Float(domain)) => {
+            Domain::Float { min: domain.min, max: domain.max, scale: scale_from_wire(domain.scale) }
+        }
+        Some(Wire::Categorical(domain)) => Domain::Categorical { values: values(domain.values)? },
         Some(Wire::Boolean(_)) => Domain::Boolean,
         None => return Err(format!("parameter {} without a domain", parameter.name)),
     };
-    let default = parameter
-        .default_value
-        .ok_or_else(|| format!("parameter {} without a default", parameter.name))?;
+    let default =
+        parameter.default_value.ok_or_else(|| format!("parameter {} without a default", parameter.name))?;
     let active_if = match parameter.active_if {
-        Some(condition) => Some(Condition {
-            parameter: condition.parameter,
-            any_of: values(condition.any_of)?,
-        }),
+        Some(condition) => {
+            Some(Condition { parameter: condition.parameter, any_of: values(condition.any_of)? })
+        }
         None => None,
     };
-    Ok(Parameter {
-        name: parameter.name,
-        domain,
-        default: value_from_wire(default)?,
-        active_if,
-    })
+    Ok(Parameter { name: parameter.name, domain, default: value_from_wire(default)?, active_if })
 }
 
 fn indicator_to_wire(indicator: &Indicator) -> v1::Indicator {
@@ -238,12 +190,7 @@ fn indicator_to_wire(indicator: &Indicator) -> v1::Indicator {
 
 fn indicator_from_wire(indicator: v1::Indicator) -> Indicator {
     let scale = scale_from_wire(indicator.scale);
-    Indicator {
-        name: indicator.name,
-        min: indicator.min,
-        max: indicator.max,
-        scale,
-    }
+    Indicator { name: indicator.name, min: indicator.min, max: indicator.max, scale }
 }
 
 fn scale_to_wire(scale: Scale) -> i32 {
@@ -254,11 +201,7 @@ fn scale_to_wire(scale: Scale) -> i32 {
 }
 
 fn scale_from_wire(scale: i32) -> Scale {
-    if scale == i32::from(v1::Scale::Log) {
-        Scale::Log
-    } else {
-        Scale::Linear
-    }
+    if scale == i32::from(v1::Scale::Log) { Scale::Log } else { Scale::Linear }
 }
 
 #[cfg(test)]
@@ -311,18 +254,8 @@ mod tests {
 
     #[test]
     fn what_the_contract_does_not_allow_is_named() {
-        assert_eq!(
-            study_from_wire(v1::Study::default()).unwrap_err(),
-            "a study without an objective"
-        );
-        let parameter = v1::Parameter {
-            name: "x".into(),
-            ..v1::Parameter::default()
-        };
-        assert!(
-            parameter_from_wire(parameter)
-                .unwrap_err()
-                .contains("parameter x")
-        );
+        assert_eq!(study_from_wire(v1::Study::default()).unwrap_err(), "a study without an objective");
+        let parameter = v1::Parameter { name: "x".into(), ..v1::Parameter::default() };
+        assert!(parameter_from_wire(parameter).unwrap_err().contains("parameter x"));
     }
 }

@@ -4,8 +4,8 @@ use treewright_proto::v1;
 
 use super::{Problem, configuration_from_wire, time_from_wire};
 use crate::{
-    Best, Fingerprint, Indicators, Measurements, Mode, Neighbour, Outcome, Prediction, Reason,
-    TrialRecord, TrialState, outcome,
+    Best, Fingerprint, Indicators, Measurements, Mode, Neighbour, Outcome, Prediction, Reason, TrialRecord,
+    TrialState, outcome,
 };
 
 pub(crate) fn trial_from_wire(trial: v1::Trial) -> Result<TrialRecord, Problem> {
@@ -92,15 +92,11 @@ pub(crate) fn outcome_to_wire(outcome: &Outcome) -> v1::Outcome {
     use v1::outcome::Kind;
     let kind = match outcome {
         Outcome::Ok => Kind::Ok(v1::Ok {}),
-        Outcome::Infeasible { reason } => Kind::Infeasible(v1::Infeasible {
-            reason: outcome::cut(reason.clone()),
-        }),
-        Outcome::Aborted { lower_bound } => Kind::Aborted(v1::Aborted {
-            lower_bound: *lower_bound,
-        }),
-        Outcome::Failed { reason } => Kind::Failed(v1::Failed {
-            reason: outcome::cut(reason.clone()),
-        }),
+        Outcome::Infeasible { reason } => {
+            Kind::Infeasible(v1::Infeasible { reason: outcome::cut(reason.clone()) })
+        }
+        Outcome::Aborted { lower_bound } => Kind::Aborted(v1::Aborted { lower_bound: *lower_bound }),
+        Outcome::Failed { reason } => Kind::Failed(v1::Failed { reason: outcome::cut(reason.clone()) }),
     };
     v1::Outcome { kind: Some(kind) }
 }
@@ -109,15 +105,9 @@ fn outcome_from_wire(outcome: v1::Outcome) -> Result<Outcome, Problem> {
     use v1::outcome::Kind;
     match outcome.kind {
         Some(Kind::Ok(_)) => Ok(Outcome::Ok),
-        Some(Kind::Infeasible(infeasible)) => Ok(Outcome::Infeasible {
-            reason: infeasible.reason,
-        }),
-        Some(Kind::Aborted(aborted)) => Ok(Outcome::Aborted {
-            lower_bound: aborted.lower_bound,
-        }),
-        Some(Kind::Failed(failed)) => Ok(Outcome::Failed {
-            reason: failed.reason,
-        }),
+        Some(Kind::Infeasible(infeasible)) => Ok(Outcome::Infeasible { reason: infeasible.reason }),
+        Some(Kind::Aborted(aborted)) => Ok(Outcome::Aborted { lower_bound: aborted.lower_bound }),
+        Some(Kind::Failed(failed)) => Ok(Outcome::Failed { reason: failed.reason }),
         None => Err("an outcome without a kind".into()),
     }
 }
@@ -146,40 +136,20 @@ mod tests {
 
     #[test]
     fn outcomes_survive_the_wire() {
-        for outcome in [
-            Outcome::Ok,
-            Outcome::infeasible("deep"),
-            Outcome::aborted(2.5),
-            Outcome::failed("power cut"),
-        ] {
-            assert_eq!(
-                outcome_from_wire(outcome_to_wire(&outcome)).unwrap(),
-                outcome
-            );
+        for outcome in
+            [Outcome::Ok, Outcome::infeasible("deep"), Outcome::aborted(2.5), Outcome::failed("power cut")]
+        {
+            assert_eq!(outcome_from_wire(outcome_to_wire(&outcome)).unwrap(), outcome);
         }
     }
 
     #[test]
     fn a_trial_must_say_what_it_is() {
-        assert_eq!(
-            trial_from_wire(v1::Trial::default()).unwrap_err(),
-            "a trial without a name"
-        );
-        let trial = v1::Trial {
-            name: "studies/s/trials/7".into(),
-            state: 1,
-            ..v1::Trial::default()
-        };
-        assert_eq!(
-            trial_from_wire(trial.clone()).unwrap_err(),
-            "no configuration"
-        );
+        assert_eq!(trial_from_wire(v1::Trial::default()).unwrap_err(), "a trial without a name");
+        let trial = v1::Trial { name: "studies/s/trials/7".into(), state: 1, ..v1::Trial::default() };
+        assert_eq!(trial_from_wire(trial.clone()).unwrap_err(), "no configuration");
         let configuration = Some(v1::Configuration::default());
-        let trial = v1::Trial {
-            configuration,
-            mode: v1::Mode::Explore.into(),
-            ..trial
-        };
+        let trial = v1::Trial { configuration, mode: v1::Mode::Explore.into(), ..trial };
         assert_eq!(trial_from_wire(trial).unwrap().number(), Some(7));
     }
 }

@@ -43,59 +43,21 @@ fn one_study() {
 fn trials_are_read_to_the_limit() {
     let fake = with_trials();
     let shown = answer(&fake, &["trials", "sponza"]);
-    let rows: Vec<_> = shown
-        .lines()
-        .filter(|line| line.contains("COMPLETED"))
-        .collect();
+    let rows: Vec<_> = shown.lines().filter(|line| line.contains("COMPLETED")).collect();
     assert_eq!(rows.len(), 5, "{shown}");
     assert!(
-        rows[0].contains("DEFAULT")
-            && rows[0].contains("render_ms=10")
-            && rows[0].contains("max_depth=32"),
+        rows[0].contains("DEFAULT") && rows[0].contains("render_ms=10") && rows[0].contains("max_depth=32"),
         "{shown}"
     );
     assert!(rows[2].contains("6.5000"), "{shown}");
-    assert!(
-        rows[4].contains("INFEASIBLE: depth limit reached"),
-        "{shown}"
-    );
-    let some = answer(
-        &fake,
-        &[
-            "trials",
-            "sponza",
-            "--limit",
-            "3",
-            "--order-by",
-            "number desc",
-        ],
-    );
+    assert!(rows[4].contains("INFEASIBLE: depth limit reached"), "{shown}");
+    let some = answer(&fake, &["trials", "sponza", "--limit", "3", "--order-by", "number desc"]);
     assert!(some.contains("the first 3"), "{some}");
-    assert_eq!(
-        some.lines()
-            .filter(|line| line.contains("COMPLETED"))
-            .count(),
-        3
-    );
-    let records = json(&answer(
-        &fake,
-        &[
-            "--json",
-            "trials",
-            "sponza",
-            "--filter",
-            "state = COMPLETED",
-        ],
-    ));
+    assert_eq!(some.lines().filter(|line| line.contains("COMPLETED")).count(), 3);
+    let records = json(&answer(&fake, &["--json", "trials", "sponza", "--filter", "state = COMPLETED"]));
     assert_eq!(records.as_array().map(Vec::len), Some(5));
-    assert_eq!(
-        (&records[1]["cost"], &records[1]["mode"]),
-        (&Value::from(4.0), &Value::from("EXPLORE"))
-    );
-    assert_eq!(
-        records[4]["outcome"]["infeasible"]["reason"],
-        "depth limit reached"
-    );
+    assert_eq!((&records[1]["cost"], &records[1]["mode"]), (&Value::from(4.0), &Value::from("EXPLORE")));
+    assert_eq!(records[4]["outcome"]["infeasible"]["reason"], "depth limit reached");
     let none = answer(&fake, &["--json", "trials", "sponza", "--limit", "0"]);
     assert_eq!(none, "[]\n");
 }
@@ -110,73 +72,28 @@ fn the_best_and_a_prediction() {
         ),
         "{shown}"
     );
-    assert!(
-        shown
-            .lines()
-            .any(|line| line.split_whitespace().eq(["max_depth", "33", "32"])),
-        "{shown}"
-    );
-    assert_eq!(
-        json(&answer(&fake, &["best", "sponza", "--json"]))["configuration"]["max_depth"],
-        33
-    );
-    let shown = answer(
-        &fake,
-        &["predict", "sponza", "--indicator", "triangles=1000"],
-    );
-    for words in [
-        "mode EXPLOIT, predicted cost 4",
-        "The nearest known state is 0.25 away.",
-        "max_depth",
-    ] {
+    assert!(shown.lines().any(|line| line.split_whitespace().eq(["max_depth", "33", "32"])), "{shown}");
+    assert_eq!(json(&answer(&fake, &["best", "sponza", "--json"]))["configuration"]["max_depth"], 33);
+    let shown = answer(&fake, &["predict", "sponza", "--indicator", "triangles=1000"]);
+    for words in ["mode EXPLOIT, predicted cost 4", "The nearest known state is 0.25 away.", "max_depth"] {
         assert!(shown.contains(words), "no {words} in:\n{shown}");
     }
-    let record = json(&answer(
-        &fake,
-        &[
-            "--json",
-            "predict",
-            "sponza",
-            "--indicator",
-            "triangles=1000",
-        ],
-    ));
+    let record = json(&answer(&fake, &["--json", "predict", "sponza", "--indicator", "triangles=1000"]));
     assert_eq!(record["reason"]["neighbours"][0]["distance"], 0.25);
 }
 
 #[test]
 fn the_policy_is_changed_field_by_field() {
     let fake = with_trials();
-    let shown = answer(
-        &fake,
-        &["policy", "sponza", "--epsilon", "0.5", "--search", "random"],
-    );
-    assert!(
-        shown.contains("0.5000") && shown.contains("random"),
-        "{shown}"
-    );
-    let pinned = json(&answer(
-        &fake,
-        &[
-            "--json",
-            "policy",
-            "sponza",
-            "--pin",
-            "max_depth=40,compact=true",
-        ],
-    ));
-    assert_eq!(
-        pinned["pinned"],
-        serde_json::json!({ "compact": true, "max_depth": 40 })
-    );
+    let shown = answer(&fake, &["policy", "sponza", "--epsilon", "0.5", "--search", "random"]);
+    assert!(shown.contains("0.5000") && shown.contains("random"), "{shown}");
+    let pinned = json(&answer(&fake, &["--json", "policy", "sponza", "--pin", "max_depth=40,compact=true"]));
+    assert_eq!(pinned["pinned"], serde_json::json!({ "compact": true, "max_depth": 40 }));
     assert_eq!(pinned["epsilon"], 0.5);
     let shown = answer(&fake, &["policy", "sponza", "--unpin"]);
     assert!(shown.contains("nothing"), "{shown}");
     assert_eq!(
-        fake.book().studies["studies/sponza"]
-            .policy
-            .as_ref()
-            .and_then(|policy| policy.pinned.clone()),
+        fake.book().studies["studies/sponza"].policy.as_ref().and_then(|policy| policy.pinned.clone()),
         None
     );
 }
@@ -187,15 +104,9 @@ fn deleting_wants_a_yes() {
     let output = super::run(&fake, &["study", "delete", "sponza"]);
     let words = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{words}");
-    assert!(
-        words.contains("--yes") && words.contains("sponza"),
-        "{words}"
-    );
+    assert!(words.contains("--yes") && words.contains("sponza"), "{words}");
     assert_eq!(fake.book().studies.len(), 1);
-    assert_eq!(
-        answer(&fake, &["study", "delete", "sponza", "--yes"]),
-        "deleted sponza\n"
-    );
+    assert_eq!(answer(&fake, &["study", "delete", "sponza", "--yes"]), "deleted sponza\n");
     assert!(fake.book().studies.is_empty());
     assert_eq!(answer(&fake, &["studies"]), "no studies yet\n");
 }

@@ -16,28 +16,18 @@ use support::{Fake, measured, patient, spec, state};
 /// The program, without the caller's environment.
 fn treewright() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_treewright"));
-    command
-        .env_remove("TREEWRIGHT_SERVER")
-        .args(["--timeout", "20s"]);
+    command.env_remove("TREEWRIGHT_SERVER").args(["--timeout", "20s"]);
     command
 }
 
 fn run(fake: &Fake, arguments: &[&str]) -> Output {
-    treewright()
-        .args(["--server", &fake.url()])
-        .args(arguments)
-        .output()
-        .expect("the program starts")
+    treewright().args(["--server", &fake.url()]).args(arguments).output().expect("the program starts")
 }
 
 /// What a successful run prints.
 fn answer(fake: &Fake, arguments: &[&str]) -> String {
     let output = run(fake, arguments);
-    assert!(
-        output.status.success(),
-        "{arguments:?}: {}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).expect("text")
 }
 
@@ -47,16 +37,10 @@ fn with_trials() -> Fake {
     let client = Client::connect(&fake.url(), patient()).expect("a good address");
     let study = client.study("sponza", spec()).expect("a good study");
     for render_ms in [10.0, 4.0, 6.5, 8.25] {
-        study
-            .suggest(&state(3))
-            .report(measured(render_ms), Outcome::Ok)
-            .expect("a good result");
+        study.suggest(&state(3)).report(measured(render_ms), Outcome::Ok).expect("a good result");
     }
     let bad = study.suggest(&state(3));
-    bad.report(
-        treewright_client::Measurements::new(),
-        Outcome::infeasible("depth limit reached"),
-    )
-    .expect("a good result");
+    bad.report(treewright_client::Measurements::new(), Outcome::infeasible("depth limit reached"))
+        .expect("a good result");
     fake
 }

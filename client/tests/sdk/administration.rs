@@ -1,8 +1,8 @@
 //! Everything that is not part of a frame.
 
 use treewright_client::{
-    Client, ClientError, Configuration, Indicators, Mode, Options, Outcome, Policy, PolicyChange,
-    Space, StudySpec, TrialQuery,
+    Client, ClientError, Configuration, Indicators, Mode, Options, Outcome, Policy, PolicyChange, Space,
+    StudySpec, TrialQuery,
 };
 
 use crate::support::{Fake, measured, patient, spec, state};
@@ -13,26 +13,10 @@ async fn creating_an_equal_study_finds_it_and_a_different_one_is_refused() {
     let client = Client::connect(&fake.url(), patient()).unwrap();
     client.study("scene", spec()).await.unwrap();
     client.study("scene", spec()).await.unwrap();
-    let space = Space::builder()
-        .boolean("compact")
-        .default(true)
-        .build()
-        .unwrap();
-    let other = StudySpec::builder(space)
-        .minimise("render_ms", 1.0)
-        .build()
-        .unwrap();
+    let space = Space::builder().boolean("compact").default(true).build().unwrap();
+    let other = StudySpec::builder(space).minimise("render_ms", 1.0).build().unwrap();
     let error = client.study("scene", other).await.unwrap_err();
-    assert!(
-        matches!(
-            error,
-            ClientError::Refused {
-                code: tonic::Code::AlreadyExists,
-                ..
-            }
-        ),
-        "{error}"
-    );
+    assert!(matches!(error, ClientError::Refused { code: tonic::Code::AlreadyExists, .. }), "{error}");
     assert!(error.to_string().contains("differs in the space"));
 }
 
@@ -42,56 +26,25 @@ async fn studies_are_listed_changed_and_deleted() {
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
     client.study("other", spec()).await.unwrap();
-    let names: Vec<_> = client
-        .list_studies()
-        .await
-        .unwrap()
-        .into_iter()
-        .map(|study| study.name)
-        .collect();
+    let names: Vec<_> = client.list_studies().await.unwrap().into_iter().map(|study| study.name).collect();
     assert_eq!(names, ["studies/other", "studies/scene"]);
-    let pinned = Configuration::new()
-        .with("max_depth", 9)
-        .with("compact", true);
+    let pinned = Configuration::new().with("max_depth", 9).with("compact", true);
     let change = PolicyChange::set(Policy::new().epsilon(0.5).pinned(pinned.clone()));
     let changed = client.update_policy("scene", &change).await.unwrap();
     assert_eq!(
-        (
-            changed.spec.policy().epsilon,
-            changed.spec.policy().pinned.as_ref()
-        ),
+        (changed.spec.policy().epsilon, changed.spec.policy().pinned.as_ref()),
         (Some(0.5), Some(&pinned))
     );
-    let changed = client
-        .update_policy("scene", &PolicyChange::unpin())
-        .await
-        .unwrap();
-    assert_eq!(
-        (
-            changed.spec.policy().epsilon,
-            changed.spec.policy().pinned.as_ref()
-        ),
-        (Some(0.5), None)
-    );
+    let changed = client.update_policy("scene", &PolicyChange::unpin()).await.unwrap();
+    assert_eq!((changed.spec.policy().epsilon, changed.spec.policy().pinned.as_ref()), (Some(0.5), None));
     assert!(matches!(
-        client
-            .update_policy("scene", &PolicyChange::default())
-            .await,
+        client.update_policy("scene", &PolicyChange::default()).await,
         Err(ClientError::Invalid { .. })
     ));
-    assert_eq!(
-        study.record().await.unwrap(),
-        client.get_study("studies/scene").await.unwrap()
-    );
+    assert_eq!(study.record().await.unwrap(), client.get_study("studies/scene").await.unwrap());
     client.delete_study("scene").await.unwrap();
     assert!(client.get_study("scene").await.unwrap_err().is_not_found());
-    assert!(
-        client
-            .existing_study("scene")
-            .await
-            .unwrap_err()
-            .is_not_found()
-    );
+    assert!(client.existing_study("scene").await.unwrap_err().is_not_found());
     client.ping().await.unwrap();
 }
 
@@ -100,56 +53,18 @@ async fn trials_are_read_across_pages() {
     let fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
-    assert!(
-        study
-            .best(&Indicators::new())
-            .await
-            .unwrap_err()
-            .is_not_found()
-    );
+    assert!(study.best(&Indicators::new()).await.unwrap_err().is_not_found());
     for render_ms in [9.0, 3.0, 5.0, 8.0, 7.0] {
-        study
-            .suggest(&state(1))
-            .await
-            .report(measured(render_ms), Outcome::Ok)
-            .unwrap();
+        study.suggest(&state(1)).await.report(measured(render_ms), Outcome::Ok).unwrap();
     }
-    client
-        .flush(std::time::Duration::from_secs(20))
-        .await
-        .unwrap();
-    let query = TrialQuery::all()
-        .filter("state = COMPLETED")
-        .order_by("number desc");
-    let all = client
-        .trials("scene", query)
-        .take(usize::MAX)
-        .await
-        .unwrap();
-    assert_eq!(
-        all.iter()
-            .map(|trial| trial.number().unwrap())
-            .collect::<Vec<_>>(),
-        [5, 4, 3, 2, 1]
-    );
-    let first = client
-        .trials("scene", TrialQuery::all())
-        .take(3)
-        .await
-        .unwrap();
-    assert_eq!(
-        first
-            .iter()
-            .filter_map(|trial| trial.cost)
-            .collect::<Vec<_>>(),
-        [9.0, 3.0, 5.0]
-    );
+    client.flush(std::time::Duration::from_secs(20)).await.unwrap();
+    let query = TrialQuery::all().filter("state = COMPLETED").order_by("number desc");
+    let all = client.trials("scene", query).take(usize::MAX).await.unwrap();
+    assert_eq!(all.iter().map(|trial| trial.number().unwrap()).collect::<Vec<_>>(), [5, 4, 3, 2, 1]);
+    let first = client.trials("scene", TrialQuery::all()).take(3).await.unwrap();
+    assert_eq!(first.iter().filter_map(|trial| trial.cost).collect::<Vec<_>>(), [9.0, 3.0, 5.0]);
     assert_eq!(first[0].outcome, Some(Outcome::Ok));
-    let error = client
-        .trials("scene", TrialQuery::all().filter("rubbish"))
-        .next()
-        .await
-        .unwrap_err();
+    let error = client.trials("scene", TrialQuery::all().filter("rubbish")).next().await.unwrap_err();
     assert!(error.to_string().contains("column 1"), "{error}");
     let best = study.best(&Indicators::new()).await.unwrap();
     assert_eq!(
@@ -157,10 +72,7 @@ async fn trials_are_read_across_pages() {
         ("studies/scene/trials/2", 3.0, Some(9.0))
     );
     let prediction = study.predict(&state(1)).await.unwrap();
-    assert_eq!(
-        (prediction.mode, prediction.predicted_cost),
-        (Mode::Exploit, Some(3.0))
-    );
+    assert_eq!((prediction.mode, prediction.predicted_cost), (Mode::Exploit, Some(3.0)));
     assert_eq!(prediction.reason.neighbours.len(), 1);
 }
 
@@ -178,24 +90,16 @@ async fn a_lease_is_extended() {
 #[tokio::test]
 async fn a_wrong_address_is_an_error_and_an_absent_daemon_is_not() {
     let error = Client::connect("here", Options::default()).unwrap_err();
-    assert!(
-        matches!(error, ClientError::BadUrl { .. }) && error.to_string().contains("`here`"),
-        "{error}"
-    );
+    assert!(matches!(error, ClientError::BadUrl { .. }) && error.to_string().contains("`here`"), "{error}");
     let fake = Fake::absent();
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let error = client.list_studies().await.unwrap_err();
-    assert!(
-        matches!(error, ClientError::Away { .. }) && error.to_string().contains(&fake.url()),
-        "{error}"
-    );
+    assert!(matches!(error, ClientError::Away { .. }) && error.to_string().contains(&fake.url()), "{error}");
     assert!(client.ping().await.unwrap_err().is_unreachable());
 }
 
 #[test]
 fn without_a_runtime_the_remedy_is_named() {
-    let error = Client::connect("http://127.0.0.1:1", Options::default())
-        .unwrap_err()
-        .to_string();
+    let error = Client::connect("http://127.0.0.1:1", Options::default()).unwrap_err().to_string();
     assert!(error.contains("treewright_client::blocking"), "{error}");
 }

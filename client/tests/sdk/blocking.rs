@@ -13,20 +13,13 @@ fn a_program_without_a_runtime_is_tuned() {
     let fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).unwrap();
-    study
-        .suggest(&state(1))
-        .report(measured(4.0), Outcome::Ok)
-        .unwrap();
+    study.suggest(&state(1)).report(measured(4.0), Outcome::Ok).unwrap();
     let mut tuner = study.tuner();
     let mut previous = None;
     for render_ms in [3.0, 2.0, 5.0] {
         let suggestion = tuner.next(&state(1), previous.take());
         assert_eq!(suggestion.source(), Source::Daemon);
-        previous = Some(
-            suggestion
-                .finished(measured(render_ms), Outcome::Ok)
-                .unwrap(),
-        );
+        previous = Some(suggestion.finished(measured(render_ms), Outcome::Ok).unwrap());
     }
     drop((previous, tuner));
     client.flush(Duration::from_secs(20)).unwrap();

@@ -14,31 +14,15 @@ async fn a_lost_answer_does_not_store_a_report_twice() {
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
     fake.book().lose_answers = 3;
-    study
-        .suggest(&state(1))
-        .await
-        .report(measured(7.0), Outcome::Ok)
-        .unwrap();
+    study.suggest(&state(1)).await.report(measured(7.0), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
     let book = fake.book();
     assert_eq!(book.count("Report"), 4);
     assert_eq!(book.stored_reports, ["studies/scene/trials/1"]);
     let stats = client.stats();
-    assert_eq!(
-        (
-            stats.sent,
-            stats.resent,
-            stats.acknowledged,
-            stats.duplicates
-        ),
-        (4, 3, 1, 1)
-    );
+    assert_eq!((stats.sent, stats.resent, stats.acknowledged, stats.duplicates), (4, 3, 1, 1));
     assert_eq!((stats.refused, stats.dropped, stats.queued), (0, 0, 0));
-    assert!(
-        stats
-            .last_error
-            .is_some_and(|error| error.contains("the answer is lost"))
-    );
+    assert!(stats.last_error.is_some_and(|error| error.contains("the answer is lost")));
 }
 
 #[tokio::test]
@@ -50,10 +34,7 @@ async fn reports_wait_for_a_daemon_that_is_away() {
     fake.go_away();
     suggestion.report(measured(7.0), Outcome::Ok).unwrap();
     let error = client.flush(Duration::from_millis(50)).await.unwrap_err();
-    assert!(
-        matches!(error, ClientError::Unflushed { waiting: 1, .. }),
-        "{error}"
-    );
+    assert!(matches!(error, ClientError::Unflushed { waiting: 1, .. }), "{error}");
     assert_eq!(client.stats().queued, 1);
     fake.come_back();
     client.flush(Duration::from_secs(20)).await.unwrap();
@@ -81,22 +62,11 @@ async fn a_full_queue_drops_the_oldest_reports_and_counts_them() {
     // One on its way, two queued, and of six that leaves three.
     let stats = client.stats();
     assert_eq!((stats.dropped, stats.queued), (3, 3));
-    assert!(
-        stats
-            .last_error
-            .is_some_and(|error| error.contains("dropped"))
-    );
+    assert!(stats.last_error.is_some_and(|error| error.contains("dropped")));
     fake.hold(Hold::Nothing);
     client.flush(Duration::from_secs(20)).await.unwrap();
     let stored = fake.book().stored_reports.clone();
-    assert_eq!(
-        stored,
-        [
-            "studies/scene/trials/1",
-            "studies/scene/trials/5",
-            "studies/scene/trials/6"
-        ]
-    );
+    assert_eq!(stored, ["studies/scene/trials/1", "studies/scene/trials/5", "studies/scene/trials/6"]);
 }
 
 #[tokio::test]
@@ -104,26 +74,15 @@ async fn a_refused_report_is_given_up_and_an_internal_error_after_some_attempts(
     let fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
-    let (one, two) = (
-        study.suggest(&state(1)).await,
-        study.suggest(&state(2)).await,
-    );
-    fake.book()
-        .refuse
-        .insert("Report", Code::FailedPrecondition);
+    let (one, two) = (study.suggest(&state(1)).await, study.suggest(&state(2)).await);
+    fake.book().refuse.insert("Report", Code::FailedPrecondition);
     one.report(measured(1.0), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
-    assert_eq!(
-        (client.stats().refused, fake.book().count("Report")),
-        (1, 1)
-    );
+    assert_eq!((client.stats().refused, fake.book().count("Report")), (1, 1));
     fake.book().refuse.insert("Report", Code::Internal);
     two.report(measured(1.0), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
-    assert_eq!(
-        (client.stats().refused, fake.book().count("Report")),
-        (2, 1 + 8)
-    );
+    assert_eq!((client.stats().refused, fake.book().count("Report")), (2, 1 + 8));
     assert_eq!(client.stats().acknowledged, 0);
 }
 
@@ -135,16 +94,10 @@ async fn an_overloaded_daemon_gets_time() {
     let suggestion = study.suggest(&state(1)).await;
     fake.book().refuse.insert("Report", Code::ResourceExhausted);
     suggestion.report(measured(1.0), Outcome::Ok).unwrap();
-    until("it is tried more often than an internal error", || {
-        fake.book().count("Report") > 10
-    })
-    .await;
+    until("it is tried more often than an internal error", || fake.book().count("Report") > 10).await;
     fake.book().refuse.clear();
     client.flush(Duration::from_secs(20)).await.unwrap();
-    assert_eq!(
-        (client.stats().refused, client.stats().acknowledged),
-        (0, 1)
-    );
+    assert_eq!((client.stats().refused, client.stats().acknowledged), (0, 1));
 }
 
 #[tokio::test]
@@ -168,10 +121,7 @@ async fn a_suggestion_waits_for_the_report_of_the_trial_before() {
         "the question was not sent before the report had arrived"
     );
     fake.hold(Hold::Nothing);
-    until("the report arrives and the question after it", || {
-        fake.book().trials.len() == 2
-    })
-    .await;
+    until("the report arrives and the question after it", || fake.book().trials.len() == 2).await;
     assert_eq!(fake.book().trials[0].state(), TrialState::Completed);
 }
 
@@ -180,18 +130,9 @@ async fn what_is_queued_is_still_sent_after_the_last_handle_is_gone() {
     let fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
-    let (one, two) = (
-        study.suggest(&state(1)).await,
-        study.suggest(&state(2)).await,
-    );
+    let (one, two) = (study.suggest(&state(1)).await, study.suggest(&state(2)).await);
     one.report(measured(1.0), Outcome::Ok).unwrap();
     drop((study, client, two));
-    until("the report is stored", || {
-        fake.book().stored_reports.len() == 1
-    })
-    .await;
-    until("the other trial is given back", || {
-        fake.book().in_state(TrialState::Abandoned) == 1
-    })
-    .await;
+    until("the report is stored", || fake.book().stored_reports.len() == 1).await;
+    until("the other trial is given back", || fake.book().in_state(TrialState::Abandoned) == 1).await;
 }

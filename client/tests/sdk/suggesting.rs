@@ -15,10 +15,7 @@ async fn the_daemon_answers_and_gets_the_result() {
     let study = client.study("scene", spec()).await.unwrap();
     assert_eq!(study.name(), "studies/scene");
     let suggestion = study.suggest(&state(3)).await;
-    assert_eq!(
-        (suggestion.source(), suggestion.mode()),
-        (Source::Daemon, Mode::Default)
-    );
+    assert_eq!((suggestion.source(), suggestion.mode()), (Source::Daemon, Mode::Default));
     assert_eq!(suggestion.trial(), Some("studies/scene/trials/1"));
     assert_eq!(suggestion.configuration().integer("max_depth").unwrap(), 32);
     assert!(suggestion.problem().is_none());
@@ -27,30 +24,14 @@ async fn the_daemon_answers_and_gets_the_result() {
     let suggestion = study.suggest(&state(3)).await;
     assert_eq!(suggestion.trial(), Some("studies/scene/trials/2"));
     assert_eq!(suggestion.mode(), Mode::Explore);
-    suggestion
-        .report(measured(10.0), Outcome::infeasible("depth limit"))
-        .unwrap();
+    suggestion.report(measured(10.0), Outcome::infeasible("depth limit")).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
     assert!(matches!(client.status(), Status::Connected));
     let stats = client.stats();
-    assert_eq!(
-        (
-            stats.suggestions,
-            stats.fallbacks,
-            stats.acknowledged,
-            stats.queued
-        ),
-        (2, 0, 2, 0)
-    );
+    assert_eq!((stats.suggestions, stats.fallbacks, stats.acknowledged, stats.queued), (2, 0, 2, 0));
     let book = fake.book();
-    assert_eq!(
-        book.trials[0].measurements["render_ms"].to_bits(),
-        12.5f64.to_bits()
-    );
-    assert_eq!(
-        book.trials[0].fingerprint.as_ref().map(|f| f.threads > 0),
-        Some(true)
-    );
+    assert_eq!(book.trials[0].measurements["render_ms"].to_bits(), 12.5f64.to_bits());
+    assert_eq!(book.trials[0].fingerprint.as_ref().map(|f| f.threads > 0), Some(true));
 }
 
 #[tokio::test]
@@ -65,11 +46,7 @@ async fn a_hanging_daemon_costs_one_deadline_and_then_nothing() {
     client.flush(Duration::from_secs(20)).await.unwrap();
     fake.hold(Hold::Everything);
     let first = study.suggest(&state(2)).await;
-    assert!(
-        matches!(first.problem(), Some(ClientError::Late { .. })),
-        "{:?}",
-        first.problem()
-    );
+    assert!(matches!(first.problem(), Some(ClientError::Late { .. })), "{:?}", first.problem());
     assert!(matches!(client.status(), Status::Away { failures: 1, .. }));
     // A thousand deadlines would be more than an hour; the test ends because nobody waits for them.
     for _ in 0..1000 {
@@ -85,30 +62,15 @@ async fn without_a_daemon_the_default_is_used_and_the_study_created_later() {
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
     let suggestion = study.suggest(&state(1)).await;
-    assert_eq!(
-        (suggestion.source(), suggestion.mode()),
-        (Source::Default, Mode::Default)
-    );
-    assert_eq!(
-        *suggestion.configuration(),
-        spec().space().default_configuration()
-    );
-    let problem = suggestion
-        .problem()
-        .expect("there is no daemon")
-        .to_string();
-    assert!(
-        problem.contains(&fake.url()) && problem.contains("treewrightd serve"),
-        "{problem}"
-    );
+    assert_eq!((suggestion.source(), suggestion.mode()), (Source::Default, Mode::Default));
+    assert_eq!(*suggestion.configuration(), spec().space().default_configuration());
+    let problem = suggestion.problem().expect("there is no daemon").to_string();
+    assert!(problem.contains(&fake.url()) && problem.contains("treewrightd serve"), "{problem}");
     assert!(suggestion.trial().is_none());
     suggestion.report(measured(1.0), Outcome::Ok).unwrap();
     assert_eq!(client.stats().unreported, 1);
     fake.come_back();
-    until("the study is created", || {
-        fake.book().studies.contains_key("studies/scene")
-    })
-    .await;
+    until("the study is created", || fake.book().studies.contains_key("studies/scene")).await;
     loop {
         let suggestion = study.suggest(&state(1)).await;
         if suggestion.source() == Source::Daemon {
@@ -123,31 +85,20 @@ async fn the_last_good_configuration_is_not_an_infeasible_one() {
     let mut fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
-    study
-        .suggest(&state(1))
-        .await
-        .report(measured(9.0), Outcome::Ok)
-        .unwrap();
+    study.suggest(&state(1)).await.report(measured(9.0), Outcome::Ok).unwrap();
     let good = study.suggest(&state(1)).await;
     let good_configuration = good.configuration().clone();
     good.report(measured(8.0), Outcome::Ok).unwrap();
     let bad = study.suggest(&state(1)).await;
     assert_eq!(bad.configuration().integer("max_depth").unwrap(), 34);
-    bad.report(
-        treewright_client::Measurements::new(),
-        Outcome::infeasible("depth limit reached"),
-    )
-    .unwrap();
+    bad.report(treewright_client::Measurements::new(), Outcome::infeasible("depth limit reached")).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
     fake.go_away();
     let fallback = study.suggest(&state(1)).await;
     assert_eq!(fallback.source(), Source::LastGood);
     assert_eq!(*fallback.configuration(), good_configuration);
     fake.come_back();
-    until("the connection is back", || {
-        !matches!(client.status(), Status::Away { .. })
-    })
-    .await;
+    until("the connection is back", || !matches!(client.status(), Status::Away { .. })).await;
     assert_eq!(study.suggest(&state(1)).await.source(), Source::Daemon);
 }
 
@@ -169,11 +120,7 @@ async fn a_late_answer_is_used_for_the_next_frame_of_the_same_state() {
         tokio::time::sleep(Duration::from_millis(2)).await;
     };
     assert_eq!(trial.trial(), Some("studies/scene/trials/1"));
-    assert_eq!(
-        fake.book().count("Suggest"),
-        1,
-        "the late answer was used, not asked for again"
-    );
+    assert_eq!(fake.book().count("Suggest"), 1, "the late answer was used, not asked for again");
     trial.report(measured(1.0), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
     assert_eq!(fake.book().in_state(TrialState::Completed), 1);
@@ -196,22 +143,13 @@ async fn a_late_answer_for_another_state_is_given_back() {
         tokio::time::sleep(Duration::from_millis(2)).await;
     };
     let name = other.trial().unwrap().to_owned();
-    assert_ne!(
-        name, "studies/scene/trials/1",
-        "the answer to the earlier question"
-    );
-    until("the late trial is given back", || {
-        fake.book().trials[0].state() == TrialState::Abandoned
-    })
-    .await;
+    assert_ne!(name, "studies/scene/trials/1", "the answer to the earlier question");
+    until("the late trial is given back", || fake.book().trials[0].state() == TrialState::Abandoned).await;
     other.report(measured(1.0), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
     let book = fake.book();
     let reported = book.trials.iter().find(|trial| trial.name == name).unwrap();
-    assert_eq!(
-        reported.indicators,
-        std::collections::BTreeMap::from([("triangles".to_owned(), 1e4)])
-    );
+    assert_eq!(reported.indicators, std::collections::BTreeMap::from([("triangles".to_owned(), 1e4)]));
     assert_eq!(book.in_state(TrialState::Open), 0);
 }
 
@@ -220,21 +158,14 @@ async fn dropped_suggestions_give_their_trials_back() {
     let fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
-    let (one, two) = (
-        study.suggest(&state(1)).await,
-        study.suggest(&state(2)).await,
-    );
+    let (one, two) = (study.suggest(&state(1)).await, study.suggest(&state(2)).await);
     drop(one);
     two.abandon();
     client.flush(Duration::from_secs(20)).await.unwrap();
     assert_eq!(fake.book().in_state(TrialState::Abandoned), 2);
     assert_eq!(client.stats().abandoned, 2);
     // Nonsense is found at once, and the trial given back.
-    let error = study
-        .suggest(&state(3))
-        .await
-        .report(measured(f64::NAN), Outcome::Ok)
-        .unwrap_err();
+    let error = study.suggest(&state(3)).await.report(measured(f64::NAN), Outcome::Ok).unwrap_err();
     assert!(error.to_string().contains("render_ms"), "{error}");
     client.flush(Duration::from_secs(20)).await.unwrap();
     assert_eq!(fake.book().in_state(TrialState::Abandoned), 3);
@@ -245,15 +176,8 @@ async fn two_handles_of_one_trial_do_not_spoil_each_other() {
     let fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
-    let (one, two) = (
-        study.suggest(&state(1)).await,
-        study.suggest(&state(1)).await,
-    );
-    assert_eq!(
-        one.trial(),
-        two.trial(),
-        "one client and state, one open trial"
-    );
+    let (one, two) = (study.suggest(&state(1)).await, study.suggest(&state(1)).await);
+    assert_eq!(one.trial(), two.trial(), "one client and state, one open trial");
     drop(one);
     two.report(measured(5.0), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
@@ -269,10 +193,7 @@ async fn wrong_indicators_are_named_and_never_sent() {
     for (wrong, named) in [
         (Indicators::new(), "missing"),
         (Indicators::from([("triangles", f64::NAN)]), "NaN"),
-        (
-            Indicators::from([("triangles", 1.0), ("lamps", 1.0)]),
-            "lamps",
-        ),
+        (Indicators::from([("triangles", 1.0), ("lamps", 1.0)]), "lamps"),
     ] {
         let suggestion = study.suggest(&wrong).await;
         assert_eq!(suggestion.source(), Source::Default);
@@ -290,17 +211,8 @@ async fn a_refused_suggestion_is_a_fallback_that_says_why() {
     let study = client.study("scene", spec()).await.unwrap();
     fake.book().refuse.insert("Suggest", Code::InvalidArgument);
     let suggestion = study.suggest(&state(1)).await;
-    assert!(matches!(
-        suggestion.problem(),
-        Some(ClientError::Refused {
-            code: Code::InvalidArgument,
-            ..
-        })
-    ));
-    assert!(
-        matches!(client.status(), Status::Connected),
-        "a refusal is an answer"
-    );
+    assert!(matches!(suggestion.problem(), Some(ClientError::Refused { code: Code::InvalidArgument, .. })));
+    assert!(matches!(client.status(), Status::Connected), "a refusal is an answer");
 }
 
 #[tokio::test]
@@ -310,19 +222,12 @@ async fn a_daemon_that_forgot_the_study_is_told_again() {
     let study = client.study("scene", spec()).await.unwrap();
     fake.book().studies.clear();
     assert_eq!(study.suggest(&state(1)).await.source(), Source::Default);
-    until("the study is created again", || {
-        fake.book().count("CreateStudy") == 2
-    })
-    .await;
+    until("the study is created again", || fake.book().count("CreateStudy") == 2).await;
     let found = client.existing_study("scene").await.unwrap();
     client.delete_study("scene").await.unwrap();
     let problem = found.suggest(&state(1)).await;
     assert!(problem.problem().is_some_and(ClientError::is_not_found));
-    assert_eq!(
-        fake.book().count("CreateStudy"),
-        2,
-        "a study that was only opened is not created"
-    );
+    assert_eq!(fake.book().count("CreateStudy"), 2, "a study that was only opened is not created");
 }
 
 #[tokio::test]
@@ -334,13 +239,6 @@ async fn the_deadline_covers_connecting() {
     let study = client.study("scene", spec()).await.unwrap();
     let suggestion = study.suggest(&state(1)).await;
     assert_eq!(suggestion.source(), Source::Default);
-    assert!(
-        suggestion
-            .problem()
-            .is_some_and(ClientError::is_unreachable)
-    );
-    assert!(
-        client.flush(Duration::from_millis(30)).await.is_ok(),
-        "nothing was to be reported"
-    );
+    assert!(suggestion.problem().is_some_and(ClientError::is_unreachable));
+    assert!(client.flush(Duration::from_millis(30)).await.is_ok(), "nothing was to be reported");
 }

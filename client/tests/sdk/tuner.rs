@@ -8,11 +8,7 @@ use treewright_proto::v1::TrialState;
 use crate::support::{Fake, Hold, hasty, measured, patient, spec, state, until};
 
 fn finish(suggestion: Suggestion, render_ms: f64) -> Option<Finished> {
-    Some(
-        suggestion
-            .finished(measured(render_ms), Outcome::Ok)
-            .unwrap(),
-    )
+    Some(suggestion.finished(measured(render_ms), Outcome::Ok).unwrap())
 }
 
 /// Asks until the daemon answers again.
@@ -34,40 +30,17 @@ async fn a_frame_is_one_round_trip() {
     let mut previous = None;
     for frame in 1..=20 {
         let suggestion = tuner.next(&state(1), previous.take()).await;
-        assert_eq!(
-            suggestion.trial(),
-            Some(format!("studies/scene/trials/{frame}").as_str())
-        );
+        assert_eq!(suggestion.trial(), Some(format!("studies/scene/trials/{frame}").as_str()));
         previous = finish(suggestion, f64::from(frame));
     }
     drop(previous);
     drop(tuner);
     client.flush(Duration::from_secs(20)).await.unwrap();
     let book = fake.book();
-    assert_eq!(
-        (
-            book.count("Tune"),
-            book.count("Suggest"),
-            book.count("Report")
-        ),
-        (1, 0, 1)
-    );
-    assert_eq!(
-        (
-            book.count("streamed Suggest"),
-            book.count("streamed Report")
-        ),
-        (20, 19)
-    );
+    assert_eq!((book.count("Tune"), book.count("Suggest"), book.count("Report")), (1, 0, 1));
+    assert_eq!((book.count("streamed Suggest"), book.count("streamed Report")), (20, 19));
     assert_eq!(book.in_state(TrialState::Completed), 20);
-    assert_eq!(
-        (
-            client.stats().acknowledged,
-            client.stats().resent,
-            client.stats().fallbacks
-        ),
-        (20, 0, 0)
-    );
+    assert_eq!((client.stats().acknowledged, client.stats().resent, client.stats().fallbacks), (20, 0, 0));
 }
 
 #[tokio::test]
@@ -80,19 +53,12 @@ async fn a_broken_stream_is_opened_again_and_loses_no_report() {
     fake.book().break_streams = 1;
     let fallback = tuner.next(&state(1), finish(first, 1.0)).await;
     assert_eq!(fallback.source(), Source::LastGood);
-    assert!(
-        fallback
-            .problem()
-            .is_some_and(treewright_client::ClientError::is_unreachable)
-    );
+    assert!(fallback.problem().is_some_and(treewright_client::ClientError::is_unreachable));
     let second = from_the_daemon(&mut tuner, 1).await;
     assert_eq!(second.trial(), Some("studies/scene/trials/2"));
     client.flush(Duration::from_secs(20)).await.unwrap();
     let stats = client.stats();
-    assert_eq!(
-        (stats.acknowledged, stats.resent, stats.duplicates),
-        (1, 1, 1)
-    );
+    assert_eq!((stats.acknowledged, stats.resent, stats.duplicates), (1, 1, 1));
     assert_eq!(fake.book().stored_reports, ["studies/scene/trials/1"]);
     assert_eq!(fake.book().count("Tune"), 2);
 }
@@ -116,10 +82,7 @@ async fn a_daemon_that_dies_between_frames_loses_no_report() {
     client.flush(Duration::from_secs(20)).await.unwrap();
     assert_eq!(fake.book().stored_reports, ["studies/scene/trials/1"]);
     let measured = fake.book().trials[0].measurements["render_ms"];
-    assert!(
-        (measured - 1.0).abs() < f64::EPSILON,
-        "a fallback's result went to the trial: {measured}"
-    );
+    assert!((measured - 1.0).abs() < f64::EPSILON, "a fallback's result went to the trial: {measured}");
     assert_eq!(client.stats().unreported, 50);
 }
 
@@ -132,16 +95,10 @@ async fn a_late_answer_is_not_taken_for_the_answer_to_a_later_frame() {
     let missed = tuner.next(&state(1), None).await;
     assert_eq!(missed.source(), Source::Default);
     fake.hold(Hold::Nothing);
-    until("the late answer is under way", || {
-        fake.book().trials.len() == 1
-    })
-    .await;
+    until("the late answer is under way", || fake.book().trials.len() == 1).await;
     let other = from_the_daemon(&mut tuner, 5).await;
     let name = other.trial().unwrap().to_owned();
-    until("the late trial is given back", || {
-        fake.book().trials[0].state() == TrialState::Abandoned
-    })
-    .await;
+    until("the late trial is given back", || fake.book().trials[0].state() == TrialState::Abandoned).await;
     drop(tuner.next(&state(5), finish(other, 3.0)).await);
     drop(tuner);
     client.flush(Duration::from_secs(20)).await.unwrap();
@@ -171,26 +128,16 @@ async fn a_report_refused_on_the_stream_is_counted_and_the_stream_goes_on() {
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let mut tuner = client.study("scene", spec()).await.unwrap().tuner();
     let first = tuner.next(&state(1), None).await;
-    fake.book()
-        .refuse
-        .insert("streamed Report", tonic::Code::NotFound);
+    fake.book().refuse.insert("streamed Report", tonic::Code::NotFound);
     let second = tuner.next(&state(2), finish(first, 1.0)).await;
     assert_eq!(second.source(), Source::Daemon);
-    assert_eq!(
-        (client.stats().refused, client.stats().acknowledged),
-        (1, 0)
-    );
+    assert_eq!((client.stats().refused, client.stats().acknowledged), (1, 0));
     // What may pass is sent again, outside the stream.
-    fake.book()
-        .refuse
-        .insert("streamed Report", tonic::Code::ResourceExhausted);
+    fake.book().refuse.insert("streamed Report", tonic::Code::ResourceExhausted);
     let third = tuner.next(&state(3), finish(second, 1.0)).await;
     assert_eq!(third.source(), Source::Daemon);
     drop(third);
     client.flush(Duration::from_secs(20)).await.unwrap();
-    assert_eq!(
-        (client.stats().refused, client.stats().acknowledged),
-        (1, 1)
-    );
+    assert_eq!((client.stats().refused, client.stats().acknowledged), (1, 1));
     assert_eq!(fake.book().count("Tune"), 1);
 }

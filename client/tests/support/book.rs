@@ -28,10 +28,7 @@ impl Book {
     }
 
     pub fn in_state(&self, state: TrialState) -> usize {
-        self.trials
-            .iter()
-            .filter(|trial| trial.state() == state)
-            .count()
+        self.trials.iter().filter(|trial| trial.state() == state).count()
     }
 
     /// Counts a call and answers it at once where that is wished.
@@ -44,25 +41,18 @@ impl Book {
     }
 
     pub fn study(&self, name: &str) -> Result<&v1::Study, Status> {
-        self.studies
-            .get(name)
-            .ok_or_else(|| Status::not_found(format!("{name} does not exist")))
+        self.studies.get(name).ok_or_else(|| Status::not_found(format!("{name} does not exist")))
     }
 
     pub fn create(&mut self, request: v1::CreateStudyRequest) -> Result<v1::Study, Status> {
         let name = format!("studies/{}", request.study_id);
-        let mut study = request
-            .study
-            .ok_or_else(|| Status::invalid_argument("study: missing"))?;
+        let mut study = request.study.ok_or_else(|| Status::invalid_argument("study: missing"))?;
         study.name.clone_from(&name);
-        study.create_time = Some(prost_types::Timestamp {
-            seconds: 1_700_000_000,
-            nanos: 0,
-        });
+        study.create_time = Some(prost_types::Timestamp { seconds: 1_700_000_000, nanos: 0 });
         match self.studies.get(&name) {
-            Some(stored) if *stored != study => Err(Status::already_exists(format!(
-                "{name} differs in the space"
-            ))),
+            Some(stored) if *stored != study => {
+                Err(Status::already_exists(format!("{name} differs in the space")))
+            }
             Some(stored) => Ok(stored.clone()),
             None => Ok(self.studies.entry(name).or_insert(study).clone()),
         }
@@ -86,21 +76,13 @@ impl Book {
             state_id: 1,
             indicators: request.indicators,
             configuration: Some(configuration),
-            mode: if first {
-                v1::Mode::Default
-            } else {
-                v1::Mode::Explore
-            }
-            .into(),
+            mode: if first { v1::Mode::Default } else { v1::Mode::Explore }.into(),
             reason: Some(v1::Reason {
                 summary: "by the stand-in".into(),
                 source: "fake".into(),
                 ..v1::Reason::default()
             }),
-            lease_expire_time: Some(prost_types::Timestamp {
-                seconds: 32_000_000_000,
-                nanos: 0,
-            }),
+            lease_expire_time: Some(prost_types::Timestamp { seconds: 32_000_000_000, nanos: 0 }),
             state: TrialState::Open.into(),
             fingerprint: request.fingerprint,
             ..v1::Trial::default()
@@ -114,10 +96,7 @@ impl Book {
         let duplicate = match trial.state() {
             TrialState::Completed => true,
             TrialState::Abandoned => {
-                return Err(Status::failed_precondition(format!(
-                    "{} was given back",
-                    trial.name
-                )));
+                return Err(Status::failed_precondition(format!("{} was given back", trial.name)));
             }
             _ => {
                 trial.state = TrialState::Completed.into();
@@ -128,10 +107,7 @@ impl Book {
                 false
             }
         };
-        Ok(v1::ReportResponse {
-            trial: Some(trial.clone()),
-            duplicate,
-        })
+        Ok(v1::ReportResponse { trial: Some(trial.clone()), duplicate })
     }
 
     pub fn abandon(&mut self, name: &str) -> Result<v1::Trial, Status> {
@@ -145,18 +121,12 @@ impl Book {
 
     pub fn extend(&mut self, name: &str) -> Result<v1::Trial, Status> {
         let trial = find(&mut self.trials, name)?;
-        trial.lease_expire_time = Some(prost_types::Timestamp {
-            seconds: 33_000_000_000,
-            nanos: 0,
-        });
+        trial.lease_expire_time = Some(prost_types::Timestamp { seconds: 33_000_000_000, nanos: 0 });
         Ok(trial.clone())
     }
 
     /// Pages are two trials long, so that paging is met in every test. Knows one filter.
-    pub fn query(
-        &self,
-        request: &v1::QueryTrialsRequest,
-    ) -> Result<v1::QueryTrialsResponse, Status> {
+    pub fn query(&self, request: &v1::QueryTrialsRequest) -> Result<v1::QueryTrialsResponse, Status> {
         self.study(&request.study)?;
         let wanted = match request.filter.as_str() {
             "" => None,
@@ -178,24 +148,16 @@ impl Book {
             found.reverse();
         }
         let end = (begin + 2).min(found.len());
-        let next_page_token = if end < found.len() {
-            end.to_string()
-        } else {
-            String::new()
-        };
-        Ok(v1::QueryTrialsResponse {
-            trials: found[begin..end].to_vec(),
-            next_page_token,
-        })
+        let next_page_token = if end < found.len() { end.to_string() } else { String::new() };
+        Ok(v1::QueryTrialsResponse { trials: found[begin..end].to_vec(), next_page_token })
     }
 
     pub fn best(&self, request: &v1::GetBestRequest) -> Result<v1::Best, Status> {
         self.study(&request.study)?;
         let measured = self.trials.iter().filter(|trial| trial.cost.is_some());
         let best = measured.min_by(|a, b| a.cost.partial_cmp(&b.cost).expect("costs are finite"));
-        let best = best.ok_or_else(|| {
-            Status::not_found(format!("{}: nothing is measured yet", request.study))
-        })?;
+        let best =
+            best.ok_or_else(|| Status::not_found(format!("{}: nothing is measured yet", request.study)))?;
         Ok(v1::Best {
             configuration: best.configuration.clone(),
             cost: best.cost.unwrap_or_default(),
@@ -203,10 +165,7 @@ impl Book {
             measurements: 1,
             state_id: 1,
             trial: best.name.clone(),
-            last_measure_time: Some(prost_types::Timestamp {
-                seconds: 1_700_000_001,
-                nanos: 0,
-            }),
+            last_measure_time: Some(prost_types::Timestamp { seconds: 1_700_000_001, nanos: 0 }),
         })
     }
 }
@@ -230,7 +189,5 @@ fn configuration(study: &v1::Study, number: usize) -> v1::Configuration {
         }
         Some((parameter.name.clone(), value))
     });
-    v1::Configuration {
-        values: values.collect(),
-    }
+    v1::Configuration { values: values.collect() }
 }

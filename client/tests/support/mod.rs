@@ -47,12 +47,7 @@ impl Fake {
     pub fn absent() -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
         let address = listener.local_addr().expect("the port is known");
-        Self {
-            address,
-            book: Arc::default(),
-            hold: watch::Sender::new(Hold::Nothing),
-            runtime: None,
-        }
+        Self { address, book: Arc::default(), hold: watch::Sender::new(Hold::Nothing), runtime: None }
     }
 
     pub fn url(&self) -> String {
@@ -85,13 +80,8 @@ impl Fake {
             .build()
             .expect("a runtime for the stand-in");
         let listener = TcpListener::bind(self.address).expect("the port is still free");
-        listener
-            .set_nonblocking(true)
-            .expect("a listener can be made non-blocking");
-        let service = service::Service {
-            book: Arc::clone(&self.book),
-            hold: self.hold.clone(),
-        };
+        listener.set_nonblocking(true).expect("a listener can be made non-blocking");
+        let service = service::Service { book: Arc::clone(&self.book), hold: self.hold.clone() };
         runtime.spawn(service.serve(listener));
         self.runtime = Some(runtime);
     }
@@ -111,17 +101,13 @@ pub fn patient() -> Options {
     Options {
         back_off_min,
         back_off_max,
-        ..Options::new()
-            .client_id("tester")
-            .deadline(Duration::from_secs(20))
+        ..Options::new().client_id("tester").deadline(Duration::from_secs(20))
     }
 }
 
 /// Settings with which a hanging daemon is noticed at once.
 pub fn hasty() -> Options {
-    patient()
-        .deadline(Duration::from_millis(30))
-        .call_deadline(Duration::from_millis(200))
+    patient().deadline(Duration::from_millis(30)).call_deadline(Duration::from_millis(200))
 }
 
 /// A small study.
@@ -144,10 +130,7 @@ pub fn spec() -> StudySpec {
 
 /// A state of that study; different numbers are far apart.
 pub fn state(number: u32) -> Indicators {
-    Indicators::from([(
-        "triangles",
-        10f64.powi(i32::try_from(number).expect("a small number")),
-    )])
+    Indicators::from([("triangles", 10f64.powi(i32::try_from(number).expect("a small number")))])
 }
 
 pub fn measured(render_ms: f64) -> Measurements {

@@ -21,9 +21,7 @@ impl Service {
     pub async fn serve(self, listener: std::net::TcpListener) {
         let listener = tokio::net::TcpListener::from_std(listener).expect("it is non-blocking");
         let (health, health_service) = tonic_health::server::health_reporter();
-        health
-            .set_service_status("", tonic_health::ServingStatus::Serving)
-            .await;
+        health.set_service_status("", tonic_health::ServingStatus::Serving).await;
         let served = tonic::transport::Server::builder()
             .add_service(health_service)
             .add_service(TuningServiceServer::new(self))
@@ -58,22 +56,13 @@ impl TuningService for Service {
 
     async fn get_study(&self, request: Request<v1::GetStudyRequest>) -> Answer<v1::Study> {
         self.wait(Hold::Everything).await;
-        self.book()
-            .study(&request.into_inner().name)
-            .cloned()
-            .map(Response::new)
+        self.book().study(&request.into_inner().name).cloned().map(Response::new)
     }
 
-    async fn list_studies(
-        &self,
-        _: Request<v1::ListStudiesRequest>,
-    ) -> Answer<v1::ListStudiesResponse> {
+    async fn list_studies(&self, _: Request<v1::ListStudiesRequest>) -> Answer<v1::ListStudiesResponse> {
         self.wait(Hold::Everything).await;
         let studies = self.book().studies.values().cloned().collect();
-        Ok(Response::new(v1::ListStudiesResponse {
-            studies,
-            next_page_token: String::new(),
-        }))
+        Ok(Response::new(v1::ListStudiesResponse { studies, next_page_token: String::new() }))
     }
 
     async fn update_study(&self, request: Request<v1::UpdateStudyRequest>) -> Answer<v1::Study> {
@@ -135,10 +124,7 @@ impl TuningService for Service {
             let mut requests = request.into_inner();
             while let Ok(Some(request)) = requests.message().await {
                 wait(&hold, Hold::Suggestions).await;
-                let answer = tune(
-                    &mut book.lock().expect("no test panics inside the book"),
-                    request,
-                );
+                let answer = tune(&mut book.lock().expect("no test panics inside the book"), request);
                 let Some(answer) = answer else { break };
                 if answers.send(Ok(answer)).await.is_err() {
                     break;
@@ -151,32 +137,19 @@ impl TuningService for Service {
     async fn predict(&self, request: Request<v1::PredictRequest>) -> Answer<v1::PredictResponse> {
         let request = request.into_inner();
         if request.indicators.is_empty() {
-            return Err(Status::invalid_argument(
-                "indicators: `triangles` is missing",
-            ));
+            return Err(Status::invalid_argument("indicators: `triangles` is missing"));
         }
-        let best = self.book().best(&v1::GetBestRequest {
-            study: request.study,
-            indicators: request.indicators,
-        })?;
+        let best =
+            self.book().best(&v1::GetBestRequest { study: request.study, indicators: request.indicators })?;
         let reason = v1::Reason {
             summary: "The nearest known state is 0.25 away.".into(),
             source: "nearest_neighbour".into(),
             step: String::new(),
-            neighbours: vec![v1::Neighbour {
-                state_id: 1,
-                distance: 0.25,
-                best_cost: best.cost,
-            }],
+            neighbours: vec![v1::Neighbour { state_id: 1, distance: 0.25, best_cost: best.cost }],
         };
         let (configuration, mode) = (best.configuration, v1::Mode::Exploit.into());
         let predicted_cost = Some(best.cost);
-        Ok(Response::new(v1::PredictResponse {
-            configuration,
-            mode,
-            predicted_cost,
-            reason: Some(reason),
-        }))
+        Ok(Response::new(v1::PredictResponse { configuration, mode, predicted_cost, reason: Some(reason) }))
     }
 
     async fn abandon_trial(&self, request: Request<v1::AbandonTrialRequest>) -> Answer<v1::Trial> {
@@ -187,22 +160,13 @@ impl TuningService for Service {
     }
 
     async fn extend_lease(&self, request: Request<v1::ExtendLeaseRequest>) -> Answer<v1::Trial> {
-        self.book()
-            .extend(&request.into_inner().trial)
-            .map(Response::new)
+        self.book().extend(&request.into_inner().trial).map(Response::new)
     }
 
     async fn get_trial(&self, request: Request<v1::GetTrialRequest>) -> Answer<v1::Trial> {
         let name = request.into_inner().name;
-        let found = self
-            .book()
-            .trials
-            .iter()
-            .find(|trial| trial.name == name)
-            .cloned();
-        found
-            .map(Response::new)
-            .ok_or_else(|| Status::not_found(name))
+        let found = self.book().trials.iter().find(|trial| trial.name == name).cloned();
+        found.map(Response::new).ok_or_else(|| Status::not_found(name))
     }
 
     async fn query_trials(
@@ -221,16 +185,11 @@ impl TuningService for Service {
 
 /// One answer of a stream; `None` breaks it.
 fn tune(book: &mut Book, request: v1::TuneRequest) -> Option<v1::TuneResponse> {
-    let error = |status: Status| TuneError {
-        code: status.code().into(),
-        message: status.message().to_owned(),
-    };
+    let error =
+        |status: Status| TuneError { code: status.code().into(), message: status.message().to_owned() };
     let mut answer = v1::TuneResponse::default();
     if let Some(report) = request.report {
-        match book
-            .enter("streamed Report")
-            .and_then(|()| book.report(report))
-        {
+        match book.enter("streamed Report").and_then(|()| book.report(report)) {
             Ok(reported) => answer.reported = Some(reported),
             Err(status) => answer.report_error = Some(error(status)),
         }
@@ -240,10 +199,7 @@ fn tune(book: &mut Book, request: v1::TuneRequest) -> Option<v1::TuneResponse> {
         return None;
     }
     if let Some(suggest) = request.suggest {
-        match book
-            .enter("streamed Suggest")
-            .and_then(|()| book.suggest(suggest))
-        {
+        match book.enter("streamed Suggest").and_then(|()| book.suggest(suggest)) {
             Ok(trial) => answer.trial = Some(trial),
             Err(status) => answer.suggest_error = Some(error(status)),
         }

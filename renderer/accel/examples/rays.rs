@@ -38,11 +38,7 @@ impl Visitor for Trace<'_> {
 
     fn visit<I: Intersector>(self, intersector: &I) -> usize {
         let hit = |ray: &&Ray| {
-            if self.0.any {
-                intersector.occluded(ray)
-            } else {
-                intersector.closest(ray).is_some()
-            }
+            if self.0.any { intersector.occluded(ray) } else { intersector.closest(ray).is_some() }
         };
         self.0.rays.iter().filter(hit).count()
     }
@@ -54,23 +50,12 @@ fn sets(structure: &Structure, triangles: &Triangles, eye: Vec3, target: Vec3) -
     let forward = (target - eye).normalize();
     let right = forward.cross(Vec3::Y).normalize();
     let up = right.cross(forward);
-    let open = |origin: Vec3, direction: Vec3| Ray {
-        origin,
-        direction,
-        t_min: 1e-4,
-        t_max: f32::INFINITY,
-    };
+    let open = |origin: Vec3, direction: Vec3| Ray { origin, direction, t_min: 1e-4, t_max: f32::INFINITY };
     let pixels = (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
     let primary: Vec<Ray> = pixels
         .map(|(x, y)| {
-            let (sx, sy) = (
-                x as f32 / WIDTH as f32 - 0.5,
-                0.5 - y as f32 / HEIGHT as f32,
-            );
-            open(
-                eye,
-                forward + right * sx + up * sy * HEIGHT as f32 / WIDTH as f32,
-            )
+            let (sx, sy) = (x as f32 / WIDTH as f32 - 0.5, 0.5 - y as f32 / HEIGHT as f32);
+            open(eye, forward + right * sx + up * sy * HEIGHT as f32 / WIDTH as f32)
         })
         .collect();
     let mut bounce = |rays: &[Ray]| -> Vec<Ray> {
@@ -78,15 +63,8 @@ fn sets(structure: &Structure, triangles: &Triangles, eye: Vec3, target: Vec3) -
             let hit = structure.closest(ray)?;
             let [a, b, c] = triangles.corners(hit.triangle as usize);
             let normal = Vec3::from((b - a).cross(c - a)).normalize_or_zero();
-            let normal = if normal.dot(ray.direction) > 0.0 {
-                -normal
-            } else {
-                normal
-            };
-            Some(open(
-                ray.origin + ray.direction * hit.t,
-                normal + scenes::on_sphere(&mut random) * 0.999,
-            ))
+            let normal = if normal.dot(ray.direction) > 0.0 { -normal } else { normal };
+            Some(open(ray.origin + ray.direction * hit.t, normal + scenes::on_sphere(&mut random) * 0.999))
         };
         rays.iter().filter_map(from).collect()
     };
@@ -96,10 +74,7 @@ fn sets(structure: &Structure, triangles: &Triangles, eye: Vec3, target: Vec3) -
     let shadow = first
         .iter()
         .map(|ray| {
-            let (dx, dz) = (
-                random.random_range(-0.1..0.1),
-                random.random_range(-0.1..0.1),
-            );
+            let (dx, dz) = (random.random_range(-0.1..0.1), random.random_range(-0.1..0.1));
             open(ray.origin, sun + Vec3::new(dx, 0.0, dz))
         })
         .collect();
@@ -118,9 +93,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let rounds: usize = std::env::args()
-        .nth(1)
-        .map_or(Ok(21), |rounds| rounds.parse())?;
+    let rounds: usize = std::env::args().nth(1).map_or(Ok(21), |rounds| rounds.parse())?;
     set_flush_denormals();
     let device = Device::open(0)?;
     let wide = TreeParameters {
@@ -131,68 +104,24 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         max_depth: 64,
         ..TreeParameters::default()
     };
-    let native = |quality| {
-        BuildChoice::Native(NativeOptions {
-            quality,
-            ..NativeOptions::default()
-        })
-    };
+    let native = |quality| BuildChoice::Native(NativeOptions { quality, ..NativeOptions::default() });
     let choices = [
         ("native medium", native(NativeQuality::Medium)),
         ("native high", native(NativeQuality::High)),
         ("tree bf8 sah", BuildChoice::Tree(wide)),
-        (
-            "tree bf8 split",
-            BuildChoice::Tree(TreeParameters {
-                quality: Quality::SahSplit,
-                ..wide
-            }),
-        ),
-        (
-            "tree bf8 robust",
-            BuildChoice::Tree(TreeParameters {
-                robust: true,
-                ..wide
-            }),
-        ),
-        (
-            "tree bf4 sah",
-            BuildChoice::Tree(TreeParameters {
-                branching_factor: 4,
-                ..wide
-            }),
-        ),
-        (
-            "Table 1 default",
-            BuildChoice::Tree(TreeParameters::default()),
-        ),
+        ("tree bf8 split", BuildChoice::Tree(TreeParameters { quality: Quality::SahSplit, ..wide })),
+        ("tree bf8 robust", BuildChoice::Tree(TreeParameters { robust: true, ..wide })),
+        ("tree bf4 sah", BuildChoice::Tree(TreeParameters { branching_factor: 4, ..wide })),
+        ("Table 1 default", BuildChoice::Tree(TreeParameters::default())),
         ("tree bf8 avx2", BuildChoice::Tree(wide)),
         ("tree bf8 scalar", BuildChoice::Tree(wide)),
     ];
     let places = [
-        (
-            "hills 500k",
-            scenes::hills(500),
-            Vec3::new(0.9, 0.45, 0.9),
-            Vec3::ZERO,
-        ),
-        (
-            "city 480k",
-            scenes::city(200, 1),
-            Vec3::new(0.5, 0.25, 0.6),
-            Vec3::new(-0.3, 0.0, -0.3),
-        ),
-        (
-            "soup 300k",
-            scenes::soup(300_000, 0.03, 2),
-            Vec3::new(1.5, 1.0, 1.8),
-            Vec3::ZERO,
-        ),
+        ("hills 500k", scenes::hills(500), Vec3::new(0.9, 0.45, 0.9), Vec3::ZERO),
+        ("city 480k", scenes::city(200, 1), Vec3::new(0.5, 0.25, 0.6), Vec3::new(-0.3, 0.0, -0.3)),
+        ("soup 300k", scenes::soup(300_000, 0.03, 2), Vec3::new(1.5, 1.0, 1.8), Vec3::ZERO),
     ];
-    println!(
-        "{:?} kernels, {rounds} rounds; each cell: ratio to native medium (Mrays/s)",
-        Isa::detect()
-    );
+    println!("{:?} kernels, {rounds} rounds; each cell: ratio to native medium (Mrays/s)", Isa::detect());
     for (scene, triangles, eye, target) in places {
         measure(&device, scene, &triangles, (eye, target), &choices, rounds)?;
     }
@@ -225,20 +154,16 @@ fn measure(
             name.ends_with("scalar").then_some(Isa::Scalar)
         };
         let structure = match (last, isa) {
-            (Some(Structure::Tree(tree)), Some(isa)) => Structure::Tree(
-                tree.with_isa(isa)
-                    .ok_or("the processor lacks this instruction set")?,
-            ),
+            (Some(Structure::Tree(tree)), Some(isa)) => {
+                Structure::Tree(tree.with_isa(isa).ok_or("the processor lacks this instruction set")?)
+            }
             (Some(structure), _) => structure,
             (None, _) => return Err("nothing was built".into()),
         };
         structures.push(structure);
     }
     let sets = sets(&structures[0], triangles, eye, target);
-    let expected: Vec<usize> = sets
-        .iter()
-        .map(|set| structures[0].visit(Trace(set)))
-        .collect();
+    let expected: Vec<usize> = sets.iter().map(|set| structures[0].visit(Trace(set))).collect();
     for ((name, _), structure) in choices.iter().zip(&structures) {
         for (set, &expected) in sets.iter().zip(&expected) {
             let hits = structure.visit(Trace(set));

@@ -25,9 +25,7 @@ struct Found {
 impl BruteForce {
     /// Wraps the triangles.
     pub fn new(triangles: &Arc<Triangles>) -> Self {
-        Self {
-            triangles: Arc::clone(triangles),
-        }
+        Self { triangles: Arc::clone(triangles) }
     }
 
     fn test(
@@ -38,10 +36,7 @@ impl BruteForce {
         t_min: f64,
         t_max: f64,
     ) -> Option<Found> {
-        let [a, b, c] = self
-            .triangles
-            .corners(triangle)
-            .map(|corner| corner.as_dvec3());
+        let [a, b, c] = self.triangles.corners(triangle).map(|corner| corner.as_dvec3());
         let (first, second) = (b - a, c - a);
         let p = direction.cross(second);
         let determinant = first.dot(p);
@@ -68,16 +63,11 @@ impl Intersector for BruteForce {
         if !ray.is_valid() {
             return None;
         }
-        let (origin, direction, t_min) = (
-            ray.origin.as_dvec3(),
-            ray.direction.as_dvec3(),
-            f64::from(ray.t_min),
-        );
+        let (origin, direction, t_min) =
+            (ray.origin.as_dvec3(), ray.direction.as_dvec3(), f64::from(ray.t_min));
         let mut nearest: Option<Found> = None;
         for triangle in 0..self.triangles.len() {
-            let t_max = nearest
-                .as_ref()
-                .map_or(f64::from(ray.t_max), |found| found.t);
+            let t_max = nearest.as_ref().map_or(f64::from(ray.t_max), |found| found.t);
             if let Some(found) = self.test(triangle, origin, direction, t_min, t_max) {
                 nearest = Some(found);
             }
@@ -94,9 +84,7 @@ impl Intersector for BruteForce {
         let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let (t_min, t_max) = (f64::from(ray.t_min), f64::from(ray.t_max));
         ray.is_valid()
-            && (0..self.triangles.len()).any(|triangle| {
-                self.test(triangle, origin, direction, t_min, t_max)
-                    .is_some()
-            })
+            && (0..self.triangles.len())
+                .any(|triangle| self.test(triangle, origin, direction, t_min, t_max).is_some())
     }
 }

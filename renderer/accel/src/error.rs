@@ -52,10 +52,7 @@ impl From<EmbreeFailure> for BuildError {
     fn from(failure: EmbreeFailure) -> Self {
         match failure.code {
             ffi::ERROR_OUT_OF_MEMORY => Self::OutOfMemory,
-            code => Self::Embree {
-                code,
-                message: failure.message,
-            },
+            code => Self::Embree { code, message: failure.message },
         }
     }
 }

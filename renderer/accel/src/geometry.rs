@@ -47,9 +47,7 @@ impl Triangles {
     /// Checks and takes over the arrays. Only vertices that a triangle names must be finite.
     pub fn new(positions: Vec<Vec3A>, indices: Vec<[u32; 3]>) -> Result<Self, GeometryError> {
         if indices.len() > TRIANGLES_MAX {
-            return Err(GeometryError::TooMany {
-                count: indices.len(),
-            });
+            return Err(GeometryError::TooMany { count: indices.len() });
         }
         for (triangle, corners) in indices.iter().enumerate() {
             for &vertex in corners {
@@ -62,9 +60,7 @@ impl Triangles {
                 };
                 // NaN fails the comparison and is refused with the rest.
                 if !position.abs().cmple(Vec3A::splat(COORDINATE_MAX)).all() {
-                    return Err(GeometryError::BadCoordinate {
-                        vertex: vertex as usize,
-                    });
+                    return Err(GeometryError::BadCoordinate { vertex: vertex as usize });
                 }
             }
         }

@@ -78,49 +78,29 @@ impl TreeParameters {
             return Ok(());
         }
         let refuse = |parameter, value: &dyn std::fmt::Display, rule| {
-            Err(BuildError::InvalidParameters {
-                parameter,
-                value: value.to_string(),
-                rule,
-            })
+            Err(BuildError::InvalidParameters { parameter, value: value.to_string(), rule })
         };
         if ![2, 4, 8].contains(&self.branching_factor) {
-            return refuse(
-                "branching_factor",
-                &self.branching_factor,
-                "it must be 2, 4 or 8",
-            );
+            return refuse("branching_factor", &self.branching_factor, "it must be 2, 4 or 8");
         }
         if !MAX_DEPTH.contains(&self.max_depth) {
             return refuse("max_depth", &self.max_depth, "it must be 9 to 64");
         }
         if !self.sah_block_size.is_power_of_two() || self.sah_block_size > SAH_BLOCK_SIZE_MAX {
-            return refuse(
-                "sah_block_size",
-                &self.sah_block_size,
-                "it must be a power of two, 1 to 32",
-            );
+            return refuse("sah_block_size", &self.sah_block_size, "it must be a power of two, 1 to 32");
         }
         if !(1..=LEAF_SIZE_MAX).contains(&self.max_leaf_size) {
             return refuse("max_leaf_size", &self.max_leaf_size, "it must be 1 to 32");
         }
         if !(1..=self.max_leaf_size).contains(&self.min_leaf_size) {
-            return refuse(
-                "min_leaf_size",
-                &self.min_leaf_size,
-                "it must be 1 to max_leaf_size",
-            );
+            return refuse("min_leaf_size", &self.min_leaf_size, "it must be 1 to max_leaf_size");
         }
         // NaN lies in no range.
         if !(0.0..=COST_MAX).contains(&self.traversal_cost) {
             return refuse("traversal_cost", &self.traversal_cost, "it must be 0 to 10");
         }
         if !(f32::MIN_POSITIVE..=COST_MAX).contains(&self.intersection_cost) {
-            return refuse(
-                "intersection_cost",
-                &self.intersection_cost,
-                "it must be above 0, to 10",
-            );
+            return refuse("intersection_cost", &self.intersection_cost, "it must be above 0, to 10");
         }
         Ok(())
     }
@@ -173,105 +153,20 @@ mod tests {
         let good = TreeParameters::default();
         assert_eq!(good.check(), Ok(()));
         let bad = [
-            (
-                TreeParameters {
-                    branching_factor: 3,
-                    ..good
-                },
-                "branching_factor",
-            ),
-            (
-                TreeParameters {
-                    max_depth: 8,
-                    ..good
-                },
-                "max_depth",
-            ),
-            (
-                TreeParameters {
-                    max_depth: 65,
-                    ..good
-                },
-                "max_depth",
-            ),
-            (
-                TreeParameters {
-                    sah_block_size: 0,
-                    ..good
-                },
-                "sah_block_size",
-            ),
-            (
-                TreeParameters {
-                    sah_block_size: 3,
-                    ..good
-                },
-                "sah_block_size",
-            ),
-            (
-                TreeParameters {
-                    sah_block_size: 64,
-                    ..good
-                },
-                "sah_block_size",
-            ),
-            (
-                TreeParameters {
-                    max_leaf_size: 33,
-                    ..good
-                },
-                "max_leaf_size",
-            ),
-            (
-                TreeParameters {
-                    max_leaf_size: 0,
-                    ..good
-                },
-                "max_leaf_size",
-            ),
-            (
-                TreeParameters {
-                    min_leaf_size: 0,
-                    ..good
-                },
-                "min_leaf_size",
-            ),
-            (
-                TreeParameters {
-                    min_leaf_size: 9,
-                    max_leaf_size: 8,
-                    ..good
-                },
-                "min_leaf_size",
-            ),
-            (
-                TreeParameters {
-                    traversal_cost: f32::NAN,
-                    ..good
-                },
-                "traversal_cost",
-            ),
-            (
-                TreeParameters {
-                    traversal_cost: -1.0,
-                    ..good
-                },
-                "traversal_cost",
-            ),
-            (
-                TreeParameters {
-                    intersection_cost: 0.0,
-                    ..good
-                },
-                "intersection_cost",
-            ),
-            (
-                TreeParameters {
-                    intersection_cost: f32::INFINITY,
-                    ..good
-                },
-                "intersection_cost",
-            ),
+            (TreeParameters { branching_factor: 3, ..good }, "branching_factor"),
+            (TreeParameters { max_depth: 8, ..good }, "max_depth"),
+            (TreeParameters { max_depth: 65, ..good }, "max_depth"),
+            (TreeParameters { sah_block_size: 0, ..good }, "sah_block_size"),
+            (TreeParameters { sah_block_size: 3, ..good }, "sah_block_size"),
+            (TreeParameters { sah_block_size: 64, ..good }, "sah_block_size"),
+            (TreeParameters { max_leaf_size: 33, ..good }, "max_leaf_size"),
+            (TreeParameters { max_leaf_size: 0, ..good }, "max_leaf_size"),
+            (TreeParameters { min_leaf_size: 0, ..good }, "min_leaf_size"),
+            (TreeParameters { min_leaf_size: 9, max_leaf_size: 8, ..good }, "min_leaf_size"),
+            (TreeParameters { traversal_cost: f32::NAN, ..good }, "traversal_cost"),
+            (TreeParameters { traversal_cost: -1.0, ..good }, "traversal_cost"),
+            (TreeParameters { intersection_cost: 0.0, ..good }, "intersection_cost"),
+            (TreeParameters { intersection_cost: f32::INFINITY, ..good }, "intersection_cost"),
         ];
         for (parameters, name) in bad {
             match parameters.check() {
@@ -279,14 +174,7 @@ mod tests {
                 other => panic!("{parameters:?} gave {other:?}"),
             }
             // Nothing but `robust` acts beside `compact`.
-            assert_eq!(
-                TreeParameters {
-                    compact: true,
-                    ..parameters
-                }
-                .check(),
-                Ok(())
-            );
+            assert_eq!(TreeParameters { compact: true, ..parameters }.check(), Ok(()));
         }
     }
 }

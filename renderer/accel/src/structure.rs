@@ -49,19 +49,14 @@ pub fn build(
     match choice {
         BuildChoice::Tree(parameters) => {
             if parameters.compact {
-                let options = NativeOptions {
-                    compact: true,
-                    robust: parameters.robust,
-                    ..NativeOptions::default()
-                };
+                let options =
+                    NativeOptions { compact: true, robust: parameters.robust, ..NativeOptions::default() };
                 NativeScene::build(device, triangles, &options).map(Structure::Native)
             } else {
                 Tree::build(device, triangles, parameters).map(Structure::Tree)
             }
         }
-        BuildChoice::Native(options) => {
-            NativeScene::build(device, triangles, options).map(Structure::Native)
-        }
+        BuildChoice::Native(options) => NativeScene::build(device, triangles, options).map(Structure::Native),
         BuildChoice::BruteForce => Ok(Structure::BruteForce(BruteForce::new(triangles))),
     }
 }
@@ -82,19 +77,10 @@ impl Structure {
         match self {
             Self::Tree(tree) => {
                 let shape = tree.statistics();
-                Statistics {
-                    bytes: shape.bytes,
-                    tree: Some(shape),
-                }
+                Statistics { bytes: shape.bytes, tree: Some(shape) }
             }
-            Self::Native(native) => Statistics {
-                bytes: native.bytes(),
-                tree: None,
-            },
-            Self::BruteForce(_) => Statistics {
-                bytes: 0,
-                tree: None,
-            },
+            Self::Native(native) => Statistics { bytes: native.bytes(), tree: None },
+            Self::BruteForce(_) => Statistics { bytes: 0, tree: None },
         }
     }
 }

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality, Quality,
-    Ray, Structure, Tree, TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality, Quality, Ray,
+    Structure, Tree, TreeParameters, Triangles, build,
 };
 
 mod scenes;
@@ -21,11 +21,7 @@ fn parameters() -> Vec<TreeParameters> {
     for branching_factor in [2, 4, 8] {
         for quality in [Quality::Morton, Quality::Sah, Quality::SahSplit] {
             for robust in [false, true] {
-                let sizes = if quality == Quality::Sah {
-                    (1, 32)
-                } else {
-                    (2, 6)
-                };
+                let sizes = if quality == Quality::Sah { (1, 32) } else { (2, 6) };
                 all.push(TreeParameters {
                     quality,
                     branching_factor,
@@ -50,43 +46,26 @@ fn tree(triangles: &Arc<Triangles>, parameters: &TreeParameters) -> Tree {
 
 /// Whether rounding may decide about the ray: it passes an edge or an end of its segment closely.
 fn is_close_call(triangles: &Triangles, ray: &Ray, hit: &Hit) -> bool {
-    let [a, b, c] = triangles
-        .corners(hit.triangle as usize)
-        .map(Vec3A::as_dvec3);
+    let [a, b, c] = triangles.corners(hit.triangle as usize).map(Vec3A::as_dvec3);
     let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let weights = [hit.u, hit.v, 1.0 - hit.u - hit.v].map(f64::from);
     let normal = (b - a).cross(c - a);
-    let height = |weight: f64| {
-        weight * normal.length() / (b - a).length().max((c - a).length()).max((c - b).length())
-    };
+    let height =
+        |weight: f64| weight * normal.length() / (b - a).length().max((c - a).length()).max((c - b).length());
     let slant = (normal.dot(direction) / (normal.length() * direction.length())).abs();
     // How far the hit is inside the triangle, as the ray sees it, against the rounding of coordinates.
-    let margin = weights
-        .map(height)
-        .into_iter()
-        .fold(f64::INFINITY, f64::min)
-        * slant;
+    let margin = weights.map(height).into_iter().fold(f64::INFINITY, f64::min) * slant;
     let reach = origin.length() + a.length() + b.length() + c.length();
     let t = f64::from(hit.t);
-    let ends = (t - f64::from(ray.t_min))
-        .abs()
-        .min((t - f64::from(ray.t_max)).abs());
+    let ends = (t - f64::from(ray.t_min)).abs().min((t - f64::from(ray.t_max)).abs());
     margin < 4e-6 * reach || ends < 1e-5 * (1.0 + t)
 }
 
 /// Compares one answer with the oracle's. Returns whether they agree outright.
-fn agree(
-    triangles: &Triangles,
-    ray: &Ray,
-    expected: Option<Hit>,
-    found: Option<Hit>,
-    what: &str,
-) -> bool {
+fn agree(triangles: &Triangles, ray: &Ray, expected: Option<Hit>, found: Option<Hit>, what: &str) -> bool {
     match (expected, found) {
         (None, None) => true,
-        (Some(expected), Some(found))
-            if (expected.t - found.t).abs() <= 2e-4 * (1.0 + expected.t) =>
-        {
+        (Some(expected), Some(found)) if (expected.t - found.t).abs() <= 2e-4 * (1.0 + expected.t) => {
             if expected.triangle == found.triangle && !is_close_call(triangles, ray, &expected) {
                 let [a, b, c] = triangles.corners(found.triangle as usize);
                 let at = Vec3::from(a + (b - a) * found.u + (c - a) * found.v);
@@ -99,14 +78,9 @@ fn agree(
             true
         }
         _ => {
-            let close = [expected, found]
-                .into_iter()
-                .flatten()
-                .any(|hit| is_close_call(triangles, ray, &hit));
-            assert!(
-                close,
-                "{what}: {ray:?} should give {expected:?}, gave {found:?}"
-            );
+            let close =
+                [expected, found].into_iter().flatten().any(|hit| is_close_call(triangles, ray, &hit));
+            assert!(close, "{what}: {ray:?} should give {expected:?}, gave {found:?}");
             false
         }
     }
@@ -123,9 +97,8 @@ fn all_agree(name: &str, triangles: &Arc<Triangles>, rays: &[Ray]) {
             agreed += usize::from(agree(triangles, ray, expected, found, what));
             let any = structure.occluded(ray);
             if any != found.is_some() {
-                let hit = found
-                    .or(expected)
-                    .unwrap_or_else(|| panic!("{what}: {ray:?} is occluded by nothing"));
+                let hit =
+                    found.or(expected).unwrap_or_else(|| panic!("{what}: {ray:?} is occluded by nothing"));
                 assert!(
                     is_close_call(triangles, ray, &hit),
                     "{what}: {ray:?} occluded {any}, closest {found:?}"
@@ -133,35 +106,20 @@ fn all_agree(name: &str, triangles: &Arc<Triangles>, rays: &[Ray]) {
             }
         }
         let missed = rays.len() - agreed;
-        assert!(
-            missed * 100 <= rays.len(),
-            "{what}: {missed} of {} rays are close calls",
-            rays.len()
-        );
+        assert!(missed * 100 <= rays.len(), "{what}: {missed} of {} rays are close calls", rays.len());
     };
     for parameters in parameters() {
         let mut tree = tree(triangles, &parameters);
-        tree.validate()
-            .unwrap_or_else(|fault| panic!("{name}, {parameters:?}: {fault}"));
+        tree.validate().unwrap_or_else(|fault| panic!("{name}, {parameters:?}: {fault}"));
         for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
             tree = tree.with_isa(isa).expect("it is available");
             check(&format!("{name}, {isa:?}, {parameters:?}"), &tree);
         }
     }
-    for quality in [
-        NativeQuality::Low,
-        NativeQuality::Medium,
-        NativeQuality::High,
-    ] {
+    for quality in [NativeQuality::Low, NativeQuality::Medium, NativeQuality::High] {
         for (compact, robust) in [(false, false), (true, false), (false, true)] {
-            let options = NativeOptions {
-                quality,
-                compact,
-                robust,
-                ..NativeOptions::default()
-            };
-            let native =
-                build(&device(), triangles, &BuildChoice::Native(options)).expect("it builds");
+            let options = NativeOptions { quality, compact, robust, ..NativeOptions::default() };
+            let native = build(&device(), triangles, &BuildChoice::Native(options)).expect("it builds");
             check(&format!("{name}, {options:?}"), &native);
         }
     }
@@ -190,45 +148,25 @@ fn boxes_along_the_axes() {
 
 #[test]
 fn everything_in_one_plane() {
-    all_agree(
-        "flat",
-        &scenes::surface(16, |_, _| 0.25),
-        &scenes::rays(600, 10),
-    );
+    all_agree("flat", &scenes::surface(16, |_, _| 0.25), &scenes::rays(600, 10));
 }
 
 #[test]
 fn triangles_on_top_of_each_other() {
-    let one = [
-        Vec3A::new(-1.0, -1.0, 0.1),
-        Vec3A::new(1.0, -1.0, 0.2),
-        Vec3A::new(0.0, 1.0, 0.0),
-    ];
-    all_agree(
-        "coincident",
-        &scenes::separate(vec![one; 100]),
-        &scenes::rays(300, 11),
-    );
+    let one = [Vec3A::new(-1.0, -1.0, 0.1), Vec3A::new(1.0, -1.0, 0.2), Vec3A::new(0.0, 1.0, 0.0)];
+    all_agree("coincident", &scenes::separate(vec![one; 100]), &scenes::rays(300, 11));
 }
 
 #[test]
 fn one_triangle() {
-    let one = [
-        Vec3A::new(-1.0, -1.0, 0.0),
-        Vec3A::new(1.0, -1.0, 0.3),
-        Vec3A::new(0.0, 1.0, 0.0),
-    ];
+    let one = [Vec3A::new(-1.0, -1.0, 0.0), Vec3A::new(1.0, -1.0, 0.3), Vec3A::new(0.0, 1.0, 0.0)];
     all_agree("one", &scenes::separate([one]), &scenes::rays(300, 12));
 }
 
 #[test]
 fn triangles_without_area_are_never_hit() {
     let (a, b) = (Vec3A::new(-0.5, 0.2, 0.1), Vec3A::new(0.7, -0.3, 0.4));
-    let real = [
-        Vec3A::new(-1.0, -1.0, 0.0),
-        Vec3A::new(1.0, -1.0, 0.0),
-        Vec3A::new(0.0, 1.0, 0.0),
-    ];
+    let real = [Vec3A::new(-1.0, -1.0, 0.0), Vec3A::new(1.0, -1.0, 0.0), Vec3A::new(0.0, 1.0, 0.0)];
     let triangles = scenes::separate([[a; 3], [a, b, a], [a, b, (a + b) * 0.5], real, [b; 3]]);
     all_agree("degenerate", &triangles, &scenes::rays(300, 13));
 }
@@ -238,10 +176,7 @@ fn no_triangle_at_all() {
     let nothing = Arc::new(Triangles::default());
     for choice in parameters().into_iter().map(BuildChoice::Tree).chain([
         BuildChoice::Native(NativeOptions::default()),
-        BuildChoice::Tree(TreeParameters {
-            compact: true,
-            ..TreeParameters::default()
-        }),
+        BuildChoice::Tree(TreeParameters { compact: true, ..TreeParameters::default() }),
         BuildChoice::BruteForce,
     ]) {
         let structure = build(&device(), &nothing, &choice).expect("it builds");
@@ -263,53 +198,22 @@ fn odd_rays() {
     let oracle = BruteForce::new(&triangles);
     let mut random = scenes::random(16);
     let mut straight = Vec::new();
-    for axis in [
-        Vec3::X,
-        Vec3::Y,
-        Vec3::Z,
-        Vec3::new(1.0, 0.0, -1.0),
-        Vec3::new(0.0, -1.0, 1e-30),
-    ] {
+    for axis in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::new(1.0, 0.0, -1.0), Vec3::new(0.0, -1.0, 1e-30)] {
         for sign in [1.0, -1.0] {
             for _ in 0..20 {
                 let origin = Vec3::from(scenes::in_cube(&mut random)) - axis * sign * 2.0;
-                straight.push(Ray {
-                    origin,
-                    direction: axis * sign,
-                    t_min: 0.0,
-                    t_max: f32::INFINITY,
-                });
+                straight.push(Ray { origin, direction: axis * sign, t_min: 0.0, t_max: f32::INFINITY });
             }
         }
     }
-    let good = Ray {
-        origin: Vec3::new(0.1, 2.0, 0.1),
-        direction: Vec3::NEG_Y,
-        t_min: 0.0,
-        t_max: f32::INFINITY,
-    };
+    let good =
+        Ray { origin: Vec3::new(0.1, 2.0, 0.1), direction: Vec3::NEG_Y, t_min: 0.0, t_max: f32::INFINITY };
     let mut broken = vec![
-        Ray {
-            direction: Vec3::ZERO,
-            ..good
-        },
-        Ray {
-            t_min: f32::NAN,
-            ..good
-        },
-        Ray {
-            t_max: f32::NAN,
-            ..good
-        },
-        Ray {
-            t_min: 2.0,
-            t_max: 1.0,
-            ..good
-        },
-        Ray {
-            t_max: -1.0,
-            ..good
-        },
+        Ray { direction: Vec3::ZERO, ..good },
+        Ray { t_min: f32::NAN, ..good },
+        Ray { t_max: f32::NAN, ..good },
+        Ray { t_min: 2.0, t_max: 1.0, ..good },
+        Ray { t_max: -1.0, ..good },
     ];
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for axis in 0..3 {
@@ -319,27 +223,15 @@ fn odd_rays() {
             broken.extend([Ray { origin, ..good }, Ray { direction, ..good }]);
         }
     }
-    let huge = [1e30, f32::MAX].map(|size| Ray {
-        origin: Vec3::splat(size),
-        direction: Vec3::splat(-size),
-        ..good
-    });
+    let huge =
+        [1e30, f32::MAX].map(|size| Ray { origin: Vec3::splat(size), direction: Vec3::splat(-size), ..good });
     assert!(oracle.closest(&good).is_some());
     let native = NativeOptions::default();
-    let choices = parameters()
-        .into_iter()
-        .map(BuildChoice::Tree)
-        .chain([BuildChoice::Native(native)]);
+    let choices = parameters().into_iter().map(BuildChoice::Tree).chain([BuildChoice::Native(native)]);
     for choice in choices {
         let structure = build(&device(), &triangles, &choice).expect("it builds");
         for ray in &straight {
-            agree(
-                &triangles,
-                ray,
-                oracle.closest(ray),
-                structure.closest(ray),
-                &format!("{choice:?}"),
-            );
+            agree(&triangles, ray, oracle.closest(ray), structure.closest(ray), &format!("{choice:?}"));
         }
         for ray in &broken {
             assert_eq!(structure.closest(ray), None, "{choice:?}, {ray:?}");
@@ -362,51 +254,26 @@ fn robust_trees_are_watertight() {
         .map(|_| {
             let [a, b, _] = loop {
                 let corners = triangles.corners(random.random_range(0..triangles.len()));
-                if corners
-                    .iter()
-                    .all(|corner| corner.x.abs().max(corner.z.abs()) < 0.95)
-                {
+                if corners.iter().all(|corner| corner.x.abs().max(corner.z.abs()) < 0.95) {
                     break corners;
                 }
             };
-            let share = if random.random_bool(0.3) {
-                0.0
-            } else {
-                random.random_range(0.0..1.0)
-            };
+            let share = if random.random_bool(0.3) { 0.0 } else { random.random_range(0.0..1.0) };
             let target = Vec3::from(a + (b - a) * share);
             // From near and far: the farther, the coarser the translated corners.
             let distance = random.random_range(0.2f32..4.0).exp2().exp2();
-            let aside = Vec3::new(
-                random.random_range(-0.3..0.3),
-                1.0,
-                random.random_range(-0.3..0.3),
-            );
+            let aside = Vec3::new(random.random_range(-0.3..0.3), 1.0, random.random_range(-0.3..0.3));
             let origin = aside * distance;
-            Ray {
-                origin,
-                direction: target - origin,
-                t_min: 0.0,
-                t_max: f32::INFINITY,
-            }
+            Ray { origin, direction: target - origin, t_min: 0.0, t_max: f32::INFINITY }
         })
         .collect();
-    for parameters in parameters()
-        .into_iter()
-        .filter(|parameters| parameters.robust)
-    {
+    for parameters in parameters().into_iter().filter(|parameters| parameters.robust) {
         let mut tree = tree(&triangles, &parameters);
         for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
             tree = tree.with_isa(isa).expect("it is available");
             for ray in &rays {
-                assert!(
-                    tree.closest(ray).is_some(),
-                    "{isa:?}, {parameters:?}: {ray:?} slips through"
-                );
-                assert!(
-                    tree.occluded(ray),
-                    "{isa:?}, {parameters:?}: {ray:?} slips through"
-                );
+                assert!(tree.closest(ray).is_some(), "{isa:?}, {parameters:?}: {ray:?} slips through");
+                assert!(tree.occluded(ray), "{isa:?}, {parameters:?}: {ray:?} slips through");
             }
         }
     }
@@ -415,29 +282,12 @@ fn robust_trees_are_watertight() {
 /// The origin lies beside the long edge by less than single precision can tell from its products.
 #[test]
 fn robust_trees_decide_close_edges_in_double_precision() {
-    let (b, c) = (
-        Vec3A::new(1.0 + f32::EPSILON, 1.0, 0.0),
-        Vec3A::new(-1.0, f32::EPSILON / 2.0 - 1.0, 0.0),
-    );
-    let ray = Ray {
-        origin: Vec3::NEG_Z,
-        direction: Vec3::Z,
-        t_min: 0.0,
-        t_max: f32::INFINITY,
-    };
-    for (a, inside) in [
-        (Vec3A::new(-1.0, 1.0, 0.0), true),
-        (Vec3A::new(1.0, -1.0, 0.0), false),
-    ] {
+    let (b, c) = (Vec3A::new(1.0 + f32::EPSILON, 1.0, 0.0), Vec3A::new(-1.0, f32::EPSILON / 2.0 - 1.0, 0.0));
+    let ray = Ray { origin: Vec3::NEG_Z, direction: Vec3::Z, t_min: 0.0, t_max: f32::INFINITY };
+    for (a, inside) in [(Vec3A::new(-1.0, 1.0, 0.0), true), (Vec3A::new(1.0, -1.0, 0.0), false)] {
         let triangles = scenes::separate([[a, b, c]]);
         assert_eq!(BruteForce::new(&triangles).occluded(&ray), inside);
-        let mut tree = tree(
-            &triangles,
-            &TreeParameters {
-                robust: true,
-                ..TreeParameters::default()
-            },
-        );
+        let mut tree = tree(&triangles, &TreeParameters { robust: true, ..TreeParameters::default() });
         for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
             tree = tree.with_isa(isa).expect("it is available");
             assert_eq!(tree.closest(&ray).is_some(), inside, "{isa:?}");

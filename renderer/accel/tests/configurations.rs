@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use proptest::prelude::*;
 use treewright_accel::{
-    BruteForce, BuildChoice, BuildError, Device, Hit, Intersector, Quality, Ray, Structure,
-    TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, BuildError, Device, Hit, Intersector, Quality, Ray, Structure, TreeParameters,
+    Triangles, build,
 };
 
 mod scenes;
@@ -23,18 +23,9 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
         prop::sample::select(vec![1u32, 2, 4, 8, 16, 32]),
         (1u32..=32).prop_flat_map(|max| (1..=max, Just(max))),
     );
-    let rest = (
-        0.0f32..=10.0,
-        0.001f32..=10.0,
-        any::<bool>(),
-        prop::bool::weighted(0.1),
-        any::<bool>(),
-    );
+    let rest = (0.0f32..=10.0, 0.001f32..=10.0, any::<bool>(), prop::bool::weighted(0.1), any::<bool>());
     (shape, rest).prop_map(
-        |(
-            (quality, branching_factor, max_depth, sah_block_size, (min_leaf_size, max_leaf_size)),
-            rest,
-        )| {
+        |((quality, branching_factor, max_depth, sah_block_size, (min_leaf_size, max_leaf_size)), rest)| {
             let (traversal_cost, intersection_cost, static_scene, compact, robust) = rest;
             TreeParameters {
                 quality,
@@ -64,11 +55,7 @@ impl Case {
         let rays = scenes::rays(200, seed);
         let oracle = BruteForce::new(&triangles);
         let expected = rays.iter().map(|ray| oracle.closest(ray)).collect();
-        Self {
-            triangles,
-            rays,
-            expected,
-        }
+        Self { triangles, rays, expected }
     }
 
     fn check(&self, parameters: &TreeParameters) {
@@ -80,26 +67,19 @@ impl Case {
             }
         };
         if let Structure::Tree(tree) = &structure {
-            tree.validate()
-                .unwrap_or_else(|fault| panic!("{parameters:?}: {fault}"));
+            tree.validate().unwrap_or_else(|fault| panic!("{parameters:?}: {fault}"));
             let statistics = tree.statistics();
             assert!(statistics.triangle_references >= self.triangles.len());
             assert!(statistics.depth <= parameters.max_depth && statistics.bytes > 0);
             assert!(statistics.sah_cost.is_finite() && statistics.sah_cost > 0.0);
         }
-        let agreed = self
-            .rays
-            .iter()
-            .zip(&self.expected)
-            .filter(|(ray, expected)| {
-                let found = structure.closest(ray);
-                match (expected, found) {
-                    (Some(expected), Some(found)) => {
-                        (expected.t - found.t).abs() <= 2e-4 * (1.0 + expected.t)
-                    }
-                    (expected, found) => expected.is_none() && found.is_none(),
-                }
-            });
+        let agreed = self.rays.iter().zip(&self.expected).filter(|(ray, expected)| {
+            let found = structure.closest(ray);
+            match (expected, found) {
+                (Some(expected), Some(found)) => (expected.t - found.t).abs() <= 2e-4 * (1.0 + expected.t),
+                (expected, found) => expected.is_none() && found.is_none(),
+            }
+        });
         let wrong = self.rays.len() - agreed.count();
         assert!(wrong <= 1, "{parameters:?}: {wrong} rays disagree");
     }
@@ -107,20 +87,11 @@ impl Case {
 
 #[test]
 fn random_configurations_over_two_scenes() {
-    let cases = [
-        Case::new(scenes::soup(3000, 0.05, 21), 22),
-        Case::new(scenes::city(12, 23), 24),
-    ];
-    let settings = ProptestConfig {
-        cases: 64,
-        failure_persistence: None,
-        ..ProptestConfig::default()
-    };
+    let cases = [Case::new(scenes::soup(3000, 0.05, 21), 22), Case::new(scenes::city(12, 23), 24)];
+    let settings = ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() };
     let mut runner = proptest::test_runner::TestRunner::new_with_rng(
         settings,
-        proptest::test_runner::TestRng::deterministic_rng(
-            proptest::test_runner::RngAlgorithm::ChaCha,
-        ),
+        proptest::test_runner::TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha),
     );
     let outcome = runner.run(&configuration(), |parameters| {
         cases.iter().for_each(|case| case.check(&parameters));
@@ -132,13 +103,9 @@ fn random_configurations_over_two_scenes() {
 #[test]
 fn a_tree_that_would_be_too_deep_is_infeasible() {
     let triangles = scenes::soup(20_000, 0.01, 25);
-    let shallow = TreeParameters {
-        max_depth: 9,
-        max_leaf_size: 1,
-        ..TreeParameters::default()
-    };
-    let error = build(&device(), &triangles, &BuildChoice::Tree(shallow))
-        .expect_err("2^9 leaves are too few");
+    let shallow = TreeParameters { max_depth: 9, max_leaf_size: 1, ..TreeParameters::default() };
+    let error =
+        build(&device(), &triangles, &BuildChoice::Tree(shallow)).expect_err("2^9 leaves are too few");
     assert_eq!(error, BuildError::DepthLimit { max_depth: 9 });
     assert!(error.is_infeasible());
     // The failure leaves nothing behind: the next build is well.
@@ -148,22 +115,9 @@ fn a_tree_that_would_be_too_deep_is_infeasible() {
 #[test]
 fn invalid_parameters_are_refused_before_anything_is_built() {
     let triangles = scenes::soup(10, 0.1, 28);
-    let wrong = TreeParameters {
-        branching_factor: 16,
-        ..TreeParameters::default()
-    };
-    let error =
-        build(&device(), &triangles, &BuildChoice::Tree(wrong)).expect_err("16 is no width");
-    assert!(
-        matches!(
-            error,
-            BuildError::InvalidParameters {
-                parameter: "branching_factor",
-                ..
-            }
-        ),
-        "{error}"
-    );
+    let wrong = TreeParameters { branching_factor: 16, ..TreeParameters::default() };
+    let error = build(&device(), &triangles, &BuildChoice::Tree(wrong)).expect_err("16 is no width");
+    assert!(matches!(error, BuildError::InvalidParameters { parameter: "branching_factor", .. }), "{error}");
     assert!(!error.is_infeasible());
 }
 
@@ -171,12 +125,8 @@ fn invalid_parameters_are_refused_before_anything_is_built() {
 fn limits_on_leaves_act() {
     let triangles = scenes::hills(60);
     let tree = |min_leaf_size, max_leaf_size| {
-        let parameters = TreeParameters {
-            min_leaf_size,
-            max_leaf_size,
-            max_depth: 64,
-            ..TreeParameters::default()
-        };
+        let parameters =
+            TreeParameters { min_leaf_size, max_leaf_size, max_depth: 64, ..TreeParameters::default() };
         match build(&device(), &triangles, &BuildChoice::Tree(parameters)) {
             Ok(Structure::Tree(tree)) => tree.statistics(),
             other => panic!("{parameters:?} gave {other:?}"),
@@ -193,10 +143,7 @@ fn limits_on_leaves_act() {
 #[test]
 fn compact_is_embrees_own_and_smaller() {
     let triangles = scenes::hills(100);
-    let compact = TreeParameters {
-        compact: true,
-        ..TreeParameters::default()
-    };
+    let compact = TreeParameters { compact: true, ..TreeParameters::default() };
     let structure = build(&device(), &triangles, &BuildChoice::Tree(compact)).expect("it builds");
     assert!(matches!(structure, Structure::Native(_)));
     assert!(structure.statistics().tree.is_none());
@@ -209,8 +156,7 @@ fn builds_run_side_by_side() {
             scope.spawn(move || {
                 let case = Case::new(scenes::soup(4000, 0.05, 30 + thread), 40 + thread);
                 for round in 0..6u32 {
-                    let quality =
-                        [Quality::Morton, Quality::Sah, Quality::SahSplit][round as usize % 3];
+                    let quality = [Quality::Morton, Quality::Sah, Quality::SahSplit][round as usize % 3];
                     let parameters = TreeParameters {
                         quality,
                         branching_factor: 2 << (round % 3),

@@ -35,9 +35,7 @@ impl Indicator {
         let range = self.max / 2.0 - self.min / 2.0;
         let normalised = match self.scale {
             Scale::Linear => offset / range,
-            Scale::Log => {
-                offset.signum() * ln_one_plus_twice(offset.abs()) / ln_one_plus_twice(range)
-            }
+            Scale::Log => offset.signum() * ln_one_plus_twice(offset.abs()) / ln_one_plus_twice(range),
         };
         // 0/0 arises where the range is so small that its half is zero; the value is then at `min`.
         let normalised = if normalised.is_nan() { 0.0 } else { normalised };
@@ -47,11 +45,7 @@ impl Indicator {
 
 /// `ln(1 + 2 half)` for `half >= 0`, without overflow.
 fn ln_one_plus_twice(half: f64) -> f64 {
-    if half < f64::MAX / 4.0 {
-        (2.0 * half).ln_1p()
-    } else {
-        half.ln() + std::f64::consts::LN_2
-    }
+    if half < f64::MAX / 4.0 { (2.0 * half).ln_1p() } else { half.ln() + std::f64::consts::LN_2 }
 }
 
 /// The indicators of a study, in the order in which normalised states list them. May be empty.
@@ -83,9 +77,7 @@ pub enum IndicatorError {
         name: String,
     },
     /// The range is empty or not finite.
-    #[error(
-        "indicator {name:?} has range {min} to {max}; both must be finite and min less than max"
-    )]
+    #[error("indicator {name:?} has range {min} to {max}; both must be finite and min less than max")]
     Range {
         /// The indicator.
         name: String,
@@ -122,9 +114,7 @@ impl IndicatorSchema {
     /// Checks and takes the indicators.
     pub fn new(indicators: Vec<Indicator>) -> Result<Self, IndicatorError> {
         if indicators.len() > INDICATORS_MAX {
-            return Err(IndicatorError::TooMany {
-                count: indicators.len(),
-            });
+            return Err(IndicatorError::TooMany { count: indicators.len() });
         }
         let mut seen = BTreeSet::new();
         for Indicator { name, min, max, .. } in &indicators {
@@ -135,11 +125,7 @@ impl IndicatorSchema {
                 return Err(IndicatorError::Twice { name: name.clone() });
             }
             if !min.is_finite() || !max.is_finite() || min >= max {
-                return Err(IndicatorError::Range {
-                    name: name.clone(),
-                    min: *min,
-                    max: *max,
-                });
+                return Err(IndicatorError::Range { name: name.clone(), min: *min, max: *max });
             }
         }
         Ok(IndicatorSchema { indicators })
@@ -160,35 +146,17 @@ impl IndicatorSchema {
                 return Err(IndicatorError::Missing { name: name.clone() });
             };
             if !value.is_finite() {
-                return Err(IndicatorError::NotFinite {
-                    name: name.clone(),
-                    value,
-                });
+                return Err(IndicatorError::NotFinite { name: name.clone(), value });
             }
             state.push(indicator.normalise(value));
         }
         if values.len() == self.indicators.len() {
             return Ok(state);
         }
-        let names: Vec<&str> = self
-            .indicators
-            .iter()
-            .map(|indicator| indicator.name.as_str())
-            .collect();
-        let unknown = values
-            .keys()
-            .find(|name| !names.contains(&name.as_str()))
-            .cloned()
-            .unwrap_or_default();
-        let known = if names.is_empty() {
-            "none".to_owned()
-        } else {
-            names.join(", ")
-        };
-        Err(IndicatorError::Unknown {
-            name: unknown,
-            known,
-        })
+        let names: Vec<&str> = self.indicators.iter().map(|indicator| indicator.name.as_str()).collect();
+        let unknown = values.keys().find(|name| !names.contains(&name.as_str())).cloned().unwrap_or_default();
+        let known = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        Err(IndicatorError::Unknown { name: unknown, known })
     }
 }
 
@@ -218,12 +186,7 @@ mod tests {
     }
 
     fn indicator(min: f64, max: f64, scale: Scale) -> Indicator {
-        Indicator {
-            name: "x".into(),
-            min,
-            max,
-            scale,
-        }
+        Indicator { name: "x".into(), min, max, scale }
     }
 
     #[test]
@@ -243,32 +206,14 @@ mod tests {
     fn missing_unknown_and_non_finite_values_are_named() {
         let schema = IndicatorSchema::new(vec![indicator(0.0, 1.0, Scale::Linear)]).expect("valid");
         let state = |pairs: &[(&str, f64)]| {
-            schema.normalise(
-                &pairs
-                    .iter()
-                    .map(|(name, value)| ((*name).to_owned(), *value))
-                    .collect(),
-            )
+            schema.normalise(&pairs.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect())
         };
         assert_eq!(state(&[("x", 0.25)]), Ok(vec![0.25]));
+        assert!(state(&[]).expect_err("missing").to_string().contains("\"x\" is missing"));
         assert!(
-            state(&[])
-                .expect_err("missing")
-                .to_string()
-                .contains("\"x\" is missing")
+            state(&[("x", 0.0), ("y", 0.0)]).expect_err("unknown").to_string().contains("\"y\" is unknown")
         );
-        assert!(
-            state(&[("x", 0.0), ("y", 0.0)])
-                .expect_err("unknown")
-                .to_string()
-                .contains("\"y\" is unknown")
-        );
-        assert!(
-            state(&[("x", f64::NAN)])
-                .expect_err("NaN")
-                .to_string()
-                .contains("\"x\" is NaN")
-        );
+        assert!(state(&[("x", f64::NAN)]).expect_err("NaN").to_string().contains("\"x\" is NaN"));
     }
 
     proptest! {

@@ -41,10 +41,7 @@ impl Record {
 
     fn rank(&self, index: usize) -> Option<Rank> {
         let usable = self.measurements > 0 && !self.infeasible;
-        usable.then_some(Rank {
-            cost: self.mean_cost,
-            index,
-        })
+        usable.then_some(Rank { cost: self.mean_cost, index })
     }
 }
 
@@ -59,9 +56,7 @@ impl Eq for Rank {}
 
 impl Ord for Rank {
     fn cmp(&self, other: &Self) -> Ordering {
-        self.cost
-            .total_cmp(&other.cost)
-            .then(self.index.cmp(&other.index))
+        self.cost.total_cmp(&other.cost).then(self.index.cmp(&other.index))
     }
 }
 
@@ -102,11 +97,8 @@ impl Knowledge {
             }
             Outcome::Infeasible { .. } => record.infeasible = true,
             Outcome::Aborted { lower_bound } => {
-                record.lower_bound = Some(
-                    record
-                        .lower_bound
-                        .map_or(*lower_bound, |old| old.max(*lower_bound)),
-                );
+                record.lower_bound =
+                    Some(record.lower_bound.map_or(*lower_bound, |old| old.max(*lower_bound)));
             }
             Outcome::Failed { .. } => record.failures = record.failures.saturating_add(1),
         }
@@ -139,9 +131,7 @@ impl Knowledge {
 
     /// What is known of one configuration; `None` when no trial of it was ever completed here.
     pub fn record(&self, configuration: &Configuration) -> Option<&Record> {
-        self.index
-            .get(configuration)
-            .map(|&index| &self.records[index])
+        self.index.get(configuration).map(|&index| &self.records[index])
     }
 
     /// The measured configurations that can be run, best mean first.
@@ -161,8 +151,7 @@ impl Knowledge {
 
     /// Whether the configuration could not be run here.
     pub fn is_infeasible(&self, configuration: &Configuration) -> bool {
-        self.record(configuration)
-            .is_some_and(|record| record.infeasible)
+        self.record(configuration).is_some_and(|record| record.infeasible)
     }
 
     /// Whether the configuration has a verdict, final or not.
@@ -180,9 +169,7 @@ impl Knowledge {
         }
         let given_up = record.failures >= FAILURES_PER_CONFIGURATION_MAX;
         match record.lower_bound {
-            _ if record.measurements >= u64::from(replicates) => {
-                Some(Verdict::Cost(record.mean_cost))
-            }
+            _ if record.measurements >= u64::from(replicates) => Some(Verdict::Cost(record.mean_cost)),
             _ if record.measurements > 0 && given_up => Some(Verdict::Cost(record.mean_cost)),
             Some(_) if record.measurements > 0 => Some(Verdict::Cost(record.mean_cost)),
             Some(bound) => Some(Verdict::AtLeast(bound)),

@@ -73,6 +73,5 @@ pub const FEATURES_MAX: usize = 896;
 
 const _: () = assert!(2 * FEATURES_MAX >= 7 * (PARAMETERS_MAX + INDICATORS_MAX));
 // The square of the largest distance between two normalised states must be finite.
-const _: () = assert!(
-    4.0 * NORMALISED_MAGNITUDE_MAX * NORMALISED_MAGNITUDE_MAX * (INDICATORS_MAX as f64) < f64::MAX
-);
+const _: () =
+    assert!(4.0 * NORMALISED_MAGNITUDE_MAX * NORMALISED_MAGNITUDE_MAX * (INDICATORS_MAX as f64) < f64::MAX);

@@ -6,9 +6,7 @@ use crate::limits::NAME_CHARACTERS_MAX;
 pub fn is_name(name: &str) -> bool {
     name.len() <= NAME_CHARACTERS_MAX
         && name.starts_with(|first: char| first.is_ascii_lowercase())
-        && name
-            .chars()
-            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
+        && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
 }
 
 /// The rule of [`is_name`] in words, for messages.

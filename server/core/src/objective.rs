@@ -43,17 +43,13 @@ pub enum ObjectiveError {
         metric: String,
     },
     /// A metric occurs twice.
-    #[error(
-        "objective metric {metric:?} is listed twice; join the two terms by adding their weights"
-    )]
+    #[error("objective metric {metric:?} is listed twice; join the two terms by adding their weights")]
     MetricTwice {
         /// As given.
         metric: String,
     },
     /// A weight is not positive and finite.
-    #[error(
-        "objective metric {metric:?} has weight {weight}; it must be finite and greater than 0"
-    )]
+    #[error("objective metric {metric:?} has weight {weight}; it must be finite and greater than 0")]
     Weight {
         /// The metric.
         metric: String,
@@ -75,9 +71,7 @@ pub enum ObjectiveError {
         value: f64,
     },
     /// The sum left the range of a double.
-    #[error(
-        "the weighted sum of the measurements is not finite; use smaller measurements or weights"
-    )]
+    #[error("the weighted sum of the measurements is not finite; use smaller measurements or weights")]
     Overflow,
 }
 
@@ -90,20 +84,13 @@ impl Objective {
         let mut seen = BTreeSet::new();
         for ObjectiveTerm { metric, weight } in &terms {
             if !is_name(metric) {
-                return Err(ObjectiveError::MetricName {
-                    metric: metric.clone(),
-                });
+                return Err(ObjectiveError::MetricName { metric: metric.clone() });
             }
             if !seen.insert(metric) {
-                return Err(ObjectiveError::MetricTwice {
-                    metric: metric.clone(),
-                });
+                return Err(ObjectiveError::MetricTwice { metric: metric.clone() });
             }
             if !weight.is_finite() || *weight <= 0.0 {
-                return Err(ObjectiveError::Weight {
-                    metric: metric.clone(),
-                    weight: *weight,
-                });
+                return Err(ObjectiveError::Weight { metric: metric.clone(), weight: *weight });
             }
         }
         Ok(Objective { terms })
@@ -119,23 +106,14 @@ impl Objective {
         let mut cost = 0.0;
         for ObjectiveTerm { metric, weight } in &self.terms {
             let Some(&value) = measurements.get(metric) else {
-                return Err(ObjectiveError::MetricMissing {
-                    metric: metric.clone(),
-                });
+                return Err(ObjectiveError::MetricMissing { metric: metric.clone() });
             };
             if !value.is_finite() || value < 0.0 {
-                return Err(ObjectiveError::MetricValue {
-                    metric: metric.clone(),
-                    value,
-                });
+                return Err(ObjectiveError::MetricValue { metric: metric.clone(), value });
             }
             cost += weight * value;
         }
-        if cost.is_finite() {
-            Ok(cost + 0.0)
-        } else {
-            Err(ObjectiveError::Overflow)
-        }
+        if cost.is_finite() { Ok(cost + 0.0) } else { Err(ObjectiveError::Overflow) }
     }
 }
 
@@ -158,24 +136,17 @@ mod tests {
     use super::*;
 
     fn term(metric: &str, weight: f64) -> ObjectiveTerm {
-        ObjectiveTerm {
-            metric: metric.into(),
-            weight,
-        }
+        ObjectiveTerm { metric: metric.into(), weight }
     }
 
     #[test]
     fn the_cost_is_the_weighted_sum() {
-        let objective = Objective::new(vec![term("build_ms", 1.0 / 4.0), term("render_ms", 1.0)])
-            .expect("valid");
-        let mut measurements =
-            BTreeMap::from([("build_ms".to_owned(), 8.0), ("render_ms".to_owned(), 3.0)]);
+        let objective =
+            Objective::new(vec![term("build_ms", 1.0 / 4.0), term("render_ms", 1.0)]).expect("valid");
+        let mut measurements = BTreeMap::from([("build_ms".to_owned(), 8.0), ("render_ms".to_owned(), 3.0)]);
         assert_eq!(objective.cost(&measurements), Ok(5.0));
         measurements.insert("render_ms".into(), f64::NAN);
-        assert!(matches!(
-            objective.cost(&measurements),
-            Err(ObjectiveError::MetricValue { .. })
-        ));
+        assert!(matches!(objective.cost(&measurements), Err(ObjectiveError::MetricValue { .. })));
         measurements.insert("render_ms".into(), f64::MAX);
         measurements.insert("build_ms".into(), f64::MAX);
         assert_eq!(objective.cost(&measurements), Err(ObjectiveError::Overflow));

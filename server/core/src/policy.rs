@@ -115,20 +115,12 @@ impl<C> Policy<C> {
             return Err(PolicyError::Epsilon(self.epsilon));
         }
         for (field, value, limit) in [
-            (
-                "trials_per_state",
-                self.trials_per_state,
-                TRIALS_PER_STATE_MAX,
-            ),
+            ("trials_per_state", self.trials_per_state, TRIALS_PER_STATE_MAX),
             ("replicates", self.replicates, REPLICATES_MAX),
             ("lease_s", self.lease_s, LEASE_S_MAX),
         ] {
             if value == 0 || value > limit {
-                return Err(PolicyError::Range {
-                    field,
-                    value,
-                    limit,
-                });
+                return Err(PolicyError::Range { field, value, limit });
             }
         }
         Ok(())
@@ -153,9 +145,7 @@ impl Policy {
 
     /// The unchecked form, for tables.
     pub fn to_raw(&self) -> RawPolicy {
-        self.clone()
-            .map_pinned(|pinned| Ok::<_, SpaceError>(pinned.into()))
-            .expect("the map cannot fail")
+        self.clone().map_pinned(|pinned| Ok::<_, SpaceError>(pinned.into())).expect("the map cannot fail")
     }
 }
 

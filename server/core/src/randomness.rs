@@ -23,10 +23,7 @@ pub(crate) enum Purpose {
 /// The stream of that name.
 pub(crate) fn stream(seed: u64, purpose: Purpose, first: u64, second: u64) -> ChaCha8Rng {
     let mut key = [0u8; 32];
-    for (slot, word) in key
-        .chunks_exact_mut(8)
-        .zip([seed, purpose as u64, first, second])
-    {
+    for (slot, word) in key.chunks_exact_mut(8).zip([seed, purpose as u64, first, second]) {
         slot.copy_from_slice(&word.to_le_bytes());
     }
     ChaCha8Rng::from_seed(key)

@@ -82,8 +82,7 @@ impl StudySpec {
     /// Checks what the types of the parts cannot say.
     pub fn validate(&self) -> Result<(), StudyError> {
         let name = &self.display_name;
-        if name.chars().count() > DISPLAY_NAME_CHARACTERS_MAX || name.chars().any(char::is_control)
-        {
+        if name.chars().count() > DISPLAY_NAME_CHARACTERS_MAX || name.chars().any(char::is_control) {
             return Err(StudyError::DisplayName);
         }
         if !(0.0..=1.0).contains(&self.state_tolerance) {
@@ -97,19 +96,15 @@ impl StudySpec {
     /// `display_name`. `None` when they are equal.
     pub fn first_difference(&self, other: &StudySpec) -> Option<String> {
         let (mine, theirs) = (self.space.parameters(), other.space.parameters());
-        if let Some(found) = list_difference("parameter", mine, theirs, |parameter| &parameter.name)
-        {
+        if let Some(found) = list_difference("parameter", mine, theirs, |parameter| &parameter.name) {
             return Some(found);
         }
         let (mine, theirs) = (self.space.constraints(), other.space.constraints());
-        if let Some(found) =
-            list_difference("constraint", mine, theirs, |constraint| &constraint.lesser)
-        {
+        if let Some(found) = list_difference("constraint", mine, theirs, |constraint| &constraint.lesser) {
             return Some(found);
         }
         let (mine, theirs) = (self.indicators.indicators(), other.indicators.indicators());
-        if let Some(found) = list_difference("indicator", mine, theirs, |indicator| &indicator.name)
-        {
+        if let Some(found) = list_difference("indicator", mine, theirs, |indicator| &indicator.name) {
             return Some(found);
         }
         let (mine, theirs) = (self.objective.terms(), other.objective.terms());
@@ -138,28 +133,14 @@ fn list_difference<T: PartialEq + Serialize>(
     let text = |item: &T| serde_json::to_string(item).unwrap_or_else(|_| name(item).clone());
     for (index, (a, b)) in mine.iter().zip(theirs).enumerate() {
         if name(a) != name(b) {
-            return Some(format!(
-                "{what} {} is {:?} against {:?}",
-                index + 1,
-                name(a),
-                name(b)
-            ));
+            return Some(format!("{what} {} is {:?} against {:?}", index + 1, name(a), name(b)));
         }
         if a != b {
-            return Some(format!(
-                "{what} {:?} is {} against {}",
-                name(a),
-                text(a),
-                text(b)
-            ));
+            return Some(format!("{what} {:?} is {} against {}", name(a), text(a), text(b)));
         }
     }
     if mine.len() != theirs.len() {
-        return Some(format!(
-            "the number of {what}s is {} against {}",
-            mine.len(),
-            theirs.len()
-        ));
+        return Some(format!("the number of {what}s is {} against {}", mine.len(), theirs.len()));
     }
     None
 }
@@ -175,28 +156,13 @@ mod tests {
     fn spec() -> StudySpec {
         let parameter = |name: &str| Parameter {
             name: name.into(),
-            domain: Domain::Integer {
-                min: 1,
-                max: 9,
-                scale: Scale::Linear,
-            },
+            domain: Domain::Integer { min: 1, max: 9, scale: Scale::Linear },
             default: Value::Integer(3),
             active_if: None,
         };
-        let order = Constraint {
-            lesser: "a".into(),
-            greater: "b".into(),
-        };
-        let indicator = Indicator {
-            name: "x".into(),
-            min: 0.0,
-            max: 1.0,
-            scale: Scale::Linear,
-        };
-        let term = ObjectiveTerm {
-            metric: "render_ms".into(),
-            weight: 1.0,
-        };
+        let order = Constraint { lesser: "a".into(), greater: "b".into() };
+        let indicator = Indicator { name: "x".into(), min: 0.0, max: 1.0, scale: Scale::Linear };
+        let term = ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 };
         StudySpec {
             display_name: "a study".into(),
             space: Space::new(vec![parameter("a"), parameter("b")], vec![order]).expect("valid"),
@@ -211,37 +177,19 @@ mod tests {
     #[test]
     fn the_first_difference_is_named_and_policy_and_display_name_do_not_count() {
         let base = spec();
-        let policy = Policy {
-            epsilon: 0.9,
-            ..Policy::default()
-        };
-        let renamed = StudySpec {
-            display_name: "other".into(),
-            policy,
-            ..spec()
-        };
+        let policy = Policy { epsilon: 0.9, ..Policy::default() };
+        let renamed = StudySpec { display_name: "other".into(), policy, ..spec() };
         assert_eq!(base.first_difference(&renamed), None);
         let mut parameters = base.space.parameters().to_vec();
         parameters[1].default = Value::Integer(4);
         let space = Space::new(parameters, base.space.constraints().to_vec()).expect("valid");
-        let other = base
-            .first_difference(&StudySpec { space, ..spec() })
-            .expect("differs");
+        let other = base.first_difference(&StudySpec { space, ..spec() }).expect("differs");
         assert!(other.starts_with("parameter \"b\" is {"), "{other}");
         let space = Space::new(base.space.parameters().to_vec(), vec![]).expect("valid");
         let other = base.first_difference(&StudySpec { space, ..spec() });
-        assert_eq!(
-            other.as_deref(),
-            Some("the number of constraints is 1 against 0")
-        );
-        let other = base.first_difference(&StudySpec {
-            indicators: IndicatorSchema::default(),
-            ..spec()
-        });
-        assert_eq!(
-            other.as_deref(),
-            Some("the number of indicators is 1 against 0")
-        );
+        assert_eq!(other.as_deref(), Some("the number of constraints is 1 against 0"));
+        let other = base.first_difference(&StudySpec { indicators: IndicatorSchema::default(), ..spec() });
+        assert_eq!(other.as_deref(), Some("the number of indicators is 1 against 0"));
         let other = base.first_difference(&StudySpec { seed: 7, ..spec() });
         assert_eq!(other.as_deref(), Some("seed is 0 against 7"));
     }
@@ -249,42 +197,21 @@ mod tests {
     #[test]
     fn specifications_are_checked_on_the_way_in() {
         let text = serde_json::to_string(&spec()).expect("plain data");
-        assert_eq!(
-            serde_json::from_str::<StudySpec>(&text).expect("own output"),
-            spec()
-        );
+        assert_eq!(serde_json::from_str::<StudySpec>(&text).expect("own output"), spec());
         let pinned = r#""pinned":{"a":{"integer":5},"b":{"integer":4}}"#;
         for (good, bad) in [
             (r#""state_tolerance":0.01"#, r#""state_tolerance":1.5"#),
             (r#""epsilon":0.2"#, r#""epsilon":-0.2"#),
             (r#""replicates":1"#, r#""replicates":0"#),
             (r#""lease_s":60"#, r#""lease_s":86401"#),
-            (
-                r#""display_name":"a study""#,
-                r#""display_name":"a\nstudy""#,
-            ),
+            (r#""display_name":"a study""#, r#""display_name":"a\nstudy""#),
             (r#""pinned":null"#, pinned),
         ] {
             assert!(text.contains(good), "{good}");
-            assert!(
-                serde_json::from_str::<StudySpec>(&text.replace(good, bad)).is_err(),
-                "{bad}"
-            );
+            assert!(serde_json::from_str::<StudySpec>(&text.replace(good, bad)).is_err(), "{bad}");
         }
         let order = serde_json::from_str::<StudySpec>(&text.replace(r#""pinned":null"#, pinned));
-        assert!(
-            order
-                .expect_err("a > b")
-                .to_string()
-                .contains("a = 5 is greater than b = 4")
-        );
-        assert!(
-            StudySpec {
-                state_tolerance: f64::NAN,
-                ..spec()
-            }
-            .validate()
-            .is_err()
-        );
+        assert!(order.expect_err("a > b").to_string().contains("a = 5 is greater than b = 4"));
+        assert!(StudySpec { state_tolerance: f64::NAN, ..spec() }.validate().is_err());
     }
 }

@@ -13,15 +13,6 @@ pub(crate) fn cases(cases: u32) -> Config {
         RngSeed::Random => RngSeed::Fixed(1),
         fixed => fixed,
     };
-    let cases = if given.cases == CASES_USUAL {
-        cases
-    } else {
-        given.cases
-    };
-    Config {
-        cases,
-        rng_seed,
-        failure_persistence: None,
-        ..given
-    }
+    let cases = if given.cases == CASES_USUAL { cases } else { given.cases };
+    Config { cases, rng_seed, failure_persistence: None, ..given }
 }

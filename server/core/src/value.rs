@@ -65,20 +65,14 @@ impl Value {
 }
 
 fn canonical_float(float: f64) -> f64 {
-    if float.is_nan() {
-        f64::NAN.abs()
-    } else {
-        float + 0.0
-    }
+    if float.is_nan() { f64::NAN.abs() } else { float + 0.0 }
 }
 
 impl Ord for Value {
     fn cmp(&self, other: &Self) -> Ordering {
         match (self, other) {
             (Value::Integer(a), Value::Integer(b)) => a.cmp(b),
-            (Value::Float(a), Value::Float(b)) => {
-                canonical_float(*a).total_cmp(&canonical_float(*b))
-            }
+            (Value::Float(a), Value::Float(b)) => canonical_float(*a).total_cmp(&canonical_float(*b)),
             (Value::Text(a), Value::Text(b)) => a.cmp(b),
             (Value::Boolean(a), Value::Boolean(b)) => a.cmp(b),
             _ => self.rank().cmp(&other.rank()),
@@ -137,12 +131,7 @@ mod tests {
         assert_eq!(Value::Float(-0.0).canonical().to_string(), "0.0");
         assert_ne!(Value::Integer(1), Value::Float(1.0));
         assert_ne!(Value::Boolean(true), Value::Integer(1));
-        let all = [
-            Value::Float(-0.0),
-            Value::Float(0.0),
-            Value::Text("0".into()),
-            Value::Integer(0),
-        ];
+        let all = [Value::Float(-0.0), Value::Float(0.0), Value::Text("0".into()), Value::Integer(0)];
         assert_eq!(all.into_iter().collect::<BTreeSet<_>>().len(), 3);
     }
 
@@ -156,10 +145,7 @@ mod tests {
             Value::Boolean(false),
         ] {
             let text = serde_json::to_string(&value).expect("a value is plain data");
-            assert_eq!(
-                serde_json::from_str::<Value>(&text).expect("own output"),
-                value
-            );
+            assert_eq!(serde_json::from_str::<Value>(&text).expect("own output"), value);
         }
     }
 }

@@ -208,9 +208,7 @@ fn parameter(text: &str) -> Result<(String, Value), String> {
 }
 
 fn pair(text: &str) -> Result<(String, &str), String> {
-    let (name, value) = text
-        .split_once('=')
-        .ok_or("it must be written NAME=VALUE")?;
+    let (name, value) = text.split_once('=').ok_or("it must be written NAME=VALUE")?;
     Ok((name.trim().to_owned(), value.trim()))
 }
 
@@ -226,15 +224,9 @@ mod tests {
 
     #[test]
     fn pairs_are_read() {
-        assert_eq!(
-            indicator("triangles=1e6").unwrap(),
-            ("triangles".into(), 1e6)
-        );
+        assert_eq!(indicator("triangles=1e6").unwrap(), ("triangles".into(), 1e6));
         assert!(indicator("triangles=nan").unwrap_err().contains("finite"));
-        assert_eq!(
-            parameter("compact = true").unwrap(),
-            ("compact".into(), Value::from(true))
-        );
+        assert_eq!(parameter("compact = true").unwrap(), ("compact".into(), Value::from(true)));
         assert!(parameter("compact").is_err());
     }
 }

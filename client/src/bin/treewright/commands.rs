@@ -10,17 +10,12 @@ use crate::show;
 
 /// Does what the command line says and returns what is to be printed.
 pub(crate) fn run(arguments: &Arguments) -> Result<String, Failure> {
-    let client = Client::connect(
-        &arguments.server,
-        Options::new().call_deadline(arguments.timeout),
-    )?;
+    let client = Client::connect(&arguments.server, Options::new().call_deadline(arguments.timeout))?;
     let json = arguments.json;
     match &arguments.command {
         Command::Studies => studies(&client, json),
         Command::Study(StudyCommand::Show { name }) => show_study(&client, name, json),
-        Command::Study(StudyCommand::Delete { name, yes }) => {
-            delete_study(&client, name, *yes, json)
-        }
+        Command::Study(StudyCommand::Delete { name, yes }) => delete_study(&client, name, *yes, json),
         Command::Trials(which) => trials(&client, which, json),
         Command::Best(state) => best(&client, state, json),
         Command::Predict(state) => predict(&client, state, json),
@@ -30,16 +25,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<String, Failure> {
 }
 
 /// JSON where it is wished, else the words for people.
-fn either(
-    json: bool,
-    record: &impl Serialize,
-    words: impl FnOnce() -> String,
-) -> Result<String, Failure> {
-    let mut text = if json {
-        serde_json::to_string_pretty(record)?
-    } else {
-        words()
-    };
+fn either(json: bool, record: &impl Serialize, words: impl FnOnce() -> String) -> Result<String, Failure> {
+    let mut text = if json { serde_json::to_string_pretty(record)? } else { words() };
     if !text.ends_with('\n') {
         text.push('\n');
     }
@@ -60,26 +47,17 @@ fn delete_study(client: &Client, name: &str, yes: bool, json: bool) -> Result<St
     if !yes {
         let study = client.get_study(name)?;
         let trials = study.statistics.trials;
-        let message = format!(
-            "this deletes {} with its {trials} trial(s) for ever; say --yes to do it",
-            study.name
-        );
+        let message =
+            format!("this deletes {} with its {trials} trial(s) for ever; say --yes to do it", study.name);
         return Err(Failure::Usage(message));
     }
     client.delete_study(name)?;
-    either(json, &serde_json::json!({ "deleted": name }), || {
-        format!("deleted {name}")
-    })
+    either(json, &serde_json::json!({ "deleted": name }), || format!("deleted {name}"))
 }
 
 fn trials(client: &Client, which: &arguments::Trials, json: bool) -> Result<String, Failure> {
-    let query = TrialQuery::all()
-        .filter(&which.filter)
-        .order_by(&which.order_by);
-    let trials: Vec<_> = client
-        .trials(&which.study, query)
-        .take(which.limit)
-        .collect::<Result<_, _>>()?;
+    let query = TrialQuery::all().filter(&which.filter).order_by(&which.order_by);
+    let trials: Vec<_> = client.trials(&which.study, query).take(which.limit).collect::<Result<_, _>>()?;
     either(json, &trials, || show::trials(&trials, which.limit))
 }
 
@@ -106,13 +84,7 @@ fn policy(client: &Client, change: &arguments::Policy, json: bool) -> Result<Str
         None
     } else {
         let some: Configuration = change.pin.iter().cloned().collect();
-        Some(
-            client
-                .get_study(&change.study)?
-                .spec
-                .space()
-                .complete(&some)?,
-        )
+        Some(client.get_study(&change.study)?.spec.space().complete(&some)?)
     };
     let set = Policy {
         epsilon: change.epsilon,
@@ -123,29 +95,17 @@ fn policy(client: &Client, change: &arguments::Policy, json: bool) -> Result<Str
         lease_s: change.lease_s,
         pinned,
     };
-    let study = client.update_policy(
-        &change.study,
-        &PolicyChange {
-            set,
-            unpin: change.unpin,
-        },
-    )?;
-    either(json, study.spec.policy(), || {
-        show::policy(study.spec.policy())
-    })
+    let study = client.update_policy(&change.study, &PolicyChange { set, unpin: change.unpin })?;
+    either(json, study.spec.policy(), || show::policy(study.spec.policy()))
 }
 
 fn ping(client: &Client, json: bool) -> Result<String, Failure> {
     // The first answer includes connecting; the second says how far away the daemon is.
     client.ping()?;
     let round_trip_ms = client.ping()?.as_secs_f64() * 1e3;
-    let record = serde_json::json!({ "server": client.url(), "serving": true, "round_trip_ms": round_trip_ms });
-    either(json, &record, || {
-        format!(
-            "{} is serving; a round trip takes {round_trip_ms:.2} ms",
-            client.url()
-        )
-    })
+    let record =
+        serde_json::json!({ "server": client.url(), "serving": true, "round_trip_ms": round_trip_ms });
+    either(json, &record, || format!("{} is serving; a round trip takes {round_trip_ms:.2} ms", client.url()))
 }
 
 fn indicators(state: &arguments::State) -> Indicators {

@@ -25,8 +25,7 @@ impl Failure {
     /// 1 the operation failed, 2 wrong usage, 3 no daemon reached.
     pub(crate) fn exit_code(&self) -> ExitCode {
         ExitCode::from(match self {
-            Self::Usage(_)
-            | Self::Client(ClientError::BadUrl { .. } | ClientError::Invalid { .. }) => 2,
+            Self::Usage(_) | Self::Client(ClientError::BadUrl { .. } | ClientError::Invalid { .. }) => 2,
             Self::Client(error) if error.is_unreachable() => 3,
             Self::Client(_) | Self::Output(_) | Self::Json(_) => 1,
         })

@@ -3,17 +3,13 @@
 use std::fmt::Write as _;
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, presets};
-use treewright_client::{
-    Best, Configuration, Outcome, Policy, Prediction, Scale, StudyRecord, TrialRecord,
-};
+use treewright_client::{Best, Configuration, Outcome, Policy, Prediction, Scale, StudyRecord, TrialRecord};
 
 /// A table whose columns with the given numbers hold figures.
 fn table(header: &[&str], figures: &[usize]) -> Table {
     let mut table = Table::new();
     let style = presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none());
-    table
-        .load_style(style)
-        .set_content_arrangement(ContentArrangement::Dynamic);
+    table.load_style(style).set_content_arrangement(ContentArrangement::Dynamic);
     table.set_header(header.iter().map(Cell::new).collect::<Vec<_>>());
     for &index in figures {
         if let Some(column) = table.column_mut(index) {
@@ -27,18 +23,8 @@ pub(crate) fn studies(studies: &[StudyRecord]) -> String {
     if studies.is_empty() {
         return "no studies yet".to_owned();
     }
-    let mut table = table(
-        &[
-            "study",
-            "states",
-            "trials",
-            "completed",
-            "open",
-            "created",
-            "what",
-        ],
-        &[1, 2, 3, 4],
-    );
+    let mut table =
+        table(&["study", "states", "trials", "completed", "open", "created", "what"], &[1, 2, 3, 4]);
     for study in studies {
         let counts = study.statistics;
         table.add_row([
@@ -57,17 +43,10 @@ pub(crate) fn studies(studies: &[StudyRecord]) -> String {
 pub(crate) fn study(study: &StudyRecord) -> String {
     let spec = &study.spec;
     let mut text = String::new();
-    line(
-        &mut text,
-        &format!("{}  {}", study.name, spec.display_name()),
-    );
+    line(&mut text, &format!("{}  {}", study.name, spec.display_name()));
     let counts = study.statistics;
-    let (states, trials, completed, open) = (
-        counts.states,
-        counts.trials,
-        counts.completed_trials,
-        counts.open_trials,
-    );
+    let (states, trials, completed, open) =
+        (counts.states, counts.trials, counts.completed_trials, counts.open_trials);
     line(
         &mut text,
         &format!(
@@ -77,13 +56,10 @@ pub(crate) fn study(study: &StudyRecord) -> String {
     );
     let mut parameters = table(&["parameter", "default", "values", "only if"], &[]);
     for parameter in spec.space().parameters() {
-        let condition = parameter
-            .active_if
-            .as_ref()
-            .map_or_else(String::new, |condition| {
-                let values: Vec<_> = condition.any_of.iter().map(ToString::to_string).collect();
-                format!("{} is {}", condition.parameter, values.join(" or "))
-            });
+        let condition = parameter.active_if.as_ref().map_or_else(String::new, |condition| {
+            let values: Vec<_> = condition.any_of.iter().map(ToString::to_string).collect();
+            format!("{} is {}", condition.parameter, values.join(" or "))
+        });
         parameters.add_row([
             parameter.name.clone(),
             parameter.default.to_string(),
@@ -98,11 +74,7 @@ pub(crate) fn study(study: &StudyRecord) -> String {
     if !spec.indicators().is_empty() {
         let mut indicators = table(&["indicator", "0 at", "1 at", "scale"], &[1, 2]);
         for indicator in spec.indicators() {
-            let scale = if indicator.scale == Scale::Log {
-                "log"
-            } else {
-                "linear"
-            };
+            let scale = if indicator.scale == Scale::Log { "log" } else { "linear" };
             indicators.add_row([
                 indicator.name.clone(),
                 figure(indicator.min),
@@ -111,69 +83,31 @@ pub(crate) fn study(study: &StudyRecord) -> String {
             ]);
         }
         line(&mut text, &indicators.trim_fmt());
-        line(
-            &mut text,
-            &format!(
-                "states are the same within {}",
-                figure(spec.state_tolerance())
-            ),
-        );
+        line(&mut text, &format!("states are the same within {}", figure(spec.state_tolerance())));
     }
-    let terms: Vec<_> = spec
-        .objective()
-        .iter()
-        .map(|term| format!("{} × {}", figure(term.weight), term.metric))
-        .collect();
+    let terms: Vec<_> =
+        spec.objective().iter().map(|term| format!("{} × {}", figure(term.weight), term.metric)).collect();
     line(&mut text, &format!("minimises {}", terms.join(" + ")));
     text + &policy(spec.policy())
 }
 
 pub(crate) fn policy(policy: &Policy) -> String {
-    let or_default =
-        |value: Option<String>| value.unwrap_or_else(|| "the service's default".to_owned());
+    let or_default = |value: Option<String>| value.unwrap_or_else(|| "the service's default".to_owned());
     let word = |value: serde_json::Result<serde_json::Value>| {
-        value
-            .ok()
-            .and_then(|value| value.as_str().map(str::to_owned))
+        value.ok().and_then(|value| value.as_str().map(str::to_owned))
     };
     let mut table = table(&["policy", "value"], &[]);
     let rows = [
         ("epsilon", or_default(policy.epsilon.map(figure))),
-        (
-            "search",
-            or_default(
-                policy
-                    .search
-                    .and_then(|search| word(serde_json::to_value(search))),
-            ),
-        ),
+        ("search", or_default(policy.search.and_then(|search| word(serde_json::to_value(search))))),
         (
             "predictor",
-            or_default(
-                policy
-                    .predictor
-                    .and_then(|predictor| word(serde_json::to_value(predictor))),
-            ),
+            or_default(policy.predictor.and_then(|predictor| word(serde_json::to_value(predictor)))),
         ),
-        (
-            "trials_per_state",
-            or_default(policy.trials_per_state.map(|value| value.to_string())),
-        ),
-        (
-            "replicates",
-            or_default(policy.replicates.map(|value| value.to_string())),
-        ),
-        (
-            "lease_s",
-            or_default(policy.lease_s.map(|value| value.to_string())),
-        ),
-        (
-            "pinned",
-            policy
-                .pinned
-                .as_ref()
-                .map_or_else(|| "nothing".to_owned(), ToString::to_string),
-        ),
+        ("trials_per_state", or_default(policy.trials_per_state.map(|value| value.to_string()))),
+        ("replicates", or_default(policy.replicates.map(|value| value.to_string()))),
+        ("lease_s", or_default(policy.lease_s.map(|value| value.to_string()))),
+        ("pinned", policy.pinned.as_ref().map_or_else(|| "nothing".to_owned(), ToString::to_string)),
     ];
     for (name, value) in rows {
         table.add_row([name.to_owned(), value]);
@@ -185,27 +119,13 @@ pub(crate) fn trials(trials: &[TrialRecord], limit: usize) -> String {
     if trials.is_empty() {
         return "no such trials".to_owned();
     }
-    let header = [
-        "trial",
-        "state",
-        "mode",
-        "outcome",
-        "cost",
-        "in state",
-        "measurements",
-        "configuration",
-    ];
+    let header = ["trial", "state", "mode", "outcome", "cost", "in state", "measurements", "configuration"];
     let mut table = table(&header, &[0, 4, 5]);
     for trial in trials {
-        let measurements: Vec<_> = trial
-            .measurements
-            .iter()
-            .map(|(name, value)| format!("{name}={}", figure(value)))
-            .collect();
+        let measurements: Vec<_> =
+            trial.measurements.iter().map(|(name, value)| format!("{name}={}", figure(value))).collect();
         table.add_row([
-            trial
-                .number()
-                .map_or_else(|| trial.name.clone(), |number| number.to_string()),
+            trial.number().map_or_else(|| trial.name.clone(), |number| number.to_string()),
             capital(&trial.state),
             capital(&trial.mode),
             trial.outcome.as_ref().map_or_else(String::new, outcome)
@@ -239,45 +159,23 @@ pub(crate) fn best(best: &Best, study: &StudyRecord) -> String {
         && default > 0.0
     {
         let gain = 100.0 * (1.0 - best.cost / default);
-        line(
-            &mut text,
-            &format!(
-                "default {}, so the best is {gain:.1} % below it",
-                figure(default)
-            ),
-        );
+        line(&mut text, &format!("default {}, so the best is {gain:.1} % below it", figure(default)));
     }
-    line(
-        &mut text,
-        &format!(
-            "last measured by {} at {}",
-            best.trial,
-            time(best.last_measure_time)
-        ),
-    );
+    line(&mut text, &format!("last measured by {} at {}", best.trial, time(best.last_measure_time)));
     text + &beside_default("best", &best.configuration, study) + "\n"
 }
 
 pub(crate) fn prediction(prediction: &Prediction, study: &StudyRecord) -> String {
     let mut text = String::new();
-    let cost = prediction
-        .predicted_cost
-        .map_or_else(|| "unknown".to_owned(), figure);
-    line(
-        &mut text,
-        &format!("mode {}, predicted cost {cost}", capital(&prediction.mode)),
-    );
+    let cost = prediction.predicted_cost.map_or_else(|| "unknown".to_owned(), figure);
+    line(&mut text, &format!("mode {}, predicted cost {cost}", capital(&prediction.mode)));
     if !prediction.reason.summary.is_empty() {
         line(&mut text, &prediction.reason.summary);
     }
     if !prediction.reason.neighbours.is_empty() {
         let mut neighbours = table(&["near state", "distance", "best cost there"], &[0, 1, 2]);
         for near in &prediction.reason.neighbours {
-            neighbours.add_row([
-                near.state_id.to_string(),
-                figure(near.distance),
-                figure(near.best_cost),
-            ]);
+            neighbours.add_row([near.state_id.to_string(), figure(near.distance), figure(near.best_cost)]);
         }
         line(&mut text, &neighbours.trim_fmt());
     }
@@ -288,9 +186,8 @@ pub(crate) fn prediction(prediction: &Prediction, study: &StudyRecord) -> String
 fn beside_default(name: &str, configuration: &Configuration, study: &StudyRecord) -> String {
     let mut table = table(&["parameter", name, "default"], &[]);
     for parameter in study.spec.space().parameters() {
-        let value = configuration
-            .get(&parameter.name)
-            .map_or_else(|| "(inactive)".to_owned(), ToString::to_string);
+        let value =
+            configuration.get(&parameter.name).map_or_else(|| "(inactive)".to_owned(), ToString::to_string);
         table.add_row([parameter.name.clone(), value, parameter.default.to_string()]);
     }
     table.trim_fmt()
@@ -331,16 +228,11 @@ fn figure(value: f64) -> String {
 
 /// A mode or state as the filter language writes it.
 fn capital(word: &impl serde::Serialize) -> String {
-    serde_json::to_value(word)
-        .ok()
-        .and_then(|value| value.as_str().map(str::to_owned))
-        .unwrap_or_default()
+    serde_json::to_value(word).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
 fn time(time: Option<std::time::SystemTime>) -> String {
-    time.map_or_else(String::new, |time| {
-        humantime::format_rfc3339_seconds(time).to_string()
-    })
+    time.map_or_else(String::new, |time| humantime::format_rfc3339_seconds(time).to_string())
 }
 
 fn line(text: &mut String, more: &str) {
@@ -354,31 +246,13 @@ mod tests {
 
     #[test]
     fn figures_are_short() {
-        let shown: Vec<_> = [
-            0.0,
-            12.0,
-            12.345_678,
-            0.012_345_6,
-            123_456.7,
-            1e-9,
-            -3.25,
-            1e20,
-        ]
-        .into_iter()
-        .map(figure)
-        .collect();
+        let shown: Vec<_> = [0.0, 12.0, 12.345_678, 0.012_345_6, 123_456.7, 1e-9, -3.25, 1e20]
+            .into_iter()
+            .map(figure)
+            .collect();
         assert_eq!(
             shown,
-            [
-                "0",
-                "12",
-                "12.346",
-                "0.0123",
-                "123457",
-                "1.0000e-9",
-                "-3.2500",
-                "100000000000000000000"
-            ]
+            ["0", "12", "12.346", "0.0123", "123457", "1.0000e-9", "-3.2500", "100000000000000000000"]
         );
     }
 }

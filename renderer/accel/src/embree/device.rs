@@ -110,10 +110,7 @@ impl Device {
         let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
         match &*open {
             Some(device) if device.inner.threads == threads => Ok(device.clone()),
-            Some(device) => Err(DeviceError::OtherThreads {
-                open: device.inner.threads,
-                asked: threads,
-            }),
+            Some(device) => Err(DeviceError::OtherThreads { open: device.inner.threads, asked: threads }),
             None => {
                 let device = Self::new(threads)?;
                 *open = Some(device.clone());
@@ -133,18 +130,12 @@ impl Device {
             let code = unsafe { ffi::rtc_get_device_error(handle) };
             return Err(DeviceError::Refused { code });
         }
-        let inner = Inner {
-            handle,
-            threads,
-            heard: Box::default(),
-        };
+        let inner = Inner { handle, threads, heard: Box::default() };
         // SAFETY: the handle is valid.
         let version = unsafe { ffi::rtcGetDeviceProperty(handle, ffi::RTCDeviceProperty::VERSION) };
         let (major, minor, patch) = (version / 10_000, version / 100 % 100, version % 100);
         if (major, minor) != EMBREE_SERIES {
-            return Err(DeviceError::WrongVersion {
-                found: format!("{major}.{minor}.{patch}"),
-            });
+            return Err(DeviceError::WrongVersion { found: format!("{major}.{minor}.{patch}") });
         }
         let user = (&raw const *inner.heard).cast_mut().cast::<c_void>();
         // SAFETY: the callbacks take `user` as `&Heard`, which lives as long as the device.
@@ -152,16 +143,13 @@ impl Device {
             ffi::rtc_set_device_error_function(handle, Some(hear_error), user);
             ffi::rtcSetDeviceMemoryMonitorFunction(handle, Some(hear_memory), user);
         }
-        Ok(Self {
-            inner: Arc::new(inner),
-        })
+        Ok(Self { inner: Arc::new(inner) })
     }
 
     /// Version of the library as `(major, minor, patch)`.
     pub fn version(&self) -> (u32, u32, u32) {
         // SAFETY: the handle is valid.
-        let version =
-            unsafe { ffi::rtcGetDeviceProperty(self.handle(), ffi::RTCDeviceProperty::VERSION) };
+        let version = unsafe { ffi::rtcGetDeviceProperty(self.handle(), ffi::RTCDeviceProperty::VERSION) };
         let version = u32::try_from(version).unwrap_or(0);
         (version / 10_000, version / 100 % 100, version % 100)
     }
@@ -204,9 +192,7 @@ unsafe extern "C" fn hear_error(_user: *mut c_void, _code: c_uint, text: *const 
     let _ = catch_unwind(|| {
         if !text.is_null() {
             // SAFETY: not null, so a C string for the duration of the call.
-            let text = unsafe { CStr::from_ptr(text) }
-                .to_string_lossy()
-                .into_owned();
+            let text = unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned();
             MESSAGE.set(text);
         }
     });
@@ -228,14 +214,8 @@ mod tests {
         let device = Device::open(0).expect("Embree is set up");
         let again = Device::open(0).expect("the same device");
         assert!(Arc::ptr_eq(&device.inner, &again.inner));
-        assert_eq!(
-            Device::open(1).unwrap_err(),
-            DeviceError::OtherThreads { open: 0, asked: 1 }
-        );
-        assert!(matches!(
-            Device::open(THREADS_MAX + 1),
-            Err(DeviceError::TooManyThreads { .. })
-        ));
+        assert_eq!(Device::open(1).unwrap_err(), DeviceError::OtherThreads { open: 0, asked: 1 });
+        assert!(matches!(Device::open(THREADS_MAX + 1), Err(DeviceError::TooManyThreads { .. })));
     }
 
     #[test]

@@ -12,14 +12,13 @@
 use std::ffi::{c_char, c_uint, c_void};
 
 pub(crate) use embree4_sys::{
-    RTCBVH, RTCBounds, RTCBufferType, RTCBuildArguments, RTCBuildFlags, RTCBuildPrimitive,
-    RTCBuildQuality, RTCCreateNodeFunction, RTCDevice, RTCDeviceProperty, RTCFormat,
-    RTCGeometryType, RTCScene, RTCSceneFlags, RTCSetNodeBoundsFunction, RTCSetNodeChildrenFunction,
-    RTCThreadLocalAllocator, rtcAttachGeometry, rtcBuildBVH, rtcCommitGeometry, rtcCommitScene,
-    rtcGetDeviceProperty, rtcIntersect1, rtcNewBVH, rtcNewDevice, rtcNewGeometry, rtcNewScene,
-    rtcOccluded1, rtcReleaseBVH, rtcReleaseDevice, rtcReleaseGeometry, rtcReleaseScene,
-    rtcSetDeviceMemoryMonitorFunction, rtcSetSceneBuildQuality, rtcSetSceneFlags,
-    rtcSetSharedGeometryBuffer, rtcThreadLocalAlloc,
+    RTCBVH, RTCBounds, RTCBufferType, RTCBuildArguments, RTCBuildFlags, RTCBuildPrimitive, RTCBuildQuality,
+    RTCCreateNodeFunction, RTCDevice, RTCDeviceProperty, RTCFormat, RTCGeometryType, RTCScene, RTCSceneFlags,
+    RTCSetNodeBoundsFunction, RTCSetNodeChildrenFunction, RTCThreadLocalAllocator, rtcAttachGeometry,
+    rtcBuildBVH, rtcCommitGeometry, rtcCommitScene, rtcGetDeviceProperty, rtcIntersect1, rtcNewBVH,
+    rtcNewDevice, rtcNewGeometry, rtcNewScene, rtcOccluded1, rtcReleaseBVH, rtcReleaseDevice,
+    rtcReleaseGeometry, rtcReleaseScene, rtcSetDeviceMemoryMonitorFunction, rtcSetSceneBuildQuality,
+    rtcSetSceneFlags, rtcSetSharedGeometryBuffer, rtcThreadLocalAlloc,
 };
 
 /// "No geometry was hit."

@@ -78,12 +78,7 @@ impl NativeScene {
         unsafe { ffi::rtcCommitScene(scene.0) };
         device.check().map_err(BuildError::from)?;
         let bytes = device.bytes_held().saturating_sub(before);
-        Ok(Self {
-            scene,
-            bytes,
-            _triangles: Arc::clone(triangles),
-            _device: device.clone(),
-        })
+        Ok(Self { scene, bytes, _triangles: Arc::clone(triangles), _device: device.clone() })
     }
 
     /// Bytes Embree took during the build, by its own memory monitor. A build running at the same time
@@ -94,10 +89,10 @@ impl NativeScene {
 }
 
 fn failure(device: &Device) -> BuildError {
-    let failure = device.check().err().unwrap_or(EmbreeFailure {
-        code: ffi::ERROR_UNKNOWN,
-        message: "no reason given".into(),
-    });
+    let failure = device
+        .check()
+        .err()
+        .unwrap_or(EmbreeFailure { code: ffi::ERROR_UNKNOWN, message: "no reason given".into() });
     BuildError::from(failure)
 }
 
@@ -219,12 +214,7 @@ mod tests {
     }
 
     fn ray() -> Ray {
-        Ray {
-            origin: Vec3::new(0.25, 0.25, 1.0),
-            direction: Vec3::NEG_Z,
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        }
+        Ray { origin: Vec3::new(0.25, 0.25, 1.0), direction: Vec3::NEG_Z, t_min: 0.0, t_max: f32::INFINITY }
     }
 
     #[test]
@@ -245,23 +235,13 @@ mod tests {
             },
             canary: [CANARY; 16],
         };
-        let mut any = Guarded {
-            query: to_embree(&ray()),
-            canary: [CANARY; 16],
-        };
+        let mut any = Guarded { query: to_embree(&ray()), canary: [CANARY; 16] };
         // SAFETY: as in the queries above.
         unsafe {
-            ffi::rtcIntersect1(
-                native.scene.0,
-                (&raw mut closest.query).cast(),
-                ptr::null_mut(),
-            );
+            ffi::rtcIntersect1(native.scene.0, (&raw mut closest.query).cast(), ptr::null_mut());
             ffi::rtcOccluded1(native.scene.0, (&raw mut any.query).cast(), ptr::null_mut());
         }
-        assert_eq!(
-            closest.query.hit.geometry, 0,
-            "the ray must hit, for only then is the hit written"
-        );
+        assert_eq!(closest.query.hit.geometry, 0, "the ray must hit, for only then is the hit written");
         assert_eq!(closest.query.hit.primitive, 0);
         assert!(any.query.t_far < 0.0);
         assert_eq!(closest.canary, [CANARY; 16]);

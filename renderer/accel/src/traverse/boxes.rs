@@ -3,10 +3,7 @@
 //! The slab test of Kay and Kajiya (1986) on all children at once. The signs of the direction choose the
 //! near and far plane of each axis beforehand, as an offset into the node, so that no comparison is left.
 
-#![allow(
-    unsafe_op_in_unsafe_fn,
-    reason = "each operation is unsafe for the one reason that `Lanes` states"
-)]
+#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
 use super::lanes::{Lanes, Lanes3};
 use crate::geometry::Ray;
@@ -33,11 +30,7 @@ const DIVISOR_MIN: f32 = 1e-18;
 
 #[inline(always)]
 fn safe_reciprocal(component: f32) -> f32 {
-    if component.abs() < DIVISOR_MIN {
-        1.0 / DIVISOR_MIN
-    } else {
-        1.0 / component
-    }
+    if component.abs() < DIVISOR_MIN { 1.0 / DIVISOR_MIN } else { 1.0 / component }
 }
 
 /// Offset of each axis' near plane inside a node, in floats; the far plane is the other one.
@@ -112,16 +105,10 @@ impl<L: Lanes, const W: usize> Boxes<W> for PaddedBoxes<L> {
     #[inline(always)]
     unsafe fn new(root: &Root, ray: &Ray) -> Self {
         debug_assert!(L::COUNT == W);
-        let (lower, upper) = (
-            glam::Vec3::from(root.bounds.lower),
-            glam::Vec3::from(root.bounds.upper),
-        );
+        let (lower, upper) = (glam::Vec3::from(root.bounds.lower), glam::Vec3::from(root.bounds.upper));
         // No coordinate relative to the origin is larger than this; eight units of its last place cover
         // the two roundings of translation and shear and those of the differences below.
-        let reach = (lower - ray.origin)
-            .abs()
-            .max((upper - ray.origin).abs())
-            .max_element();
+        let reach = (lower - ray.origin).abs().max((upper - ray.origin).abs()).max_element();
         let pad = glam::Vec3::splat(reach * (4.0 * f32::EPSILON));
         let direction = ray.direction;
         let reciprocal = glam::Vec3::new(
@@ -145,18 +132,11 @@ impl<L: Lanes, const W: usize> Boxes<W> for PaddedBoxes<L> {
     unsafe fn test(&self, node: &Node<W>, t_max: f32) -> (u32, L) {
         let planes = (&raw const node.bounds).cast::<f32>();
         let [x, y, z] = self.near;
-        let near_planes = Lanes3([
-            L::load(planes.add(x)),
-            L::load(planes.add(y)),
-            L::load(planes.add(z)),
-        ])
-        .sub(self.near_origin);
-        let far_planes = Lanes3([
-            L::load(planes.add(x ^ W)),
-            L::load(planes.add(y ^ W)),
-            L::load(planes.add(z ^ W)),
-        ])
-        .sub(self.far_origin);
+        let near_planes = Lanes3([L::load(planes.add(x)), L::load(planes.add(y)), L::load(planes.add(z))])
+            .sub(self.near_origin);
+        let far_planes =
+            Lanes3([L::load(planes.add(x ^ W)), L::load(planes.add(y ^ W)), L::load(planes.add(z ^ W))])
+                .sub(self.far_origin);
         let [near_x, near_y, near_z] = scaled(near_planes, self.near_reciprocal);
         let [far_x, far_y, far_z] = scaled(far_planes, self.far_reciprocal);
         let near = near_x.max(near_y).max(near_z.max(self.t_min));
@@ -181,32 +161,18 @@ mod tests {
 
     /// The unit cube as the only child.
     fn cube() -> (Root, Node<2>) {
-        let bounds = Bounds {
-            lower: [0.0; 3],
-            upper: [1.0; 3],
-        };
+        let bounds = Bounds { lower: [0.0; 3], upper: [1.0; 3] };
         let mut node = Node::<2>::EMPTY;
         for axis in 0..3 {
             node.bounds[axis][0][0] = 0.0;
             node.bounds[axis][1][0] = 1.0;
         }
-        (
-            Root {
-                node: NodeRef::EMPTY,
-                bounds,
-            },
-            node,
-        )
+        (Root { node: NodeRef::EMPTY, bounds }, node)
     }
 
     fn met<B: Boxes<2>>(origin: Vec3, direction: Vec3, t_max: f32) -> u32 {
         let (root, node) = cube();
-        let ray = Ray {
-            origin,
-            direction,
-            t_min: 0.0,
-            t_max,
-        };
+        let ray = Ray { origin, direction, t_min: 0.0, t_max };
         // SAFETY: portable vectors need no features.
         unsafe { B::new(&root, &ray).test(&node, t_max).0 }
     }
@@ -215,19 +181,10 @@ mod tests {
     fn padding_covers_the_rounding_of_far_origins() {
         // From 100 away, coordinates relative to the origin have errors of about 1e-5.
         let beside = Vec3::new(1.0 + 2e-6, 0.5, -100.0);
-        assert_eq!(
-            met::<FastBoxes<Portable<2>>>(beside, Vec3::Z, f32::INFINITY),
-            0
-        );
-        assert_eq!(
-            met::<PaddedBoxes<Portable<2>>>(beside, Vec3::Z, f32::INFINITY),
-            1
-        );
+        assert_eq!(met::<FastBoxes<Portable<2>>>(beside, Vec3::Z, f32::INFINITY), 0);
+        assert_eq!(met::<PaddedBoxes<Portable<2>>>(beside, Vec3::Z, f32::INFINITY), 1);
         let far_beside = Vec3::new(1.001, 0.5, -100.0);
-        assert_eq!(
-            met::<PaddedBoxes<Portable<2>>>(far_beside, Vec3::Z, f32::INFINITY),
-            0
-        );
+        assert_eq!(met::<PaddedBoxes<Portable<2>>>(far_beside, Vec3::Z, f32::INFINITY), 0);
     }
 
     #[test]

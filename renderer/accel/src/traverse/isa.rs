@@ -17,11 +17,7 @@ impl Isa {
 
     /// The best one this processor has.
     pub fn detect() -> Self {
-        Self::ALL
-            .into_iter()
-            .rev()
-            .find(|isa| isa.is_available())
-            .unwrap_or(Self::Scalar)
+        Self::ALL.into_iter().rev().find(|isa| isa.is_available()).unwrap_or(Self::Scalar)
     }
 
     /// Whether this processor has it.
@@ -60,11 +56,6 @@ mod tests {
         assert!(Isa::Scalar.is_available());
         let best = Isa::detect();
         assert!(best.is_available());
-        assert!(
-            Isa::ALL
-                .into_iter()
-                .filter(|isa| isa.is_available())
-                .all(|isa| isa <= best)
-        );
+        assert!(Isa::ALL.into_iter().filter(|isa| isa.is_available()).all(|isa| isa <= best));
     }
 }

@@ -4,10 +4,7 @@
 //! A shadow ray needs no order. It goes on with the last child it meets: the builder sorts children big
 //! to small, and the small ones are soon done with.
 
-#![allow(
-    unsafe_op_in_unsafe_fn,
-    reason = "each operation is unsafe for the one reason that `Lanes` states"
-)]
+#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
 use std::mem::MaybeUninit;
 
@@ -39,10 +36,7 @@ struct Stack<T: Copy> {
 impl<T: Copy> Stack<T> {
     #[inline(always)]
     fn new() -> Self {
-        Self {
-            entries: [const { MaybeUninit::uninit() }; STACK],
-            top: 0,
-        }
+        Self { entries: [const { MaybeUninit::uninit() }; STACK], top: 0 }
     }
 
     #[inline(always)]
@@ -93,22 +87,14 @@ impl Stack<Entry> {
 /// # Safety
 /// The processor has the features of `B` and `T`; the tree has width `W` and blocks of the kind `T` tests.
 #[inline(always)]
-pub(crate) unsafe fn closest<const W: usize, B: Boxes<W>, T: Blocks>(
-    root: &Root,
-    ray: &Ray,
-) -> Option<Hit> {
+pub(crate) unsafe fn closest<const W: usize, B: Boxes<W>, T: Blocks>(root: &Root, ray: &Ray) -> Option<Hit> {
     if !ray.is_valid() {
         return None;
     }
     let boxes = B::new(root, ray);
     let triangles = T::new(ray);
     let mut stack = Stack::<Entry>::new();
-    let mut hit = Hit {
-        t: ray.t_max,
-        u: 0.0,
-        v: 0.0,
-        triangle: NO_TRIANGLE,
-    };
+    let mut hit = Hit { t: ray.t_max, u: 0.0, v: 0.0, triangle: NO_TRIANGLE };
     let mut current = root.node;
     'walk: loop {
         while !current.is_leaf() {
@@ -131,32 +117,20 @@ pub(crate) unsafe fn closest<const W: usize, B: Boxes<W>, T: Blocks>(
             let second = met.trailing_zeros() as usize;
             met &= met - 1;
             if met == 0 {
-                let (near, far) = if times[first] <= times[second] {
-                    (first, second)
-                } else {
-                    (second, first)
-                };
-                stack.push(Entry {
-                    node: node.children[far],
-                    t: times[far],
-                });
+                let (near, far) =
+                    if times[first] <= times[second] { (first, second) } else { (second, first) };
+                stack.push(Entry { node: node.children[far], t: times[far] });
                 current = node.children[near];
                 continue;
             }
             let bottom = stack.top;
             for child in [first, second] {
-                stack.push(Entry {
-                    node: node.children[child],
-                    t: times[child],
-                });
+                stack.push(Entry { node: node.children[child], t: times[child] });
             }
             while met != 0 {
                 let child = met.trailing_zeros() as usize;
                 met &= met - 1;
-                stack.push(Entry {
-                    node: node.children[child],
-                    t: times[child],
-                });
+                stack.push(Entry { node: node.children[child], t: times[child] });
             }
             stack.sort_from(bottom);
             if let Some(next) = stack.pop() {
@@ -179,10 +153,7 @@ pub(crate) unsafe fn closest<const W: usize, B: Boxes<W>, T: Blocks>(
 /// # Safety
 /// As for [`closest`].
 #[inline(always)]
-pub(crate) unsafe fn occluded<const W: usize, B: Boxes<W>, T: Blocks>(
-    root: &Root,
-    ray: &Ray,
-) -> bool {
+pub(crate) unsafe fn occluded<const W: usize, B: Boxes<W>, T: Blocks>(root: &Root, ray: &Ray) -> bool {
     if !ray.is_valid() {
         return false;
     }

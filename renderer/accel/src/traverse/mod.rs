@@ -65,12 +65,7 @@ macro_rules! compile {
     };
 }
 
-compile!(
-    scalar,
-    lanes::Portable<2>,
-    lanes::Portable<4>,
-    lanes::Portable<8>
-);
+compile!(scalar, lanes::Portable<2>, lanes::Portable<4>, lanes::Portable<8>);
 #[cfg(target_arch = "x86_64")]
 compile!(
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
@@ -81,9 +76,7 @@ compile!(
 );
 #[cfg(target_arch = "x86_64")]
 compile!(
-    #[target_feature(
-        enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt"
-    )]
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     avx512,
     lanes::avx512::Two,
     lanes::avx512::Four,

@@ -1,10 +1,7 @@
 //! The fast triangle test: Moeller and Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection"
 //! (1997), on four triangles at once and without a division until something is hit.
 
-#![allow(
-    unsafe_op_in_unsafe_fn,
-    reason = "each operation is unsafe for the one reason that `Lanes` states"
-)]
+#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
 use super::lanes::{Lanes, Lanes3, Stored};
 use crate::geometry::{Hit, Ray};
@@ -57,21 +54,9 @@ impl<L: Lanes> FastBlocks<L> {
         let t = normal.dot(to_corner).flip_sign(determinant);
         let zero = L::splat(0.0);
         // A determinant of zero fails one of the two tests of t.
-        let inside = L::and(
-            L::and(zero.less_equal(u), zero.less_equal(v)),
-            u.add(v).less_equal(scale),
-        );
-        let between = L::and(
-            scale.mul(self.t_min).less(t),
-            t.less(scale.mul(L::splat(t_max))),
-        );
-        Scaled {
-            hits: L::bits(L::and(inside, between)),
-            u,
-            v,
-            t,
-            scale,
-        }
+        let inside = L::and(L::and(zero.less_equal(u), zero.less_equal(v)), u.add(v).less_equal(scale));
+        let between = L::and(scale.mul(self.t_min).less(t), t.less(scale.mul(L::splat(t_max))));
+        Scaled { hits: L::bits(L::and(inside, between)), u, v, t, scale }
     }
 }
 
@@ -87,13 +72,7 @@ impl<L: Lanes> Blocks for FastBlocks<L> {
 
     #[inline(always)]
     unsafe fn closest(&self, block: &Block, hit: &mut Hit) {
-        let Scaled {
-            hits,
-            u,
-            v,
-            t,
-            scale,
-        } = self.test(block, hit.t);
+        let Scaled { hits, u, v, t, scale } = self.test(block, hit.t);
         if hits == 0 {
             return;
         }

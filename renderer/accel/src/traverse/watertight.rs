@@ -5,10 +5,7 @@
 //! on is then one difference of two products, exactly opposite for the two triangles that share the
 //! edge. No fused operation may be used for it: its single rounding would break that symmetry.
 
-#![allow(
-    unsafe_op_in_unsafe_fn,
-    reason = "each operation is unsafe for the one reason that `Lanes` states"
-)]
+#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
 use super::lanes::{Lanes, Stored};
 use super::triangles::Blocks;
@@ -59,23 +56,11 @@ impl<L: Lanes> WatertightBlocks<L> {
         if L::bits(on_edge) != 0 {
             [u, v, w] = edges_in_double([[ax, ay], [bx, by], [cx, cy]]);
         }
-        let positive = L::and(
-            L::and(zero.less_equal(u), zero.less_equal(v)),
-            zero.less_equal(w),
-        );
-        let negative = L::and(
-            L::and(u.less_equal(zero), v.less_equal(zero)),
-            w.less_equal(zero),
-        );
+        let positive = L::and(L::and(zero.less_equal(u), zero.less_equal(v)), zero.less_equal(w));
+        let negative = L::and(L::and(u.less_equal(zero), v.less_equal(zero)), w.less_equal(zero));
         let inside = L::or(positive, negative);
         let sum = u.add(v).add(w);
-        let found = |hits, t| Found {
-            hits,
-            t,
-            u: v,
-            v: w,
-            sum,
-        };
+        let found = |hits, t| Found { hits, t, u: v, v: w, sum };
         if L::bits(inside) == 0 {
             return found(0, zero);
         }
@@ -94,8 +79,7 @@ impl<L: Lanes> WatertightBlocks<L> {
 fn in_double(corners: [[[f32; 8]; 2]; 3]) -> [[f32; 8]; 3] {
     let side = |[px, py]: [[f32; 8]; 2], [qx, qy]: [[f32; 8]; 2]| {
         std::array::from_fn(|lane| {
-            (f64::from(px[lane]) * f64::from(qy[lane]) - f64::from(py[lane]) * f64::from(qx[lane]))
-                as f32
+            (f64::from(px[lane]) * f64::from(qy[lane]) - f64::from(py[lane]) * f64::from(qx[lane])) as f32
         })
     };
     let [a, b, c] = corners;
@@ -107,11 +91,7 @@ unsafe fn edges_in_double<L: Lanes>(corners: [[L; 2]; 3]) -> [L; 3] {
     let [[ax, ay], [bx, by], [cx, cy]] = corners;
     let stored = |x, y| [Stored::from(x).0, Stored::from(y).0];
     let [u, v, w] = in_double([stored(ax, ay), stored(bx, by), stored(cx, cy)]).map(Stored);
-    [
-        L::load(u.0.as_ptr()),
-        L::load(v.0.as_ptr()),
-        L::load(w.0.as_ptr()),
-    ]
+    [L::load(u.0.as_ptr()), L::load(v.0.as_ptr()), L::load(w.0.as_ptr())]
 }
 
 impl<L: Lanes> Blocks for WatertightBlocks<L> {
@@ -148,16 +128,8 @@ impl<L: Lanes> Blocks for WatertightBlocks<L> {
             let lane = left.trailing_zeros() as usize;
             left &= left - 1;
             if times[lane] < hit.t {
-                let (u, v) = (
-                    Stored::from(u.div(sum)).0[lane],
-                    Stored::from(v.div(sum)).0[lane],
-                );
-                *hit = Hit {
-                    t: times[lane],
-                    u,
-                    v,
-                    triangle: block.triangles[lane],
-                };
+                let (u, v) = (Stored::from(u.div(sum)).0[lane], Stored::from(v.div(sum)).0[lane]);
+                *hit = Hit { t: times[lane], u, v, triangle: block.triangles[lane] };
             }
         }
     }

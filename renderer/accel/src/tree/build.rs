@@ -13,9 +13,7 @@ use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
 
-use super::callbacks::{
-    Context, create_leaf, create_node, set_bounds, set_children, split_primitive,
-};
+use super::callbacks::{Context, create_leaf, create_node, set_bounds, set_children, split_primitive};
 use super::layout::{Bounds, NodeRef};
 use super::{Memory, Root, Tree};
 use crate::embree::{Device, ffi};
@@ -40,10 +38,7 @@ impl Tree {
         let kernels = Kernels::select(isa, parameters.branching_factor, parameters.robust)
             .expect("the width was checked and the instruction set detected");
         // SAFETY: the device is valid.
-        let memory = Memory {
-            handle: unsafe { ffi::rtcNewBVH(device.handle()) },
-            _device: device.clone(),
-        };
+        let memory = Memory { handle: unsafe { ffi::rtcNewBVH(device.handle()) }, _device: device.clone() };
         device.check()?;
         let node = match triangles.is_empty() {
             true => NodeRef::EMPTY,
@@ -77,21 +72,9 @@ fn grow(
         ffi::RTCSetNodeChildrenFunction,
         ffi::RTCSetNodeBoundsFunction,
     ) = match parameters.branching_factor {
-        2 => (
-            Some(create_node::<2>),
-            Some(set_children::<2>),
-            Some(set_bounds::<2>),
-        ),
-        4 => (
-            Some(create_node::<4>),
-            Some(set_children::<4>),
-            Some(set_bounds::<4>),
-        ),
-        _ => (
-            Some(create_node::<8>),
-            Some(set_children::<8>),
-            Some(set_bounds::<8>),
-        ),
+        2 => (Some(create_node::<2>), Some(set_children::<2>), Some(set_bounds::<2>)),
+        4 => (Some(create_node::<4>), Some(set_children::<4>), Some(set_bounds::<4>)),
+        _ => (Some(create_node::<8>), Some(set_children::<8>), Some(set_bounds::<8>)),
     };
     let arguments = ffi::RTCBuildArguments {
         byteSize: size_of::<ffi::RTCBuildArguments>(),
@@ -135,9 +118,9 @@ fn grow(
         return Err(BuildError::OutOfMemory);
     }
     match outcome {
-        Err(failure) if failure.is_depth_limit() => Err(BuildError::DepthLimit {
-            max_depth: parameters.max_depth,
-        }),
+        Err(failure) if failure.is_depth_limit() => {
+            Err(BuildError::DepthLimit { max_depth: parameters.max_depth })
+        }
         Err(failure) => Err(failure.into()),
         Ok(()) if root.is_null() => Err(BuildError::Embree {
             code: ffi::ERROR_UNKNOWN,
@@ -149,19 +132,14 @@ fn grow(
 
 /// One box a triangle, with spare room behind them where the builder splits. The coordinates are finite
 /// by the invariant of [`Triangles`]; a NaN here would spoil other triangles' nodes without an error.
-fn references(
-    triangles: &Triangles,
-    quality: Quality,
-) -> Result<Vec<ffi::RTCBuildPrimitive>, BuildError> {
+fn references(triangles: &Triangles, quality: Quality) -> Result<Vec<ffi::RTCBuildPrimitive>, BuildError> {
     let count = triangles.len();
     let capacity = match quality {
         Quality::SahSplit => (count as f64 * SPLIT_CAPACITY_FACTOR).ceil() as usize,
         Quality::Morton | Quality::Sah => count,
     };
     let mut primitives = Vec::new();
-    primitives
-        .try_reserve_exact(capacity)
-        .map_err(|_| BuildError::OutOfMemory)?;
+    primitives.try_reserve_exact(capacity).map_err(|_| BuildError::OutOfMemory)?;
     (0..count)
         .into_par_iter()
         .with_min_len(REFERENCES_PER_TASK)
@@ -187,9 +165,7 @@ fn root_bounds(node: NodeRef, width: u32, triangles: &Triangles) -> Bounds {
     fn of_children<const W: usize>(node: NodeRef) -> Bounds {
         // SAFETY: the builder made this node with width `W`, and its memory lives.
         let node = unsafe { node.node::<W>() };
-        (0..W)
-            .map(|child| node.child_bounds(child))
-            .fold(Bounds::EMPTY, Bounds::union)
+        (0..W).map(|child| node.child_bounds(child)).fold(Bounds::EMPTY, Bounds::union)
     }
     if node.is_leaf() {
         // SAFETY: the builder made this leaf, and its memory lives.

@@ -20,9 +20,7 @@ const _: () = {
             && align_of::<Piece>() <= align_of::<ffi::RTCBounds>()
     );
     assert!(size_of::<Piece>() == size_of::<ffi::RTCBuildPrimitive>());
-    assert!(
-        std::mem::offset_of!(Piece, upper) == std::mem::offset_of!(ffi::RTCBuildPrimitive, upper_x)
-    );
+    assert!(std::mem::offset_of!(Piece, upper) == std::mem::offset_of!(ffi::RTCBuildPrimitive, upper_x));
     assert!(std::mem::offset_of!(Piece, upper) == std::mem::offset_of!(ffi::RTCBounds, upper_x));
 };
 
@@ -48,14 +46,9 @@ impl<'a> Context<'a> {
     ///
     /// # Safety
     /// `allocator` is the one the builder handed to the running callback.
-    unsafe fn allocate<T>(
-        &self,
-        allocator: ffi::RTCThreadLocalAllocator,
-        count: usize,
-    ) -> Option<*mut T> {
+    unsafe fn allocate<T>(&self, allocator: ffi::RTCThreadLocalAllocator, count: usize) -> Option<*mut T> {
         // SAFETY: the caller vouches for the allocator; Embree takes alignments up to 64.
-        let room =
-            unsafe { ffi::rtcThreadLocalAlloc(allocator, count * size_of::<T>(), align_of::<T>()) };
+        let room = unsafe { ffi::rtcThreadLocalAlloc(allocator, count * size_of::<T>(), align_of::<T>()) };
         if room.is_null() {
             self.out_of_memory.store(true, Ordering::Relaxed);
             return None;
@@ -85,14 +78,12 @@ pub(crate) unsafe extern "C" fn create_node<const W: usize>(
 ) -> *mut c_void {
     // SAFETY: Embree hands back our context and its allocator; the room is large enough and aligned.
     unsafe {
-        guarded(user, std::ptr::null_mut(), |context| {
-            match context.allocate::<Node<W>>(allocator, 1) {
-                Some(node) => {
-                    node.write(Node::EMPTY);
-                    NodeRef::to_node(node).into_raw()
-                }
-                None => std::ptr::null_mut(),
+        guarded(user, std::ptr::null_mut(), |context| match context.allocate::<Node<W>>(allocator, 1) {
+            Some(node) => {
+                node.write(Node::EMPTY);
+                NodeRef::to_node(node).into_raw()
             }
+            None => std::ptr::null_mut(),
         })
     }
 }
@@ -111,16 +102,10 @@ pub(crate) unsafe extern "C" fn set_children<const W: usize>(
             let Some(node) = node.cast::<Node<W>>().as_mut() else {
                 return;
             };
-            for (place, &child) in node
-                .children
-                .iter_mut()
-                .zip(std::slice::from_raw_parts(children, count as usize))
+            for (place, &child) in
+                node.children.iter_mut().zip(std::slice::from_raw_parts(children, count as usize))
             {
-                *place = if child.is_null() {
-                    NodeRef::EMPTY
-                } else {
-                    NodeRef::from_raw(child)
-                };
+                *place = if child.is_null() { NodeRef::EMPTY } else { NodeRef::from_raw(child) };
             }
         });
     }
@@ -139,10 +124,8 @@ pub(crate) unsafe extern "C" fn set_bounds<const W: usize>(
             let Some(node) = node.cast::<Node<W>>().as_mut() else {
                 return;
             };
-            for (child, &bounds) in std::slice::from_raw_parts(bounds, count as usize)
-                .iter()
-                .enumerate()
-                .take(W)
+            for (child, &bounds) in
+                std::slice::from_raw_parts(bounds, count as usize).iter().enumerate().take(W)
             {
                 let bounds = from_embree(&*bounds);
                 for axis in 0..3 {
@@ -170,17 +153,13 @@ pub(crate) unsafe extern "C" fn create_leaf(
             }
             let primitives = std::slice::from_raw_parts(primitives, count);
             let blocks = count.div_ceil(BLOCK);
-            assert!(
-                blocks <= LEAF_BLOCKS_MAX,
-                "Embree made a leaf of {count} triangles"
-            );
+            assert!(blocks <= LEAF_BLOCKS_MAX, "Embree made a leaf of {count} triangles");
             let Some(room) = context.allocate::<Block>(allocator, blocks) else {
                 return std::ptr::null_mut();
             };
             for (index, four) in primitives.chunks(BLOCK).enumerate() {
                 let numbers = four.iter().map(|primitive| primitive.primID);
-                room.add(index)
-                    .write(Block::new(numbers, context.triangles, context.watertight));
+                room.add(index).write(Block::new(numbers, context.triangles, context.watertight));
             }
             NodeRef::to_leaf(room, blocks).into_raw()
         })

@@ -38,11 +38,7 @@ impl NodeRef {
     /// A reference to `count` consecutive blocks, at most [`LEAF_BLOCKS_MAX`].
     pub(crate) fn to_leaf(blocks: *mut Block, count: usize) -> Self {
         debug_assert!(count <= LEAF_BLOCKS_MAX);
-        Self(
-            blocks
-                .cast::<u8>()
-                .map_addr(|address| address | LEAF_BIT | count),
-        )
+        Self(blocks.cast::<u8>().map_addr(|address| address | LEAF_BIT | count))
     }
 
     /// As the builder carries it.
@@ -81,9 +77,7 @@ impl NodeRef {
             return &[];
         }
         // SAFETY: the caller vouches for it; the tag says how many blocks there are.
-        unsafe {
-            std::slice::from_raw_parts(self.0.map_addr(|address| address & !TAG_BITS).cast(), count)
-        }
+        unsafe { std::slice::from_raw_parts(self.0.map_addr(|address| address & !TAG_BITS).cast(), count) }
     }
 }
 
@@ -105,18 +99,13 @@ const _: () = {
 
 impl<const W: usize> Node<W> {
     /// A node without children.
-    pub(crate) const EMPTY: Self = Self {
-        bounds: [[[f32::INFINITY; W], [f32::NEG_INFINITY; W]]; 3],
-        children: [NodeRef::EMPTY; W],
-    };
+    pub(crate) const EMPTY: Self =
+        Self { bounds: [[[f32::INFINITY; W], [f32::NEG_INFINITY; W]]; 3], children: [NodeRef::EMPTY; W] };
 
     /// Bounds of one child.
     pub(crate) fn child_bounds(&self, child: usize) -> Bounds {
         let side = |side: usize| [0, 1, 2].map(|axis| self.bounds[axis][side][child]);
-        Bounds {
-            lower: side(0),
-            upper: side(1),
-        }
+        Bounds { lower: side(0), upper: side(1) }
     }
 }
 
@@ -135,22 +124,11 @@ pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
 impl Block {
     /// Up to four triangles by number: with corners if `watertight`, otherwise with `v0`, `v0 - v1` and
     /// `v2 - v0`.
-    pub(crate) fn new(
-        numbers: impl Iterator<Item = u32>,
-        triangles: &Triangles,
-        watertight: bool,
-    ) -> Self {
-        let mut block = Self {
-            vertices: [[[f32::NAN; BLOCK]; 3]; 3],
-            triangles: [NO_TRIANGLE; BLOCK],
-        };
+    pub(crate) fn new(numbers: impl Iterator<Item = u32>, triangles: &Triangles, watertight: bool) -> Self {
+        let mut block = Self { vertices: [[[f32::NAN; BLOCK]; 3]; 3], triangles: [NO_TRIANGLE; BLOCK] };
         for (lane, number) in numbers.take(BLOCK).enumerate() {
             let [a, b, c] = triangles.corners(number as usize);
-            let stored = if watertight {
-                [a, b, c]
-            } else {
-                [a, a - b, c - a]
-            };
+            let stored = if watertight { [a, b, c] } else { [a, a - b, c - a] };
             for (which, vertex) in stored.into_iter().enumerate() {
                 for (axis, value) in vertex.to_array().into_iter().enumerate() {
                     block.vertices[which][axis][lane] = value;
@@ -163,10 +141,7 @@ impl Block {
 
     /// Numbers of the triangles in use.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = u32> + '_ {
-        self.triangles
-            .iter()
-            .copied()
-            .filter(|&number| number != NO_TRIANGLE)
+        self.triangles.iter().copied().filter(|&number| number != NO_TRIANGLE)
     }
 }
 
@@ -178,17 +153,11 @@ pub(crate) struct Bounds {
 }
 
 impl Bounds {
-    pub(crate) const EMPTY: Self = Self {
-        lower: [f32::INFINITY; 3],
-        upper: [f32::NEG_INFINITY; 3],
-    };
+    pub(crate) const EMPTY: Self = Self { lower: [f32::INFINITY; 3], upper: [f32::NEG_INFINITY; 3] };
 
     pub(crate) fn of_corners(corners: &[glam::Vec3A; 3]) -> Self {
         let [a, b, c] = *corners;
-        Self {
-            lower: a.min(b).min(c).to_array(),
-            upper: a.max(b).max(c).to_array(),
-        }
+        Self { lower: a.min(b).min(c).to_array(), upper: a.max(b).max(c).to_array() }
     }
 
     pub(crate) fn union(self, other: Self) -> Self {
@@ -200,15 +169,13 @@ impl Bounds {
     }
 
     pub(crate) fn contains(&self, other: &Self) -> bool {
-        (0..3).all(|axis| {
-            self.lower[axis] <= other.lower[axis] && other.upper[axis] <= self.upper[axis]
-        })
+        (0..3).all(|axis| self.lower[axis] <= other.lower[axis] && other.upper[axis] <= self.upper[axis])
     }
 
     /// Half the surface area, in double precision; 0 for an empty box.
     pub(crate) fn half_area(&self) -> f64 {
-        let [x, y, z] = [0, 1, 2]
-            .map(|axis| (f64::from(self.upper[axis]) - f64::from(self.lower[axis])).max(0.0));
+        let [x, y, z] =
+            [0, 1, 2].map(|axis| (f64::from(self.upper[axis]) - f64::from(self.lower[axis])).max(0.0));
         x * y + y * z + z * x
     }
 }
@@ -220,10 +187,7 @@ mod tests {
     #[test]
     fn references_keep_kind_and_count() {
         let mut node = Node::<4>::EMPTY;
-        let mut blocks = [Block {
-            vertices: [[[0.0; 4]; 3]; 3],
-            triangles: [3; 4],
-        }; LEAF_BLOCKS_MAX];
+        let mut blocks = [Block { vertices: [[[0.0; 4]; 3]; 3], triangles: [3; 4] }; LEAF_BLOCKS_MAX];
         assert!(!NodeRef::to_node(&raw mut node).is_leaf());
         let leaf = NodeRef::to_leaf(blocks.as_mut_ptr(), LEAF_BLOCKS_MAX);
         assert!(leaf.is_leaf());

@@ -15,63 +15,35 @@ pub(crate) struct Piece {
 }
 
 impl Piece {
-    const NOTHING: Self = Self {
-        lower: Vec3A::INFINITY,
-        upper: Vec3A::NEG_INFINITY,
-    };
+    const NOTHING: Self = Self { lower: Vec3A::INFINITY, upper: Vec3A::NEG_INFINITY };
 
     #[inline]
     fn at(corner: Vec3A) -> Self {
-        Self {
-            lower: corner,
-            upper: corner,
-        }
+        Self { lower: corner, upper: corner }
     }
 
     #[inline]
     fn union(self, other: Self) -> Self {
-        Self {
-            lower: self.lower.min(other.lower),
-            upper: self.upper.max(other.upper),
-        }
+        Self { lower: self.lower.min(other.lower), upper: self.upper.max(other.upper) }
     }
 
     #[inline]
     fn within(self, other: &Self) -> Self {
-        Self {
-            lower: self.lower.max(other.lower),
-            upper: self.upper.min(other.upper),
-        }
+        Self { lower: self.lower.max(other.lower), upper: self.upper.min(other.upper) }
     }
 }
 
-const AXES: [BVec3A; 3] = [
-    BVec3A::new(true, false, false),
-    BVec3A::new(false, true, false),
-    BVec3A::new(false, false, true),
-];
+const AXES: [BVec3A; 3] =
+    [BVec3A::new(true, false, false), BVec3A::new(false, true, false), BVec3A::new(false, false, true)];
 
 /// The corner that is alone and the other two, by which corners lie below the plane (one bit each).
-const ALONE: [[usize; 3]; 8] = [
-    [0, 1, 2],
-    [0, 1, 2],
-    [1, 2, 0],
-    [2, 0, 1],
-    [2, 0, 1],
-    [1, 2, 0],
-    [0, 1, 2],
-    [0, 1, 2],
-];
+const ALONE: [[usize; 3]; 8] =
+    [[0, 1, 2], [0, 1, 2], [1, 2, 0], [2, 0, 1], [2, 0, 1], [1, 2, 0], [0, 1, 2], [0, 1, 2]];
 
 /// Boxes of the parts of a triangle on the lower and the upper side of the plane `dimension = position`,
 /// both inside `within`, the box of the piece being cut. A side without any part gets an inverted box,
 /// which tells the builder to leave the piece whole.
-pub(crate) fn split(
-    corners: &[Vec3A; 3],
-    within: &Piece,
-    dimension: usize,
-    position: f32,
-) -> (Piece, Piece) {
+pub(crate) fn split(corners: &[Vec3A; 3], within: &Piece, dimension: usize, position: f32) -> (Piece, Piece) {
     let below = |corner: usize| usize::from(corners[corner][dimension] < position);
     // One corner lies alone on its side. Which one is as good as random, so it is looked up: a table costs
     // less than a mispredicted branch.
@@ -88,9 +60,7 @@ pub(crate) fn split(
         position,
     ));
     let of_lone = cut.union(Piece::at(corners[lone]));
-    let of_pair = cut
-        .union(Piece::at(corners[second]))
-        .union(Piece::at(corners[third]));
+    let of_pair = cut.union(Piece::at(corners[second])).union(Piece::at(corners[third]));
     let halves = [of_lone, of_pair];
     let (mut left, mut right) = (halves[lone_is_above], halves[1 - lone_is_above]);
     // The slack of the crossings is not needed on the axis of the cut.
@@ -103,33 +73,20 @@ pub(crate) fn split(
 /// Where an edge meets the plane, widened by the rounding of the interpolation, since a box too small by
 /// one unit would let rays through. The edge must not be parallel to the plane.
 #[inline]
-fn crossing(
-    corners: &[Vec3A; 3],
-    (from, to): (usize, usize),
-    dimension: usize,
-    position: f32,
-) -> Piece {
+fn crossing(corners: &[Vec3A; 3], (from, to): (usize, usize), dimension: usize, position: f32) -> Piece {
     let (from, to) = (corners[from], corners[to]);
     let share = (position - from[dimension]) / (to[dimension] - from[dimension]);
     let at = from + (to - from) * share;
     let slack = from.abs().max(to.abs()) * (4.0 * f32::EPSILON);
-    Piece {
-        lower: at - slack,
-        upper: at + slack,
-    }
+    Piece { lower: at - slack, upper: at + slack }
 }
 
 /// The plane only touches the triangle, or misses it.
 #[cold]
 fn beside(corners: &[Vec3A; 3], within: &Piece, dimension: usize, position: f32) -> (Piece, Piece) {
     let side = |belongs: fn(&f32, &f32) -> bool| {
-        let mine = corners
-            .iter()
-            .filter(|corner| belongs(&corner[dimension], &position));
-        mine.fold(Piece::NOTHING, |piece, &corner| {
-            piece.union(Piece::at(corner))
-        })
-        .within(within)
+        let mine = corners.iter().filter(|corner| belongs(&corner[dimension], &position));
+        mine.fold(Piece::NOTHING, |piece, &corner| piece.union(Piece::at(corner))).within(within)
     };
     (side(f32::le), side(f32::ge))
 }
@@ -141,9 +98,7 @@ mod tests {
     use super::*;
 
     fn whole(corners: &[Vec3A; 3]) -> Piece {
-        corners.iter().fold(Piece::NOTHING, |piece, &corner| {
-            piece.union(Piece::at(corner))
-        })
+        corners.iter().fold(Piece::NOTHING, |piece, &corner| piece.union(Piece::at(corner)))
     }
 
     fn corner() -> impl Strategy<Value = Vec3A> {
@@ -164,10 +119,7 @@ mod tests {
         let (left, right) = split(&corners, &whole(&corners), 0, 0.5);
         assert_eq!(left.upper, Vec3A::new(0.5, 1.0, 0.0));
         assert_eq!(right.lower, Vec3A::new(0.5, 0.0, 0.0));
-        assert!(
-            (right.upper[1] - 0.5).abs() < 1e-5,
-            "the right half is only half as high: {right:?}"
-        );
+        assert!((right.upper[1] - 0.5).abs() < 1e-5, "the right half is only half as high: {right:?}");
     }
 
     proptest! {

@@ -30,19 +30,10 @@ impl Tree {
         let mut statistics = TreeStatistics::default();
         let root_area = self.root.bounds.half_area();
         let share = |area: f64| {
-            if root_area > 0.0 {
-                area / root_area
-            } else {
-                1.0
-            }
+            if root_area > 0.0 { area / root_area } else { 1.0 }
         };
         self.walk(|met| match met {
-            Met::Node {
-                bounds,
-                depth,
-                width,
-                ..
-            } => {
+            Met::Node { bounds, depth, width, .. } => {
                 statistics.nodes += 1;
                 statistics.depth = statistics.depth.max(depth);
                 statistics.bytes += match width {
@@ -52,11 +43,7 @@ impl Tree {
                 };
                 statistics.sah_cost += share(bounds.half_area());
             }
-            Met::Leaf {
-                bounds,
-                depth,
-                blocks,
-            } => {
+            Met::Leaf { bounds, depth, blocks } => {
                 let triangles: usize = blocks.iter().map(|block| block.numbers().count()).sum();
                 statistics.leaves += 1;
                 statistics.depth = statistics.depth.max(depth);

@@ -55,37 +55,19 @@ impl Tree {
         let mut covered_by = vec![Bounds::EMPTY; self.triangles.len()];
         let parameters = &self.parameters;
         self.walk(|met| match met {
-            Met::Node {
-                bounds,
-                depth,
-                children,
-                ..
-            } => {
+            Met::Node { bounds, depth, children, .. } => {
                 if !children.iter().all(|child| bounds.contains(child)) {
                     fault.get_or_insert(TreeFault::ChildOutside { depth });
                 }
             }
-            Met::Leaf {
-                bounds,
-                depth,
-                blocks,
-            } => {
-                let numbers: Vec<u32> = blocks
-                    .iter()
-                    .flat_map(super::layout::Block::numbers)
-                    .collect();
+            Met::Leaf { bounds, depth, blocks } => {
+                let numbers: Vec<u32> = blocks.iter().flat_map(super::layout::Block::numbers).collect();
                 if depth > parameters.max_depth {
-                    fault.get_or_insert(TreeFault::TooDeep {
-                        depth,
-                        limit: parameters.max_depth,
-                    });
+                    fault.get_or_insert(TreeFault::TooDeep { depth, limit: parameters.max_depth });
                 }
                 if numbers.is_empty() || numbers.len() > parameters.max_leaf_size as usize {
                     let limit = parameters.max_leaf_size;
-                    fault.get_or_insert(TreeFault::LeafSize {
-                        triangles: numbers.len(),
-                        limit,
-                    });
+                    fault.get_or_insert(TreeFault::LeafSize { triangles: numbers.len(), limit });
                 }
                 for number in numbers {
                     leaves_of[number as usize] += 1;
@@ -96,9 +78,7 @@ impl Tree {
         for (triangle, &leaves) in leaves_of.iter().enumerate() {
             if leaves == 0 || (leaves > 1 && parameters.quality != Quality::SahSplit) {
                 fault.get_or_insert(TreeFault::References { triangle, leaves });
-            } else if !covered_by[triangle]
-                .contains(&Bounds::of_corners(&self.triangles.corners(triangle)))
-            {
+            } else if !covered_by[triangle].contains(&Bounds::of_corners(&self.triangles.corners(triangle))) {
                 fault.get_or_insert(TreeFault::NotCovered { triangle });
             }
         }

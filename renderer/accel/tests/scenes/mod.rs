@@ -17,11 +17,7 @@ pub(crate) fn random(seed: u64) -> ChaCha8Rng {
 
 /// A point in the cube from -1 to 1.
 pub(crate) fn in_cube(random: &mut ChaCha8Rng) -> Vec3A {
-    Vec3A::new(
-        random.random_range(-1.0..1.0),
-        random.random_range(-1.0..1.0),
-        random.random_range(-1.0..1.0),
-    )
+    Vec3A::new(random.random_range(-1.0..1.0), random.random_range(-1.0..1.0), random.random_range(-1.0..1.0))
 }
 
 /// A direction of even distribution.
@@ -35,9 +31,8 @@ pub(crate) fn on_sphere(random: &mut ChaCha8Rng) -> Vec3 {
 /// Triangles that share no corner.
 pub(crate) fn separate(corners: impl IntoIterator<Item = [Vec3A; 3]>) -> Arc<Triangles> {
     let positions: Vec<Vec3A> = corners.into_iter().flatten().collect();
-    let indices = (0..positions.len() as u32 / 3)
-        .map(|first| [3 * first, 3 * first + 1, 3 * first + 2])
-        .collect();
+    let indices =
+        (0..positions.len() as u32 / 3).map(|first| [3 * first, 3 * first + 1, 3 * first + 2]).collect();
     Arc::new(Triangles::new(positions, indices).expect("the scene is valid"))
 }
 
@@ -46,11 +41,7 @@ pub(crate) fn soup(count: usize, size: f32, seed: u64) -> Arc<Triangles> {
     let mut random = random(seed);
     separate((0..count).map(|_| {
         let center = in_cube(&mut random);
-        [
-            center,
-            center + in_cube(&mut random) * size,
-            center + in_cube(&mut random) * size,
-        ]
+        [center, center + in_cube(&mut random) * size, center + in_cube(&mut random) * size]
     }))
 }
 
@@ -74,12 +65,7 @@ pub(crate) fn surface(side: u32, height: impl Fn(f32, f32) -> f32) -> Arc<Triang
     let indices = (0..side)
         .flat_map(|i| (0..side).map(move |j| (i, j)))
         .flat_map(|(i, j)| {
-            let (a, b, c, d) = (
-                corner(i, j),
-                corner(i + 1, j),
-                corner(i + 1, j + 1),
-                corner(i, j + 1),
-            );
+            let (a, b, c, d) = (corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1));
             [[a, b, c], [a, c, d]]
         })
         .collect();
@@ -88,34 +74,20 @@ pub(crate) fn surface(side: u32, height: impl Fn(f32, f32) -> f32) -> Arc<Triang
 
 /// Rolling hills.
 pub(crate) fn hills(side: u32) -> Arc<Triangles> {
-    surface(side, |x, z| {
-        0.1 * (9.0 * x).sin() * (7.0 * z).cos() + 0.02 * (61.0 * x + 13.0 * z).sin()
-    })
+    surface(side, |x, z| 0.1 * (9.0 * x).sin() * (7.0 * z).cos() + 0.02 * (61.0 * x + 13.0 * z).sin())
 }
 
 /// Blocks of random heights on a ground of two triangles; twelve triangles a block and finer `detail`.
 pub(crate) fn city(side: u32, seed: u64) -> Arc<Triangles> {
     let mut random = random(seed);
     let mut corners = vec![
-        [
-            Vec3A::new(-1.0, 0.0, -1.0),
-            Vec3A::new(1.0, 0.0, -1.0),
-            Vec3A::new(1.0, 0.0, 1.0),
-        ],
-        [
-            Vec3A::new(-1.0, 0.0, -1.0),
-            Vec3A::new(1.0, 0.0, 1.0),
-            Vec3A::new(-1.0, 0.0, 1.0),
-        ],
+        [Vec3A::new(-1.0, 0.0, -1.0), Vec3A::new(1.0, 0.0, -1.0), Vec3A::new(1.0, 0.0, 1.0)],
+        [Vec3A::new(-1.0, 0.0, -1.0), Vec3A::new(1.0, 0.0, 1.0), Vec3A::new(-1.0, 0.0, 1.0)],
     ];
     let cell = 2.0 / side as f32;
     for i in 0..side {
         for j in 0..side {
-            let lower = Vec3A::new(
-                -1.0 + cell * (i as f32 + 0.15),
-                0.0,
-                -1.0 + cell * (j as f32 + 0.15),
-            );
+            let lower = Vec3A::new(-1.0 + cell * (i as f32 + 0.15), 0.0, -1.0 + cell * (j as f32 + 0.15));
             let size = Vec3A::new(0.7 * cell, random.random_range(0.5..8.0) * cell, 0.7 * cell);
             corners.extend(block(lower, lower + size));
         }
@@ -125,14 +97,8 @@ pub(crate) fn city(side: u32, seed: u64) -> Arc<Triangles> {
 
 /// The twelve triangles of a box.
 fn block(lower: Vec3A, upper: Vec3A) -> impl Iterator<Item = [Vec3A; 3]> {
-    const FACES: [[usize; 4]; 6] = [
-        [0, 1, 3, 2],
-        [4, 5, 7, 6],
-        [0, 1, 5, 4],
-        [2, 3, 7, 6],
-        [0, 2, 6, 4],
-        [1, 3, 7, 5],
-    ];
+    const FACES: [[usize; 4]; 6] =
+        [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
     let corner = move |number: usize| {
         Vec3A::new(
             if number & 1 == 0 { lower.x } else { upper.x },
@@ -140,9 +106,7 @@ fn block(lower: Vec3A, upper: Vec3A) -> impl Iterator<Item = [Vec3A; 3]> {
             if number & 4 == 0 { lower.z } else { upper.z },
         )
     };
-    FACES
-        .into_iter()
-        .flat_map(move |[a, b, c, d]| [[a, b, c], [a, c, d]].map(|face| face.map(corner)))
+    FACES.into_iter().flat_map(move |[a, b, c, d]| [[a, b, c], [a, c, d]].map(|face| face.map(corner)))
 }
 
 /// Rays from inside and outside the cube in all directions, some of them short.
@@ -153,11 +117,7 @@ pub(crate) fn rays(count: usize, seed: u64) -> Vec<Ray> {
             origin: Vec3::from(in_cube(&mut random)) * if number % 2 == 0 { 1.0 } else { 3.0 },
             direction: on_sphere(&mut random) * random.random_range(0.1..4.0),
             t_min: if number % 3 == 0 { 0.05 } else { 0.0 },
-            t_max: if number % 5 == 0 {
-                random.random_range(0.1..2.0)
-            } else {
-                f32::INFINITY
-            },
+            t_max: if number % 5 == 0 { random.random_range(0.1..2.0) } else { f32::INFINITY },
         })
         .collect()
 }

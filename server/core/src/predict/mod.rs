@@ -39,8 +39,7 @@ pub struct Query<'a> {
 impl Query<'_> {
     /// Whether the configuration is known not to work in the asked state.
     pub fn excludes(&self, configuration: &Configuration) -> bool {
-        self.here
-            .is_some_and(|here| here.knowledge.is_infeasible(configuration))
+        self.here.is_some_and(|here| here.knowledge.is_infeasible(configuration))
     }
 }
 

@@ -49,10 +49,7 @@ fn candidates<'a>(query: &Query<'a>) -> Vec<Candidate<'a>> {
         if state.knowledge.best().is_none() {
             continue;
         }
-        let (unexplored, elsewhere) = (
-            !state.explored,
-            query.here.is_none_or(|here| here.id != state.id),
-        );
+        let (unexplored, elsewhere) = (!state.explored, query.here.is_none_or(|here| here.id != state.id));
         // Only a candidate of the same rank makes a distance hopeless.
         let limit = match nearest.last() {
             Some(last)
@@ -66,12 +63,7 @@ fn candidates<'a>(query: &Query<'a>) -> Vec<Candidate<'a>> {
         let Some(distance_2) = distance_2_within(&state.anchor, query.state, limit) else {
             continue;
         };
-        let candidate = Candidate {
-            state,
-            unexplored,
-            elsewhere,
-            distance_2,
-        };
+        let candidate = Candidate { state, unexplored, elsewhere, distance_2 };
         let place = nearest.partition_point(|other| !candidate.comes_before(other));
         nearest.insert(place, candidate);
         nearest.truncate(NEIGHBOURS_MAX);

@@ -74,26 +74,16 @@ impl Rbf {
 
     /// The state's part of the squared distance to each centre.
     fn state_distances_2(&self, state: &[f64]) -> Vec<f64> {
-        self.centres
-            .iter()
-            .map(|(centre, _)| distance_2(state, centre))
-            .collect()
+        self.centres.iter().map(|(centre, _)| distance_2(state, centre)).collect()
     }
 
     fn action_distances_2(&self, point: &[f64]) -> Vec<f64> {
-        self.centres
-            .iter()
-            .map(|(_, centre)| distance_2(point, centre))
-            .collect()
+        self.centres.iter().map(|(_, centre)| distance_2(point, centre)).collect()
     }
 
     /// The value of a state and an action: the inverse of the cost to expect.
     fn value(&self, state_2: &[f64], action_2: &[f64]) -> f64 {
-        self.theta
-            .iter()
-            .zip(features(state_2, action_2))
-            .map(|(theta, phi)| theta * phi)
-            .sum()
+        self.theta.iter().zip(features(state_2, action_2)).map(|(theta, phi)| theta * phi).sum()
     }
 
     /// Keeps the configuration among those to choose from. When full, the one goes that fared worst
@@ -108,21 +98,13 @@ impl Rbf {
             candidate.ratio = candidate.ratio.min(ratio);
             return;
         }
-        let candidate = Candidate {
-            configuration: lesson.configuration.clone(),
-            ratio,
-            distances_2,
-        };
+        let candidate = Candidate { configuration: lesson.configuration.clone(), ratio, distances_2 };
         let place = if self.candidates.len() < CANDIDATES_MAX {
             self.candidates.push(candidate);
             self.candidates.len() - 1
         } else {
             let by_ratio = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
-            let ratios = self
-                .candidates
-                .iter()
-                .map(|candidate| candidate.ratio)
-                .enumerate();
+            let ratios = self.candidates.iter().map(|candidate| candidate.ratio).enumerate();
             match ratios.max_by(by_ratio) {
                 Some((worst, worst_ratio)) if ratio < worst_ratio => {
                     self.index.remove(&self.candidates[worst].configuration);
@@ -141,10 +123,7 @@ fn distance_2(a: &[f64], b: &[f64]) -> f64 {
 }
 
 fn features(state_2: &[f64], action_2: &[f64]) -> impl Iterator<Item = f64> {
-    state_2
-        .iter()
-        .zip(action_2)
-        .map(|(state, action)| (-OMEGA * (state + action).sqrt()).exp())
+    state_2.iter().zip(action_2).map(|(state, action)| (-OMEGA * (state + action).sqrt()).exp())
 }
 
 /// The inverse of the cost, held where sums of rewards stay finite.
@@ -154,17 +133,10 @@ fn reward(cost: f64) -> f64 {
 
 impl Predictor for Rbf {
     fn learn(&mut self, lesson: &Lesson<'_>) {
-        let (state_2, action_2) = (
-            self.state_distances_2(lesson.state),
-            self.action_distances_2(lesson.point),
-        );
+        let (state_2, action_2) =
+            (self.state_distances_2(lesson.state), self.action_distances_2(lesson.point));
         let phi: Vec<f64> = features(&state_2, &action_2).collect();
-        let value: f64 = self
-            .theta
-            .iter()
-            .zip(&phi)
-            .map(|(theta, phi)| theta * phi)
-            .sum();
+        let value: f64 = self.theta.iter().zip(&phi).map(|(theta, phi)| theta * phi).sum();
         let target = match lesson.verdict {
             Verdict::Cost(cost) => reward(cost),
             Verdict::Infeasible => 0.0,
@@ -187,10 +159,7 @@ impl Predictor for Rbf {
     fn predict(&self, query: &Query<'_>) -> Option<Answer> {
         let state_2 = self.state_distances_2(query.state);
         let mut best: Option<(&Candidate, f64)> = None;
-        for candidate in self
-            .candidates
-            .iter()
-            .filter(|candidate| !query.excludes(&candidate.configuration))
+        for candidate in self.candidates.iter().filter(|candidate| !query.excludes(&candidate.configuration))
         {
             let value = self.value(&state_2, &candidate.distances_2);
             if best.is_none_or(|(_, best_value)| value > best_value) {
@@ -216,9 +185,6 @@ impl Rbf {
 
     /// The value of a state and a point.
     pub(super) fn value_at(&self, state: &[f64], point: &[f64]) -> f64 {
-        self.value(
-            &self.state_distances_2(state),
-            &self.action_distances_2(point),
-        )
+        self.value(&self.state_distances_2(state), &self.action_distances_2(point))
     }
 }

@@ -13,11 +13,7 @@ use crate::value::Value;
 fn space(dimension: usize) -> Space {
     let parameter = |index: usize| Parameter {
         name: format!("p{index}"),
-        domain: Domain::Float {
-            min: 0.0,
-            max: 1.0,
-            scale: Scale::Linear,
-        },
+        domain: Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear },
         default: Value::Float(0.5),
         active_if: None,
     };
@@ -26,11 +22,7 @@ fn space(dimension: usize) -> Space {
 
 /// A cost whose best action follows the state.
 fn cost(state: &[f64], point: &[f64]) -> f64 {
-    1.0 + state
-        .iter()
-        .zip(point)
-        .map(|(s, p)| 3.0 * (s - p).powi(2))
-        .sum::<f64>()
+    1.0 + state.iter().zip(point).map(|(s, p)| 3.0 * (s - p).powi(2)).sum::<f64>()
 }
 
 fn lesson<'a>(
@@ -39,13 +31,7 @@ fn lesson<'a>(
     point: &'a [f64],
     verdict: Verdict,
 ) -> Lesson<'a> {
-    Lesson {
-        state,
-        configuration,
-        point,
-        verdict,
-        default_cost: Some(cost(state, &[0.5; 3])),
-    }
+    Lesson { state, configuration, point, verdict, default_cost: Some(cost(state, &[0.5; 3])) }
 }
 
 /// Trains on random pairs of state and configuration, `scale` times the cost.
@@ -58,22 +44,13 @@ fn trained(trials: usize, scale: f64) -> Rbf {
         let x: [f64; 3] = std::array::from_fn(|_| random.random());
         let configuration = space.decode(&x);
         let point = space.encode(&configuration);
-        model.learn(&lesson(
-            &state,
-            &configuration,
-            &point,
-            Verdict::Cost(scale * cost(&state, &point)),
-        ));
+        model.learn(&lesson(&state, &configuration, &point, Verdict::Cost(scale * cost(&state, &point))));
     }
     model
 }
 
 fn ask(model: &Rbf, state: &[f64]) -> Option<Answer> {
-    model.predict(&Query {
-        state,
-        here: None,
-        known: &[],
-    })
+    model.predict(&Query { state, here: None, known: &[] })
 }
 
 #[test]
@@ -100,19 +77,9 @@ fn the_radial_basis_model_learns_a_smooth_function() {
     }
     // The best that a model could do which ignores state and action.
     let mean = rewards.iter().sum::<f64>() / 200.0;
-    let constant = rewards
-        .iter()
-        .map(|reward| (reward - mean).abs())
-        .sum::<f64>()
-        / 200.0;
-    assert!(
-        error < 0.85 * constant,
-        "mean error {error}, of a constant {constant}"
-    );
-    assert!(
-        chosen < 1.0 + 0.6 * (default - 1.0),
-        "chosen {chosen}, default {default}"
-    );
+    let constant = rewards.iter().map(|reward| (reward - mean).abs()).sum::<f64>() / 200.0;
+    assert!(error < 0.85 * constant, "mean error {error}, of a constant {constant}");
+    assert!(chosen < 1.0 + 0.6 * (default - 1.0), "chosen {chosen}, default {default}");
 }
 
 #[test]
@@ -122,10 +89,7 @@ fn the_choice_does_not_depend_on_the_unit_of_the_cost() {
         let (plain, scaled) = (trained(500, 1.0), trained(500, scale));
         for step in 0..20 {
             let state = [f64::from(step) / 20.0, 0.3, 0.7];
-            let (a, b) = (
-                ask(&plain, &state).expect("trained"),
-                ask(&scaled, &state).expect("trained"),
-            );
+            let (a, b) = (ask(&plain, &state).expect("trained"), ask(&scaled, &state).expect("trained"));
             assert_eq!(a.configuration, b.configuration);
             assert_eq!(a.predicted_cost.map(|cost| cost * scale), b.predicted_cost);
         }
@@ -140,22 +104,12 @@ fn infeasible_configurations_lose_their_value() {
     let point = space.encode(&before.configuration);
     let value = model.value_at(&state, &point);
     for _ in 0..20 {
-        model.learn(&lesson(
-            &state,
-            &before.configuration,
-            &point,
-            Verdict::Infeasible,
-        ));
+        model.learn(&lesson(&state, &before.configuration, &point, Verdict::Infeasible));
     }
     assert!(model.value_at(&state, &point) < 0.3 * value);
     // A bound that the model respects already changes nothing.
     let untouched = model.clone();
-    model.learn(&lesson(
-        &state,
-        &before.configuration,
-        &point,
-        Verdict::AtLeast(1e-9),
-    ));
+    model.learn(&lesson(&state, &before.configuration, &point, Verdict::AtLeast(1e-9)));
     assert_eq!(model, untouched);
 }
 

@@ -6,26 +6,15 @@ use proptest::prelude::*;
 
 use super::*;
 
-const METHODS: [SearchMethod; 3] = [
-    SearchMethod::NelderMead,
-    SearchMethod::LatinHypercube,
-    SearchMethod::Random,
-];
+const METHODS: [SearchMethod; 3] =
+    [SearchMethod::NelderMead, SearchMethod::LatinHypercube, SearchMethod::Random];
 
 fn setup(seed: u64, dimension: usize, budget: u32) -> SearchSetup {
-    SearchSetup {
-        seed,
-        state_id: 7,
-        start: vec![0.25; dimension],
-        budget,
-    }
+    SearchSetup { seed, state_id: 7, start: vec![0.25; dimension], budget }
 }
 
 fn bowl(x: &[f64]) -> f64 {
-    x.iter()
-        .enumerate()
-        .map(|(axis, x)| (x - 0.1 * axis as f64).powi(2))
-        .sum()
+    x.iter().enumerate().map(|(axis, x)| (x - 0.1 * axis as f64).powi(2)).sum()
 }
 
 fn answer(point: &Point, scale: f64) -> Feedback {
@@ -35,10 +24,7 @@ fn answer(point: &Point, scale: f64) -> Feedback {
         6 => Verdict::AtLeast(cost),
         _ => Verdict::Cost(cost),
     };
-    Feedback {
-        verdict,
-        fresh: !point.id.is_multiple_of(5),
-    }
+    Feedback { verdict, fresh: !point.id.is_multiple_of(5) }
 }
 
 fn run(search: &mut AnySearch, steps: usize, scale: f64) -> Vec<Point> {
@@ -117,13 +103,6 @@ fn states_and_seeds_draw_different_points() {
         let points = |setup| run(&mut AnySearch::new(method, setup), 5, 1.0);
         let base = points(setup(1, 3, 40));
         assert_ne!(base, points(setup(2, 3, 40)), "{method:?}");
-        assert_ne!(
-            base,
-            points(SearchSetup {
-                state_id: 8,
-                ..setup(1, 3, 40)
-            }),
-            "{method:?}"
-        );
+        assert_ne!(base, points(SearchSetup { state_id: 8, ..setup(1, 3, 40) }), "{method:?}");
     }
 }

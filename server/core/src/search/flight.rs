@@ -17,11 +17,7 @@ pub(super) struct Flight {
 impl Flight {
     /// Sends a new point out.
     pub(super) fn launch(&mut self, x: Vec<f64>, step: Step) -> Point {
-        let point = Point {
-            id: self.next_id,
-            x,
-            step,
-        };
+        let point = Point { id: self.next_id, x, step };
         self.next_id += 1;
         self.out.insert(point.id, point.clone());
         point

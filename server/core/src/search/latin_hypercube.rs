@@ -41,11 +41,7 @@ pub struct LatinHypercubeSearch {
 impl LatinHypercubeSearch {
     /// A fresh search. A design has as many points as the budget leaves after the default.
     pub fn new(setup: SearchSetup) -> Self {
-        LatinHypercubeSearch {
-            setup,
-            flight: Flight::default(),
-            asked: 0,
-        }
+        LatinHypercubeSearch { setup, flight: Flight::default(), asked: 0 }
     }
 
     fn design_points(&self) -> u64 {
@@ -64,25 +60,10 @@ impl Search for LatinHypercubeSearch {
         if asked == 0 {
             return Some(self.flight.launch(self.setup.start.clone(), Step::Default));
         }
-        let (number, index) = (
-            (asked - 1) / self.design_points(),
-            (asked - 1) % self.design_points(),
-        );
-        let mut random = stream(
-            self.setup.seed,
-            Purpose::Search,
-            self.setup.state_id,
-            number,
-        );
-        let mut points = design(
-            self.design_points() as usize,
-            self.setup.dimension(),
-            &mut random,
-        );
-        Some(
-            self.flight
-                .launch(points.swap_remove(index as usize), Step::LatinHypercube),
-        )
+        let (number, index) = ((asked - 1) / self.design_points(), (asked - 1) % self.design_points());
+        let mut random = stream(self.setup.seed, Purpose::Search, self.setup.state_id, number);
+        let mut points = design(self.design_points() as usize, self.setup.dimension(), &mut random);
+        Some(self.flight.launch(points.swap_remove(index as usize), Step::LatinHypercube))
     }
 
     fn tell(&mut self, id: u64, _feedback: Feedback) {

@@ -161,9 +161,7 @@ impl AnySearch {
     pub fn new(method: SearchMethod, setup: SearchSetup) -> Self {
         match method {
             SearchMethod::NelderMead => AnySearch::NelderMead(NelderMead::new(setup)),
-            SearchMethod::LatinHypercube => {
-                AnySearch::LatinHypercube(LatinHypercubeSearch::new(setup))
-            }
+            SearchMethod::LatinHypercube => AnySearch::LatinHypercube(LatinHypercubeSearch::new(setup)),
             SearchMethod::Random => AnySearch::Random(RandomSearch::new(setup)),
         }
     }

@@ -131,12 +131,7 @@ impl NelderMead {
 
     fn random(&mut self) -> ChaCha8Rng {
         self.draws += 1;
-        stream(
-            self.setup.seed,
-            Purpose::Search,
-            self.setup.state_id,
-            self.draws,
-        )
+        stream(self.setup.seed, Purpose::Search, self.setup.state_id, self.draws)
     }
 
     fn best(&self) -> Option<&Vertex> {
@@ -161,9 +156,7 @@ impl NelderMead {
     fn centroid(&self) -> Vec<f64> {
         let kept = &self.simplex[..self.simplex.len() - 1];
         let sum = |axis: usize| kept.iter().map(|vertex| vertex.x[axis]).sum::<f64>();
-        (0..self.setup.dimension())
-            .map(|axis| sum(axis) / kept.len() as f64)
-            .collect()
+        (0..self.setup.dimension()).map(|axis| sum(axis) / kept.len() as f64).collect()
     }
 
     /// Takes `vertex` in the place of the worst and goes on with a reflection.
@@ -181,13 +174,7 @@ impl NelderMead {
         let (Some(best), Some(worst)) = (self.simplex.first(), self.simplex.last()) else {
             return false;
         };
-        let near = |vertex: &Vertex| {
-            vertex
-                .x
-                .iter()
-                .zip(&best.x)
-                .all(|(a, b)| (a - b).abs() < EXTENT_MIN)
-        };
+        let near = |vertex: &Vertex| vertex.x.iter().zip(&best.x).all(|(a, b)| (a - b).abs() < EXTENT_MIN);
         !worst.score.compare(&best.score).is_gt() || self.simplex.iter().all(near)
     }
 
@@ -195,33 +182,21 @@ impl NelderMead {
     fn restart(&mut self) {
         self.simplex.truncate(1);
         let radius = match self.best() {
-            Some(Vertex {
-                score: Score::Cost(_),
-                ..
-            }) => RESTART_RADII[self.restarts as usize % RESTART_RADII.len()],
+            Some(Vertex { score: Score::Cost(_), .. }) => {
+                RESTART_RADII[self.restarts as usize % RESTART_RADII.len()]
+            }
             // Nothing feasible is known: look everywhere.
             _ => 1.0,
         };
-        let centre = self
-            .best()
-            .map_or_else(|| self.setup.start.clone(), |best| best.x.clone());
-        let mut points = design(
-            self.vertices() - 1,
-            self.setup.dimension(),
-            &mut self.random(),
-        );
-        for (x, c) in points
-            .iter_mut()
-            .flat_map(|point| point.iter_mut().zip(&centre))
-        {
+        let centre = self.best().map_or_else(|| self.setup.start.clone(), |best| best.x.clone());
+        let mut points = design(self.vertices() - 1, self.setup.dimension(), &mut self.random());
+        for (x, c) in points.iter_mut().flat_map(|point| point.iter_mut().zip(&centre)) {
             let (low, high) = ((c - radius).max(0.0), (c + radius).min(1.0));
             *x = low + *x * (high - low);
         }
         self.restarts = self.restarts.wrapping_add(1);
         self.radius = RADIUS_START;
-        self.phase = Phase::Design {
-            queue: points.into_iter().map(|x| (x, Step::Restart)).collect(),
-        };
+        self.phase = Phase::Design { queue: points.into_iter().map(|x| (x, Step::Restart)).collect() };
     }
 
     /// Chang's adaptive random search. Local steps change some coordinates of the best point within a
@@ -239,11 +214,8 @@ impl NelderMead {
         // About a third of the axes, one at least: a step along all of them at once is rarely a gain.
         let always = random.random_range(0..dimension);
         let step = |(axis, &x): (usize, &f64)| {
-            let (change, whole, at) = (
-                random.random::<f64>(),
-                random.random::<f64>(),
-                random.random::<f64>(),
-            );
+            let (change, whole, at) =
+                (random.random::<f64>(), random.random::<f64>(), random.random::<f64>());
             match () {
                 () if axis != always && change > 1.0 / 3.0 => x,
                 () if whole < AXIS_PROBABILITY => at,
@@ -258,11 +230,7 @@ impl NelderMead {
     /// the best value of a parameter often is an end of its range.
     fn on_line(&self, target: &[f64], along: f64) -> Vec<f64> {
         let centroid = self.centroid();
-        centroid
-            .iter()
-            .zip(target)
-            .map(|(c, t)| (c + along * (t - c)).clamp(0.0, 1.0))
-            .collect()
+        centroid.iter().zip(target).map(|(c, t)| (c + along * (t - c)).clamp(0.0, 1.0)).collect()
     }
 
     /// Decides on the next step after `vertex` was measured. The simplex is complete and sorted.
@@ -286,11 +254,7 @@ impl NelderMead {
             }
             Phase::Contract { reflected } => {
                 let outside = reflected.score.beats(&self.simplex[worst].score);
-                let to_beat = if outside {
-                    reflected.score
-                } else {
-                    self.simplex[worst].score
-                };
+                let to_beat = if outside { reflected.score } else { self.simplex[worst].score };
                 if vertex.score.beats(&to_beat) {
                     self.accept(vertex);
                 } else {
@@ -354,25 +318,14 @@ impl Search for NelderMead {
         let Some(Point { x, .. }) = self.flight.land(id) else {
             return;
         };
-        let vertex = Vertex {
-            x,
-            score: self.score(feedback.verdict),
-        };
-        self.stale = if feedback.fresh {
-            0
-        } else {
-            self.stale.saturating_add(1)
-        };
+        let vertex = Vertex { x, score: self.score(feedback.verdict) };
+        self.stale = if feedback.fresh { 0 } else { self.stale.saturating_add(1) };
         match std::mem::replace(&mut self.phase, Phase::Random) {
             Phase::Design { queue } => {
                 self.simplex.push(vertex);
                 self.sort();
                 let done = queue.is_empty() && self.flight.is_empty();
-                self.phase = if done {
-                    Phase::Reflect
-                } else {
-                    Phase::Design { queue }
-                };
+                self.phase = if done { Phase::Reflect } else { Phase::Design { queue } };
                 if done {
                     // The best of the design make the simplex.
                     self.simplex.truncate(self.vertices());

@@ -13,18 +13,12 @@ use crate::value::Value;
 
 /// Best noise-free cost among `budget` points, where each measurement is off by up to 5 %.
 fn best_on_quadratic(method: SearchMethod, seed: u64, dimension: usize, budget: u32) -> f64 {
-    let setup = SearchSetup {
-        seed,
-        state_id: 1,
-        start: vec![0.9; dimension],
-        budget,
-    };
+    let setup = SearchSetup { seed, state_id: 1, start: vec![0.9; dimension], budget };
     let mut search = AnySearch::new(method, setup);
     let mut noise = ChaCha8Rng::seed_from_u64(seed);
     // A bowl 10 high at its bottom, off the centre and with axes of unequal weight.
     let truth = |x: &[f64]| {
-        let term =
-            |(axis, x): (usize, &f64)| (1.0 + axis as f64) * (x - 0.2 - 0.05 * axis as f64).powi(2);
+        let term = |(axis, x): (usize, &f64)| (1.0 + axis as f64) * (x - 0.2 - 0.05 * axis as f64).powi(2);
         10.0 + 40.0 * x.iter().enumerate().map(term).sum::<f64>()
     };
     let mut best = (f64::INFINITY, f64::INFINITY);
@@ -35,13 +29,7 @@ fn best_on_quadratic(method: SearchMethod, seed: u64, dimension: usize, budget: 
         if measured < best.0 {
             best = (measured, cost);
         }
-        search.tell(
-            point.id,
-            Feedback {
-                verdict: Verdict::Cost(measured),
-                fresh: true,
-            },
-        );
+        search.tell(point.id, Feedback { verdict: Verdict::Cost(measured), fresh: true });
     }
     best.1 - 10.0
 }
@@ -54,21 +42,10 @@ fn median(mut values: Vec<f64>) -> f64 {
 #[test]
 fn eighty_noisy_trials_come_far_closer_than_random_sampling() {
     for (dimension, ratio) in [(3, 4.0), (5, 8.0), (8, 5.0), (11, 4.0)] {
-        let excess = |method| {
-            median(
-                (0..31)
-                    .map(|seed| best_on_quadratic(method, seed, dimension, 80))
-                    .collect(),
-            )
-        };
-        let (simplex, random) = (
-            excess(SearchMethod::NelderMead),
-            excess(SearchMethod::Random),
-        );
-        assert!(
-            simplex * ratio < random,
-            "{dimension}: simplex {simplex}, random {random}"
-        );
+        let excess =
+            |method| median((0..31).map(|seed| best_on_quadratic(method, seed, dimension, 80)).collect());
+        let (simplex, random) = (excess(SearchMethod::NelderMead), excess(SearchMethod::Random));
+        assert!(simplex * ratio < random, "{dimension}: simplex {simplex}, random {random}");
     }
 }
 
@@ -76,21 +53,13 @@ fn eighty_noisy_trials_come_far_closer_than_random_sampling() {
 fn tree_space() -> Space {
     let integer = |name: &str, min, max, default| Parameter {
         name: name.into(),
-        domain: Domain::Integer {
-            min,
-            max,
-            scale: Scale::Linear,
-        },
+        domain: Domain::Integer { min, max, scale: Scale::Linear },
         default: Value::Integer(default),
         active_if: None,
     };
     let float = |name: &str| Parameter {
         name: name.into(),
-        domain: Domain::Float {
-            min: 0.0,
-            max: 10.0,
-            scale: Scale::Linear,
-        },
+        domain: Domain::Float { min: 0.0, max: 10.0, scale: Scale::Linear },
         default: Value::Float(1.0),
         active_if: None,
     };
@@ -115,29 +84,19 @@ fn tree_space() -> Space {
         boolean("robust"),
         boolean("static"),
     ];
-    let order = Constraint {
-        lesser: "min_leaf_size".into(),
-        greater: "max_leaf_size".into(),
-    };
+    let order = Constraint { lesser: "min_leaf_size".into(), greater: "max_leaf_size".into() };
     Space::new(parameters, vec![order]).expect("a valid space")
 }
 
 fn tree_cost(configuration: &crate::configuration::Configuration) -> Option<f64> {
-    let number = |name: &str| {
-        configuration
-            .get(name)
-            .and_then(Value::as_number)
-            .expect("a number")
-    };
+    let number = |name: &str| configuration.get(name).and_then(Value::as_number).expect("a number");
     let is = |name: &str| configuration.get(name) == Some(&Value::Boolean(true));
     // A quarter of the space cannot be built, the neighbourhood of the optimum included in part.
     if number("max_leaf_size") < 3.0 || (number("intersection_cost") > 7.5) {
         return None;
     }
-    let mut cost =
-        100.0 - 15.0 * (number("quality") - 1.0) - 5.0 * number("branching_factor").log2();
-    cost +=
-        0.6 * (number("max_leaf_size") - 5.0).abs() + 0.4 * (number("min_leaf_size") - 2.0).abs();
+    let mut cost = 100.0 - 15.0 * (number("quality") - 1.0) - 5.0 * number("branching_factor").log2();
+    cost += 0.6 * (number("max_leaf_size") - 5.0).abs() + 0.4 * (number("min_leaf_size") - 2.0).abs();
     cost += 1.5 * (number("intersection_cost") - 6.0).abs();
     cost += if is("robust") { 8.0 } else { 0.0 } - if is("static") { 6.0 } else { 0.0 };
     Some(cost)
@@ -148,15 +107,7 @@ fn tree_cost(configuration: &crate::configuration::Configuration) -> Option<f64>
 fn tune_tree(method: SearchMethod, seed: u64, budget: u32) -> (f64, usize) {
     let space = tree_space();
     let start = space.encode(&space.default_configuration());
-    let mut search = AnySearch::new(
-        method,
-        SearchSetup {
-            seed,
-            state_id: 1,
-            start,
-            budget,
-        },
-    );
+    let mut search = AnySearch::new(method, SearchSetup { seed, state_id: 1, start, budget });
     let mut known = BTreeMap::new();
     let (mut best, mut in_a_row, mut most) = (f64::INFINITY, 0, 0);
     while known.len() < budget as usize {
@@ -168,32 +119,19 @@ fn tune_tree(method: SearchMethod, seed: u64, budget: u32) -> (f64, usize) {
         most = most.max(in_a_row);
         assert!(in_a_row < 1000, "the search stalls");
         best = best.min(cost.unwrap_or(f64::INFINITY));
-        search.tell(
-            point.id,
-            Feedback {
-                verdict: cost.map_or(Verdict::Infeasible, Verdict::Cost),
-                fresh,
-            },
-        );
+        search.tell(point.id, Feedback { verdict: cost.map_or(Verdict::Infeasible, Verdict::Cost), fresh });
     }
     (best, most)
 }
 
 #[test]
 fn plateaus_and_infeasible_regions_do_not_stall_the_simplex() {
-    let runs: Vec<_> = (0..31)
-        .map(|seed| tune_tree(SearchMethod::NelderMead, seed, 80))
-        .collect();
-    let random: Vec<_> = (0..31)
-        .map(|seed| tune_tree(SearchMethod::Random, seed, 80))
-        .collect();
+    let runs: Vec<_> = (0..31).map(|seed| tune_tree(SearchMethod::NelderMead, seed, 80)).collect();
+    let random: Vec<_> = (0..31).map(|seed| tune_tree(SearchMethod::Random, seed, 80)).collect();
     let most = runs.iter().map(|run| run.1).max();
     let simplex = median(runs.iter().map(|run| run.0).collect());
     let random = median(random.iter().map(|run| run.0).collect());
-    assert!(
-        most < Some(crate::limits::KNOWN_POINTS_PER_SUGGESTION_MAX),
-        "{most:?} known points in a row"
-    );
+    assert!(most < Some(crate::limits::KNOWN_POINTS_PER_SUGGESTION_MAX), "{most:?} known points in a row");
     // The optimum is 49; the default costs 107.5.
     assert!(simplex < random - 2.0, "simplex {simplex}, random {random}");
     assert!(simplex < 56.0, "simplex {simplex}");
@@ -201,12 +139,7 @@ fn plateaus_and_infeasible_regions_do_not_stall_the_simplex() {
 
 #[test]
 fn a_search_that_only_meets_infeasible_points_looks_everywhere() {
-    let setup = SearchSetup {
-        seed: 5,
-        state_id: 1,
-        start: vec![0.5; 4],
-        budget: 80,
-    };
+    let setup = SearchSetup { seed: 5, state_id: 1, start: vec![0.5; 4], budget: 80 };
     let mut search = AnySearch::new(SearchMethod::NelderMead, setup);
     let mut reached = [[false; 4]; 4];
     for _ in 0..120 {
@@ -214,13 +147,7 @@ fn a_search_that_only_meets_infeasible_points_looks_everywhere() {
         for (axis, x) in point.x.iter().enumerate() {
             reached[axis][((x * 4.0) as usize).min(3)] = true;
         }
-        search.tell(
-            point.id,
-            Feedback {
-                verdict: Verdict::Infeasible,
-                fresh: true,
-            },
-        );
+        search.tell(point.id, Feedback { verdict: Verdict::Infeasible, fresh: true });
     }
     assert_eq!(reached, [[true; 4]; 4]);
 }

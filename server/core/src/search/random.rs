@@ -18,11 +18,7 @@ pub struct RandomSearch {
 impl RandomSearch {
     /// A fresh search.
     pub fn new(setup: SearchSetup) -> Self {
-        RandomSearch {
-            setup,
-            flight: Flight::default(),
-            asked: 0,
-        }
+        RandomSearch { setup, flight: Flight::default(), asked: 0 }
     }
 }
 
@@ -37,9 +33,7 @@ impl Search for RandomSearch {
             return Some(self.flight.launch(self.setup.start.clone(), Step::Default));
         }
         let mut random = stream(self.setup.seed, Purpose::Search, self.setup.state_id, asked);
-        let x = (0..self.setup.dimension())
-            .map(|_| random.random())
-            .collect();
+        let x = (0..self.setup.dimension()).map(|_| random.random()).collect();
         Some(self.flight.launch(x, Step::RandomSearch))
     }
 

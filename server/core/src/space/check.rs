@@ -11,10 +11,7 @@ use crate::value::Value;
 impl Space {
     /// Checks everything that the limits and the meaning of a space demand: names, ranges, defaults,
     /// conditions that only name earlier parameters, constraints between numbers that the defaults fulfil.
-    pub fn new(
-        parameters: Vec<Parameter>,
-        constraints: Vec<Constraint>,
-    ) -> Result<Self, SpaceError> {
+    pub fn new(parameters: Vec<Parameter>, constraints: Vec<Constraint>) -> Result<Self, SpaceError> {
         check_count("parameters", parameters.len(), 1, PARAMETERS_MAX)?;
         check_count("constraints", constraints.len(), 0, CONSTRAINTS_MAX)?;
         let parameters: Vec<Parameter> = parameters.into_iter().map(canonical).collect();
@@ -26,10 +23,8 @@ impl Space {
         for constraint in &constraints {
             order.push(check_constraint(constraint, &parameters)?);
         }
-        let default_point = parameters
-            .iter()
-            .map(|parameter| parameter.domain.encode(&parameter.default))
-            .collect();
+        let default_point =
+            parameters.iter().map(|parameter| parameter.domain.encode(&parameter.default)).collect();
         let mut space = Space {
             parameters,
             constraints,
@@ -38,11 +33,8 @@ impl Space {
             default: Configuration::from_checked(BTreeMap::new()),
             default_point,
         };
-        let defaults: Vec<Value> = space
-            .parameters
-            .iter()
-            .map(|parameter| parameter.default.clone())
-            .collect();
+        let defaults: Vec<Value> =
+            space.parameters.iter().map(|parameter| parameter.default.clone()).collect();
         let active = space.active(&defaults);
         if let Some(violation) = space.violations(&defaults, &active).next() {
             let Constraint { lesser, greater } = &space.constraints[violation];
@@ -67,14 +59,10 @@ impl Space {
             let given = values.remove(&parameter.name).map(Value::canonical);
             match given {
                 Some(_) if !is_active => {
-                    return Err(SpaceError::Inactive {
-                        name: parameter.name.clone(),
-                    });
+                    return Err(SpaceError::Inactive { name: parameter.name.clone() });
                 }
                 None if is_active => {
-                    return Err(SpaceError::Missing {
-                        name: parameter.name.clone(),
-                    });
+                    return Err(SpaceError::Missing { name: parameter.name.clone() });
                 }
                 Some(value) if !parameter.domain.contains(&value) => {
                     return Err(SpaceError::Value {
@@ -89,15 +77,8 @@ impl Space {
             active.push(is_active);
         }
         if let Some(name) = values.into_keys().next() {
-            let known: Vec<&str> = self
-                .parameters
-                .iter()
-                .map(|parameter| parameter.name.as_str())
-                .collect();
-            return Err(SpaceError::Unknown {
-                name,
-                known: known.join(", "),
-            });
+            let known: Vec<&str> = self.parameters.iter().map(|parameter| parameter.name.as_str()).collect();
+            return Err(SpaceError::Unknown { name, known: known.join(", ") });
         }
         if let Some(violation) = self.violations(&ordered, &active).next() {
             let (lesser, greater) = self.order[violation];
@@ -114,9 +95,7 @@ impl Space {
     /// Whether parameter `index` is active, given the values and activity of those before it.
     fn is_active(&self, index: usize, values: &[Value], active: &[bool]) -> bool {
         match (&self.parameters[index].active_if, self.condition_of[index]) {
-            (Some(condition), Some(other)) => {
-                active[other] && condition.any_of.contains(&values[other])
-            }
+            (Some(condition), Some(other)) => active[other] && condition.any_of.contains(&values[other]),
             _ => true,
         }
     }
@@ -136,15 +115,11 @@ impl Space {
         values: &'a [Value],
         active: &'a [bool],
     ) -> impl Iterator<Item = usize> + 'a {
-        self.order
-            .iter()
-            .enumerate()
-            .filter_map(|(index, &(lesser, greater))| {
-                let broken = active[lesser]
-                    && active[greater]
-                    && values[lesser].as_number() > values[greater].as_number();
-                broken.then_some(index)
-            })
+        self.order.iter().enumerate().filter_map(|(index, &(lesser, greater))| {
+            let broken =
+                active[lesser] && active[greater] && values[lesser].as_number() > values[greater].as_number();
+            broken.then_some(index)
+        })
     }
 
     pub(super) fn collect(&self, values: &[Value], active: &[bool]) -> Configuration {
@@ -158,22 +133,8 @@ impl Space {
     }
 }
 
-fn check_count(
-    what: &'static str,
-    count: usize,
-    least: usize,
-    most: usize,
-) -> Result<(), SpaceError> {
-    if (least..=most).contains(&count) {
-        Ok(())
-    } else {
-        Err(SpaceError::Count {
-            what,
-            count,
-            least,
-            most,
-        })
-    }
+fn check_count(what: &'static str, count: usize, least: usize, most: usize) -> Result<(), SpaceError> {
+    if (least..=most).contains(&count) { Ok(()) } else { Err(SpaceError::Count { what, count, least, most }) }
 }
 
 /// Negative zeros would make equal spaces look different.
@@ -182,29 +143,19 @@ fn canonical(parameter: Parameter) -> Parameter {
     Parameter {
         name: parameter.name,
         domain: match parameter.domain {
-            Domain::Float { min, max, scale } => Domain::Float {
-                min: min + 0.0,
-                max: max + 0.0,
-                scale,
-            },
-            Domain::Categorical { values } => Domain::Categorical {
-                values: all(values),
-            },
+            Domain::Float { min, max, scale } => Domain::Float { min: min + 0.0, max: max + 0.0, scale },
+            Domain::Categorical { values } => Domain::Categorical { values: all(values) },
             other => other,
         },
         default: parameter.default.canonical(),
-        active_if: parameter.active_if.map(|condition| Condition {
-            parameter: condition.parameter,
-            any_of: all(condition.any_of),
-        }),
+        active_if: parameter
+            .active_if
+            .map(|condition| Condition { parameter: condition.parameter, any_of: all(condition.any_of) }),
     }
 }
 
 /// Returns the index of the parameter that the condition names.
-fn check_parameter(
-    parameter: &Parameter,
-    earlier: &[Parameter],
-) -> Result<Option<usize>, SpaceError> {
+fn check_parameter(parameter: &Parameter, earlier: &[Parameter]) -> Result<Option<usize>, SpaceError> {
     let name = &parameter.name;
     if !is_name(name) {
         return Err(SpaceError::Name { name: name.clone() });
@@ -213,10 +164,7 @@ fn check_parameter(
         return Err(SpaceError::Twice { name: name.clone() });
     }
     if let Some(problem) = parameter.domain.problem() {
-        return Err(SpaceError::Domain {
-            parameter: name.clone(),
-            problem,
-        });
+        return Err(SpaceError::Domain { parameter: name.clone(), problem });
     }
     if !parameter.domain.contains(&parameter.default) {
         return Err(SpaceError::Default {
@@ -228,31 +176,15 @@ fn check_parameter(
     let Some(condition) = &parameter.active_if else {
         return Ok(None);
     };
-    let refuse = |problem: String| SpaceError::Condition {
-        parameter: name.clone(),
-        problem,
-    };
-    let Some(index) = earlier
-        .iter()
-        .position(|other| other.name == condition.parameter)
-    else {
-        return Err(refuse(format!(
-            "names {:?}, which is not listed earlier",
-            condition.parameter
-        )));
+    let refuse = |problem: String| SpaceError::Condition { parameter: name.clone(), problem };
+    let Some(index) = earlier.iter().position(|other| other.name == condition.parameter) else {
+        return Err(refuse(format!("names {:?}, which is not listed earlier", condition.parameter)));
     };
     if condition.any_of.is_empty() || condition.any_of.len() > CATEGORIES_MAX {
-        return Err(refuse(format!(
-            "has {} values; give 1 to {CATEGORIES_MAX}",
-            condition.any_of.len()
-        )));
+        return Err(refuse(format!("has {} values; give 1 to {CATEGORIES_MAX}", condition.any_of.len())));
     }
     let domain = &earlier[index].domain;
-    if let Some(value) = condition
-        .any_of
-        .iter()
-        .find(|value| !domain.contains(value))
-    {
+    if let Some(value) = condition.any_of.iter().find(|value| !domain.contains(value)) {
         return Err(refuse(format!(
             "asks for {value}, but {:?} is {}",
             condition.parameter,
@@ -262,24 +194,18 @@ fn check_parameter(
     Ok(Some(index))
 }
 
-fn check_constraint(
-    constraint: &Constraint,
-    parameters: &[Parameter],
-) -> Result<(usize, usize), SpaceError> {
+fn check_constraint(constraint: &Constraint, parameters: &[Parameter]) -> Result<(usize, usize), SpaceError> {
     let Constraint { lesser, greater } = constraint;
     let refuse = |problem: String| SpaceError::Constraint {
         lesser: lesser.clone(),
         greater: greater.clone(),
         problem,
     };
-    let find = |name: &String| match parameters
-        .iter()
-        .position(|parameter| &parameter.name == name)
-    {
+    let find = |name: &String| match parameters.iter().position(|parameter| &parameter.name == name) {
         None => Err(refuse(format!("there is no parameter {name:?}"))),
-        Some(index) if parameters[index].domain.bounds().is_none() => Err(refuse(format!(
-            "{name:?} is not a number; only integer and float domains can be compared"
-        ))),
+        Some(index) if parameters[index].domain.bounds().is_none() => {
+            Err(refuse(format!("{name:?} is not a number; only integer and float domains can be compared")))
+        }
         Some(index) => Ok(index),
     };
     let (lesser_index, greater_index) = (find(lesser)?, find(greater)?);

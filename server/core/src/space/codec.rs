@@ -10,12 +10,10 @@ impl Space {
     pub fn encode(&self, configuration: &Configuration) -> Vec<f64> {
         let coordinates = self.parameters.iter().zip(&self.default_point);
         coordinates
-            .map(
-                |(parameter, &default)| match configuration.get(&parameter.name) {
-                    Some(value) => parameter.domain.encode(value),
-                    None => default,
-                },
-            )
+            .map(|(parameter, &default)| match configuration.get(&parameter.name) {
+                Some(value) => parameter.domain.encode(value),
+                None => default,
+            })
             .collect()
     }
 
@@ -28,17 +26,9 @@ impl Space {
     /// # Panics
     /// When `point` does not have `dimension()` coordinates.
     pub fn decode(&self, point: &[f64]) -> Configuration {
-        assert_eq!(
-            point.len(),
-            self.dimension(),
-            "a point has one coordinate per parameter"
-        );
-        let mut values: Vec<Value> = self
-            .parameters
-            .iter()
-            .zip(point)
-            .map(|(parameter, &x)| parameter.domain.decode(x))
-            .collect();
+        assert_eq!(point.len(), self.dimension(), "a point has one coordinate per parameter");
+        let mut values: Vec<Value> =
+            self.parameters.iter().zip(point).map(|(parameter, &x)| parameter.domain.decode(x)).collect();
         // A repair can switch other parameters on or off, but only so often.
         for _ in 0..=self.parameters.len() {
             let active = self.active(&values);

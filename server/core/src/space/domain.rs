@@ -14,15 +14,11 @@ impl Domain {
         match self {
             Domain::Integer { min, max, scale } => {
                 if min > max {
-                    Some(format!(
-                        "the range {min} to {max} is empty; min must not be greater than max"
-                    ))
+                    Some(format!("the range {min} to {max} is empty; min must not be greater than max"))
                 } else if *min < -INTEGER_MAGNITUDE_MAX || *max > INTEGER_MAGNITUDE_MAX {
                     Some(format!("the range {min} to {max} leaves -2^53 to 2^53"))
                 } else if *scale == Scale::Log && *min <= 0 {
-                    Some(format!(
-                        "a log scale needs a positive lower bound, not {min}"
-                    ))
+                    Some(format!("a log scale needs a positive lower bound, not {min}"))
                 } else {
                     None
                 }
@@ -31,13 +27,9 @@ impl Domain {
                 if !min.is_finite() || !max.is_finite() {
                     Some(format!("the range {min} to {max} must be finite"))
                 } else if min > max {
-                    Some(format!(
-                        "the range {min} to {max} is empty; min must not be greater than max"
-                    ))
+                    Some(format!("the range {min} to {max} is empty; min must not be greater than max"))
                 } else if *scale == Scale::Log && *min <= 0.0 {
-                    Some(format!(
-                        "a log scale needs a positive lower bound, not {min}"
-                    ))
+                    Some(format!("a log scale needs a positive lower bound, not {min}"))
                 } else {
                     None
                 }
@@ -50,9 +42,7 @@ impl Domain {
     /// Whether `value` is of the right kind and in range.
     pub fn contains(&self, value: &Value) -> bool {
         match (self, value) {
-            (Domain::Integer { min, max, .. }, Value::Integer(integer)) => {
-                (min..=max).contains(&integer)
-            }
+            (Domain::Integer { min, max, .. }, Value::Integer(integer)) => (min..=max).contains(&integer),
             (Domain::Float { min, max, .. }, Value::Float(float)) => (min..=max).contains(&float),
             (Domain::Categorical { values }, value) => values.contains(value),
             (Domain::Boolean, Value::Boolean(_)) => true,
@@ -87,26 +77,14 @@ impl Domain {
     /// Floats are rounded to twelve significant digits: that keeps the names of configurations short and
     /// lets values that people write survive the way there and back.
     pub(super) fn decode(&self, coordinate: f64) -> Value {
-        let x = if coordinate.is_nan() {
-            0.0
-        } else {
-            coordinate.clamp(0.0, 1.0)
-        };
+        let x = if coordinate.is_nan() { 0.0 } else { coordinate.clamp(0.0, 1.0) };
         match self {
-            Domain::Integer {
-                min,
-                max,
-                scale: Scale::Linear,
-            } => {
+            Domain::Integer { min, max, scale: Scale::Linear } => {
                 let cells = (max - min) as f64 + 1.0;
                 let cell = ((x * cells).floor() as i64).min(max - min);
                 Value::Integer(min + cell)
             }
-            Domain::Integer {
-                min,
-                max,
-                scale: Scale::Log,
-            } => {
+            Domain::Integer { min, max, scale: Scale::Log } => {
                 let (low, high) = integer_log_bounds(*min, *max);
                 let integer = (low + x * (high - low)).exp().round() as i64;
                 Value::Integer(integer.clamp(*min, *max))
@@ -129,48 +107,23 @@ impl Domain {
     /// The coordinate of a value of this domain, 0 to 1: for discrete domains the middle of its cell.
     pub(super) fn encode(&self, value: &Value) -> f64 {
         let coordinate = match (self, value) {
-            (
-                Domain::Integer {
-                    min,
-                    max,
-                    scale: Scale::Linear,
-                },
-                Value::Integer(integer),
-            ) => ((integer - min) as f64 + 0.5) / ((max - min) as f64 + 1.0),
-            (
-                Domain::Integer {
-                    min,
-                    max,
-                    scale: Scale::Log,
-                },
-                Value::Integer(integer),
-            ) => {
+            (Domain::Integer { min, max, scale: Scale::Linear }, Value::Integer(integer)) => {
+                ((integer - min) as f64 + 0.5) / ((max - min) as f64 + 1.0)
+            }
+            (Domain::Integer { min, max, scale: Scale::Log }, Value::Integer(integer)) => {
                 let (low, high) = integer_log_bounds(*min, *max);
                 ((*integer as f64).ln() - low) / (high - low)
             }
             (Domain::Float { min, max, .. }, Value::Float(_)) if min == max => 0.5,
             // Halves keep the differences of very large numbers finite.
-            (
-                Domain::Float {
-                    min,
-                    max,
-                    scale: Scale::Linear,
-                },
-                Value::Float(float),
-            ) => (float / 2.0 - min / 2.0) / (max / 2.0 - min / 2.0),
-            (
-                Domain::Float {
-                    min,
-                    max,
-                    scale: Scale::Log,
-                },
-                Value::Float(float),
-            ) => (float.ln() - min.ln()) / (max.ln() - min.ln()),
+            (Domain::Float { min, max, scale: Scale::Linear }, Value::Float(float)) => {
+                (float / 2.0 - min / 2.0) / (max / 2.0 - min / 2.0)
+            }
+            (Domain::Float { min, max, scale: Scale::Log }, Value::Float(float)) => {
+                (float.ln() - min.ln()) / (max.ln() - min.ln())
+            }
             (Domain::Categorical { values }, value) => {
-                let index = values
-                    .iter()
-                    .position(|candidate| candidate == value)
-                    .unwrap_or(0);
+                let index = values.iter().position(|candidate| candidate == value).unwrap_or(0);
                 (index as f64 + 0.5) / values.len() as f64
             }
             (Domain::Boolean, Value::Boolean(boolean)) => {
@@ -183,27 +136,18 @@ impl Domain {
             _ => unreachable!("a checked configuration holds values of the right kind"),
         };
         // Only bounds that lie within rounding of each other leave the interval.
-        if coordinate.is_nan() {
-            0.5
-        } else {
-            coordinate.clamp(0.0, 1.0)
-        }
+        if coordinate.is_nan() { 0.5 } else { coordinate.clamp(0.0, 1.0) }
     }
 }
 
 fn categories_problem(values: &[Value]) -> Option<String> {
     if values.is_empty() || values.len() > CATEGORIES_MAX {
-        return Some(format!(
-            "{} values; give 1 to {CATEGORIES_MAX}",
-            values.len()
-        ));
+        return Some(format!("{} values; give 1 to {CATEGORIES_MAX}", values.len()));
     }
     for (index, value) in values.iter().enumerate() {
         match value {
             Value::Boolean(_) => {
-                return Some(
-                    "values must be integers, floats or text; use a boolean domain".into(),
-                );
+                return Some("values must be integers, floats or text; use a boolean domain".into());
             }
             Value::Float(float) if !float.is_finite() => {
                 return Some(format!("the value {float} is not finite"));
@@ -212,9 +156,7 @@ fn categories_problem(values: &[Value]) -> Option<String> {
                 return Some(format!("the value {integer} leaves -2^53 to 2^53"));
             }
             Value::Text(text) if text.chars().count() > TEXT_VALUE_CHARACTERS_MAX => {
-                return Some(format!(
-                    "a text value is longer than {TEXT_VALUE_CHARACTERS_MAX} characters"
-                ));
+                return Some(format!("a text value is longer than {TEXT_VALUE_CHARACTERS_MAX} characters"));
             }
             _ => {}
         }

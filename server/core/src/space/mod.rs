@@ -264,9 +264,6 @@ impl TryFrom<SpaceParts> for Space {
 
 impl From<Space> for SpaceParts {
     fn from(space: Space) -> Self {
-        SpaceParts {
-            parameters: space.parameters,
-            constraints: space.constraints,
-        }
+        SpaceParts { parameters: space.parameters, constraints: space.constraints }
     }
 }

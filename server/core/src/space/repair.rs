@@ -37,11 +37,8 @@ impl Space {
     /// it in the order of listing, and narrows the ranges of the others. Because all constraints are
     /// `<=`, ranges that are consistent can always be filled in (each at its lower bound).
     fn narrow(&self, values: &mut [Value], active: &[bool]) -> bool {
-        let mut ranges: Vec<(f64, f64)> = self
-            .parameters
-            .iter()
-            .map(|parameter| parameter.domain.bounds().unwrap_or((0.0, 0.0)))
-            .collect();
+        let mut ranges: Vec<(f64, f64)> =
+            self.parameters.iter().map(|parameter| parameter.domain.bounds().unwrap_or((0.0, 0.0))).collect();
         if !self.propagate(&mut ranges, active) {
             return false;
         }
@@ -51,9 +48,7 @@ impl Space {
                 Value::Integer(integer) if self.is_numeric(index) => {
                     Value::Integer((*integer).clamp(low as i64, high as i64))
                 }
-                Value::Float(float) if self.is_numeric(index) => {
-                    Value::Float(float.clamp(low, high))
-                }
+                Value::Float(float) if self.is_numeric(index) => Value::Float(float.clamp(low, high)),
                 _ => continue,
             };
             if !active[index] {

@@ -8,79 +8,39 @@ use super::*;
 use crate::configuration::RawConfiguration;
 
 fn plain(name: &str, domain: Domain, default: Value) -> Parameter {
-    Parameter {
-        name: name.into(),
-        domain,
-        default,
-        active_if: None,
-    }
+    Parameter { name: name.into(), domain, default, active_if: None }
 }
 
 fn integer(name: &str, min: i64, max: i64, scale: Scale, default: i64) -> Parameter {
-    plain(
-        name,
-        Domain::Integer { min, max, scale },
-        Value::Integer(default),
-    )
+    plain(name, Domain::Integer { min, max, scale }, Value::Integer(default))
 }
 
 fn float(name: &str, min: f64, max: f64, scale: Scale, default: f64) -> Parameter {
-    plain(
-        name,
-        Domain::Float { min, max, scale },
-        Value::Float(default),
-    )
+    plain(name, Domain::Float { min, max, scale }, Value::Float(default))
 }
 
 fn only_if(parameter: Parameter, other: &str, any_of: Vec<Value>) -> Parameter {
-    let active_if = Some(Condition {
-        parameter: other.into(),
-        any_of,
-    });
-    Parameter {
-        active_if,
-        ..parameter
-    }
+    let active_if = Some(Condition { parameter: other.into(), any_of });
+    Parameter { active_if, ..parameter }
 }
 
 fn order(lesser: &str, greater: &str) -> Constraint {
-    Constraint {
-        lesser: lesser.into(),
-        greater: greater.into(),
-    }
+    Constraint { lesser: lesser.into(), greater: greater.into() }
 }
 
 fn arbitrary_domain() -> impl Strategy<Value = Domain> {
     let scale = prop_oneof![Just(Scale::Linear), Just(Scale::Log)];
     prop_oneof![
         (-1000i64..1000, 0i64..5000, scale.clone()).prop_map(|(min, width, scale)| {
-            let min = if scale == Scale::Log {
-                min.abs() + 1
-            } else {
-                min
-            };
-            Domain::Integer {
-                min,
-                max: min + width,
-                scale,
-            }
+            let min = if scale == Scale::Log { min.abs() + 1 } else { min };
+            Domain::Integer { min, max: min + width, scale }
         }),
         (-1e3f64..1e3, 0.0f64..1e4, scale).prop_map(|(min, width, scale)| {
-            let min = if scale == Scale::Log {
-                min.abs() + 1e-3
-            } else {
-                min
-            };
-            Domain::Float {
-                min,
-                max: min + width,
-                scale,
-            }
+            let min = if scale == Scale::Log { min.abs() + 1e-3 } else { min };
+            Domain::Float { min, max: min + width, scale }
         }),
         (1i64..9).prop_map(|count| Domain::Categorical {
-            values: (0..count)
-                .map(|value| Value::Text(format!("choice {value}")))
-                .collect(),
+            values: (0..count).map(|value| Value::Text(format!("choice {value}"))).collect(),
         }),
         Just(Domain::Boolean),
     ]
@@ -88,22 +48,13 @@ fn arbitrary_domain() -> impl Strategy<Value = Domain> {
 
 /// A space whose conditions and constraints are drawn too; those that do not hold for the defaults fall.
 fn arbitrary_space() -> impl Strategy<Value = Space> {
-    let parameter = (
-        arbitrary_domain(),
-        0.0f64..1.0,
-        any::<bool>(),
-        any::<prop::sample::Index>(),
-        0.0f64..1.0,
-    );
+    let parameter =
+        (arbitrary_domain(), 0.0f64..1.0, any::<bool>(), any::<prop::sample::Index>(), 0.0f64..1.0);
     let constraint = (any::<prop::sample::Index>(), any::<prop::sample::Index>());
-    let parts = (
-        prop::collection::vec(parameter, 1..9),
-        prop::collection::vec(constraint, 0..6),
-    );
+    let parts = (prop::collection::vec(parameter, 1..9), prop::collection::vec(constraint, 0..6));
     parts.prop_map(|(drawn, pairs)| {
         let mut parameters: Vec<Parameter> = Vec::new();
-        for (index, (domain, default, conditional, other, wanted)) in drawn.into_iter().enumerate()
-        {
+        for (index, (domain, default, conditional, other, wanted)) in drawn.into_iter().enumerate() {
             let mut parameter = plain(&format!("p{index}"), domain.clone(), domain.decode(default));
             if conditional && index > 0 {
                 let other = other.get(&parameters);
@@ -114,10 +65,7 @@ fn arbitrary_space() -> impl Strategy<Value = Space> {
         }
         let mut constraints = Vec::new();
         for (lesser, greater) in pairs {
-            let candidate = order(
-                &lesser.get(&parameters).name,
-                &greater.get(&parameters).name,
-            );
+            let candidate = order(&lesser.get(&parameters).name, &greater.get(&parameters).name);
             constraints.push(candidate);
             if Space::new(parameters.clone(), constraints.clone()).is_err() {
                 constraints.pop();
@@ -130,9 +78,7 @@ fn arbitrary_space() -> impl Strategy<Value = Space> {
 /// Equal but for the last digits of floats.
 fn nearly_equal(a: &Configuration, b: &Configuration) -> bool {
     let near = |(name, value): (&String, &Value)| match (value, b.get(name)) {
-        (Value::Float(x), Some(Value::Float(y))) => {
-            (x - y).abs() <= 1e-9 * (1.0 + x.abs().max(1e4))
-        }
+        (Value::Float(x), Some(Value::Float(y))) => (x - y).abs() <= 1e-9 * (1.0 + x.abs().max(1e4)),
         (value, other) => Some(value) == other,
     };
     a.values().len() == b.values().len() && a.values().iter().all(near)
@@ -204,10 +150,7 @@ fn folding_keeps_uniform_points_uniform() {
     }
     // All 528 pairs of the triangle: those off the diagonal twice as often, as they are met from both sides.
     assert_eq!(counts.len(), 32 * 33 / 2);
-    assert_eq!(
-        counts.values().filter(|&&count| count == 18).count(),
-        32 * 31 / 2
-    );
+    assert_eq!(counts.values().filter(|&&count| count == 18).count(), 32 * 31 / 2);
     assert_eq!(counts.values().filter(|&&count| count == 9).count(), 32);
 }
 
@@ -229,18 +172,10 @@ fn a_space_whose_constraint_cannot_hold_falls_back_to_the_default() {
     let parameters = vec![
         plain("narrow", Domain::Boolean, Value::Boolean(false)),
         integer("low", 5, 9, Scale::Linear, 5),
-        only_if(
-            integer("high", 0, 3, Scale::Linear, 0),
-            "narrow",
-            vec![Value::Boolean(true)],
-        ),
+        only_if(integer("high", 0, 3, Scale::Linear, 0), "narrow", vec![Value::Boolean(true)]),
     ];
-    let space =
-        Space::new(parameters, vec![order("low", "high")]).expect("the default leaves `high` out");
-    assert_eq!(
-        space.decode(&[0.9, 0.5, 0.5]),
-        space.default_configuration()
-    );
+    let space = Space::new(parameters, vec![order("low", "high")]).expect("the default leaves `high` out");
+    assert_eq!(space.decode(&[0.9, 0.5, 0.5]), space.default_configuration());
     assert_eq!(space.decode(&[0.1, 0.9, 0.5]).key(), "low=9;narrow=false");
 }
 
@@ -253,54 +188,27 @@ fn inactive_parameters_are_left_out_all_the_way_down() {
             "quality",
             vec![Value::Integer(2), Value::Integer(3)],
         ),
-        only_if(
-            float("cost", 0.0, 10.0, Scale::Linear, 1.0),
-            "block",
-            vec![Value::Integer(4)],
-        ),
+        only_if(float("cost", 0.0, 10.0, Scale::Linear, 1.0), "block", vec![Value::Integer(4)]),
     ];
     let space = Space::new(parameters, vec![]).expect("valid");
     let fast = space.decode(&[0.0, 0.4, 0.9]);
     assert_eq!(fast.key(), "quality=1");
-    assert_eq!(
-        space.encode(&fast)[1..],
-        space.encode(&space.default_configuration())[1..]
-    );
+    assert_eq!(space.encode(&fast)[1..], space.encode(&space.default_configuration())[1..]);
     let raw = |pairs: &[(&str, Value)]| {
-        pairs
-            .iter()
-            .map(|(name, value)| ((*name).to_owned(), value.clone()))
-            .collect()
+        pairs.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect()
     };
     let values = raw(&[("quality", Value::Integer(1)), ("block", Value::Integer(4))]);
-    assert_eq!(
-        space.configuration(values),
-        Err(SpaceError::Inactive {
-            name: "block".into()
-        })
-    );
+    assert_eq!(space.configuration(values), Err(SpaceError::Inactive { name: "block".into() }));
     let values = raw(&[("quality", Value::Integer(2)), ("block", Value::Integer(4))]);
-    assert_eq!(
-        space.configuration(values),
-        Err(SpaceError::Missing {
-            name: "cost".into()
-        })
-    );
+    assert_eq!(space.configuration(values), Err(SpaceError::Missing { name: "cost".into() }));
 }
 
 #[test]
 fn values_that_do_not_fit_are_named() {
     let refuse = |pairs: &[(&str, Value)]| {
         let mut raw = leaf_space().default_configuration().to_raw();
-        raw.extend(
-            pairs
-                .iter()
-                .map(|(name, value)| ((*name).to_owned(), value.clone())),
-        );
-        leaf_space()
-            .configuration(raw)
-            .expect_err("must be refused")
-            .to_string()
+        raw.extend(pairs.iter().map(|(name, value)| ((*name).to_owned(), value.clone())));
+        leaf_space().configuration(raw).expect_err("must be refused").to_string()
     };
     assert!(
         refuse(&[("leaf", Value::Integer(1))])
@@ -308,10 +216,7 @@ fn values_that_do_not_fit_are_named() {
     );
     assert!(refuse(&[("min_leaf_size", Value::Integer(0))]).contains("an integer from 1 to 32"));
     assert!(refuse(&[("min_leaf_size", Value::Float(2.0))]).contains("\"min_leaf_size\" is 2.0"));
-    let order = refuse(&[
-        ("min_leaf_size", Value::Integer(9)),
-        ("max_leaf_size", Value::Integer(8)),
-    ]);
+    let order = refuse(&[("min_leaf_size", Value::Integer(9)), ("max_leaf_size", Value::Integer(8))]);
     assert!(order.contains("min_leaf_size = 9 is greater than max_leaf_size = 8"));
 }
 
@@ -320,94 +225,28 @@ fn malformed_spaces_are_refused_with_their_reason() {
     let ok = || integer("a", 1, 5, Scale::Linear, 1);
     let switch = plain("s", Domain::Boolean, Value::Boolean(false));
     let texts = |texts: &[&str]| Domain::Categorical {
-        values: texts
-            .iter()
-            .map(|text| Value::Text((*text).into()))
-            .collect(),
+        values: texts.iter().map(|text| Value::Text((*text).into())).collect(),
     };
-    let mixed = Domain::Categorical {
-        values: vec![Value::Integer(1), Value::Text("b".into())],
-    };
-    let many = (0..129)
-        .map(|index| integer(&format!("p{index}"), 0, 1, Scale::Linear, 0))
-        .collect();
+    let mixed = Domain::Categorical { values: vec![Value::Integer(1), Value::Text("b".into())] };
+    let many = (0..129).map(|index| integer(&format!("p{index}"), 0, 1, Scale::Linear, 0)).collect();
     let cases: Vec<(Vec<Parameter>, Vec<Constraint>, &str)> = vec![
         (vec![], vec![], "0 parameters; 1 to 128"),
         (many, vec![], "129 parameters"),
-        (
-            vec![integer("A", 0, 1, Scale::Linear, 0)],
-            vec![],
-            "is not a name",
-        ),
+        (vec![integer("A", 0, 1, Scale::Linear, 0)], vec![], "is not a name"),
         (vec![ok(), ok()], vec![], "listed twice"),
-        (
-            vec![integer("a", 2, 1, Scale::Linear, 2)],
-            vec![],
-            "is empty",
-        ),
-        (
-            vec![integer("a", 0, (1 << 53) + 1, Scale::Linear, 0)],
-            vec![],
-            "2^53",
-        ),
-        (
-            vec![integer("a", 0, 9, Scale::Log, 1)],
-            vec![],
-            "positive lower bound",
-        ),
-        (
-            vec![float("a", 0.0, 1.0, Scale::Log, 1.0)],
-            vec![],
-            "positive lower bound",
-        ),
-        (
-            vec![float("a", 0.0, f64::NAN, Scale::Linear, 0.0)],
-            vec![],
-            "must be finite",
-        ),
-        (
-            vec![float("a", 0.0, 1.0, Scale::Linear, f64::NAN)],
-            vec![],
-            "the default NaN is not a float",
-        ),
-        (
-            vec![integer("a", 0, 1, Scale::Linear, 2)],
-            vec![],
-            "the default 2 is not an integer from 0 to 1",
-        ),
-        (
-            vec![plain("a", texts(&[]), Value::Text("x".into()))],
-            vec![],
-            "0 values",
-        ),
-        (
-            vec![plain("a", texts(&["x", "x"]), Value::Text("x".into()))],
-            vec![],
-            "listed twice",
-        ),
-        (
-            vec![plain("a", mixed, Value::Integer(1))],
-            vec![],
-            "of one kind",
-        ),
-        (
-            vec![
-                only_if(ok(), "s", vec![Value::Boolean(true)]),
-                switch.clone(),
-            ],
-            vec![],
-            "not listed earlier",
-        ),
-        (
-            vec![switch.clone(), only_if(ok(), "s", vec![])],
-            vec![],
-            "0 values",
-        ),
-        (
-            vec![switch.clone(), only_if(ok(), "s", vec![Value::Integer(1)])],
-            vec![],
-            "asks for 1",
-        ),
+        (vec![integer("a", 2, 1, Scale::Linear, 2)], vec![], "is empty"),
+        (vec![integer("a", 0, (1 << 53) + 1, Scale::Linear, 0)], vec![], "2^53"),
+        (vec![integer("a", 0, 9, Scale::Log, 1)], vec![], "positive lower bound"),
+        (vec![float("a", 0.0, 1.0, Scale::Log, 1.0)], vec![], "positive lower bound"),
+        (vec![float("a", 0.0, f64::NAN, Scale::Linear, 0.0)], vec![], "must be finite"),
+        (vec![float("a", 0.0, 1.0, Scale::Linear, f64::NAN)], vec![], "the default NaN is not a float"),
+        (vec![integer("a", 0, 1, Scale::Linear, 2)], vec![], "the default 2 is not an integer from 0 to 1"),
+        (vec![plain("a", texts(&[]), Value::Text("x".into()))], vec![], "0 values"),
+        (vec![plain("a", texts(&["x", "x"]), Value::Text("x".into()))], vec![], "listed twice"),
+        (vec![plain("a", mixed, Value::Integer(1))], vec![], "of one kind"),
+        (vec![only_if(ok(), "s", vec![Value::Boolean(true)]), switch.clone()], vec![], "not listed earlier"),
+        (vec![switch.clone(), only_if(ok(), "s", vec![])], vec![], "0 values"),
+        (vec![switch.clone(), only_if(ok(), "s", vec![Value::Integer(1)])], vec![], "asks for 1"),
         (vec![ok()], vec![order("a", "b")], "no parameter \"b\""),
         (vec![ok()], vec![order("a", "a")], "with itself"),
         (vec![ok(), switch], vec![order("a", "s")], "is not a number"),
@@ -419,13 +258,8 @@ fn malformed_spaces_are_refused_with_their_reason() {
         (vec![ok()], vec![order("a", "b"); 65], "65 constraints"),
     ];
     for (parameters, constraints, message) in cases {
-        let refused = Space::new(parameters, constraints)
-            .expect_err(message)
-            .to_string();
-        assert!(
-            refused.contains(message),
-            "{refused:?} should say {message:?}"
-        );
+        let refused = Space::new(parameters, constraints).expect_err(message).to_string();
+        assert!(refused.contains(message), "{refused:?} should say {message:?}");
     }
 }
 
@@ -433,34 +267,14 @@ fn malformed_spaces_are_refused_with_their_reason() {
 fn very_wide_domains_keep_their_values() {
     let wide = 1i64 << 40;
     for scale in [Scale::Linear, Scale::Log] {
-        let domain = Domain::Integer {
-            min: 1,
-            max: wide,
-            scale,
-        };
+        let domain = Domain::Integer { min: 1, max: wide, scale };
         for value in [1, 2, 3, 1000, wide / 3, wide - 1, wide] {
             let coordinate = domain.encode(&Value::Integer(value));
-            assert_eq!(
-                domain.decode(coordinate),
-                Value::Integer(value),
-                "{scale:?}"
-            );
+            assert_eq!(domain.decode(coordinate), Value::Integer(value), "{scale:?}");
         }
     }
-    let domain = Domain::Float {
-        min: -1.7e308,
-        max: 1.7e308,
-        scale: Scale::Linear,
-    };
+    let domain = Domain::Float { min: -1.7e308, max: 1.7e308, scale: Scale::Linear };
     assert!(domain.contains(&domain.decode(0.3)));
     assert!((domain.encode(&Value::Float(0.0)) - 0.5).abs() < 1e-12);
-    assert_eq!(
-        Domain::Float {
-            min: 2.0,
-            max: 2.0,
-            scale: Scale::Log
-        }
-        .decode(0.9),
-        Value::Float(2.0)
-    );
+    assert_eq!(Domain::Float { min: 2.0, max: 2.0, scale: Scale::Log }.decode(0.9), Value::Float(2.0));
 }

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use crate::limits::{
-    CLIENT_ID_CHARACTERS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX,
-    MEASUREMENTS_MAX, OUTCOME_REASON_CHARACTERS_MAX,
+    CLIENT_ID_CHARACTERS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX, MEASUREMENTS_MAX,
+    OUTCOME_REASON_CHARACTERS_MAX,
 };
 use crate::names::is_name;
 use crate::objective::ObjectiveError;
@@ -22,42 +22,24 @@ pub(super) fn client_id(client_id: &str) -> Result<(), TunerError> {
 }
 
 pub(super) fn fingerprint(fingerprint: Option<&Fingerprint>) -> Result<(), TunerError> {
-    let Some(Fingerprint {
-        cpu_model,
-        isa,
-        software,
-        ..
-    }) = fingerprint
-    else {
+    let Some(Fingerprint { cpu_model, isa, software, .. }) = fingerprint else {
         return Ok(());
     };
-    let mut texts = [cpu_model, isa]
-        .into_iter()
-        .chain(software.iter().flat_map(|(k, v)| [k, v]));
+    let mut texts = [cpu_model, isa].into_iter().chain(software.iter().flat_map(|(k, v)| [k, v]));
     let fits = texts.all(|text| text.chars().count() <= FINGERPRINT_TEXT_CHARACTERS_MAX);
-    if fits && software.len() <= FINGERPRINT_SOFTWARE_MAX {
-        Ok(())
-    } else {
-        Err(TunerError::Fingerprint)
-    }
+    if fits && software.len() <= FINGERPRINT_SOFTWARE_MAX { Ok(()) } else { Err(TunerError::Fingerprint) }
 }
 
 pub(super) fn measurements(measurements: &BTreeMap<String, f64>) -> Result<(), TunerError> {
     if measurements.len() > MEASUREMENTS_MAX {
-        return Err(TunerError::TooManyMeasurements {
-            count: measurements.len(),
-        });
+        return Err(TunerError::TooManyMeasurements { count: measurements.len() });
     }
     for (name, &value) in measurements {
         if !is_name(name) {
             return Err(TunerError::MeasurementName { name: name.clone() });
         }
         if !value.is_finite() || value < 0.0 {
-            return Err(ObjectiveError::MetricValue {
-                metric: name.clone(),
-                value,
-            }
-            .into());
+            return Err(ObjectiveError::MetricValue { metric: name.clone(), value }.into());
         }
     }
     Ok(())

@@ -25,25 +25,14 @@ impl Tuner {
     pub(super) fn pinned(&self) -> Option<Prediction> {
         let configuration = self.spec.policy.pinned.clone()?;
         let reason = plain_reason("pinned", "The policy pins this configuration.".into());
-        Some(Prediction {
-            configuration,
-            mode: Mode::Pinned,
-            predicted_cost: None,
-            reason,
-        })
+        Some(Prediction { configuration, mode: Mode::Pinned, predicted_cost: None, reason })
     }
 
     /// The epsilon-greedy decision for visit `number` of a client to a state (paper section 6).
     ///
     /// Where exploring is over there is only exploiting; where nothing is known to exploit there is only
     /// exploring, unless epsilon is zero, which leaves the default configuration.
-    pub(super) fn decide(
-        &self,
-        client_id: &str,
-        number: u64,
-        normalised: &[f64],
-        state: usize,
-    ) -> Decision {
+    pub(super) fn decide(&self, client_id: &str, number: u64, normalised: &[f64], state: usize) -> Decision {
         let seed = self.spec.seed;
         let draw: f64 = stream(seed, Purpose::Decision, text_number(client_id), number).random();
         let finished = self.is_finished(state);
@@ -52,24 +41,12 @@ impl Tuner {
         }
         let exploitation = self.exploitation(normalised, Some(state));
         let knows_nothing = exploitation.mode == Mode::Default;
-        let default_fails = self.states[state]
-            .knowledge
-            .is_infeasible(&exploitation.configuration);
+        let default_fails = self.states[state].knowledge.is_infeasible(&exploitation.configuration);
         if !finished && knows_nothing && (self.spec.policy.epsilon > 0.0 || default_fails) {
             return Decision::Explore;
         }
-        let Prediction {
-            configuration,
-            mode,
-            predicted_cost,
-            reason,
-        } = exploitation;
-        Decision::Exploit {
-            configuration,
-            mode,
-            predicted_cost,
-            reason,
-        }
+        let Prediction { configuration, mode, predicted_cost, reason } = exploitation;
+        Decision::Exploit { configuration, mode, predicted_cost, reason }
     }
 
     /// Whether the state's search has spent its budget.
@@ -86,11 +63,8 @@ impl Tuner {
         {
             return prediction;
         }
-        let query = Query {
-            state: normalised,
-            here: here.map(|state| &self.states[state]),
-            known: &self.states,
-        };
+        let query =
+            Query { state: normalised, here: here.map(|state| &self.states[state]), known: &self.states };
         let method = self.spec.policy.predictor;
         let answer = match method {
             PredictorMethod::NearestNeighbour => None,
@@ -108,11 +82,7 @@ impl Tuner {
             let summary = nearest.map(|Neighbour { state_id, distance, .. }| {
                 format!("Best known configuration of state {state_id}, the nearest known one, at distance {distance:.4}.")
             });
-            return exploit(
-                answer,
-                PredictorMethod::NearestNeighbour,
-                summary.unwrap_or_default(),
-            );
+            return exploit(answer, PredictorMethod::NearestNeighbour, summary.unwrap_or_default());
         }
         Prediction {
             configuration: self.spec.space.default_configuration(),
@@ -125,22 +95,13 @@ impl Tuner {
     /// The best measured configuration of a state.
     pub(super) fn best_known(&self, state: usize) -> Option<Prediction> {
         let KnownState { id, knowledge, .. } = &self.states[state];
-        let Record {
-            configuration,
-            mean_cost,
-            measurements,
-            ..
-        } = knowledge.best()?;
+        let Record { configuration, mean_cost, measurements, .. } = knowledge.best()?;
         let summary = format!(
             "Best of {} configurations tried in this state; its cost is the mean of {measurements} measurements.",
             knowledge.tried()
         );
         let mut reason = plain_reason("best_known", summary);
-        reason.neighbours = vec![Neighbour {
-            state_id: *id,
-            distance: 0.0,
-            best_cost: *mean_cost,
-        }];
+        reason.neighbours = vec![Neighbour { state_id: *id, distance: 0.0, best_cost: *mean_cost }];
         Some(Prediction {
             configuration: configuration.clone(),
             mode: Mode::Exploit,
@@ -151,28 +112,11 @@ impl Tuner {
 }
 
 fn exploit(answer: Answer, method: PredictorMethod, summary: String) -> Prediction {
-    let Answer {
-        configuration,
-        predicted_cost,
-        neighbours,
-    } = answer;
-    let reason = Reason {
-        neighbours,
-        ..plain_reason(method.name(), summary)
-    };
-    Prediction {
-        configuration,
-        mode: Mode::Exploit,
-        predicted_cost,
-        reason,
-    }
+    let Answer { configuration, predicted_cost, neighbours } = answer;
+    let reason = Reason { neighbours, ..plain_reason(method.name(), summary) };
+    Prediction { configuration, mode: Mode::Exploit, predicted_cost, reason }
 }
 
 pub(super) fn plain_reason(source: &str, summary: String) -> Reason {
-    Reason {
-        summary,
-        source: source.to_owned(),
-        step: String::new(),
-        neighbours: Vec::new(),
-    }
+    Reason { summary, source: source.to_owned(), step: String::new(), neighbours: Vec::new() }
 }

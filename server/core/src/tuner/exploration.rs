@@ -16,10 +16,7 @@ pub struct Exploration {
 
 impl Exploration {
     pub(super) fn new(search: AnySearch) -> Self {
-        Exploration {
-            search,
-            open: BTreeMap::new(),
-        }
+        Exploration { search, open: BTreeMap::new() }
     }
 
     /// Ends the trial's hold on its point: the point is answered, or without feedback goes back and is

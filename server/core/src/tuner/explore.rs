@@ -36,21 +36,14 @@ impl Tuner {
         };
         if let Some(configuration) = unseen {
             let reason = Reason {
-                summary: "The search only met known configurations; this one was drawn at random."
-                    .into(),
+                summary: "The search only met known configurations; this one was drawn at random.".into(),
                 source: "random".into(),
                 step: Step::RandomSearch.name().into(),
                 neighbours: Vec::new(),
             };
-            return Prediction {
-                configuration,
-                mode: Mode::Explore,
-                predicted_cost: None,
-                reason,
-            };
+            return Prediction { configuration, mode: Mode::Explore, predicted_cost: None, reason };
         }
-        self.best_known(state)
-            .unwrap_or_else(|| self.exploitation(normalised, Some(state)))
+        self.best_known(state).unwrap_or_else(|| self.exploitation(normalised, Some(state)))
     }
 
     /// Sees that the state has a search of the policy's kind. Trials that carry points of an earlier search
@@ -75,15 +68,9 @@ impl Tuner {
     /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
     /// whose configuration runs just now in this state go back until it is reported.
     fn walk(&mut self, state: usize) -> Walk {
-        let Tuner {
-            spec, states, work, ..
-        } = self;
+        let Tuner { spec, states, work, .. } = self;
         let (space, policy, knowledge) = (&spec.space, &spec.policy, &states[state].knowledge);
-        let Work {
-            exploration: Some(Exploration { search, open }),
-            running,
-        } = &mut work[state]
-        else {
+        let Work { exploration: Some(Exploration { search, open }), running } = &mut work[state] else {
             return Walk::Wait;
         };
         let spent = knowledge.tried() + open.len() >= policy.trials_per_state as usize;
@@ -100,13 +87,7 @@ impl Tuner {
                 _ => space.decode(&point.x),
             };
             if let Some(verdict) = knowledge.settled(&configuration, policy.replicates) {
-                search.tell(
-                    point.id,
-                    Feedback {
-                        verdict,
-                        fresh: false,
-                    },
-                );
+                search.tell(point.id, Feedback { verdict, fresh: false });
             } else if running.contains_key(&configuration) {
                 held.push(point.id);
                 walk = Walk::Wait;
@@ -136,20 +117,13 @@ impl Tuner {
         let known = record.filter(|record| record.measurements > 0);
         let predicted_cost = known.map(|record| record.mean_cost);
         let (mode, summary) = match (point.step, known) {
-            (Step::Default, _) => (
-                Mode::Default,
-                "The baseline comes first in a state that is explored.".to_owned(),
-            ),
-            (_, None) => (
-                Mode::Explore,
-                "The next point of the state's search.".to_owned(),
-            ),
+            (Step::Default, _) => {
+                (Mode::Default, "The baseline comes first in a state that is explored.".to_owned())
+            }
+            (_, None) => (Mode::Explore, "The next point of the state's search.".to_owned()),
             (_, Some(record)) => {
                 let count = record.measurements;
-                (
-                    Mode::Explore,
-                    format!("Another replicate, after {count} measurements."),
-                )
+                (Mode::Explore, format!("Another replicate, after {count} measurements."))
             }
         };
         let reason = Reason {
@@ -161,12 +135,7 @@ impl Tuner {
         if let Some(exploration) = &mut self.work[state].exploration {
             exploration.open.insert(number, point.id);
         }
-        Prediction {
-            configuration,
-            mode,
-            predicted_cost,
-            reason,
-        }
+        Prediction { configuration, mode, predicted_cost, reason }
     }
 
     /// A configuration without a verdict that nobody runs, drawn at random; `None` when a bounded number of
@@ -174,19 +143,11 @@ impl Tuner {
     fn unseen(&self, state: usize, number: u64) -> Option<Configuration> {
         let knowledge = &self.states[state].knowledge;
         let running = &self.work[state].running;
-        let mut random = stream(
-            self.spec.seed,
-            Purpose::Unseen,
-            self.states[state].id,
-            number,
-        );
+        let mut random = stream(self.spec.seed, Purpose::Unseen, self.states[state].id, number);
         (0..UNSEEN_DRAWS_MAX).find_map(|_| {
-            let x: Vec<f64> = (0..self.spec.space.dimension())
-                .map(|_| random.random())
-                .collect();
+            let x: Vec<f64> = (0..self.spec.space.dimension()).map(|_| random.random()).collect();
             let configuration = self.spec.space.decode(&x);
-            let seen = knowledge.settled(&configuration, 1).is_some()
-                || running.contains_key(&configuration);
+            let seen = knowledge.settled(&configuration, 1).is_some() || running.contains_key(&configuration);
             (!seen).then_some(configuration)
         })
     }

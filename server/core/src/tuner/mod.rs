@@ -25,8 +25,8 @@ use std::sync::Arc;
 
 pub use exploration::Exploration;
 pub use types::{
-    Ask, Best, Change, Decision, Prediction, RawVisit, RestoreError, Snapshot, StateRecord,
-    Statistics, TunerError, Visit,
+    Ask, Best, Change, Decision, Prediction, RawVisit, RestoreError, Snapshot, StateRecord, Statistics,
+    TunerError, Visit,
 };
 
 use crate::configuration::Configuration;
@@ -119,16 +119,8 @@ impl Tuner {
 
     /// The best known configuration of the state that matches the indicators, or of all states where none
     /// are given. `None` when nothing has been measured there.
-    pub fn best(
-        &self,
-        indicators: Option<&BTreeMap<String, f64>>,
-    ) -> Result<Option<Best>, TunerError> {
-        let best_of = |state: usize| {
-            self.states[state]
-                .knowledge
-                .best()
-                .map(|best| (state, best))
-        };
+    pub fn best(&self, indicators: Option<&BTreeMap<String, f64>>) -> Result<Option<Best>, TunerError> {
+        let best_of = |state: usize| self.states[state].knowledge.best().map(|best| (state, best));
         let found = match indicators {
             Some(indicators) => {
                 let state = self.recognise(None, &self.spec.indicators.normalise(indicators)?);
@@ -155,9 +147,7 @@ impl Tuner {
 
     /// Mean cost of the default configuration in a state, if it was measured there.
     fn default_cost(&self, state: usize) -> Option<f64> {
-        let record = self.states[state]
-            .knowledge
-            .record(self.spec.space.default_ref())?;
+        let record = self.states[state].knowledge.record(self.spec.space.default_ref())?;
         (record.measurements > 0).then_some(record.mean_cost)
     }
 

@@ -30,12 +30,7 @@ impl Tuner {
     /// Founds a state with these indicators as its anchor.
     pub(super) fn found(&mut self, anchor: Vec<f64>) -> usize {
         let id = self.states.len() as u64 + 1;
-        self.states.push(KnownState {
-            id,
-            anchor,
-            explored: false,
-            knowledge: Default::default(),
-        });
+        self.states.push(KnownState { id, anchor, explored: false, knowledge: Default::default() });
         self.work.push(Work::default());
         self.states.len() - 1
     }

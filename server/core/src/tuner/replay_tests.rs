@@ -24,48 +24,28 @@ fn text<T: serde::Serialize>(row: &T) -> String {
 
 impl Rows {
     fn write(&mut self, change: &Change) {
-        self.trials.extend(
-            change
-                .trials
-                .iter()
-                .map(|trial| (trial.number, text(trial))),
-        );
-        self.states
-            .extend(change.states.iter().map(|state| (state.id, text(state))));
-        self.visits.extend(
-            change
-                .visits
-                .iter()
-                .map(|visit| (visit.client_id.clone(), text(visit))),
-        );
+        self.trials.extend(change.trials.iter().map(|trial| (trial.number, text(trial))));
+        self.states.extend(change.states.iter().map(|state| (state.id, text(state))));
+        self.visits.extend(change.visits.iter().map(|visit| (visit.client_id.clone(), text(visit))));
     }
 
     fn trial(&self, tuner: &Tuner, number: u64) -> Trial {
         let raw: RawTrial = serde_json::from_str(&self.trials[&number]).expect("own row");
-        raw.check(&tuner.spec().space)
-            .expect("a valid configuration")
+        raw.check(&tuner.spec().space).expect("a valid configuration")
     }
 
     fn restore(&self, tuner: &Tuner) -> Tuner {
         // The specification takes the way through text as well.
         let spec: StudySpec = serde_json::from_str(&text(tuner.spec().as_ref())).expect("own row");
         assert_eq!(&spec, tuner.spec().as_ref());
-        let mut trials: Vec<Trial> = self
-            .trials
-            .keys()
-            .map(|&number| self.trial(tuner, number))
-            .collect();
+        let mut trials: Vec<Trial> = self.trials.keys().map(|&number| self.trial(tuner, number)).collect();
         trials.sort_by_key(|trial| trial.completion);
         let visit = |row: &String| {
             let raw: RawVisit = serde_json::from_str(row).expect("own row");
             raw.check(&spec.space).expect("a valid configuration")
         };
         let snapshot = Snapshot {
-            states: self
-                .states
-                .values()
-                .map(|row| serde_json::from_str(row).expect("own row"))
-                .collect(),
+            states: self.states.values().map(|row| serde_json::from_str(row).expect("own row")).collect(),
             visits: self.visits.values().map(visit).collect(),
             last_trial: self.trials.keys().next_back().copied().unwrap_or(0),
         };
@@ -96,42 +76,20 @@ fn event() -> impl Strategy<Value = Event> {
 }
 
 fn policy(which: usize) -> Policy {
-    let base = Policy {
-        epsilon: 0.5,
-        trials_per_state: 12,
-        ..Policy::default()
-    };
+    let base = Policy { epsilon: 0.5, trials_per_state: 12, ..Policy::default() };
     match which {
         0 => base,
-        1 => Policy {
-            predictor: PredictorMethod::RbfGreedyGq,
-            replicates: 2,
-            ..base
-        },
-        2 => Policy {
-            search: SearchMethod::LatinHypercube,
-            lease_s: 5,
-            ..base
-        },
-        _ => Policy {
-            epsilon: 0.9,
-            trials_per_state: 6,
-            ..base
-        },
+        1 => Policy { predictor: PredictorMethod::RbfGreedyGq, replicates: 2, ..base },
+        2 => Policy { search: SearchMethod::LatinHypercube, lease_s: 5, ..base },
+        _ => Policy { epsilon: 0.9, trials_per_state: 6, ..base },
     }
 }
 
 fn outcome(kind: usize, trial: &Trial) -> Outcome {
     match kind {
-        0 => Outcome::Infeasible {
-            reason: "depth".into(),
-        },
-        1 => Outcome::Aborted {
-            lower_bound: cost(trial) * 0.75,
-        },
-        2 => Outcome::Failed {
-            reason: "crash".into(),
-        },
+        0 => Outcome::Infeasible { reason: "depth".into() },
+        1 => Outcome::Aborted { lower_bound: cost(trial) * 0.75 },
+        2 => Outcome::Failed { reason: "crash".into() },
         _ => Outcome::Ok,
     }
 }
@@ -141,16 +99,8 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
     *now_ms += 100;
     // Reports concern any trial that was ever handed out, the latest ones above all.
     let pick = |rows: &Rows, tuner: &Tuner, which: usize| {
-        let number = rows
-            .trials
-            .keys()
-            .nth_back(which.min(rows.trials.len().checked_sub(1)?))?;
-        Some(
-            tuner
-                .open_trial(*number)
-                .cloned()
-                .unwrap_or_else(|| rows.trial(tuner, *number)),
-        )
+        let number = rows.trials.keys().nth_back(which.min(rows.trials.len().checked_sub(1)?))?;
+        Some(tuner.open_trial(*number).cloned().unwrap_or_else(|| rows.trial(tuner, *number)))
     };
     let (answer, change) = match event {
         Event::Suggest { client, place } => {
@@ -161,9 +111,7 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
         Event::Report { which, kind } => {
             let trial = pick(rows, tuner, *which)?;
             let measurements = measured(cost(&trial));
-            tuner
-                .report(&trial, measurements, outcome(*kind, &trial), *now_ms)
-                .ok()?
+            tuner.report(&trial, measurements, outcome(*kind, &trial), *now_ms).ok()?
         }
         Event::Abandon { which } => tuner.abandon(&pick(rows, tuner, *which)?).ok()?,
         Event::Expire { later_ms } => {
@@ -236,45 +184,16 @@ proptest! {
 fn rows_that_contradict_each_other_are_refused() {
     let mut tuner = Tuner::new(Arc::new(spec(policy(0)))).expect("valid");
     let (trial, change) = tuner.suggest(&ask("a", 0.5, 0.5), 0).expect("valid");
-    let snapshot = |last_trial| Snapshot {
-        states: change.states.clone(),
-        visits: vec![],
-        last_trial,
-    };
+    let snapshot = |last_trial| Snapshot { states: change.states.clone(), visits: vec![], last_trial };
     let restore = |snapshot, trial: &Trial| {
-        Tuner::restore(tuner.spec().clone(), snapshot, [trial.clone()])
-            .map(|tuner| tuner.statistics())
+        Tuner::restore(tuner.spec().clone(), snapshot, [trial.clone()]).map(|tuner| tuner.statistics())
     };
-    assert_eq!(
-        restore(snapshot(1), &trial).map(|counts| counts.open_trials),
-        Ok(1)
-    );
-    assert!(
-        restore(snapshot(0), &trial).is_err(),
-        "a trial beyond the last"
-    );
-    let strange = Trial {
-        state_id: 7,
-        ..trial.clone()
-    };
-    assert!(
-        restore(snapshot(1), &strange).is_err(),
-        "a state that does not exist"
-    );
-    let unordered = Trial {
-        state: TrialState::Completed,
-        ..trial.clone()
-    };
-    assert!(
-        restore(snapshot(1), &unordered).is_err(),
-        "a completed trial without its place"
-    );
-    let gap = Snapshot {
-        states: vec![StateRecord {
-            id: 3,
-            ..change.states[0].clone()
-        }],
-        ..snapshot(1)
-    };
+    assert_eq!(restore(snapshot(1), &trial).map(|counts| counts.open_trials), Ok(1));
+    assert!(restore(snapshot(0), &trial).is_err(), "a trial beyond the last");
+    let strange = Trial { state_id: 7, ..trial.clone() };
+    assert!(restore(snapshot(1), &strange).is_err(), "a state that does not exist");
+    let unordered = Trial { state: TrialState::Completed, ..trial.clone() };
+    assert!(restore(snapshot(1), &unordered).is_err(), "a completed trial without its place");
+    let gap = Snapshot { states: vec![StateRecord { id: 3, ..change.states[0].clone() }], ..snapshot(1) };
     assert!(restore(gap, &trial).is_err(), "a gap between states");
 }

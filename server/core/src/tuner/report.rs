@@ -49,20 +49,10 @@ impl Tuner {
         self.remove(number);
         self.complete(&completed);
         let state = place(completed.state_id);
-        let settled = self.states[state]
-            .knowledge
-            .settled(&completed.configuration, self.spec.policy.replicates);
-        let mut change = Change {
-            trials: vec![completed.clone()],
-            ..Change::default()
-        };
-        if self.release(
-            &completed,
-            settled.map(|verdict| Feedback {
-                verdict,
-                fresh: true,
-            }),
-        ) {
+        let settled =
+            self.states[state].knowledge.settled(&completed.configuration, self.spec.policy.replicates);
+        let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
+        if self.release(&completed, settled.map(|verdict| Feedback { verdict, fresh: true })) {
             change.states.push(self.state_record(state));
         }
         Ok((completed, change))
@@ -102,10 +92,7 @@ impl Tuner {
         if let Some(state) = self.open.get(&number).map(|open| place(open.state_id)) {
             let before = self.work[state].exploration.clone();
             let abandoned = self.take_back(number, TrialState::Abandoned);
-            let mut change = Change {
-                trials: abandoned.into_iter().collect(),
-                ..Change::default()
-            };
+            let mut change = Change { trials: abandoned.into_iter().collect(), ..Change::default() };
             if self.work[state].exploration != before {
                 change.states.push(self.state_record(state));
             }
@@ -116,40 +103,18 @@ impl Tuner {
             TrialState::Completed => Err(TunerError::AlreadyCompleted { number }),
             TrialState::Abandoned => Ok((trial.clone(), Change::default())),
             TrialState::Expired if self.is_ours(trial) => {
-                let abandoned = Trial {
-                    state: TrialState::Abandoned,
-                    ..trial.clone()
-                };
-                Ok((
-                    abandoned.clone(),
-                    Change {
-                        trials: vec![abandoned],
-                        ..Change::default()
-                    },
-                ))
+                let abandoned = Trial { state: TrialState::Abandoned, ..trial.clone() };
+                Ok((abandoned.clone(), Change { trials: vec![abandoned], ..Change::default() }))
             }
             _ => Err(TunerError::UnknownTrial { number }),
         }
     }
 
     /// Renews the lease of an open trial, counted from now.
-    pub fn extend_lease(
-        &mut self,
-        trial: &Trial,
-        now_ms: i64,
-    ) -> Result<(Trial, Change), TunerError> {
+    pub fn extend_lease(&mut self, trial: &Trial, now_ms: i64) -> Result<(Trial, Change), TunerError> {
         match self.renew(trial.number, now_ms) {
-            Some(renewed) => Ok((
-                renewed.clone(),
-                Change {
-                    trials: vec![renewed],
-                    ..Change::default()
-                },
-            )),
-            None => Err(TunerError::NotOpen {
-                number: trial.number,
-                state: trial.state,
-            }),
+            Some(renewed) => Ok((renewed.clone(), Change { trials: vec![renewed], ..Change::default() })),
+            None => Err(TunerError::NotOpen { number: trial.number, state: trial.state }),
         }
     }
 
@@ -167,20 +132,14 @@ impl Tuner {
             let Some(state) = self.open.get(&number).map(|trial| place(trial.state_id)) else {
                 continue;
             };
-            let carries =
-                |tuner: &Tuner| tuner.work[state].exploration.as_ref().map(|e| e.open.len());
+            let carries = |tuner: &Tuner| tuner.work[state].exploration.as_ref().map(|e| e.open.len());
             let before = carries(self);
-            change
-                .trials
-                .extend(self.take_back(number, TrialState::Expired));
+            change.trials.extend(self.take_back(number, TrialState::Expired));
             if carries(self) != before {
                 states.insert(state);
             }
         }
-        change.states = states
-            .into_iter()
-            .map(|state| self.state_record(state))
-            .collect();
+        change.states = states.into_iter().map(|state| self.state_record(state)).collect();
         change
     }
 
@@ -194,9 +153,7 @@ impl Tuner {
 
     fn release(&mut self, trial: &Trial, feedback: Option<Feedback>) -> bool {
         let exploration = &mut self.work[place(trial.state_id)].exploration;
-        exploration
-            .as_mut()
-            .is_some_and(|exploration| exploration.release(trial.number, feedback))
+        exploration.as_mut().is_some_and(|exploration| exploration.release(trial.number, feedback))
     }
 
     /// Whether a record that is not open can be of this study.

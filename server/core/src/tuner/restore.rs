@@ -27,15 +27,8 @@ impl Tuner {
             tuner.restore_trial(trial)?;
         }
         // A point whose trial is gone would never come back by itself.
-        for exploration in tuner
-            .work
-            .iter_mut()
-            .filter_map(|work| work.exploration.as_mut())
-        {
-            let gone = exploration
-                .open
-                .keys()
-                .filter(|number| !tuner.open.contains_key(number));
+        for exploration in tuner.work.iter_mut().filter_map(|work| work.exploration.as_mut()) {
+            let gone = exploration.open.keys().filter(|number| !tuner.open.contains_key(number));
             for number in gone.copied().collect::<Vec<_>>() {
                 exploration.release(number, None);
             }
@@ -44,22 +37,14 @@ impl Tuner {
     }
 
     fn restore_state(&mut self, record: StateRecord) -> Result<(), RestoreError> {
-        let StateRecord {
-            id,
-            indicators,
-            search,
-        } = record;
+        let StateRecord { id, indicators, search } = record;
         let expected = self.states.len() as u64 + 1;
         if id != expected {
-            return Err(inconsistent(format!(
-                "state {id} stands where state {expected} should"
-            )));
+            return Err(inconsistent(format!("state {id} stands where state {expected} should")));
         }
         let width = self.spec.indicators.indicators().len();
         if indicators.len() != width || indicators.iter().any(|value| !value.is_finite()) {
-            return Err(inconsistent(format!(
-                "state {id} does not have {width} finite indicators"
-            )));
+            return Err(inconsistent(format!("state {id} does not have {width} finite indicators")));
         }
         let state = self.found(indicators);
         self.states[state].explored = search.is_some();
@@ -79,27 +64,15 @@ impl Tuner {
         self.check_state(trial.state_id, what)?;
         if trial.number == 0 || trial.number > self.last_trial {
             let last = self.last_trial;
-            return Err(inconsistent(format!(
-                "{} is not among the {last} handed out",
-                what()
-            )));
+            return Err(inconsistent(format!("{} is not among the {last} handed out", what())));
         }
         match trial.state {
             TrialState::Open => self.enter(trial),
             TrialState::Completed => {
-                if trial
-                    .completion
-                    .is_none_or(|completion| completion <= self.last_completion)
-                {
-                    return Err(inconsistent(format!(
-                        "{} comes out of the order of completion",
-                        what()
-                    )));
+                if trial.completion.is_none_or(|completion| completion <= self.last_completion) {
+                    return Err(inconsistent(format!("{} comes out of the order of completion", what())));
                 }
-                if trial
-                    .cost
-                    .is_some_and(|cost| !cost.is_finite() || cost < 0.0)
-                {
+                if trial.cost.is_some_and(|cost| !cost.is_finite() || cost < 0.0) {
                     return Err(inconsistent(format!("{} has an impossible cost", what())));
                 }
                 self.complete(&trial);
@@ -113,10 +86,7 @@ impl Tuner {
         if (1..=self.states.len() as u64).contains(&state_id) {
             Ok(())
         } else {
-            Err(inconsistent(format!(
-                "{} names state {state_id}, which does not exist",
-                what()
-            )))
+            Err(inconsistent(format!("{} names state {state_id}, which does not exist", what())))
         }
     }
 }

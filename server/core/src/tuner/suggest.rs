@@ -22,26 +22,17 @@ impl Tuner {
         let search_before = self.work[state].exploration.clone();
         let pinned = self.pinned();
         if pinned.is_none() {
-            change
-                .visits
-                .extend(self.visit(&ask.client_id, &normalised, state));
+            change.visits.extend(self.visit(&ask.client_id, &normalised, state));
         }
-        let held = self
-            .held
-            .get(&ask.client_id)
-            .and_then(|held| held.get(&state_id))
-            .copied();
+        let held = self.held.get(&ask.client_id).and_then(|held| held.get(&state_id)).copied();
         let trial = match held.map(|number| (number, self.still_fits(number, pinned.as_ref()))) {
             Some((number, true)) => self.renew(number, now_ms),
             stale => {
                 if let Some((number, _)) = stale {
-                    change
-                        .trials
-                        .extend(self.take_back(number, TrialState::Abandoned));
+                    change.trials.extend(self.take_back(number, TrialState::Abandoned));
                 }
                 let number = self.last_trial + 1;
-                let prediction =
-                    pinned.unwrap_or_else(|| self.answer(ask, number, &normalised, state));
+                let prediction = pinned.unwrap_or_else(|| self.answer(ask, number, &normalised, state));
                 Some(self.hand_out(ask, number, state_id, prediction, now_ms))
             }
         };
@@ -65,9 +56,7 @@ impl Tuner {
         };
         let again = found.is_some_and(|state| held.contains_key(&self.states[state].id));
         if !again && held.len() >= OPEN_TRIALS_PER_CLIENT_MAX {
-            return Err(TunerError::TooManyOpenTrials {
-                client_id: client_id.to_owned(),
-            });
+            return Err(TunerError::TooManyOpenTrials { client_id: client_id.to_owned() });
         }
         Ok(())
     }
@@ -90,12 +79,7 @@ impl Tuner {
             None => 1,
         };
         let decision = self.decide(client_id, number, normalised, state);
-        let visit = Visit {
-            client_id: client_id.to_owned(),
-            state_id,
-            number,
-            decision,
-        };
+        let visit = Visit { client_id: client_id.to_owned(), state_id, number, decision };
         self.visits.insert(visit.client_id.clone(), visit.clone());
         Some(visit)
     }
@@ -106,21 +90,14 @@ impl Tuner {
             return false;
         };
         match pinned {
-            Some(pinned) => {
-                trial.mode == Mode::Pinned && trial.configuration == pinned.configuration
-            }
+            Some(pinned) => trial.mode == Mode::Pinned && trial.configuration == pinned.configuration,
             None => trial.mode != Mode::Pinned,
         }
     }
 
     fn answer(&mut self, ask: &Ask, number: u64, normalised: &[f64], state: usize) -> Prediction {
         match self.visits.get(&ask.client_id).map(|visit| &visit.decision) {
-            Some(Decision::Exploit {
-                configuration,
-                mode,
-                predicted_cost,
-                reason,
-            }) => Prediction {
+            Some(Decision::Exploit { configuration, mode, predicted_cost, reason }) => Prediction {
                 configuration: configuration.clone(),
                 mode: *mode,
                 predicted_cost: *predicted_cost,

@@ -8,9 +8,8 @@ use thiserror::Error;
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::indicator::IndicatorError;
 use crate::limits::{
-    CLIENT_ID_CHARACTERS_MAX, CLIENTS_MAX, FINGERPRINT_SOFTWARE_MAX,
-    FINGERPRINT_TEXT_CHARACTERS_MAX, MEASUREMENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX,
-    OUTCOME_REASON_CHARACTERS_MAX, STATES_MAX,
+    CLIENT_ID_CHARACTERS_MAX, CLIENTS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX,
+    MEASUREMENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, OUTCOME_REASON_CHARACTERS_MAX, STATES_MAX,
 };
 use crate::names::NAME_RULE;
 use crate::objective::ObjectiveError;
@@ -81,24 +80,14 @@ impl RawVisit {
     pub fn check(self, space: &Space) -> Result<Visit, SpaceError> {
         let decision = match self.decision {
             Decision::Explore => Decision::Explore,
-            Decision::Exploit {
-                configuration,
-                mode,
-                predicted_cost,
-                reason,
-            } => Decision::Exploit {
+            Decision::Exploit { configuration, mode, predicted_cost, reason } => Decision::Exploit {
                 configuration: space.configuration(configuration)?,
                 mode,
                 predicted_cost,
                 reason,
             },
         };
-        Ok(Visit {
-            client_id: self.client_id,
-            state_id: self.state_id,
-            number: self.number,
-            decision,
-        })
+        Ok(Visit { client_id: self.client_id, state_id: self.state_id, number: self.number, decision })
     }
 }
 

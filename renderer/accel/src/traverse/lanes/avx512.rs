@@ -1,9 +1,6 @@
 //! Vectors of AVX-512 at 128 and 256 bits: comparisons give bits at once.
 
-#![allow(
-    unsafe_op_in_unsafe_fn,
-    reason = "each operation is unsafe for the one reason that `Lanes` states"
-)]
+#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
 use std::arch::x86_64::*;
 

@@ -71,10 +71,7 @@ impl Stored {
 #[derive(Clone, Copy)]
 pub(crate) struct Lanes3<L>(pub(crate) [L; 3]);
 
-#[allow(
-    unsafe_op_in_unsafe_fn,
-    reason = "each operation is unsafe for the one reason that `Lanes` states"
-)]
+#[allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 impl<L: Lanes> Lanes3<L> {
     #[inline(always)]
     pub(crate) unsafe fn splat(of: glam::Vec3) -> Self {
@@ -84,11 +81,7 @@ impl<L: Lanes> Lanes3<L> {
     #[inline(always)]
     pub(crate) unsafe fn load(from: &[[f32; 4]; 3]) -> Self {
         debug_assert!(L::COUNT == 4);
-        Self([
-            L::load(from[0].as_ptr()),
-            L::load(from[1].as_ptr()),
-            L::load(from[2].as_ptr()),
-        ])
+        Self([L::load(from[0].as_ptr()), L::load(from[1].as_ptr()), L::load(from[2].as_ptr())])
     }
 
     #[inline(always)]
@@ -100,11 +93,7 @@ impl<L: Lanes> Lanes3<L> {
     #[inline(always)]
     pub(crate) unsafe fn cross(self, other: Self) -> Self {
         let ([ax, ay, az], [bx, by, bz]) = (self.0, other.0);
-        Self([
-            ay.mul_sub(bz, az.mul(by)),
-            az.mul_sub(bx, ax.mul(bz)),
-            ax.mul_sub(by, ay.mul(bx)),
-        ])
+        Self([ay.mul_sub(bz, az.mul(by)), az.mul_sub(bx, ax.mul(bz)), ax.mul_sub(by, ay.mul(bx))])
     }
 
     #[inline(always)]

@@ -10,9 +10,7 @@ pub(crate) struct Portable<const N: usize>([f32; N]);
 impl<const N: usize> Portable<N> {
     #[inline(always)]
     fn zip(self, other: Self, operation: impl Fn(f32, f32) -> f32) -> Self {
-        Self(std::array::from_fn(|lane| {
-            operation(self.0[lane], other.0[lane])
-        }))
+        Self(std::array::from_fn(|lane| operation(self.0[lane], other.0[lane])))
     }
 
     #[inline(always)]
@@ -90,9 +88,7 @@ impl<const N: usize> Lanes for Portable<N> {
 
     #[inline(always)]
     unsafe fn flip_sign(self, by: Self) -> Self {
-        self.zip(by, |a, b| {
-            f32::from_bits(a.to_bits() ^ (b.to_bits() & (1 << 31)))
-        })
+        self.zip(by, |a, b| f32::from_bits(a.to_bits() ^ (b.to_bits() & (1 << 31))))
     }
 
     #[inline(always)]
@@ -122,8 +118,6 @@ impl<const N: usize> Lanes for Portable<N> {
 
     #[inline(always)]
     unsafe fn bits(mask: Self::Mask) -> u32 {
-        mask.iter()
-            .enumerate()
-            .fold(0, |bits, (lane, &set)| bits | u32::from(set) << lane)
+        mask.iter().enumerate().fold(0, |bits, (lane, &set)| bits | u32::from(set) << lane)
     }
 }

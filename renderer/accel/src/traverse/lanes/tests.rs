@@ -5,22 +5,8 @@ use crate::traverse::Isa;
 
 /// Pairs of numbers with every special value among them.
 fn samples() -> Vec<[f32; 2]> {
-    let values = [
-        0.0,
-        -0.0,
-        1.0,
-        -1.5,
-        3.25e-3,
-        1e30,
-        -1e30,
-        f32::INFINITY,
-        f32::NEG_INFINITY,
-        f32::NAN,
-    ];
-    values
-        .iter()
-        .flat_map(|&a| values.map(|b| [a, b]))
-        .collect()
+    let values = [0.0, -0.0, 1.0, -1.5, 3.25e-3, 1e30, -1e30, f32::INFINITY, f32::NEG_INFINITY, f32::NAN];
+    values.iter().flat_map(|&a| values.map(|b| [a, b])).collect()
 }
 
 fn numbers(lanes: impl Lanes) -> [f32; 8] {
@@ -30,8 +16,7 @@ fn numbers(lanes: impl Lanes) -> [f32; 8] {
 
 fn same(a: [f32; 8], b: [f32; 8], count: usize, what: &str) {
     for lane in 0..count {
-        let equal =
-            a[lane].to_bits() == b[lane].to_bits() || (a[lane].is_nan() && b[lane].is_nan());
+        let equal = a[lane].to_bits() == b[lane].to_bits() || (a[lane].is_nan() && b[lane].is_nan());
         assert!(equal, "{what}, lane {lane}: {} and {}", a[lane], b[lane]);
     }
 }
@@ -57,31 +42,14 @@ fn agrees<L: Lanes, P: Lanes>() {
             same(numbers(la.min(lb)), numbers(pa.min(pb)), count, "min");
             same(numbers(la.max(lb)), numbers(pa.max(pb)), count, "max");
             same(numbers(la.abs()), numbers(pa.abs()), count, "abs");
-            same(
-                numbers(la.flip_sign(lb)),
-                numbers(pa.flip_sign(pb)),
-                count,
-                "flip_sign",
-            );
+            same(numbers(la.flip_sign(lb)), numbers(pa.flip_sign(pb)), count, "flip_sign");
             // Exact in single precision, so that fused and separate rounding agree.
             let (two, one) = (L::splat(2.0), L::splat(1.0));
-            same(
-                numbers(two.mul_sub(two, one)),
-                numbers(P::splat(3.0)),
-                count,
-                "mul_sub",
-            );
+            same(numbers(two.mul_sub(two, one)), numbers(P::splat(3.0)), count, "mul_sub");
             assert_eq!(L::bits(la.less(lb)), P::bits(pa.less(pb)), "less");
-            assert_eq!(
-                L::bits(la.less_equal(lb)),
-                P::bits(pa.less_equal(pb)),
-                "less_equal"
-            );
+            assert_eq!(L::bits(la.less_equal(lb)), P::bits(pa.less_equal(pb)), "less_equal");
             assert_eq!(L::bits(la.equal(lb)), P::bits(pa.equal(pb)), "equal");
-            let (and, or) = (
-                L::and(la.less(lb), la.less_equal(lb)),
-                L::or(la.less(lb), la.equal(lb)),
-            );
+            let (and, or) = (L::and(la.less(lb), la.less_equal(lb)), L::or(la.less(lb), la.equal(lb)));
             assert_eq!(L::bits(and), P::bits(pa.less(pb)), "and");
             assert_eq!(L::bits(or), P::bits(pa.less_equal(pb)), "or");
         }
@@ -93,10 +61,7 @@ fn portable_is_plain_arithmetic() {
     let (a, b) = ([1.0f32, -2.0, 0.5, f32::NAN], [4.0f32, 0.25, -8.0, 1.0]);
     // SAFETY: portable vectors need no features.
     unsafe {
-        let (la, lb) = (
-            Portable::<4>::load(a.as_ptr()),
-            Portable::<4>::load(b.as_ptr()),
-        );
+        let (la, lb) = (Portable::<4>::load(a.as_ptr()), Portable::<4>::load(b.as_ptr()));
         assert_eq!(numbers(la.mul(lb))[..3], [4.0, -0.5, -4.0]);
         assert_eq!(numbers(la.max(lb))[..4], [4.0, 0.25, 0.5, 1.0]);
         assert_eq!(Portable::<4>::bits(la.less(lb)), 0b0011);

@@ -4,46 +4,25 @@ use super::*;
 
 #[test]
 fn exploring_begins_with_the_default_and_never_samples_a_pair_twice() {
-    for search in [
-        SearchMethod::NelderMead,
-        SearchMethod::LatinHypercube,
-        SearchMethod::Random,
-    ] {
-        let mut tuner = tuner(Policy {
-            search,
-            ..explore_always()
-        });
+    for search in [SearchMethod::NelderMead, SearchMethod::LatinHypercube, SearchMethod::Random] {
+        let mut tuner = tuner(Policy { search, ..explore_always() });
         let trials = run(&mut tuner, "a", 0.5, 0.5, 30);
         assert_eq!(trials[0].mode, Mode::Default);
-        assert_eq!(
-            trials[0].configuration,
-            tuner.spec().space.default_configuration()
-        );
+        assert_eq!(trials[0].configuration, tuner.spec().space.default_configuration());
         assert!(trials[1..].iter().all(|trial| trial.mode == Mode::Explore));
-        let distinct: BTreeSet<&Configuration> =
-            trials.iter().map(|trial| &trial.configuration).collect();
+        let distinct: BTreeSet<&Configuration> = trials.iter().map(|trial| &trial.configuration).collect();
         assert_eq!(distinct.len(), 30, "{search:?}");
         // The budget is spent: the best known is exploited from now on.
-        let best = trials
-            .iter()
-            .min_by(|a, b| a.cost.partial_cmp(&b.cost).expect("finite"))
-            .expect("some");
+        let best = trials.iter().min_by(|a, b| a.cost.partial_cmp(&b.cost).expect("finite")).expect("some");
         let next = suggest(&mut tuner, "a", 0.5, 0.5);
-        assert_eq!(
-            (next.mode, &next.configuration),
-            (Mode::Exploit, &best.configuration)
-        );
+        assert_eq!((next.mode, &next.configuration), (Mode::Exploit, &best.configuration));
         assert_eq!(next.predicted_cost, best.cost);
     }
 }
 
 #[test]
 fn replicates_measure_each_configuration_as_often_as_asked() {
-    let mut tuner = tuner(Policy {
-        replicates: 3,
-        trials_per_state: 10,
-        ..explore_always()
-    });
+    let mut tuner = tuner(Policy { replicates: 3, trials_per_state: 10, ..explore_always() });
     let trials = run(&mut tuner, "a", 0.5, 0.5, 30);
     let mut counts = BTreeMap::new();
     for trial in &trials {
@@ -51,14 +30,7 @@ fn replicates_measure_each_configuration_as_often_as_asked() {
     }
     assert_eq!(counts.len(), 10);
     assert!(counts.values().all(|&count| count == 3));
-    assert_eq!(
-        tuner
-            .best(None)
-            .expect("valid")
-            .expect("measured")
-            .measurements,
-        3
-    );
+    assert_eq!(tuner.best(None).expect("valid").expect("measured").measurements, 3);
 }
 
 #[test]
@@ -66,16 +38,11 @@ fn clients_share_a_search_without_sharing_a_point_and_nobody_waits() {
     let mut tuner = tuner(explore_always());
     let mut seen = BTreeSet::new();
     for round in 0..40 {
-        let trials: Vec<Trial> = (0..5)
-            .map(|c| suggest(&mut tuner, &format!("c{c}"), 0.5, 0.5))
-            .collect();
+        let trials: Vec<Trial> = (0..5).map(|c| suggest(&mut tuner, &format!("c{c}"), 0.5, 0.5)).collect();
         for trial in &trials {
             let explores = matches!(trial.mode, Mode::Explore | Mode::Default);
             if explores && trial.reason.source != "default" {
-                assert!(
-                    seen.insert(trial.configuration.clone()),
-                    "round {round} hands out a pair twice"
-                );
+                assert!(seen.insert(trial.configuration.clone()), "round {round} hands out a pair twice");
             } else {
                 assert_eq!(trial.mode, Mode::Exploit);
             }
@@ -101,9 +68,7 @@ fn an_infeasible_default_is_explored_away_from_even_without_dice() {
 #[test]
 fn a_failure_is_tried_again_but_not_for_ever() {
     let mut tuner = tuner(explore_always());
-    let failed = || Outcome::Failed {
-        reason: "out of memory elsewhere".into(),
-    };
+    let failed = || Outcome::Failed { reason: "out of memory elsewhere".into() };
     for _ in 0..crate::limits::FAILURES_PER_CONFIGURATION_MAX {
         let trial = suggest(&mut tuner, "a", 0.5, 0.5);
         assert_eq!(trial.mode, Mode::Default);
@@ -120,14 +85,8 @@ fn an_aborted_trial_carries_its_bound_and_is_not_the_best() {
     let stopped = finish(&mut tuner, &slow, Outcome::Aborted { lower_bound: 0.5 });
     assert_eq!(stopped.cost, Some(0.5));
     let best = tuner.best(None).expect("valid").expect("measured");
-    assert_eq!(
-        (best.configuration, best.trial),
-        (trials[0].configuration.clone(), 1)
-    );
-    assert_ne!(
-        suggest(&mut tuner, "a", 0.5, 0.5).configuration,
-        slow.configuration
-    );
+    assert_eq!((best.configuration, best.trial), (trials[0].configuration.clone(), 1));
+    assert_ne!(suggest(&mut tuner, "a", 0.5, 0.5).configuration, slow.configuration);
 }
 
 #[test]
@@ -138,12 +97,8 @@ fn a_search_goes_on_where_it_stood_when_its_state_is_met_again() {
     let mut trials = run(&mut interrupted, "a", 0.5, 0.5, 12);
     run(&mut interrupted, "a", 0.1, 0.9, 7);
     trials.extend(run(&mut interrupted, "a", 0.5, 0.5, 8));
-    let configurations = |trials: &[Trial]| {
-        trials
-            .iter()
-            .map(|t| t.configuration.clone())
-            .collect::<Vec<_>>()
-    };
+    let configurations =
+        |trials: &[Trial]| trials.iter().map(|t| t.configuration.clone()).collect::<Vec<_>>();
     assert_eq!(configurations(&trials), configurations(&expected));
 }
 
@@ -162,10 +117,7 @@ fn a_space_that_is_used_up_ends_the_search_early() {
         assert!(reported.is_ok());
     }
     let after = suggest(&mut tuner, "a", 0.5, 0.5);
-    assert_eq!(
-        (after.mode, after.predicted_cost),
-        (Mode::Exploit, Some(1.0))
-    );
+    assert_eq!((after.mode, after.predicted_cost), (Mode::Exploit, Some(1.0)));
 }
 
 #[test]
@@ -174,15 +126,8 @@ fn exploring_pays_off() {
     for search in [SearchMethod::NelderMead, SearchMethod::Random] {
         let mut all: Vec<f64> = (0..31)
             .map(|seed| {
-                let policy = Policy {
-                    search,
-                    trials_per_state: 80,
-                    ..explore_always()
-                };
-                let spec = StudySpec {
-                    seed,
-                    ..spec(policy)
-                };
+                let policy = Policy { search, trials_per_state: 80, ..explore_always() };
+                let spec = StudySpec { seed, ..spec(policy) };
                 let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
                 let trials = run(&mut tuner, "a", 0.5, 0.5, 80);
                 // The default costs 30.25; the optimum is 12.75.
@@ -193,8 +138,5 @@ fn exploring_pays_off() {
         all.sort_by(f64::total_cmp);
         costs.push(all[15]);
     }
-    assert!(
-        costs[0] < 13.5 && costs[0] + 1.0 < costs[1],
-        "medians {costs:?}"
-    );
+    assert!(costs[0] < 13.5 && costs[0] + 1.0 < costs[1], "medians {costs:?}");
 }

@@ -18,29 +18,14 @@ use crate::trial::{Mode, Outcome, Trial, TrialState};
 use crate::value::Value;
 
 fn parameter(name: &str, domain: Domain, default: Value) -> Parameter {
-    Parameter {
-        name: name.into(),
-        domain,
-        default,
-        active_if: None,
-    }
+    Parameter { name: name.into(), domain, default, active_if: None }
 }
 
 /// A study with four parameters (1280 configurations and a float) and two indicators.
 pub(super) fn spec(policy: Policy) -> StudySpec {
-    let leaf = || Domain::Integer {
-        min: 1,
-        max: 16,
-        scale: Scale::Linear,
-    };
-    let widths = Domain::Categorical {
-        values: [2, 4, 8].map(Value::Integer).to_vec(),
-    };
-    let cost = Domain::Float {
-        min: 0.0,
-        max: 10.0,
-        scale: Scale::Linear,
-    };
+    let leaf = || Domain::Integer { min: 1, max: 16, scale: Scale::Linear };
+    let widths = Domain::Categorical { values: [2, 4, 8].map(Value::Integer).to_vec() };
+    let cost = Domain::Float { min: 0.0, max: 10.0, scale: Scale::Linear };
     let space = Space::new(
         vec![
             parameter("width", widths, Value::Integer(2)),
@@ -48,25 +33,14 @@ pub(super) fn spec(policy: Policy) -> StudySpec {
             parameter("max_leaf_size", leaf(), Value::Integer(16)),
             parameter("travel_cost", cost, Value::Float(1.0)),
         ],
-        vec![Constraint {
-            lesser: "min_leaf_size".into(),
-            greater: "max_leaf_size".into(),
-        }],
+        vec![Constraint { lesser: "min_leaf_size".into(), greater: "max_leaf_size".into() }],
     );
     spec_of(space.expect("a valid space"), policy)
 }
 
 pub(super) fn spec_of(space: Space, policy: Policy) -> StudySpec {
-    let indicator = |name: &str| Indicator {
-        name: name.into(),
-        min: 0.0,
-        max: 1.0,
-        scale: Scale::Linear,
-    };
-    let terms = vec![ObjectiveTerm {
-        metric: "render_ms".into(),
-        weight: 1.0,
-    }];
+    let indicator = |name: &str| Indicator { name: name.into(), min: 0.0, max: 1.0, scale: Scale::Linear };
+    let terms = vec![ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }];
     StudySpec {
         display_name: "test".into(),
         space,
@@ -84,11 +58,7 @@ fn tuner(policy: Policy) -> Tuner {
 
 pub(super) fn ask(client: &str, x: f64, y: f64) -> Ask {
     let indicators = BTreeMap::from([("x".to_owned(), x), ("y".to_owned(), y)]);
-    Ask {
-        client_id: client.into(),
-        indicators,
-        fingerprint: None,
-    }
+    Ask { client_id: client.into(), indicators, fingerprint: None }
 }
 
 pub(super) fn measured(render_ms: f64) -> BTreeMap<String, f64> {
@@ -97,13 +67,7 @@ pub(super) fn measured(render_ms: f64) -> BTreeMap<String, f64> {
 
 /// A cost that wants wide nodes, small leaves and a travel cost that follows `x`.
 pub(super) fn cost(trial: &Trial) -> f64 {
-    let number = |name: &str| {
-        trial
-            .configuration
-            .get(name)
-            .and_then(Value::as_number)
-            .unwrap_or(0.0)
-    };
+    let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
     20.0 - number("width")
         + number("max_leaf_size") * 0.5
         + number("min_leaf_size") * 0.25
@@ -111,23 +75,15 @@ pub(super) fn cost(trial: &Trial) -> f64 {
 }
 
 fn suggest(tuner: &mut Tuner, client: &str, x: f64, y: f64) -> Trial {
-    tuner
-        .suggest(&ask(client, x, y), 0)
-        .expect("a valid question")
-        .0
+    tuner.suggest(&ask(client, x, y), 0).expect("a valid question").0
 }
 
 fn finish(tuner: &mut Tuner, trial: &Trial, outcome: Outcome) -> Trial {
-    tuner
-        .report(trial, measured(cost(trial)), outcome, 1)
-        .expect("a valid report")
-        .0
+    tuner.report(trial, measured(cost(trial)), outcome, 1).expect("a valid report").0
 }
 
 fn infeasible() -> Outcome {
-    Outcome::Infeasible {
-        reason: "depth limit reached".into(),
-    }
+    Outcome::Infeasible { reason: "depth limit reached".into() }
 }
 
 fn run(tuner: &mut Tuner, client: &str, x: f64, y: f64, trials: usize) -> Vec<Trial> {
@@ -139,16 +95,9 @@ fn run(tuner: &mut Tuner, client: &str, x: f64, y: f64, trials: usize) -> Vec<Tr
 }
 
 fn explore_always() -> Policy {
-    Policy {
-        epsilon: 1.0,
-        trials_per_state: 30,
-        ..Policy::default()
-    }
+    Policy { epsilon: 1.0, trials_per_state: 30, ..Policy::default() }
 }
 
 fn exploit_always() -> Policy {
-    Policy {
-        epsilon: 0.0,
-        ..explore_always()
-    }
+    Policy { epsilon: 0.0, ..explore_always() }
 }
