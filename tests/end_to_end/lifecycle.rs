@@ -8,7 +8,8 @@ use treewright_tests::programs::{run, stderr, stdout};
 
 use crate::wire;
 
-#[tokio::test]
+// A second thread lets the client see the daemon's goodbye while this one waits for its end.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn sigterm_ends_it_politely_and_the_database_stays_whole() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let database = folder.path().join("tuning.db");
