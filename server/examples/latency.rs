@@ -1,5 +1,5 @@
-//! Measures what a frame pays for tuning: Suggest plus Report as two calls, and one round trip of the
-//! Tune stream, over loopback against a durable SQLite database.
+//! Measures what a frame pays for tuning: Suggest plus Report as two calls, one round trip of the Tune
+//! stream, and Predict, over loopback against a durable SQLite database.
 //!
 //! `cargo run --release -p treewright-server --example latency [-- DIRECTORY]`
 //!
@@ -32,16 +32,10 @@ const INDICATORS: usize = 17;
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
 fn study() -> wire::Study {
-    let integer = |n| wire::Value {
-        kind: Some(value::Kind::Integer(n)),
-    };
+    let integer = |n| wire::Value { kind: Some(value::Kind::Integer(n)) };
     let parameters = (0..PARAMETERS).map(|number| wire::Parameter {
         name: format!("parameter_{number}"),
-        domain: Some(parameter::Domain::Integer(wire::IntegerDomain {
-            min: 1,
-            max: 1000,
-            scale: 0,
-        })),
+        domain: Some(parameter::Domain::Integer(wire::IntegerDomain { min: 1, max: 1000, scale: 0 })),
         default_value: Some(integer(10)),
         active_if: None,
     });
@@ -52,22 +46,12 @@ fn study() -> wire::Study {
         scale: 0,
     });
     wire::Study {
-        space: Some(wire::Space {
-            parameters: parameters.collect(),
-            constraints: Vec::new(),
-        }),
+        space: Some(wire::Space { parameters: parameters.collect(), constraints: Vec::new() }),
         indicators: indicators.collect(),
         objective: Some(wire::Objective {
-            terms: vec![wire::ObjectiveTerm {
-                metric: "render_ms".to_owned(),
-                weight: 1.0,
-            }],
+            terms: vec![wire::ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 }],
         }),
-        policy: Some(wire::Policy {
-            epsilon: Some(1.0),
-            trials_per_state: 80,
-            ..wire::Policy::default()
-        }),
+        policy: Some(wire::Policy { epsilon: Some(1.0), trials_per_state: 80, ..wire::Policy::default() }),
         ..wire::Study::default()
     }
 }
@@ -93,13 +77,8 @@ fn report(trial: &wire::Trial) -> wire::ReportRequest {
     });
     wire::ReportRequest {
         trial: trial.name.clone(),
-        measurements: BTreeMap::from([
-            ("build_ms".to_owned(), 2.0),
-            ("render_ms".to_owned(), render_ms),
-        ]),
-        outcome: Some(wire::Outcome {
-            kind: Some(outcome::Kind::Ok(wire::Ok {})),
-        }),
+        measurements: BTreeMap::from([("build_ms".to_owned(), 2.0), ("render_ms".to_owned(), render_ms)]),
+        outcome: Some(wire::Outcome { kind: Some(outcome::Kind::Ok(wire::Ok {})) }),
     }
 }
 
@@ -167,10 +146,7 @@ async fn main() -> Outcome<()> {
 async fn measure(address: &str) -> Outcome<()> {
     let mut client = TuningServiceClient::connect(address.to_owned()).await?;
     client
-        .create_study(wire::CreateStudyRequest {
-            study_id: "latency".to_owned(),
-            study: Some(study()),
-        })
+        .create_study(wire::CreateStudyRequest { study_id: "latency".to_owned(), study: Some(study()) })
         .await?;
 
     let mut calls = Vec::with_capacity(ROUNDS);
@@ -192,18 +168,23 @@ async fn measure(address: &str) -> Outcome<()> {
     }
     print("Suggest + Report, two calls", calls);
 
+    let mut predictions = Vec::with_capacity(ROUNDS);
+    for frame in 0..ROUNDS {
+        let wire::SuggestRequest { study, indicators, .. } = ask("calls", frame);
+        let begin = Instant::now();
+        let question = wire::PredictRequest { study, indicators };
+        let answer = client.predict(question).await?.into_inner();
+        predictions.push(begin.elapsed());
+        answer.configuration.ok_or("no configuration")?;
+    }
+    print("Predict, which writes nothing", predictions);
+
     let (frames, outgoing) = mpsc::channel(1);
-    let mut answers = client
-        .tune(ReceiverStream::new(outgoing))
-        .await?
-        .into_inner();
+    let mut answers = client.tune(ReceiverStream::new(outgoing)).await?.into_inner();
     let mut result = None;
     let mut rounds = Vec::with_capacity(ROUNDS);
     for frame in 0..WARM_UP + ROUNDS {
-        let request = wire::TuneRequest {
-            report: result.take(),
-            suggest: Some(ask("stream", frame)),
-        };
+        let request = wire::TuneRequest { report: result.take(), suggest: Some(ask("stream", frame)) };
         let is_joint = request.report.is_some();
         let begin = Instant::now();
         frames.send(request).await?;

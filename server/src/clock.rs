@@ -18,13 +18,9 @@ pub struct SystemClock {
 
 impl Clock for SystemClock {
     fn now_ms(&self) -> i64 {
-        let since = SystemTime::now()
-            .duration_since(UNIX_EPOCH)
-            .unwrap_or_default();
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let now_ms = i64::try_from(since.as_millis()).unwrap_or(i64::MAX);
-        self.latest_ms
-            .fetch_max(now_ms, Ordering::Relaxed)
-            .max(now_ms)
+        self.latest_ms.fetch_max(now_ms, Ordering::Relaxed).max(now_ms)
     }
 }
 
@@ -38,9 +34,7 @@ impl ManualClock {
     /// A clock that shows `now_ms`.
     #[must_use]
     pub fn at(now_ms: i64) -> Self {
-        Self {
-            now_ms: AtomicI64::new(now_ms),
-        }
+        Self { now_ms: AtomicI64::new(now_ms) }
     }
 
     /// Moves it on.

@@ -53,21 +53,11 @@ pub struct ServeConfig {
     pub drain_s: u64,
 
     /// What to log: error, warn, info, debug, trace, or a list such as "info,treewright_server=debug".
-    #[arg(
-        long,
-        env = "TREEWRIGHT_LOG",
-        default_value = "info",
-        value_name = "FILTER"
-    )]
+    #[arg(long, env = "TREEWRIGHT_LOG", default_value = "info", value_name = "FILTER")]
     pub log: String,
 
     /// How to write the log.
-    #[arg(
-        long,
-        env = "TREEWRIGHT_LOG_FORMAT",
-        default_value = "text",
-        value_name = "FORMAT"
-    )]
+    #[arg(long, env = "TREEWRIGHT_LOG_FORMAT", default_value = "text", value_name = "FORMAT")]
     pub log_format: LogFormat,
 }
 
@@ -121,9 +111,7 @@ fn address(text: &str) -> Result<SocketAddr, String> {
     let mut found = text
         .to_socket_addrs()
         .map_err(|error| format!("{error}; write ADDRESS:PORT, for example 127.0.0.1:50611"))?;
-    found
-        .next()
-        .ok_or_else(|| "the name has no address".to_owned())
+    found.next().ok_or_else(|| "the name has no address".to_owned())
 }
 
 #[cfg(test)]
@@ -156,10 +144,7 @@ mod tests {
             (&["--listen", "127.0.0.1:0"][..], "--database"),
             (&["--database", "x", "--listen", "0.0.0.0:1"], "--insecure"),
             (&["--database", "x", "--listen", "[::]:1"], "--insecure"),
-            (
-                &["--database", "x", "--listen", "127.0.0.1"],
-                "ADDRESS:PORT",
-            ),
+            (&["--database", "x", "--listen", "127.0.0.1"], "ADDRESS:PORT"),
             (&["--database", "x", "--drain-s", "3601"], "3600"),
             (&["--database", "x", "--log-format", "xml"], "json"),
             (&["--database", "x", "--log", "a=b=c"], "--log"),

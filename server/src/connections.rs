@@ -26,10 +26,7 @@ pub(crate) fn accept(listener: TcpListener) -> impl Stream<Item = io::Result<Con
     TcpListenerStream::new(listener).filter_map(move |accepted| match accepted {
         Err(error) => Some(Err(error)),
         Ok(stream) => match Arc::clone(&permits).try_acquire_owned() {
-            Ok(permit) => Some(stream.set_nodelay(true).map(|()| Connection {
-                stream,
-                _permit: permit,
-            })),
+            Ok(permit) => Some(stream.set_nodelay(true).map(|()| Connection { stream, _permit: permit })),
             Err(_) => {
                 tracing::warn!(limit = CONNECTIONS, "connection refused: too many are open");
                 None

@@ -53,13 +53,8 @@ impl DaemonError {
 pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
     let mut terminate = signal(SignalKind::terminate())?;
     let mut interrupt = signal(SignalKind::interrupt())?;
-    let listen_error = |problem| DaemonError::Listen {
-        address: config.listen,
-        problem,
-    };
-    let listener = TcpListener::bind(config.listen)
-        .await
-        .map_err(listen_error)?;
+    let listen_error = |problem| DaemonError::Listen { address: config.listen, problem };
+    let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
     let address = listener.local_addr()?;
     let store: Arc<dyn Store> = Arc::new(SqliteStore::open(&config.database).await?);
     tracing::info!(%address, database = %config.database.display(), "serving");

@@ -61,9 +61,6 @@ pub enum Error {
 impl Error {
     /// A field is not as it should be.
     pub fn invalid(field: impl Into<String>, problem: impl std::fmt::Display) -> Self {
-        Self::Invalid {
-            field: field.into(),
-            problem: problem.to_string(),
-        }
+        Self::Invalid { field: field.into(), problem: problem.to_string() }
     }
 }

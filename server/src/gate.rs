@@ -48,12 +48,7 @@ impl Gate {
         self.enter(&self.streams, "Tune streams", limits::TUNE_STREAMS)
     }
 
-    fn enter(
-        &self,
-        semaphore: &Arc<Semaphore>,
-        what: &'static str,
-        limit: usize,
-    ) -> Result<Entered, Error> {
+    fn enter(&self, semaphore: &Arc<Semaphore>, what: &'static str, limit: usize) -> Result<Entered, Error> {
         if *self.draining.borrow() {
             return Err(Error::Draining);
         }
@@ -71,23 +66,16 @@ impl Gate {
     /// Waits until the gate closes.
     pub async fn draining(&self) {
         // The sender lives in `self`, so that this cannot fail.
-        let _ = self
-            .draining
-            .subscribe()
-            .wait_for(|draining| *draining)
-            .await;
+        let _ = self.draining.subscribe().wait_for(|draining| *draining).await;
     }
 
     /// Waits until nobody is inside. Only ends for certain after [`drain`](Self::drain).
     pub async fn empty(&self) {
-        for (semaphore, limit) in [
-            (&self.requests, limits::REQUESTS_IN_FLIGHT),
-            (&self.streams, limits::TUNE_STREAMS),
-        ] {
+        for (semaphore, limit) in
+            [(&self.requests, limits::REQUESTS_IN_FLIGHT), (&self.streams, limits::TUNE_STREAMS)]
+        {
             // The semaphores are never closed; their limits are far below 2^32.
-            let _ = semaphore
-                .acquire_many(u32::try_from(limit).unwrap_or(u32::MAX))
-                .await;
+            let _ = semaphore.acquire_many(u32::try_from(limit).unwrap_or(u32::MAX)).await;
         }
     }
 }
@@ -99,9 +87,7 @@ mod tests {
     #[tokio::test]
     async fn the_gate_counts_and_closes() {
         let gate = Gate::default();
-        let inside: Vec<_> = (0..limits::REQUESTS_IN_FLIGHT)
-            .map(|_| gate.request().expect("room"))
-            .collect();
+        let inside: Vec<_> = (0..limits::REQUESTS_IN_FLIGHT).map(|_| gate.request().expect("room")).collect();
         assert!(matches!(gate.request(), Err(Error::Busy { .. })));
         let stream = gate.stream().expect("room");
         drop(inside);

@@ -32,12 +32,12 @@ fn tuner_code(error: &TunerError) -> Code {
         | TunerError::LowerBound(_)
         | TunerError::OutcomeReason
         | TunerError::Study(_) => Code::InvalidArgument,
-        TunerError::TooManyStates
-        | TunerError::TooManyClients
-        | TunerError::TooManyOpenTrials { .. } => Code::ResourceExhausted,
-        TunerError::AlreadyCompleted { .. }
-        | TunerError::Abandoned { .. }
-        | TunerError::NotOpen { .. } => Code::FailedPrecondition,
+        TunerError::TooManyStates | TunerError::TooManyClients | TunerError::TooManyOpenTrials { .. } => {
+            Code::ResourceExhausted
+        }
+        TunerError::AlreadyCompleted { .. } | TunerError::Abandoned { .. } | TunerError::NotOpen { .. } => {
+            Code::FailedPrecondition
+        }
         TunerError::UnknownTrial { .. } => Code::NotFound,
     }
 }
@@ -47,9 +47,7 @@ fn store_code(error: &StoreError) -> Code {
         StoreError::StudyNotFound { .. } | StoreError::TrialNotFound { .. } => Code::NotFound,
         StoreError::StudyExists { .. } => Code::AlreadyExists,
         StoreError::TooManyStudies { .. } | StoreError::QueueFull { .. } => Code::ResourceExhausted,
-        StoreError::Fenced { .. } | StoreError::Unavailable { .. } | StoreError::Closed => {
-            Code::Unavailable
-        }
+        StoreError::Fenced { .. } | StoreError::Unavailable { .. } | StoreError::Closed => Code::Unavailable,
         StoreError::Inconsistent { .. } => Code::Internal,
     }
 }
@@ -63,9 +61,6 @@ impl From<Error> for Status {
 /// The same inside a stream that stays open.
 impl From<Error> for TuneError {
     fn from(error: Error) -> Self {
-        TuneError {
-            code: code(&error) as i32,
-            message: error.to_string(),
-        }
+        TuneError { code: code(&error) as i32, message: error.to_string() }
     }
 }

@@ -21,8 +21,7 @@ use treewright_core::trial::RawTrial;
 use treewright_core::tuner::Change;
 use treewright_proto::v1 as wire;
 use treewright_store::{
-    Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage,
-    TrialQuery,
+    Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage, TrialQuery,
 };
 
 /// Rounds of one client: the names and configurations it gets.
@@ -79,10 +78,7 @@ async fn an_open_trial_survives_a_restart() {
     let server = Server::on_disk(&path, START_MS + 1000).await;
     let mut client = server.client().await;
     let again = suggest(&mut client, "a", 10.0).await;
-    assert_eq!(
-        (again.name, again.configuration),
-        (held.name.clone(), held.configuration)
-    );
+    assert_eq!((again.name, again.configuration), (held.name.clone(), held.configuration));
     assert!(!done(&mut client, &held.name, 4.0).await.duplicate);
     assert!(!done(&mut client, &lost.name, 5.0).await.duplicate);
     drop(client);
@@ -104,22 +100,13 @@ struct Flaky {
 
 #[async_trait]
 impl Store for Flaky {
-    async fn create_study(
-        &self,
-        id: &str,
-        spec: &StudySpec,
-        now_ms: i64,
-    ) -> Result<Created, StoreError> {
+    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
         self.inner.create_study(id, spec, now_ms).await
     }
     async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
         self.inner.get_study(study).await
     }
-    async fn list_studies(
-        &self,
-        after: Option<&str>,
-        size: u32,
-    ) -> Result<Vec<StudyRecord>, StoreError> {
+    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
         self.inner.list_studies(after, size).await
     }
     async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
@@ -154,10 +141,7 @@ impl Store for Flaky {
 
 #[tokio::test]
 async fn nothing_is_acknowledged_that_could_not_be_stored() {
-    let store = Arc::new(Flaky {
-        inner: MemoryStore::new(),
-        broken: AtomicBool::new(false),
-    });
+    let store = Arc::new(Flaky { inner: MemoryStore::new(), broken: AtomicBool::new(false) });
     let server = Server::with(Arc::clone(&store) as _, START_MS).await;
     let mut client = server.client().await;
     create(&mut client, "hall").await;
@@ -193,37 +177,20 @@ async fn health_and_reflection_answer() {
         message_request: Some(MessageRequest::ListServices(String::new())),
     };
     let mut reflection = ServerReflectionClient::new(channel.clone());
-    let mut answers = reflection
-        .server_reflection_info(tokio_stream::iter([list]))
-        .await
-        .unwrap()
-        .into_inner();
+    let mut answers =
+        reflection.server_reflection_info(tokio_stream::iter([list])).await.unwrap().into_inner();
     let answer = answers.message().await.unwrap().unwrap();
     let Some(MessageResponse::ListServicesResponse(list)) = answer.message_response else {
         panic!("not a list of services");
     };
-    let names: Vec<_> = list
-        .service
-        .into_iter()
-        .map(|service| service.name)
-        .collect();
-    assert!(
-        names.contains(&"treewright.v1.TuningService".to_owned()),
-        "{names:?}"
-    );
-    assert!(
-        names.contains(&"grpc.health.v1.Health".to_owned()),
-        "{names:?}"
-    );
+    let names: Vec<_> = list.service.into_iter().map(|service| service.name).collect();
+    assert!(names.contains(&"treewright.v1.TuningService".to_owned()), "{names:?}");
+    assert!(names.contains(&"grpc.health.v1.Health".to_owned()), "{names:?}");
     drop(answers);
 
     // A watcher sees the end coming, and does not hold it up.
     let service = String::new();
-    let mut watch = health
-        .watch(HealthCheckRequest { service })
-        .await
-        .unwrap()
-        .into_inner();
+    let mut watch = health.watch(HealthCheckRequest { service }).await.unwrap().into_inner();
     let first = watch.next().await.unwrap().unwrap();
     assert_eq!(first.status(), ServingStatus::Serving);
     server.begin_stop();

@@ -16,42 +16,28 @@ fn command(arguments: &[&str]) -> Command {
     for (name, _) in std::env::vars().filter(|(name, _)| name.starts_with("TREEWRIGHT_")) {
         command.env_remove(name);
     }
-    command
-        .args(arguments)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped());
+    command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }
 
 impl Daemon {
     fn start(database: &Path) -> Self {
         let database = database.to_str().expect("plain");
-        let mut child = command(&["serve", "--listen", "127.0.0.1:0", "--database", database])
-            .spawn()
-            .expect("started");
+        let mut child =
+            command(&["serve", "--listen", "127.0.0.1:0", "--database", database]).spawn().expect("started");
         let mut ready = String::new();
         let stdout = child.stdout.as_mut().expect("piped");
-        BufReader::new(stdout)
-            .read_line(&mut ready)
-            .expect("a line");
+        BufReader::new(stdout).read_line(&mut ready).expect("a line");
         Self { child, ready }
     }
 
     /// Sends SIGTERM and returns exit code and log.
     fn terminate(mut self) -> (Option<i32>, String) {
         let pid = self.child.id().to_string();
-        let sent = Command::new("kill")
-            .args(["-TERM", &pid])
-            .status()
-            .expect("sent");
+        let sent = Command::new("kill").args(["-TERM", &pid]).status().expect("sent");
         assert!(sent.success());
         let mut log = String::new();
-        self.child
-            .stderr
-            .take()
-            .expect("piped")
-            .read_to_string(&mut log)
-            .expect("a log");
+        self.child.stderr.take().expect("piped").read_to_string(&mut log).expect("a log");
         (self.child.wait().expect("ended").code(), log)
     }
 }
@@ -114,10 +100,7 @@ fn each_trouble_has_its_exit_code_and_one_line() {
     let database = database.to_str().unwrap();
     let (code, _, stderr) = run(&["serve", "--listen", &address, "--database", database]);
     assert_eq!(code, Some(3));
-    assert!(
-        stderr.contains(&format!("cannot listen on {address}")),
-        "{stderr}"
-    );
+    assert!(stderr.contains(&format!("cannot listen on {address}")), "{stderr}");
     assert_eq!(stderr.lines().count(), 1, "{stderr}");
     assert!(!Path::new(database).exists());
 

@@ -2,22 +2,13 @@
 
 mod common;
 
-use common::{Server, create, done, integer, study, suggest, text};
+use common::{Server, assert_refused, create, done, integer, study, suggest, text};
 use prost_types::FieldMask;
-use tonic::{Code, Status};
+use tonic::Code;
 use treewright_proto::v1::{self as wire, parameter};
 
 fn create_request(id: &str, study: wire::Study) -> wire::CreateStudyRequest {
-    wire::CreateStudyRequest {
-        study_id: id.to_owned(),
-        study: Some(study),
-    }
-}
-
-fn assert_refused<T: std::fmt::Debug>(answer: Result<T, Status>, code: Code, fragment: &str) {
-    let status = answer.expect_err("refused");
-    assert_eq!(status.code(), code, "{status}");
-    assert!(status.message().contains(fragment), "{status}");
+    wire::CreateStudyRequest { study_id: id.to_owned(), study: Some(study) }
 }
 
 #[tokio::test]
@@ -33,30 +24,20 @@ async fn a_study_comes_back_as_it_was_created() {
             max: 8.0,
             scale: wire::Scale::Log.into(),
         })),
-        default_value: Some(wire::Value {
-            kind: Some(wire::value::Kind::Float(1.0)),
-        }),
-        active_if: Some(wire::Condition {
-            parameter: "quality".to_owned(),
-            any_of: vec![text("high")],
-        }),
+        default_value: Some(wire::Value { kind: Some(wire::value::Kind::Float(1.0)) }),
+        active_if: Some(wire::Condition { parameter: "quality".to_owned(), any_of: vec![text("high")] }),
     });
     parameters.push(wire::Parameter {
         name: "compact".to_owned(),
         domain: Some(parameter::Domain::Boolean(wire::BooleanDomain {})),
-        default_value: Some(wire::Value {
-            kind: Some(wire::value::Kind::Boolean(true)),
-        }),
+        default_value: Some(wire::Value { kind: Some(wire::value::Kind::Boolean(true)) }),
         active_if: None,
     });
     let request = create_request("hall", given.clone());
     let created = client.create_study(request).await.unwrap().into_inner();
 
     assert_eq!(created.name, "studies/hall");
-    assert_eq!(
-        created.create_time.unwrap().seconds,
-        common::START_MS / 1000
-    );
+    assert_eq!(created.create_time.unwrap().seconds, common::START_MS / 1000);
     assert_eq!(created.statistics, Some(wire::StudyStatistics::default()));
     assert_eq!(created.state_tolerance, Some(0.01));
     let policy = created.policy.clone().unwrap();
@@ -77,9 +58,7 @@ async fn a_study_comes_back_as_it_was_created() {
     assert_eq!(read.unwrap().into_inner(), created);
 
     // Sent again as it was read, it is the same study.
-    let again = client
-        .create_study(create_request("hall", created.clone()))
-        .await;
+    let again = client.create_study(create_request("hall", created.clone())).await;
     assert_eq!(again.unwrap().into_inner(), created);
 }
 
@@ -102,48 +81,21 @@ async fn malformed_specifications_name_the_field() {
     let cases: [(Change, &str); 14] = [
         (|s| s.space = None, "study.space: is required"),
         (|s| s.objective = None, "study.objective: is required"),
-        (
-            |s| space(s)[0].domain = None,
-            "study.space.parameters[0].domain: is required",
-        ),
-        (
-            |s| space(s)[1].default_value = None,
-            "study.space.parameters[1].default_value: is required",
-        ),
+        (|s| space(s)[0].domain = None, "study.space.parameters[0].domain: is required"),
+        (|s| space(s)[1].default_value = None, "study.space.parameters[1].default_value: is required"),
         (
             |s| space(s)[1].default_value = Some(wire::Value { kind: None }),
             "parameters[1].default_value: a value is empty",
         ),
-        (
-            |s| space(s)[1].default_value = Some(integer(99)),
-            "\"max_leaf\": the default 99",
-        ),
-        (
-            |s| space(s)[0].name = "Leaf".to_owned(),
-            "\"Leaf\" is not a name",
-        ),
-        (
-            |s| s.indicators[0].scale = 77,
-            "study.indicators.scale: 77 is not a known value",
-        ),
+        (|s| space(s)[1].default_value = Some(integer(99)), "\"max_leaf\": the default 99"),
+        (|s| space(s)[0].name = "Leaf".to_owned(), "\"Leaf\" is not a name"),
+        (|s| s.indicators[0].scale = 77, "study.indicators.scale: 77 is not a known value"),
         (|s| s.indicators[0].max = f64::NAN, "study.indicators: "),
-        (
-            |s| s.objective.as_mut().unwrap().terms.clear(),
-            "study.objective: ",
-        ),
+        (|s| s.objective.as_mut().unwrap().terms.clear(), "study.objective: "),
         (|s| s.state_tolerance = Some(2.0), "state_tolerance is 2"),
-        (
-            |s| s.display_name = "x".repeat(201),
-            "display_name must be at most 200",
-        ),
-        (
-            |s| s.policy.as_mut().unwrap().epsilon = Some(1.5),
-            "policy.epsilon is 1.5",
-        ),
-        (
-            |s| s.policy.as_mut().unwrap().lease_s = 100_000,
-            "policy.lease_s is 100000",
-        ),
+        (|s| s.display_name = "x".repeat(201), "display_name must be at most 200"),
+        (|s| s.policy.as_mut().unwrap().epsilon = Some(1.5), "policy.epsilon is 1.5"),
+        (|s| s.policy.as_mut().unwrap().lease_s = 100_000, "policy.lease_s is 100000"),
     ];
     fn space(study: &mut wire::Study) -> &mut Vec<wire::Parameter> {
         &mut study.space.as_mut().unwrap().parameters
@@ -155,15 +107,8 @@ async fn malformed_specifications_name_the_field() {
         assert_refused(answer, Code::InvalidArgument, fragment);
     }
     let answer = client.create_study(create_request("Hall", study())).await;
-    assert_refused(
-        answer,
-        Code::InvalidArgument,
-        "study_id: \"Hall\" must be 1 to 64",
-    );
-    let nothing = wire::CreateStudyRequest {
-        study_id: "hall".to_owned(),
-        study: None,
-    };
+    assert_refused(answer, Code::InvalidArgument, "study_id: \"Hall\" must be 1 to 64");
+    let nothing = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: None };
     let answer = client.create_study(nothing).await;
     assert_refused(answer, Code::InvalidArgument, "study: is required");
     // A request beyond the limit of a message is refused before it is read.
@@ -181,37 +126,23 @@ async fn studies_are_listed_page_by_page() {
         create(&mut client, id).await;
     }
     let mut names = Vec::new();
-    let mut request = wire::ListStudiesRequest {
-        page_size: 2,
-        ..wire::ListStudiesRequest::default()
-    };
+    let mut request = wire::ListStudiesRequest { page_size: 2, ..wire::ListStudiesRequest::default() };
     loop {
-        let page = client
-            .list_studies(request.clone())
-            .await
-            .unwrap()
-            .into_inner();
+        let page = client.list_studies(request.clone()).await.unwrap().into_inner();
         names.push(page.studies.into_iter().map(|s| s.name).collect::<Vec<_>>());
         if page.next_page_token.is_empty() {
             break;
         }
         request.page_token = page.next_page_token;
     }
-    assert_eq!(
-        names,
-        [vec!["studies/bmw", "studies/hall"], vec!["studies/sponza"]]
-    );
+    assert_eq!(names, [vec!["studies/bmw", "studies/hall"], vec!["studies/sponza"]]);
 
     request.page_token = "forged".to_owned();
     let answer = client.list_studies(request.clone()).await;
     assert_refused(answer, Code::InvalidArgument, "page_token");
     request.page_size = 1001;
     let answer = client.list_studies(request).await;
-    assert_refused(
-        answer,
-        Code::InvalidArgument,
-        "page_size: 1001 must be 0 to 1000",
-    );
+    assert_refused(answer, Code::InvalidArgument, "page_size: 1001 must be 0 to 1000");
 }
 
 #[tokio::test]
@@ -223,13 +154,9 @@ async fn a_policy_changes_field_by_field_and_takes_effect() {
     done(&mut client, &first.name, 5.0).await;
 
     let pinned = wire::Configuration {
-        values: [
-            ("min_leaf", integer(2)),
-            ("max_leaf", integer(4)),
-            ("quality", text("high")),
-        ]
-        .map(|(name, value)| (name.to_owned(), value))
-        .into(),
+        values: [("min_leaf", integer(2)), ("max_leaf", integer(4)), ("quality", text("high"))]
+            .map(|(name, value)| (name.to_owned(), value))
+            .into(),
     };
     let mut request = wire::UpdateStudyRequest {
         study: Some(wire::Study {
@@ -241,69 +168,29 @@ async fn a_policy_changes_field_by_field_and_takes_effect() {
             }),
             ..wire::Study::default()
         }),
-        update_mask: Some(FieldMask {
-            paths: vec!["policy.pinned".to_owned()],
-        }),
+        update_mask: Some(FieldMask { paths: vec!["policy.pinned".to_owned()] }),
     };
-    let updated = client
-        .update_study(request.clone())
-        .await
-        .unwrap()
-        .into_inner();
+    let updated = client.update_study(request.clone()).await.unwrap().into_inner();
     let policy = updated.policy.unwrap();
-    assert_eq!(
-        (policy.pinned.as_ref(), policy.lease_s),
-        (Some(&pinned), 60)
-    );
+    assert_eq!((policy.pinned.as_ref(), policy.lease_s), (Some(&pinned), 60));
     let trial = suggest(&mut client, "a", 10.0).await;
     assert_eq!(trial.mode(), wire::Mode::Pinned);
     assert_eq!(trial.configuration, Some(pinned));
 
     // An unset mask replaces the whole policy, and so unpins.
     request.update_mask = None;
-    request
-        .study
-        .as_mut()
-        .unwrap()
-        .policy
-        .as_mut()
-        .unwrap()
-        .pinned = None;
-    let updated = client
-        .update_study(request.clone())
-        .await
-        .unwrap()
-        .into_inner();
+    request.study.as_mut().unwrap().policy.as_mut().unwrap().pinned = None;
+    let updated = client.update_study(request.clone()).await.unwrap().into_inner();
     let policy = updated.policy.unwrap();
-    assert_eq!(
-        (policy.pinned, policy.lease_s, policy.epsilon),
-        (None, 5, Some(0.2))
-    );
-    assert_ne!(
-        suggest(&mut client, "a", 10.0).await.mode(),
-        wire::Mode::Pinned
-    );
+    assert_eq!((policy.pinned, policy.lease_s, policy.epsilon), (None, 5, Some(0.2)));
+    assert_ne!(suggest(&mut client, "a", 10.0).await.mode(), wire::Mode::Pinned);
 
-    request.update_mask = Some(FieldMask {
-        paths: vec!["seed".to_owned()],
-    });
+    request.update_mask = Some(FieldMask { paths: vec!["seed".to_owned()] });
     let answer = client.update_study(request.clone()).await;
-    assert_refused(
-        answer,
-        Code::InvalidArgument,
-        "update_mask: \"seed\" cannot be changed",
-    );
+    assert_refused(answer, Code::InvalidArgument, "update_mask: \"seed\" cannot be changed");
     request.update_mask = None;
-    request
-        .study
-        .as_mut()
-        .unwrap()
-        .policy
-        .as_mut()
-        .unwrap()
-        .pinned = Some(wire::Configuration {
-        values: [("min_leaf".to_owned(), integer(2))].into(),
-    });
+    request.study.as_mut().unwrap().policy.as_mut().unwrap().pinned =
+        Some(wire::Configuration { values: [("min_leaf".to_owned(), integer(2))].into() });
     let answer = client.update_study(request.clone()).await;
     assert_refused(answer, Code::InvalidArgument, "policy.pinned");
     request.study.as_mut().unwrap().name = "studies/none".to_owned();
@@ -318,9 +205,7 @@ async fn a_deleted_study_is_gone_and_its_id_is_free() {
     let mut client = server.client().await;
     create(&mut client, "hall").await;
     let trial = suggest(&mut client, "a", 10.0).await;
-    let delete = || wire::DeleteStudyRequest {
-        name: "studies/hall".to_owned(),
-    };
+    let delete = || wire::DeleteStudyRequest { name: "studies/hall".to_owned() };
     client.delete_study(delete()).await.expect("deleted");
     assert_refused(client.delete_study(delete()).await, Code::NotFound, "hall");
     let answer = client.report(common::report(&trial.name, 1.0)).await;
@@ -331,8 +216,5 @@ async fn a_deleted_study_is_gone_and_its_id_is_free() {
     create(&mut client, "hall").await;
     let answer = client.report(common::report(&trial.name, 1.0)).await;
     assert_refused(answer, Code::NotFound, "trial 1");
-    assert_eq!(
-        suggest(&mut client, "a", 10.0).await.name,
-        "studies/hall/trials/1"
-    );
+    assert_eq!(suggest(&mut client, "a", 10.0).await.name, "studies/hall/trials/1");
 }

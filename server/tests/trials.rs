@@ -1,18 +1,15 @@
-//! Trials over the wire: suggest, report, leases, queries, and each error that the contract names.
+//! Trials over the wire: suggest, report, predict, query, and each error that the contract names.
 
 mod common;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
-use common::{Client, Server, ask, create, done, get, report, suggest, triangles};
-use tonic::{Code, Status};
+use common::{Client, Server, ask, assert_refused, create, done, get, report, suggest, triangles};
+use tonic::Code;
+use treewright_core::tuner::{Ask, Change, Tuner};
 use treewright_proto::v1::{self as wire, outcome};
-
-fn assert_refused<T: std::fmt::Debug>(answer: Result<T, Status>, code: Code, fragment: &str) {
-    let status = answer.expect_err("refused");
-    assert_eq!(status.code(), code, "{status}");
-    assert!(status.message().contains(fragment), "{status}");
-}
+use treewright_store::{MemoryStore, Store as _};
 
 async fn server() -> (Server, Client) {
     let server = Server::in_memory().await;
@@ -45,10 +42,7 @@ async fn a_trial_goes_out_and_comes_back() {
     assert_eq!(stored.outcome, common::ok());
     assert!(!stored.late);
     let complete = stored.complete_time.unwrap();
-    assert_eq!(
-        (complete.seconds, complete.nanos),
-        (common::START_MS / 1000 + 1, 234_000_000)
-    );
+    assert_eq!((complete.seconds, complete.nanos), (common::START_MS / 1000 + 1, 234_000_000));
     assert_eq!(get(&mut client, &trial.name).await, stored);
 }
 
@@ -90,17 +84,9 @@ async fn every_outcome_is_taken() {
         let request = wire::ReportRequest {
             trial: trial.name.clone(),
             measurements: BTreeMap::new(),
-            outcome: Some(wire::Outcome {
-                kind: Some(kind.clone()),
-            }),
+            outcome: Some(wire::Outcome { kind: Some(kind.clone()) }),
         };
-        let stored = client
-            .report(request)
-            .await
-            .unwrap()
-            .into_inner()
-            .trial
-            .unwrap();
+        let stored = client.report(request).await.unwrap().into_inner().trial.unwrap();
         let bound = match &kind {
             outcome::Kind::Aborted(aborted) => Some(aborted.lower_bound),
             _ => None,
@@ -115,19 +101,10 @@ async fn malformed_questions_and_results_are_refused() {
     let (_server, mut client) = server().await;
     type Change<T> = fn(&mut T);
     let questions: [(Change<wire::SuggestRequest>, &str); 8] = [
-        (
-            |r| r.study = "hall".to_owned(),
-            "study: \"hall\" must have the form",
-        ),
+        (|r| r.study = "hall".to_owned(), "study: \"hall\" must have the form"),
         (|r| r.client_id.clear(), "client_id must be 1 to 128"),
-        (
-            |r| r.client_id = "x".repeat(129),
-            "client_id must be 1 to 128",
-        ),
-        (
-            |r| r.client_id = "a\nb".to_owned(),
-            "client_id must be 1 to 128",
-        ),
+        (|r| r.client_id = "x".repeat(129), "client_id must be 1 to 128"),
+        (|r| r.client_id = "a\nb".to_owned(), "client_id must be 1 to 128"),
         (|r| r.indicators.clear(), "\"triangles\" is missing"),
         (
             |r| {
@@ -141,32 +118,19 @@ async fn malformed_questions_and_results_are_refused() {
             },
             "\"triangles\" is NaN",
         ),
-        (
-            |r| r.fingerprint.as_mut().unwrap().threads = -1,
-            "fingerprint.threads",
-        ),
+        (|r| r.fingerprint.as_mut().unwrap().threads = -1, "fingerprint.threads"),
     ];
     for (change, fragment) in questions {
         let mut request = ask("a", 10.0);
         change(&mut request);
-        assert_refused(
-            client.suggest(request).await,
-            Code::InvalidArgument,
-            fragment,
-        );
+        assert_refused(client.suggest(request).await, Code::InvalidArgument, fragment);
     }
 
     let trial = suggest(&mut client, "a", 10.0).await;
     let results: [(Change<wire::ReportRequest>, &str); 8] = [
-        (
-            |r| r.trial = "studies/hall".to_owned(),
-            "trial: \"studies/hall\" must have the form",
-        ),
+        (|r| r.trial = "studies/hall".to_owned(), "trial: \"studies/hall\" must have the form"),
         (|r| r.outcome = None, "outcome: is required"),
-        (
-            |r| r.outcome = Some(wire::Outcome { kind: None }),
-            "outcome: is required",
-        ),
+        (|r| r.outcome = Some(wire::Outcome { kind: None }), "outcome: is required"),
         (
             |r| {
                 r.measurements.remove("render_ms");
@@ -194,9 +158,7 @@ async fn malformed_questions_and_results_are_refused() {
         (
             |r| {
                 r.outcome = Some(wire::Outcome {
-                    kind: Some(outcome::Kind::Aborted(wire::Aborted {
-                        lower_bound: f64::NAN,
-                    })),
+                    kind: Some(outcome::Kind::Aborted(wire::Aborted { lower_bound: f64::NAN })),
                 })
             },
             "lower bound",
@@ -205,17 +167,10 @@ async fn malformed_questions_and_results_are_refused() {
     for (change, fragment) in results {
         let mut request = report(&trial.name, 1.0);
         change(&mut request);
-        assert_refused(
-            client.report(request).await,
-            Code::InvalidArgument,
-            fragment,
-        );
+        assert_refused(client.report(request).await, Code::InvalidArgument, fragment);
     }
     // None of that touched the trial.
-    assert_eq!(
-        get(&mut client, &trial.name).await.state(),
-        wire::TrialState::Open
-    );
+    assert_eq!(get(&mut client, &trial.name).await.state(), wire::TrialState::Open);
 
     let answer = client.report(report("studies/hall/trials/99", 1.0)).await;
     assert_refused(answer, Code::NotFound, "trial 99");
@@ -224,163 +179,35 @@ async fn malformed_questions_and_results_are_refused() {
 }
 
 #[tokio::test]
-async fn an_abandoned_trial_is_handed_out_again() {
-    let (_server, mut client) = server().await;
-    let first = suggest(&mut client, "a", 10.0).await;
-    let abandon = |trial: &str| wire::AbandonTrialRequest {
-        trial: trial.to_owned(),
-    };
-    for _ in 0..2 {
-        // Idempotent.
-        let given_back = client
-            .abandon_trial(abandon(&first.name))
-            .await
-            .unwrap()
-            .into_inner();
-        assert_eq!(given_back.state(), wire::TrialState::Abandoned);
-    }
-    let second = suggest(&mut client, "b", 10.0).await;
-    assert_ne!(second.name, first.name);
-    assert_eq!(second.configuration, first.configuration);
-
-    let answer = client.report(report(&first.name, 1.0)).await;
-    assert_refused(answer, Code::FailedPrecondition, "trial 1 was abandoned");
-    done(&mut client, &second.name, 1.0).await;
-    let answer = client.abandon_trial(abandon(&second.name)).await;
-    assert_refused(
-        answer,
-        Code::FailedPrecondition,
-        "trial 2 is already completed",
-    );
-    let answer = client
-        .abandon_trial(abandon("studies/hall/trials/99"))
-        .await;
-    assert_refused(answer, Code::NotFound, "trial 99");
-}
-
-#[tokio::test]
-async fn a_lease_ends_and_a_late_report_still_counts() {
-    let (server, mut client) = server().await;
-    let first = suggest(&mut client, "a", 10.0).await;
-    server.clock.advance_ms(60_001);
-    // The configuration goes to whoever asks next.
-    let second = suggest(&mut client, "b", 10.0).await;
-    assert_ne!(second.name, first.name);
-    assert_eq!(second.configuration, first.configuration);
-    assert_eq!(
-        get(&mut client, &first.name).await.state(),
-        wire::TrialState::Expired
-    );
-
-    let late = done(&mut client, &first.name, 3.0).await;
-    assert!(!late.duplicate);
-    let stored = late.trial.unwrap();
-    assert!(stored.late);
-    assert_eq!(
-        (stored.state(), stored.cost),
-        (wire::TrialState::Completed, Some(3.0))
-    );
-    let again = done(&mut client, &first.name, 9.0).await;
-    assert!(again.duplicate);
-    assert_eq!(again.trial.unwrap(), stored);
-}
-
-#[tokio::test]
-async fn leases_end_without_anyone_asking() {
-    let (server, mut client) = server().await;
-    let trial = suggest(&mut client, "a", 10.0).await;
-    server.clock.advance_ms(60_001);
-    // The sweep comes by within a period; reading does not end leases.
-    for _ in 0..200 {
-        if get(&mut client, &trial.name).await.state() == wire::TrialState::Expired {
-            return;
-        }
-        tokio::time::sleep(std::time::Duration::from_millis(50)).await;
-    }
-    panic!("the lease was never ended");
-}
-
-#[tokio::test]
-async fn a_lease_can_be_extended_while_the_trial_is_open() {
-    let (server, mut client) = server().await;
-    let trial = suggest(&mut client, "a", 10.0).await;
-    let extend = |trial: &str| wire::ExtendLeaseRequest {
-        trial: trial.to_owned(),
-    };
-    for _ in 0..3 {
-        server.clock.advance_ms(50_000);
-        let extended = client
-            .extend_lease(extend(&trial.name))
-            .await
-            .unwrap()
-            .into_inner();
-        assert_eq!(extended.state(), wire::TrialState::Open);
-    }
-    done(&mut client, &trial.name, 1.0).await;
-    let answer = client.extend_lease(extend(&trial.name)).await;
-    assert_refused(
-        answer,
-        Code::FailedPrecondition,
-        "trial 1 is Completed, not open",
-    );
-    let answer = client.extend_lease(extend("studies/hall/trials/99")).await;
-    assert_refused(answer, Code::NotFound, "trial 99");
-}
-
-#[tokio::test]
 async fn predictions_and_the_best_rest_on_reports() {
     let (_server, mut client) = server().await;
-    let predict = |count| wire::PredictRequest {
-        study: "studies/hall".to_owned(),
-        indicators: triangles(count),
-    };
-    let best = |indicators| wire::GetBestRequest {
-        study: "studies/hall".to_owned(),
-        indicators,
-    };
+    let predict =
+        |count| wire::PredictRequest { study: "studies/hall".to_owned(), indicators: triangles(count) };
+    let best = |indicators| wire::GetBestRequest { study: "studies/hall".to_owned(), indicators };
     let before = client.predict(predict(10.0)).await.unwrap().into_inner();
     assert_eq!(before.mode(), wire::Mode::Default);
     assert_eq!(before.predicted_cost, None);
-    assert_refused(
-        client.get_best(best(BTreeMap::new())).await,
-        Code::NotFound,
-        "in any state",
-    );
+    assert_refused(client.get_best(best(BTreeMap::new())).await, Code::NotFound, "in any state");
 
     let mut cheapest = None;
     for render_ms in [9.0, 4.0, 7.0] {
         let trial = suggest(&mut client, "a", 10.0).await;
-        let stored = done(&mut client, &trial.name, render_ms)
-            .await
-            .trial
-            .unwrap();
+        let stored = done(&mut client, &trial.name, render_ms).await.trial.unwrap();
         if render_ms == 4.0 {
             cheapest = Some(stored);
         }
     }
     let cheapest = cheapest.unwrap();
     for indicators in [BTreeMap::new(), triangles(10.2)] {
-        let found = client
-            .get_best(best(indicators))
-            .await
-            .unwrap()
-            .into_inner();
+        let found = client.get_best(best(indicators)).await.unwrap().into_inner();
         assert_eq!(found.configuration, cheapest.configuration);
         assert_eq!((found.cost, found.default_cost), (4.0, Some(9.0)));
         assert_eq!((found.measurements, found.state_id), (1, cheapest.state_id));
         assert_eq!(found.trial, cheapest.name);
         assert_eq!(found.last_measure_time, cheapest.complete_time);
     }
-    assert_refused(
-        client.get_best(best(triangles(90.0))).await,
-        Code::NotFound,
-        "in this state",
-    );
-    assert_refused(
-        client.get_best(best(triangles(f64::NAN))).await,
-        Code::InvalidArgument,
-        "NaN",
-    );
+    assert_refused(client.get_best(best(triangles(90.0))).await, Code::NotFound, "in this state");
+    assert_refused(client.get_best(best(triangles(f64::NAN))).await, Code::InvalidArgument, "NaN");
 
     let after = client.predict(predict(12.0)).await.unwrap().into_inner();
     assert_eq!(after.mode(), wire::Mode::Exploit);
@@ -388,17 +215,10 @@ async fn predictions_and_the_best_rest_on_reports() {
     assert!(!after.reason.unwrap().neighbours.is_empty());
     // Nothing was written for any of that.
     let name = "studies/hall".to_owned();
-    let study = client
-        .get_study(wire::GetStudyRequest { name })
-        .await
-        .unwrap()
-        .into_inner();
+    let study = client.get_study(wire::GetStudyRequest { name }).await.unwrap().into_inner();
     let statistics = study.statistics.unwrap();
     assert_eq!((statistics.states, statistics.trials), (1, 3));
-    assert_eq!(
-        (statistics.completed_trials, statistics.open_trials),
-        (3, 0)
-    );
+    assert_eq!((statistics.completed_trials, statistics.open_trials), (3, 0));
 }
 
 #[tokio::test]
@@ -411,102 +231,82 @@ async fn trials_are_queried_page_by_page() {
     suggest(&mut client, "a", 10.0).await;
     let mut request = wire::QueryTrialsRequest {
         study: "studies/hall".to_owned(),
-        filter: "state = COMPLETED AND measurement.render_ms >= 3 AND config.min_leaf <= 32"
-            .to_owned(),
+        filter: "state = COMPLETED AND measurement.render_ms >= 3 AND config.min_leaf <= 32".to_owned(),
         order_by: "cost desc".to_owned(),
         page_size: 3,
         page_token: String::new(),
     };
     let costs = |page: &wire::QueryTrialsResponse| {
-        page.trials
-            .iter()
-            .map(|trial| trial.cost.unwrap())
-            .collect::<Vec<_>>()
+        page.trials.iter().map(|trial| trial.cost.unwrap()).collect::<Vec<_>>()
     };
-    let page = client
-        .query_trials(request.clone())
-        .await
-        .unwrap()
-        .into_inner();
+    let page = client.query_trials(request.clone()).await.unwrap().into_inner();
     assert_eq!(costs(&page), [9.0, 8.0, 5.0]);
     request.page_token = page.next_page_token;
-    let page = client
-        .query_trials(request.clone())
-        .await
-        .unwrap()
-        .into_inner();
+    let page = client.query_trials(request.clone()).await.unwrap().into_inner();
     assert_eq!(costs(&page), [3.0]);
     assert_eq!(page.next_page_token, "");
 
     let mut other = request.clone();
     other.order_by = "cost".to_owned();
-    assert_refused(
-        client.query_trials(other).await,
-        Code::InvalidArgument,
-        "page_token",
-    );
+    assert_refused(client.query_trials(other).await, Code::InvalidArgument, "page_token");
     type Change = fn(&mut wire::QueryTrialsRequest);
     let mistakes: [(Change, &str); 4] = [
         (|r| r.filter = "cost <".to_owned(), "filter: at character 7"),
-        (
-            |r| r.order_by = "price".to_owned(),
-            "order_by: at character 1",
-        ),
+        (|r| r.order_by = "price".to_owned(), "order_by: at character 1"),
         (|r| r.page_size = -1, "page_size: -1"),
         (|r| r.study.clear(), "study: "),
     ];
     for (change, fragment) in mistakes {
         let mut wrong = request.clone();
         change(&mut wrong);
-        assert_refused(
-            client.query_trials(wrong).await,
-            Code::InvalidArgument,
-            fragment,
-        );
+        assert_refused(client.query_trials(wrong).await, Code::InvalidArgument, fragment);
     }
     request.study = "studies/none".to_owned();
     request.page_token.clear();
-    assert_refused(
-        client.query_trials(request).await,
-        Code::NotFound,
-        "study \"none\"",
-    );
+    assert_refused(client.query_trials(request).await, Code::NotFound, "study \"none\"");
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn eight_clients_in_one_state_never_share_an_open_trial() {
-    let directory = tempfile::tempdir().unwrap();
-    let server = Server::on_disk(&directory.path().join("studies.db"), common::START_MS).await;
+#[tokio::test]
+async fn a_page_ends_before_its_message_grows_too_large() {
+    const COUNT: u64 = 450;
+    let store = Arc::new(MemoryStore::new());
+    let server = Server::with(Arc::clone(&store) as _, common::START_MS).await;
     let mut client = server.client().await;
     create(&mut client, "hall").await;
-    let mut tasks = Vec::new();
-    for number in 0..8 {
-        let mut client = server.client().await;
-        tasks.push(tokio::spawn(async move {
-            let name = format!("client-{number}");
-            let mut seen = Vec::new();
-            for round in 0..6 {
-                let trial = suggest(&mut client, &name, 10.0).await;
-                assert_eq!(trial.client_id, name);
-                let answer = done(&mut client, &trial.name, f64::from(5 + round)).await;
-                assert!(!answer.duplicate, "someone else reported {}", trial.name);
-                seen.push(trial.name);
+    // Written behind the server's back, since no client can make trials this large so quickly.
+    let loaded = store.load("hall").await.unwrap();
+    let mut tuner = Tuner::new(Arc::new(loaded.study.spec)).unwrap();
+    let mut change = Change::default();
+    for number in 0..COUNT {
+        let ask =
+            Ask { client_id: format!("client-{number}"), indicators: triangles(10.0), fingerprint: None };
+        let (mut trial, mut more) = tuner.suggest(&ask, common::START_MS).unwrap();
+        trial.reason.summary = "x".repeat(10_000);
+        change.trials.push(trial);
+        change.states.append(&mut more.states);
+    }
+    store.commit(&loaded.fence, &[change]).durable().await.unwrap();
+
+    for order_by in ["number desc", "cost"] {
+        let mut request = wire::QueryTrialsRequest {
+            study: "studies/hall".to_owned(),
+            order_by: order_by.to_owned(),
+            page_size: 1000,
+            ..wire::QueryTrialsRequest::default()
+        };
+        let mut sizes = Vec::new();
+        let mut names = BTreeSet::new();
+        loop {
+            let page = client.query_trials(request.clone()).await.unwrap().into_inner();
+            sizes.push(page.trials.len());
+            names.extend(page.trials.into_iter().map(|trial| trial.name));
+            if page.next_page_token.is_empty() {
+                break;
             }
-            seen
-        }));
+            request.page_token = page.next_page_token;
+        }
+        assert_eq!(sizes.len(), 2, "{sizes:?}");
+        assert_eq!(sizes.iter().sum::<usize>() as u64, COUNT);
+        assert_eq!(names.len() as u64, COUNT);
     }
-    let mut all = Vec::new();
-    for task in tasks {
-        all.extend(task.await.expect("a client"));
-    }
-    let distinct: BTreeSet<&String> = all.iter().collect();
-    assert_eq!((all.len(), distinct.len()), (48, 48));
-    let name = "studies/hall".to_owned();
-    let study = client
-        .get_study(wire::GetStudyRequest { name })
-        .await
-        .unwrap()
-        .into_inner();
-    assert_eq!(study.statistics.unwrap().completed_trials, 48);
-    server.stop().await;
 }

@@ -16,14 +16,8 @@ struct Stream {
 impl Stream {
     async fn open(client: &mut Client) -> Self {
         let (frames, outgoing) = mpsc::channel(4);
-        let answers = client
-            .tune(ReceiverStream::new(outgoing))
-            .await
-            .expect("a stream");
-        Self {
-            frames,
-            answers: answers.into_inner(),
-        }
+        let answers = client.tune(ReceiverStream::new(outgoing)).await.expect("a stream");
+        Self { frames, answers: answers.into_inner() }
     }
 
     async fn frame(
@@ -31,15 +25,8 @@ impl Stream {
         report: Option<wire::ReportRequest>,
         suggest: Option<wire::SuggestRequest>,
     ) -> wire::TuneResponse {
-        self.frames
-            .send(wire::TuneRequest { report, suggest })
-            .await
-            .expect("sent");
-        self.answers
-            .message()
-            .await
-            .expect("an answer")
-            .expect("the stream is open")
+        self.frames.send(wire::TuneRequest { report, suggest }).await.expect("sent");
+        self.answers.message().await.expect("an answer").expect("the stream is open")
     }
 }
 
@@ -52,20 +39,12 @@ async fn each_frame_reports_and_suggests() {
     let mut stream = Stream::open(&mut client).await;
 
     let first = stream.frame(None, Some(ask("a", 10.0))).await;
-    assert_eq!(
-        (&first.reported, &first.report_error, &first.suggest_error),
-        (&None, &None, &None)
-    );
+    assert_eq!((&first.reported, &first.report_error, &first.suggest_error), (&None, &None, &None));
     let mut trial = first.trial.unwrap();
     for number in 1..20 {
         let render_ms = f64::from(number);
-        let answer = stream
-            .frame(Some(report(&trial.name, render_ms)), Some(ask("a", 10.0)))
-            .await;
-        assert_eq!(
-            (&answer.report_error, &answer.suggest_error),
-            (&None, &None)
-        );
+        let answer = stream.frame(Some(report(&trial.name, render_ms)), Some(ask("a", 10.0))).await;
+        assert_eq!((&answer.report_error, &answer.suggest_error), (&None, &None));
         let reported = answer.reported.unwrap();
         assert!(!reported.duplicate);
         let stored = reported.trial.unwrap();
@@ -90,52 +69,35 @@ async fn errors_leave_the_stream_open() {
     create(&mut client, "hall").await;
     create(&mut client, "other").await;
     let mut stream = Stream::open(&mut client).await;
-    let trial = stream
-        .frame(None, Some(ask("a", 10.0)))
-        .await
-        .trial
-        .unwrap();
+    let trial = stream.frame(None, Some(ask("a", 10.0))).await.trial.unwrap();
 
     // A wrong question beside a right report.
-    let answer = stream
-        .frame(Some(report(&trial.name, 4.0)), Some(ask("a", f64::NAN)))
-        .await;
+    let answer = stream.frame(Some(report(&trial.name, 4.0)), Some(ask("a", f64::NAN))).await;
     assert!(answer.reported.is_some() && answer.trial.is_none());
     let error = answer.suggest_error.unwrap();
     assert_eq!(error.code, Code::InvalidArgument as i32);
     assert!(error.message.contains("NaN"), "{}", error.message);
 
     // A wrong report beside a right question.
-    let answer = stream
-        .frame(Some(report("nonsense", 4.0)), Some(ask("a", 10.0)))
-        .await;
+    let answer = stream.frame(Some(report("nonsense", 4.0)), Some(ask("a", 10.0))).await;
     let error = answer.report_error.unwrap();
     assert_eq!(error.code, Code::InvalidArgument as i32);
     let trial = answer.trial.unwrap();
 
-    let answer = stream
-        .frame(Some(report(&trial.name, f64::NAN)), Some(ask("a", 10.0)))
-        .await;
-    assert_eq!(
-        answer.report_error.unwrap().code,
-        Code::InvalidArgument as i32
-    );
+    let answer = stream.frame(Some(report(&trial.name, f64::NAN)), Some(ask("a", 10.0))).await;
+    assert_eq!(answer.report_error.unwrap().code, Code::InvalidArgument as i32);
     // The report was refused, so that the trial is still the client's.
     assert_eq!(answer.trial.unwrap().name, trial.name);
 
     // Two studies in one frame.
     let mut elsewhere = ask("a", 10.0);
     elsewhere.study = "studies/other".to_owned();
-    let answer = stream
-        .frame(Some(report(&trial.name, 4.0)), Some(elsewhere))
-        .await;
+    let answer = stream.frame(Some(report(&trial.name, 4.0)), Some(elsewhere)).await;
     assert!(answer.reported.is_some());
     assert_eq!(answer.trial.unwrap().name, "studies/other/trials/1");
 
     // A repeated report.
-    let answer = stream
-        .frame(Some(report(&trial.name, 9.0)), Some(ask("a", 10.0)))
-        .await;
+    let answer = stream.frame(Some(report(&trial.name, 9.0)), Some(ask("a", 10.0))).await;
     let reported = answer.reported.unwrap();
     assert!(reported.duplicate);
     assert_eq!(reported.trial.unwrap().cost, Some(4.0));
@@ -144,13 +106,7 @@ async fn errors_leave_the_stream_open() {
     nowhere.study = "studies/none".to_owned();
     let answer = stream.frame(None, Some(nowhere)).await;
     assert_eq!(answer.suggest_error.unwrap().code, Code::NotFound as i32);
-    assert!(
-        stream
-            .frame(None, Some(ask("a", 10.0)))
-            .await
-            .trial
-            .is_some()
-    );
+    assert!(stream.frame(None, Some(ask("a", 10.0))).await.trial.is_some());
 }
 
 #[tokio::test]
@@ -159,13 +115,7 @@ async fn draining_ends_the_stream_politely() {
     let mut client = server.client().await;
     create(&mut client, "hall").await;
     let mut stream = Stream::open(&mut client).await;
-    assert!(
-        stream
-            .frame(None, Some(ask("a", 10.0)))
-            .await
-            .trial
-            .is_some()
-    );
+    assert!(stream.frame(None, Some(ask("a", 10.0))).await.trial.is_some());
     server.begin_stop();
     let status = stream.answers.message().await.expect_err("ended");
     assert_eq!(status.code(), Code::Unavailable);

@@ -47,16 +47,9 @@ pub fn study(study: v1::Study) -> Result<StudySpec, Error> {
         .ok_or_else(|| required("study.objective"))?
         .terms
         .into_iter()
-        .map(|term| ObjectiveTerm {
-            metric: term.metric,
-            weight: term.weight,
-        })
+        .map(|term| ObjectiveTerm { metric: term.metric, weight: term.weight })
         .collect();
-    let indicators = study
-        .indicators
-        .into_iter()
-        .map(indicator)
-        .collect::<Result<Vec<_>, _>>()?;
+    let indicators = study.indicators.into_iter().map(indicator).collect::<Result<Vec<_>, _>>()?;
     let policy = policy("study.policy", study.policy.unwrap_or_default())?
         .check(&space)
         .map_err(|error| Error::invalid("study", error))?;
@@ -65,14 +58,12 @@ pub fn study(study: v1::Study) -> Result<StudySpec, Error> {
         space,
         indicators: IndicatorSchema::new(indicators)
             .map_err(|error| Error::invalid("study.indicators", error))?,
-        objective: Objective::new(objective)
-            .map_err(|error| Error::invalid("study.objective", error))?,
+        objective: Objective::new(objective).map_err(|error| Error::invalid("study.objective", error))?,
         state_tolerance: study.state_tolerance.unwrap_or(STATE_TOLERANCE_DEFAULT),
         policy,
         seed: study.seed,
     };
-    spec.validate()
-        .map_err(|error| Error::invalid("study", error))?;
+    spec.validate().map_err(|error| Error::invalid("study", error))?;
     Ok(spec)
 }
 
@@ -86,10 +77,7 @@ fn space(space: v1::Space) -> Result<Space, Error> {
     let constraints = space
         .constraints
         .into_iter()
-        .map(|constraint| Constraint {
-            lesser: constraint.lesser,
-            greater: constraint.greater,
-        })
+        .map(|constraint| Constraint { lesser: constraint.lesser, greater: constraint.greater })
         .collect();
     Space::new(parameters, constraints).map_err(|error| Error::invalid("study.space", error))
 }
@@ -98,19 +86,13 @@ fn parameter(field: &str, wire: v1::Parameter) -> Result<Parameter, Error> {
     use v1::parameter::Domain as Wire;
     let domain = match wire.domain {
         None => return Err(required(&format!("{field}.domain"))),
-        Some(Wire::Integer(domain)) => Domain::Integer {
-            min: domain.min,
-            max: domain.max,
-            scale: scale(field, domain.scale)?,
-        },
-        Some(Wire::Float(domain)) => Domain::Float {
-            min: domain.min,
-            max: domain.max,
-            scale: scale(field, domain.scale)?,
-        },
-        Some(Wire::Categorical(domain)) => Domain::Categorical {
-            values: values(field, domain.values)?,
-        },
+        Some(Wire::Integer(domain)) => {
+            Domain::Integer { min: domain.min, max: domain.max, scale: scale(field, domain.scale)? }
+        }
+        Some(Wire::Float(domain)) => {
+            Domain::Float { min: domain.min, max: domain.max, scale: scale(field, domain.scale)? }
+        }
+        Some(Wire::Categorical(domain)) => Domain::Categorical { values: values(field, domain.values)? },
         Some(Wire::Boolean(v1::BooleanDomain {})) => Domain::Boolean,
     };
     let default_field = format!("{field}.default_value");
@@ -168,14 +150,9 @@ fn value(field: &str, value: v1::Value) -> Result<Value, Error> {
 ///
 /// # Errors
 /// [`Error::Invalid`] with the field.
-pub fn configuration(
-    field: &str,
-    configuration: v1::Configuration,
-) -> Result<RawConfiguration, Error> {
+pub fn configuration(field: &str, configuration: v1::Configuration) -> Result<RawConfiguration, Error> {
     let values = configuration.values.into_iter();
-    values
-        .map(|(name, v)| value(&format!("{field}.values[{name:?}]"), v).map(|v| (name, v)))
-        .collect()
+    values.map(|(name, v)| value(&format!("{field}.values[{name:?}]"), v).map(|v| (name, v))).collect()
 }
 
 /// Reads a question for the next trial.
@@ -196,12 +173,7 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
 fn fingerprint(wire: v1::Fingerprint) -> Result<Fingerprint, Error> {
     let threads = u32::try_from(wire.threads)
         .map_err(|_| Error::invalid("fingerprint.threads", "must not be negative"))?;
-    Ok(Fingerprint {
-        cpu_model: wire.cpu_model,
-        isa: wire.isa,
-        threads,
-        software: wire.software,
-    })
+    Ok(Fingerprint { cpu_model: wire.cpu_model, isa: wire.isa, threads, software: wire.software })
 }
 
 /// Reads a result.
@@ -242,9 +214,6 @@ pub fn page_size(size: i32) -> Result<u32, Error> {
     match u32::try_from(size) {
         Ok(0) => Ok(PAGE_SIZE_DEFAULT),
         Ok(size) if size <= PAGE_SIZE => Ok(size),
-        _ => Err(Error::invalid(
-            "page_size",
-            format!("{size} must be 0 to {PAGE_SIZE}"),
-        )),
+        _ => Err(Error::invalid("page_size", format!("{size} must be 0 to {PAGE_SIZE}"))),
     }
 }

@@ -18,9 +18,7 @@ pub struct TrialName {
 /// [`Error::Invalid`] with the rule.
 pub fn study_id(field: &str, id: &str) -> Result<String, Error> {
     let spelt = id.starts_with(|c: char| c.is_ascii_lowercase())
-        && id
-            .bytes()
-            .all(|b| matches!(b, b'a'..=b'z' | b'0'..=b'9' | b'-' | b'_'));
+        && id.bytes().all(|b| matches!(b, b'a'..=b'z' | b'0'..=b'9' | b'-' | b'_'));
     if spelt && id.len() <= STUDY_ID_CHARACTERS {
         return Ok(id.to_owned());
     }
@@ -51,9 +49,7 @@ pub fn study(field: &str, name: &str) -> Result<String, Error> {
 /// [`Error::Invalid`] with the form.
 pub fn trial(field: &str, name: &str) -> Result<TrialName, Error> {
     let read = || {
-        let (study, number) = short(name)?
-            .strip_prefix("studies/")?
-            .split_once("/trials/")?;
+        let (study, number) = short(name)?.strip_prefix("studies/")?.split_once("/trials/")?;
         let plain = number.starts_with(|c: char| matches!(c, '1'..='9'));
         Some(TrialName {
             study: study_id(field, study).ok()?,
@@ -111,13 +107,7 @@ mod tests {
             let error = study_id("study_id", bad).unwrap_err().to_string();
             assert!(error.starts_with("study_id: "), "{error}");
         }
-        for bad in [
-            "",
-            "hall",
-            "studies/",
-            "studies/Hall",
-            "studies/hall/trials/1",
-        ] {
+        for bad in ["", "hall", "studies/", "studies/Hall", "studies/hall/trials/1"] {
             assert!(study("study", bad).is_err(), "{bad}");
         }
         for bad in [

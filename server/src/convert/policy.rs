@@ -17,10 +17,7 @@ pub fn policy(field: &str, wire: v1::Policy) -> Result<RawPolicy, Error> {
     let count = |name: &str, value: i32, default: u32| match u32::try_from(value) {
         Ok(0) => Ok(default),
         Ok(value) => Ok(value),
-        Err(_) => Err(Error::invalid(
-            format!("{field}.{name}"),
-            format!("{value} must not be negative"),
-        )),
+        Err(_) => Err(Error::invalid(format!("{field}.{name}"), format!("{value} must not be negative"))),
     };
     Ok(RawPolicy {
         epsilon: wire.epsilon.unwrap_or(default.epsilon),
@@ -37,17 +34,10 @@ pub fn policy(field: &str, wire: v1::Policy) -> Result<RawPolicy, Error> {
             Ok(v1::PredictorMethod::RbfGreedyGq) => PredictorMethod::RbfGreedyGq,
             Err(_) => return Err(unknown(&format!("{field}.predictor"), wire.predictor)),
         },
-        trials_per_state: count(
-            "trials_per_state",
-            wire.trials_per_state,
-            default.trials_per_state,
-        )?,
+        trials_per_state: count("trials_per_state", wire.trials_per_state, default.trials_per_state)?,
         replicates: count("replicates", wire.replicates, default.replicates)?,
         lease_s: count("lease_s", wire.lease_s, default.lease_s)?,
-        pinned: wire
-            .pinned
-            .map(|pinned| configuration(&format!("{field}.pinned"), pinned))
-            .transpose()?,
+        pinned: wire.pinned.map(|pinned| configuration(&format!("{field}.pinned"), pinned)).transpose()?,
     })
 }
 
@@ -67,11 +57,7 @@ impl PolicyUpdate {
         let paths = mask.map(|mask| mask.paths).unwrap_or_default();
         let update = Self {
             given: policy("study.policy", wire)?,
-            paths: if paths.is_empty() {
-                vec!["policy".to_owned()]
-            } else {
-                paths
-            },
+            paths: if paths.is_empty() { vec!["policy".to_owned()] } else { paths },
         };
         // The paths are tried on a policy of no consequence, so that a wrong one is refused before a
         // study is touched.
@@ -84,9 +70,7 @@ impl PolicyUpdate {
     /// # Errors
     /// [`Error::Invalid`] with what does not fit.
     pub fn apply(&self, current: &Policy, space: &Space) -> Result<Policy, Error> {
-        self.merged(current.to_raw())?
-            .check(space)
-            .map_err(|error| Error::invalid("study", error))
+        self.merged(current.to_raw())?.check(space).map_err(|error| Error::invalid("study", error))
     }
 
     fn merged(&self, mut policy: RawPolicy) -> Result<RawPolicy, Error> {
@@ -121,9 +105,7 @@ mod tests {
     use super::*;
 
     fn mask(paths: &[&str]) -> Option<FieldMask> {
-        Some(FieldMask {
-            paths: paths.iter().map(|path| (*path).to_owned()).collect(),
-        })
+        Some(FieldMask { paths: paths.iter().map(|path| (*path).to_owned()).collect() })
     }
 
     #[test]
@@ -134,26 +116,13 @@ mod tests {
 
     #[test]
     fn only_masked_fields_change() {
-        let given = v1::Policy {
-            epsilon: Some(0.0),
-            lease_s: 7,
-            replicates: 3,
-            ..v1::Policy::default()
-        };
-        let current = RawPolicy {
-            trials_per_state: 5,
-            ..RawPolicy::default()
-        };
+        let given = v1::Policy { epsilon: Some(0.0), lease_s: 7, replicates: 3, ..v1::Policy::default() };
+        let current = RawPolicy { trials_per_state: 5, ..RawPolicy::default() };
         let update = PolicyUpdate::read(given.clone(), mask(&["policy.lease_s", "policy.epsilon"]));
         let merged = update.unwrap().merged(current.clone()).unwrap();
         assert_eq!(
             merged,
-            RawPolicy {
-                epsilon: 0.0,
-                lease_s: 7,
-                trials_per_state: 5,
-                ..RawPolicy::default()
-            }
+            RawPolicy { epsilon: 0.0, lease_s: 7, trials_per_state: 5, ..RawPolicy::default() }
         );
         for whole in [None, mask(&[]), mask(&["policy"])] {
             let update = PolicyUpdate::read(given.clone(), whole).unwrap();
@@ -168,23 +137,11 @@ mod tests {
             let error = PolicyUpdate::read(v1::Policy::default(), mask(&[path])).unwrap_err();
             assert!(error.to_string().starts_with("update_mask: "), "{error}");
         }
-        let negative = v1::Policy {
-            lease_s: -1,
-            ..v1::Policy::default()
-        };
+        let negative = v1::Policy { lease_s: -1, ..v1::Policy::default() };
         let error = PolicyUpdate::read(negative, None).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "study.policy.lease_s: -1 must not be negative"
-        );
-        let odd = v1::Policy {
-            search: 99,
-            ..v1::Policy::default()
-        };
+        assert_eq!(error.to_string(), "study.policy.lease_s: -1 must not be negative");
+        let odd = v1::Policy { search: 99, ..v1::Policy::default() };
         let error = PolicyUpdate::read(odd, None).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "study.policy.search: 99 is not a known value"
-        );
+        assert_eq!(error.to_string(), "study.policy.search: 99 is not a known value");
     }
 }

@@ -44,10 +44,7 @@ pub fn study(record: &StudyRecord) -> v1::Study {
         indicators: spec.indicators.indicators().iter().map(indicator).collect(),
         objective: Some(v1::Objective {
             terms: terms
-                .map(|term| v1::ObjectiveTerm {
-                    metric: term.metric.clone(),
-                    weight: term.weight,
-                })
+                .map(|term| v1::ObjectiveTerm { metric: term.metric.clone(), weight: term.weight })
                 .collect(),
         }),
         state_tolerance: Some(spec.state_tolerance),
@@ -79,19 +76,15 @@ fn space(space: &Space) -> v1::Space {
 fn parameter(parameter: &Parameter) -> v1::Parameter {
     use v1::parameter::Domain as Wire;
     let domain = match &parameter.domain {
-        Domain::Integer { min, max, scale } => Wire::Integer(v1::IntegerDomain {
-            min: *min,
-            max: *max,
-            scale: self::scale(*scale).into(),
-        }),
-        Domain::Float { min, max, scale } => Wire::Float(v1::FloatDomain {
-            min: *min,
-            max: *max,
-            scale: self::scale(*scale).into(),
-        }),
-        Domain::Categorical { values } => Wire::Categorical(v1::CategoricalDomain {
-            values: values.iter().map(value).collect(),
-        }),
+        Domain::Integer { min, max, scale } => {
+            Wire::Integer(v1::IntegerDomain { min: *min, max: *max, scale: self::scale(*scale).into() })
+        }
+        Domain::Float { min, max, scale } => {
+            Wire::Float(v1::FloatDomain { min: *min, max: *max, scale: self::scale(*scale).into() })
+        }
+        Domain::Categorical { values } => {
+            Wire::Categorical(v1::CategoricalDomain { values: values.iter().map(value).collect() })
+        }
         Domain::Boolean => Wire::Boolean(v1::BooleanDomain {}),
     };
     v1::Parameter {
@@ -163,9 +156,7 @@ pub fn value(value: &Value) -> v1::Value {
 #[must_use]
 pub fn configuration(configuration: &impl Values) -> v1::Configuration {
     let values = configuration.values().iter();
-    v1::Configuration {
-        values: values.map(|(name, v)| (name.clone(), value(v))).collect(),
-    }
+    v1::Configuration { values: values.map(|(name, v)| (name.clone(), value(v))).collect() }
 }
 
 /// A trial of a study.
@@ -227,15 +218,9 @@ fn outcome(outcome: &Outcome) -> v1::Outcome {
     use v1::outcome::Kind;
     let kind = match outcome {
         Outcome::Ok => Kind::Ok(v1::Ok {}),
-        Outcome::Infeasible { reason } => Kind::Infeasible(v1::Infeasible {
-            reason: reason.clone(),
-        }),
-        Outcome::Aborted { lower_bound } => Kind::Aborted(v1::Aborted {
-            lower_bound: *lower_bound,
-        }),
-        Outcome::Failed { reason } => Kind::Failed(v1::Failed {
-            reason: reason.clone(),
-        }),
+        Outcome::Infeasible { reason } => Kind::Infeasible(v1::Infeasible { reason: reason.clone() }),
+        Outcome::Aborted { lower_bound } => Kind::Aborted(v1::Aborted { lower_bound: *lower_bound }),
+        Outcome::Failed { reason } => Kind::Failed(v1::Failed { reason: reason.clone() }),
     };
     v1::Outcome { kind: Some(kind) }
 }

@@ -96,18 +96,12 @@ impl TuningService for Service {
         self.answer("UpdateStudy", work).await
     }
 
-    async fn delete_study(
-        &self,
-        request: Request<wire::DeleteStudyRequest>,
-    ) -> Result<Response<()>, Status> {
+    async fn delete_study(&self, request: Request<wire::DeleteStudyRequest>) -> Result<Response<()>, Status> {
         let work = studies::delete(&self.tuning, request.into_inner());
         self.answer("DeleteStudy", work).await
     }
 
-    async fn suggest(
-        &self,
-        request: Request<wire::SuggestRequest>,
-    ) -> Result<Response<wire::Trial>, Status> {
+    async fn suggest(&self, request: Request<wire::SuggestRequest>) -> Result<Response<wire::Trial>, Status> {
         let work = trials::suggest(&self.tuning, request.into_inner());
         self.answer("Suggest", work).await
     }
@@ -180,10 +174,7 @@ impl TuningService for Service {
         self.answer("QueryTrials", work).await
     }
 
-    async fn get_best(
-        &self,
-        request: Request<wire::GetBestRequest>,
-    ) -> Result<Response<wire::Best>, Status> {
+    async fn get_best(&self, request: Request<wire::GetBestRequest>) -> Result<Response<wire::Best>, Status> {
         let work = trials::best(&self.tuning, request.into_inner());
         self.answer("GetBest", work).await
     }

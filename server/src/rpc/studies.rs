@@ -14,20 +14,14 @@ use crate::tuning::Tuning;
 /// What a page token of ListStudies belongs to.
 const LIST_QUESTION: [&str; 1] = ["studies"];
 
-pub(super) async fn create(
-    tuning: &Tuning,
-    request: wire::CreateStudyRequest,
-) -> Result<wire::Study, Error> {
+pub(super) async fn create(tuning: &Tuning, request: wire::CreateStudyRequest) -> Result<wire::Study, Error> {
     let id = names::study_id("study_id", &request.study_id)?;
     let spec = from_proto::study(request.study.ok_or_else(|| required("study"))?)?;
     let record = tuning.create_study(&id, &spec).await?;
     Ok(to_proto::study(&record))
 }
 
-pub(super) async fn get(
-    tuning: &Tuning,
-    request: wire::GetStudyRequest,
-) -> Result<wire::Study, Error> {
+pub(super) async fn get(tuning: &Tuning, request: wire::GetStudyRequest) -> Result<wire::Study, Error> {
     let id = names::study("name", &request.name)?;
     Ok(to_proto::study(&tuning.get_study(&id).await?))
 }
@@ -39,10 +33,9 @@ pub(super) async fn list(
     let size = from_proto::page_size(request.page_size)?;
     let after = match request.page_token.as_str() {
         "" => None,
-        token => Some(
-            cursor::open(token, &LIST_QUESTION)
-                .map_err(|error| Error::invalid("page_token", error))?,
-        ),
+        token => {
+            Some(cursor::open(token, &LIST_QUESTION).map_err(|error| Error::invalid("page_token", error))?)
+        }
     };
     // One more than fits tells whether another page follows.
     let records = tuning.list_studies(after.as_deref(), size + 1).await?;
@@ -62,16 +55,10 @@ pub(super) async fn list(
         Some(last) => cursor::seal(last, &LIST_QUESTION),
         None => String::new(),
     };
-    Ok(wire::ListStudiesResponse {
-        studies,
-        next_page_token,
-    })
+    Ok(wire::ListStudiesResponse { studies, next_page_token })
 }
 
-pub(super) async fn update(
-    tuning: &Tuning,
-    request: wire::UpdateStudyRequest,
-) -> Result<wire::Study, Error> {
+pub(super) async fn update(tuning: &Tuning, request: wire::UpdateStudyRequest) -> Result<wire::Study, Error> {
     let study = request.study.ok_or_else(|| required("study"))?;
     let id = names::study("study.name", &study.name)?;
     let update = PolicyUpdate::read(study.policy.unwrap_or_default(), request.update_mask)?;
@@ -79,10 +66,7 @@ pub(super) async fn update(
     Ok(to_proto::study(&record))
 }
 
-pub(super) async fn delete(
-    tuning: &Tuning,
-    request: wire::DeleteStudyRequest,
-) -> Result<(), Error> {
+pub(super) async fn delete(tuning: &Tuning, request: wire::DeleteStudyRequest) -> Result<(), Error> {
     let id = names::study("name", &request.name)?;
     tuning.delete_study(&id).await
 }

@@ -11,10 +11,7 @@ use crate::error::Error;
 use crate::limits::PAGE_BYTES;
 use crate::tuning::{Reported, Tuning};
 
-pub(super) async fn suggest(
-    tuning: &Tuning,
-    request: wire::SuggestRequest,
-) -> Result<wire::Trial, Error> {
+pub(super) async fn suggest(tuning: &Tuning, request: wire::SuggestRequest) -> Result<wire::Trial, Error> {
     let suggest = from_proto::suggest(request)?;
     let study = suggest.study.clone();
     Ok(to_proto::trial(&study, &tuning.suggest(suggest).await?))
@@ -35,10 +32,7 @@ pub(super) fn reported(study: &str, reported: &Reported) -> wire::ReportResponse
         Reported::Taken(trial) => (to_proto::trial(study, trial), false),
         Reported::Duplicate(trial) => (to_proto::trial(study, trial), true),
     };
-    wire::ReportResponse {
-        trial: Some(trial),
-        duplicate,
-    }
+    wire::ReportResponse { trial: Some(trial), duplicate }
 }
 
 pub(super) async fn predict(
@@ -67,10 +61,7 @@ pub(super) async fn extend_lease(
     Ok(to_proto::trial(&name.study, &trial))
 }
 
-pub(super) async fn get(
-    tuning: &Tuning,
-    request: wire::GetTrialRequest,
-) -> Result<wire::Trial, Error> {
+pub(super) async fn get(tuning: &Tuning, request: wire::GetTrialRequest) -> Result<wire::Trial, Error> {
     let name = names::trial("name", &request.name)?;
     let trial = tuning.get_trial(&name).await?;
     Ok(to_proto::trial(&name.study, &trial))
@@ -82,17 +73,11 @@ pub(super) async fn query(
 ) -> Result<wire::QueryTrialsResponse, Error> {
     let study = names::study("study", &request.study)?;
     let filter = Filter::parse(&request.filter).map_err(|error| Error::invalid("filter", error))?;
-    let order =
-        Order::parse(&request.order_by).map_err(|error| Error::invalid("order_by", error))?;
+    let order = Order::parse(&request.order_by).map_err(|error| Error::invalid("order_by", error))?;
     let question = [study.as_str(), &request.filter, &request.order_by];
-    let after = Cursor::parse(&request.page_token, &question)
-        .map_err(|error| Error::invalid("page_token", error))?;
-    let query = TrialQuery {
-        filter,
-        order,
-        after,
-        size: from_proto::page_size(request.page_size)?,
-    };
+    let after =
+        Cursor::parse(&request.page_token, &question).map_err(|error| Error::invalid("page_token", error))?;
+    let query = TrialQuery { filter, order, after, size: from_proto::page_size(request.page_size)? };
     let page = tuning.query_trials(&study, &query).await?;
 
     let mut next = page.next;
@@ -114,10 +99,7 @@ pub(super) async fn query(
     })
 }
 
-pub(super) async fn best(
-    tuning: &Tuning,
-    request: wire::GetBestRequest,
-) -> Result<wire::Best, Error> {
+pub(super) async fn best(tuning: &Tuning, request: wire::GetBestRequest) -> Result<wire::Best, Error> {
     let study = names::study("study", &request.study)?;
     let indicators = Some(&request.indicators).filter(|given| !given.is_empty());
     let best = tuning.best(&study, indicators).await?;

@@ -72,12 +72,8 @@ async fn answer(tuning: &Tuning, gate: &Gate, frame: wire::TuneRequest) -> wire:
     let (reported, taking_error) = split(done.reported);
     let (trial, suggesting_error) = split(done.suggested);
     wire::TuneResponse {
-        reported: reported
-            .zip(report_study)
-            .map(|(reported, study)| trials::reported(&study, &reported)),
-        trial: trial
-            .zip(suggest_study)
-            .map(|(trial, study)| to_proto::trial(&study, &trial)),
+        reported: reported.zip(report_study).map(|(reported, study)| trials::reported(&study, &reported)),
+        trial: trial.zip(suggest_study).map(|(trial, study)| to_proto::trial(&study, &trial)),
         report_error: report_error.or(taking_error),
         suggest_error: suggest_error.or(suggesting_error),
     }

@@ -96,14 +96,11 @@ impl Tuning {
                     return None;
                 };
                 let mut changes = vec![change];
-                let suggested = live
-                    .tuner
-                    .suggest(&suggest.ask, now_ms)
-                    .map(|(trial, change)| {
-                        note(&suggest, &trial, &change);
-                        changes.push(change);
-                        trial
-                    });
+                let suggested = live.tuner.suggest(&suggest.ask, now_ms).map(|(trial, change)| {
+                    note(&suggest, &trial, &change);
+                    changes.push(change);
+                    trial
+                });
                 Some((completed, suggested, live.commit(store, &changes)))
             })
             .await;
@@ -123,10 +120,7 @@ impl Tuning {
                 reported: Some(self.report(report).await),
                 suggested: Some(self.suggest(suggest).await),
             },
-            Err(error) => FrameAnswer {
-                reported: Some(Err(error.clone())),
-                suggested: Some(Err(error)),
-            },
+            Err(error) => FrameAnswer { reported: Some(Err(error.clone())), suggested: Some(Err(error)) },
         }
     }
 
@@ -157,19 +151,13 @@ impl Tuning {
                                 now_ms,
                             )?;
                             live.closed_changes += 1;
-                            Ok::<_, Error>(queue(
-                                live,
-                                store,
-                                Taken::Now(Box::new(completed), change),
-                            ))
+                            Ok::<_, Error>(queue(live, store, Taken::Now(Box::new(completed), change)))
                         })
                         .await??;
                 }
             }
         }
-        Err(Error::Reloading {
-            study: report.trial.study,
-        })
+        Err(Error::Reloading { study: report.trial.study })
     }
 }
 
@@ -217,12 +205,7 @@ fn take(tuner: &mut Tuner, report: &Report, now_ms: i64) -> Taken {
     let Some(open) = tuner.open_trial(report.trial.number).cloned() else {
         return Taken::Closed;
     };
-    let taken = tuner.report(
-        &open,
-        report.measurements.clone(),
-        report.outcome.clone(),
-        now_ms,
-    );
+    let taken = tuner.report(&open, report.measurements.clone(), report.outcome.clone(), now_ms);
     match taken {
         Ok((completed, change)) => Taken::Now(Box::new(completed), change),
         Err(error) => Taken::Refused(error),

@@ -39,11 +39,7 @@ impl Tuning {
     /// The use cases on a store and a clock.
     #[must_use]
     pub fn new(store: Arc<dyn Store>, clock: Arc<dyn Clock>) -> Self {
-        Self {
-            store,
-            clock,
-            runtimes: Mutex::default(),
-        }
+        Self { store, clock, runtimes: Mutex::default() }
     }
 
     /// Computes on a study's tuner, with every lease that has run out ended before.

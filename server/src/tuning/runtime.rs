@@ -41,11 +41,7 @@ impl Live {
 
     /// Ends the leases that have run out, so that nothing is decided on their ground.
     pub(super) fn expire(&mut self, store: &dyn Store, now_ms: i64) {
-        if self
-            .tuner
-            .next_expiry_ms()
-            .is_none_or(|next_ms| next_ms >= now_ms)
-        {
+        if self.tuner.next_expiry_ms().is_none_or(|next_ms| next_ms >= now_ms) {
             return;
         }
         let change = self.tuner.expire(now_ms);
@@ -83,9 +79,7 @@ impl Runtime {
             }
             self.load(store, study).await?;
         }
-        Err(Error::Reloading {
-            study: study.to_owned(),
-        })
+        Err(Error::Reloading { study: study.to_owned() })
     }
 
     /// A panic inside the tuner may have left it half changed: such a cache is dropped.
@@ -103,29 +97,16 @@ impl Runtime {
         if current(&mut self.lock()).is_some() {
             return Ok(());
         }
-        let Loaded {
-            fence,
-            study: record,
-            snapshot,
-            trials,
-        } = store.load(study).await?;
+        let Loaded { fence, study: record, snapshot, trials } = store.load(study).await?;
         let count = trials.len();
         // A long history takes a while, in which other studies go on.
-        let restored = tokio::task::spawn_blocking(move || {
-            Tuner::restore(Arc::new(record.spec), snapshot, trials)
-        })
-        .await
-        .map_err(|_| Error::Defect("rebuilding a study panicked"))?;
-        let tuner = restored.map_err(|problem| Error::Restore {
-            study: study.to_owned(),
-            problem,
-        })?;
+        let restored =
+            tokio::task::spawn_blocking(move || Tuner::restore(Arc::new(record.spec), snapshot, trials))
+                .await
+                .map_err(|_| Error::Defect("rebuilding a study panicked"))?;
+        let tuner = restored.map_err(|problem| Error::Restore { study: study.to_owned(), problem })?;
         tracing::info!(study, trials = count, "study loaded");
-        *self.lock() = Some(Live {
-            tuner,
-            fence,
-            closed_changes: 0,
-        });
+        *self.lock() = Some(Live { tuner, fence, closed_changes: 0 });
         Ok(())
     }
 }

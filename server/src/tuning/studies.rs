@@ -13,10 +13,7 @@ impl Tuning {
     /// # Errors
     /// As the wire contract names them.
     pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<StudyRecord, Error> {
-        let created = self
-            .store
-            .create_study(id, spec, self.clock.now_ms())
-            .await?;
+        let created = self.store.create_study(id, spec, self.clock.now_ms()).await?;
         if created.is_new {
             tracing::info!(
                 study = id,
@@ -40,11 +37,7 @@ impl Tuning {
     ///
     /// # Errors
     /// When the store cannot be read.
-    pub async fn list_studies(
-        &self,
-        after: Option<&str>,
-        size: u32,
-    ) -> Result<Vec<StudyRecord>, Error> {
+    pub async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, Error> {
         Ok(self.store.list_studies(after, size).await?)
     }
 
@@ -52,18 +45,12 @@ impl Tuning {
     ///
     /// # Errors
     /// As the wire contract names them.
-    pub async fn update_policy(
-        &self,
-        study: &str,
-        update: &PolicyUpdate,
-    ) -> Result<StudyRecord, Error> {
+    pub async fn update_policy(&self, study: &str, update: &PolicyUpdate) -> Result<StudyRecord, Error> {
         let receipt = self
             .with_tuner(study, |live, store, _| {
                 let spec = live.tuner.spec();
                 let policy = update.apply(&spec.policy, &spec.space)?;
-                live.tuner
-                    .set_policy(policy.clone())
-                    .map_err(|error| Error::invalid("study", error))?;
+                live.tuner.set_policy(policy.clone()).map_err(|error| Error::invalid("study", error))?;
                 Ok::<_, Error>(store.update_policy(live.fence(), &policy))
             })
             .await??;
@@ -89,15 +76,10 @@ impl Tuning {
     /// # Errors
     /// The first that occurred; the other studies are swept all the same.
     pub async fn sweep_leases(&self) -> Result<(), Error> {
-        let due = self
-            .store
-            .studies_with_due_leases(self.clock.now_ms())
-            .await?;
+        let due = self.store.studies_with_due_leases(self.clock.now_ms()).await?;
         let mut result = Ok(());
         for study in due {
-            let swept = self
-                .with_tuner(&study, |live, store, _| live.commit(store, &[]))
-                .await;
+            let swept = self.with_tuner(&study, |live, store, _| live.commit(store, &[])).await;
             let swept = match swept {
                 Ok(receipt) => receipt.durable().await.map_err(Error::from),
                 Err(error) => Err(error),

@@ -58,9 +58,7 @@ impl Tuning {
                 })
                 .await??;
         }
-        Err(Error::Reloading {
-            study: name.study.clone(),
-        })
+        Err(Error::Reloading { study: name.study.clone() })
     }
 
     /// Renews a lease.
@@ -85,21 +83,13 @@ impl Tuning {
             }
             Found::Closed(mark) => {
                 let stored = self.closed_trial(name, mark.receipt).await?;
-                Err(TunerError::NotOpen {
-                    number: stored.number,
-                    state: stored.state,
-                }
-                .into())
+                Err(TunerError::NotOpen { number: stored.number, state: stored.state }.into())
             }
         }
     }
 
     /// Reads a trial that is not open, once everything before is stored.
-    pub(super) async fn closed_trial(
-        &self,
-        name: &TrialName,
-        before: Receipt,
-    ) -> Result<RawTrial, Error> {
+    pub(super) async fn closed_trial(&self, name: &TrialName, before: Receipt) -> Result<RawTrial, Error> {
         before.durable().await?;
         Ok(self.store.get_trial(&name.study, name.number).await?)
     }
@@ -129,9 +119,7 @@ impl Tuning {
         study: &str,
         indicators: &BTreeMap<String, f64>,
     ) -> Result<Prediction, Error> {
-        let predicted = self
-            .with_tuner(study, |live, _, _| live.tuner.predict(indicators))
-            .await?;
+        let predicted = self.with_tuner(study, |live, _, _| live.tuner.predict(indicators)).await?;
         Ok(predicted?)
     }
 
@@ -140,11 +128,7 @@ impl Tuning {
     ///
     /// # Errors
     /// As the wire contract names them.
-    pub async fn best(
-        &self,
-        study: &str,
-        indicators: Option<&BTreeMap<String, f64>>,
-    ) -> Result<Best, Error> {
+    pub async fn best(&self, study: &str, indicators: Option<&BTreeMap<String, f64>>) -> Result<Best, Error> {
         let (best, receipt) = self
             .with_tuner(study, |live, store, _| {
                 let best = live.tuner.best(indicators)?;
@@ -154,11 +138,7 @@ impl Tuning {
         receipt.durable().await?;
         best.ok_or_else(|| Error::NothingMeasured {
             study: study.to_owned(),
-            place: if indicators.is_some() {
-                "in this state"
-            } else {
-                "in any state"
-            },
+            place: if indicators.is_some() { "in this state" } else { "in any state" },
         })
     }
 }

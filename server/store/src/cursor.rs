@@ -29,9 +29,7 @@ impl Cursor {
     /// The token for this place in the answer to `question`.
     #[must_use]
     pub fn token(&self, question: &[&str]) -> String {
-        let value = self
-            .value
-            .map_or("-".to_owned(), |value| format!("{:016x}", value.to_bits()));
+        let value = self.value.map_or("-".to_owned(), |value| format!("{:016x}", value.to_bits()));
         seal(&format!("{value} {}", self.number), question)
     }
 
@@ -47,17 +45,12 @@ impl Cursor {
         let (value, number) = text.split_once(' ').ok_or(TokenError)?;
         let value = match value {
             "-" => None,
-            bits => Some(f64::from_bits(
-                u64::from_str_radix(bits, 16).map_err(|_| TokenError)?,
-            )),
+            bits => Some(f64::from_bits(u64::from_str_radix(bits, 16).map_err(|_| TokenError)?)),
         };
         if value.is_some_and(|value| !value.is_finite()) {
             return Err(TokenError);
         }
-        Ok(Some(Self {
-            value,
-            number: number.parse().map_err(|_| TokenError)?,
-        }))
+        Ok(Some(Self { value, number: number.parse().map_err(|_| TokenError)? }))
     }
 }
 
@@ -77,8 +70,7 @@ pub fn seal(text: &str, question: &[&str]) -> String {
 /// # Errors
 /// [`TokenError`] when the token was not made for the same question.
 pub fn open(token: &str, question: &[&str]) -> Result<String, TokenError> {
-    if token.len() > limits::TOKEN_CHARACTERS || !token.is_ascii() || !token.len().is_multiple_of(2)
-    {
+    if token.len() > limits::TOKEN_CHARACTERS || !token.is_ascii() || !token.len().is_multiple_of(2) {
         return Err(TokenError);
     }
     let (digits, body) = token.split_at_checked(16).ok_or(TokenError)?;
@@ -123,16 +115,11 @@ mod tests {
 
     #[test]
     fn tokens_of_other_questions_and_mangled_ones_are_refused() {
-        let cursor = Cursor {
-            value: Some(0.5),
-            number: 3,
-        };
+        let cursor = Cursor { value: Some(0.5), number: 3 };
         let token = cursor.token(&QUESTION);
-        for other in [
-            ["sponza", "cost < 4", "cost"],
-            ["hall", "cost < 3", "cost"],
-            ["sponza", "cost < 3cost", ""],
-        ] {
+        for other in
+            [["sponza", "cost < 4", "cost"], ["hall", "cost < 3", "cost"], ["sponza", "cost < 3cost", ""]]
+        {
             assert_eq!(Cursor::parse(&token, &other), Err(TokenError));
         }
         for at in 0..token.len() {

@@ -57,9 +57,7 @@ pub enum StoreError {
     #[error("the database is closed; the daemon is shutting down")]
     Closed,
     /// A stored row does not say what it should, or a change breaks a rule of the tables.
-    #[error(
-        "the database is inconsistent: {problem}; restore it from a backup and report this as a defect"
-    )]
+    #[error("the database is inconsistent: {problem}; restore it from a backup and report this as a defect")]
     Inconsistent {
         /// What was found.
         problem: String,

@@ -27,11 +27,7 @@ struct Inner {
 
 impl Fence {
     pub(crate) fn new(study: &str, key: i64) -> Self {
-        Self(Arc::new(Inner {
-            study: study.to_owned(),
-            key,
-            broken: AtomicBool::new(false),
-        }))
+        Self(Arc::new(Inner { study: study.to_owned(), key, broken: AtomicBool::new(false) }))
     }
 
     /// The study's id.
@@ -63,13 +59,7 @@ impl Fence {
 
     /// The error for a change that comes too late.
     pub(crate) fn check(&self) -> Result<(), StoreError> {
-        if self.holds() {
-            Ok(())
-        } else {
-            Err(StoreError::Fenced {
-                study: self.study().to_owned(),
-            })
-        }
+        if self.holds() { Ok(()) } else { Err(StoreError::Fenced { study: self.study().to_owned() }) }
     }
 }
 

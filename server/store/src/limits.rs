@@ -36,5 +36,8 @@ pub const READERS: u32 = 4;
 /// How long a writer or reader waits for another process that holds a lock on the database file.
 pub const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
 
+/// How long a question waits for a connection that reads.
+pub const READER_TIMEOUT: Duration = Duration::from_secs(10);
+
 const _: () = assert!(WRITE_GROUP <= WRITE_QUEUE);
 const _: () = assert!(PAGE_SIZE_DEFAULT <= PAGE_SIZE);

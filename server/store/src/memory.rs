@@ -50,11 +50,7 @@ impl MemoryStore {
     /// done; so a poisoned lock is as good as any.
     fn lock(&self) -> Result<MutexGuard<'_, Inner>, StoreError> {
         let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
-        if inner.closed {
-            Err(StoreError::Closed)
-        } else {
-            Ok(inner)
-        }
+        if inner.closed { Err(StoreError::Closed) } else { Ok(inner) }
     }
 }
 
@@ -73,9 +69,7 @@ impl Inner {
 }
 
 fn not_found(id: &str) -> StoreError {
-    StoreError::StudyNotFound {
-        study: id.to_owned(),
-    }
+    StoreError::StudyNotFound { study: id.to_owned() }
 }
 
 impl MemoryStudy {
@@ -120,29 +114,16 @@ impl MemoryStudy {
 
 #[async_trait]
 impl Store for MemoryStore {
-    async fn create_study(
-        &self,
-        id: &str,
-        spec: &StudySpec,
-        now_ms: i64,
-    ) -> Result<Created, StoreError> {
+    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
         let mut inner = self.lock()?;
         if let Some(stored) = inner.studies.get(id) {
             return match stored.spec.first_difference(spec) {
-                None => Ok(Created {
-                    study: stored.record(id),
-                    is_new: false,
-                }),
-                Some(difference) => Err(StoreError::StudyExists {
-                    study: id.to_owned(),
-                    difference,
-                }),
+                None => Ok(Created { study: stored.record(id), is_new: false }),
+                Some(difference) => Err(StoreError::StudyExists { study: id.to_owned(), difference }),
             };
         }
         if inner.studies.len() >= limits::STUDIES as usize {
-            return Err(StoreError::TooManyStudies {
-                limit: limits::STUDIES,
-            });
+            return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
         }
         inner.last_key += 1;
         let study = MemoryStudy {
@@ -156,21 +137,14 @@ impl Store for MemoryStore {
         };
         let record = study.record(id);
         inner.studies.insert(id.to_owned(), study);
-        Ok(Created {
-            study: record,
-            is_new: true,
-        })
+        Ok(Created { study: record, is_new: true })
     }
 
     async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
         Ok(self.lock()?.study(study)?.record(study))
     }
 
-    async fn list_studies(
-        &self,
-        after: Option<&str>,
-        size: u32,
-    ) -> Result<Vec<StudyRecord>, StoreError> {
+    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
         let inner = self.lock()?;
         let behind = |id: &str| after.is_none_or(|after| id > after);
         Ok(inner
@@ -183,11 +157,7 @@ impl Store for MemoryStore {
     }
 
     async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
-        let removed = self
-            .lock()?
-            .studies
-            .remove(study)
-            .ok_or_else(|| not_found(study))?;
+        let removed = self.lock()?.studies.remove(study).ok_or_else(|| not_found(study))?;
         if let Some(fence) = removed.fence {
             fence.break_up();
         }
@@ -196,10 +166,7 @@ impl Store for MemoryStore {
 
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
         let mut inner = self.lock()?;
-        let found = inner
-            .studies
-            .get_mut(study)
-            .ok_or_else(|| not_found(study))?;
+        let found = inner.studies.get_mut(study).ok_or_else(|| not_found(study))?;
         let fence = Fence::new(study, found.key);
         if let Some(earlier) = found.fence.replace(fence.clone()) {
             earlier.break_up();
@@ -224,9 +191,7 @@ impl Store for MemoryStore {
     }
 
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
-        let result = self
-            .lock()
-            .and_then(|mut inner| inner.fenced(fence)?.apply(changes));
+        let result = self.lock().and_then(|mut inner| inner.fenced(fence)?.apply(changes));
         if result.is_err() {
             fence.break_up();
         }
@@ -249,10 +214,7 @@ impl Store for MemoryStore {
         let trial = inner.study(study)?.trials.get(&number);
         trial
             .map(|trial| raw_trial(trial.clone()))
-            .ok_or_else(|| StoreError::TrialNotFound {
-                study: study.to_owned(),
-                number,
-            })
+            .ok_or_else(|| StoreError::TrialNotFound { study: study.to_owned(), number })
     }
 
     async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
@@ -264,26 +226,14 @@ impl Store for MemoryStore {
             .map(|trial| raw_trial(trial.clone()))
             .filter(|trial| query.filter.matches(trial))
             .collect();
-        found.sort_by(|a, b| {
-            query
-                .order
-                .compare(&query.order.place(a), &query.order.place(b))
-        });
+        found.sort_by(|a, b| query.order.compare(&query.order.place(a), &query.order.place(b)));
         if let Some(after) = &query.after {
-            found.retain(|trial| {
-                query
-                    .order
-                    .compare(&query.order.place(trial), after)
-                    .is_gt()
-            });
+            found.retain(|trial| query.order.compare(&query.order.place(trial), after).is_gt());
         }
         let more = found.len() > query.size as usize;
         found.truncate(query.size as usize);
         Ok(TrialPage {
-            next: found
-                .last()
-                .filter(|_| more)
-                .map(|last| query.order.place(last)),
+            next: found.last().filter(|_| more).map(|last| query.order.place(last)),
             trials: found,
         })
     }
@@ -300,9 +250,6 @@ impl Store for MemoryStore {
     }
 
     async fn close(&self) {
-        self.inner
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .closed = true;
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner).closed = true;
     }
 }

@@ -76,22 +76,13 @@ pub struct TrialPage {
 #[async_trait]
 pub trait Store: Send + Sync + 'static {
     /// Creates a study, or finds an equal one under the same id.
-    async fn create_study(
-        &self,
-        id: &str,
-        spec: &StudySpec,
-        now_ms: i64,
-    ) -> Result<Created, StoreError>;
+    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError>;
 
     /// Reads a study.
     async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError>;
 
     /// Reads at most `size` studies by rising id, behind `after`.
-    async fn list_studies(
-        &self,
-        after: Option<&str>,
-        size: u32,
-    ) -> Result<Vec<StudyRecord>, StoreError>;
+    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError>;
 
     /// Deletes a study with its states, trials and visits, and breaks its fence.
     async fn delete_study(&self, study: &str) -> Result<(), StoreError>;

@@ -24,15 +24,8 @@ fn number() -> impl Strategy<Value = f64> {
 }
 
 fn text() -> impl Strategy<Value = String> {
-    prop::sample::select(vec![
-        "low",
-        "high",
-        "it's \"odd\" \\ ä",
-        "renderer",
-        "",
-        "LOW",
-    ])
-    .prop_map(str::to_owned)
+    prop::sample::select(vec!["low", "high", "it's \"odd\" \\ ä", "renderer", "", "LOW"])
+        .prop_map(str::to_owned)
 }
 
 prop_compose! {
@@ -94,35 +87,14 @@ fn word(words: &'static [&'static str]) -> impl Strategy<Value = String> {
 fn comparison() -> impl Strategy<Value = String> {
     let equality = || word(&["=", "!="]);
     let operator = || word(&["=", "!=", "<", "<=", ">", ">="]);
-    let join =
-        |(field, operator, value): (String, String, String)| format!("{field} {operator} {value}");
+    let join = |(field, operator, value): (String, String, String)| format!("{field} {operator} {value}");
     prop_oneof![
-        (
-            word(&["state"]),
-            equality(),
-            word(&["OPEN", "COMPLETED", "ABANDONED", "EXPIRED"])
-        )
-            .prop_map(join),
-        (
-            word(&["mode"]),
-            equality(),
-            word(&["DEFAULT", "EXPLORE", "EXPLOIT", "PINNED"])
-        )
-            .prop_map(join),
-        (
-            word(&["outcome"]),
-            equality(),
-            word(&["OK", "INFEASIBLE", "ABORTED", "FAILED"])
-        )
-            .prop_map(join),
+        (word(&["state"]), equality(), word(&["OPEN", "COMPLETED", "ABANDONED", "EXPIRED"])).prop_map(join),
+        (word(&["mode"]), equality(), word(&["DEFAULT", "EXPLORE", "EXPLOIT", "PINNED"])).prop_map(join),
+        (word(&["outcome"]), equality(), word(&["OK", "INFEASIBLE", "ABORTED", "FAILED"])).prop_map(join),
         (word(&["late"]), equality(), word(&["true", "false"])).prop_map(join),
         (word(&["client_id"]), operator(), text().prop_map(quoted)).prop_map(join),
-        (
-            word(&["number", "state_id"]),
-            operator(),
-            (0_i64..15).prop_map(|n| n.to_string())
-        )
-            .prop_map(join),
+        (word(&["number", "state_id"]), operator(), (0_i64..15).prop_map(|n| n.to_string())).prop_map(join),
         (
             word(&[
                 "cost",
@@ -137,13 +109,7 @@ fn comparison() -> impl Strategy<Value = String> {
             .prop_map(join),
         // Some of these do not parse (a boolean with an order); they are passed over below.
         (
-            word(&[
-                "config.leaf",
-                "config.cost",
-                "config.quality",
-                "config.compact",
-                "config.absent"
-            ]),
+            word(&["config.leaf", "config.cost", "config.quality", "config.compact", "config.absent"]),
             operator(),
             literal()
         )
@@ -178,64 +144,47 @@ async fn pages(store: &dyn Store, study: &str, mut query: TrialQuery) -> Vec<Vec
 
 #[test]
 fn memory_and_sqlite_answer_alike() {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .expect("a runtime");
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     let directory = tempfile::tempdir().expect("a directory");
     let memory = MemoryStore::new();
-    let sqlite = runtime
-        .block_on(SqliteStore::open(&directory.path().join("studies.db")))
-        .expect("a new database");
+    let sqlite =
+        runtime.block_on(SqliteStore::open(&directory.path().join("studies.db"))).expect("a new database");
     let case = Cell::new(0);
     let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig {
         cases: 96,
         failure_persistence: None,
         ..ProptestConfig::default()
     });
-    let questions = prop::collection::vec(
-        (prop::collection::vec(comparison(), 0..4), order(), 1_u32..6),
-        24,
-    );
+    let questions = prop::collection::vec((prop::collection::vec(comparison(), 0..4), order(), 1_u32..6), 24);
     runner
-        .run(
-            &(prop::collection::vec(trial(), 0..14), questions),
-            |(mut trials, questions)| {
-                case.set(case.get() + 1);
-                let study = format!("case-{}", case.get());
-                for (number, trial) in (1..).zip(&mut trials) {
-                    trial.number = number;
-                    trial.completion = trial.completion.map(|_| number);
+        .run(&(prop::collection::vec(trial(), 0..14), questions), |(mut trials, questions)| {
+            case.set(case.get() + 1);
+            let study = format!("case-{}", case.get());
+            for (number, trial) in (1..).zip(&mut trials) {
+                trial.number = number;
+                trial.completion = trial.completion.map(|_| number);
+            }
+            let stored = change(trials);
+            runtime.block_on(async {
+                for store in [&memory as &dyn Store, &sqlite] {
+                    store.create_study(&study, &spec(), 0).await.expect("created");
+                    let fence = store.load(&study).await.expect("loaded").fence;
+                    let receipt = store.commit(&fence, std::slice::from_ref(&stored));
+                    receipt.durable().await.expect("stored");
                 }
-                let stored = change(trials);
-                runtime.block_on(async {
-                    for store in [&memory as &dyn Store, &sqlite] {
-                        store
-                            .create_study(&study, &spec(), 0)
-                            .await
-                            .expect("created");
-                        let fence = store.load(&study).await.expect("loaded").fence;
-                        let receipt = store.commit(&fence, std::slice::from_ref(&stored));
-                        receipt.durable().await.expect("stored");
-                    }
-                });
-                for (comparisons, order, size) in questions {
-                    let text = comparisons.join(" AND ");
-                    let Ok(filter) = Filter::parse(&text) else {
-                        continue;
-                    };
-                    let query = TrialQuery {
-                        filter,
-                        order: Order::parse(&order).expect("an order"),
-                        after: None,
-                        size,
-                    };
-                    let expected = runtime.block_on(pages(&memory, &study, query.clone()));
-                    let found = runtime.block_on(pages(&sqlite, &study, query));
-                    prop_assert_eq!(found, expected, "filter {:?}, order {:?}", text, order);
-                }
-                Ok(())
-            },
-        )
+            });
+            for (comparisons, order, size) in questions {
+                let text = comparisons.join(" AND ");
+                let Ok(filter) = Filter::parse(&text) else {
+                    continue;
+                };
+                let query =
+                    TrialQuery { filter, order: Order::parse(&order).expect("an order"), after: None, size };
+                let expected = runtime.block_on(pages(&memory, &study, query.clone()));
+                let found = runtime.block_on(pages(&sqlite, &study, query));
+                prop_assert_eq!(found, expected, "filter {:?}, order {:?}", text, order);
+            }
+            Ok(())
+        })
         .expect("the stores agree");
 }

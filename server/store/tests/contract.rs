@@ -63,10 +63,7 @@ fn ask(filter: &str, order: &str, size: u32) -> TrialQuery {
 }
 
 async fn numbers(store: &dyn Store, filter: &str) -> Vec<u64> {
-    let page = store
-        .query_trials("hall", &ask(filter, "", 1000))
-        .await
-        .expect("an answer");
+    let page = store.query_trials("hall", &ask(filter, "", 1000)).await.expect("an answer");
     page.trials.iter().map(|trial| trial.number).collect()
 }
 
@@ -89,10 +86,7 @@ async fn creating_is_idempotent_for_equal_specifications(store: &dyn Store) {
     let error = store.create_study("hall", &other, 9).await.unwrap_err();
     assert_eq!(
         error,
-        StoreError::StudyExists {
-            study: "hall".to_owned(),
-            difference: "seed is 7 against 8".to_owned()
-        }
+        StoreError::StudyExists { study: "hall".to_owned(), difference: "seed is 7 against 8".to_owned() }
     );
 }
 
@@ -100,9 +94,8 @@ async fn studies_are_listed_by_id(store: &dyn Store) {
     for id in ["sponza", "bmw", "hall", "a-1"] {
         store.create_study(id, &spec(), 5).await.unwrap();
     }
-    let ids = |list: Vec<treewright_store::StudyRecord>| {
-        list.into_iter().map(|study| study.id).collect::<Vec<_>>()
-    };
+    let ids =
+        |list: Vec<treewright_store::StudyRecord>| list.into_iter().map(|study| study.id).collect::<Vec<_>>();
     let page = store.list_studies(None, 3).await.unwrap();
     assert_eq!(ids(page), ["a-1", "bmw", "hall"]);
     let page = store.list_studies(Some("hall"), 3).await.unwrap();
@@ -137,9 +130,7 @@ async fn everything_comes_back_as_it_was_stored(store: &dyn Store) {
         states: vec![state(1), state(2)],
         visits: vec![visit("a", 3), visit("b", 1)],
     };
-    commit(store, &held, std::slice::from_ref(&stored))
-        .await
-        .unwrap();
+    commit(store, &held, std::slice::from_ref(&stored)).await.unwrap();
 
     let space = spec().space;
     for trial in &trials {
@@ -156,18 +147,12 @@ async fn everything_comes_back_as_it_was_stored(store: &dyn Store) {
 
     let statistics = store.get_study("hall").await.unwrap().statistics;
     assert_eq!((statistics.states, statistics.trials), (2, 7));
-    assert_eq!(
-        (statistics.completed_trials, statistics.open_trials),
-        (4, 1)
-    );
+    assert_eq!((statistics.completed_trials, statistics.open_trials), (4, 1));
 }
 
 async fn of_two_changes_in_one_commit_the_last_wins(store: &dyn Store) {
     let held = fence(store, "hall").await;
-    let changes = [
-        change(vec![open(1)]),
-        change(vec![completed(1, 1, Outcome::Ok), open(2)]),
-    ];
+    let changes = [change(vec![open(1)]), change(vec![completed(1, 1, Outcome::Ok), open(2)])];
     commit(store, &held, &changes).await.unwrap();
     assert_eq!(numbers(store, "state = COMPLETED").await, [1]);
     assert_eq!(numbers(store, "state = OPEN").await, [2]);
@@ -176,32 +161,24 @@ async fn of_two_changes_in_one_commit_the_last_wins(store: &dyn Store) {
 async fn a_completed_trial_is_never_changed(store: &dyn Store) {
     let held = fence(store, "hall").await;
     let original = completed(1, 1, Outcome::Ok);
-    commit(store, &held, &[change(vec![original.clone()])])
-        .await
-        .unwrap();
+    commit(store, &held, &[change(vec![original.clone()])]).await.unwrap();
     let mut forged = original.clone();
     forged.measurements.insert("render_ms".to_owned(), 0.0);
-    let error = commit(store, &held, &[change(vec![forged])])
-        .await
-        .unwrap_err();
+    let error = commit(store, &held, &[change(vec![forged])]).await.unwrap_err();
     assert!(matches!(error, StoreError::Inconsistent { .. }), "{error}");
     assert!(error.to_string().contains("never changed"), "{error}");
     let raw = store.get_trial("hall", 1).await.unwrap();
     assert_eq!(raw.check(&spec().space).unwrap(), original);
     // What else the holder computed rests on a change that was refused.
     assert!(!held.holds());
-    let error = commit(store, &held, &[change(vec![open(2)])])
-        .await
-        .unwrap_err();
+    let error = commit(store, &held, &[change(vec![open(2)])]).await.unwrap_err();
     assert!(matches!(error, StoreError::Fenced { .. }));
 }
 
 async fn a_commit_is_stored_whole_or_not_at_all(store: &dyn Store) {
     let held = fence(store, "hall").await;
     let other = fence(store, "sponza").await;
-    commit(store, &held, &[change(vec![completed(1, 1, Outcome::Ok)])])
-        .await
-        .unwrap();
+    commit(store, &held, &[change(vec![completed(1, 1, Outcome::Ok)])]).await.unwrap();
     // Queued together, so that they share a transaction where a store groups its writes.
     let good = store.commit(&other, &[change(vec![open(1)])]);
     let bad = store.commit(&held, &[change(vec![open(2)]), change(vec![open(1)])]);
@@ -209,16 +186,10 @@ async fn a_commit_is_stored_whole_or_not_at_all(store: &dyn Store) {
     let also_good = store.commit(&other, &[change(vec![open(2)])]);
     assert_eq!(good.durable().await, Ok(()));
     assert!(bad.durable().await.is_err());
-    assert!(matches!(
-        late.durable().await,
-        Err(StoreError::Fenced { .. })
-    ));
+    assert!(matches!(late.durable().await, Err(StoreError::Fenced { .. })));
     assert_eq!(also_good.durable().await, Ok(()));
     assert_eq!(numbers(store, "").await, [1]);
-    assert_eq!(
-        store.get_study("sponza").await.unwrap().statistics.trials,
-        2
-    );
+    assert_eq!(store.get_study("sponza").await.unwrap().statistics.trials, 2);
 }
 
 async fn a_newer_load_breaks_the_fence(store: &dyn Store) {
@@ -252,22 +223,13 @@ async fn policies_change_and_stay(store: &dyn Store) {
 
 async fn deleting_takes_everything_along(store: &dyn Store) {
     let held = fence(store, "hall").await;
-    commit(store, &held, &[change(vec![completed(1, 1, Outcome::Ok)])])
-        .await
-        .unwrap();
+    commit(store, &held, &[change(vec![completed(1, 1, Outcome::Ok)])]).await.unwrap();
     store.delete_study("hall").await.unwrap();
     assert!(!held.holds());
-    assert!(matches!(
-        store.delete_study("hall").await,
-        Err(StoreError::StudyNotFound { .. })
-    ));
+    assert!(matches!(store.delete_study("hall").await, Err(StoreError::StudyNotFound { .. })));
     let anew = fence(store, "hall").await;
     // A change to the deleted study does not reach its namesake.
-    assert!(
-        commit(store, &held, &[change(vec![open(1)])])
-            .await
-            .is_err()
-    );
+    assert!(commit(store, &held, &[change(vec![open(1)])]).await.is_err());
     assert_eq!(numbers(store, "").await, [0; 0]);
     assert_eq!(commit(store, &anew, &[change(vec![open(1)])]).await, Ok(()));
 }
@@ -310,15 +272,11 @@ async fn pages_follow_each_other_in_every_order(store: &dyn Store) {
 async fn due_leases_are_found(store: &dyn Store) {
     let held = fence(store, "hall").await;
     store.create_study("empty", &spec(), 5).await.unwrap();
-    commit(store, &held, &[change(vec![open(1)])])
-        .await
-        .unwrap();
+    commit(store, &held, &[change(vec![open(1)])]).await.unwrap();
     let due = |now_ms| store.studies_with_due_leases(now_ms);
     assert_eq!(due(60_000).await.unwrap(), [""; 0]);
     assert_eq!(due(60_001).await.unwrap(), ["hall"]);
-    commit(store, &held, &[change(vec![completed(1, 1, Outcome::Ok)])])
-        .await
-        .unwrap();
+    commit(store, &held, &[change(vec![completed(1, 1, Outcome::Ok)])]).await.unwrap();
     assert_eq!(due(60_001).await.unwrap(), [""; 0]);
 }
 
@@ -333,10 +291,7 @@ async fn unknown_names_are_named(store: &dyn Store) {
     for number in [1, u64::MAX] {
         assert_eq!(
             store.get_trial("hall", number).await.unwrap_err(),
-            StoreError::TrialNotFound {
-                study: "hall".to_owned(),
-                number
-            }
+            StoreError::TrialNotFound { study: "hall".to_owned(), number }
         );
     }
 }

@@ -11,9 +11,7 @@ use treewright_core::tuner::Change;
 use treewright_store::{OpenError, SqliteStore, Store};
 
 async fn refusal(path: &Path) -> OpenError {
-    SqliteStore::open(path)
-        .await
-        .expect_err("this file cannot be opened")
+    SqliteStore::open(path).await.expect_err("this file cannot be opened")
 }
 
 /// Another program's connection.
@@ -34,11 +32,7 @@ async fn what_was_acknowledged_is_there_after_reopening() {
     store.create_study("hall", &spec(), 5).await.unwrap();
     let fence = store.load("hall").await.unwrap().fence;
     let stored = change(vec![completed(1, 1, Outcome::Ok), open(2)]);
-    store
-        .commit(&fence, std::slice::from_ref(&stored))
-        .durable()
-        .await
-        .unwrap();
+    store.commit(&fence, std::slice::from_ref(&stored)).durable().await.unwrap();
     store.close().await;
     assert!(!directory.path().join("studies.db-wal").exists());
 
@@ -55,29 +49,21 @@ async fn what_was_acknowledged_is_there_after_reopening() {
 #[tokio::test]
 async fn many_writers_at_once_are_all_answered() {
     let directory = tempfile::tempdir().unwrap();
-    let store = SqliteStore::open(&directory.path().join("studies.db"))
-        .await
-        .unwrap();
+    let store = SqliteStore::open(&directory.path().join("studies.db")).await.unwrap();
     store.create_study("hall", &spec(), 5).await.unwrap();
     let fence = store.load("hall").await.unwrap().fence;
-    let receipts: Vec<_> = (1..=500)
-        .map(|number| store.commit(&fence, &[change(vec![open(number)])]))
-        .collect();
+    let receipts: Vec<_> =
+        (1..=500).map(|number| store.commit(&fence, &[change(vec![open(number)])])).collect();
     for receipt in receipts {
         receipt.durable().await.unwrap();
     }
-    assert_eq!(
-        store.get_study("hall").await.unwrap().statistics.trials,
-        500
-    );
+    assert_eq!(store.get_study("hall").await.unwrap().statistics.trials, 500);
 }
 
 #[tokio::test]
 async fn a_full_queue_refuses_and_breaks_the_fence() {
     let directory = tempfile::tempdir().unwrap();
-    let store = SqliteStore::open(&directory.path().join("studies.db"))
-        .await
-        .unwrap();
+    let store = SqliteStore::open(&directory.path().join("studies.db")).await.unwrap();
     store.create_study("hall", &spec(), 5).await.unwrap();
     let fence = store.load("hall").await.unwrap().fence;
     // On this single-threaded runtime the writer only runs while we wait, so the queue must fill up.
@@ -88,11 +74,7 @@ async fn a_full_queue_refuses_and_breaks_the_fence() {
     let mut full = 0;
     for receipt in receipts {
         if let Err(error) = receipt.durable().await {
-            full += usize::from(
-                error
-                    .to_string()
-                    .contains("writes are waiting for the disk"),
-            );
+            full += usize::from(error.to_string().contains("writes are waiting for the disk"));
         }
     }
     assert_eq!(full, 1);
@@ -107,12 +89,13 @@ async fn a_second_daemon_is_told_who_has_the_file() {
     assert!(matches!(error, OpenError::InUse { pid: Some(pid), .. } if pid == std::process::id()));
     let message = error.to_string();
     assert!(
-        message.contains(&format!(
-            "in use by another treewrightd (pid {})",
-            std::process::id()
-        )),
+        message.contains(&format!("in use by another treewrightd (pid {})", std::process::id())),
         "{message}"
     );
+    // By another name it is still the same file.
+    let link = directory.path().join("link.db");
+    std::os::unix::fs::symlink(&path, &link).unwrap();
+    assert!(matches!(refusal(&link).await, OpenError::InUse { .. }));
     first.close().await;
     SqliteStore::open(&path).await.expect("free again");
 }
@@ -136,10 +119,7 @@ async fn a_foreign_lock_is_an_error_and_not_a_hang() {
     assert!(error.to_string().contains("database is locked"), "{error}");
     other.execute("ROLLBACK").await.unwrap();
     other.close().await.unwrap();
-    store
-        .create_study("sponza", &spec(), 5)
-        .await
-        .expect("stored");
+    store.create_study("sponza", &spec(), 5).await.expect("stored");
 }
 
 #[tokio::test]
@@ -189,10 +169,7 @@ async fn another_programs_database_is_refused_and_left_alone() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("album.db");
     let mut other = foreign(&path).await;
-    other
-        .execute("CREATE TABLE photographs (id INTEGER)")
-        .await
-        .unwrap();
+    other.execute("CREATE TABLE photographs (id INTEGER)").await.unwrap();
     other.close().await.unwrap();
     let before = std::fs::read(&path).unwrap();
     let error = refusal(&path).await;
@@ -215,15 +192,5 @@ async fn a_newer_schema_is_refused() {
         .unwrap();
     other.close().await.unwrap();
     let error = refusal(&path).await;
-    assert!(
-        matches!(
-            error,
-            OpenError::Newer {
-                version: 9999,
-                known: 1,
-                ..
-            }
-        ),
-        "{error}"
-    );
+    assert!(matches!(error, OpenError::Newer { version: 9999, known: 1, .. }), "{error}");
 }

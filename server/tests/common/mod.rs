@@ -11,6 +11,7 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tonic::transport::Channel;
+use tonic::{Code, Status};
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_proto::v1::{self as wire, outcome, parameter, value};
 use treewright_server::clock::ManualClock;
@@ -43,23 +44,12 @@ impl Server {
         let address = listener.local_addr().expect("an address");
         let clock = Arc::new(ManualClock::at(now_ms));
         let (stop, stopped) = oneshot::channel::<()>();
-        let served = serve::run(
-            listener,
-            store,
-            Arc::clone(&clock) as _,
-            Duration::from_secs(5),
-            async {
-                // A dropped server stops as well.
-                let _ = stopped.await;
-            },
-        );
+        let served = serve::run(listener, store, Arc::clone(&clock) as _, Duration::from_secs(5), async {
+            // A dropped server stops as well.
+            let _ = stopped.await;
+        });
         let task = tokio::spawn(async { served.await.expect("served") });
-        Self {
-            address,
-            clock,
-            stop: Some(stop),
-            task,
-        }
+        Self { address, clock, stop: Some(stop), task }
     }
 
     pub(crate) async fn channel(&self) -> Channel {
@@ -87,25 +77,17 @@ impl Server {
 }
 
 pub(crate) fn integer(integer: i64) -> wire::Value {
-    wire::Value {
-        kind: Some(value::Kind::Integer(integer)),
-    }
+    wire::Value { kind: Some(value::Kind::Integer(integer)) }
 }
 
 pub(crate) fn text(text: &str) -> wire::Value {
-    wire::Value {
-        kind: Some(value::Kind::Text(text.to_owned())),
-    }
+    wire::Value { kind: Some(value::Kind::Text(text.to_owned())) }
 }
 
 fn integer_parameter(name: &str, max: i64, default: i64) -> wire::Parameter {
     wire::Parameter {
         name: name.to_owned(),
-        domain: Some(parameter::Domain::Integer(wire::IntegerDomain {
-            min: 1,
-            max,
-            scale: 0,
-        })),
+        domain: Some(parameter::Domain::Integer(wire::IntegerDomain { min: 1, max, scale: 0 })),
         default_value: Some(integer(default)),
         active_if: None,
     }
@@ -133,37 +115,19 @@ pub(crate) fn study() -> wire::Study {
                 greater: "max_leaf".to_owned(),
             }],
         }),
-        indicators: vec![wire::Indicator {
-            name: "triangles".to_owned(),
-            min: 0.0,
-            max: 100.0,
-            scale: 0,
-        }],
+        indicators: vec![wire::Indicator { name: "triangles".to_owned(), min: 0.0, max: 100.0, scale: 0 }],
         objective: Some(wire::Objective {
-            terms: vec![wire::ObjectiveTerm {
-                metric: "render_ms".to_owned(),
-                weight: 1.0,
-            }],
+            terms: vec![wire::ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 }],
         }),
-        policy: Some(wire::Policy {
-            epsilon: Some(1.0),
-            ..wire::Policy::default()
-        }),
+        policy: Some(wire::Policy { epsilon: Some(1.0), ..wire::Policy::default() }),
         seed: 11,
         ..wire::Study::default()
     }
 }
 
 pub(crate) async fn create(client: &mut Client, id: &str) -> wire::Study {
-    let request = wire::CreateStudyRequest {
-        study_id: id.to_owned(),
-        study: Some(study()),
-    };
-    client
-        .create_study(request)
-        .await
-        .expect("created")
-        .into_inner()
+    let request = wire::CreateStudyRequest { study_id: id.to_owned(), study: Some(study()) };
+    client.create_study(request).await.expect("created").into_inner()
 }
 
 pub(crate) fn triangles(count: f64) -> BTreeMap<String, f64> {
@@ -185,18 +149,13 @@ pub(crate) fn ask(client_id: &str, count: f64) -> wire::SuggestRequest {
 }
 
 pub(crate) fn ok() -> Option<wire::Outcome> {
-    Some(wire::Outcome {
-        kind: Some(outcome::Kind::Ok(wire::Ok {})),
-    })
+    Some(wire::Outcome { kind: Some(outcome::Kind::Ok(wire::Ok {})) })
 }
 
 pub(crate) fn report(trial: &str, render_ms: f64) -> wire::ReportRequest {
     wire::ReportRequest {
         trial: trial.to_owned(),
-        measurements: BTreeMap::from([
-            ("render_ms".to_owned(), render_ms),
-            ("build_ms".to_owned(), 3.5),
-        ]),
+        measurements: BTreeMap::from([("render_ms".to_owned(), render_ms), ("build_ms".to_owned(), 3.5)]),
         outcome: ok(),
     }
 }
@@ -214,9 +173,12 @@ pub(crate) async fn done(client: &mut Client, trial: &str, render_ms: f64) -> wi
 pub(crate) async fn get(client: &mut Client, trial: &str) -> wire::Trial {
     let name = trial.to_owned();
     let request = wire::GetTrialRequest { name };
-    client
-        .get_trial(request)
-        .await
-        .expect("a trial")
-        .into_inner()
+    client.get_trial(request).await.expect("a trial").into_inner()
+}
+
+/// Asserts that a request was refused, with this code and for this reason.
+pub(crate) fn assert_refused<T: std::fmt::Debug>(answer: Result<T, Status>, code: Code, fragment: &str) {
+    let status = answer.expect_err("refused");
+    assert_eq!(status.code(), code, "{status}");
+    assert!(status.message().contains(fragment), "{status}");
 }

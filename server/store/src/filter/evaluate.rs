@@ -9,9 +9,7 @@ impl Filter {
     /// Whether every comparison holds for `trial`.
     #[must_use]
     pub fn matches(&self, trial: &RawTrial) -> bool {
-        self.comparisons
-            .iter()
-            .all(|comparison| comparison.holds(trial))
+        self.comparisons.iter().all(|comparison| comparison.holds(trial))
     }
 }
 
@@ -29,18 +27,15 @@ impl Comparison {
             Self::StateId(operator, id) => operator.holds(&signed(trial.state_id), id),
             Self::Number(operator, number) => operator.holds(&signed(trial.number), number),
             Self::Cost(operator, cost) => trial.cost.is_some_and(|own| operator.holds(&own, cost)),
-            Self::Measurement(name, operator, value) => trial
-                .measurements
-                .get(name)
-                .is_some_and(|own| operator.holds(own, value)),
-            Self::Indicator(name, operator, value) => trial
-                .indicators
-                .get(name)
-                .is_some_and(|own| operator.holds(own, value)),
-            Self::Configuration(name, operator, literal) => trial
-                .configuration
-                .get(name)
-                .is_some_and(|own| literal_holds(own, *operator, literal)),
+            Self::Measurement(name, operator, value) => {
+                trial.measurements.get(name).is_some_and(|own| operator.holds(own, value))
+            }
+            Self::Indicator(name, operator, value) => {
+                trial.indicators.get(name).is_some_and(|own| operator.holds(own, value))
+            }
+            Self::Configuration(name, operator, literal) => {
+                trial.configuration.get(name).is_some_and(|own| literal_holds(own, *operator, literal))
+            }
         }
     }
 }
@@ -49,9 +44,9 @@ fn literal_holds(own: &Value, operator: Operator, literal: &Literal) -> bool {
     match (own, literal) {
         (Value::Text(own), Literal::Text(text)) => operator.holds(own, text),
         (Value::Boolean(own), Literal::Boolean(boolean)) => operator.equality(own == boolean),
-        (Value::Integer(_) | Value::Float(_), Literal::Number(number)) => own
-            .as_number()
-            .is_some_and(|own| operator.holds(&own, number)),
+        (Value::Integer(_) | Value::Float(_), Literal::Number(number)) => {
+            own.as_number().is_some_and(|own| operator.holds(&own, number))
+        }
         _ => false,
     }
 }

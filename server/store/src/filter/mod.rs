@@ -46,10 +46,7 @@ pub struct FilterError {
 
 impl FilterError {
     pub(crate) fn new(position: usize, problem: impl Into<String>) -> Self {
-        Self {
-            position,
-            problem: problem.into(),
-        }
+        Self { position, problem: problem.into() }
     }
 }
 

@@ -32,10 +32,7 @@ pub enum OrderKey {
 
 impl Default for Order {
     fn default() -> Self {
-        Self {
-            key: OrderKey::Number,
-            descending: false,
-        }
+        Self { key: OrderKey::Number, descending: false }
     }
 }
 
@@ -52,10 +49,7 @@ impl Order {
             return Ok(Self::default());
         };
         let unexpected = |position, token: &Token, expected| {
-            FilterError::new(
-                position,
-                format!("found {} instead of {expected}", token.shown()),
-            )
+            FilterError::new(position, format!("found {} instead of {expected}", token.shown()))
         };
         let key = match &first.token {
             Token::Word(word) if word == "number" => OrderKey::Number,
@@ -93,10 +87,7 @@ impl Order {
     /// The place of `trial` in this order: a page can go on behind it.
     #[must_use]
     pub fn place<C>(&self, trial: &Trial<C>) -> Cursor {
-        Cursor {
-            value: self.value(trial),
-            number: i64::try_from(trial.number).unwrap_or(i64::MAX),
-        }
+        Cursor { value: self.value(trial), number: i64::try_from(trial.number).unwrap_or(i64::MAX) }
     }
 
     /// Which of two rows comes first.

@@ -12,17 +12,10 @@ pub(super) fn filter(text: &str) -> Result<Filter, FilterError> {
     if text.chars().nth(limits::FILTER_CHARACTERS).is_some() {
         return Err(FilterError::new(
             limits::FILTER_CHARACTERS + 1,
-            format!(
-                "a filter has at most {} characters",
-                limits::FILTER_CHARACTERS
-            ),
+            format!("a filter has at most {} characters", limits::FILTER_CHARACTERS),
         ));
     }
-    let mut parser = Parser {
-        tokens: tokens(text)?,
-        next: 0,
-        end: text.chars().count() + 1,
-    };
+    let mut parser = Parser { tokens: tokens(text)?, next: 0, end: text.chars().count() + 1 };
     let mut comparisons = Vec::new();
     while parser.next < parser.tokens.len() {
         if !comparisons.is_empty() {
@@ -31,10 +24,7 @@ pub(super) fn filter(text: &str) -> Result<Filter, FilterError> {
         if comparisons.len() == limits::FILTER_COMPARISONS {
             return Err(FilterError::new(
                 parser.position(),
-                format!(
-                    "a filter has at most {} comparisons",
-                    limits::FILTER_COMPARISONS
-                ),
+                format!("a filter has at most {} comparisons", limits::FILTER_COMPARISONS),
             ));
         }
         comparisons.push(parser.comparison()?);
@@ -45,9 +35,7 @@ pub(super) fn filter(text: &str) -> Result<Filter, FilterError> {
 /// Checks that `name` is spelt like a parameter's name, so that it can be part of a JSON path.
 pub(super) fn name(name: &str, position: usize) -> Result<String, FilterError> {
     let spelt = name.starts_with(|c: char| c.is_ascii_lowercase())
-        && name
-            .chars()
-            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+        && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
     if spelt && name.len() <= limits::NAME_CHARACTERS {
         Ok(name.to_owned())
     } else {
@@ -75,9 +63,11 @@ impl Parser {
 
     /// Takes the next token, or says that `expected` is missing.
     fn take(&mut self, expected: &str) -> Result<Placed, FilterError> {
-        let placed = self.tokens.get(self.next).cloned().ok_or_else(|| {
-            FilterError::new(self.end, format!("the filter ends before {expected}"))
-        })?;
+        let placed = self
+            .tokens
+            .get(self.next)
+            .cloned()
+            .ok_or_else(|| FilterError::new(self.end, format!("the filter ends before {expected}")))?;
         self.next += 1;
         Ok(placed)
     }
@@ -100,14 +90,7 @@ impl Parser {
             Some((prefix, _)) => matches!(prefix, "measurement" | "config" | "indicator"),
             None => matches!(
                 word.as_str(),
-                "state"
-                    | "mode"
-                    | "outcome"
-                    | "client_id"
-                    | "state_id"
-                    | "number"
-                    | "cost"
-                    | "late"
+                "state" | "mode" | "outcome" | "client_id" | "state_id" | "number" | "cost" | "late"
             ),
         };
         if !known {
@@ -120,18 +103,12 @@ impl Parser {
 
         let operator = self.operator()?;
         Ok(match prefixed.map_or(word.as_str(), |(prefix, _)| prefix) {
-            "state" => {
-                Comparison::State(operator.equality("state")?, self.word(STATES, "a state")?)
-            }
+            "state" => Comparison::State(operator.equality("state")?, self.word(STATES, "a state")?),
             "mode" => Comparison::Mode(operator.equality("mode")?, self.word(MODES, "a mode")?),
-            "outcome" => Comparison::Outcome(
-                operator.equality("outcome")?,
-                self.word(OUTCOMES, "an outcome")?,
-            ),
-            "late" => Comparison::Late(
-                operator.equality("late")?,
-                self.word(BOOLEANS, "a truth value")?,
-            ),
+            "outcome" => {
+                Comparison::Outcome(operator.equality("outcome")?, self.word(OUTCOMES, "an outcome")?)
+            }
+            "late" => Comparison::Late(operator.equality("late")?, self.word(BOOLEANS, "a truth value")?),
             "client_id" => Comparison::ClientId(operator.operator, self.text()?),
             "state_id" => Comparison::StateId(operator.operator, self.whole_number()?),
             "number" => Comparison::Number(operator.operator, self.whole_number()?),
@@ -152,10 +129,7 @@ impl Parser {
         const EXPECTED: &str = "an operator: = != < <= > >=";
         let placed = self.take(EXPECTED)?;
         match placed.token {
-            Token::Operator(operator) => Ok(PlacedOperator {
-                position: placed.position,
-                operator,
-            }),
+            Token::Operator(operator) => Ok(PlacedOperator { position: placed.position, operator }),
             other => Err(unexpected(placed.position, &other, EXPECTED)),
         }
     }
@@ -194,9 +168,9 @@ impl Parser {
         const EXPECTED: &str = "a whole number";
         let placed = self.take(EXPECTED)?;
         match &placed.token {
-            Token::Number(written) => written
-                .parse()
-                .map_err(|_| unexpected(placed.position, &placed.token, EXPECTED)),
+            Token::Number(written) => {
+                written.parse().map_err(|_| unexpected(placed.position, &placed.token, EXPECTED))
+            }
             other => Err(unexpected(placed.position, other, EXPECTED)),
         }
     }
@@ -225,10 +199,7 @@ impl PlacedOperator {
         if self.operator.is_equality() {
             Ok(self.operator)
         } else {
-            Err(FilterError::new(
-                self.position,
-                format!("{field} is compared with = or != only"),
-            ))
+            Err(FilterError::new(self.position, format!("{field} is compared with = or != only")))
         }
     }
 }
@@ -239,18 +210,12 @@ fn finite(written: &str, position: usize) -> Result<f64, FilterError> {
     match written.parse::<f64>() {
         // A negative zero would print and hash differently from zero while comparing equal.
         Ok(number) if number.is_finite() => Ok(number + 0.0),
-        _ => Err(FilterError::new(
-            position,
-            format!("`{written}` is not a finite number"),
-        )),
+        _ => Err(FilterError::new(position, format!("`{written}` is not a finite number"))),
     }
 }
 
 fn unexpected(position: usize, found: &Token, expected: &str) -> FilterError {
-    FilterError::new(
-        position,
-        format!("found {} instead of {expected}", found.shown()),
-    )
+    FilterError::new(position, format!("found {} instead of {expected}", found.shown()))
 }
 
 #[cfg(test)]

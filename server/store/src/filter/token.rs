@@ -49,14 +49,10 @@ pub(super) fn tokens(text: &str) -> Result<Vec<Placed>, FilterError> {
             'a'..='z' | 'A'..='Z' | '_' => word(&characters[at..]),
             '0'..='9' | '-' | '.' => number(&characters[at..]),
             '"' => quoted(&characters[at..], at + 1)?,
-            _ => operator(&characters[at..]).ok_or_else(|| {
-                FilterError::new(at + 1, format!("`{first}` has no meaning here"))
-            })?,
+            _ => operator(&characters[at..])
+                .ok_or_else(|| FilterError::new(at + 1, format!("`{first}` has no meaning here")))?,
         };
-        found.push(Placed {
-            position: at + 1,
-            token,
-        });
+        found.push(Placed { position: at + 1, token });
         at += length;
     }
     Ok(found)
@@ -106,10 +102,7 @@ fn quoted(rest: &[char], position: usize) -> Result<(Token, usize), FilterError>
                 }
             },
             '\0' => {
-                return Err(FilterError::new(
-                    position + at,
-                    "text cannot hold the character NUL",
-                ));
+                return Err(FilterError::new(position + at, "text cannot hold the character NUL"));
             }
             _ => {
                 text.push(c);
@@ -117,10 +110,7 @@ fn quoted(rest: &[char], position: usize) -> Result<(Token, usize), FilterError>
             }
         }
     }
-    Err(FilterError::new(
-        position,
-        r#"this text is not closed with `"`"#,
-    ))
+    Err(FilterError::new(position, r#"this text is not closed with `"`"#))
 }
 
 fn operator(rest: &[char]) -> Option<(Token, usize)> {

@@ -18,19 +18,15 @@ pub(super) async fn apply(
     command: &Command,
 ) -> Result<Done, StoreError> {
     match command {
-        Command::Create { id, spec, now_ms } => create(connection, id, spec, *now_ms)
-            .await
-            .map(|created| Done::Created(Box::new(created))),
+        Command::Create { id, spec, now_ms } => {
+            create(connection, id, spec, *now_ms).await.map(|created| Done::Created(Box::new(created)))
+        }
         Command::Delete { study } => {
             let key = read::study_key(&mut *connection, study).await?;
             if let Some(fence) = fences.remove(&key) {
                 fence.break_up();
             }
-            sqlx::query(sql::STUDY_DELETE)
-                .bind(key)
-                .execute(connection)
-                .await
-                .map_err(refused)?;
+            sqlx::query(sql::STUDY_DELETE).bind(key).execute(connection).await.map_err(refused)?;
             Ok(Done::Nothing)
         }
         Command::Fence { study } => {
@@ -68,27 +64,17 @@ async fn create(
     match read::study(&mut *connection, id).await {
         Ok(stored) => {
             return match stored.spec.first_difference(spec) {
-                None => Ok(Created {
-                    study: stored,
-                    is_new: false,
-                }),
-                Some(difference) => Err(StoreError::StudyExists {
-                    study: id.to_owned(),
-                    difference,
-                }),
+                None => Ok(Created { study: stored, is_new: false }),
+                Some(difference) => Err(StoreError::StudyExists { study: id.to_owned(), difference }),
             };
         }
         Err(StoreError::StudyNotFound { .. }) => {}
         Err(error) => return Err(error),
     }
-    let count: i64 = sqlx::query_scalar(sql::STUDY_COUNT)
-        .fetch_one(&mut *connection)
-        .await
-        .map_err(refused)?;
+    let count: i64 =
+        sqlx::query_scalar(sql::STUDY_COUNT).fetch_one(&mut *connection).await.map_err(refused)?;
     if count >= i64::from(limits::STUDIES) {
-        return Err(StoreError::TooManyStudies {
-            limit: limits::STUDIES,
-        });
+        return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
     }
     let (specification, policy) = rows::specification(spec)?;
     sqlx::query(sql::STUDY_INSERT)
@@ -99,54 +85,30 @@ async fn create(
         .execute(&mut *connection)
         .await
         .map_err(refused)?;
-    Ok(Created {
-        study: read::study(connection, id).await?,
-        is_new: true,
-    })
+    Ok(Created { study: read::study(connection, id).await?, is_new: true })
 }
 
 /// States first: visits and trials refer to them.
-async fn store(
-    connection: &mut SqliteConnection,
-    study: i64,
-    rows: &Rows,
-) -> Result<(), StoreError> {
+async fn store(connection: &mut SqliteConnection, study: i64, rows: &Rows) -> Result<(), StoreError> {
     for state in &rows.states {
-        put_state(&mut *connection, study, state)
-            .await
-            .map_err(refused)?;
+        put_state(&mut *connection, study, state).await.map_err(refused)?;
     }
     for visit in &rows.visits {
-        put_visit(&mut *connection, study, visit)
-            .await
-            .map_err(refused)?;
+        put_visit(&mut *connection, study, visit).await.map_err(refused)?;
     }
     for trial in &rows.trials {
-        put_trial(&mut *connection, study, trial)
-            .await
-            .map_err(refused)?;
+        put_trial(&mut *connection, study, trial).await.map_err(refused)?;
     }
     Ok(())
 }
 
-async fn put_state(
-    connection: &mut SqliteConnection,
-    study: i64,
-    row: &StateRow,
-) -> Result<(), sqlx::Error> {
-    let query = sqlx::query(sql::STATE_UPSERT)
-        .bind(study)
-        .bind(row.id)
-        .bind(&row.indicators)
-        .bind(&row.search);
+async fn put_state(connection: &mut SqliteConnection, study: i64, row: &StateRow) -> Result<(), sqlx::Error> {
+    let query =
+        sqlx::query(sql::STATE_UPSERT).bind(study).bind(row.id).bind(&row.indicators).bind(&row.search);
     query.execute(connection).await.map(|_| ())
 }
 
-async fn put_visit(
-    connection: &mut SqliteConnection,
-    study: i64,
-    row: &VisitRow,
-) -> Result<(), sqlx::Error> {
+async fn put_visit(connection: &mut SqliteConnection, study: i64, row: &VisitRow) -> Result<(), sqlx::Error> {
     let query = sqlx::query(sql::VISIT_UPSERT)
         .bind(study)
         .bind(&row.client_id)
@@ -157,11 +119,7 @@ async fn put_visit(
 }
 
 /// Binds in the order of [`TRIAL_COLUMNS`](sql::TRIAL_COLUMNS).
-async fn put_trial(
-    connection: &mut SqliteConnection,
-    study: i64,
-    row: &TrialRow,
-) -> Result<(), sqlx::Error> {
+async fn put_trial(connection: &mut SqliteConnection, study: i64, row: &TrialRow) -> Result<(), sqlx::Error> {
     let query = sqlx::query(sql::TRIAL_UPSERT)
         .bind(study)
         .bind(row.number)
@@ -191,9 +149,7 @@ async fn put_trial(
 fn refused(error: sqlx::Error) -> StoreError {
     use sqlx::error::ErrorKind;
     match error.as_database_error() {
-        Some(database) if database.kind() != ErrorKind::Other => {
-            inconsistent(database.message().to_owned())
-        }
+        Some(database) if database.kind() != ErrorKind::Other => inconsistent(database.message().to_owned()),
         // A trigger's RAISE(ABORT) is SQLITE_CONSTRAINT_TRIGGER, which sqlx does not name.
         Some(database) if database.code().as_deref() == Some("1811") => {
             inconsistent(database.message().to_owned())

@@ -13,15 +13,11 @@ use crate::words::{MODES, OUTCOMES, STATES, word};
 
 /// The question for one page, and for one row more, which tells whether another page follows. The
 /// result's last column, `sort_key`, is the value the row was ordered by.
-pub(super) fn trial_page(
-    study: i64,
-    query: &TrialQuery,
-) -> Result<QueryBuilder<Sqlite>, StoreError> {
+pub(super) fn trial_page(study: i64, query: &TrialQuery) -> Result<QueryBuilder<Sqlite>, StoreError> {
     let mut sql = QueryBuilder::new("SELECT ");
     sql.push(TRIAL_COLUMNS).push(", ");
     push_key(&mut sql, &query.order.key);
-    sql.push(" AS sort_key FROM trials WHERE study = ")
-        .push_bind(study);
+    sql.push(" AS sort_key FROM trials WHERE study = ").push_bind(study);
     for comparison in &query.filter.comparisons {
         sql.push(" AND ");
         push_comparison(&mut sql, comparison);
@@ -50,32 +46,19 @@ pub(super) fn trial_page(
 }
 
 /// The rows behind one with this value and number; those without a value come last.
-fn push_behind(
-    sql: &mut QueryBuilder<Sqlite>,
-    query: &TrialQuery,
-    value: Option<f64>,
-    number: i64,
-) {
+fn push_behind(sql: &mut QueryBuilder<Sqlite>, query: &TrialQuery, value: Option<f64>, number: i64) {
     let key = &query.order.key;
     sql.push(" AND (");
     if let Some(value) = value {
         push_key(sql, key);
-        sql.push(if query.order.descending { " < " } else { " > " })
-            .push_bind(value)
-            .push(" OR (");
+        sql.push(if query.order.descending { " < " } else { " > " }).push_bind(value).push(" OR (");
         push_key(sql, key);
-        sql.push(" = ")
-            .push_bind(value)
-            .push(" AND number > ")
-            .push_bind(number)
-            .push(") OR ");
+        sql.push(" = ").push_bind(value).push(" AND number > ").push_bind(number).push(") OR ");
         push_key(sql, key);
         sql.push(" IS NULL)");
     } else {
         push_key(sql, key);
-        sql.push(" IS NULL AND number > ")
-            .push_bind(number)
-            .push(")");
+        sql.push(" IS NULL AND number > ").push_bind(number).push(")");
     }
 }
 
@@ -94,12 +77,7 @@ fn push_member<'q>(
     column: &str,
     name: &str,
 ) -> &'q mut QueryBuilder<Sqlite> {
-    sql.push(function)
-        .push("(")
-        .push(column)
-        .push(", ")
-        .push_bind(format!("$.{name}"))
-        .push(")")
+    sql.push(function).push("(").push(column).push(", ").push_bind(format!("$.{name}")).push(")")
 }
 
 fn push_comparison(sql: &mut QueryBuilder<Sqlite>, comparison: &Comparison) {
@@ -119,28 +97,18 @@ fn push_comparison(sql: &mut QueryBuilder<Sqlite>, comparison: &Comparison) {
         Comparison::ClientId(operator, text) => {
             push_operator(sql.push("client_id"), *operator).push_bind(text.clone())
         }
-        Comparison::StateId(operator, id) => {
-            push_operator(sql.push("state_id"), *operator).push_bind(*id)
-        }
+        Comparison::StateId(operator, id) => push_operator(sql.push("state_id"), *operator).push_bind(*id),
         Comparison::Number(operator, number) => {
             push_operator(sql.push("number"), *operator).push_bind(*number)
         }
-        Comparison::Cost(operator, cost) => {
-            push_operator(sql.push("cost"), *operator).push_bind(*cost)
+        Comparison::Cost(operator, cost) => push_operator(sql.push("cost"), *operator).push_bind(*cost),
+        Comparison::Measurement(name, operator, value) => {
+            push_operator(push_member(sql, "json_extract", "measurements", name), *operator).push_bind(*value)
         }
-        Comparison::Measurement(name, operator, value) => push_operator(
-            push_member(sql, "json_extract", "measurements", name),
-            *operator,
-        )
-        .push_bind(*value),
-        Comparison::Indicator(name, operator, value) => push_operator(
-            push_member(sql, "json_extract", "indicators", name),
-            *operator,
-        )
-        .push_bind(*value),
-        Comparison::Configuration(name, operator, literal) => {
-            push_literal(sql, name, *operator, literal)
+        Comparison::Indicator(name, operator, value) => {
+            push_operator(push_member(sql, "json_extract", "indicators", name), *operator).push_bind(*value)
         }
+        Comparison::Configuration(name, operator, literal) => push_literal(sql, name, *operator, literal),
     };
 }
 

@@ -18,10 +18,8 @@ impl DatabaseLock {
     /// Takes the lock, or names the process that holds it.
     pub(super) fn take(database: &Path) -> Result<Self, OpenError> {
         let path = lock_path(database);
-        let not_writable = |error: std::io::Error| OpenError::NotWritable {
-            path: path.clone(),
-            problem: error.to_string(),
-        };
+        let not_writable =
+            |error: std::io::Error| OpenError::NotWritable { path: path.clone(), problem: error.to_string() };
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)
@@ -35,10 +33,7 @@ impl DatabaseLock {
                 let mut text = String::new();
                 // The process id is a courtesy; without it the message is only shorter.
                 let _ = file.read_to_string(&mut text);
-                return Err(OpenError::InUse {
-                    path: database.to_owned(),
-                    pid: text.trim().parse().ok(),
-                });
+                return Err(OpenError::InUse { path: database.to_owned(), pid: text.trim().parse().ok() });
             }
             Err(TryLockError::Error(error)) => return Err(not_writable(error)),
         }
@@ -50,8 +45,10 @@ impl DatabaseLock {
     }
 }
 
+/// Beside the file itself, should `database` be a link to it.
 fn lock_path(database: &Path) -> PathBuf {
-    let mut name = database.as_os_str().to_owned();
+    let file = database.canonicalize();
+    let mut name = file.unwrap_or_else(|_| database.to_owned()).into_os_string();
     name.push(".lock");
     PathBuf::from(name)
 }

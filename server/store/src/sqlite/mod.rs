@@ -64,11 +64,7 @@ impl SqliteStore {
         Ok(Self {
             path: path.to_owned(),
             readers: opened.readers,
-            open: Mutex::new(Some(Open {
-                queue,
-                writer,
-                lock: opened.lock,
-            })),
+            open: Mutex::new(Some(Open { queue, writer, lock: opened.lock })),
         })
     }
 
@@ -108,10 +104,7 @@ impl SqliteStore {
     }
 
     async fn reader(&self) -> Result<PoolConnection<Sqlite>, StoreError> {
-        self.readers
-            .acquire()
-            .await
-            .map_err(|error| store_error(&error))
+        self.readers.acquire().await.map_err(|error| store_error(&error))
     }
 }
 
@@ -119,38 +112,23 @@ impl SqliteStore {
 fn store_error(error: &sqlx::Error) -> StoreError {
     match error {
         sqlx::Error::PoolClosed => StoreError::Closed,
-        sqlx::Error::Database(database) => StoreError::Unavailable {
-            problem: database.message().to_owned(),
-        },
-        sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) => StoreError::Inconsistent {
-            problem: error.to_string(),
-        },
-        other => StoreError::Unavailable {
-            problem: other.to_string(),
-        },
+        sqlx::Error::Database(database) => StoreError::Unavailable { problem: database.message().to_owned() },
+        sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) => {
+            StoreError::Inconsistent { problem: error.to_string() }
+        }
+        other => StoreError::Unavailable { problem: other.to_string() },
     }
 }
 
 /// An answer of another kind than the command asks for.
 fn mismatch() -> StoreError {
-    StoreError::Inconsistent {
-        problem: "the writer answered another question".to_owned(),
-    }
+    StoreError::Inconsistent { problem: "the writer answered another question".to_owned() }
 }
 
 #[async_trait]
 impl Store for SqliteStore {
-    async fn create_study(
-        &self,
-        id: &str,
-        spec: &StudySpec,
-        now_ms: i64,
-    ) -> Result<Created, StoreError> {
-        let command = Command::Create {
-            id: id.to_owned(),
-            spec: Box::new(spec.clone()),
-            now_ms,
-        };
+    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
+        let command = Command::Create { id: id.to_owned(), spec: Box::new(spec.clone()), now_ms };
         match self.write(command).await? {
             Done::Created(created) => Ok(*created),
             _ => Err(mismatch()),
@@ -161,11 +139,7 @@ impl Store for SqliteStore {
         read::study(&mut *self.reader().await?, study).await
     }
 
-    async fn list_studies(
-        &self,
-        after: Option<&str>,
-        size: u32,
-    ) -> Result<Vec<StudyRecord>, StoreError> {
+    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
         read::studies(&self.readers, after, size).await
     }
 
@@ -211,17 +185,8 @@ impl Store for SqliteStore {
     }
 
     async fn close(&self) {
-        let taken = self
-            .open
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
-        let Some(Open {
-            queue,
-            writer,
-            lock,
-        }) = taken
-        else {
+        let taken = self.open.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let Some(Open { queue, writer, lock }) = taken else {
             return;
         };
         // With its last sender gone the queue runs dry, and the writer ends.
@@ -234,10 +199,7 @@ impl Store for SqliteStore {
             Err(error) => Err(error.to_string()),
         };
         if let Err(error) = closed {
-            tracing::warn!(
-                error,
-                "the database was not closed cleanly; nothing is lost"
-            );
+            tracing::warn!(error, "the database was not closed cleanly; nothing is lost");
         }
         // Only now may another daemon have the file.
         drop(lock);

@@ -40,108 +40,70 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
     inspect(path, &options).await?;
 
     // A commit is on the disk when it returns: in WAL mode that takes FULL, not NORMAL.
-    let options = options
-        .journal_mode(SqliteJournalMode::Wal)
-        .synchronous(SqliteSynchronous::Full);
-    let mut writer = SqliteConnection::connect_with(&options)
-        .await
-        .map_err(|error| explain(path, &error))?;
+    let options = options.journal_mode(SqliteJournalMode::Wal).synchronous(SqliteSynchronous::Full);
+    let mut writer = SqliteConnection::connect_with(&options).await.map_err(|error| explain(path, &error))?;
     migrate(path, &mut writer).await?;
 
     let readers = SqlitePoolOptions::new()
         .max_connections(limits::READERS)
+        .acquire_timeout(limits::READER_TIMEOUT)
         .connect_with(options.create_if_missing(false).pragma("query_only", "ON"))
         .await
         .map_err(|error| explain(path, &error))?;
-    Ok(Opened {
-        lock,
-        writer,
-        readers,
-    })
+    Ok(Opened { lock, writer, readers })
 }
 
 /// Answers what the system can answer better than SQLite, whose one message is "unable to open".
 fn check_path(path: &Path) -> Result<(), OpenError> {
     if path.is_dir() {
-        return Err(OpenError::Directory {
-            path: path.to_owned(),
-        });
+        return Err(OpenError::Directory { path: path.to_owned() });
     }
     let directory = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
     if !directory.is_dir() {
-        return Err(OpenError::NoDirectory {
-            path: directory.to_owned(),
-        });
+        return Err(OpenError::NoDirectory { path: directory.to_owned() });
     }
-    match std::fs::OpenOptions::new()
-        .read(true)
-        .write(true)
-        .open(path)
-    {
+    match std::fs::OpenOptions::new().read(true).write(true).open(path) {
         Ok(_) => Ok(()),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
-        Err(error) => Err(OpenError::NotWritable {
-            path: path.to_owned(),
-            problem: error.to_string(),
-        }),
+        Err(error) => Err(OpenError::NotWritable { path: path.to_owned(), problem: error.to_string() }),
     }
 }
 
 /// Looks at the file before anything in it is changed: can it be locked, and is it ours?
 async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), OpenError> {
     let explained = |error: sqlx::Error| explain(path, &error);
-    let mut connection = SqliteConnection::connect_with(options)
-        .await
-        .map_err(explained)?;
+    let mut connection = SqliteConnection::connect_with(options).await.map_err(explained)?;
     // A foreign lock shows here, within the busy timeout, and not at the first client's request.
     for statement in ["BEGIN IMMEDIATE", "ROLLBACK"] {
-        sqlx::query(statement)
-            .execute(&mut connection)
-            .await
-            .map_err(explained)?;
+        sqlx::query(statement).execute(&mut connection).await.map_err(explained)?;
     }
-    let application: i64 = sqlx::query_scalar("PRAGMA application_id")
-        .fetch_one(&mut connection)
-        .await
-        .map_err(explained)?;
+    let application: i64 =
+        sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut connection).await.map_err(explained)?;
     let tables: i64 = sqlx::query_scalar("SELECT count(*) FROM sqlite_master")
         .fetch_one(&mut connection)
         .await
         .map_err(explained)?;
     if application != APPLICATION_ID && (tables > 0 || application != 0) {
-        return Err(OpenError::Foreign {
-            path: path.to_owned(),
-        });
+        return Err(OpenError::Foreign { path: path.to_owned() });
     }
     connection.close().await.map_err(explained)
 }
 
 async fn migrate(path: &Path, writer: &mut SqliteConnection) -> Result<(), OpenError> {
     let mark = format!("PRAGMA application_id = {APPLICATION_ID}");
-    sqlx::query(AssertSqlSafe(mark))
-        .execute(&mut *writer)
-        .await
-        .map_err(|error| explain(path, &error))?;
-    MIGRATIONS
-        .run(&mut *writer)
-        .await
-        .map_err(|error| match error {
-            MigrateError::VersionMissing(version) => OpenError::Newer {
-                path: path.to_owned(),
-                version,
-                known: MIGRATIONS.iter().map(|m| m.version).max().unwrap_or(0),
-            },
-            MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => {
-                explain(path, &error)
-            }
-            other => OpenError::Other {
-                path: path.to_owned(),
-                problem: other.to_string(),
-            },
-        })
+    sqlx::query(AssertSqlSafe(mark)).execute(&mut *writer).await.map_err(|error| explain(path, &error))?;
+    MIGRATIONS.run(&mut *writer).await.map_err(|error| match error {
+        MigrateError::VersionMissing(version) => OpenError::Newer {
+            path: path.to_owned(),
+            version,
+            known: MIGRATIONS.iter().map(|m| m.version).max().unwrap_or(0),
+        },
+        MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => explain(path, &error),
+        other => OpenError::Other { path: path.to_owned(), problem: other.to_string() },
+    })
 }
 
 /// Translates SQLite's primary result codes; see <https://sqlite.org/rescode.html>.

@@ -5,9 +5,7 @@ use sqlx::{FromRow as _, Row as _};
 use treewright_core::trial::{RawTrial, Trial};
 use treewright_core::tuner::{Snapshot, Statistics};
 
-use super::rows::{
-    StateRow, TrialRow, VisitRow, inconsistent, into_specification, signed, unsigned,
-};
+use super::rows::{StateRow, TrialRow, VisitRow, inconsistent, into_specification, signed, unsigned};
 use super::{filter, statements as sql, store_error};
 use crate::cursor::Cursor;
 use crate::error::StoreError;
@@ -47,16 +45,11 @@ fn failed(error: sqlx::Error) -> StoreError {
 }
 
 fn study_not_found(study: &str) -> StoreError {
-    StoreError::StudyNotFound {
-        study: study.to_owned(),
-    }
+    StoreError::StudyNotFound { study: study.to_owned() }
 }
 
 /// The key of a study.
-pub(super) async fn study_key(
-    connection: &mut SqliteConnection,
-    study: &str,
-) -> Result<i64, StoreError> {
+pub(super) async fn study_key(connection: &mut SqliteConnection, study: &str) -> Result<i64, StoreError> {
     sqlx::query_scalar(sql::STUDY_KEY)
         .bind(study)
         .fetch_optional(connection)
@@ -65,15 +58,9 @@ pub(super) async fn study_key(
         .ok_or_else(|| study_not_found(study))
 }
 
-pub(super) async fn study(
-    connection: &mut SqliteConnection,
-    study: &str,
-) -> Result<StudyRecord, StoreError> {
-    let row: Option<StudyRow> = sqlx::query_as(sql::STUDY_BY_NAME)
-        .bind(study)
-        .fetch_optional(connection)
-        .await
-        .map_err(failed)?;
+pub(super) async fn study(connection: &mut SqliteConnection, study: &str) -> Result<StudyRecord, StoreError> {
+    let row: Option<StudyRow> =
+        sqlx::query_as(sql::STUDY_BY_NAME).bind(study).fetch_optional(connection).await.map_err(failed)?;
     row.ok_or_else(|| study_not_found(study))?.into_record()
 }
 
@@ -92,45 +79,22 @@ pub(super) async fn studies(
 }
 
 /// Reads all of a study. The fence keeps others from changing it meanwhile.
-pub(super) async fn load(
-    connection: &mut SqliteConnection,
-    fence: Fence,
-) -> Result<Loaded, StoreError> {
+pub(super) async fn load(connection: &mut SqliteConnection, fence: Fence) -> Result<Loaded, StoreError> {
     let key = fence.key();
-    let row: Option<StudyRow> = sqlx::query_as(sql::STUDY_BY_KEY)
-        .bind(key)
-        .fetch_optional(&mut *connection)
-        .await
-        .map_err(failed)?;
-    let study = row
-        .ok_or_else(|| study_not_found(fence.study()))?
-        .into_record()?;
-    let states: Vec<StateRow> = sqlx::query_as(sql::STATES_OF_STUDY)
-        .bind(key)
-        .fetch_all(&mut *connection)
-        .await
-        .map_err(failed)?;
-    let visits: Vec<VisitRow> = sqlx::query_as(sql::VISITS_OF_STUDY)
-        .bind(key)
-        .fetch_all(&mut *connection)
-        .await
-        .map_err(failed)?;
-    let mut rows: Vec<TrialRow> = sqlx::query_as(sql::OPEN_TRIALS)
-        .bind(key)
-        .fetch_all(&mut *connection)
-        .await
-        .map_err(failed)?;
-    let completed: Vec<TrialRow> = sqlx::query_as(sql::COMPLETED_TRIALS)
-        .bind(key)
-        .fetch_all(&mut *connection)
-        .await
-        .map_err(failed)?;
+    let row: Option<StudyRow> =
+        sqlx::query_as(sql::STUDY_BY_KEY).bind(key).fetch_optional(&mut *connection).await.map_err(failed)?;
+    let study = row.ok_or_else(|| study_not_found(fence.study()))?.into_record()?;
+    let states: Vec<StateRow> =
+        sqlx::query_as(sql::STATES_OF_STUDY).bind(key).fetch_all(&mut *connection).await.map_err(failed)?;
+    let visits: Vec<VisitRow> =
+        sqlx::query_as(sql::VISITS_OF_STUDY).bind(key).fetch_all(&mut *connection).await.map_err(failed)?;
+    let mut rows: Vec<TrialRow> =
+        sqlx::query_as(sql::OPEN_TRIALS).bind(key).fetch_all(&mut *connection).await.map_err(failed)?;
+    let completed: Vec<TrialRow> =
+        sqlx::query_as(sql::COMPLETED_TRIALS).bind(key).fetch_all(&mut *connection).await.map_err(failed)?;
     rows.extend(completed);
-    let last_trial: i64 = sqlx::query_scalar(sql::LAST_TRIAL)
-        .bind(key)
-        .fetch_one(&mut *connection)
-        .await
-        .map_err(failed)?;
+    let last_trial: i64 =
+        sqlx::query_scalar(sql::LAST_TRIAL).bind(key).fetch_one(&mut *connection).await.map_err(failed)?;
 
     let space = &study.spec.space;
     let misfit = |error| inconsistent(format!("a configuration does not fit its study: {error}"));
@@ -139,22 +103,14 @@ pub(super) async fn load(
         .map(|row| row.into_trial()?.check(space).map_err(misfit))
         .collect::<Result<Vec<Trial>, _>>()?;
     let snapshot = Snapshot {
-        states: states
-            .into_iter()
-            .map(StateRow::into_state)
-            .collect::<Result<_, _>>()?,
+        states: states.into_iter().map(StateRow::into_state).collect::<Result<_, _>>()?,
         visits: visits
             .into_iter()
             .map(|row| row.into_visit()?.check(space).map_err(misfit))
             .collect::<Result<_, _>>()?,
         last_trial: unsigned(last_trial)?,
     };
-    Ok(Loaded {
-        fence,
-        snapshot,
-        trials,
-        study,
-    })
+    Ok(Loaded { fence, snapshot, trials, study })
 }
 
 pub(super) async fn trial(
@@ -163,10 +119,7 @@ pub(super) async fn trial(
     number: u64,
 ) -> Result<RawTrial, StoreError> {
     let key = study_key(&mut *connection, study).await?;
-    let not_found = || StoreError::TrialNotFound {
-        study: study.to_owned(),
-        number,
-    };
+    let not_found = || StoreError::TrialNotFound { study: study.to_owned(), number };
     let row: Option<TrialRow> = sqlx::query_as(sql::TRIAL_BY_NUMBER)
         .bind(key)
         // A number that the column cannot hold is a number that no trial has.
@@ -183,35 +136,21 @@ pub(super) async fn trials(
     query: &TrialQuery,
 ) -> Result<TrialPage, StoreError> {
     let key = study_key(&mut *connection, study).await?;
-    let rows = filter::trial_page(key, query)?
-        .build()
-        .fetch_all(&mut *connection)
-        .await
-        .map_err(failed)?;
+    let rows = filter::trial_page(key, query)?.build().fetch_all(&mut *connection).await.map_err(failed)?;
     let more = rows.len() > query.size as usize;
     let mut trials = Vec::with_capacity(rows.len());
     let mut last = None;
     for row in rows.iter().take(query.size as usize) {
         let trial = TrialRow::from_row(row).map_err(failed)?;
-        last = Some(Cursor {
-            value: row.try_get("sort_key").map_err(failed)?,
-            number: trial.number,
-        });
+        last = Some(Cursor { value: row.try_get("sort_key").map_err(failed)?, number: trial.number });
         trials.push(trial.into_trial()?);
     }
-    Ok(TrialPage {
-        trials,
-        next: last.filter(|_| more),
-    })
+    Ok(TrialPage { trials, next: last.filter(|_| more) })
 }
 
 pub(super) async fn studies_with_due_leases(
     readers: &SqlitePool,
     now_ms: i64,
 ) -> Result<Vec<String>, StoreError> {
-    sqlx::query_scalar(sql::STUDIES_WITH_DUE_LEASES)
-        .bind(now_ms)
-        .fetch_all(readers)
-        .await
-        .map_err(failed)
+    sqlx::query_scalar(sql::STUDIES_WITH_DUE_LEASES).bind(now_ms).fetch_all(readers).await.map_err(failed)
 }

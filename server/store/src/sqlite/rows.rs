@@ -79,18 +79,9 @@ impl Rows {
             trials.extend(change.trials.iter().map(|trial| (trial.number, trial)));
         }
         Ok(Self {
-            states: states
-                .into_values()
-                .map(StateRow::of)
-                .collect::<Result<_, _>>()?,
-            visits: visits
-                .into_values()
-                .map(VisitRow::of)
-                .collect::<Result<_, _>>()?,
-            trials: trials
-                .into_values()
-                .map(TrialRow::of)
-                .collect::<Result<_, _>>()?,
+            states: states.into_values().map(StateRow::of).collect::<Result<_, _>>()?,
+            visits: visits.into_values().map(VisitRow::of).collect::<Result<_, _>>()?,
+            trials: trials.into_values().map(TrialRow::of).collect::<Result<_, _>>()?,
         })
     }
 
@@ -102,9 +93,7 @@ impl Rows {
 impl TrialRow {
     fn of(trial: &Trial) -> Result<Self, StoreError> {
         let (outcome_reason, outcome_lower_bound) = match &trial.outcome {
-            Some(Outcome::Infeasible { reason } | Outcome::Failed { reason }) => {
-                (Some(reason.clone()), None)
-            }
+            Some(Outcome::Infeasible { reason } | Outcome::Failed { reason }) => (Some(reason.clone()), None),
             Some(Outcome::Aborted { lower_bound }) => (None, Some(*lower_bound)),
             Some(Outcome::Ok) | None => (None, None),
         };
@@ -136,20 +125,13 @@ impl TrialRow {
     pub(super) fn into_trial(self) -> Result<RawTrial, StoreError> {
         let mode: Mode = value(MODES, &self.mode)?;
         let state: TrialState = value(STATES, &self.state)?;
-        let kind = self
-            .outcome
-            .map(|word| value(OUTCOMES, &word))
-            .transpose()?;
+        let kind = self.outcome.map(|word| value(OUTCOMES, &word)).transpose()?;
         let reason_text = self.outcome_reason.unwrap_or_default();
         let outcome = match kind {
             None => None,
             Some(OutcomeKind::Ok) => Some(Outcome::Ok),
-            Some(OutcomeKind::Infeasible) => Some(Outcome::Infeasible {
-                reason: reason_text,
-            }),
-            Some(OutcomeKind::Failed) => Some(Outcome::Failed {
-                reason: reason_text,
-            }),
+            Some(OutcomeKind::Infeasible) => Some(Outcome::Infeasible { reason: reason_text }),
+            Some(OutcomeKind::Failed) => Some(Outcome::Failed { reason: reason_text }),
             Some(OutcomeKind::Aborted) => Some(Outcome::Aborted {
                 lower_bound: self
                     .outcome_lower_bound
@@ -174,10 +156,7 @@ impl TrialRow {
             create_ms: self.create_ms,
             complete_ms: self.complete_ms,
             completion: self.completion.map(unsigned).transpose()?,
-            fingerprint: self
-                .fingerprint
-                .map(|text| read("fingerprint", &text))
-                .transpose()?,
+            fingerprint: self.fingerprint.map(|text| read("fingerprint", &text)).transpose()?,
         })
     }
 }
@@ -234,17 +213,13 @@ pub(super) fn policy(policy: &Policy) -> Result<String, StoreError> {
 }
 
 /// Joins the two texts of a study again.
-pub(super) fn into_specification(
-    specification: &str,
-    policy: &str,
-) -> Result<StudySpec, StoreError> {
+pub(super) fn into_specification(specification: &str, policy: &str) -> Result<StudySpec, StoreError> {
     let mut json: Json = read("specification", specification)?;
     let policy: Json = read("policy", policy)?;
     if let Some(fields) = json.as_object_mut() {
         fields.insert("policy".to_owned(), policy);
     }
-    serde_json::from_value(json)
-        .map_err(|error| inconsistent(format!("column specification: {error}")))
+    serde_json::from_value(json).map_err(|error| inconsistent(format!("column specification: {error}")))
 }
 
 /// A configuration as people and filters read it: `{"max_leaf_size":8,"robust":false,"travel_cost":1.5}`.
@@ -303,7 +278,5 @@ pub(super) fn unsigned(number: i64) -> Result<u64, StoreError> {
 }
 
 pub(super) fn inconsistent(problem: impl Into<String>) -> StoreError {
-    StoreError::Inconsistent {
-        problem: problem.into(),
-    }
+    StoreError::Inconsistent { problem: problem.into() }
 }

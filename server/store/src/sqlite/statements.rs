@@ -73,19 +73,13 @@ pub(super) const TRIAL_UPSERT: &str = concat!(
      measurements = excluded.measurements"
 );
 
-pub(super) const TRIAL_BY_NUMBER: &str = concat!(
-    "SELECT ",
-    trial_columns!(),
-    " FROM trials WHERE study = $1 AND number = $2"
-);
+pub(super) const TRIAL_BY_NUMBER: &str =
+    concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND number = $2");
 
 pub(super) const LAST_TRIAL: &str = "SELECT coalesce(max(number), 0) FROM trials WHERE study = $1";
 
-pub(super) const OPEN_TRIALS: &str = concat!(
-    "SELECT ",
-    trial_columns!(),
-    " FROM trials WHERE study = $1 AND state = 'OPEN' ORDER BY number"
-);
+pub(super) const OPEN_TRIALS: &str =
+    concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND state = 'OPEN' ORDER BY number");
 
 pub(super) const COMPLETED_TRIALS: &str = concat!(
     "SELECT ",

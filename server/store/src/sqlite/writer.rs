@@ -75,8 +75,8 @@ impl Job {
         // What the caller computed is lost, so nothing computed on top of it may be stored.
         if let Command::Policy { fence, .. } | Command::Commit { fence, .. } = &self.command {
             fence.break_up();
+            tracing::warn!(study = fence.study(), %error, "a change was not stored");
         }
-        tracing::warn!(%error, "a write was refused");
         self.answer.give(Err(error));
     }
 
@@ -123,14 +123,8 @@ async fn write(connection: &mut SqliteConnection, fences: &mut Fences, mut group
                 }
                 return;
             }
-            Err(Failure {
-                culprit: Some(index),
-                error,
-            }) => group.remove(index).refuse(error),
-            Err(Failure {
-                culprit: None,
-                error,
-            }) => {
+            Err(Failure { culprit: Some(index), error }) => group.remove(index).refuse(error),
+            Err(Failure { culprit: None, error }) => {
                 for job in group {
                     job.refuse(error.clone());
                 }
@@ -148,19 +142,14 @@ async fn transaction(
     if group.iter().all(Job::is_empty) {
         return Ok(group.iter().map(|_| Done::Nothing).collect());
     }
-    execute(connection, "BEGIN IMMEDIATE")
-        .await
-        .map_err(database_failed)?;
+    execute(connection, "BEGIN IMMEDIATE").await.map_err(database_failed)?;
     let mut done = Vec::with_capacity(group.len());
     for (index, job) in group.iter().enumerate() {
         match commands::apply(connection, fences, &job.command).await {
             Ok(one) => done.push(one),
             Err(error) => {
                 roll_back(connection).await;
-                return Err(Failure {
-                    culprit: Some(index),
-                    error,
-                });
+                return Err(Failure { culprit: Some(index), error });
             }
         }
     }
@@ -172,10 +161,7 @@ async fn transaction(
 }
 
 fn database_failed(error: sqlx::Error) -> Failure {
-    Failure {
-        culprit: None,
-        error: super::store_error(&error),
-    }
+    Failure { culprit: None, error: super::store_error(&error) }
 }
 
 async fn roll_back(connection: &mut SqliteConnection) {
@@ -185,9 +171,6 @@ async fn roll_back(connection: &mut SqliteConnection) {
     }
 }
 
-async fn execute(
-    connection: &mut SqliteConnection,
-    statement: &'static str,
-) -> Result<(), sqlx::Error> {
+async fn execute(connection: &mut SqliteConnection, statement: &'static str) -> Result<(), sqlx::Error> {
     sqlx::query(statement).execute(connection).await.map(|_| ())
 }

@@ -14,12 +14,7 @@ use treewright_core::tuner::{Change, Decision, StateRecord, Visit};
 use treewright_core::value::Value;
 
 fn parameter(name: &str, domain: Domain, default: Value) -> Parameter {
-    Parameter {
-        name: name.to_owned(),
-        domain,
-        default,
-        active_if: None,
-    }
+    Parameter { name: name.to_owned(), domain, default, active_if: None }
 }
 
 /// A study with a parameter of each kind.
@@ -30,29 +25,11 @@ pub(crate) fn spec() -> StudySpec {
         display_name: "A hall".to_owned(),
         space: Space::new(
             vec![
-                parameter(
-                    "leaf",
-                    Domain::Integer {
-                        min: 1,
-                        max: 32,
-                        scale,
-                    },
-                    Value::Integer(8),
-                ),
-                parameter(
-                    "cost",
-                    Domain::Float {
-                        min: -1e9,
-                        max: 1e9,
-                        scale,
-                    },
-                    Value::Float(1.5),
-                ),
+                parameter("leaf", Domain::Integer { min: 1, max: 32, scale }, Value::Integer(8)),
+                parameter("cost", Domain::Float { min: -1e9, max: 1e9, scale }, Value::Float(1.5)),
                 parameter(
                     "quality",
-                    Domain::Categorical {
-                        values: texts(&["low", "high", "it's \"odd\" \\ ä"]),
-                    },
+                    Domain::Categorical { values: texts(&["low", "high", "it's \"odd\" \\ ä"]) },
                     Value::Text("low".to_owned()),
                 ),
                 parameter("compact", Domain::Boolean, Value::Boolean(false)),
@@ -67,11 +44,8 @@ pub(crate) fn spec() -> StudySpec {
             scale: Scale::Log,
         }])
         .expect("a valid schema"),
-        objective: Objective::new(vec![ObjectiveTerm {
-            metric: "render_ms".to_owned(),
-            weight: 1.0,
-        }])
-        .expect("a valid objective"),
+        objective: Objective::new(vec![ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 }])
+            .expect("a valid objective"),
         state_tolerance: 0.01,
         policy: Policy::default(),
         seed: 7,
@@ -79,11 +53,7 @@ pub(crate) fn spec() -> StudySpec {
 }
 
 pub(crate) fn state(id: u64) -> StateRecord {
-    StateRecord {
-        id,
-        indicators: vec![0.1 * id as f64],
-        search: None,
-    }
+    StateRecord { id, indicators: vec![0.1 * id as f64], search: None }
 }
 
 /// An open trial of state 1.
@@ -106,11 +76,7 @@ pub(crate) fn open(number: u64) -> Trial {
             summary: "The next point.".to_owned(),
             source: "nelder_mead".to_owned(),
             step: "reflect".to_owned(),
-            neighbours: vec![Neighbour {
-                state_id: 1,
-                distance: 0.25,
-                best_cost: 12.5,
-            }],
+            neighbours: vec![Neighbour { state_id: 1, distance: 0.25, best_cost: 12.5 }],
         },
         lease_expire_ms: 60_000,
         state: TrialState::Open,
@@ -164,9 +130,5 @@ pub(crate) fn visit(client_id: &str, number: u64) -> Visit {
 
 /// A change with one state and some trials.
 pub(crate) fn change(trials: Vec<Trial>) -> Change {
-    Change {
-        trials,
-        states: vec![state(1)],
-        visits: vec![],
-    }
+    Change { trials, states: vec![state(1)], visits: vec![] }
 }

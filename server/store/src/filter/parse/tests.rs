@@ -69,27 +69,15 @@ fn errors_name_the_place_and_what_was_expected() {
         ("cost < 1.2.3", 8, "`1.2.3` is not a finite number"),
         ("cost < \"1\"", 8, "found quoted text instead of a number"),
         ("number = 1.5", 10, "found `1.5` instead of a whole number"),
-        (
-            "number = 99999999999999999999",
-            10,
-            "instead of a whole number",
-        ),
+        ("number = 99999999999999999999", 10, "instead of a whole number"),
         ("client_id = \"open", 13, "not closed"),
         (r#"client_id = "a\n""#, 15, "a backslash stands only before"),
-        (
-            "client_id = renderer",
-            13,
-            "found `renderer` instead of text",
-        ),
+        ("client_id = renderer", 13, "found `renderer` instead of text"),
         ("config.Quality = 1", 8, "`Quality` is not a name"),
         ("config. = 1", 8, "`` is not a name"),
         ("config.a.b = 1", 8, "`a.b` is not a name"),
         ("config.x' OR 1 = 1", 9, "`'` has no meaning here"),
-        (
-            "config.x < true",
-            10,
-            "a boolean parameter is compared with = or !=",
-        ),
+        ("config.x < true", 10, "a boolean parameter is compared with = or !="),
         ("late = maybe", 8, "instead of a truth value: true, false"),
         ("price.x = 1", 1, "found `price.x` instead of a field"),
         ("cost ! 1", 6, "`!` has no meaning here"),
@@ -108,10 +96,7 @@ fn limits_are_kept() {
     assert!(error(&long).1.contains("at most 2000 characters"));
 
     let most = vec!["cost<1"; limits::FILTER_COMPARISONS].join(" AND ");
-    assert_eq!(
-        Filter::parse(&most).unwrap().comparisons.len(),
-        limits::FILTER_COMPARISONS
-    );
+    assert_eq!(Filter::parse(&most).unwrap().comparisons.len(), limits::FILTER_COMPARISONS);
     let more = format!("{most} AND cost<1");
     assert!(error(&more).1.contains("at most 32 comparisons"));
 
