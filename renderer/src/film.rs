@@ -34,12 +34,7 @@ impl Film {
     /// An empty film.
     pub fn new(width: u32, height: u32) -> Self {
         let tiles = width.div_ceil(TILE) as usize * height.div_ceil(TILE) as usize;
-        Self {
-            width,
-            height,
-            samples: 0,
-            sums: vec![Vec3::ZERO; tiles * TILE_PIXELS],
-        }
+        Self { width, height, samples: 0, sums: vec![Vec3::ZERO; tiles * TILE_PIXELS] }
     }
 
     /// Pixels across.
@@ -74,11 +69,7 @@ impl Film {
                 self.sums[tile * TILE_PIXELS + (y % TILE * TILE + x % TILE) as usize] * scale
             })
             .collect();
-        Picture {
-            width: self.width,
-            height: self.height,
-            pixels,
-        }
+        Picture { width: self.width, height: self.height, pixels }
     }
 
     pub(crate) fn tiles_across(&self) -> u32 {
@@ -97,11 +88,7 @@ impl Film {
 impl Picture {
     /// Mean luminance.
     pub fn mean_luminance(&self) -> f64 {
-        let sum: f64 = self
-            .pixels
-            .iter()
-            .map(|&pixel| f64::from(luminance(pixel)))
-            .sum();
+        let sum: f64 = self.pixels.iter().map(|&pixel| f64::from(luminance(pixel))).sum();
         sum / self.pixels.len().max(1) as f64
     }
 
@@ -117,15 +104,9 @@ impl Picture {
             "pictures of one size are compared"
         );
         let pairs = self.pixels.iter().zip(&other.pixels);
-        let sum: f64 = pairs
-            .map(|(&a, &b)| f64::from((luminance(a) - luminance(b)).abs()))
-            .sum();
+        let sum: f64 = pairs.map(|(&a, &b)| f64::from((luminance(a) - luminance(b)).abs())).sum();
         let mean = self.mean_luminance() * self.pixels.len() as f64;
-        if sum == 0.0 {
-            0.0
-        } else {
-            sum / mean.max(f64::MIN_POSITIVE)
-        }
+        if sum == 0.0 { 0.0 } else { sum / mean.max(f64::MIN_POSITIVE) }
     }
 }
 
@@ -148,20 +129,13 @@ mod tests {
         let picture = film.picture();
         assert_eq!(picture.pixels.len(), 37 * 21);
         for (index, pixel) in picture.pixels.iter().enumerate() {
-            assert_eq!(
-                (pixel.x as usize, pixel.y as usize),
-                (index % 37, index / 37)
-            );
+            assert_eq!((pixel.x as usize, pixel.y as usize), (index % 37, index / 37));
         }
     }
 
     #[test]
     fn differences_are_relative() {
-        let grey = |level: f32| Picture {
-            width: 2,
-            height: 1,
-            pixels: vec![Vec3::splat(level); 2],
-        };
+        let grey = |level: f32| Picture { width: 2, height: 1, pixels: vec![Vec3::splat(level); 2] };
         assert!((grey(2.0).mean_relative_difference(&grey(2.1)) - 0.05).abs() < 1e-6);
         assert_eq!(grey(0.0).mean_relative_difference(&grey(0.0)), 0.0);
     }

@@ -61,12 +61,7 @@ impl Renderer {
             .build()
             .map_err(|source| RendererError::Threads { threads, source })?;
         let prepared = Arc::new(pool.install(|| Prepared::new(scene)));
-        Ok(Self {
-            device,
-            pool,
-            prepared,
-            structure: None,
-        })
+        Ok(Self { device, pool, prepared, structure: None })
     }
 
     /// The scene.
@@ -93,9 +88,7 @@ impl Renderer {
     /// Builds a structure without keeping it, and says how long it took. For comparing many.
     pub fn build(&self, choice: &BuildChoice) -> Result<(Structure, f64), BuildError> {
         let begin = Instant::now();
-        let structure = self
-            .pool
-            .install(|| build(&self.device, &self.prepared.scene.triangles, choice))?;
+        let structure = self.pool.install(|| build(&self.device, &self.prepared.scene.triangles, choice))?;
         Ok((structure, milliseconds(begin)))
     }
 
@@ -113,17 +106,8 @@ impl Renderer {
     }
 
     /// Adds one sample to each pixel of the film with a given structure; returns `render_ms` and the counts.
-    pub fn render_with(
-        &self,
-        structure: &Structure,
-        view: &View,
-        film: &mut Film,
-    ) -> (f64, Counts) {
-        let sample = Sample {
-            prepared: &self.prepared,
-            view,
-            film,
-        };
+    pub fn render_with(&self, structure: &Structure, view: &View, film: &mut Film) -> (f64, Counts) {
+        let sample = Sample { prepared: &self.prepared, view, film };
         let begin = Instant::now();
         let counts = self.pool.install(|| structure.visit(sample));
         (milliseconds(begin), counts)

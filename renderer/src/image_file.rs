@@ -63,10 +63,7 @@ pub fn check_path(path: &Path) -> Result<(), ImageFileError> {
     if folder.is_dir() {
         Ok(())
     } else {
-        Err(ImageFileError::NoFolder {
-            path: path.into(),
-            folder: folder.into(),
-        })
+        Err(ImageFileError::NoFolder { path: path.into(), folder: folder.into() })
     }
 }
 
@@ -78,12 +75,7 @@ pub fn write(picture: &Picture, exposure: Exposure, path: &Path) -> Result<(), I
         ImageFormat::OpenExr => DynamicImage::ImageRgb32F(linear(picture)),
         _ => DynamicImage::ImageRgb8(developed(picture, exposure)),
     };
-    image
-        .save_with_format(path, format)
-        .map_err(|source| ImageFileError::Write {
-            path: path.into(),
-            source,
-        })
+    image.save_with_format(path, format).map_err(|source| ImageFileError::Write { path: path.into(), source })
 }
 
 /// The bytes of a PNG file, for pictures inside other files.
@@ -91,10 +83,7 @@ pub fn png_bytes(picture: &Picture, exposure: Exposure) -> Result<Vec<u8>, Image
     let mut bytes = std::io::Cursor::new(Vec::new());
     DynamicImage::ImageRgb8(developed(picture, exposure))
         .write_to(&mut bytes, ImageFormat::Png)
-        .map_err(|source| ImageFileError::Write {
-            path: "a PNG in memory".into(),
-            source,
-        })?;
+        .map_err(|source| ImageFileError::Write { path: "a PNG in memory".into(), source })?;
     Ok(bytes.into_inner())
 }
 
@@ -103,31 +92,36 @@ pub fn exposure_factor(picture: &Picture, exposure: Exposure) -> f32 {
     match exposure {
         Exposure::Stops(stops) => stops.exp2(),
         Exposure::Auto => {
-            // Pixels that are nearly black say nothing about how bright the rest should be.
+            // Means of blocks: the logarithm of single noisy pixels, half of them black, says little.
+            let means = block_luminances(picture);
+            // Blocks that are nearly black say nothing about how bright the rest should be.
             let floor = picture.mean_luminance() * 1e-4;
-            let (mut sum, mut count) = (0.0, 0_u32);
-            for pixel in &picture.pixels {
-                let luminance = f64::from(luminance(*pixel));
-                if luminance > floor {
-                    sum += luminance.ln();
-                    count += 1;
-                }
-            }
-            if count == 0 {
+            let lit: Vec<f64> = means.into_iter().filter(|&mean| mean > floor).map(f64::ln).collect();
+            if lit.is_empty() {
                 1.0
             } else {
-                MIDDLE_GREY / (sum / f64::from(count)).exp() as f32
+                MIDDLE_GREY / (lit.iter().sum::<f64>() / lit.len() as f64).exp() as f32
             }
         }
     }
 }
 
+/// Mean luminance of each block of pixels, about 16 blocks along the longer edge.
+fn block_luminances(picture: &Picture) -> Vec<f64> {
+    let edge = picture.width.max(picture.height).div_ceil(16).max(1);
+    let across = picture.width.div_ceil(edge);
+    let mut sums = vec![(0.0, 0_u32); (across * picture.height.div_ceil(edge)) as usize];
+    for (index, &pixel) in picture.pixels.iter().enumerate() {
+        let (x, y) = (index as u32 % picture.width, index as u32 / picture.width);
+        let (sum, count) = &mut sums[(y / edge * across + x / edge) as usize];
+        *sum += f64::from(luminance(pixel));
+        *count += 1;
+    }
+    sums.into_iter().map(|(sum, count)| sum / f64::from(count.max(1))).collect()
+}
+
 fn format_of(path: &Path) -> Result<ImageFormat, ImageFileError> {
-    match path
-        .extension()
-        .map(|extension| extension.to_string_lossy().to_lowercase())
-        .as_deref()
-    {
+    match path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).as_deref() {
         Some("png") => Ok(ImageFormat::Png),
         Some("exr") => Ok(ImageFormat::OpenExr),
         _ => Err(ImageFileError::UnknownFormat { path: path.into() }),
@@ -135,9 +129,7 @@ fn format_of(path: &Path) -> Result<ImageFormat, ImageFileError> {
 }
 
 fn linear(picture: &Picture) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
-    ImageBuffer::from_fn(picture.width, picture.height, |x, y| {
-        Rgb(pixel(picture, x, y).to_array())
-    })
+    ImageBuffer::from_fn(picture.width, picture.height, |x, y| Rgb(pixel(picture, x, y).to_array()))
 }
 
 fn developed(picture: &Picture, exposure: Exposure) -> RgbImage {
@@ -162,11 +154,7 @@ fn filmic(radiance: f32) -> f32 {
 
 /// The sRGB transfer function.
 fn srgb(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 {
-        12.92 * linear
-    } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
-    }
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 #[cfg(test)]
@@ -174,18 +162,12 @@ mod tests {
     use super::*;
 
     fn grey(level: f32) -> Picture {
-        Picture {
-            width: 4,
-            height: 3,
-            pixels: vec![Vec3::splat(level); 12],
-        }
+        Picture { width: 4, height: 3, pixels: vec![Vec3::splat(level); 12] }
     }
 
     #[test]
     fn the_curve_rises_from_black_to_white() {
-        let steps: Vec<f32> = (0..2000)
-            .map(|step| srgb(filmic(step as f32 * 0.01)))
-            .collect();
+        let steps: Vec<f32> = (0..2000).map(|step| srgb(filmic(step as f32 * 0.01))).collect();
         assert_eq!(steps[0], 0.0);
         assert!(steps.is_sorted());
         assert!(steps[1999] > 0.99);
@@ -196,10 +178,16 @@ mod tests {
     #[test]
     fn automatic_exposure_makes_equal_pictures_of_equal_scenes() {
         for level in [1e-3, 1.0, 500.0] {
-            assert!(
-                (exposure_factor(&grey(level), Exposure::Auto) * level - MIDDLE_GREY).abs() < 1e-3
-            );
+            assert!((exposure_factor(&grey(level), Exposure::Auto) * level - MIDDLE_GREY).abs() < 1e-3);
         }
+        let mut noisy = grey(0.5);
+        for (index, pixel) in noisy.pixels.iter_mut().enumerate() {
+            *pixel *= if index % 2 == 0 { 2.0 } else { 0.0 };
+        }
+        let (clean, large) =
+            (grey(0.5), Picture { width: 32, height: 32, pixels: noisy.pixels.repeat(86)[..1024].to_vec() });
+        let ratio = exposure_factor(&large, Exposure::Auto) / exposure_factor(&clean, Exposure::Auto);
+        assert!((ratio - 1.0).abs() < 0.05, "noise does not brighten a picture: {ratio}");
         assert_eq!(exposure_factor(&grey(0.0), Exposure::Auto), 1.0);
         assert_eq!(exposure_factor(&grey(7.0), Exposure::Stops(-2.0)), 0.25);
     }
@@ -214,10 +202,7 @@ mod tests {
         write(&picture, Exposure::Auto, &exr).expect("the EXR is written");
         let developed = image::open(&png).expect("the PNG is read").to_rgb8();
         assert_eq!(developed.dimensions(), (4, 3));
-        assert_eq!(
-            developed.get_pixel(0, 0).0[0],
-            developed.get_pixel(0, 0).0[1]
-        );
+        assert_eq!(developed.get_pixel(0, 0).0[0], developed.get_pixel(0, 0).0[1]);
         assert_eq!(developed.get_pixel(1, 1).0[1], 0);
         let linear = image::load_from_memory_with_format(
             &std::fs::read(&exr).expect("it exists"),
@@ -233,11 +218,7 @@ mod tests {
     #[test]
     fn wrong_names_are_told_before_rendering() {
         let folder = tempfile::tempdir().expect("a scratch folder");
-        let told = |name: &str| {
-            check_path(&folder.path().join(name))
-                .expect_err("it is refused")
-                .to_string()
-        };
+        let told = |name: &str| check_path(&folder.path().join(name)).expect_err("it is refused").to_string();
         assert!(told("a.gif").contains(".png or .exr"));
         assert!(told("nowhere/a.png").contains("nowhere does not exist"));
         assert!(check_path(Path::new("a.png")).is_ok());

@@ -69,11 +69,7 @@ impl Measured {
     /// Time of each round's frame.
     fn frame_ms(&self, build_each_round: bool) -> Vec<f64> {
         if build_each_round {
-            self.build_ms
-                .iter()
-                .zip(&self.render_ms)
-                .map(|(build, render)| build + render)
-                .collect()
+            self.build_ms.iter().zip(&self.render_ms).map(|(build, render)| build + render).collect()
         } else {
             self.render_ms.clone()
         }
@@ -91,10 +87,7 @@ pub fn interleaved(
     let mut structures: Vec<Option<Structure>> = Vec::new();
     let mut measured: Vec<Measured> = Vec::new();
     for contender in contenders {
-        let mut one = Measured {
-            name: contender.name.clone(),
-            ..Measured::default()
-        };
+        let mut one = Measured { name: contender.name.clone(), ..Measured::default() };
         match renderer.build(&contender.choice) {
             Ok((structure, build_ms)) => {
                 if !conditions.build_each_round {
@@ -158,10 +151,7 @@ fn frame(
 
 /// Compares everybody with the first contender.
 pub fn standings(measured: &[Measured], build_each_round: bool) -> Vec<Standing> {
-    let first = measured
-        .first()
-        .map(|first| first.frame_ms(build_each_round))
-        .unwrap_or_default();
+    let first = measured.first().map(|first| first.frame_ms(build_each_round)).unwrap_or_default();
     measured
         .iter()
         .map(|one| {
@@ -198,12 +188,7 @@ mod tests {
         assert_eq!(built_once[0].speedup.median, 1.0);
         assert_eq!(
             built_once[1].speedup,
-            Summary {
-                lower_quartile: 2.0,
-                median: 2.0,
-                upper_quartile: 2.0,
-                count: 3
-            }
+            Summary { lower_quartile: 2.0, median: 2.0, upper_quartile: 2.0, count: 3 }
         );
         assert_eq!(built_once[1].frame_ms.median, 15.0);
         let built_each = standings(&measured, true);

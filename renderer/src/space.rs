@@ -11,9 +11,7 @@ use treewright_client::{Configuration, Constraint, Domain, Parameter, Space, Val
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ConfigurationError {
     /// Not of the form `name=value,name=value`.
-    #[error(
-        "\"{part}\" is not of the form name=value; write for example quality=3,branching_factor=8"
-    )]
+    #[error("\"{part}\" is not of the form name=value; write for example quality=3,branching_factor=8")]
     Syntax {
         /// The part that cannot be read.
         part: String,
@@ -106,9 +104,7 @@ pub fn parse(text: &str) -> Result<Configuration, ConfigurationError> {
             Some((name, value)) if !name.trim().is_empty() && !value.trim().is_empty() => {
                 Ok((name.trim().to_owned(), Value::parse(value.trim())))
             }
-            _ => Err(ConfigurationError::Syntax {
-                part: part.to_owned(),
-            }),
+            _ => Err(ConfigurationError::Syntax { part: part.to_owned() }),
         })
         .collect()
 }
@@ -117,43 +113,27 @@ pub fn parse(text: &str) -> Result<Configuration, ConfigurationError> {
 /// for each active parameter and no other.
 pub fn complete(space: &Space, given: &Configuration) -> Result<Configuration, ConfigurationError> {
     for (name, _) in given.iter() {
-        if space
-            .parameters()
-            .iter()
-            .all(|parameter| parameter.name != name)
-        {
+        if space.parameters().iter().all(|parameter| parameter.name != name) {
             let known = space
                 .parameters()
                 .iter()
                 .map(|parameter| parameter.name.as_str())
                 .collect::<Vec<_>>()
                 .join(", ");
-            return Err(ConfigurationError::Unknown {
-                name: name.to_owned(),
-                known,
-            });
+            return Err(ConfigurationError::Unknown { name: name.to_owned(), known });
         }
     }
     let mut complete = Configuration::new();
     for parameter in space.parameters() {
         let missing = parameter.active_if.as_ref().filter(|condition| {
-            !complete
-                .get(&condition.parameter)
-                .is_some_and(|value| condition.any_of.contains(value))
+            !complete.get(&condition.parameter).is_some_and(|value| condition.any_of.contains(value))
         });
         match (missing, given.get(&parameter.name)) {
             (None, value) => complete.set(parameter.name.clone(), in_domain(parameter, value)?),
             (Some(_), None) => {}
             (Some(condition), Some(_)) => {
-                let condition = format!(
-                    "{} = {}",
-                    condition.parameter,
-                    list(&condition.any_of, " or ")
-                );
-                return Err(ConfigurationError::Inactive {
-                    name: parameter.name.clone(),
-                    condition,
-                });
+                let condition = format!("{} = {}", condition.parameter, list(&condition.any_of, " or "));
+                return Err(ConfigurationError::Inactive { name: parameter.name.clone(), condition });
             }
         }
     }
@@ -242,11 +222,7 @@ fn number(value: &Value) -> f64 {
 }
 
 fn list(values: &[Value], separator: &str) -> String {
-    values
-        .iter()
-        .map(Value::to_string)
-        .collect::<Vec<_>>()
-        .join(separator)
+    values.iter().map(Value::to_string).collect::<Vec<_>>().join(separator)
 }
 
 #[cfg(test)]
@@ -268,10 +244,7 @@ mod tests {
     fn the_default_is_the_papers() {
         let default = table_1().default_configuration();
         assert_eq!(default.len(), 11);
-        assert_eq!(
-            build_choice(&default),
-            Ok(BuildChoice::Tree(TreeParameters::default()))
-        );
+        assert_eq!(build_choice(&default), Ok(BuildChoice::Tree(TreeParameters::default())));
         assert_eq!(choice(""), Ok(TreeParameters::default()));
     }
 
@@ -314,10 +287,7 @@ mod tests {
             };
             for value in ends {
                 let text = format!("{}={value}", parameter.name);
-                assert!(
-                    choice(&text).is_ok_and(|parameters| parameters.check().is_ok()),
-                    "{text}"
-                );
+                assert!(choice(&text).is_ok_and(|parameters| parameters.check().is_ok()), "{text}");
             }
         }
     }
@@ -325,8 +295,7 @@ mod tests {
     #[test]
     fn mistakes_are_named() {
         assert!(
-            problem("colour=blue").contains("\"colour\"")
-                && problem("colour=blue").contains("max_leaf_size")
+            problem("colour=blue").contains("\"colour\"") && problem("colour=blue").contains("max_leaf_size")
         );
         assert!(problem("quality").contains("\"quality\" is not of the form"));
         assert!(problem("quality=9").contains("from 1 to 3"));
@@ -343,15 +312,12 @@ mod tests {
 
     #[test]
     fn inactive_parameters_are_left_out() {
-        let complete = |text: &str| {
-            complete(&table_1(), &parse(text).expect("it reads")).expect("it is sound")
-        };
+        let complete =
+            |text: &str| complete(&table_1(), &parse(text).expect("it reads")).expect("it is sound");
         assert_eq!(complete("quality=1").len(), 8);
         assert_eq!(
             complete("compact=true"),
-            Configuration::new()
-                .with("compact", true)
-                .with("robust", false)
+            Configuration::new().with("compact", true).with("robust", false)
         );
     }
 }

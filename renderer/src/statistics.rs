@@ -34,11 +34,7 @@ impl Summary {
 
     /// Summarises the ratios `numerators[i] / denominators[i]`.
     pub fn of_ratios(numerators: &[f64], denominators: &[f64]) -> Self {
-        let ratios: Vec<f64> = numerators
-            .iter()
-            .zip(denominators)
-            .map(|(a, b)| a / b)
-            .collect();
+        let ratios: Vec<f64> = numerators.iter().zip(denominators).map(|(a, b)| a / b).collect();
         Self::of(&ratios)
     }
 }
@@ -77,8 +73,8 @@ impl BreakEven {
     /// The first frame, counted from the begin of tuning, after which tuning has paid off. `None` if it never does.
     pub fn frame(&self) -> Option<u64> {
         let gain_ms = self.default_frame_ms - self.tuned_frame_ms;
-        let tuned_begin_ms = self.tuning_ms + self.tuned_setup_ms
-            - f64::from(self.frames_while_tuning) * self.tuned_frame_ms;
+        let tuned_begin_ms =
+            self.tuning_ms + self.tuned_setup_ms - f64::from(self.frames_while_tuning) * self.tuned_frame_ms;
         let needed = (tuned_begin_ms - self.default_setup_ms) / gain_ms;
         let frame = needed.ceil().max(f64::from(self.frames_while_tuning));
         // No gain leaves a negative number, infinity or NaN.
@@ -95,14 +91,7 @@ mod tests {
     #[test]
     fn quantiles_interpolate() {
         let summary = Summary::of(&[4.0, 1.0, 3.0, 2.0]);
-        assert_eq!(
-            (
-                summary.lower_quartile,
-                summary.median,
-                summary.upper_quartile
-            ),
-            (1.75, 2.5, 3.25)
-        );
+        assert_eq!((summary.lower_quartile, summary.median, summary.upper_quartile), (1.75, 2.5, 3.25));
         assert_eq!(Summary::of(&[7.0]).median, 7.0);
         assert_eq!(Summary::of(&[]), Summary::default());
         assert_eq!(Summary::of(&[3.0, 1.0, 2.0]).median, 2.0);
@@ -110,10 +99,7 @@ mod tests {
 
     #[test]
     fn ratios_are_taken_pair_by_pair() {
-        assert_eq!(
-            Summary::of_ratios(&[2.0, 40.0, 6.0], &[1.0, 10.0, 6.0]).median,
-            2.0
-        );
+        assert_eq!(Summary::of_ratios(&[2.0, 40.0, 6.0], &[1.0, 10.0, 6.0]).median, 2.0);
     }
 
     const CASE: BreakEven = BreakEven {
@@ -129,31 +115,9 @@ mod tests {
     fn break_even_is_where_the_curves_cross() {
         // 2000 + 100 + (n - 10) * 50 <= 200 + n * 100  <=>  1400 <= 50 n.
         assert_eq!(CASE.frame(), Some(28));
-        assert_eq!(
-            BreakEven {
-                tuned_frame_ms: 100.0,
-                ..CASE
-            }
-            .frame(),
-            None
-        );
-        assert_eq!(
-            BreakEven {
-                tuned_frame_ms: 120.0,
-                ..CASE
-            }
-            .frame(),
-            None
-        );
-        assert_eq!(
-            BreakEven {
-                tuning_ms: 500.0,
-                ..CASE
-            }
-            .frame(),
-            Some(10),
-            "not before tuning has ended"
-        );
+        assert_eq!(BreakEven { tuned_frame_ms: 100.0, ..CASE }.frame(), None);
+        assert_eq!(BreakEven { tuned_frame_ms: 120.0, ..CASE }.frame(), None);
+        assert_eq!(BreakEven { tuning_ms: 500.0, ..CASE }.frame(), Some(10), "not before tuning has ended");
     }
 
     proptest! {

@@ -29,12 +29,7 @@ pub(super) struct SceneArguments {
     pub(super) detail: f32,
 
     /// Moment of an animated built-in scene; 0 to 1 is one round.
-    #[arg(
-        long,
-        value_name = "T",
-        default_value_t = 0.0,
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "T", default_value_t = 0.0, allow_negative_numbers = true)]
     pub(super) time: f32,
 }
 
@@ -43,11 +38,8 @@ impl SceneArguments {
     pub(super) fn load(&self) -> Result<Arc<Scene>, CliError> {
         let scene = match self.scene.strip_prefix(BUILTIN) {
             Some(name) => {
-                let options = builtin::Options {
-                    detail: self.detail,
-                    time: self.time,
-                    ..builtin::Options::default()
-                };
+                let options =
+                    builtin::Options { detail: self.detail, time: self.time, ..builtin::Options::default() };
                 builtin::build(name, &options)?
             }
             None => load(&self.scene)?,
@@ -120,19 +112,11 @@ impl std::str::FromStr for Size {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong =
-            || format!("a size is written WIDTHxHEIGHT, each 1 to {SIZE_MAX}, for example 640x480");
+        let wrong = || format!("a size is written WIDTHxHEIGHT, each 1 to {SIZE_MAX}, for example 640x480");
         let (width, height) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
-        let edge = |text: &str| {
-            text.parse()
-                .ok()
-                .filter(|edge| (1..=SIZE_MAX).contains(edge))
-                .ok_or_else(wrong)
-        };
-        Ok(Self {
-            width: edge(width)?,
-            height: edge(height)?,
-        })
+        let edge =
+            |text: &str| text.parse().ok().filter(|edge| (1..=SIZE_MAX).contains(edge)).ok_or_else(wrong);
+        Ok(Self { width: edge(width)?, height: edge(height)? })
     }
 }
 
@@ -155,10 +139,7 @@ impl Native {
             Self::Medium => NativeQuality::Medium,
             Self::High => NativeQuality::High,
         };
-        BuildChoice::Native(NativeOptions {
-            quality,
-            ..NativeOptions::default()
-        })
+        BuildChoice::Native(NativeOptions { quality, ..NativeOptions::default() })
     }
 }
 
@@ -214,11 +195,7 @@ fn read_configuration(path: &std::path::Path) -> Result<Configuration, CliError>
 
 /// The indicators of a view in the client's form.
 pub(super) fn indicators(scene: &Scene, camera: &Camera) -> Indicators {
-    SceneIndicators::of(scene)
-        .with_camera(camera)
-        .values()
-        .into_iter()
-        .collect()
+    SceneIndicators::of(scene).with_camera(camera).values().into_iter().collect()
 }
 
 /// A number from 0 to 1.
@@ -242,38 +219,10 @@ mod tests {
 
     #[test]
     fn sizes_are_read_and_refused() {
-        assert_eq!(
-            "640x480".parse(),
-            Ok(Size {
-                width: 640,
-                height: 480
-            })
-        );
-        assert_eq!(
-            "1X16384".parse(),
-            Ok(Size {
-                width: 1,
-                height: 16_384
-            })
-        );
-        for wrong in [
-            "",
-            "640",
-            "640x",
-            "x480",
-            "0x4",
-            "4x0",
-            "-4x4",
-            "640x480x2",
-            "99999x4",
-            "4.5x4",
-        ] {
-            assert!(
-                wrong
-                    .parse::<Size>()
-                    .is_err_and(|told| told.contains("WIDTHxHEIGHT")),
-                "{wrong}"
-            );
+        assert_eq!("640x480".parse(), Ok(Size { width: 640, height: 480 }));
+        assert_eq!("1X16384".parse(), Ok(Size { width: 1, height: 16_384 }));
+        for wrong in ["", "640", "640x", "x480", "0x4", "4x0", "-4x4", "640x480x2", "99999x4", "4.5x4"] {
+            assert!(wrong.parse::<Size>().is_err_and(|told| told.contains("WIDTHxHEIGHT")), "{wrong}");
         }
     }
 
@@ -285,16 +234,11 @@ mod tests {
             std::fs::write(&path, text).expect("it can be written");
             read_configuration(&path)
         };
-        let expected = Configuration::new()
-            .with("quality", 3)
-            .with("traversal_cost", 0.5)
-            .with("robust", true);
+        let expected =
+            Configuration::new().with("quality", 3).with("traversal_cost", 0.5).with("robust", true);
         let plain = r#"{"quality": 3, "traversal_cost": 0.5, "robust": true}"#;
         assert_eq!(read(plain).ok(), Some(expected.clone()));
-        assert_eq!(
-            read(&format!(r#"{{"cost": 1, "configuration": {plain}}}"#)).ok(),
-            Some(expected)
-        );
+        assert_eq!(read(&format!(r#"{{"cost": 1, "configuration": {plain}}}"#)).ok(), Some(expected));
         assert!(read("[1, 2]").is_err_and(|error| error.to_string().contains("best.json")));
         assert!(read("{").is_err());
     }

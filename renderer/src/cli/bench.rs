@@ -34,7 +34,7 @@ pub(super) struct Arguments {
     size: Size,
 
     /// How often each structure is measured.
-    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
+    #[arg(long, value_name = "N", default_value_t = 9, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
     /// Build for each frame, as real-time rendering does.
@@ -62,28 +62,13 @@ struct Results<'a> {
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let space = space::table_1();
     let mut contenders = vec![
-        Contender {
-            name: "default".into(),
-            choice: space::build_choice(&space.default_configuration())?,
-        },
-        Contender {
-            name: "native low".into(),
-            choice: Native::Low.choice(),
-        },
-        Contender {
-            name: "native medium".into(),
-            choice: Native::Medium.choice(),
-        },
-        Contender {
-            name: "native high".into(),
-            choice: Native::High.choice(),
-        },
+        Contender { name: "default".into(), choice: space::build_choice(&space.default_configuration())? },
+        Contender { name: "native low".into(), choice: Native::Low.choice() },
+        Contender { name: "native medium".into(), choice: Native::Medium.choice() },
+        Contender { name: "native high".into(), choice: Native::High.choice() },
     ];
     for text in &arguments.config {
-        contenders.push(Contender {
-            name: text.clone(),
-            choice: space::build_choice(&space::parse(text)?)?,
-        });
+        contenders.push(Contender { name: text.clone(), choice: space::build_choice(&space::parse(text)?)? });
     }
     if contenders.len() > CONTENDERS_MAX {
         return Err(CliError::Usage(format!(
@@ -95,11 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let camera = arguments.camera.find(&scene)?;
     let renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
     let conditions = Conditions {
-        view: View {
-            camera,
-            seed: arguments.frame.seed,
-            bounces: arguments.frame.bounces,
-        },
+        view: View { camera, seed: arguments.frame.seed, bounces: arguments.frame.bounces },
         width: arguments.size.width,
         height: arguments.size.height,
         rounds: arguments.rounds,
@@ -134,9 +115,5 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         };
         write_file(path, output::to_json(&results)?.as_bytes())?;
     }
-    if interrupt.requested() {
-        Err(CliError::Interrupted)
-    } else {
-        Ok(())
-    }
+    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }

@@ -35,7 +35,7 @@ pub(super) struct Arguments {
     size: Size,
 
     /// Samples a pixel.
-    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=i64::from(SAMPLES_MAX)))]
+    #[arg(long, value_name = "N", default_value_t = 64, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(SAMPLES_MAX)))]
     spp: u32,
 
     /// Brightness of a PNG in stops; chosen from the picture when left out. EXR files are always linear.
@@ -76,19 +76,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let camera = arguments.camera.find(&scene)?;
     let mut renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
     let build_ms = renderer.rebuild(&choice)?;
-    let view = View {
-        camera,
-        seed: arguments.frame.seed,
-        bounces: arguments.frame.bounces,
-    };
+    let view = View { camera, seed: arguments.frame.seed, bounces: arguments.frame.bounces };
     let mut film = Film::new(arguments.size.width, arguments.size.height);
     let (mut counts, mut render_ms) = (Counts::default(), Vec::new());
     let interrupt = Interrupt::listen();
-    let bar = if arguments.json {
-        ProgressBar::hidden()
-    } else {
-        output::bar(u64::from(arguments.spp), "samples")
-    };
+    let bar =
+        if arguments.json { ProgressBar::hidden() } else { output::bar(u64::from(arguments.spp), "samples") };
     while film.samples() < arguments.spp && !interrupt.requested() {
         if let Some((sample_ms, sample_counts)) = renderer.render(&view, &mut film) {
             render_ms.push(sample_ms);
@@ -110,9 +103,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         render_ms: Summary::of(&render_ms),
         mean_luminance: picture.mean_luminance(),
         counts,
-        statistics: renderer
-            .structure()
-            .map(treewright_accel::Structure::statistics),
+        statistics: renderer.structure().map(treewright_accel::Structure::statistics),
         out: arguments.out.clone(),
     };
     if arguments.json {
@@ -122,20 +113,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         "{}: {} triangles, {} samples a pixel on {} threads",
         outcome.scene, outcome.triangles, outcome.samples, outcome.threads
     );
-    println!(
-        "build {build_ms:.1} ms, render {:.1} ms a sample (median)",
-        outcome.render_ms.median
-    );
+    println!("build {build_ms:.1} ms, render {:.1} ms a sample (median)", outcome.render_ms.median);
     if counts.bad_samples > 0 {
-        println!(
-            "{} samples were not numbers and count as black",
-            counts.bad_samples
-        );
+        println!("{} samples were not numbers and count as black", counts.bad_samples);
     }
     println!("wrote {}", arguments.out.display());
-    if interrupt.requested() {
-        Err(CliError::Interrupted)
-    } else {
-        Ok(())
-    }
+    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }

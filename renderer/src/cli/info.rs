@@ -92,26 +92,17 @@ pub(super) fn info(arguments: &InfoArguments) -> Result<(), CliError> {
 }
 
 fn corner(corner: [f32; 3]) -> String {
-    corner
-        .map(|coordinate| format!("{coordinate:.3}"))
-        .join("  ")
+    corner.map(|coordinate| format!("{coordinate:.3}")).join("  ")
 }
 
 /// Lists the built-in scenes.
 pub(super) fn scenes(arguments: &ListArguments) -> Result<(), CliError> {
     let scenes: Vec<_> = builtin::names()
-        .map(|name| {
-            (
-                format!("builtin:{name}"),
-                builtin::about(name).unwrap_or_default(),
-            )
-        })
+        .map(|name| (format!("builtin:{name}"), builtin::about(name).unwrap_or_default()))
         .collect();
     if arguments.json {
-        let objects: Vec<_> = scenes
-            .iter()
-            .map(|(name, about)| serde_json::json!({ "name": name, "about": about }))
-            .collect();
+        let objects: Vec<_> =
+            scenes.iter().map(|(name, about)| serde_json::json!({ "name": name, "about": about })).collect();
         return output::json(&objects);
     }
     for (name, about) in scenes {
@@ -126,18 +117,13 @@ pub(super) fn spaces(arguments: &ListArguments) -> Result<(), CliError> {
     if arguments.json {
         return output::json(&space);
     }
-    println!(
-        "The eleven parameters of the paper's Table 1; without a value each keeps its default.\n"
-    );
+    println!("The eleven parameters of the paper's Table 1; without a value each keeps its default.\n");
     let mut table = output::table(&["parameter", "default", "may be", "only while"]);
     for parameter in space.parameters() {
-        let condition = parameter
-            .active_if
-            .as_ref()
-            .map_or_else(String::new, |condition| {
-                let values: Vec<String> = condition.any_of.iter().map(Value::to_string).collect();
-                format!("{} = {}", condition.parameter, values.join(" or "))
-            });
+        let condition = parameter.active_if.as_ref().map_or_else(String::new, |condition| {
+            let values: Vec<String> = condition.any_of.iter().map(Value::to_string).collect();
+            format!("{} = {}", condition.parameter, values.join(" or "))
+        });
         table.add_row([
             parameter.name.clone(),
             parameter.default.to_string(),
@@ -147,10 +133,7 @@ pub(super) fn spaces(arguments: &ListArguments) -> Result<(), CliError> {
     }
     println!("{table}");
     for constraint in space.constraints() {
-        println!(
-            "{} must not be above {}",
-            constraint.lesser, constraint.greater
-        );
+        println!("{} must not be above {}", constraint.lesser, constraint.greater);
     }
     Ok(())
 }

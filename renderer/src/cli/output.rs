@@ -1,6 +1,6 @@
 //! What all commands print alike: JSON, tables, progress bars.
 
-use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
@@ -15,9 +15,8 @@ pub(super) fn json(value: &impl Serialize) -> Result<(), CliError> {
 
 /// A value as indented JSON.
 pub(super) fn to_json(value: &impl Serialize) -> Result<String, CliError> {
-    serde_json::to_string_pretty(value).map_err(|error| {
-        CliError::Failed(format!("the results cannot be written as JSON: {error}"))
-    })
+    serde_json::to_string_pretty(value)
+        .map_err(|error| CliError::Failed(format!("the results cannot be written as JSON: {error}")))
 }
 
 /// A progress bar on standard error; invisible where that is no terminal.
@@ -34,7 +33,7 @@ pub(super) fn bar(length: u64, unit: &'static str) -> ProgressBar {
 pub(super) fn table(heading: &[&str]) -> Table {
     let mut table = Table::new();
     table
-        .load_style(presets::UTF8_HORIZONTAL_ONLY)
+        .load_style(presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none()))
         .set_content_arrangement(ContentArrangement::Dynamic);
     table.set_header(heading.iter().copied());
     for column in table.column_iter_mut().skip(1) {
@@ -45,14 +44,8 @@ pub(super) fn table(heading: &[&str]) -> Table {
 
 /// The table of measured structures.
 pub(super) fn standings(standings: &[Standing]) -> Table {
-    let mut table = table(&[
-        "structure",
-        "build ms",
-        "render ms",
-        "quartiles",
-        "speed-up over the first",
-        "quartiles",
-    ]);
+    let mut table =
+        table(&["structure", "build ms", "render ms", "quartiles", "speed-up over the first", "quartiles"]);
     for one in standings {
         if let Some(failure) = &one.failure {
             table.add_row([one.name.clone(), failure.clone()]);
@@ -62,15 +55,9 @@ pub(super) fn standings(standings: &[Standing]) -> Table {
             one.name.clone(),
             format!("{:.1}", one.build_ms.median),
             format!("{:.1}", one.render_ms.median),
-            format!(
-                "{:.1} – {:.1}",
-                one.render_ms.lower_quartile, one.render_ms.upper_quartile
-            ),
+            format!("{:.1} – {:.1}", one.render_ms.lower_quartile, one.render_ms.upper_quartile),
             format!("{:.2} ×", one.speedup.median),
-            format!(
-                "{:.2} – {:.2}",
-                one.speedup.lower_quartile, one.speedup.upper_quartile
-            ),
+            format!("{:.2} – {:.2}", one.speedup.lower_quartile, one.speedup.upper_quartile),
         ]);
     }
     table

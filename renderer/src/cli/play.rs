@@ -45,7 +45,7 @@ pub(super) struct Arguments {
     objective: Objective,
 
     /// How many frames the flight along the camera path has.
-    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
+    #[arg(long, value_name = "N", default_value_t = 50, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
     frames: u32,
 
     /// Pixels across and down.
@@ -105,42 +105,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
-    let id = arguments
-        .server
-        .study_id(&scene, arguments.objective, arguments.size);
-    let title = format!(
-        "{} at {}, {} time",
-        scene.name,
-        arguments.size,
-        arguments.objective.name()
-    );
+    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size);
+    let title = format!("{} at {}, {} time", scene.name, arguments.size, arguments.objective.name());
     let title: String = title.chars().take(200).collect();
-    let study = client.study(
-        &id,
-        specification(
-            &title,
-            arguments.objective,
-            Policy::new(),
-            arguments.frame.seed,
-        )?,
-    )?;
+    let study = client
+        .study(&id, specification(&title, arguments.objective, Policy::new(), arguments.frame.seed)?)?;
     if let Some(epsilon) = arguments.epsilon {
-        client.update_policy(
-            &id,
-            &PolicyChange::set(Policy::new().epsilon(f64::from(epsilon))),
-        )?;
+        client.update_policy(&id, &PolicyChange::set(Policy::new().epsilon(f64::from(epsilon))))?;
     }
-    println!(
-        "Flying through {} in {} frames, study {id}\n",
-        scene.name, arguments.frames
-    );
+    println!("Flying through {} in {} frames, study {id}\n", scene.name, arguments.frames);
     println!(
         "frame   path  mode        build ms  render ms{}  waited ms",
-        if arguments.compare {
-            "  default ms  speed-up"
-        } else {
-            ""
-        }
+        if arguments.compare { "  default ms  speed-up" } else { "" }
     );
 
     let mut flight = Flight::new(renderer, arguments)?;
@@ -153,11 +129,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let share = number as f32 / (arguments.frames - 1).max(1) as f32;
         let camera_at = arguments.from + (arguments.to - arguments.from) * share;
         let camera = path.sample(camera_at);
-        let indicators: Indicators = scene_indicators
-            .with_camera(&camera)
-            .values()
-            .into_iter()
-            .collect();
+        let indicators: Indicators = scene_indicators.with_camera(&camera).values().into_iter().collect();
         let begin = Instant::now();
         let suggestion = tuner.next(&indicators, previous.take());
         let waiting_ms = milliseconds(begin);
@@ -198,11 +170,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         };
         write_file(path, output::to_json(&results)?.as_bytes())?;
     }
-    if interrupt.requested() {
-        Err(CliError::Interrupted)
-    } else {
-        Ok(())
-    }
+    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
 /// What moves on from frame to frame.
@@ -230,22 +198,12 @@ impl Flight {
         // Warms threads, caches and clocks.
         renderer.render_with(&built.0, &view, &mut film);
         let each_frame = arguments.objective.builds_each_frame();
-        Ok(Self {
-            renderer,
-            view,
-            film,
-            each_frame,
-            kept: None,
-            default: arguments.compare.then_some(built),
-        })
+        Ok(Self { renderer, view, film, each_frame, kept: None, default: arguments.compare.then_some(built) })
     }
 
     /// Builds if needed and renders. After a failed build the frame is shown with the structure before it.
     fn frame(&mut self, configuration: &Configuration) -> (Outcome, Option<FrameTimes>, bool) {
-        let kept = self
-            .kept
-            .as_ref()
-            .filter(|(known, _)| known == configuration && !self.each_frame);
+        let kept = self.kept.as_ref().filter(|(known, _)| known == configuration && !self.each_frame);
         let (build_ms, rebuilt) = match kept {
             Some((_, build_ms)) => (*build_ms, false),
             None => match self.build(configuration) {
@@ -259,28 +217,18 @@ impl Flight {
         };
         self.film.clear();
         match self.renderer.render(&self.view, &mut self.film) {
-            Some((render_ms, _)) => (
-                Outcome::Ok,
-                Some(FrameTimes {
-                    build_ms,
-                    render_ms,
-                }),
-                rebuilt,
-            ),
+            Some((render_ms, _)) => (Outcome::Ok, Some(FrameTimes { build_ms, render_ms }), rebuilt),
             None => (Outcome::failed("no structure was built"), None, rebuilt),
         }
     }
 
     fn build(&mut self, configuration: &Configuration) -> Result<f64, Outcome> {
-        let choice = space::build_choice(configuration)
-            .map_err(|error| Outcome::failed(error.to_string()))?;
-        let build_ms =
-            self.renderer
-                .rebuild(&choice)
-                .map_err(|error| match error.is_infeasible() {
-                    true => Outcome::infeasible(error.to_string()),
-                    false => Outcome::failed(error.to_string()),
-                })?;
+        let choice =
+            space::build_choice(configuration).map_err(|error| Outcome::failed(error.to_string()))?;
+        let build_ms = self.renderer.rebuild(&choice).map_err(|error| match error.is_infeasible() {
+            true => Outcome::infeasible(error.to_string()),
+            false => Outcome::failed(error.to_string()),
+        })?;
         self.kept = Some((configuration.clone(), build_ms));
         Ok(build_ms)
     }
@@ -295,13 +243,8 @@ impl Flight {
             (*structure, *build_ms) = built;
         }
         self.film.clear();
-        let (render_ms, _) = self
-            .renderer
-            .render_with(structure, &self.view, &mut self.film);
-        Some(FrameTimes {
-            build_ms: *build_ms,
-            render_ms,
-        })
+        let (render_ms, _) = self.renderer.render_with(structure, &self.view, &mut self.film);
+        Some(FrameTimes { build_ms: *build_ms, render_ms })
     }
 }
 
@@ -322,11 +265,7 @@ fn print(frame: &Frame, objective: Objective) {
         );
         return;
     };
-    let build = if frame.rebuilt {
-        format!("{:9.1}", times.build_ms)
-    } else {
-        format!("{:>9}", "kept")
-    };
+    let build = if frame.rebuilt { format!("{:9.1}", times.build_ms) } else { format!("{:>9}", "kept") };
     let compared = frame.default_times.map_or_else(String::new, |default| {
         let (default_ms, own_ms) = (objective.cost(default), objective.cost(times));
         format!("  {default_ms:10.1}  {:6.2} ×", default_ms / own_ms)
@@ -341,10 +280,8 @@ fn print(frame: &Frame, objective: Objective) {
 }
 
 fn summarise(frames: &[Frame], objective: Objective) {
-    let exploited: Vec<&Frame> = frames
-        .iter()
-        .filter(|frame| frame.mode == Mode::Exploit && frame.source == Source::Daemon)
-        .collect();
+    let exploited: Vec<&Frame> =
+        frames.iter().filter(|frame| frame.mode == Mode::Exploit && frame.source == Source::Daemon).collect();
     let waiting: Vec<f64> = frames.iter().map(|frame| frame.waiting_ms).collect();
     println!(
         "\n{} of {} frames were answered by the predictor; the service was waited for {:.2} ms a frame (median)",
@@ -354,9 +291,7 @@ fn summarise(frames: &[Frame], objective: Objective) {
     );
     let pairs: Vec<f64> = exploited
         .iter()
-        .filter_map(|frame| {
-            Some(objective.cost(frame.default_times?) / objective.cost(frame.times?))
-        })
+        .filter_map(|frame| Some(objective.cost(frame.default_times?) / objective.cost(frame.times?)))
         .collect();
     if !pairs.is_empty() {
         let speedup = Summary::of(&pairs);

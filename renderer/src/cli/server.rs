@@ -15,12 +15,7 @@ use crate::tuning::objective::{Objective, study_id};
 #[derive(Args, Clone, Debug)]
 pub(super) struct ServerArguments {
     /// Address of the daemon.
-    #[arg(
-        long,
-        value_name = "URL",
-        env = "TREEWRIGHT_SERVER",
-        default_value = "http://127.0.0.1:50611"
-    )]
+    #[arg(long, value_name = "URL", env = "TREEWRIGHT_SERVER", default_value = "http://127.0.0.1:50611")]
     pub(super) server: String,
 
     /// Id of the study; made of scene, objective and size when left out.
@@ -35,14 +30,12 @@ pub(super) struct ServerArguments {
 impl ServerArguments {
     /// Connects, and makes sure that somebody answers.
     pub(super) fn connect(&self, threads: usize) -> Result<Client, CliError> {
-        let mut fingerprint =
-            Fingerprint::detect().software("treewright-render", env!("CARGO_PKG_VERSION"));
+        let mut fingerprint = Fingerprint::detect().software("treewright-render", env!("CARGO_PKG_VERSION"));
         if threads > 0 {
             fingerprint = fingerprint.threads(u32::try_from(threads).unwrap_or(u32::MAX));
         }
-        let options = Options::new()
-            .deadline(Duration::from_millis(self.deadline_ms))
-            .fingerprint(fingerprint);
+        let options =
+            Options::new().deadline(Duration::from_millis(self.deadline_ms)).fingerprint(fingerprint);
         let client = Client::connect(&self.server, options)?;
         client.ping()?;
         Ok(client)
@@ -50,8 +43,6 @@ impl ServerArguments {
 
     /// The study's id.
     pub(super) fn study_id(&self, scene: &Scene, objective: Objective, size: Size) -> String {
-        self.study
-            .clone()
-            .unwrap_or_else(|| study_id(&scene.name, objective, size))
+        self.study.clone().unwrap_or_else(|| study_id(&scene.name, objective, size))
     }
 }

@@ -17,6 +17,7 @@ use super::server::ServerArguments;
 use super::{output, tune_output};
 use crate::camera_path::CameraPath;
 use crate::frame::{Renderer, milliseconds};
+use crate::indicators::SceneIndicators;
 use crate::integrator::View;
 use crate::limits::{ITERATIONS_MAX, ROUNDS_MAX};
 use crate::measure::{Conditions, Contender, Standing, interleaved, standings};
@@ -25,7 +26,7 @@ use crate::scene::{Camera, Scene};
 use crate::space;
 use crate::tuning::objective::{Objective, specification};
 use crate::tuning::results::{Overhead, Prediction, Results, SceneFacts};
-use crate::tuning::search::{self, Found, Setting};
+use crate::tuning::search::{self, Drift, Found, Setting};
 use crate::tuning::verdict::{self, DEFAULT, NATIVE_HIGH, NATIVE_MEDIUM, PREDICTED, TUNED};
 
 /// How far along the camera path the fresh camera stands that the predictor is asked for.
@@ -54,7 +55,7 @@ pub(super) struct Arguments {
     objective: Objective,
 
     /// How many configurations are tried.
-    #[arg(long, value_name = "N", default_value_t = 80, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
+    #[arg(long, value_name = "N", default_value_t = 80, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
     iterations: u32,
 
     /// Pixels across and down.
@@ -62,7 +63,7 @@ pub(super) struct Arguments {
     size: Size,
 
     /// Paired rounds in which the winner is measured again.
-    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
+    #[arg(long, value_name = "N", default_value_t = 9, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
     /// Probability of exploring in a new state while this command runs.
@@ -72,6 +73,11 @@ pub(super) struct Arguments {
     /// The point of the camera path, 0 to 1, where the predictor is asked without a search; 0.2 further on when left out.
     #[arg(long, value_name = "T", value_parser = unit_interval)]
     fresh_at: Option<f32>,
+
+    /// Let the camera drift along its path while the search runs, over this share of it. The service takes
+    /// cameras that are close together for the same state.
+    #[arg(long, value_name = "SPAN", num_args = 0..=1, default_missing_value = "0.02", value_parser = unit_interval)]
+    moving: Option<f32>,
 
     /// Write everything that was found out, every trial included, as JSON.
     #[arg(long, value_name = "FILE")]
@@ -85,9 +91,7 @@ pub(super) struct Arguments {
 /// Tunes and tells.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     for path in arguments.json.iter().chain(&arguments.report) {
-        let folder = path
-            .parent()
-            .filter(|folder| !folder.as_os_str().is_empty());
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
             return Err(CliError::Failed(format!(
                 "{}: the folder {} does not exist; create it first",
@@ -100,9 +104,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
     let mut renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
-    let id = arguments
-        .server
-        .study_id(&scene, arguments.objective, arguments.size);
+    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size);
     let study = open_study(&client, &id, &scene, arguments)?;
     println!(
         "Tuning {} ({} triangles) at {} for {} time, {} iterations, study {id}",
@@ -116,46 +118,32 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let interrupt = Interrupt::listen();
     let setting = Setting {
         objective: arguments.objective,
-        view: View {
-            camera,
-            seed: arguments.frame.seed,
-            bounces: arguments.frame.bounces,
-        },
+        view: View { camera, seed: arguments.frame.seed, bounces: arguments.frame.bounces },
         width: arguments.size.width,
         height: arguments.size.height,
         indicators: indicators(&scene, &camera),
     };
-    let found = search(
-        &mut renderer,
-        &study,
-        &setting,
-        arguments.iterations,
-        interrupt,
-    )?;
+    let drift = arguments.moving.map(|span| Drift {
+        path: CameraPath::of(&scene),
+        from: arguments.camera.at.unwrap_or(0.0),
+        span,
+        scene: SceneIndicators::of(&scene),
+    });
+    let found = search(&mut renderer, &study, &setting, arguments.iterations, drift.as_ref(), interrupt)?;
     let mut notes = Vec::new();
     if let Err(error) = client.flush(FLUSH) {
         notes.push(error.to_string());
     }
-    if let Err(error) = client.update_policy(
-        &id,
-        &PolicyChange::set(Policy::new().epsilon(EPSILON_AFTERWARDS)),
-    ) {
-        notes.push(format!(
-            "the study's policy was left as it was during the search: {error}"
-        ));
+    if let Err(error) =
+        client.update_policy(&id, &PolicyChange::set(Policy::new().epsilon(EPSILON_AFTERWARDS)))
+    {
+        notes.push(format!("the study's policy was left as it was during the search: {error}"));
     }
 
-    let judge = Judge {
-        renderer: &renderer,
-        study: &study,
-        arguments,
-        interrupt,
-    };
+    let judge = Judge { renderer: &renderer, study: &study, arguments, interrupt };
     let conditions = judge.conditions(camera);
     let spinner = output::spinner("measuring the best configurations again");
-    let tuned = verdict::winner(&renderer, &found.trials, &conditions, || {
-        !interrupt.requested()
-    })?;
+    let tuned = verdict::winner(&renderer, &found.trials, &conditions, || !interrupt.requested())?;
     let standings = judge.standings(&tuned, &conditions)?;
     spinner.set_message("asking the predictor for another camera");
     let prediction = judge.prediction(&scene).unwrap_or_else(|error| {
@@ -171,8 +159,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         objective: arguments.objective,
         server: client.url().to_owned(),
         study: id,
-        machine: Fingerprint::detect()
-            .threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
+        machine: Fingerprint::detect().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
         indicators: setting.indicators.clone(),
         overhead: Overhead::of(&found.trials),
         trials: found.trials,
@@ -196,42 +183,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         write_file(path, html.as_bytes())?;
         println!("wrote {}", path.display());
     }
-    if interrupt.requested() {
-        Err(CliError::Interrupted)
-    } else {
-        Ok(())
-    }
+    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
 /// Creates or finds the study and lets it explore: the search gets room for the trials to come.
-fn open_study(
-    client: &Client,
-    id: &str,
-    scene: &Scene,
-    arguments: &Arguments,
-) -> Result<Study, CliError> {
-    let title = format!(
-        "{} at {}, {} time",
-        scene.name,
-        arguments.size,
-        arguments.objective.name()
-    );
+fn open_study(client: &Client, id: &str, scene: &Scene, arguments: &Arguments) -> Result<Study, CliError> {
+    let title = format!("{} at {}, {} time", scene.name, arguments.size, arguments.objective.name());
     let title: String = title.chars().take(200).collect();
-    let policy = Policy::new()
-        .epsilon(f64::from(arguments.epsilon))
-        .trials_per_state(arguments.iterations);
-    let spec = specification(
-        &title,
-        arguments.objective,
-        policy.clone(),
-        arguments.frame.seed,
-    )?;
+    let policy = Policy::new().epsilon(f64::from(arguments.epsilon)).trials_per_state(arguments.iterations);
+    let spec = specification(&title, arguments.objective, policy.clone(), arguments.frame.seed)?;
     let study = client.study(id, spec)?;
     let done = study.record()?.statistics.completed_trials;
-    let room = u32::try_from(done)
-        .unwrap_or(0)
-        .saturating_add(arguments.iterations)
-        .min(ITERATIONS_MAX);
+    let room = u32::try_from(done).unwrap_or(0).saturating_add(arguments.iterations).min(ITERATIONS_MAX);
     client.update_policy(id, &PolicyChange::set(policy.trials_per_state(room)))?;
     if done > 0 {
         println!("The study has {done} trials already; the search goes on where it stood.");
@@ -245,13 +208,14 @@ fn search(
     study: &Study,
     setting: &Setting,
     iterations: u32,
+    drift: Option<&Drift>,
     interrupt: Interrupt,
 ) -> Result<Found, CliError> {
     let bar = output::bar(u64::from(iterations), "frames");
     let mut tuner = study.tuner();
     let (mut default, mut best): (Option<f64>, Option<f64>) = (None, None);
     let mut away = false;
-    let found = search::run(renderer, &mut tuner, setting, iterations, |iteration| {
+    let found = search::run(renderer, &mut tuner, setting, iterations, drift, |iteration| {
         if let Some(cost) = iteration.cost {
             if iteration.mode == Mode::Default && default.is_none() {
                 default = Some(cost);
@@ -261,18 +225,18 @@ fn search(
         let now_away = iteration.source != Source::Daemon;
         if now_away != away {
             bar.suspend(|| match now_away {
-                true => eprintln!("frame {}: the daemon does not answer; going on with the last good configuration", iteration.number),
+                true => eprintln!(
+                    "frame {}: the daemon does not answer; going on with the last good configuration",
+                    iteration.number
+                ),
                 false => eprintln!("frame {}: the daemon answers again", iteration.number),
             });
             away = now_away;
         }
-        let faster = default
-            .zip(best)
-            .map(|(default, best)| format!(", {:.2} × the default's speed", default / best));
-        let best = best.map_or_else(
-            || "nothing could be built yet".to_owned(),
-            |best| format!("best {best:.1} ms"),
-        );
+        let faster =
+            default.zip(best).map(|(default, best)| format!(", {:.2} × the default's speed", default / best));
+        let best =
+            best.map_or_else(|| "nothing could be built yet".to_owned(), |best| format!("best {best:.1} ms"));
         bar.set_message(best + &faster.unwrap_or_default());
         bar.inc(1);
         !interrupt.requested()
@@ -292,11 +256,7 @@ struct Judge<'a> {
 impl Judge<'_> {
     fn conditions(&self, camera: Camera) -> Conditions {
         Conditions {
-            view: View {
-                camera,
-                seed: self.arguments.frame.seed,
-                bounces: self.arguments.frame.bounces,
-            },
+            view: View { camera, seed: self.arguments.frame.seed, bounces: self.arguments.frame.bounces },
             width: self.arguments.size.width,
             height: self.arguments.size.height,
             rounds: self.arguments.rounds,
@@ -305,28 +265,16 @@ impl Judge<'_> {
     }
 
     fn measure(&self, contenders: &[Contender], conditions: &Conditions) -> Vec<Standing> {
-        let measured = interleaved(self.renderer, contenders, conditions, || {
-            !self.interrupt.requested()
-        });
+        let measured = interleaved(self.renderer, contenders, conditions, || !self.interrupt.requested());
         standings(&measured, conditions.build_each_round)
     }
 
     /// Default, Embree's own structures, and the winner, in fresh rounds.
-    fn standings(
-        &self,
-        tuned: &Configuration,
-        conditions: &Conditions,
-    ) -> Result<Vec<Standing>, CliError> {
+    fn standings(&self, tuned: &Configuration, conditions: &Conditions) -> Result<Vec<Standing>, CliError> {
         let contenders = [
             verdict::contender(DEFAULT, &space::table_1().default_configuration())?,
-            Contender {
-                name: NATIVE_MEDIUM.into(),
-                choice: Native::Medium.choice(),
-            },
-            Contender {
-                name: NATIVE_HIGH.into(),
-                choice: Native::High.choice(),
-            },
+            Contender { name: NATIVE_MEDIUM.into(), choice: Native::Medium.choice() },
+            Contender { name: NATIVE_HIGH.into(), choice: Native::High.choice() },
             verdict::contender(TUNED, tuned)?,
         ];
         Ok(self.measure(&contenders, conditions))

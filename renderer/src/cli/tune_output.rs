@@ -7,11 +7,7 @@ use crate::tuning::verdict::PREDICTED;
 
 /// Prints the results for people.
 pub(super) fn print(results: &Results) {
-    let per_frame = if results.objective.builds_each_frame() {
-        "build + render ms"
-    } else {
-        "render ms"
-    };
+    let per_frame = if results.objective.builds_each_frame() { "build + render ms" } else { "render ms" };
     let mut table = output::table(&[
         "structure",
         "build ms",
@@ -29,15 +25,9 @@ pub(super) fn print(results: &Results) {
                 name.to_owned(),
                 format!("{:.1}", standing.build_ms.median),
                 format!("{:.1}", standing.frame_ms.median),
-                format!(
-                    "{:.1} – {:.1}",
-                    standing.frame_ms.lower_quartile, standing.frame_ms.upper_quartile
-                ),
+                format!("{:.1} – {:.1}", standing.frame_ms.lower_quartile, standing.frame_ms.upper_quartile),
                 format!("{:.2} ×", standing.speedup.median),
-                format!(
-                    "{:.2} – {:.2}",
-                    standing.speedup.lower_quartile, standing.speedup.upper_quartile
-                ),
+                format!("{:.2} – {:.2}", standing.speedup.lower_quartile, standing.speedup.upper_quartile),
             ]);
         }
     };
@@ -77,11 +67,7 @@ pub(super) fn print(results: &Results) {
             println!("break-even: never, since the tuned structure is not faster than the default")
         }
     }
-    let failed = results
-        .trials
-        .iter()
-        .filter(|trial| trial.times.is_none())
-        .count();
+    let failed = results.trials.iter().filter(|trial| trial.times.is_none()).count();
     if failed > 0 {
         println!(
             "{failed} of {} configurations could not be built, which is ordinary feedback for the search",

@@ -48,7 +48,7 @@ pub(super) struct Arguments {
     config: Vec<String>,
 
     /// How many rays are compared with the oracle.
-    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(1..=i64::from(VERIFY_RAYS_MAX)))]
+    #[arg(long, value_name = "N", default_value_t = 10_000, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(VERIFY_RAYS_MAX)))]
     rays: u32,
 
     /// Pixels across and down of the pictures that are compared.
@@ -56,7 +56,7 @@ pub(super) struct Arguments {
     size: Size,
 
     /// Samples a pixel of these pictures.
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    #[arg(long, value_name = "N", default_value_t = 4, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1024))]
     spp: u32,
 
     /// Print JSON.
@@ -116,11 +116,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     });
     bar.finish_and_clear();
 
-    let view = View {
-        camera,
-        seed: arguments.frame.seed,
-        bounces: arguments.frame.bounces,
-    };
+    let view = View { camera, seed: arguments.frame.seed, bounces: arguments.frame.bounces };
     let diagonal = Bounds::of(&scene.triangles).diagonal();
     let mut first_picture = None;
     let mut verdicts = Vec::new();
@@ -130,17 +126,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             // A depth limit is a finding of the tuner and says nothing about hits.
             Err(error) => {
                 let failure = Some(error.to_string());
-                verdicts.push(Verdict {
-                    failure,
-                    ..Verdict::unmeasured(name, error.is_infeasible())
-                });
+                verdicts.push(Verdict { failure, ..Verdict::unmeasured(name, error.is_infeasible()) });
                 continue;
             }
         };
         let found: Vec<Answer> = renderer.install(|| {
-            rays.par_chunks(step)
-                .flat_map_iter(|chunk| structure.visit(Ask { rays: chunk }))
-                .collect()
+            rays.par_chunks(step).flat_map_iter(|chunk| structure.visit(Ask { rays: chunk })).collect()
         });
         let mut film = Film::new(arguments.size.width, arguments.size.height);
         let mut picture_hits = 0;
@@ -148,21 +139,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             picture_hits += renderer.render_with(&structure, &view, &mut film).1.hits;
         }
         let picture = film.picture();
-        let picture_difference = first_picture
-            .get_or_insert_with(|| picture.clone())
-            .mean_relative_difference(&picture);
+        let picture_difference =
+            first_picture.get_or_insert_with(|| picture.clone()).mean_relative_difference(&picture);
         let pairs = || answers.iter().zip(&found);
-        let wrong_closest = pairs()
-            .filter(|(a, b)| !same_hit(a.closest, b.closest, diagonal))
-            .count();
+        let wrong_closest = pairs().filter(|(a, b)| !same_hit(a.closest, b.closest, diagonal)).count();
         let wrong_occluded = pairs().filter(|(a, b)| a.occluded != b.occluded).count();
         let tolerated = (DISAGREEING_RAYS_MAX * rays.len() as f64) as usize;
         verdicts.push(Verdict {
             name,
-            hits: found
-                .iter()
-                .filter(|answer| answer.closest.is_some())
-                .count(),
+            hits: found.iter().filter(|answer| answer.closest.is_some()).count(),
             wrong_closest,
             wrong_occluded,
             picture_difference,
@@ -177,10 +162,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         scene: scene.name.clone(),
         triangles: scene.triangles.len(),
         rays: rays.len(),
-        oracle_hits: answers
-            .iter()
-            .filter(|answer| answer.closest.is_some())
-            .count(),
+        oracle_hits: answers.iter().filter(|answer| answer.closest.is_some()).count(),
         agrees: verdicts.iter().all(|verdict| verdict.agrees),
         accelerators: verdicts,
     };
@@ -237,9 +219,7 @@ fn print(results: &Results, json: bool) -> Result<(), CliError> {
     if results.agrees {
         Ok(())
     } else {
-        Err(CliError::Failed(
-            "the accelerators do not agree; see the table".to_owned(),
-        ))
+        Err(CliError::Failed("the accelerators do not agree; see the table".to_owned()))
     }
 }
 
@@ -278,10 +258,7 @@ impl Visitor for Ask<'_> {
     fn visit<I: Intersector>(self, intersector: &I) -> Vec<Answer> {
         self.rays
             .iter()
-            .map(|ray| Answer {
-                closest: intersector.closest(ray),
-                occluded: intersector.occluded(ray),
-            })
+            .map(|ray| Answer { closest: intersector.closest(ray), occluded: intersector.occluded(ray) })
             .collect()
     }
 }
@@ -303,12 +280,7 @@ fn rays(scene: &Scene, camera: &Camera, count: u32, seed: u64) -> Vec<Ray> {
             };
             let (origin, target) = (point(), point());
             let t_max = if number % 4 == 1 { 1.0 } else { f32::INFINITY };
-            Ray {
-                origin,
-                direction: target - origin,
-                t_min: 0.0,
-                t_max,
-            }
+            Ray { origin, direction: target - origin, t_min: 0.0, t_max }
         })
         .collect()
 }
@@ -330,14 +302,7 @@ mod tests {
 
     #[test]
     fn distances_agree_within_single_precision() {
-        let at = |t: f32| {
-            Some(Hit {
-                t,
-                u: 0.0,
-                v: 0.0,
-                triangle: 0,
-            })
-        };
+        let at = |t: f32| Some(Hit { t, u: 0.0, v: 0.0, triangle: 0 });
         assert!(same_hit(None, None, 1.0));
         assert!(same_hit(at(100.0), at(100.001), 1.0));
         assert!(!same_hit(at(100.0), at(101.0), 1.0));

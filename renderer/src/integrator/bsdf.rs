@@ -118,17 +118,9 @@ impl Bsdf {
         let through = luminance(self.transmittance(view.z));
         let total = reflect + diffuse + through;
         if total > 0.0 {
-            Shares {
-                reflect: reflect / total,
-                diffuse: diffuse / total,
-                through: through / total,
-            }
+            Shares { reflect: reflect / total, diffuse: diffuse / total, through: through / total }
         } else {
-            Shares {
-                reflect: 0.0,
-                diffuse: 1.0,
-                through: 0.0,
-            }
+            Shares { reflect: 0.0, diffuse: 1.0, through: 0.0 }
         }
     }
 
@@ -144,9 +136,7 @@ impl Bsdf {
         };
         let half = (view + light).normalize_or_zero();
         let shadowing = 1.0 / (1.0 + smith_lambda(alpha, view.z) + smith_lambda(alpha, light.z));
-        diffuse
-            + self.fresnel(view.dot(half))
-                * (ggx_density(alpha, half.z) * shadowing / (4.0 * view.z))
+        diffuse + self.fresnel(view.dot(half)) * (ggx_density(alpha, half.z) * shadowing / (4.0 * view.z))
     }
 
     /// Solid angle density with which [`Bsdf::sample`] draws `light` from a rough lobe.
@@ -172,23 +162,13 @@ impl Bsdf {
         let shares = self.shares(view);
         if choice < shares.through {
             let weight = self.transmittance(view.z) / shares.through;
-            return Some(BsdfSample {
-                direction: -view,
-                weight,
-                pdf: 1.0,
-                scatter: Scatter::Through,
-            });
+            return Some(BsdfSample { direction: -view, weight, pdf: 1.0, scatter: Scatter::Through });
         }
         let direction = if choice < shares.through + shares.reflect {
             let Some(alpha) = self.alpha else {
                 let direction = Vec3::new(-view.x, -view.y, view.z);
                 let weight = self.fresnel(view.z) / shares.reflect;
-                return Some(BsdfSample {
-                    direction,
-                    weight,
-                    pdf: 1.0,
-                    scatter: Scatter::Mirror,
-                });
+                return Some(BsdfSample { direction, weight, pdf: 1.0, scatter: Scatter::Mirror });
             };
             let half = sample_visible_normal(alpha, view, u);
             2.0 * view.dot(half) * half - view
@@ -200,12 +180,7 @@ impl Bsdf {
             return None;
         }
         let weight = self.evaluate(view, direction) / pdf;
-        (weight.max_element() > 0.0).then_some(BsdfSample {
-            direction,
-            weight,
-            pdf,
-            scatter: Scatter::Rough,
-        })
+        (weight.max_element() > 0.0).then_some(BsdfSample { direction, weight, pdf, scatter: Scatter::Rough })
     }
 }
 

@@ -4,14 +4,7 @@ use super::*;
 use crate::integrator::random::PathRandom;
 
 fn material(base: f32, metallic: f32, roughness: f32, transmission: f32, ior: f32) -> Material {
-    Material {
-        base_color: Vec3::splat(base),
-        metallic,
-        roughness,
-        transmission,
-        ior,
-        emission: Vec3::ZERO,
-    }
+    Material { base_color: Vec3::splat(base), metallic, roughness, transmission, ior, emission: Vec3::ZERO }
 }
 
 fn view_at(cosine: f32) -> Vec3 {
@@ -92,10 +85,7 @@ fn densities_integrate_to_the_share_of_rough_samples() {
 
 /// Integral of the density over a patch of (cosine, azimuth), midpoint rule.
 fn integrate(bsdf: &Bsdf, view: Vec3, cosines: [f32; 2], azimuths: [f32; 2], steps: u32) -> f64 {
-    let (dc, da) = (
-        (cosines[1] - cosines[0]) / steps as f32,
-        (azimuths[1] - azimuths[0]) / steps as f32,
-    );
+    let (dc, da) = ((cosines[1] - cosines[0]) / steps as f32, (azimuths[1] - azimuths[0]) / steps as f32);
     let mut sum = 0.0;
     for i in 0..steps {
         let cosine = cosines[0] + (i as f32 + 0.5) * dc;
@@ -139,10 +129,7 @@ fn samples_follow_their_density_cell_by_cell() {
                 }
             }
         }
-        assert!(
-            statistic < 130.0,
-            "roughness {roughness}, metallic {metallic}: chi-square {statistic}"
-        );
+        assert!(statistic < 130.0, "roughness {roughness}, metallic {metallic}: chi-square {statistic}");
     }
 }
 
@@ -153,9 +140,6 @@ fn reciprocity_holds() {
         let (view, light) = (view_at(a), Vec3::new(0.0, (1.0_f32 - b * b).sqrt(), b));
         let there = bsdf.evaluate(view, light) / light.z;
         let back = bsdf.evaluate(light, view) / view.z;
-        assert!(
-            (there - back).length() < 1e-4 * there.length(),
-            "{there} {back}"
-        );
+        assert!((there - back).length() < 1e-4 * there.length(), "{there} {back}");
     }
 }

@@ -66,23 +66,19 @@ impl Lights {
             table: AliasTable::new(&weights),
             power: weights.iter().sum(),
             triangles,
-            sun: scene
-                .sky
-                .sun
-                .filter(|sun| luminance(sun.irradiance) > 0.0)
-                .map(|sun| {
-                    // A point-like sun would have infinite radiance; a tenth of the real one's half angle is sharp enough.
-                    let half_angle = sun.half_angle_rad.clamp(5e-4, 1.0);
-                    let direction = sun.direction.normalize_or(Vec3::Y);
-                    SunDisc {
-                        frame: Frame::new(direction),
-                        direction,
-                        cos_half_angle: half_angle.cos(),
-                        // 1 - cos, without cancellation.
-                        solid_angle: 4.0 * PI * (half_angle * 0.5).sin().powi(2),
-                        radiance: sun.irradiance / (PI * half_angle.sin().powi(2)),
-                    }
-                }),
+            sun: scene.sky.sun.filter(|sun| luminance(sun.irradiance) > 0.0).map(|sun| {
+                // A point-like sun would have infinite radiance; a tenth of the real one's half angle is sharp enough.
+                let half_angle = sun.half_angle_rad.clamp(5e-4, 1.0);
+                let direction = sun.direction.normalize_or(Vec3::Y);
+                SunDisc {
+                    frame: Frame::new(direction),
+                    direction,
+                    cos_half_angle: half_angle.cos(),
+                    // 1 - cos, without cancellation.
+                    solid_angle: 4.0 * PI * (half_angle * 0.5).sin().powi(2),
+                    radiance: sun.irradiance / (PI * half_angle.sin().powi(2)),
+                }
+            }),
             sky: scene.sky,
         }
     }
@@ -131,12 +127,7 @@ impl Lights {
         let normal = (b - a).cross(c - a).normalize_or_zero();
         let emission = scene.materials[material_of(scene, triangle)].emission;
         let pdf = self.triangle_pdf(emission, direction.dot(normal), distance_squared);
-        (pdf > 0.0 && pdf.is_finite()).then_some(LightSample {
-            direction,
-            distance,
-            radiance: emission,
-            pdf,
-        })
+        (pdf > 0.0 && pdf.is_finite()).then_some(LightSample { direction, distance, radiance: emission, pdf })
     }
 
     /// Solid angle density with which [`Lights::sample`] draws a point of an emissive triangle. The
@@ -158,9 +149,7 @@ impl Lights {
 
     /// Radiance of the sky's gradient in a direction.
     pub fn sky(&self, direction: Vec3) -> Vec3 {
-        self.sky
-            .horizon
-            .lerp(self.sky.zenith, direction.y.clamp(0.0, 1.0))
+        self.sky.horizon.lerp(self.sky.zenith, direction.y.clamp(0.0, 1.0))
     }
 }
 
@@ -171,9 +160,6 @@ fn area(scene: &Scene, triangle: u32) -> f32 {
 
 /// Material of a triangle, by binary search over the meshes. For the few look-ups that lights need.
 fn material_of(scene: &Scene, triangle: u32) -> usize {
-    let mesh = scene
-        .meshes
-        .partition_point(|mesh| mesh.first_triangle <= triangle)
-        - 1;
+    let mesh = scene.meshes.partition_point(|mesh| mesh.first_triangle <= triangle) - 1;
     scene.meshes[mesh].material as usize
 }

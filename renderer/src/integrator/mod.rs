@@ -47,23 +47,13 @@ impl Prepared {
     pub fn new(scene: Arc<Scene>) -> Self {
         let mut material_of = Vec::with_capacity(scene.triangles.len());
         for mesh in &scene.meshes {
-            material_of.extend(std::iter::repeat_n(
-                mesh.material,
-                mesh.triangle_count as usize,
-            ));
+            material_of.extend(std::iter::repeat_n(mesh.material, mesh.triangle_count as usize));
         }
-        assert_eq!(
-            material_of.len(),
-            scene.triangles.len(),
-            "the meshes of a scene cover its triangles"
-        );
+        assert_eq!(material_of.len(), scene.triangles.len(), "the meshes of a scene cover its triangles");
         let bsdfs: Vec<Bsdf> = scene.materials.iter().map(Bsdf::new).collect();
         Self {
             lights: Lights::new(&scene),
-            has_sheets: scene
-                .meshes
-                .iter()
-                .any(|mesh| bsdfs[mesh.material as usize].is_thin()),
+            has_sheets: scene.meshes.iter().any(|mesh| bsdfs[mesh.material as usize].is_thin()),
             material_of,
             bsdfs,
             scene,
@@ -122,10 +112,7 @@ pub fn render_sample<I: Intersector>(
         .with_max_len(1)
         .map(|(tile, pixels)| {
             let mut counts = Counts::default();
-            let (left, top) = (
-                (tile as u32 % tiles_across) * TILE,
-                (tile as u32 / tiles_across) * TILE,
-            );
+            let (left, top) = ((tile as u32 % tiles_across) * TILE, (tile as u32 / tiles_across) * TILE);
             for (index, sum) in pixels.iter_mut().enumerate() {
                 let (x, y) = (left + index as u32 % TILE, top + index as u32 / TILE);
                 if x >= width || y >= height {
@@ -133,14 +120,8 @@ pub fn render_sample<I: Intersector>(
                 }
                 let mut random = PathRandom::new(view.seed, y * width + x, sample);
                 let ray = lens.ray(x, y, random.pair());
-                let radiance = path::radiance(
-                    prepared,
-                    intersector,
-                    ray,
-                    view.bounces,
-                    &mut random,
-                    &mut counts,
-                );
+                let radiance =
+                    path::radiance(prepared, intersector, ray, view.bounces, &mut random, &mut counts);
                 if radiance.is_finite() && radiance.min_element() >= 0.0 {
                     *sum += radiance;
                 } else {
@@ -189,12 +170,7 @@ impl Lens {
     /// The ray through a point of a pixel, given by two numbers in [0, 1).
     pub fn ray(&self, x: u32, y: u32, [u, v]: [f32; 2]) -> Ray {
         let direction = self.corner + self.right * (x as f32 + u) + self.down * (y as f32 + v);
-        Ray {
-            origin: self.position,
-            direction: direction.normalize(),
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        }
+        Ray { origin: self.position, direction: direction.normalize(), t_min: 0.0, t_max: f32::INFINITY }
     }
 }
 

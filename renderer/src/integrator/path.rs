@@ -48,8 +48,7 @@ pub(super) fn radiance<I: Intersector>(
     loop {
         counts.rays += 1;
         let Some(hit) = intersector.closest(&ray) else {
-            radiance +=
-                throughput * (lights.sky(ray.direction) + weighed_sun(prepared, &ray, origin));
+            radiance += throughput * (lights.sky(ray.direction) + weighed_sun(prepared, &ray, origin));
             return radiance;
         };
         counts.hits += 1;
@@ -83,11 +82,7 @@ pub(super) fn radiance<I: Intersector>(
                 let reach = light.distance * SHADOW_SHARE;
                 let seen = visibility(prepared, intersector, start, light.direction, reach, counts);
                 // After the last bounce the surface's own sampling does not follow, so nothing is shared.
-                let other = if last {
-                    0.0
-                } else {
-                    bsdf.pdf(view, frame.to_local(light.direction))
-                };
+                let other = if last { 0.0 } else { bsdf.pdf(view, frame.to_local(light.direction)) };
                 let weight = power_heuristic(light.pdf, other) / light.pdf;
                 radiance += throughput * value * light.radiance * seen * weight;
             }
@@ -111,31 +106,19 @@ pub(super) fn radiance<I: Intersector>(
             sheets = 0;
         }
         throughput *= sample.weight;
-        let direction = if through {
-            ray.direction
-        } else {
-            frame.to_world(sample.direction).normalize_or_zero()
-        };
+        let direction =
+            if through { ray.direction } else { frame.to_world(sample.direction).normalize_or_zero() };
         // A direction above the shading normal's horizon but below the triangle's would start inside the solid.
-        if throughput == Vec3::ZERO || (!through && direction.dot(surface.geometric_normal) <= 0.0)
-        {
+        if throughput == Vec3::ZERO || (!through && direction.dot(surface.geometric_normal) <= 0.0) {
             return radiance;
         }
         origin = match (sample.scatter, origin) {
             (Scatter::Through, _) => origin,
-            (Scatter::Rough, _) => Origin::Rough {
-                position: surface.position,
-                pdf: sample.pdf,
-            },
+            (Scatter::Rough, _) => Origin::Rough { position: surface.position, pdf: sample.pdf },
             (Scatter::Mirror, Origin::Direct) => Origin::Direct,
             (Scatter::Mirror, Origin::Caustic | Origin::Rough { .. }) => Origin::Caustic,
         };
-        ray = Ray {
-            origin: surface.start(direction),
-            direction,
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        };
+        ray = Ray { origin: surface.start(direction), direction, t_min: 0.0, t_max: f32::INFINITY };
     }
 }
 
@@ -144,9 +127,7 @@ fn weighed_sun(prepared: &Prepared, ray: &Ray, origin: Origin) -> Vec3 {
     match (prepared.lights.sun(ray.direction), origin) {
         (None, _) | (_, Origin::Caustic) => Vec3::ZERO,
         (Some((radiance, _)), Origin::Direct) => radiance,
-        (Some((radiance, sun_pdf)), Origin::Rough { pdf, .. }) => {
-            radiance * power_heuristic(pdf, sun_pdf)
-        }
+        (Some((radiance, sun_pdf)), Origin::Rough { pdf, .. }) => radiance * power_heuristic(pdf, sun_pdf),
     }
 }
 
@@ -159,12 +140,7 @@ fn visibility<I: Intersector>(
     reach: f32,
     counts: &mut Counts,
 ) -> Vec3 {
-    let mut ray = Ray {
-        origin: start,
-        direction,
-        t_min: 0.0,
-        t_max: reach,
-    };
+    let mut ray = Ray { origin: start, direction, t_min: 0.0, t_max: reach };
     counts.shadow_rays += 1;
     if !intersector.occluded(&ray) {
         return Vec3::ONE;
@@ -180,8 +156,7 @@ fn visibility<I: Intersector>(
         };
         counts.hits += 1;
         let bsdf = &prepared.bsdfs[prepared.material_of[hit.triangle as usize] as usize];
-        let Some(surface) = Surface::new(&prepared.scene, &ray, &hit).filter(|_| bsdf.is_thin())
-        else {
+        let Some(surface) = Surface::new(&prepared.scene, &ray, &hit).filter(|_| bsdf.is_thin()) else {
             return Vec3::ZERO;
         };
         seen *= bsdf.transmittance(-direction.dot(surface.shading_normal));

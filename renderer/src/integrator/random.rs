@@ -22,20 +22,14 @@ fn mix(mut z: u64) -> u64 {
 /// The top 24 bits of each half as a number in [0, 1).
 fn to_pair(bits: u64) -> [f32; 2] {
     const STEP: f32 = 1.0 / (1 << 24) as f32;
-    [
-        (bits >> 40) as f32 * STEP,
-        ((bits >> 8) & 0xff_ffff) as f32 * STEP,
-    ]
+    [(bits >> 40) as f32 * STEP, ((bits >> 8) & 0xff_ffff) as f32 * STEP]
 }
 
 impl PathRandom {
     /// The numbers of sample `sample` of pixel `pixel` in a picture with this seed.
     pub fn new(seed: u64, pixel: u32, sample: u32) -> Self {
         let place = (u64::from(pixel) << 32) | u64::from(sample);
-        Self {
-            key: mix(seed.wrapping_add(GOLDEN)) ^ mix(place.wrapping_add(GOLDEN)),
-            counter: 0,
-        }
+        Self { key: mix(seed.wrapping_add(GOLDEN)) ^ mix(place.wrapping_add(GOLDEN)), counter: 0 }
     }
 
     /// The next two numbers, each in [0, 1).
@@ -61,11 +55,7 @@ mod tests {
         assert_ne!(first(1, 2, 3), first(2, 2, 3));
         assert_ne!(first(1, 2, 3), first(1, 3, 3));
         assert_ne!(first(1, 2, 3), first(1, 2, 4));
-        assert_ne!(
-            first(0, 1, 0),
-            first(0, 0, 1),
-            "pixel and sample must not be interchangeable"
-        );
+        assert_ne!(first(0, 1, 0), first(0, 0, 1), "pixel and sample must not be interchangeable");
     }
 
     #[test]
@@ -78,26 +68,13 @@ mod tests {
                 assert!((0.0..1.0).contains(&number));
                 cells[(number * 64.0) as usize] += 1;
             }
-            cells
-                .iter()
-                .map(|&count| (f64::from(count) - expected).powi(2) / expected)
-                .sum::<f64>()
+            cells.iter().map(|&count| (f64::from(count) - expected).powi(2) / expected).sum::<f64>()
         };
         let mut path = PathRandom::new(7, 0, 0);
         assert!(chi_square((0..20_000).flat_map(|_| path.pair()).collect()) < 110.0);
+        assert!(chi_square((0..20_000).map(|pixel| PathRandom::new(7, pixel, 0).single()).collect()) < 110.0);
         assert!(
-            chi_square(
-                (0..20_000)
-                    .map(|pixel| PathRandom::new(7, pixel, 0).single())
-                    .collect()
-            ) < 110.0
-        );
-        assert!(
-            chi_square(
-                (0..20_000)
-                    .map(|sample| PathRandom::new(7, 9, sample).single())
-                    .collect()
-            ) < 110.0
+            chi_square((0..20_000).map(|sample| PathRandom::new(7, 9, sample).single()).collect()) < 110.0
         );
     }
 }

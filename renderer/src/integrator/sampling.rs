@@ -20,11 +20,7 @@ impl Frame {
         let a = -1.0 / (sign + normal.z);
         let b = normal.x * normal.y * a;
         Self {
-            tangent: Vec3::new(
-                1.0 + sign * normal.x * normal.x * a,
-                sign * b,
-                -sign * normal.x,
-            ),
+            tangent: Vec3::new(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x),
             bitangent: Vec3::new(b, sign + normal.y * normal.y * a, -normal.y),
             normal,
         }
@@ -32,11 +28,7 @@ impl Frame {
 
     /// World to local.
     pub fn to_local(&self, world: Vec3) -> Vec3 {
-        Vec3::new(
-            world.dot(self.tangent),
-            world.dot(self.bitangent),
-            world.dot(self.normal),
-        )
+        Vec3::new(world.dot(self.tangent), world.dot(self.bitangent), world.dot(self.normal))
     }
 
     /// Local to world.
@@ -129,11 +121,7 @@ impl AliasTable {
         let scaled = f64::from(u) * self.slots.len() as f64;
         let slot = (scaled as usize).min(self.slots.len() - 1);
         let (keep, other) = self.slots[slot];
-        if scaled - (slot as f64) < f64::from(keep) {
-            slot
-        } else {
-            other as usize
-        }
+        if scaled - (slot as f64) < f64::from(keep) { slot } else { other as usize }
     }
 }
 
@@ -173,10 +161,7 @@ mod tests {
         }
         for (count, weight) in counts.iter().zip(weights) {
             let expected = weight * 10_000.0;
-            assert!(
-                (f64::from(*count) - expected).abs() <= 5.0 * expected.sqrt(),
-                "{counts:?}"
-            );
+            assert!((f64::from(*count) - expected).abs() <= 5.0 * expected.sqrt(), "{counts:?}");
         }
     }
 

@@ -93,12 +93,7 @@ fn shading_normal(scene: &Scene, ray: &Ray, triangle: u32, weights: [f32; 3]) ->
     if scene.normals.is_empty() {
         return None;
     }
-    let [a, b, c] =
-        scene.triangles.indices()[triangle as usize].map(|vertex| scene.normals[vertex as usize]);
+    let [a, b, c] = scene.triangles.indices()[triangle as usize].map(|vertex| scene.normals[vertex as usize]);
     let normal = (a * weights[0] + b * weights[1] + c * weights[2]).try_normalize()?;
-    Some(if normal.dot(ray.direction) > 0.0 {
-        -normal
-    } else {
-        normal
-    })
+    Some(if normal.dot(ray.direction) > 0.0 { -normal } else { normal })
 }

@@ -10,11 +10,7 @@ use super::*;
 use crate::film::Picture;
 use crate::scene::{Material, Mesh, Sky, Sun};
 
-const NIGHT: Sky = Sky {
-    zenith: Vec3::ZERO,
-    horizon: Vec3::ZERO,
-    sun: None,
-};
+const NIGHT: Sky = Sky { zenith: Vec3::ZERO, horizon: Vec3::ZERO, sun: None };
 
 /// A scene of meshes given as (corners, material).
 fn scene(parts: &[(Vec<[Vec3; 3]>, Material)], sky: Sky) -> Arc<Scene> {
@@ -46,20 +42,12 @@ fn scene(parts: &[(Vec<[Vec3; 3]>, Material)], sky: Sky) -> Arc<Scene> {
 }
 
 fn camera(position: Vec3, target: Vec3) -> Camera {
-    Camera {
-        position,
-        target,
-        up: Vec3::Y,
-        vertical_fov_deg: 30.0,
-    }
+    Camera { position, target, up: Vec3::Y, vertical_fov_deg: 30.0 }
 }
 
 /// A quad over two edges.
 fn quad(corner: Vec3, a: Vec3, b: Vec3) -> Vec<[Vec3; 3]> {
-    vec![
-        [corner, corner + a, corner + a + b],
-        [corner, corner + a + b, corner + b],
-    ]
+    vec![[corner, corner + a, corner + a + b], [corner, corner + a + b, corner + b]]
 }
 
 /// An octahedron, each face split into four a few times and pushed out to the sphere.
@@ -76,29 +64,18 @@ fn sphere(radius: f32, splits: u32) -> Vec<[Vec3; 3]> {
         faces = faces
             .into_iter()
             .flat_map(|[a, b, c]| {
-                let [ab, bc, ca] = [
-                    (a + b).normalize(),
-                    (b + c).normalize(),
-                    (c + a).normalize(),
-                ];
+                let [ab, bc, ca] = [(a + b).normalize(), (b + c).normalize(), (c + a).normalize()];
                 [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
             })
             .collect();
     }
-    faces
-        .into_iter()
-        .map(|face| face.map(|corner| corner * radius))
-        .collect()
+    faces.into_iter().map(|face| face.map(|corner| corner * radius)).collect()
 }
 
 fn render(scene: &Arc<Scene>, camera: Camera, samples: u32) -> (Picture, Counts) {
     let prepared = Prepared::new(scene.clone());
     let brute_force = BruteForce::new(&scene.triangles);
-    let view = View {
-        camera,
-        seed: 1,
-        bounces: 3,
-    };
+    let view = View { camera, seed: 1, bounces: 3 };
     let mut film = Film::new(24, 18);
     let mut counts = Counts::default();
     for _ in 0..samples {
@@ -108,78 +85,37 @@ fn render(scene: &Arc<Scene>, camera: Camera, samples: u32) -> (Picture, Counts)
 }
 
 fn lambert(albedo: f32) -> Material {
-    Material {
-        base_color: Vec3::splat(albedo),
-        ior: 1.0,
-        ..Material::default()
-    }
+    Material { base_color: Vec3::splat(albedo), ior: 1.0, ..Material::default() }
 }
 
 fn glowing(radiance: f32) -> Material {
-    Material {
-        base_color: Vec3::ZERO,
-        ior: 1.0,
-        emission: Vec3::splat(radiance),
-        ..Material::default()
-    }
+    Material { base_color: Vec3::ZERO, ior: 1.0, emission: Vec3::splat(radiance), ..Material::default() }
 }
 
 #[test]
 fn a_white_body_vanishes_in_a_white_furnace() {
-    let furnace = Sky {
-        zenith: Vec3::ONE,
-        horizon: Vec3::ONE,
-        sun: None,
-    };
-    let smooth_glass = Material {
-        base_color: Vec3::ONE,
-        roughness: 0.0,
-        transmission: 1.0,
-        ..lambert(1.0)
-    };
-    let mirror = Material {
-        base_color: Vec3::ONE,
-        roughness: 0.0,
-        metallic: 1.0,
-        ..lambert(1.0)
-    };
+    let furnace = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, sun: None };
+    let smooth_glass = Material { base_color: Vec3::ONE, roughness: 0.0, transmission: 1.0, ..lambert(1.0) };
+    let mirror = Material { base_color: Vec3::ONE, roughness: 0.0, metallic: 1.0, ..lambert(1.0) };
     for material in [lambert(1.0), smooth_glass, mirror] {
-        let (picture, counts) = render(
-            &scene(&[(sphere(0.7, 2), material)], furnace),
-            camera(Vec3::Z * 3.0, Vec3::ZERO),
-            4,
-        );
+        let (picture, counts) =
+            render(&scene(&[(sphere(0.7, 2), material)], furnace), camera(Vec3::Z * 3.0, Vec3::ZERO), 4);
         assert!(counts.hits > 0);
         for pixel in &picture.pixels {
-            assert!(
-                (*pixel - Vec3::ONE).length() < 1e-3,
-                "{material:?} shows as {pixel}"
-            );
+            assert!((*pixel - Vec3::ONE).length() < 1e-3, "{material:?} shows as {pixel}");
         }
     }
 }
 
 #[test]
 fn a_rough_body_never_outshines_the_furnace() {
-    let furnace = Sky {
-        zenith: Vec3::ONE,
-        horizon: Vec3::ONE,
-        sun: None,
-    };
+    let furnace = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, sun: None };
     for (metallic, roughness) in [(0.0, 0.5), (0.0, 1.0), (1.0, 0.2), (1.0, 1.0)] {
-        let material = Material {
-            base_color: Vec3::ONE,
-            metallic,
-            roughness,
-            ..Material::default()
-        };
+        let material = Material { base_color: Vec3::ONE, metallic, roughness, ..Material::default() };
         let body = scene(&[(sphere(0.7, 2), material)], furnace);
         let (picture, _) = render(&body, camera(Vec3::Z * 3.0, Vec3::ZERO), 32);
         let mean = picture.mean_luminance();
-        assert!(
-            mean < 1.005 && mean > 0.7,
-            "metallic {metallic}, roughness {roughness}: {mean}"
-        );
+        assert!(mean < 1.005 && mean > 0.7, "metallic {metallic}, roughness {roughness}: {mean}");
     }
 }
 
@@ -188,18 +124,11 @@ fn inside_a_glowing_ball_a_grey_patch_shows_its_albedo() {
     // Irradiance inside a closed surface of radiance 1 is π everywhere, so radiance is the albedo: light
     // sampling, surface sampling and their weights must add up to it.
     let patch = quad(Vec3::new(-0.2, -0.2, 0.0), Vec3::X * 0.4, Vec3::Y * 0.4);
-    let ball = scene(
-        &[(sphere(5.0, 2), glowing(1.0)), (patch, lambert(0.5))],
-        NIGHT,
-    );
+    let ball = scene(&[(sphere(5.0, 2), glowing(1.0)), (patch, lambert(0.5))], NIGHT);
     let mut near = camera(Vec3::Z * 1.0, Vec3::ZERO);
     near.vertical_fov_deg = 10.0;
     let (picture, _) = render(&ball, near, 64);
-    assert!(
-        (picture.mean_luminance() - 0.5).abs() < 0.01,
-        "{}",
-        picture.mean_luminance()
-    );
+    assert!((picture.mean_luminance() - 0.5).abs() < 0.01, "{}", picture.mean_luminance());
 }
 
 #[test]
@@ -221,78 +150,28 @@ fn a_small_lamp_lights_a_floor_as_the_formula_says() {
 
 #[test]
 fn the_sun_shines_through_a_clear_sheet() {
-    let sun = Sun {
-        direction: Vec3::Y,
-        irradiance: Vec3::splat(3.0),
-        half_angle_rad: 0.005,
-    };
-    let sky = Sky {
-        sun: Some(sun),
-        ..NIGHT
-    };
+    let sun = Sun { direction: Vec3::Y, irradiance: Vec3::splat(3.0), half_angle_rad: 0.005 };
+    let sky = Sky { sun: Some(sun), ..NIGHT };
     let floor = quad(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0);
     let sheet = quad(Vec3::new(-1.0, 1.0, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0);
-    let clear = Material {
-        transmission: 1.0,
-        roughness: 0.0,
-        ..lambert(0.5)
-    };
+    let clear = Material { transmission: 1.0, roughness: 0.0, ..lambert(0.5) };
     let mut eye = camera(Vec3::new(0.0, 0.5, 0.5), Vec3::ZERO);
     eye.vertical_fov_deg = 5.0;
-    let open = render(&scene(&[(floor.clone(), lambert(0.8))], sky), eye, 4)
-        .0
-        .mean_luminance();
-    assert!(
-        (open - 0.8 * 3.0 / std::f64::consts::PI).abs() < 1e-2,
-        "{open}"
-    );
-    let tinted = render(
-        &scene(
-            &[(floor.clone(), lambert(0.8)), (sheet.clone(), clear)],
-            sky,
-        ),
-        eye,
-        4,
-    )
-    .0;
-    assert!(
-        (tinted.mean_luminance() - open * 0.5).abs() < 1e-2,
-        "{}",
-        tinted.mean_luminance()
-    );
-    let closed = render(
-        &scene(&[(floor, lambert(0.8)), (sheet, lambert(0.0))], sky),
-        eye,
-        4,
-    )
-    .0;
+    let open = render(&scene(&[(floor.clone(), lambert(0.8))], sky), eye, 4).0.mean_luminance();
+    assert!((open - 0.8 * 3.0 / std::f64::consts::PI).abs() < 1e-2, "{open}");
+    let tinted = render(&scene(&[(floor.clone(), lambert(0.8)), (sheet.clone(), clear)], sky), eye, 4).0;
+    assert!((tinted.mean_luminance() - open * 0.5).abs() < 1e-2, "{}", tinted.mean_luminance());
+    let closed = render(&scene(&[(floor, lambert(0.8)), (sheet, lambert(0.0))], sky), eye, 4).0;
     assert!(closed.mean_luminance() < 1e-6);
 }
 
 #[test]
 fn no_bad_sample_in_a_scene_of_extremes() {
-    let needle = vec![
-        [Vec3::ZERO, Vec3::X * 1e-7, Vec3::Y * 1e4],
-        [Vec3::ZERO, Vec3::X, Vec3::X * 2.0],
-    ];
-    let mirror = Material {
-        metallic: 1.0,
-        roughness: 0.031,
-        ..Material::default()
-    };
-    let sky = Sky {
-        zenith: Vec3::ONE,
-        horizon: Vec3::splat(0.2),
-        sun: None,
-    };
-    let odd = scene(
-        &[
-            (needle, glowing(1e6)),
-            (sphere(1.0, 1), mirror),
-            (sphere(1e-4, 1), lambert(0.5)),
-        ],
-        sky,
-    );
+    let needle = vec![[Vec3::ZERO, Vec3::X * 1e-7, Vec3::Y * 1e4], [Vec3::ZERO, Vec3::X, Vec3::X * 2.0]];
+    let mirror = Material { metallic: 1.0, roughness: 0.031, ..Material::default() };
+    let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::splat(0.2), sun: None };
+    let odd =
+        scene(&[(needle, glowing(1e6)), (sphere(1.0, 1), mirror), (sphere(1e-4, 1), lambert(0.5))], sky);
     let (picture, counts) = render(&odd, camera(Vec3::Z * 3.0, Vec3::ZERO), 8);
     assert_eq!(counts.bad_samples, 0);
     assert!(picture.mean_luminance().is_finite());
@@ -301,34 +180,16 @@ fn no_bad_sample_in_a_scene_of_extremes() {
 fn test_room() -> Arc<Scene> {
     let floor = quad(Vec3::new(-2.0, -0.7, -2.0), Vec3::Z * 4.0, Vec3::X * 4.0);
     let lamp = quad(Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z);
-    let gloss = Material {
-        roughness: 0.3,
-        metallic: 0.8,
-        ..Material::default()
-    };
-    let sky = Sky {
-        zenith: Vec3::splat(0.3),
-        horizon: Vec3::splat(0.1),
-        sun: None,
-    };
-    scene(
-        &[
-            (sphere(0.7, 2), gloss),
-            (floor, lambert(0.6)),
-            (lamp, glowing(5.0)),
-        ],
-        sky,
-    )
+    let gloss = Material { roughness: 0.3, metallic: 0.8, ..Material::default() };
+    let sky = Sky { zenith: Vec3::splat(0.3), horizon: Vec3::splat(0.1), sun: None };
+    scene(&[(sphere(0.7, 2), gloss), (floor, lambert(0.6)), (lamp, glowing(5.0))], sky)
 }
 
 #[test]
 fn threads_do_not_change_the_picture() {
     let room = test_room();
     let with_threads = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .expect("a pool can be made");
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool can be made");
         pool.install(|| render(&room, room.cameras[0], 3))
     };
     let (one, counts) = with_threads(1);
@@ -346,11 +207,7 @@ fn seeds_and_samples_change_the_noise_but_not_the_light() {
     let brute_force = BruteForce::new(&room.triangles);
     let mean = |seed| {
         let mut film = Film::new(24, 18);
-        let view = View {
-            camera: room.cameras[0],
-            seed,
-            bounces: 3,
-        };
+        let view = View { camera: room.cameras[0], seed, bounces: 3 };
         for _ in 0..64 {
             render_sample(&prepared, &brute_force, &view, &mut film);
         }
@@ -366,15 +223,8 @@ fn rays_through_the_middle_go_where_the_camera_looks() {
     let eye = camera(Vec3::new(1.0, 2.0, 3.0), Vec3::new(-4.0, 0.5, 1.0));
     let ray = Lens::new(&eye, 2, 2).ray(1, 1, [0.0, 0.0]);
     assert!((ray.direction - (eye.target - eye.position).normalize()).length() < 1e-6);
-    let straight_up = Camera {
-        target: eye.position + Vec3::Y,
-        ..eye
-    };
-    assert!(
-        Lens::new(&straight_up, 2, 2)
-            .ray(0, 0, [0.5, 0.5])
-            .is_valid()
-    );
+    let straight_up = Camera { target: eye.position + Vec3::Y, ..eye };
+    assert!(Lens::new(&straight_up, 2, 2).ray(0, 0, [0.5, 0.5]).is_valid());
 }
 
 proptest! {

@@ -50,12 +50,7 @@ fn draw(results: &Results, svg: &mut String) -> Result<(), Box<dyn std::error::E
     let curve: Vec<(f64, f64)> = results
         .trials
         .iter()
-        .filter_map(|trial| {
-            Some((
-                f64::from(trial.number),
-                (trial.cost? / results.reference_ms).min(CAP),
-            ))
-        })
+        .filter_map(|trial| Some((f64::from(trial.number), (trial.cost? / results.reference_ms).min(CAP))))
         .collect();
     let last = results.trials.len().max(2) as f64;
     let top = curve.iter().map(|(_, y)| *y).fold(1.3_f64, f64::max) * 1.05;
@@ -90,17 +85,9 @@ fn draw(results: &Results, svg: &mut String) -> Result<(), Box<dyn std::error::E
     chart.draw_series(DashedLineSeries::new(line(1.0), 2, 5, INK.stroke_width(1)))?;
     chart.draw_series(LineSeries::new(curve.iter().copied(), INK.stroke_width(2)))?;
     chart.draw_series(
-        curve
-            .iter()
-            .filter(|(_, y)| *y >= CAP)
-            .map(|(x, y)| TriangleMarker::new((*x, *y), 6, INK.filled())),
+        curve.iter().filter(|(_, y)| *y >= CAP).map(|(x, y)| TriangleMarker::new((*x, *y), 6, INK.filled())),
     )?;
-    chart.draw_series(DashedLineSeries::new(
-        line(best),
-        9,
-        5,
-        BEST.stroke_width(3),
-    ))?;
+    chart.draw_series(DashedLineSeries::new(line(best), 9, 5, BEST.stroke_width(3)))?;
     if let Some(predicted) = predicted(results) {
         chart.draw_series(LineSeries::new(line(predicted), PREDICTED.stroke_width(3)))?;
     }
@@ -111,11 +98,7 @@ fn draw(results: &Results, svg: &mut String) -> Result<(), Box<dyn std::error::E
         .map(|trial| f64::from(trial.number))
         .collect();
     if !failed.is_empty() {
-        chart.draw_series(
-            failed
-                .iter()
-                .map(|x| Cross::new((*x, top * 0.02), 5, FAILED.stroke_width(2))),
-        )?;
+        chart.draw_series(failed.iter().map(|x| Cross::new((*x, top * 0.02), 5, FAILED.stroke_width(2))))?;
     }
     root.present()?;
     Ok(())

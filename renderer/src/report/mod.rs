@@ -73,11 +73,7 @@ struct Page<'a> {
 }
 
 /// Puts the report together. Renders the two pictures, which takes some seconds.
-pub fn html(
-    renderer: &Renderer,
-    setting: &Setting,
-    results: &Results,
-) -> Result<String, ReportError> {
+pub fn html(renderer: &Renderer, setting: &Setting, results: &Results) -> Result<String, ReportError> {
     let default = picture(renderer, setting, &space::table_1().default_configuration())?;
     let tuned = picture(renderer, setting, &results.tuned)?;
     page(results, &default, &tuned)
@@ -97,22 +93,14 @@ fn picture(
 }
 
 fn page(results: &Results, default: &Picture, tuned: &Picture) -> Result<String, ReportError> {
-    let frame_ms = |name: &str| {
-        results
-            .standing(name)
-            .map_or(0.0, |standing| standing.frame_ms.median)
-    };
+    let frame_ms = |name: &str| results.standing(name).map_or(0.0, |standing| standing.frame_ms.median);
     let page = Page {
         scene: &results.scene.name,
         triangles: parts::thousands(results.scene.triangles),
         size: format!("{} × {}", results.size[0], results.size[1]),
         headline: parts::headline(results),
         explanation: parts::explanation(results),
-        frame_kind: if results.objective.builds_each_frame() {
-            "build and render"
-        } else {
-            "render"
-        },
+        frame_kind: if results.objective.builds_each_frame() { "build and render" } else { "render" },
         default_image: data_url(default)?,
         tuned_image: data_url(tuned)?,
         default_ms: format!("{:.1}", frame_ms(DEFAULT)),
@@ -130,21 +118,13 @@ fn page(results: &Results, default: &Picture, tuned: &Picture) -> Result<String,
         break_even: parts::break_even(results),
         machine: parts::machine(results),
         study: &results.study,
-        notes: results
-            .notes
-            .iter()
-            .chain(&results.scene.notes)
-            .cloned()
-            .collect(),
+        notes: results.notes.iter().chain(&results.scene.notes).cloned().collect(),
     };
     Ok(page.render()?)
 }
 
 fn data_url(picture: &Picture) -> Result<String, ReportError> {
-    Ok(format!(
-        "data:image/png;base64,{}",
-        STANDARD.encode(png_bytes(picture, Exposure::Auto)?)
-    ))
+    Ok(format!("data:image/png;base64,{}", STANDARD.encode(png_bytes(picture, Exposure::Auto)?)))
 }
 
 #[cfg(test)]

@@ -59,18 +59,12 @@ pub(super) fn explanation(results: &Results) -> String {
         }
         _ => String::new(),
     };
-    let frames = results
-        .standing(TUNED)
-        .map_or(0, |standing| standing.frame_ms.count);
+    let frames = results.standing(TUNED).map_or(0, |standing| standing.frame_ms.count);
     format!("Medians of {frames} paired frames, measured again after the search.{native}")
 }
 
 pub(super) fn standings(results: &Results) -> Vec<StandingRow> {
-    let slowest = results
-        .standings
-        .iter()
-        .map(|standing| standing.frame_ms.median)
-        .fold(1e-9, f64::max);
+    let slowest = results.standings.iter().map(|standing| standing.frame_ms.median).fold(1e-9, f64::max);
     results
         .standings
         .iter()
@@ -86,32 +80,22 @@ pub(super) fn standings(results: &Results) -> Vec<StandingRow> {
                 standing.frame_ms.lower_quartile, standing.frame_ms.upper_quartile
             ),
             speedup: format!("{:.2}×", standing.speedup.median),
-            bar: (100.0 * standing.frame_ms.median / slowest)
-                .round()
-                .clamp(0.0, 100.0) as u32,
+            bar: (100.0 * standing.frame_ms.median / slowest).round().clamp(0.0, 100.0) as u32,
             winner: standing.name == TUNED,
         })
         .collect()
 }
 
 pub(super) fn search_summary(results: &Results) -> String {
-    let failed = results
-        .trials
-        .iter()
-        .filter(|trial| trial.times.is_none())
-        .count();
+    let failed = results.trials.iter().filter(|trial| trial.times.is_none()).count();
     let failures = match failed {
         0 => String::new(),
-        1 => " One of them could not be built at all, which the search takes as an answer, too."
-            .to_owned(),
-        _ => format!(
-            " {failed} of them could not be built at all, which the search takes as an answer, too."
-        ),
+        1 => " One of them could not be built at all, which the search takes as an answer, too.".to_owned(),
+        _ => {
+            format!(" {failed} of them could not be built at all, which the search takes as an answer, too.")
+        }
     };
-    format!(
-        "The search tried {} configurations, one a frame.{failures}",
-        results.trials.len()
-    )
+    format!("The search tried {} configurations, one a frame.{failures}", results.trials.len())
 }
 
 pub(super) fn prediction(results: &Results) -> Option<String> {
@@ -147,32 +131,26 @@ pub(super) fn break_even(results: &Results) -> String {
              from then on, tuning and rendering together took less time than rendering with the default from the start.",
             results.break_even.tuning_ms / 1000.0,
         ),
-        None => "The tuned structure is not faster than the default, so the search does not pay for itself here.".to_owned(),
+        None => {
+            "The tuned structure is not faster than the default, so the search does not pay for itself here."
+                .to_owned()
+        }
     }
 }
 
 pub(super) fn machine(results: &Results) -> String {
     let machine = &results.machine;
-    let cpu = if machine.cpu_model.is_empty() {
-        "an unnamed processor"
-    } else {
-        &machine.cpu_model
-    };
+    let cpu = if machine.cpu_model.is_empty() { "an unnamed processor" } else { &machine.cpu_model };
     format!("{cpu}, {} threads, {}", machine.threads, machine.isa)
 }
 
 pub(super) fn configurations(results: &Results) -> Vec<ConfigurationRow> {
     let space = space::table_1();
     let default = space.default_configuration();
-    let predicted = results
-        .prediction
-        .as_ref()
-        .map(|prediction| &prediction.configuration);
+    let predicted = results.prediction.as_ref().map(|prediction| &prediction.configuration);
     let text = |configuration: Option<&Configuration>, name: &str| {
         configuration.map_or_else(String::new, |configuration| {
-            configuration
-                .get(name)
-                .map_or_else(|| "no effect".to_owned(), value_in_words)
+            configuration.get(name).map_or_else(|| "no effect".to_owned(), value_in_words)
         })
     };
     space
@@ -180,8 +158,7 @@ pub(super) fn configurations(results: &Results) -> Vec<ConfigurationRow> {
         .iter()
         .map(|parameter| {
             let name = parameter.name.as_str();
-            let changed =
-                |configuration: &Configuration| configuration.get(name) != default.get(name);
+            let changed = |configuration: &Configuration| configuration.get(name) != default.get(name);
             ConfigurationRow {
                 name: name.to_owned(),
                 about: about(name),
@@ -198,9 +175,7 @@ pub(super) fn configurations(results: &Results) -> Vec<ConfigurationRow> {
 /// What a parameter does, in plain words.
 fn about(parameter: &str) -> &'static str {
     match parameter {
-        "quality" => {
-            "how carefully the tree is built: 1 fast, 2 careful, 3 careful and splitting triangles"
-        }
+        "quality" => "how carefully the tree is built: 1 fast, 2 careful, 3 careful and splitting triangles",
         "branching_factor" => "how many boxes each box holds",
         "max_depth" => "how deep boxes may be nested",
         "sah_block_size" => "triangles are counted in groups of this many",
@@ -245,10 +220,6 @@ pub(super) fn roofline(results: &Results) -> f64 {
 /// Relative frame time of the prediction on the fresh camera.
 pub(super) fn predicted(results: &Results) -> Option<f64> {
     let prediction = results.prediction.as_ref()?;
-    let names: Vec<&str> = prediction
-        .standings
-        .iter()
-        .map(|standing| standing.name.as_str())
-        .collect();
+    let names: Vec<&str> = prediction.standings.iter().map(|standing| standing.name.as_str()).collect();
     (names == [DEFAULT, PREDICTED]).then(|| 1.0 / prediction.speedup().max(f64::MIN_POSITIVE))
 }

@@ -22,15 +22,8 @@ fn iteration(number: u32, render_ms: Option<f64>) -> Iteration {
         step: "reflect".into(),
         configuration: Configuration::new().with("quality", 3),
         predicted_cost: None,
-        outcome: if render_ms.is_some() {
-            Outcome::Ok
-        } else {
-            Outcome::infeasible("depth limit")
-        },
-        times: render_ms.map(|render_ms| FrameTimes {
-            build_ms: 20.0,
-            render_ms,
-        }),
+        outcome: if render_ms.is_some() { Outcome::Ok } else { Outcome::infeasible("depth limit") },
+        times: render_ms.map(|render_ms| FrameTimes { build_ms: 20.0, render_ms }),
         cost: render_ms,
         waiting_ms: 0.5,
         total_ms: render_ms.unwrap_or(0.0) + 21.0,
@@ -44,11 +37,7 @@ fn results(tuned_ms: f64, scene: &str) -> Results {
         render_ms: vec![render_ms; 9],
         failure: None,
     };
-    let side_by_side = [
-        measured(DEFAULT, 100.0),
-        measured(NATIVE_MEDIUM, 55.0),
-        measured(TUNED, tuned_ms),
-    ];
+    let side_by_side = [measured(DEFAULT, 100.0), measured(NATIVE_MEDIUM, 55.0), measured(TUNED, tuned_ms)];
     let trials = vec![
         iteration(1, Some(100.0)),
         iteration(2, None),
@@ -84,10 +73,7 @@ fn results(tuned_ms: f64, scene: &str) -> Results {
         overhead: Overhead::of(&trials),
         trials,
         reference_ms: 100.0,
-        tuned: Configuration::new()
-            .with("quality", 3)
-            .with("branching_factor", 8)
-            .with("compact", false),
+        tuned: Configuration::new().with("quality", 3).with("branching_factor", 8).with("compact", false),
         standings: standings(&side_by_side, false),
         prediction: Some(Prediction {
             camera_at: 0.2,
@@ -95,10 +81,7 @@ fn results(tuned_ms: f64, scene: &str) -> Results {
             reason: "nearest state".into(),
             configuration: Configuration::new().with("quality", 1),
             answer_ms: 0.8,
-            standings: standings(
-                &[measured(DEFAULT, 100.0), measured(PREDICTED, 60.0)],
-                false,
-            ),
+            standings: standings(&[measured(DEFAULT, 100.0), measured(PREDICTED, 60.0)], false),
         }),
         break_even,
         break_even_frame: break_even.frame(),
@@ -108,26 +91,17 @@ fn results(tuned_ms: f64, scene: &str) -> Results {
 }
 
 fn grey() -> Picture {
-    Picture {
-        width: 4,
-        height: 3,
-        pixels: vec![Vec3::splat(0.3); 12],
-    }
+    Picture { width: 4, height: 3, pixels: vec![Vec3::splat(0.3); 12] }
 }
 
 #[test]
 fn the_page_says_what_was_measured() {
     let html = page(&results(50.0, "hall"), &grey(), &grey()).expect("the page is made");
-    assert!(html.contains(
-        "The tuned structure renders this scene 2.00× faster than the recommended default."
-    ));
     assert!(
-        html.contains("1\u{2009}234\u{2009}567 triangles") && html.contains("Test One, 2 threads")
+        html.contains("The tuned structure renders this scene 2.00× faster than the recommended default.")
     );
-    assert!(
-        html.contains("<mark>8</mark>"),
-        "a changed parameter is marked"
-    );
+    assert!(html.contains("1\u{2009}234\u{2009}567 triangles") && html.contains("Test One, 2 threads"));
+    assert!(html.contains("<mark>8</mark>"), "a changed parameter is marked");
     assert!(html.contains("1.67× faster"), "the prediction's speed-up");
     assert!(
         html.contains("a texture was left out") && html.contains("cannot")
@@ -141,9 +115,7 @@ fn the_page_says_what_was_measured() {
 fn nothing_is_loaded_from_elsewhere() {
     let html = page(&results(50.0, "hall"), &grey(), &grey()).expect("the page is made");
     let links = html.replace("http://www.w3.org/2000/svg", "");
-    assert!(
-        !links.contains("http://") && !links.contains("https://") && !links.contains("<script")
-    );
+    assert!(!links.contains("http://") && !links.contains("https://") && !links.contains("<script"));
 }
 
 #[test]
@@ -180,8 +152,5 @@ fn the_curve_shows_its_three_lines_in_the_pages_colours() {
     }
     let mut short = results(50.0, "hall");
     short.trials.clear();
-    assert!(
-        chart::svg(&short).is_ok(),
-        "an interrupted search has a curve, too"
-    );
+    assert!(chart::svg(&short).is_ok(), "an interrupted search has a curve, too");
 }

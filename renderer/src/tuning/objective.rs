@@ -57,10 +57,7 @@ pub fn specification(
     policy: Policy,
     seed: u64,
 ) -> Result<StudySpec, ClientError> {
-    let mut builder = StudySpec::builder(space::table_1())
-        .display_name(title)
-        .policy(policy)
-        .seed(seed);
+    let mut builder = StudySpec::builder(space::table_1()).display_name(title).policy(policy).seed(seed);
     for indicator in &SCHEMA {
         let scale = match indicator.scale {
             IndicatorScale::Linear => Scale::Linear,
@@ -81,11 +78,7 @@ pub fn study_id(scene: &str, objective: Objective, size: impl std::fmt::Display)
         .to_lowercase()
         .chars()
         .map(|letter| {
-            if letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_' {
-                letter
-            } else {
-                '-'
-            }
+            if letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_' { letter } else { '-' }
         })
         .collect();
     let end = format!("-{}-{size}-table1", objective.name());
@@ -109,45 +102,27 @@ mod tests {
             study_id("Sponza Atrium.v2", Objective::Render, "320x240"),
             "sponza-atrium-v2-render-320x240-table1"
         );
-        assert_eq!(
-            study_id("7even", Objective::Total, "8x8"),
-            "scene-7even-total-8x8-table1"
-        );
+        assert_eq!(study_id("7even", Objective::Total, "8x8"), "scene-7even-total-8x8-table1");
         for name in ["", "ÄÖ", &"x".repeat(500)] {
             let id = study_id(name, Objective::Total, "16384x16384");
             assert!(
-                id.len() <= STUDY_ID_MAX
-                    && id.starts_with(|letter: char| letter.is_ascii_lowercase()),
+                id.len() <= STUDY_ID_MAX && id.starts_with(|letter: char| letter.is_ascii_lowercase()),
                 "{id}"
             );
             assert!(id.ends_with("-total-16384x16384-table1"));
         }
-        assert_ne!(
-            study_id("a", Objective::Render, "8x8"),
-            study_id("a", Objective::Total, "8x8")
-        );
+        assert_ne!(study_id("a", Objective::Render, "8x8"), study_id("a", Objective::Total, "8x8"));
     }
 
     #[test]
     fn costs_are_what_the_study_minimises() {
-        let times = FrameTimes {
-            build_ms: 30.0,
-            render_ms: 12.0,
-        };
+        let times = FrameTimes { build_ms: 30.0, render_ms: 12.0 };
         for (objective, cost) in [(Objective::Render, 12.0), (Objective::Total, 42.0)] {
             let spec = specification("test", objective, Policy::new(), 1).expect("it is sound");
             let measured = |metric: &str| {
-                if metric == BUILD_MS {
-                    times.build_ms
-                } else {
-                    times.render_ms
-                }
+                if metric == BUILD_MS { times.build_ms } else { times.render_ms }
             };
-            let sum: f64 = spec
-                .objective()
-                .iter()
-                .map(|term| term.weight * measured(&term.metric))
-                .sum();
+            let sum: f64 = spec.objective().iter().map(|term| term.weight * measured(&term.metric)).sum();
             assert_eq!((objective.cost(times), sum), (cost, cost));
             assert_eq!(spec.indicators().len(), 17);
         }

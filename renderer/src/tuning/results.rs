@@ -80,9 +80,7 @@ pub struct Prediction {
 impl Prediction {
     /// How many times faster than the default the predicted configuration is.
     pub fn speedup(&self) -> f64 {
-        self.standings
-            .last()
-            .map_or(1.0, |standing| standing.speedup.median)
+        self.standings.last().map_or(1.0, |standing| standing.speedup.median)
     }
 }
 
@@ -109,11 +107,7 @@ impl Overhead {
         Self {
             waiting_ms,
             waiting_p99_ms: quantile(&waiting, 0.99),
-            share_of_frame: if total_ms.median > 0.0 {
-                waiting_ms.median / total_ms.median
-            } else {
-                0.0
-            },
+            share_of_frame: if total_ms.median > 0.0 { waiting_ms.median / total_ms.median } else { 0.0 },
             waiting_total_ms: waiting.iter().sum(),
         }
     }
@@ -127,7 +121,6 @@ impl Results {
 
     /// How many times faster than the default the winner is, median of pairs.
     pub fn speedup(&self) -> f64 {
-        self.standing(super::verdict::TUNED)
-            .map_or(1.0, |standing| standing.speedup.median)
+        self.standing(super::verdict::TUNED).map_or(1.0, |standing| standing.speedup.median)
     }
 }

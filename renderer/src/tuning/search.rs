@@ -8,13 +8,14 @@ use std::time::Instant;
 use serde::Serialize;
 use treewright_client::blocking::Tuner;
 use treewright_client::{
-    ClientError, Configuration, Finished, Indicators, Measurements, Mode, Outcome, Source,
-    Suggestion,
+    ClientError, Configuration, Finished, Indicators, Measurements, Mode, Outcome, Source, Suggestion,
 };
 
 use super::objective::{BUILD_MS, Objective, RENDER_MS};
+use crate::camera_path::CameraPath;
 use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
+use crate::indicators::SceneIndicators;
 use crate::integrator::View;
 use crate::space;
 use crate::statistics::Summary;
@@ -65,6 +66,29 @@ pub struct Setting {
     pub indicators: Indicators,
 }
 
+/// A camera that moves on with every iteration of a search.
+#[derive(Clone, Debug)]
+pub struct Drift {
+    /// The path it moves along.
+    pub path: CameraPath,
+    /// Where it begins, 0 to 1.
+    pub from: f32,
+    /// Which share of the path it covers during the search.
+    pub span: f32,
+    /// The scene's part of the indicators.
+    pub scene: SceneIndicators,
+}
+
+impl Drift {
+    /// The setting of an iteration, counted from 1.
+    fn at(&self, setting: &Setting, number: u32, iterations: u32) -> Setting {
+        let share = (number - 1) as f32 / (iterations - 1).max(1) as f32;
+        let camera = self.path.sample(self.from + self.span * share);
+        let indicators = self.scene.with_camera(&camera).values().into_iter().collect();
+        Setting { view: View { camera, ..setting.view }, indicators, ..setting.clone() }
+    }
+}
+
 /// What a search found.
 #[derive(Clone, Debug)]
 pub struct Found {
@@ -85,6 +109,7 @@ pub fn run(
     tuner: &mut Tuner,
     setting: &Setting,
     iterations: u32,
+    drift: Option<&Drift>,
     mut told: impl FnMut(&Iteration) -> bool,
 ) -> Result<Found, ClientError> {
     let mut film = Film::new(setting.width, setting.height);
@@ -95,6 +120,8 @@ pub fn run(
     let mut all = Vec::new();
     let mut previous: Option<Finished> = None;
     for number in 1..=iterations {
+        let moved = drift.map(|drift| drift.at(setting, number, iterations));
+        let setting = moved.as_ref().unwrap_or(setting);
         let begin = Instant::now();
         let suggestion = tuner.next(&setting.indicators, previous.take());
         let waiting_ms = milliseconds(begin);
@@ -118,10 +145,7 @@ pub fn run(
     // Puts the last result on its way before more frames are rendered.
     drop(previous);
     references.extend(reference(renderer, setting, &mut film));
-    Ok(Found {
-        trials: all,
-        reference_ms: Summary::of(&references).median,
-    })
+    Ok(Found { trials: all, reference_ms: Summary::of(&references).median })
 }
 
 /// Costs of some frames of the recommended default.
@@ -153,13 +177,7 @@ pub fn frame(
     };
     film.clear();
     match renderer.render(&setting.view, film) {
-        Some((render_ms, _)) => (
-            Outcome::Ok,
-            Some(FrameTimes {
-                build_ms,
-                render_ms,
-            }),
-        ),
+        Some((render_ms, _)) => (Outcome::Ok, Some(FrameTimes { build_ms, render_ms })),
         None => (Outcome::failed("no structure was built"), None),
     }
 }
@@ -167,11 +185,9 @@ pub fn frame(
 /// The raw measurements of a frame, as they are reported.
 pub fn measurements(times: Option<FrameTimes>) -> Measurements {
     match times {
-        Some(times) => Measurements::from([
-            (BUILD_MS, times.build_ms),
-            (RENDER_MS, times.render_ms),
-            ("frames", 1.0),
-        ]),
+        Some(times) => {
+            Measurements::from([(BUILD_MS, times.build_ms), (RENDER_MS, times.render_ms), ("frames", 1.0)])
+        }
         None => Measurements::new(),
     }
 }

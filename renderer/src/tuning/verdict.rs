@@ -32,10 +32,8 @@ const FINAL_ROUNDS: u32 = 5;
 
 /// The configurations with the lowest measured costs, best first, each once.
 pub fn finalists(trials: &[Iteration], count: usize) -> Vec<Configuration> {
-    let mut measured: Vec<(f64, &Configuration)> = trials
-        .iter()
-        .filter_map(|trial| Some((trial.cost?, &trial.configuration)))
-        .collect();
+    let mut measured: Vec<(f64, &Configuration)> =
+        trials.iter().filter_map(|trial| Some((trial.cost?, &trial.configuration))).collect();
     measured.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     let mut best: Vec<Configuration> = Vec::new();
     for (_, configuration) in measured {
@@ -59,15 +57,8 @@ pub fn winner(
         .enumerate()
         .map(|(index, configuration)| contender(&index.to_string(), configuration))
         .collect::<Result<Vec<_>, _>>()?;
-    let measured = interleaved(
-        renderer,
-        &contenders,
-        &Conditions {
-            rounds: FINAL_ROUNDS,
-            ..*conditions
-        },
-        go_on,
-    );
+    let measured =
+        interleaved(renderer, &contenders, &Conditions { rounds: FINAL_ROUNDS, ..*conditions }, go_on);
     let standings = standings(&measured, conditions.build_each_round);
     let ran = standings
         .iter()
@@ -75,22 +66,13 @@ pub fn winner(
         .filter(|(standing, _)| standing.failure.is_none() && standing.frame_ms.count > 0);
     let best = ran.min_by(|(a, _), (b, _)| a.frame_ms.median.total_cmp(&b.frame_ms.median));
     Ok(best
-        .map_or_else(
-            || finalists.first().cloned(),
-            |(_, configuration)| Some(configuration.clone()),
-        )
+        .map_or_else(|| finalists.first().cloned(), |(_, configuration)| Some(configuration.clone()))
         .unwrap_or_else(|| space::table_1().default_configuration()))
 }
 
 /// A configuration with a name.
-pub fn contender(
-    name: &str,
-    configuration: &Configuration,
-) -> Result<Contender, ConfigurationError> {
-    Ok(Contender {
-        name: name.to_owned(),
-        choice: space::build_choice(configuration)?,
-    })
+pub fn contender(name: &str, configuration: &Configuration) -> Result<Contender, ConfigurationError> {
+    Ok(Contender { name: name.to_owned(), choice: space::build_choice(configuration)? })
 }
 
 /// Break-even from what was measured. The search's own costs are those of its time; frames with the default
@@ -132,10 +114,7 @@ mod tests {
             configuration: Configuration::new().with("max_leaf_size", leaf),
             predicted_cost: None,
             outcome: Outcome::Ok,
-            times: cost.map(|cost| FrameTimes {
-                build_ms: 5.0,
-                render_ms: cost,
-            }),
+            times: cost.map(|cost| FrameTimes { build_ms: 5.0, render_ms: cost }),
             cost,
             waiting_ms: 1.0,
             total_ms: cost.unwrap_or(0.0) + 6.0,
@@ -151,10 +130,8 @@ mod tests {
             trial(Some(4.0), 3),
             trial(Some(5.0), 5),
         ];
-        let leaves: Vec<i64> = finalists(&trials, 2)
-            .iter()
-            .filter_map(|one| one.integer("max_leaf_size").ok())
-            .collect();
+        let leaves: Vec<i64> =
+            finalists(&trials, 2).iter().filter_map(|one| one.integer("max_leaf_size").ok()).collect();
         assert_eq!(leaves, [3, 5]);
         assert!(finalists(&[trial(None, 1)], 4).is_empty());
     }
@@ -171,16 +148,10 @@ mod tests {
         };
         let standings = [standing(DEFAULT, 20.0, 1.0), standing(TUNED, 30.0, 1.25)];
         let trials = vec![trial(Some(10.0), 1), trial(None, 2), trial(Some(8.0), 3)];
-        let found = Found {
-            trials,
-            reference_ms: 10.0,
-        };
+        let found = Found { trials, reference_ms: 10.0 };
         let render = break_even(&found, Objective::Render, &standings);
         assert_eq!((render.tuning_ms, render.frames_while_tuning), (36.0, 2));
-        assert_eq!(
-            (render.default_setup_ms, render.tuned_setup_ms),
-            (20.0, 30.0)
-        );
+        assert_eq!((render.default_setup_ms, render.tuned_setup_ms), (20.0, 30.0));
         // 36 + 30 + (n - 2) * 8 <= 20 + n * 10
         assert_eq!(render.frame(), Some(15));
         let total = break_even(&found, Objective::Total, &standings);
