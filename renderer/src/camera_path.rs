@@ -57,8 +57,8 @@ impl CameraPath {
         // only looks round does so in no time.
         let mut moments = vec![0.0_f32];
         for pair in keys.windows(2) {
-            let distance = pair[0].position.distance(pair[1].position)
-                + 0.5 * pair[0].target.distance(pair[1].target);
+            let distance =
+                pair[0].position.distance(pair[1].position) + 0.5 * pair[0].target.distance(pair[1].target);
             let last = moments.last().copied().unwrap_or(0.0);
             moments.push(last + distance.sqrt());
         }
@@ -75,16 +75,9 @@ impl CameraPath {
     /// The path of a scene: through its hand-laid keys if it has them, else a gentle swing around its first
     /// camera that comes back to where it began.
     pub fn of(scene: &Scene) -> Self {
-        let keys = if scene.path_keys.is_empty() {
-            swing(scene)
-        } else {
-            scene.path_keys.clone()
-        };
+        let keys = if scene.path_keys.is_empty() { swing(scene) } else { scene.path_keys.clone() };
         // Scenes hold finite cameras, at least one; the first camera alone is a path as well.
-        Self::new(keys).unwrap_or_else(|_| Self {
-            keys: vec![STILL],
-            moments: vec![0.0],
-        })
+        Self::new(keys).unwrap_or_else(|_| Self { keys: vec![STILL], moments: vec![0.0] })
     }
 
     /// The cameras it passes through.
@@ -100,24 +93,15 @@ impl CameraPath {
     /// The camera at a moment from 0 (first key) to 1 (last key); moments outside are clamped, and what is
     /// no number counts as 0.
     pub fn sample(&self, moment: f32) -> Camera {
-        let moment = if moment.is_finite() {
-            moment.clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
+        let moment = if moment.is_finite() { moment.clamp(0.0, 1.0) } else { 0.0 };
         let last = self.keys.len() - 1;
         if last == 0 {
             return self.keys[0];
         }
-        let segment = self.moments[1..last]
-            .iter()
-            .filter(|begin| **begin <= moment)
-            .count();
+        let segment = self.moments[1..last].iter().filter(|begin| **begin <= moment).count();
         let along = Segment::new(&self.moments, segment, moment);
         let vector = |of: fn(&Camera) -> Vec3| along.blend(|key| of(&self.keys[key]));
-        let fov = along
-            .blend(|key| Vec3::splat(self.keys[key].vertical_fov_deg))
-            .x;
+        let fov = along.blend(|key| Vec3::splat(self.keys[key].vertical_fov_deg)).x;
         Camera {
             position: vector(|key| key.position),
             target: vector(|key| key.target),
@@ -136,19 +120,12 @@ impl CameraPath {
             return Err(CameraPathError::TooMany { count });
         }
         let last = count.saturating_sub(1).max(1) as f32;
-        Ok((0..count)
-            .map(|index| self.sample(index as f32 / last))
-            .collect())
+        Ok((0..count).map(|index| self.sample(index as f32 / last)).collect())
     }
 }
 
 /// What a path without any usable key shows.
-const STILL: Camera = Camera {
-    position: Vec3::Z,
-    target: Vec3::ZERO,
-    up: Vec3::Y,
-    vertical_fov_deg: 45.0,
-};
+const STILL: Camera = Camera { position: Vec3::Z, target: Vec3::ZERO, up: Vec3::Y, vertical_fov_deg: 45.0 };
 
 /// A place between two keys, as a cubic with the slopes of the spline at both.
 struct Segment {
@@ -163,12 +140,7 @@ struct Segment {
 impl Segment {
     fn new(moments: &[f32], segment: usize, moment: f32) -> Self {
         let last = moments.len() - 1;
-        let around = [
-            segment.saturating_sub(1),
-            segment,
-            segment + 1,
-            (segment + 2).min(last),
-        ];
+        let around = [segment.saturating_sub(1), segment, segment + 1, (segment + 2).min(last)];
         let mut times = around.map(|index| moments[index]);
         let span = times[2] - times[1];
         if segment == 0 {
@@ -177,16 +149,8 @@ impl Segment {
         if segment + 1 == last {
             times[3] = times[2] + span;
         }
-        let share = if span > 0.0 {
-            ((moment - times[1]) / span).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
-        Self {
-            around,
-            moments: times,
-            share,
-        }
+        let share = if span > 0.0 { ((moment - times[1]) / span).clamp(0.0, 1.0) } else { 0.0 };
+        Self { around, moments: times, share }
     }
 
     /// Blends a quantity of the keys.
@@ -202,17 +166,11 @@ impl Segment {
         let [t0, t1, t2, t3] = self.moments;
         let span = t2 - t1;
         let slope = |a: Vec3, b: Vec3, ta: f32, tb: f32| {
-            if tb > ta {
-                (b - a) / (tb - ta)
-            } else {
-                Vec3::ZERO
-            }
+            if tb > ta { (b - a) / (tb - ta) } else { Vec3::ZERO }
         };
         // Slopes at the inner keys of the non-uniform spline; keys at one place have none.
-        let leave =
-            slope(before, from, t0, t1) - slope(before, to, t0, t2) + slope(from, to, t1, t2);
-        let arrive =
-            slope(from, to, t1, t2) - slope(from, after, t1, t3) + slope(to, after, t2, t3);
+        let leave = slope(before, from, t0, t1) - slope(before, to, t0, t2) + slope(from, to, t1, t2);
+        let arrive = slope(from, to, t1, t2) - slope(from, after, t1, t3) + slope(to, after, t2, t3);
         let (t, t2, t3) = (self.share, self.share.powi(2), self.share.powi(3));
         from * (2.0 * t3 - 3.0 * t2 + 1.0)
             + leave * (span * (t3 - 2.0 * t2 + t))
@@ -234,9 +192,7 @@ fn swing(scene: &Scene) -> Vec<Camera> {
     let bounds = Bounds::of(&scene.triangles);
     let to_target = first.target - first.position;
     let forward = to_target.normalize_or(Vec3::NEG_Z);
-    let right = forward
-        .cross(first.up)
-        .normalize_or(forward.any_orthonormal_vector());
+    let right = forward.cross(first.up).normalize_or(forward.any_orthonormal_vector());
     let up = right.cross(forward);
     let reach = to_target.length().min(bounds.diagonal()) * SWING;
     let directions = [-right, right, forward, up];
@@ -291,12 +247,7 @@ mod tests {
         let key = camera(1.0, 2.0, 3.0);
         for keys in [vec![key], vec![key; 4]] {
             let path = CameraPath::new(keys).unwrap();
-            assert!(
-                path.positions(7)
-                    .unwrap()
-                    .iter()
-                    .all(|sample| sample.position == key.position)
-            );
+            assert!(path.positions(7).unwrap().iter().all(|sample| sample.position == key.position));
         }
     }
 
@@ -314,14 +265,8 @@ mod tests {
 
     #[test]
     fn built_in_scenes_are_flown_through_their_keys() {
-        let scene = builtin::build(
-            "quick",
-            &builtin::Options {
-                detail: 0.2,
-                ..builtin::Options::default()
-            },
-        )
-        .unwrap();
+        let scene = builtin::build("quick", &builtin::Options { detail: 0.2, ..builtin::Options::default() })
+            .unwrap();
         let path = CameraPath::of(&scene);
         assert_eq!(path.keys(), scene.path_keys);
         assert_eq!(path.positions(100).unwrap().len(), 100);
@@ -329,28 +274,15 @@ mod tests {
 
     #[test]
     fn a_swing_stays_in_the_room_and_comes_back() {
-        let mut scene = builtin::build(
-            "quick",
-            &builtin::Options {
-                detail: 0.2,
-                ..builtin::Options::default()
-            },
-        )
-        .unwrap();
+        let mut scene =
+            builtin::build("quick", &builtin::Options { detail: 0.2, ..builtin::Options::default() })
+                .unwrap();
         scene.path_keys.clear();
         let bounds = Bounds::of(&scene.triangles);
         let samples = CameraPath::of(&scene).positions(100).unwrap();
-        assert!(
-            samples
-                .iter()
-                .all(|sample| bounds.contains(sample.position))
-        );
+        assert!(samples.iter().all(|sample| bounds.contains(sample.position)));
         assert!(samples[0].position.distance(samples[99].position) < 1e-4);
-        assert!(
-            samples
-                .iter()
-                .any(|sample| sample.position.distance(samples[0].position) > 0.2)
-        );
+        assert!(samples.iter().any(|sample| sample.position.distance(samples[0].position) > 0.2));
     }
 
     proptest! {

@@ -44,12 +44,7 @@ pub struct IndicatorSpec {
 }
 
 const fn spec(name: &'static str, min: f64, max: f64, scale: IndicatorScale) -> IndicatorSpec {
-    IndicatorSpec {
-        name,
-        min,
-        max,
-        scale,
-    }
+    IndicatorSpec { name, min, max, scale }
 }
 
 /// All indicators in the order of Table 2.
@@ -83,19 +78,12 @@ pub struct Indicators(pub [f64; SCHEMA.len()]);
 impl Indicators {
     /// By name, as the tuner wants them.
     pub fn values(&self) -> BTreeMap<String, f64> {
-        SCHEMA
-            .iter()
-            .zip(self.0)
-            .map(|(spec, value)| (spec.name.to_owned(), value))
-            .collect()
+        SCHEMA.iter().zip(self.0).map(|(spec, value)| (spec.name.to_owned(), value)).collect()
     }
 
     /// One value by name.
     pub fn get(&self, name: &str) -> Option<f64> {
-        SCHEMA
-            .iter()
-            .position(|spec| spec.name == name)
-            .map(|index| self.0[index])
+        SCHEMA.iter().position(|spec| spec.name == name).map(|index| self.0[index])
     }
 }
 
@@ -128,10 +116,8 @@ impl SceneIndicators {
             let material = &scene.materials[mesh.material as usize];
             let mut sizes = Moments::default();
             for triangle in mesh.first_triangle..mesh.first_triangle + mesh.triangle_count {
-                let [a, b, c] = scene
-                    .triangles
-                    .corners(triangle as usize)
-                    .map(|corner| Vec3::from(corner).as_dvec3());
+                let [a, b, c] =
+                    scene.triangles.corners(triangle as usize).map(|corner| Vec3::from(corner).as_dvec3());
                 sizes.add((b - a).cross(c - a).length() * 0.5 / unit_area);
             }
             let area = sizes.mean * sizes.count;
@@ -164,17 +150,9 @@ impl SceneIndicators {
 
     /// Adds a camera. Numbers of the camera that are not finite count as 0.
     pub fn with_camera(&self, camera: &Camera) -> Indicators {
-        let tenth = if self.extent > 0.0 {
-            self.extent / 10.0
-        } else {
-            1.0
-        };
+        let tenth = if self.extent > 0.0 { self.extent / 10.0 } else { 1.0 };
         let relative = |point: Vec3| {
-            let point = if point.is_finite() {
-                point.as_dvec3()
-            } else {
-                self.center
-            };
+            let point = if point.is_finite() { point.as_dvec3() } else { self.center };
             (point - self.center) / tenth
         };
         let (position, target) = (relative(camera.position), relative(camera.target));
@@ -204,13 +182,8 @@ impl SceneIndicators {
 /// Share of a surface's reflection that scatters widely: all of a matt surface, none of a mirror or of clear
 /// glass, and as much of a metal or of frosted glass as it is rough.
 fn diffuse_share(material: &Material) -> f64 {
-    let [metallic, roughness, transmission, ior] = [
-        material.metallic,
-        material.roughness,
-        material.transmission,
-        material.ior,
-    ]
-    .map(f64::from);
+    let [metallic, roughness, transmission, ior] =
+        [material.metallic, material.roughness, material.transmission, material.ior].map(f64::from);
     let facing = ((ior - 1.0) / (ior + 1.0)).powi(2);
     let body = (1.0 - metallic) * (1.0 - transmission);
     // The coat of a dielectric reflects a few per cent, mirror-like where it is smooth.
@@ -235,11 +208,7 @@ impl Moments {
 
     /// Of the population: the triangles at hand are all there are.
     fn variance(&self) -> f64 {
-        if self.count > 0.0 {
-            self.squares / self.count
-        } else {
-            0.0
-        }
+        if self.count > 0.0 { self.squares / self.count } else { 0.0 }
     }
 }
 
@@ -274,9 +243,7 @@ mod tests {
 
     #[test]
     fn a_unit_cube_by_hand() {
-        let scene = cube(1.0)
-            .finish(Lighting::Automatic, vec![view(Vec3::new(0.0, 0.0, 3.0))])
-            .unwrap();
+        let scene = cube(1.0).finish(Lighting::Automatic, vec![view(Vec3::new(0.0, 0.0, 3.0))]).unwrap();
         let indicators = SceneIndicators::of(&scene).with_camera(&scene.cameras[0]);
         let root3 = 3.0_f64.sqrt();
         let expected = [
@@ -302,40 +269,24 @@ mod tests {
             0.0,
         ];
         for ((spec, value), expected) in SCHEMA.iter().zip(indicators.0).zip(expected) {
-            assert!(
-                (value - expected).abs() < 1e-6,
-                "{} is {value}, not {expected}",
-                spec.name
-            );
+            assert!((value - expected).abs() < 1e-6, "{} is {value}, not {expected}", spec.name);
         }
     }
 
     #[test]
     fn lamps_and_uneven_triangles_by_hand() {
         let mut assembler = cube(2.0);
-        let lamp = assembler.material(Material {
-            emission: Vec3::ONE,
-            ..Material::default()
-        });
+        let lamp = assembler.material(Material { emission: Vec3::ONE, ..Material::default() });
         // Inside the box, so the diagonal squared stays 12; areas 1/2 and 2.
         let mut shapes = Shapes::new();
         shapes.triangle(Vec3::ZERO, Vec3::X, Vec3::Y);
-        shapes.triangle(
-            -Vec3::ONE,
-            Vec3::new(1.0, -1.0, -1.0),
-            Vec3::new(-1.0, 1.0, -1.0),
-        );
+        shapes.triangle(-Vec3::ONE, Vec3::new(1.0, -1.0, -1.0), Vec3::new(-1.0, 1.0, -1.0));
         assembler.mesh("lamp", lamp, &shapes.part).unwrap();
-        let scene = assembler
-            .finish(Lighting::Automatic, vec![view(Vec3::X)])
-            .unwrap();
+        let scene = assembler.finish(Lighting::Automatic, vec![view(Vec3::X)]).unwrap();
         let indicators = SceneIndicators::of(&scene).with_camera(&scene.cameras[0]);
         let check = |name: &str, expected: f64| {
             let value = indicators.get(name).unwrap();
-            assert!(
-                (value - expected).abs() < 1e-9,
-                "{name} is {value}, not {expected}"
-            );
+            assert!((value - expected).abs() < 1e-9, "{name} is {value}, not {expected}");
         };
         check("light_count", 1.0);
         check("light_area", 2.5 / 12.0);
@@ -350,31 +301,20 @@ mod tests {
     #[test]
     fn the_unit_of_length_matters_for_the_extent_only() {
         let of = |scale: f32| {
-            let scene = cube(scale)
-                .finish(Lighting::Automatic, vec![view(Vec3::X * 2.0 * scale)])
-                .unwrap();
+            let scene = cube(scale).finish(Lighting::Automatic, vec![view(Vec3::X * 2.0 * scale)]).unwrap();
             SceneIndicators::of(&scene).with_camera(&scene.cameras[0])
         };
         let (metres, centimetres) = (of(1.0), of(100.0));
         for (spec, (a, b)) in SCHEMA.iter().zip(metres.0.into_iter().zip(centimetres.0)) {
             let expected = if spec.name == "extent" { a * 100.0 } else { a };
-            assert!(
-                (b - expected).abs() <= 1e-4 * expected.abs(),
-                "{}: {a} and {b}",
-                spec.name
-            );
+            assert!((b - expected).abs() <= 1e-4 * expected.abs(), "{}: {a} and {b}", spec.name);
         }
     }
 
     #[test]
     fn surfaces_from_mirror_to_matt() {
         let of = |metallic, roughness, transmission| {
-            diffuse_share(&Material {
-                metallic,
-                roughness,
-                transmission,
-                ..Material::default()
-            })
+            diffuse_share(&Material { metallic, roughness, transmission, ..Material::default() })
         };
         assert_eq!(of(0.0, 1.0, 0.0), 1.0);
         assert_eq!(of(1.0, 0.0, 0.0), 0.0);
@@ -387,69 +327,31 @@ mod tests {
     fn every_scene_gives_finite_numbers_with_stable_bits() {
         for name in builtin::names() {
             let build = || {
-                builtin::build(
-                    name,
-                    &builtin::Options {
-                        detail: 0.01,
-                        ..builtin::Options::default()
-                    },
-                )
-                .unwrap()
+                builtin::build(name, &builtin::Options { detail: 0.01, ..builtin::Options::default() })
+                    .unwrap()
             };
             let scene = build();
             let indicators = SceneIndicators::of(&scene).with_camera(&scene.cameras[0]);
-            assert!(
-                indicators.0.iter().all(|value| value.is_finite()),
-                "{name}: {indicators:?}"
-            );
-            assert_eq!(
-                indicators,
-                SceneIndicators::of(&build()).with_camera(&scene.cameras[0])
-            );
+            assert!(indicators.0.iter().all(|value| value.is_finite()), "{name}: {indicators:?}");
+            assert_eq!(indicators, SceneIndicators::of(&build()).with_camera(&scene.cameras[0]));
             for (spec, value) in SCHEMA.iter().zip(indicators.0) {
-                assert!(
-                    (spec.min..=spec.max).contains(&value),
-                    "{name}: {} is {value}",
-                    spec.name
-                );
+                assert!((spec.min..=spec.max).contains(&value), "{name}: {} is {value}", spec.name);
             }
         }
         let scene = cube(1e15).finish(Lighting::Automatic, vec![]).unwrap();
-        let wild = Camera {
-            position: Vec3::NAN,
-            vertical_fov_deg: f32::INFINITY,
-            ..scene.cameras[0]
-        };
-        assert!(
-            SceneIndicators::of(&scene)
-                .with_camera(&wild)
-                .0
-                .iter()
-                .all(|value| value.is_finite())
-        );
+        let wild = Camera { position: Vec3::NAN, vertical_fov_deg: f32::INFINITY, ..scene.cameras[0] };
+        assert!(SceneIndicators::of(&scene).with_camera(&wild).0.iter().all(|value| value.is_finite()));
         let flat = cube(0.0).finish(Lighting::Automatic, vec![]).unwrap();
         let indicators = SceneIndicators::of(&flat).with_camera(&flat.cameras[0]);
-        assert!(
-            indicators.0.iter().all(|value| value.is_finite()),
-            "{indicators:?}"
-        );
+        assert!(indicators.0.iter().all(|value| value.is_finite()), "{indicators:?}");
     }
 
     #[test]
     fn names_are_unique_and_ranges_make_sense() {
         let values = SceneIndicators::of(&cube(1.0).finish(Lighting::Automatic, vec![]).unwrap());
-        let camera = Camera {
-            position: Vec3::ZERO,
-            target: Vec3::X,
-            up: Vec3::Y,
-            vertical_fov_deg: 40.0,
-        };
+        let camera = Camera { position: Vec3::ZERO, target: Vec3::X, up: Vec3::Y, vertical_fov_deg: 40.0 };
         let map = values.with_camera(&camera).values();
         assert_eq!(map.len(), SCHEMA.len());
-        assert!(
-            SCHEMA
-                .iter()
-                .all(|spec| spec.min < spec.max && map.contains_key(spec.name))
-        );
+        assert!(SCHEMA.iter().all(|spec| spec.min < spec.max && map.contains_key(spec.name)));
     }
 }

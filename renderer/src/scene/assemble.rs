@@ -72,28 +72,15 @@ impl Assembler {
     /// Adds a mesh in world space. Triangles whose winding contradicts their normals are turned round: front
     /// sides are those that the normals point away from. Triangles with a corner that is not finite or too far out are dropped
     /// and counted; a mesh without triangles leaves no trace.
-    pub fn mesh(
-        &mut self,
-        name: impl Into<String>,
-        material: u32,
-        part: &Part,
-    ) -> Result<(), SceneError> {
+    pub fn mesh(&mut self, name: impl Into<String>, material: u32, part: &Part) -> Result<(), SceneError> {
         let name = name.into();
-        let refuse = |source| SceneError::Geometry {
-            path: self.origin.clone(),
-            mesh: name.clone(),
-            source,
-        };
+        let refuse = |source| SceneError::Geometry { path: self.origin.clone(), mesh: name.clone(), source };
         let vertices = part.positions.len();
         if self.indices.len() + part.indices.len() > TRIANGLES_MAX {
-            return Err(refuse(GeometryError::TooMany {
-                count: self.indices.len() + part.indices.len(),
-            }));
+            return Err(refuse(GeometryError::TooMany { count: self.indices.len() + part.indices.len() }));
         }
         if self.meshes.len() >= MESHES_MAX || self.positions.len() + vertices > VERTICES_MAX {
-            return Err(SceneError::TooMany {
-                path: self.origin.clone(),
-            });
+            return Err(SceneError::TooMany { path: self.origin.clone() });
         }
         let first_triangle = self.indices.len() as u32;
         let mut renumbered = vec![UNUSED; vertices];
@@ -101,17 +88,10 @@ impl Assembler {
         let mut fallback: Option<Vec<Vec3>> = None;
         for (triangle, corners) in part.indices.iter().enumerate() {
             if let Some(&vertex) = corners.iter().find(|vertex| **vertex as usize >= vertices) {
-                return Err(refuse(GeometryError::IndexOutOfRange {
-                    triangle,
-                    vertex,
-                    vertices,
-                }));
+                return Err(refuse(GeometryError::IndexOutOfRange { triangle, vertex, vertices }));
             }
             let good = |vertex: &u32| {
-                part.positions[*vertex as usize]
-                    .abs()
-                    .cmple(Vec3::splat(COORDINATE_MAX))
-                    .all()
+                part.positions[*vertex as usize].abs().cmple(Vec3::splat(COORDINATE_MAX)).all()
             };
             if !corners.iter().all(good) {
                 self.dropped += 1;
@@ -123,11 +103,8 @@ impl Assembler {
                 if renumbered[vertex] == UNUSED {
                     renumbered[vertex] = self.positions.len() as u32;
                     self.positions.push(part.positions[vertex].into());
-                    let normal = if has_normals {
-                        part.normals[vertex].normalize_or_zero()
-                    } else {
-                        Vec3::ZERO
-                    };
+                    let normal =
+                        if has_normals { part.normals[vertex].normalize_or_zero() } else { Vec3::ZERO };
                     self.normals.push(if has_normals && normal == Vec3::ZERO {
                         fallback.get_or_insert_with(|| part.smooth_normals())[vertex]
                     } else {
@@ -138,10 +115,7 @@ impl Assembler {
             }
             // Exporters disagree about winding, but normals point outward nearly always.
             let [a, b, c] = kept.map(|vertex| self.positions[vertex as usize]);
-            let outward: Vec3 = kept
-                .iter()
-                .map(|vertex| self.normals[*vertex as usize])
-                .sum();
+            let outward: Vec3 = kept.iter().map(|vertex| self.normals[*vertex as usize]).sum();
             if Vec3::from((b - a).cross(c - a)).dot(outward) < 0.0 {
                 kept.swap(1, 2);
             }
@@ -149,12 +123,7 @@ impl Assembler {
         }
         let triangle_count = self.indices.len() as u32 - first_triangle;
         if triangle_count > 0 {
-            self.meshes.push(Mesh {
-                name,
-                first_triangle,
-                triangle_count,
-                material,
-            });
+            self.meshes.push(Mesh { name, first_triangle, triangle_count, material });
             self.flat.push(!has_normals);
         }
         Ok(())
@@ -162,19 +131,11 @@ impl Assembler {
 
     /// The box around what was added so far.
     pub fn bounds(&self) -> Bounds {
-        let mut bounds = Bounds {
-            min: Vec3::ZERO,
-            max: Vec3::ZERO,
-        };
+        let mut bounds = Bounds { min: Vec3::ZERO, max: Vec3::ZERO };
         if let Some(first) = self.positions.first() {
-            let (min, max) = self
-                .positions
-                .iter()
-                .fold((*first, *first), |(min, max), p| (min.min(*p), max.max(*p)));
-            bounds = Bounds {
-                min: min.into(),
-                max: max.into(),
-            };
+            let (min, max) =
+                self.positions.iter().fold((*first, *first), |(min, max), p| (min.min(*p), max.max(*p)));
+            bounds = Bounds { min: min.into(), max: max.into() };
         }
         bounds
     }
@@ -184,20 +145,10 @@ impl Assembler {
         if self.indices.is_empty() {
             let mut found = std::mem::take(&mut self.notes);
             if self.dropped > 0 {
-                found.push(format!(
-                    "{} triangles have corners that are not finite",
-                    self.dropped
-                ));
+                found.push(format!("{} triangles have corners that are not finite", self.dropped));
             }
-            let found = if found.is_empty() {
-                "no faces".to_owned()
-            } else {
-                found.join("; ")
-            };
-            return Err(SceneError::NoTriangles {
-                path: self.origin,
-                found,
-            });
+            let found = if found.is_empty() { "no faces".to_owned() } else { found.join("; ") };
+            return Err(SceneError::NoTriangles { path: self.origin, found });
         }
         if self.dropped > 0 {
             self.notes.push(format!(
@@ -211,24 +162,15 @@ impl Assembler {
         self.settle_normals();
         let sky = self.settle_sky(lighting);
         let triangles = Triangles::new(self.positions, self.indices).map_err(|source| {
-            SceneError::Geometry {
-                path: self.origin.clone(),
-                mesh: self.name.clone(),
-                source,
-            }
+            SceneError::Geometry { path: self.origin.clone(), mesh: self.name.clone(), source }
         })?;
         let flat = zero_area_count(&triangles);
         if flat > 0 {
-            self.notes.push(format!(
-                "Kept {flat} triangles without area; no ray meets them."
-            ));
+            self.notes.push(format!("Kept {flat} triangles without area; no ray meets them."));
         }
         let bounds = Bounds::of(&triangles);
         if views.len() > CAMERAS_MAX {
-            self.notes.push(format!(
-                "Took the first {CAMERAS_MAX} of {} cameras.",
-                views.len()
-            ));
+            self.notes.push(format!("Took the first {CAMERAS_MAX} of {} cameras.", views.len()));
             views.truncate(CAMERAS_MAX);
         }
         let mut cameras: Vec<Camera> = views.iter().filter_map(|view| view.aim(&bounds)).collect();
@@ -257,19 +199,11 @@ impl Assembler {
             self.normals = Vec::new();
             return;
         }
-        for (mesh, _) in self
-            .meshes
-            .iter()
-            .zip(&self.flat)
-            .filter(|(_, flat)| **flat)
-        {
-            let range =
-                mesh.first_triangle as usize..(mesh.first_triangle + mesh.triangle_count) as usize;
+        for (mesh, _) in self.meshes.iter().zip(&self.flat).filter(|(_, flat)| **flat) {
+            let range = mesh.first_triangle as usize..(mesh.first_triangle + mesh.triangle_count) as usize;
             for triangle in &mut self.indices[range] {
                 let corners = triangle.map(|vertex| self.positions[vertex as usize]);
-                let normal = (corners[1] - corners[0])
-                    .cross(corners[2] - corners[0])
-                    .normalize_or(Vec3A::Y);
+                let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or(Vec3A::Y);
                 let first = self.positions.len() as u32;
                 self.positions.extend(corners);
                 self.normals.extend([Vec3::from(normal); 3]);
@@ -285,18 +219,12 @@ impl Assembler {
     }
 
     fn settle_sky(&mut self, lighting: Lighting) -> Sky {
-        let shines = |mesh: &Mesh| {
-            self.materials[mesh.material as usize]
-                .emission
-                .max_element()
-                > 0.0
-        };
+        let shines = |mesh: &Mesh| self.materials[mesh.material as usize].emission.max_element() > 0.0;
         match lighting {
             Lighting::Given(sky) => sky,
             Lighting::Automatic if self.meshes.iter().any(shines) => Sky::BLACK,
             Lighting::Automatic => {
-                self.notes
-                    .push("The scene has no light; a daylight sky was added.".to_owned());
+                self.notes.push("The scene has no light; a daylight sky was added.".to_owned());
                 Sky::daylight()
             }
         }
@@ -317,11 +245,7 @@ fn zero_area_count(triangles: &Triangles) -> usize {
 fn sanitized(material: Material) -> Material {
     let default = Material::default();
     let unit = |value: f32, default: f32| {
-        if value.is_finite() {
-            value.clamp(0.0, 1.0)
-        } else {
-            default
-        }
+        if value.is_finite() { value.clamp(0.0, 1.0) } else { default }
     };
     Material {
         base_color: if material.base_color.is_finite() {
@@ -332,11 +256,7 @@ fn sanitized(material: Material) -> Material {
         metallic: unit(material.metallic, default.metallic),
         roughness: unit(material.roughness, default.roughness),
         transmission: unit(material.transmission, default.transmission),
-        ior: if material.ior.is_finite() {
-            material.ior.clamp(1.0, 4.0)
-        } else {
-            default.ior
-        },
+        ior: if material.ior.is_finite() { material.ior.clamp(1.0, 4.0) } else { default.ior },
         emission: if material.emission.is_finite() {
             material.emission.max(Vec3::ZERO)
         } else {
@@ -371,19 +291,13 @@ mod tests {
     fn bad_corners_drop_a_triangle_and_zero_area_is_kept() {
         let mut assembler = assembler();
         let mut part = triangle(0.0);
-        part.positions
-            .extend([Vec3::NAN, Vec3::new(1e20, 0.0, 0.0)]);
+        part.positions.extend([Vec3::NAN, Vec3::new(1e20, 0.0, 0.0)]);
         part.indices.extend([[0, 1, 3], [0, 1, 4], [0, 1, 1]]);
         assembler.mesh("m", 0, &part).unwrap();
         let scene = assembler.finish(Lighting::Automatic, vec![]).unwrap();
         assert_eq!(scene.triangles.len(), 2);
         assert_eq!(scene.triangles.positions().len(), 3);
-        assert!(
-            scene
-                .notes
-                .iter()
-                .any(|note| note.starts_with("Dropped 2 "))
-        );
+        assert!(scene.notes.iter().any(|note| note.starts_with("Dropped 2 ")));
         assert!(scene.notes.iter().any(|note| note.starts_with("Kept 1 ")));
         assert!(scene.normals.is_empty());
         assert!(!scene.sky.is_black());
@@ -398,9 +312,8 @@ mod tests {
         assembler.mesh("smooth", 0, &smooth).unwrap();
         let scene = assembler.finish(Lighting::Automatic, vec![]).unwrap();
         assert_eq!(scene.normals.len(), scene.triangles.positions().len());
-        let normals = |triangle: usize| {
-            scene.triangles.indices()[triangle].map(|v| scene.normals[v as usize])
-        };
+        let normals =
+            |triangle: usize| scene.triangles.indices()[triangle].map(|v| scene.normals[v as usize]);
         assert_eq!(normals(0), [Vec3::Z; 3]);
         assert!((normals(1)[0] - Vec3::new(0.0, 0.6, 0.8)).length() < 1e-6);
         // The zero and the NaN normal were replaced by the triangle's own.
@@ -421,18 +334,9 @@ mod tests {
     #[test]
     fn shining_meshes_keep_the_sky_black() {
         let mut assembler = assembler();
-        let lamp = assembler.material(Material {
-            emission: Vec3::ONE,
-            ..Material::default()
-        });
+        let lamp = assembler.material(Material { emission: Vec3::ONE, ..Material::default() });
         assembler.mesh("lamp", lamp, &triangle(0.0)).unwrap();
-        assert!(
-            assembler
-                .finish(Lighting::Automatic, vec![])
-                .unwrap()
-                .sky
-                .is_black()
-        );
+        assert!(assembler.finish(Lighting::Automatic, vec![]).unwrap().sky.is_black());
     }
 
     #[test]
@@ -441,9 +345,7 @@ mod tests {
         part.indices.push([0, 1, 7]);
         let message = assembler().mesh("wall", 0, &part).unwrap_err().to_string();
         assert!(
-            message.contains("test.obj")
-                && message.contains("wall")
-                && message.contains("triangle 1"),
+            message.contains("test.obj") && message.contains("wall") && message.contains("triangle 1"),
             "{message}"
         );
     }
@@ -454,14 +356,8 @@ mod tests {
         part.positions[2] = Vec3::INFINITY;
         let mut assembler = assembler();
         assembler.mesh("m", 0, &part).unwrap();
-        let message = assembler
-            .finish(Lighting::Automatic, vec![])
-            .unwrap_err()
-            .to_string();
-        assert!(
-            message.contains("no triangle") && message.contains("not finite"),
-            "{message}"
-        );
+        let message = assembler.finish(Lighting::Automatic, vec![]).unwrap_err().to_string();
+        assert!(message.contains("no triangle") && message.contains("not finite"), "{message}");
     }
 
     #[test]
@@ -476,10 +372,7 @@ mod tests {
         };
         let tame = sanitized(wild);
         assert_eq!(tame.base_color, Vec3::new(1.0, 0.0, 0.5));
-        assert_eq!(
-            (tame.metallic, tame.roughness, tame.transmission, tame.ior),
-            (0.0, 1.0, 0.0, 1.0)
-        );
+        assert_eq!((tame.metallic, tame.roughness, tame.transmission, tame.ior), (0.0, 1.0, 0.0, 1.0));
         assert_eq!(tame.emission, Vec3::new(0.0, 2.0, 0.0));
     }
 }

@@ -23,15 +23,9 @@ impl Bounds {
             max = max.max(position);
         }
         if min.x > max.x {
-            Self {
-                min: Vec3::ZERO,
-                max: Vec3::ZERO,
-            }
+            Self { min: Vec3::ZERO, max: Vec3::ZERO }
         } else {
-            Self {
-                min: min.into(),
-                max: max.into(),
-            }
+            Self { min: min.into(), max: max.into() }
         }
     }
 
@@ -60,21 +54,9 @@ impl Bounds {
     pub fn corners(&self) -> [Vec3; 8] {
         std::array::from_fn(|corner| {
             Vec3::new(
-                if corner & 1 == 0 {
-                    self.min.x
-                } else {
-                    self.max.x
-                },
-                if corner & 2 == 0 {
-                    self.min.y
-                } else {
-                    self.max.y
-                },
-                if corner & 4 == 0 {
-                    self.min.z
-                } else {
-                    self.max.z
-                },
+                if corner & 1 == 0 { self.min.x } else { self.max.x },
+                if corner & 2 == 0 { self.min.y } else { self.max.y },
+                if corner & 4 == 0 { self.min.z } else { self.max.z },
             )
         })
     }

@@ -49,10 +49,8 @@ impl View {
             return None;
         }
         let shortest = (bounds.diagonal() * 0.1).max(f32::MIN_POSITIVE);
-        let distance = self
-            .distance
-            .unwrap_or_else(|| (bounds.center() - self.position).dot(forward))
-            .max(shortest);
+        let distance =
+            self.distance.unwrap_or_else(|| (bounds.center() - self.position).dot(forward)).max(shortest);
         let mut up = self.up.normalize_or(Vec3::Y);
         if up.cross(forward).length() < 1e-3 {
             up = forward.any_orthonormal_vector();
@@ -69,14 +67,8 @@ impl View {
 /// A camera for a scene that brought none, and the end of the sentence that says so.
 pub(crate) fn made_up(triangles: &Triangles, bounds: &Bounds) -> (Camera, &'static str) {
     match room_camera(triangles, bounds) {
-        Some(camera) => (
-            camera,
-            "one was put inside it, looking along its longer side.",
-        ),
-        None => (
-            object_camera(bounds),
-            "one was put outside, looking at its middle.",
-        ),
+        Some(camera) => (camera, "one was put inside it, looking along its longer side."),
+        None => (object_camera(bounds), "one was put outside, looking at its middle."),
     }
 }
 
@@ -99,33 +91,21 @@ fn object_camera(bounds: &Bounds) -> Camera {
         .fold(0.0, f32::max);
     // A point-like scene still needs a distance, and so does the picture a margin.
     let distance = if distance > 0.0 { distance * 1.04 } else { 1.0 };
-    Camera {
-        position: target + from * distance,
-        target,
-        up: Vec3::Y,
-        vertical_fov_deg: OBJECT_FOV_DEG,
-    }
+    Camera { position: target + from * distance, target, up: Vec3::Y, vertical_fov_deg: OBJECT_FOV_DEG }
 }
 
 /// A camera at one end of a room, or nothing when the scene is no room.
 fn room_camera(triangles: &Triangles, bounds: &Bounds) -> Option<Camera> {
     let directions = probe::sphere_directions(ROOM_RAYS);
     let met = probe::nearest(triangles, bounds.center(), &directions);
-    let sideways = directions
-        .iter()
-        .zip(&met)
-        .filter(|(direction, _)| direction.y < 0.35);
+    let sideways = directions.iter().zip(&met).filter(|(direction, _)| direction.y < 0.35);
     let count = sideways.clone().count();
     let inside = sideways.filter(|(_, met)| met.front).count();
     if (inside as f32) < ROOM_SHARE * count as f32 {
         return None;
     }
     let size = bounds.size();
-    let (along, length) = if size.x >= size.z {
-        (Vec3::X, size.x)
-    } else {
-        (Vec3::Z, size.z)
-    };
+    let (along, length) = if size.x >= size.z { (Vec3::X, size.x) } else { (Vec3::Z, size.z) };
     let floor = bounds.center() - Vec3::Y * size.y * 0.5;
     let mut best: Option<(f32, Camera)> = None;
     for end in [0.44, 0.38, 0.32, 0.26, -0.26, -0.32, -0.38, -0.44] {
@@ -142,29 +122,22 @@ fn room_camera(triangles: &Triangles, bounds: &Bounds) -> Option<Camera> {
             }
         }
     }
-    best.filter(|(score, _)| *score > 0.0)
-        .map(|(_, camera)| camera)
+    best.filter(|(score, _)| *score > 0.0).map(|(_, camera)| camera)
 }
 
 /// How far a camera sees on average; nothing when it stands in a wall or right before one.
 fn openness(triangles: &Triangles, camera: &Camera, diagonal: f32) -> f32 {
     let forward = (camera.target - camera.position).normalize_or(Vec3::NEG_Z);
-    let directions: Vec<Vec3> = probe::sphere_directions(64)
-        .into_iter()
-        .filter(|direction| direction.dot(forward) > 0.6)
-        .collect();
+    let directions: Vec<Vec3> =
+        probe::sphere_directions(64).into_iter().filter(|direction| direction.dot(forward) > 0.6).collect();
     let met = probe::nearest(triangles, camera.position, &directions);
-    let too_near = |met: &probe::Meeting| {
-        met.distance < 0.02 * diagonal || (met.distance.is_finite() && !met.front)
-    };
+    let too_near =
+        |met: &probe::Meeting| met.distance < 0.02 * diagonal || (met.distance.is_finite() && !met.front);
     let blocked = met.iter().filter(|met| too_near(met)).count();
     if blocked * 4 > met.len() {
         return 0.0;
     }
-    met.iter()
-        .map(|met| met.distance.min(diagonal))
-        .sum::<f32>()
-        / met.len().max(1) as f32
+    met.iter().map(|met| met.distance.min(diagonal)).sum::<f32>() / met.len().max(1) as f32
 }
 
 #[cfg(test)]
@@ -177,15 +150,9 @@ mod tests {
         shapes.cuboid(Vec3::new(-4.0, 0.0, -1.0), Vec3::new(4.0, 2.0, 1.0));
         let mut part = shapes.part;
         if inward {
-            part.indices
-                .iter_mut()
-                .for_each(|triangle| triangle.swap(1, 2));
+            part.indices.iter_mut().for_each(|triangle| triangle.swap(1, 2));
         }
-        let positions = part
-            .positions
-            .iter()
-            .map(|position| (*position).into())
-            .collect();
+        let positions = part.positions.iter().map(|position| (*position).into()).collect();
         let triangles = Triangles::new(positions, part.indices).unwrap();
         let bounds = Bounds::of(&triangles);
         (triangles, bounds)
@@ -204,8 +171,7 @@ mod tests {
             let offset = corner - camera.position;
             let depth = offset.dot(forward);
             assert!(
-                offset.dot(up).abs() <= depth * slope
-                    && offset.dot(right).abs() <= depth * slope * ASPECT
+                offset.dot(up).abs() <= depth * slope && offset.dot(right).abs() <= depth * slope * ASPECT
             );
         }
     }
@@ -231,21 +197,7 @@ mod tests {
         let camera = view.aim(&bounds).unwrap();
         assert_eq!(camera.vertical_fov_deg, 170.0);
         assert!(camera.up.dot(Vec3::X).abs() < 1e-5);
-        assert!(
-            View {
-                forward: Vec3::ZERO,
-                ..view
-            }
-            .aim(&bounds)
-            .is_none()
-        );
-        assert!(
-            View {
-                position: Vec3::NAN,
-                ..view
-            }
-            .aim(&bounds)
-            .is_none()
-        );
+        assert!(View { forward: Vec3::ZERO, ..view }.aim(&bounds).is_none());
+        assert!(View { position: Vec3::NAN, ..view }.aim(&bounds).is_none());
     }
 }

@@ -38,23 +38,11 @@ pub(super) fn parse(json: &str) -> Extras {
     let Ok(value) = serde_json::from_str::<Value>(json) else {
         return extras;
     };
-    let list = |key: &str| {
-        value
-            .get(key)
-            .and_then(Value::as_array)
-            .cloned()
-            .unwrap_or_default()
-    };
+    let list = |key: &str| value.get(key).and_then(Value::as_array).cloned().unwrap_or_default();
     let mut look_at = None;
     for camera in list("cameras") {
-        if let Some(&[ex, ey, ez, tx, ty, tz, ux, uy, uz]) =
-            camera.get("lookat").map(numbers).as_deref()
-        {
-            look_at = Some((
-                Vec3::new(ex, ey, ez),
-                Vec3::new(tx, ty, tz),
-                Vec3::new(ux, uy, uz),
-            ));
+        if let Some(&[ex, ey, ez, tx, ty, tz, ux, uy, uz]) = camera.get("lookat").map(numbers).as_deref() {
+            look_at = Some((Vec3::new(ex, ey, ez), Vec3::new(tx, ty, tz), Vec3::new(ux, uy, uz)));
         } else if let Some(view) = view(&camera, look_at.take()) {
             extras.views.push(view);
         }
@@ -69,28 +57,21 @@ pub(super) fn parse(json: &str) -> Extras {
                     sky.sun = Some(Sun::towards(Vec3::new(x, y, z), sun.irradiance));
                 }
                 extras.sky = Some(sky);
-                extras.notes.push(
-                    "The file's sun and sky are replaced by a plain daylight sky.".to_owned(),
-                );
+                extras.notes.push("The file's sun and sky are replaced by a plain daylight sky.".to_owned());
             }
             Some("envmap" | "infinite") => {
                 extras.sky = Some(Sky::daylight());
-                extras.notes.push(
-                    "The file's environment picture is replaced by a plain daylight sky."
-                        .to_owned(),
-                );
+                extras
+                    .notes
+                    .push("The file's environment picture is replaced by a plain daylight sky.".to_owned());
             }
-            Some(other) => extras
-                .notes
-                .push(format!("Ignored a light of type \"{other}\".")),
+            Some(other) => extras.notes.push(format!("Ignored a light of type \"{other}\".")),
             None => {}
         }
     }
     let skipped = list("skipped").len();
     if skipped > 0 {
-        extras.notes.push(format!(
-            "The file says that {skipped} of its source's objects are missing."
-        ));
+        extras.notes.push(format!("The file says that {skipped} of its source's objects are missing."));
     }
     extras
 }
@@ -101,45 +82,22 @@ fn view(camera: &Value, look_at: Option<(Vec3, Vec3, Vec3)>) -> Option<View> {
     } else {
         (matrix_of(camera.get("to_world")?)?, camera.get("fov"))
     };
-    let fov_deg = fov
-        .map(numbers)
-        .and_then(|fov| fov.first().copied())
-        .unwrap_or(50.0);
-    let axis = camera
-        .get("fovAxis")
-        .and_then(|axis| axis.get(0).or(Some(axis)))
-        .and_then(Value::as_str);
+    let fov_deg = fov.map(numbers).and_then(|fov| fov.first().copied()).unwrap_or(50.0);
+    let axis = camera.get("fovAxis").and_then(|axis| axis.get(0).or(Some(axis))).and_then(Value::as_str);
     let is_vertical = camera.get("world_to_camera").is_some() || axis == Some("y");
     let vertical_fov_deg = if is_vertical {
         fov_deg
     } else {
-        2.0 * ((fov_deg.to_radians() * 0.5).tan() / ASPECT)
-            .atan()
-            .to_degrees()
+        2.0 * ((fov_deg.to_radians() * 0.5).tan() / ASPECT).atan().to_degrees()
     };
-    let (position, forward, up) = (
-        to_world.w_axis.truncate(),
-        to_world.z_axis.truncate(),
-        to_world.y_axis.truncate(),
-    );
+    let (position, forward, up) =
+        (to_world.w_axis.truncate(), to_world.z_axis.truncate(), to_world.y_axis.truncate());
     Some(match look_at {
         Some((eye, target, up)) => {
             let forward = target - eye;
-            View {
-                position: eye,
-                forward,
-                up,
-                vertical_fov_deg,
-                distance: Some(forward.length()),
-            }
+            View { position: eye, forward, up, vertical_fov_deg, distance: Some(forward.length()) }
         }
-        None => View {
-            position,
-            forward,
-            up,
-            vertical_fov_deg,
-            distance: None,
-        },
+        None => View { position, forward, up, vertical_fov_deg, distance: None },
     })
 }
 
@@ -152,15 +110,10 @@ fn matrix_of(value: &Value) -> Option<Mat4> {
 /// All numbers in a value: numbers, text with numbers, lists of either.
 fn numbers(value: &Value) -> Vec<f32> {
     match value {
-        Value::Number(number) => number
-            .as_f64()
-            .map(|number| number as f32)
-            .into_iter()
-            .collect(),
-        Value::String(text) => text
-            .split([' ', ',', '\t', '\n'])
-            .filter_map(|word| word.parse().ok())
-            .collect(),
+        Value::Number(number) => number.as_f64().map(|number| number as f32).into_iter().collect(),
+        Value::String(text) => {
+            text.split([' ', ',', '\t', '\n']).filter_map(|word| word.parse().ok()).collect()
+        }
         Value::Array(list) => list.iter().flat_map(numbers).collect(),
         _ => Vec::new(),
     }
@@ -185,58 +138,32 @@ mod tests {
         );
         assert_eq!(extras.views.len(), 3);
         let [first, second, third] = [0, 1, 2].map(|index| extras.views[index]);
-        assert_eq!(
-            (first.position, first.vertical_fov_deg),
-            (Vec3::new(0.0, 1.0, 5.0), 30.0)
-        );
-        assert_eq!(
-            (first.forward.normalize(), first.distance),
-            (Vec3::NEG_Z, Some(5.0))
-        );
-        assert_eq!(
-            (second.position, second.forward),
-            (Vec3::new(2.0, 3.0, -4.0), Vec3::Z)
-        );
-        assert_eq!(
-            (third.position, third.forward),
-            (Vec3::new(7.0, 8.0, 9.0), Vec3::NEG_Z)
-        );
+        assert_eq!((first.position, first.vertical_fov_deg), (Vec3::new(0.0, 1.0, 5.0), 30.0));
+        assert_eq!((first.forward.normalize(), first.distance), (Vec3::NEG_Z, Some(5.0)));
+        assert_eq!((second.position, second.forward), (Vec3::new(2.0, 3.0, -4.0), Vec3::Z));
+        assert_eq!((third.position, third.forward), (Vec3::new(7.0, 8.0, 9.0), Vec3::NEG_Z));
         // Ninety degrees across 16 units are 2 atan(9/16) across 9.
         assert!((third.vertical_fov_deg - 58.715).abs() < 0.01);
     }
 
     #[test]
     fn lights_that_are_no_meshes_become_a_sky() {
-        assert!(
-            parse(r#"{"lights": [{"type": "area", "mesh": 3}]}"#)
-                .sky
-                .is_none()
-        );
+        assert!(parse(r#"{"lights": [{"type": "area", "mesh": 3}]}"#).sky.is_none());
         let sky =
-            parse(r#"{"lights": [{"type": "sunsky", "params": {"sunDirection": ["0 2 0"]}}]}"#)
-                .sky
-                .unwrap();
+            parse(r#"{"lights": [{"type": "sunsky", "params": {"sunDirection": ["0 2 0"]}}]}"#).sky.unwrap();
         assert_eq!(sky.sun.unwrap().direction, Vec3::Y);
-        let extras =
-            parse(r#"{"lights": [{"type": "infinite"}, {"type": "laser"}], "skipped": ["one"]}"#);
+        let extras = parse(r#"{"lights": [{"type": "infinite"}, {"type": "laser"}], "skipped": ["one"]}"#);
         assert_eq!(extras.sky, Some(Sky::daylight()));
         assert_eq!(extras.notes.len(), 3);
     }
 
     #[test]
     fn other_extras_mean_nothing() {
-        for json in [
-            "null",
-            "[1]",
-            "{\"cameras\": 3, \"lights\": {}}",
-            "{\"name\": \"monkey\", \"age\": 32}",
-            "{",
-        ] {
+        for json in
+            ["null", "[1]", "{\"cameras\": 3, \"lights\": {}}", "{\"name\": \"monkey\", \"age\": 32}", "{"]
+        {
             let extras = parse(json);
-            assert!(
-                extras.views.is_empty() && extras.sky.is_none() && extras.notes.is_empty(),
-                "{json}"
-            );
+            assert!(extras.views.is_empty() && extras.sky.is_none() && extras.notes.is_empty(), "{json}");
         }
     }
 }

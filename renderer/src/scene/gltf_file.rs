@@ -31,11 +31,9 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
         remedy: "export it again, complete and without mesh compression",
     };
     check_header(bytes).map_err(malformed)?;
-    let Gltf { document, blob } =
-        Gltf::from_slice(bytes).map_err(|error| malformed(told(&error)))?;
+    let Gltf { document, blob } = Gltf::from_slice(bytes).map_err(|error| malformed(told(&error)))?;
     let base = path.parent();
-    let buffers =
-        gltf::import_buffers(&document, base, blob).map_err(|error| malformed(told(&error)))?;
+    let buffers = gltf::import_buffers(&document, base, blob).map_err(|error| malformed(told(&error)))?;
     let mut assembler = Assembler::new(stem(path), path);
     let materials = gltf_material::read(&document, base, &buffers, &mut assembler);
     let mut walk = Walk {
@@ -57,22 +55,14 @@ fn check_header(bytes: &[u8]) -> Result<(), String> {
     if !bytes.starts_with(b"glTF") {
         return Ok(());
     }
-    match bytes
-        .get(8..12)
-        .and_then(|length| length.try_into().ok())
-        .map(u32::from_le_bytes)
-    {
-        None => Err(format!(
-            "it is cut off after {} bytes, in its header",
-            bytes.len()
-        )),
+    match bytes.get(8..12).and_then(|length| length.try_into().ok()).map(u32::from_le_bytes) {
+        None => Err(format!("it is cut off after {} bytes, in its header", bytes.len())),
         Some(length) if length < GLB_HEADER_BYTES => {
             Err(format!("its header says it is only {length} bytes long"))
         }
-        Some(length) if length as usize > bytes.len() => Err(format!(
-            "it is cut off: {length} bytes were announced, {} are there",
-            bytes.len()
-        )),
+        Some(length) if length as usize > bytes.len() => {
+            Err(format!("it is cut off: {length} bytes were announced, {} are there", bytes.len()))
+        }
         Some(_) => Ok(()),
     }
 }
@@ -81,11 +71,8 @@ fn check_header(bytes: &[u8]) -> Result<(), String> {
 fn told(error: &gltf::Error) -> String {
     match error {
         gltf::Error::Validation(faults) => {
-            let shown: Vec<String> = faults
-                .iter()
-                .take(3)
-                .map(|(place, what)| format!("{place}: {what}"))
-                .collect();
+            let shown: Vec<String> =
+                faults.iter().take(3).map(|(place, what)| format!("{place}: {what}")).collect();
             format!("{} ({} faults in all)", shown.join("; "), faults.len())
         }
         other => super::ply_file::one_line(&other.to_string()),
@@ -113,19 +100,14 @@ struct Walk<'a> {
 impl Walk<'_> {
     /// Visits every node below the default scene, without recursion: the depth is the file's choice.
     fn scene(&mut self, document: &Document) -> Result<(), SceneError> {
-        let scene = document
-            .default_scene()
-            .or_else(|| document.scenes().next());
+        let scene = document.default_scene().or_else(|| document.scenes().next());
         let roots: Vec<Node> = match scene {
             Some(scene) => scene.nodes().collect(),
             None => document.nodes().collect(),
         };
         let mut seen = vec![false; document.nodes().len()];
-        let mut stack: Vec<(Node, Mat4, usize)> = roots
-            .into_iter()
-            .rev()
-            .map(|node| (node, Mat4::IDENTITY, 0))
-            .collect();
+        let mut stack: Vec<(Node, Mat4, usize)> =
+            roots.into_iter().rev().map(|node| (node, Mat4::IDENTITY, 0)).collect();
         while let Some((node, parent, depth)) = stack.pop() {
             if std::mem::replace(&mut seen[node.index()], true) {
                 return Err((self.malformed)(format!(
@@ -134,20 +116,13 @@ impl Walk<'_> {
                 )));
             }
             if depth > NODE_DEPTH_MAX {
-                return Err((self.malformed)(format!(
-                    "its nodes are nested deeper than {NODE_DEPTH_MAX}"
-                )));
+                return Err((self.malformed)(format!("its nodes are nested deeper than {NODE_DEPTH_MAX}")));
             }
             let to_world = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
             self.node(&node, &to_world)?;
             // The copy in `children` keeps the order of the file, which makes mesh order stable.
             let children: Vec<Node> = node.children().collect();
-            stack.extend(
-                children
-                    .into_iter()
-                    .rev()
-                    .map(|child| (child, to_world, depth + 1)),
-            );
+            stack.extend(children.into_iter().rev().map(|child| (child, to_world, depth + 1)));
         }
         Ok(())
     }
@@ -162,9 +137,7 @@ impl Walk<'_> {
                     vertical_fov_deg: perspective.yfov().to_degrees(),
                     distance: None,
                 }),
-                Projection::Orthographic(_) => {
-                    self.assembler.note("Ignored an orthographic camera.")
-                }
+                Projection::Orthographic(_) => self.assembler.note("Ignored an orthographic camera."),
             }
         }
         if let Some(light) = node.light() {
@@ -175,15 +148,11 @@ impl Walk<'_> {
                     let sun = Sun::towards(to_world.z_axis.truncate(), intensity);
                     let sky = self.sky.get_or_insert(Sky::BLACK);
                     if sky.sun.replace(sun).is_some() {
-                        self.assembler
-                            .note("Of several directional lights the last is used.");
+                        self.assembler.note("Of several directional lights the last is used.");
                     }
                 }
                 Kind::Point | Kind::Spot { .. } => {
-                    self.glows.push(Glow {
-                        position: to_world.w_axis.truncate(),
-                        intensity,
-                    });
+                    self.glows.push(Glow { position: to_world.w_axis.truncate(), intensity });
                 }
             }
         }
@@ -191,21 +160,16 @@ impl Walk<'_> {
             return Ok(());
         };
         if node.skin().is_some() || mesh.weights().is_some() {
-            self.assembler
-                .note("Skinned or morphed meshes are taken in their rest pose.");
+            self.assembler.note("Skinned or morphed meshes are taken in their rest pose.");
         }
-        let name = mesh
-            .name()
-            .or(node.name())
-            .map_or_else(|| format!("mesh {}", mesh.index()), str::to_owned);
+        let name =
+            mesh.name().or(node.name()).map_or_else(|| format!("mesh {}", mesh.index()), str::to_owned);
         for primitive in mesh.primitives() {
             let place = |cause: String| (self.malformed)(format!("mesh \"{name}\": {cause}"));
             match gltf_geometry::read(&primitive, self.buffers).map_err(place)? {
                 Some(mut part) => {
                     part.transform(to_world);
-                    let material = self
-                        .materials
-                        .of(&primitive.material(), &mut self.assembler);
+                    let material = self.materials.of(&primitive.material(), &mut self.assembler);
                     self.assembler.mesh(name.clone(), material, &part)?;
                 }
                 None => self.ignored_primitives += 1,
@@ -217,9 +181,8 @@ impl Walk<'_> {
     fn finish(mut self, document: &Document) -> Result<Scene, SceneError> {
         if self.ignored_primitives > 0 {
             let count = self.ignored_primitives;
-            self.assembler.note(format!(
-                "Ignored {count} primitives of points or lines or without a vertex."
-            ));
+            self.assembler
+                .note(format!("Ignored {count} primitives of points or lines or without a vertex."));
         }
         if document.meshes().len() == 0 {
             self.assembler.note("no meshes");
@@ -227,19 +190,11 @@ impl Walk<'_> {
         let extras = document
             .default_scene()
             .or_else(|| document.scenes().next())
-            .and_then(|scene| {
-                scene
-                    .extras()
-                    .as_ref()
-                    .map(|raw| gltf_extras::parse(raw.get()))
-            });
+            .and_then(|scene| scene.extras().as_ref().map(|raw| gltf_extras::parse(raw.get())));
         if let Some(extras) = extras {
             self.views.extend(extras.views);
             self.sky = self.sky.or(extras.sky);
-            extras
-                .notes
-                .into_iter()
-                .for_each(|note| self.assembler.note(note));
+            extras.notes.into_iter().for_each(|note| self.assembler.note(note));
         }
         self.add_glows()?;
         let lighting = self.sky.map_or(Lighting::Automatic, Lighting::Given);
@@ -253,17 +208,12 @@ impl Walk<'_> {
         if self.glows.is_empty() || radius <= 0.0 {
             return Ok(());
         }
-        self.assembler.note(format!(
-            "Made {} point or spot lights into small glowing spheres.",
-            self.glows.len()
-        ));
+        self.assembler
+            .note(format!("Made {} point or spot lights into small glowing spheres.", self.glows.len()));
         for glow in std::mem::take(&mut self.glows) {
             let emission = glow.intensity / (std::f32::consts::PI * radius * radius);
-            let material = self.assembler.material(Material {
-                base_color: Vec3::ZERO,
-                emission,
-                ..Material::default()
-            });
+            let material =
+                self.assembler.material(Material { base_color: Vec3::ZERO, emission, ..Material::default() });
             let mut shapes = Shapes::new();
             shapes.sphere(glow.position, radius, 12, 6);
             self.assembler.mesh("light", material, &shapes.part)?;

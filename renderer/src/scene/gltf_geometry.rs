@@ -16,15 +16,10 @@ pub(super) type Buffers = [gltf::buffer::Data];
 /// # Errors
 /// One sentence about an accessor that reaches outside its buffer.
 pub(super) fn read(primitive: &Primitive, buffers: &Buffers) -> Result<Option<Part>, String> {
-    if !matches!(
-        primitive.mode(),
-        Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan
-    ) {
+    if !matches!(primitive.mode(), Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
         return Ok(None);
     }
-    let Some(positions) = primitive
-        .get(&Semantic::Positions)
-        .filter(|positions| positions.count() > 0)
+    let Some(positions) = primitive.get(&Semantic::Positions).filter(|positions| positions.count() > 0)
     else {
         return Ok(None);
     };
@@ -32,49 +27,33 @@ pub(super) fn read(primitive: &Primitive, buffers: &Buffers) -> Result<Option<Pa
     let reader = primitive.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
     let mut part = Part::default();
     let outside = || "its positions reach outside their buffer".to_owned();
-    part.positions.extend(
-        reader
-            .read_positions()
-            .ok_or_else(outside)?
-            .map(Vec3::from_array),
-    );
-    if let Some(normals) = primitive
-        .get(&Semantic::Normals)
-        .filter(|normals| normals.count() == positions.count())
+    part.positions.extend(reader.read_positions().ok_or_else(outside)?.map(Vec3::from_array));
+    if let Some(normals) =
+        primitive.get(&Semantic::Normals).filter(|normals| normals.count() == positions.count())
     {
         check(&normals, buffers)?;
         let outside = || "its normals reach outside their buffer".to_owned();
-        part.normals.extend(
-            reader
-                .read_normals()
-                .ok_or_else(outside)?
-                .map(Vec3::from_array),
-        );
+        part.normals.extend(reader.read_normals().ok_or_else(outside)?.map(Vec3::from_array));
     }
     let numbers: Vec<u32> = match primitive.indices() {
         Some(indices) if indices.count() == 0 => return Ok(None),
         Some(indices) => {
             check(&indices, buffers)?;
             let outside = || "its indices reach outside their buffer".to_owned();
-            reader
-                .read_indices()
-                .ok_or_else(outside)?
-                .into_u32()
-                .collect()
+            reader.read_indices().ok_or_else(outside)?.into_u32().collect()
         }
         None => (0..part.positions.len() as u32).collect(),
     };
     match primitive.mode() {
         Mode::TriangleStrip => {
-            part.indices
-                .extend(numbers.windows(3).enumerate().map(|(index, window)| {
-                    // Every other triangle of a strip runs the other way round.
-                    if index % 2 == 0 {
-                        [window[0], window[1], window[2]]
-                    } else {
-                        [window[1], window[0], window[2]]
-                    }
-                }))
+            part.indices.extend(numbers.windows(3).enumerate().map(|(index, window)| {
+                // Every other triangle of a strip runs the other way round.
+                if index % 2 == 0 {
+                    [window[0], window[1], window[2]]
+                } else {
+                    [window[1], window[0], window[2]]
+                }
+            }))
         }
         Mode::TriangleFan => part.push_polygon(&numbers),
         _ => part.indices.extend_from_slice(numbers.as_chunks().0),
@@ -86,19 +65,12 @@ pub(super) fn read(primitive: &Primitive, buffers: &Buffers) -> Result<Option<Pa
 fn check(accessor: &Accessor, buffers: &Buffers) -> Result<(), String> {
     let fault = |what: String| Err(format!("accessor {} {what}", accessor.index()));
     if accessor.count() > VERTICES_MAX {
-        return fault(format!(
-            "has {} elements, more than the limit of {VERTICES_MAX}",
-            accessor.count()
-        ));
+        return fault(format!("has {} elements, more than the limit of {VERTICES_MAX}", accessor.count()));
     }
     if let Some(sparse) = accessor.sparse()
         && (sparse.count() == 0 || sparse.count() > accessor.count())
     {
-        return fault(format!(
-            "replaces {} of its {} elements",
-            sparse.count(),
-            accessor.count()
-        ));
+        return fault(format!("replaces {} of its {} elements", sparse.count(), accessor.count()));
     }
     let Some(view) = accessor.view() else {
         return Ok(());
@@ -109,13 +81,9 @@ fn check(accessor: &Accessor, buffers: &Buffers) -> Result<(), String> {
         .and_then(|bytes| bytes.checked_add(accessor.size()))
         .and_then(|bytes| bytes.checked_add(accessor.offset()));
     let end_of_view = view.offset().checked_add(view.length());
-    let available = buffers
-        .get(view.buffer().index())
-        .map_or(0, |data| data.0.len());
+    let available = buffers.get(view.buffer().index()).map_or(0, |data| data.0.len());
     match (end_in_view, end_of_view) {
-        (Some(end), Some(end_of_view)) if end <= view.length() && end_of_view <= available => {
-            Ok(())
-        }
+        (Some(end), Some(end_of_view)) if end <= view.length() && end_of_view <= available => Ok(()),
         _ => fault("reaches outside its buffer".to_owned()),
     }
 }

@@ -17,28 +17,18 @@ use super::{Scene, SceneError, gltf_file, obj_file, ply_file};
 /// triangles are no error: they are dropped and counted in the notes.
 pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
     let path = path.as_ref();
-    let read_error = |source| SceneError::Read {
-        path: path.to_owned(),
-        source,
-    };
+    let read_error = |source| SceneError::Read { path: path.to_owned(), source };
     let metadata = std::fs::metadata(path).map_err(read_error)?;
     if metadata.is_dir() {
-        return Err(SceneError::Folder {
-            path: path.to_owned(),
-        });
+        return Err(SceneError::Folder { path: path.to_owned() });
     }
     if metadata.len() > FILE_BYTES_MAX {
-        return Err(SceneError::TooLarge {
-            path: path.to_owned(),
-            bytes: metadata.len(),
-        });
+        return Err(SceneError::TooLarge { path: path.to_owned(), bytes: metadata.len() });
     }
     let format = Format::of(path)?;
     let bytes = std::fs::read(path).map_err(read_error)?;
     if bytes.is_empty() {
-        return Err(SceneError::Empty {
-            path: path.to_owned(),
-        });
+        return Err(SceneError::Empty { path: path.to_owned() });
     }
     // The readers below check what they know of; a parsing crate that still gives up half-way on a file
     // made to break it must not take the program along.
@@ -59,10 +49,7 @@ pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
 
 /// The file's stem, for a scene's name.
 pub(super) fn stem(path: &Path) -> String {
-    path.file_stem().map_or_else(
-        || "scene".to_owned(),
-        |stem| stem.to_string_lossy().into_owned(),
-    )
+    path.file_stem().map_or_else(|| "scene".to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,15 +62,12 @@ enum Format {
 impl Format {
     /// By extension. The readers check the content themselves, so a wrong name is told, not guessed round.
     fn of(path: &Path) -> Result<Self, SceneError> {
-        let extension = path
-            .extension()
-            .map(|extension| extension.to_string_lossy().to_lowercase());
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         let refuse = |what: String| {
             Err(SceneError::Unsupported {
                 path: path.to_owned(),
                 what,
-                remedy: "convert it to glTF (.glb), OBJ or PLY, for example with Blender"
-                    .to_owned(),
+                remedy: "convert it to glTF (.glb), OBJ or PLY, for example with Blender".to_owned(),
             })
         };
         match extension.as_deref() {

@@ -17,10 +17,7 @@ fn load_bytes(name: &str, bytes: &[u8]) -> Result<Scene, SceneError> {
 
 fn error_of(name: &str, bytes: &[u8]) -> String {
     let message = load_bytes(name, bytes).map(|_| ()).unwrap_err().to_string();
-    assert!(
-        message.contains(name),
-        "the message does not name the file: {message}"
-    );
+    assert!(message.contains(name), "the message does not name the file: {message}");
     message
 }
 
@@ -84,16 +81,8 @@ fn gltf_nodes_share_meshes_and_carry_transforms() {
         {"mesh": 0, "scale": [2, 2, 2]},
         {"mesh": 0, "rotation": [0, 0, std::f32::consts::FRAC_1_SQRT_2, std::f32::consts::FRAC_1_SQRT_2]}]);
     let scene = load_bytes("two.glb", &glb(&document, &data)).unwrap();
-    assert_eq!(
-        (
-            scene.name.as_str(),
-            scene.triangles.len(),
-            scene.meshes.len()
-        ),
-        ("two", 2, 2)
-    );
-    let corner =
-        |triangle: usize, corner: usize| Vec3::from(scene.triangles.corners(triangle)[corner]);
+    assert_eq!((scene.name.as_str(), scene.triangles.len(), scene.meshes.len()), ("two", 2, 2));
+    let corner = |triangle: usize, corner: usize| Vec3::from(scene.triangles.corners(triangle)[corner]);
     assert_eq!(corner(0, 1), Vec3::new(12.0, 0.0, 0.0));
     assert!((corner(1, 1) - Vec3::new(10.0, 1.0, 0.0)).length() < 1e-5);
     assert_eq!(scene.sky, Sky::daylight());
@@ -110,8 +99,7 @@ fn gltf_materials_cameras_and_lights() {
         "extensions": {
             "KHR_materials_emissive_strength": {"emissiveStrength": 4},
             "KHR_materials_transmission": {"transmissionFactor": 0.75}, "KHR_materials_ior": {"ior": 1.4}}}]);
-    document["cameras"] =
-        json!([{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}]);
+    document["cameras"] = json!([{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}]);
     document["extensions"] = json!({"KHR_lights_punctual": {"lights": [
         {"type": "directional", "color": [1, 1, 0.5], "intensity": 2}, {"type": "point", "intensity": 3}]}});
     document["nodes"] = json!([
@@ -124,30 +112,18 @@ fn gltf_materials_cameras_and_lights() {
     let material = scene.materials[scene.meshes[0].material as usize];
     assert_eq!(material.base_color, Vec3::new(0.1, 0.2, 0.3));
     assert_eq!(
-        (
-            material.metallic,
-            material.roughness,
-            material.transmission,
-            material.ior
-        ),
+        (material.metallic, material.roughness, material.transmission, material.ior),
         (0.25, 0.5, 0.75, 1.4)
     );
     assert_eq!(material.emission, Vec3::new(4.0, 2.0, 0.0));
     let camera = scene.cameras[0];
-    assert_eq!(
-        (camera.position, camera.up),
-        (Vec3::new(0.0, 0.0, 5.0), Vec3::Y)
-    );
+    assert_eq!((camera.position, camera.up), (Vec3::new(0.0, 0.0, 5.0), Vec3::Y));
     assert!((camera.vertical_fov_deg - 57.2958).abs() < 1e-3 && camera.target.z < 1.0);
     let sun = scene.sky.sun.unwrap();
-    assert_eq!(
-        (sun.direction, sun.irradiance),
-        (Vec3::Z, Vec3::new(2.0, 2.0, 1.0))
-    );
+    assert_eq!((sun.direction, sun.irradiance), (Vec3::Z, Vec3::new(2.0, 2.0, 1.0)));
     // The point light became a sphere with the same intensity.
     let glow = scene.meshes.last().unwrap();
-    let radius = Vec3::from(scene.triangles.corners(glow.first_triangle as usize)[0])
-        .distance(Vec3::Y * 2.0);
+    let radius = Vec3::from(scene.triangles.corners(glow.first_triangle as usize)[0]).distance(Vec3::Y * 2.0);
     let emission = scene.materials[glow.material as usize].emission;
     assert!((emission.x * std::f32::consts::PI * radius * radius - 3.0).abs() < 1e-2);
 }
@@ -157,8 +133,7 @@ fn gltf_text_with_embedded_data_and_scene_extras() {
     use base64::Engine as _;
     let (mut document, data) = triangle_document();
     let encoded = base64::engine::general_purpose::STANDARD.encode(&data);
-    document["buffers"][0]["uri"] =
-        json!(format!("data:application/octet-stream;base64,{encoded}"));
+    document["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{encoded}"));
     document["scenes"][0]["extras"] = json!({
         "cameras": [{"lookat": [1, 2, 3, 0, 0, 0, 0, 1, 0]},
                     {"world_to_camera": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1], "params": {"fov": [30]}}],
@@ -176,10 +151,7 @@ fn damaged_gltf_files() {
     let whole = glb(&document, &data);
     assert!(error_of("cut.glb", &whole[..whole.len() - 9]).contains("cut off"));
     for length in 1..whole.len() {
-        assert!(
-            load_bytes("cut.glb", &whole[..length]).is_err(),
-            "{length} bytes are no whole file"
-        );
+        assert!(load_bytes("cut.glb", &whole[..length]).is_err(), "{length} bytes are no whole file");
     }
     let changed = |pointer: &str, value: Value| {
         let mut document = document.clone();
@@ -187,49 +159,23 @@ fn damaged_gltf_files() {
         glb(&document, &data)
     };
     let far = error_of("far.glb", &changed("/accessors/0/count", json!(3_000_000)));
-    assert!(
-        far.contains("wedge") && far.contains("outside its buffer"),
-        "{far}"
-    );
-    assert!(
-        error_of("huge.glb", &changed("/accessors/0/count", json!(u64::MAX))).contains("limit")
-    );
+    assert!(far.contains("wedge") && far.contains("outside its buffer"), "{far}");
+    assert!(error_of("huge.glb", &changed("/accessors/0/count", json!(u64::MAX))).contains("limit"));
     assert!(error_of("none.glb", &changed("/accessors/1/count", json!(0))).contains("no triangle"));
+    assert!(error_of("view.glb", &changed("/bufferViews/0/byteLength", json!(u64::MAX))).contains("outside"));
     assert!(
-        error_of(
-            "view.glb",
-            &changed("/bufferViews/0/byteLength", json!(u64::MAX))
-        )
-        .contains("outside")
+        error_of("loop.glb", &changed("/nodes/0", json!({"mesh": 0, "children": [0]}))).contains("ancestor")
     );
-    assert!(
-        error_of(
-            "loop.glb",
-            &changed("/nodes/0", json!({"mesh": 0, "children": [0]}))
-        )
-        .contains("ancestor")
-    );
-    assert!(
-        error_of("mesh.glb", &changed("/nodes/0/mesh", json!(9))).contains("Index out of bounds")
-    );
-    let points = changed(
-        "/meshes/0/primitives/0",
-        json!({"attributes": {"POSITION": 0}, "mode": 0}),
-    );
+    assert!(error_of("mesh.glb", &changed("/nodes/0/mesh", json!(9))).contains("Index out of bounds"));
+    let points = changed("/meshes/0/primitives/0", json!({"attributes": {"POSITION": 0}, "mode": 0}));
     assert!(error_of("points.glb", &points).contains("Ignored 1 primitives"));
-    let no_mesh = glb(
-        &json!({"asset": {"version": "2.0"}, "scenes": [{"nodes": []}], "scene": 0}),
-        &[],
-    );
+    let no_mesh = glb(&json!({"asset": {"version": "2.0"}, "scenes": [{"nodes": []}], "scene": 0}), &[]);
     assert!(error_of("bare.glb", &no_mesh).contains("no meshes"));
     assert!(error_of("text.gltf", b"{\"asset\": ").contains("glTF"));
     let mut wild = data.clone();
     wild[36] = 77;
     let message = error_of("wild.glb", &glb(&document, &wild));
-    assert!(
-        message.contains("wedge") && message.contains("names vertex 77"),
-        "{message}"
-    );
+    assert!(message.contains("wedge") && message.contains("names vertex 77"), "{message}");
     let mut compressed = document.clone();
     compressed["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]);
     assert!(error_of("draco.glb", &glb(&compressed, &data)).contains("without mesh compression"));
@@ -248,19 +194,12 @@ fn obj_with_materials_quads_and_relative_numbers() {
     assert_eq!(scene.triangles.len(), 4);
     let material = |mesh: usize| scene.materials[scene.meshes[mesh].material as usize];
     assert_eq!(material(0).emission, Vec3::new(2.0, 3.0, 4.0));
-    assert_eq!(
-        (material(1).metallic, material(1).base_color),
-        (1.0, Vec3::new(0.9, 0.8, 0.7))
-    );
+    assert_eq!((material(1).metallic, material(1).base_color), (1.0, Vec3::new(0.9, 0.8, 0.7)));
     assert!(material(1).roughness < 0.25);
     assert!(scene.normals.iter().all(|normal| *normal == Vec3::Z));
     assert!(scene.sky.is_black(), "a lamp shines");
     for expected in ["gone.mtl", "textures of 1", "Ignored 1 points"] {
-        assert!(
-            scene.notes.iter().any(|note| note.contains(expected)),
-            "{expected} in {:?}",
-            scene.notes
-        );
+        assert!(scene.notes.iter().any(|note| note.contains(expected)), "{expected} in {:?}", scene.notes);
     }
 }
 
@@ -268,38 +207,16 @@ fn obj_with_materials_quads_and_relative_numbers() {
 fn bad_obj_files() {
     let corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     let message = error_of("far.obj", format!("{corners}f 1 2 3\nf 1 2 9\n").as_bytes());
-    assert!(
-        message.contains("line 5") && message.contains("vertex 9"),
-        "{message}"
-    );
-    assert!(
-        error_of("back.obj", format!("{corners}f -1 -2 -4\n").as_bytes()).contains("vertex -4")
-    );
-    let scene = load_bytes(
-        "nan.obj",
-        format!("{corners}v nan 0 inf\nf 1 2 3\nf 1 2 4\n").as_bytes(),
-    )
-    .unwrap();
+    assert!(message.contains("line 5") && message.contains("vertex 9"), "{message}");
+    assert!(error_of("back.obj", format!("{corners}f -1 -2 -4\n").as_bytes()).contains("vertex -4"));
+    let scene =
+        load_bytes("nan.obj", format!("{corners}v nan 0 inf\nf 1 2 3\nf 1 2 4\n").as_bytes()).unwrap();
     assert_eq!(scene.triangles.len(), 1);
-    assert!(
-        scene
-            .notes
-            .iter()
-            .any(|note| note.starts_with("Dropped 1 "))
-    );
+    assert!(scene.notes.iter().any(|note| note.starts_with("Dropped 1 ")));
     let message = error_of("lines.obj", format!("{corners}l 1 2\np 3\n").as_bytes());
-    assert!(
-        message.contains("Ignored 2") && message.contains("no faces"),
-        "{message}"
-    );
+    assert!(message.contains("Ignored 2") && message.contains("no faces"), "{message}");
     assert!(error_of("comment.obj", b"# nothing\n").contains("no faces"));
-    assert!(
-        load_bytes(
-            "latin.obj",
-            format!("# caf\u{e9}\n{corners}f 1 2 3\n").as_bytes()
-        )
-        .is_ok()
-    );
+    assert!(load_bytes("latin.obj", format!("# caf\u{e9}\n{corners}f 1 2 3\n").as_bytes()).is_ok());
     assert!(error_of("noise.obj", &[0xff, 0xfe, 0x00, 0x01]).contains("no faces"));
 }
 
@@ -313,33 +230,13 @@ fn ply_in_text_and_in_both_byte_orders() {
     };
     let corners = [(0.0_f64, 0.0_f32), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
     let mut text = header("ascii");
-    corners
-        .iter()
-        .for_each(|(x, y)| text.push_str(&format!("{x} {y} 2 255\n")));
+    corners.iter().for_each(|(x, y)| text.push_str(&format!("{x} {y} 2 255\n")));
     text.push_str("4 0 1 2 3\n");
-    let (mut little, mut big) = (
-        header("binary_little_endian").into_bytes(),
-        header("binary_big_endian").into_bytes(),
-    );
+    let (mut little, mut big) =
+        (header("binary_little_endian").into_bytes(), header("binary_big_endian").into_bytes());
     for (x, y) in corners {
-        little.extend(
-            [
-                &x.to_le_bytes()[..],
-                &y.to_le_bytes(),
-                &2.0_f32.to_le_bytes(),
-                &[255],
-            ]
-            .concat(),
-        );
-        big.extend(
-            [
-                &x.to_be_bytes()[..],
-                &y.to_be_bytes(),
-                &2.0_f32.to_be_bytes(),
-                &[255],
-            ]
-            .concat(),
-        );
+        little.extend([&x.to_le_bytes()[..], &y.to_le_bytes(), &2.0_f32.to_le_bytes(), &[255]].concat());
+        big.extend([&x.to_be_bytes()[..], &y.to_be_bytes(), &2.0_f32.to_be_bytes(), &[255]].concat());
     }
     little.push(4);
     big.push(4);
@@ -350,10 +247,7 @@ fn ply_in_text_and_in_both_byte_orders() {
     for bytes in [text.as_bytes(), &little, &big] {
         let scene = load_bytes("square.ply", bytes).unwrap();
         assert_eq!(scene.triangles.indices(), [[0, 1, 2], [0, 2, 3]]);
-        assert_eq!(
-            Vec3::from(scene.triangles.corners(1)[1]),
-            Vec3::new(1.0, 1.0, 2.0)
-        );
+        assert_eq!(Vec3::from(scene.triangles.corners(1)[1]), Vec3::new(1.0, 1.0, 2.0));
         assert!(scene.normals.is_empty());
     }
     assert!(load_bytes("cut.ply", &little[..little.len() - 1]).is_err());
@@ -371,44 +265,20 @@ fn bad_ply_files() {
     let message = error_of("points.ply", file(3, "0", points).as_bytes());
     assert!(message.contains("3 vertices and 0 faces"), "{message}");
     assert!(
-        error_of(
-            "far.ply",
-            file(3, "1", &format!("{points}3 0 1 5\n")).as_bytes()
-        )
-        .contains("[0, 1, 5]")
+        error_of("far.ply", file(3, "1", &format!("{points}3 0 1 5\n")).as_bytes()).contains("[0, 1, 5]")
     );
     assert!(
-        error_of(
-            "minus.ply",
-            file(3, "1", &format!("{points}3 0 1 -1\n")).as_bytes()
-        )
-        .contains("negative")
+        error_of("minus.ply", file(3, "1", &format!("{points}3 0 1 -1\n")).as_bytes()).contains("negative")
     );
     assert!(
-        error_of(
-            "cut.ply",
-            file(3, "2", &format!("{points}3 0 1 2\n")).as_bytes()
-        )
-        .contains("end of file")
+        error_of("cut.ply", file(3, "2", &format!("{points}3 0 1 2\n")).as_bytes()).contains("end of file")
     );
-    assert!(
-        error_of("huge.ply", file(u64::MAX, "1", points).as_bytes())
-            .contains("cannot be read as PLY")
-    );
-    assert!(
-        error_of("many.ply", file(4_000_000_000, "1", points).as_bytes())
-            .contains("more than the file")
-    );
+    assert!(error_of("huge.ply", file(u64::MAX, "1", points).as_bytes()).contains("cannot be read as PLY"));
+    assert!(error_of("many.ply", file(4_000_000_000, "1", points).as_bytes()).contains("more than the file"));
     assert!(error_of("bare.ply", b"ply\nformat ascii 1.0\nend_header\n").contains("0 vertices"));
     assert!(error_of("not.ply", b"solid of something else").contains("ply"));
     let two_corners = file(3, "2", &format!("{points}2 0 1\n3 0 1 2\n"));
-    assert_eq!(
-        load_bytes("two.ply", two_corners.as_bytes())
-            .unwrap()
-            .triangles
-            .len(),
-        1
-    );
+    assert_eq!(load_bytes("two.ply", two_corners.as_bytes()).unwrap().triangles.len(), 1);
 }
 
 /// Every file below a folder with one of the extensions.
@@ -443,23 +313,11 @@ fn a_folder_of_scenes_never_causes_a_panic() {
                     scene.notes
                 );
                 assert_eq!(
-                    scene
-                        .meshes
-                        .iter()
-                        .map(|mesh| mesh.triangle_count as usize)
-                        .sum::<usize>(),
+                    scene.meshes.iter().map(|mesh| mesh.triangle_count as usize).sum::<usize>(),
                     triangles
                 );
-                assert!(
-                    scene.normals.is_empty()
-                        || scene.normals.len() == scene.triangles.positions().len()
-                );
-                assert!(
-                    scene
-                        .meshes
-                        .iter()
-                        .all(|mesh| (mesh.material as usize) < scene.materials.len())
-                );
+                assert!(scene.normals.is_empty() || scene.normals.len() == scene.triangles.positions().len());
+                assert!(scene.meshes.iter().all(|mesh| (mesh.material as usize) < scene.materials.len()));
             }
             Err(error) => {
                 let message = error.to_string();

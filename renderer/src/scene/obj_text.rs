@@ -40,11 +40,7 @@ pub(super) fn check(text: &str) -> Result<Checked, String> {
     for line in text.lines() {
         total.count(line.split_whitespace().next().unwrap_or(""));
     }
-    let mut checked = Checked {
-        text: String::with_capacity(text.len()),
-        ignored: 0,
-        faces: 0,
-    };
+    let mut checked = Checked { text: String::with_capacity(text.len()), ignored: 0, faces: 0 };
     let mut so_far = Counts::default();
     for (number, line) in text.lines().enumerate() {
         let mut words = line.split_whitespace();
@@ -53,16 +49,9 @@ pub(super) fn check(text: &str) -> Result<Checked, String> {
         let wrong = |what: String| Err(format!("line {}: {what}", number + 1));
         match keyword {
             "v" | "vn" => {
-                let numbers = words
-                    .clone()
-                    .take(3)
-                    .filter(|word| word.parse::<f32>().is_ok())
-                    .count();
+                let numbers = words.clone().take(3).filter(|word| word.parse::<f32>().is_ok()).count();
                 if numbers < 3 {
-                    return wrong(format!(
-                        "\"{}\" does not have three numbers",
-                        shortened(line)
-                    ));
+                    return wrong(format!("\"{}\" does not have three numbers", shortened(line)));
                 }
                 // Colours and weights behind the position are not used; some exporters write them badly.
                 let words: Vec<&str> = words.take(3).collect();
@@ -119,10 +108,7 @@ fn corner(word: &str, so_far: &Counts, total: &Counts) -> Result<String, String>
     next("texture coordinate", so_far.texture, total.texture)?;
     let normal = next("normal", so_far.normals, total.normals)?;
     match (position, normal) {
-        (None, _) => Err(format!(
-            "the face's corner \"{}\" names no vertex",
-            shortened(word)
-        )),
+        (None, _) => Err(format!("the face's corner \"{}\" names no vertex", shortened(word))),
         (Some(position), None) => Ok(position.to_string()),
         (Some(position), Some(normal)) => Ok(format!("{position}//{normal}")),
     }
@@ -130,19 +116,12 @@ fn corner(word: &str, so_far: &Counts, total: &Counts) -> Result<String, String>
 
 /// A one-based number that may count back from the latest, as a number from the start.
 fn absolute(text: &str, what: &str, so_far: usize, total: usize) -> Result<usize, String> {
-    let number: i64 = text
-        .parse()
-        .map_err(|_| format!("the face's number \"{}\" is no number", shortened(text)))?;
-    let from_start = if number < 0 {
-        so_far as i64 + 1 + number
-    } else {
-        number
-    };
+    let number: i64 =
+        text.parse().map_err(|_| format!("the face's number \"{}\" is no number", shortened(text)))?;
+    let from_start = if number < 0 { so_far as i64 + 1 + number } else { number };
     match usize::try_from(from_start) {
         Ok(index) if (1..=total).contains(&index) => Ok(index),
-        _ => Err(format!(
-            "the face names {what} {number}, but there are only {total}"
-        )),
+        _ => Err(format!("the face names {what} {number}, but there are only {total}")),
     }
 }
 
@@ -176,15 +155,9 @@ mod tests {
 
     #[test]
     fn relative_numbers_count_from_where_they_stand() {
-        let checked = check("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2/-1 -1\nv 5 5 5\n")
-            .err()
-            .unwrap();
-        assert!(
-            checked.contains("line 4") && checked.contains("texture coordinate -1"),
-            "{checked}"
-        );
-        let checked =
-            check("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf -3//-1 -2//1 -1//1\nv 5 5 5\n").unwrap();
+        let checked = check("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2/-1 -1\nv 5 5 5\n").err().unwrap();
+        assert!(checked.contains("line 4") && checked.contains("texture coordinate -1"), "{checked}");
+        let checked = check("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf -3//-1 -2//1 -1//1\nv 5 5 5\n").unwrap();
         assert!(checked.text.contains("f 1//1 2//1 3//1"));
         // A number may point forward.
         assert!(check("f 1 2 3\nv 0 0 0\nv 1 0 0\nv 0 1 0\n").is_ok());
@@ -193,10 +166,7 @@ mod tests {
     #[test]
     fn errors_name_the_line() {
         for (text, expected) in [
-            (
-                "v 0 0 0\nf 1 2 3\n",
-                "line 2: the face names vertex 2, but there are only 1",
-            ),
+            ("v 0 0 0\nf 1 2 3\n", "line 2: the face names vertex 2, but there are only 1"),
             ("v 0 0\n", "line 1: \"v 0 0\" does not have three numbers"),
             ("v 0 0 zero\n", "line 1"),
             ("v 0 0 0\nf 0 1 1\n", "vertex 0"),
@@ -217,8 +187,7 @@ mod tests {
 
     #[test]
     fn bad_material_lines_are_taken_out() {
-        let text =
-            "newmtl a\nKd 1 0\nKs x y z\nNs\nillum many\nmap_Kd\nmap_bump\nKe 1 2 3\nnewmtl\n";
+        let text = "newmtl a\nKd 1 0\nKs x y z\nNs\nillum many\nmap_Kd\nmap_bump\nKe 1 2 3\nnewmtl\n";
         assert_eq!(repair_materials(text), "newmtl a\nKe 1 2 3\n");
     }
 }

@@ -44,19 +44,13 @@ impl Part {
         let first = self.positions.len() as u32;
         self.positions.extend_from_slice(&other.positions);
         self.normals.extend_from_slice(&other.normals);
-        self.indices.extend(
-            other
-                .indices
-                .iter()
-                .map(|triangle| triangle.map(|vertex| vertex + first)),
-        );
+        self.indices.extend(other.indices.iter().map(|triangle| triangle.map(|vertex| vertex + first)));
     }
 
     /// Cuts a polygon into a fan of triangles.
     pub fn push_polygon(&mut self, corners: &[u32]) {
         if let [first, rest @ ..] = corners {
-            self.indices
-                .extend(rest.windows(2).map(|edge| [*first, edge[0], edge[1]]));
+            self.indices.extend(rest.windows(2).map(|edge| [*first, edge[0], edge[1]]));
         }
     }
 
@@ -98,11 +92,7 @@ mod tests {
     #[test]
     fn normals_stay_upright_under_uneven_scaling() {
         let tilted = Vec3::new(1.0, 1.0, 0.0).normalize();
-        let mut part = Part {
-            positions: vec![Vec3::ZERO],
-            normals: vec![tilted],
-            indices: vec![],
-        };
+        let mut part = Part { positions: vec![Vec3::ZERO], normals: vec![tilted], indices: vec![] };
         part.transform(&Mat4::from_scale(Vec3::new(2.0, 1.0, 1.0)));
         let expected = Vec3::new(0.5, 1.0, 0.0).normalize();
         assert!((part.normals[0] - expected).length() < 1e-6);

@@ -6,9 +6,7 @@ use std::path::Path;
 
 use glam::Vec3;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
-use ply_rs_bw::ply::{
-    DefaultElement, ElementDef, Header, Property, PropertyAccess, PropertyAccessResult,
-};
+use ply_rs_bw::ply::{DefaultElement, ElementDef, Header, Property, PropertyAccess, PropertyAccessResult};
 
 use super::assemble::{Assembler, Lighting};
 use super::load::stem;
@@ -25,9 +23,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
     };
     let told = |error: ParseError| malformed(one_line(&error.to_string()));
     let mut reader = Reader::new(Cursor::new(bytes));
-    let header = Parser::<Vertex>::new()
-        .read_header(&mut reader)
-        .map_err(told)?;
+    let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(told)?;
     let mut part = Part::default();
     let mut with_normals = false;
     let mut assembler = Assembler::new(stem(path), path);
@@ -43,27 +39,19 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
         match element.name.as_str() {
             "vertex" => {
                 let vertices = payload::<Vertex>(&mut reader, element, &header).map_err(told)?;
-                with_normals = ["nx", "ny", "nz"]
-                    .iter()
-                    .all(|name| element.properties.contains_key(*name));
+                with_normals = ["nx", "ny", "nz"].iter().all(|name| element.properties.contains_key(*name));
                 part.positions = vertices.iter().map(|vertex| vertex.position).collect();
                 part.normals = vertices.iter().map(|vertex| vertex.normal).collect();
             }
             "face" => {
                 faces = element.count;
-                for (number, face) in payload::<Face>(&mut reader, element, &header)
-                    .map_err(told)?
-                    .into_iter()
-                    .enumerate()
+                for (number, face) in
+                    payload::<Face>(&mut reader, element, &header).map_err(told)?.into_iter().enumerate()
                 {
-                    let corners: Option<Vec<u32>> = face
-                        .corners
-                        .iter()
-                        .map(|corner| u32::try_from(*corner).ok())
-                        .collect();
-                    let corners = corners.ok_or_else(|| {
-                        malformed(format!("face {number} has a negative vertex number"))
-                    })?;
+                    let corners: Option<Vec<u32>> =
+                        face.corners.iter().map(|corner| u32::try_from(*corner).ok()).collect();
+                    let corners = corners
+                        .ok_or_else(|| malformed(format!("face {number} has a negative vertex number")))?;
                     part.push_polygon(&corners);
                 }
             }
@@ -76,8 +64,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
         }
     }
     let vertices = part.positions.len();
-    let out_of_range =
-        |corners: &&[u32; 3]| corners.iter().any(|corner| *corner as usize >= vertices);
+    let out_of_range = |corners: &&[u32; 3]| corners.iter().any(|corner| *corner as usize >= vertices);
     if let Some(corners) = part.indices.iter().find(out_of_range) {
         return Err(malformed(format!(
             "a face names vertices {corners:?}, but there are only {vertices} vertices"
@@ -119,10 +106,7 @@ struct Vertex {
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
-        Self {
-            position: Vec3::NAN,
-            normal: Vec3::ZERO,
-        }
+        Self { position: Vec3::NAN, normal: Vec3::ZERO }
     }
 
     fn set_property(&mut self, key: &str, property: Property) -> PropertyAccessResult {
@@ -151,9 +135,7 @@ struct Face {
 
 impl PropertyAccess for Face {
     fn new() -> Self {
-        Self {
-            corners: Vec::new(),
-        }
+        Self { corners: Vec::new() }
     }
 
     fn set_property(&mut self, key: &str, property: Property) -> PropertyAccessResult {

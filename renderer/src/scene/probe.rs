@@ -17,18 +17,12 @@ pub(crate) struct Meeting {
     pub(crate) front: bool,
 }
 
-const MISS: Meeting = Meeting {
-    distance: f32::INFINITY,
-    front: false,
-};
+const MISS: Meeting = Meeting { distance: f32::INFINITY, front: false };
 
 /// The first meeting of each ray from one origin, by looking at every triangle.
 pub(crate) fn nearest(triangles: &Triangles, origin: Vec3, directions: &[Vec3]) -> Vec<Meeting> {
     let origin = Vec3A::from(origin);
-    let directions: Vec<Vec3A> = directions
-        .iter()
-        .map(|direction| Vec3A::from(*direction))
-        .collect();
+    let directions: Vec<Vec3A> = directions.iter().map(|direction| Vec3A::from(*direction)).collect();
     let closer = |a: Meeting, b: Meeting| if b.distance < a.distance { b } else { a };
     triangles
         .indices()
@@ -65,10 +59,8 @@ fn meet([a, b, c]: [Vec3A; 3], origin: Vec3A, direction: Vec3A) -> Option<Meetin
     let around = from.cross(ab);
     let v = direction.dot(around) * inverse;
     let distance = ac.dot(around) * inverse;
-    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 0.0).then_some(Meeting {
-        distance,
-        front: determinant > 0.0,
-    })
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 0.0)
+        .then_some(Meeting { distance, front: determinant > 0.0 })
 }
 
 /// Directions spread evenly over the sphere (a Fibonacci spiral).
@@ -90,42 +82,20 @@ mod tests {
 
     #[test]
     fn the_nearer_of_two_triangles_and_its_side() {
-        let square = |z: f32| {
-            [
-                Vec3A::new(-5.0, -5.0, z),
-                Vec3A::new(5.0, -5.0, z),
-                Vec3A::new(0.0, 9.0, z),
-            ]
-        };
+        let square = |z: f32| [Vec3A::new(-5.0, -5.0, z), Vec3A::new(5.0, -5.0, z), Vec3A::new(0.0, 9.0, z)];
         let positions = [square(-4.0), square(-2.0)].concat();
         let triangles = Triangles::new(positions, vec![[0, 1, 2], [3, 5, 4]]).unwrap();
         let met = nearest(&triangles, Vec3::ZERO, &[Vec3::NEG_Z, Vec3::Z]);
-        assert_eq!(
-            met[0],
-            Meeting {
-                distance: 2.0,
-                front: false
-            }
-        );
+        assert_eq!(met[0], Meeting { distance: 2.0, front: false });
         assert_eq!(met[1], MISS);
         let met = nearest(&triangles, Vec3::new(0.0, 0.0, -3.0), &[Vec3::NEG_Z]);
-        assert_eq!(
-            met[0],
-            Meeting {
-                distance: 1.0,
-                front: true
-            }
-        );
+        assert_eq!(met[0], Meeting { distance: 1.0, front: true });
     }
 
     #[test]
     fn directions_have_unit_length_and_balance() {
         let directions = sphere_directions(64);
-        assert!(
-            directions
-                .iter()
-                .all(|direction| (direction.length() - 1.0).abs() < 1e-5)
-        );
+        assert!(directions.iter().all(|direction| (direction.length() - 1.0).abs() < 1e-5));
         assert!(directions.iter().sum::<Vec3>().length() < 1.0);
     }
 }

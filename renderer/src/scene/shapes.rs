@@ -70,19 +70,10 @@ impl Shapes {
     pub fn bevelled_slab(&mut self, min: Vec3, max: Vec3, bevel: f32) {
         let low = |x: f32, z: f32| Vec3::new(x, max.y - bevel, z);
         let high = |x: f32, z: f32| Vec3::new(x, max.y, z);
-        let outer = [
-            (min.x, max.z),
-            (max.x, max.z),
-            (max.x, min.z),
-            (min.x, min.z),
-        ];
+        let outer = [(min.x, max.z), (max.x, max.z), (max.x, min.z), (min.x, min.z)];
         let b = bevel;
-        let inner = [
-            (min.x + b, max.z - b),
-            (max.x - b, max.z - b),
-            (max.x - b, min.z + b),
-            (min.x + b, min.z + b),
-        ];
+        let inner =
+            [(min.x + b, max.z - b), (max.x - b, max.z - b), (max.x - b, min.z + b), (min.x + b, min.z + b)];
         for side in 0..4 {
             let next = (side + 1) % 4;
             self.quad(
@@ -98,22 +89,13 @@ impl Shapes {
 
     /// A smooth grid of `columns` by `rows` cells over (u, v) in 0..1 squared, two triangles a cell; the front
     /// side is where d/du × d/dv points. `wrap` joins the last column to the first.
-    pub fn surface(
-        &mut self,
-        columns: usize,
-        rows: usize,
-        wrap: bool,
-        point: impl Fn(f32, f32) -> Vec3,
-    ) {
+    pub fn surface(&mut self, columns: usize, rows: usize, wrap: bool, point: impl Fn(f32, f32) -> Vec3) {
         let (columns, rows) = (columns.max(if wrap { 3 } else { 1 }), rows.max(1));
         let across = if wrap { columns } else { columns + 1 };
         let mut sheet = Part::default();
         for row in 0..=rows {
             for column in 0..across {
-                sheet.positions.push(point(
-                    column as f32 / columns as f32,
-                    row as f32 / rows as f32,
-                ));
+                sheet.positions.push(point(column as f32 / columns as f32, row as f32 / rows as f32));
             }
         }
         let number = |column: usize, row: usize| (row * across + column % across) as u32;
@@ -158,10 +140,7 @@ impl Shapes {
     pub fn tube(&mut self, path: &[Vec3], radius: f32, segments: usize) {
         let directions: Vec<Vec3> = (0..path.len())
             .map(|index| {
-                let (before, after) = (
-                    path[index.saturating_sub(1)],
-                    path[(index + 1).min(path.len() - 1)],
-                );
+                let (before, after) = (path[index.saturating_sub(1)], path[(index + 1).min(path.len() - 1)]);
                 (after - before).normalize_or(Vec3::Y)
             })
             .collect();
@@ -205,18 +184,12 @@ impl Shapes {
     /// A bar with a cross-section (a polygon, counter-clockwise seen against the direction of travel), swept
     /// along frames of (origin, right, up); flat sides, sharp edges.
     pub fn sweep(&mut self, section: &[Vec2], frames: &[(Vec3, Vec3, Vec3)]) {
-        let place = |(origin, right, up): (Vec3, Vec3, Vec3), point: Vec2| {
-            origin + right * point.x + up * point.y
-        };
+        let place =
+            |(origin, right, up): (Vec3, Vec3, Vec3), point: Vec2| origin + right * point.x + up * point.y;
         for pair in frames.windows(2) {
             for index in 0..section.len() {
                 let (from, to) = (section[index], section[(index + 1) % section.len()]);
-                self.quad(
-                    place(pair[0], from),
-                    place(pair[0], to),
-                    place(pair[1], to),
-                    place(pair[1], from),
-                );
+                self.quad(place(pair[0], from), place(pair[0], to), place(pair[1], to), place(pair[1], from));
             }
         }
     }
@@ -224,11 +197,7 @@ impl Shapes {
 
 /// Whether two corners coincide, as at the pole of a sphere.
 fn collapsed([a, b, c]: [Vec3; 3]) -> bool {
-    let edges = [
-        (b - a).length_squared(),
-        (c - b).length_squared(),
-        (a - c).length_squared(),
-    ];
+    let edges = [(b - a).length_squared(), (c - b).length_squared(), (a - c).length_squared()];
     let longest = edges.into_iter().fold(0.0, f32::max);
     edges.into_iter().any(|edge| edge <= longest * 1e-11)
 }
@@ -240,11 +209,7 @@ mod tests {
     /// Every triangle's front side agrees with its normals, and normals have unit length.
     fn check(shapes: &Shapes, outward_from: Option<Vec3>) {
         let part = &shapes.part;
-        assert!(
-            part.normals
-                .iter()
-                .all(|normal| (normal.length() - 1.0).abs() < 1e-4)
-        );
+        assert!(part.normals.iter().all(|normal| (normal.length() - 1.0).abs() < 1e-4));
         for triangle in &part.indices {
             let [a, b, c] = triangle.map(|vertex| part.positions[vertex as usize]);
             let normal = (b - a).cross(c - a);
@@ -255,10 +220,7 @@ mod tests {
                 assert!(normal.dot(part.normals[*vertex as usize]) > 0.0);
             }
             if let Some(middle) = outward_from {
-                assert!(
-                    normal.dot((a + b + c) / 3.0 - middle) > 0.0,
-                    "a triangle faces inward"
-                );
+                assert!(normal.dot((a + b + c) / 3.0 - middle) > 0.0, "a triangle faces inward");
             }
         }
     }
@@ -273,15 +235,7 @@ mod tests {
         shapes.sphere(Vec3::ONE, 2.0, 16, 8);
         check(&shapes, Some(Vec3::ONE));
         let mut shapes = Shapes::new();
-        shapes.lathe(
-            Vec3::ZERO,
-            &[
-                Vec2::new(1.0, -1.0),
-                Vec2::new(1.2, 0.0),
-                Vec2::new(1.0, 1.0),
-            ],
-            12,
-        );
+        shapes.lathe(Vec3::ZERO, &[Vec2::new(1.0, -1.0), Vec2::new(1.2, 0.0), Vec2::new(1.0, 1.0)], 12);
         check(&shapes, Some(Vec3::ZERO));
         let mut shapes = Shapes::new();
         shapes.rod(Vec3::new(0.0, -1.0, 0.0), Vec3::new(0.3, 1.0, 0.2), 0.2, 8);
@@ -293,14 +247,9 @@ mod tests {
 
     #[test]
     fn a_swept_bar_faces_outward() {
-        let section = [
-            Vec2::new(-1.0, -1.0),
-            Vec2::new(1.0, -1.0),
-            Vec2::new(1.0, 1.0),
-            Vec2::new(-1.0, 1.0),
-        ];
-        let frames =
-            [Vec3::ZERO, Vec3::new(0.0, 0.0, 5.0)].map(|origin| (origin, Vec3::X, Vec3::Y));
+        let section =
+            [Vec2::new(-1.0, -1.0), Vec2::new(1.0, -1.0), Vec2::new(1.0, 1.0), Vec2::new(-1.0, 1.0)];
+        let frames = [Vec3::ZERO, Vec3::new(0.0, 0.0, 5.0)].map(|origin| (origin, Vec3::X, Vec3::Y));
         let mut shapes = Shapes::new();
         shapes.sweep(&section, &frames);
         check(&shapes, Some(Vec3::new(0.0, 0.0, 2.5)));

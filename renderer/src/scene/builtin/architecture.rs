@@ -48,36 +48,16 @@ pub(super) fn arched_wall(
     opening: &Opening,
     segments: usize,
 ) {
-    let (left, right) = (
-        opening.middle - opening.half_width,
-        opening.middle + opening.half_width,
-    );
+    let (left, right) = (opening.middle - opening.half_width, opening.middle + opening.half_width);
     let p = Vec2::new;
-    plane.both_faces(
-        shapes,
-        [p(0.0, 0.0), p(left, 0.0)],
-        [p(0.0, size.y), p(left, size.y)],
-    );
-    plane.both_faces(
-        shapes,
-        [p(right, 0.0), p(size.x, 0.0)],
-        [p(right, size.y), p(size.x, size.y)],
-    );
+    plane.both_faces(shapes, [p(0.0, 0.0), p(left, 0.0)], [p(0.0, size.y), p(left, size.y)]);
+    plane.both_faces(shapes, [p(right, 0.0), p(size.x, 0.0)], [p(right, size.y), p(size.x, size.y)]);
     let (sill, spring) = (opening.sill, opening.spring);
     let deep = plane.thickness;
     if sill > 0.0 {
-        plane.both_faces(
-            shapes,
-            [p(left, 0.0), p(right, 0.0)],
-            [p(left, sill), p(right, sill)],
-        );
+        plane.both_faces(shapes, [p(left, 0.0), p(right, 0.0)], [p(left, sill), p(right, sill)]);
         let at = |x, depth| plane.at(x, sill, depth);
-        shapes.quad(
-            at(left, 0.0),
-            at(right, 0.0),
-            at(right, deep),
-            at(left, deep),
-        );
+        shapes.quad(at(left, 0.0), at(right, 0.0), at(right, deep), at(left, deep));
     }
     if spring > sill {
         // The jambs look at each other.
@@ -95,10 +75,7 @@ pub(super) fn arched_wall(
     }
     let arc = |index: usize| {
         let (sin, cos) = (PI * (1.0 - index as f32 / segments as f32)).sin_cos();
-        p(
-            opening.middle + opening.half_width * cos,
-            spring + opening.half_width * sin,
-        )
+        p(opening.middle + opening.half_width * cos, spring + opening.half_width * sin)
     };
     for index in 0..segments {
         let (from, to) = (arc(index), arc(index + 1));
@@ -106,10 +83,7 @@ pub(super) fn arched_wall(
     }
     shapes.surface(segments, 1, false, |u, v| {
         let (sin, cos) = (PI * (1.0 - u)).sin_cos();
-        let (x, y) = (
-            opening.middle + opening.half_width * cos,
-            spring + opening.half_width * sin,
-        );
+        let (x, y) = (opening.middle + opening.half_width * cos, spring + opening.half_width * sin);
         plane.at(x, y, deep * (1.0 - v))
     });
 }
@@ -132,10 +106,7 @@ pub(super) fn archivolt(
         (1.0, 0.09),
         (1.0, 0.0),
     ];
-    let section: Vec<Vec2> = profile
-        .iter()
-        .map(|(out, up)| Vec2::new(out * width, *up))
-        .collect();
+    let section: Vec<Vec2> = profile.iter().map(|(out, up)| Vec2::new(out * width, *up)).collect();
     let frames: Vec<(Vec3, Vec3, Vec3)> = (0..=segments)
         .map(|index| {
             let (sin, cos) = (PI * index as f32 / segments as f32).sin_cos();
@@ -161,8 +132,8 @@ pub(super) fn lattice(
     let half = thickness * 0.5;
     let middle = plane.thickness * 0.5;
     let mut bar = |from: Vec3, to: Vec3, side: Vec3| {
-        let section = [(-half, -half), (half, -half), (half, half), (-half, half)]
-            .map(|(x, y)| Vec2::new(x, y));
+        let section =
+            [(-half, -half), (half, -half), (half, half), (-half, half)].map(|(x, y)| Vec2::new(x, y));
         let along = (to - from).normalize_or(Vec3::Y);
         let up = along.cross(side);
         shapes.sweep(&section, &[(from, side, up), (to, side, up)]);
@@ -170,15 +141,9 @@ pub(super) fn lattice(
     let step = 2.0 * opening.half_width / columns as f32;
     for column in 1..columns {
         let offset = -opening.half_width + column as f32 * step;
-        let rise = (opening.half_width.powi(2) - offset * offset)
-            .max(0.0)
-            .sqrt();
+        let rise = (opening.half_width.powi(2) - offset * offset).max(0.0).sqrt();
         let x = opening.middle + offset;
-        bar(
-            plane.at(x, opening.sill, middle),
-            plane.at(x, opening.spring + rise, middle),
-            plane.right,
-        );
+        bar(plane.at(x, opening.sill, middle), plane.at(x, opening.spring + rise, middle), plane.right);
     }
     let rows = ((opening.spring - opening.sill + opening.half_width) / step) as usize;
     for row in 1..=rows {
@@ -196,31 +161,18 @@ pub(super) fn lattice(
 }
 
 /// A fluted column of a height, standing on a round base and carrying a capital with a square slab.
-pub(super) fn column(
-    shapes: &mut Shapes,
-    foot: Vec3,
-    height: f32,
-    radius: f32,
-    around: usize,
-    rows: usize,
-) {
+pub(super) fn column(shapes: &mut Shapes, foot: Vec3, height: f32, radius: f32, around: usize, rows: usize) {
     let p = |r: f32, y: f32| Vec2::new(r * radius, y * radius);
     let slab = |shapes: &mut Shapes, y: f32, thick: f32, half: f32| {
         let half = half * radius;
-        shapes.cuboid(
-            foot + Vec3::new(-half, y, -half),
-            foot + Vec3::new(half, y + thick, half),
-        );
+        shapes.cuboid(foot + Vec3::new(-half, y, -half), foot + Vec3::new(half, y + thick, half));
     };
     slab(shapes, 0.0, 0.3 * radius, 1.45);
     let ring = |middle: f32, bulge: f32, low: f32, high: f32, points: usize| -> Vec<Vec2> {
         (0..=points)
             .map(|index| {
                 let angle = PI * index as f32 / points as f32;
-                p(
-                    middle + bulge * angle.sin(),
-                    low + (high - low) * (1.0 - angle.cos()) * 0.5,
-                )
+                p(middle + bulge * angle.sin(), low + (high - low) * (1.0 - angle.cos()) * 0.5)
             })
             .collect()
     };
@@ -252,32 +204,15 @@ pub(super) fn column(
 }
 
 /// A ceiling panel that faces down, stepped upward in three frames, with a turned rosette in its middle.
-pub(super) fn coffer(
-    shapes: &mut Shapes,
-    middle: Vec3,
-    half: Vec2,
-    depth: f32,
-    around: usize,
-    rings: usize,
-) {
+pub(super) fn coffer(shapes: &mut Shapes, middle: Vec3, half: Vec2, depth: f32, around: usize, rings: usize) {
     let rectangle = |shrink: f32, y: f32| {
         let (x, z) = (half.x * shrink, half.y * shrink);
         [(-x, -z), (x, -z), (x, z), (-x, z)].map(|(x, z)| middle + Vec3::new(x, y, z))
     };
-    let frames = [
-        (1.0, 0.0),
-        (0.86, 0.0),
-        (0.86, 0.4),
-        (0.72, 0.4),
-        (0.72, 0.75),
-        (0.6, 0.75),
-        (0.6, 1.0),
-    ];
+    let frames = [(1.0, 0.0), (0.86, 0.0), (0.86, 0.4), (0.72, 0.4), (0.72, 0.75), (0.6, 0.75), (0.6, 1.0)];
     for pair in frames.windows(2) {
-        let (outer, inner) = (
-            rectangle(pair[0].0, pair[0].1 * depth),
-            rectangle(pair[1].0, pair[1].1 * depth),
-        );
+        let (outer, inner) =
+            (rectangle(pair[0].0, pair[0].1 * depth), rectangle(pair[1].0, pair[1].1 * depth));
         for side in 0..4 {
             let next = (side + 1) % 4;
             shapes.quad(outer[side], outer[next], inner[next], inner[side]);

@@ -43,11 +43,7 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
     streets(stage, &kit, blocks, half)?;
     for column in 0..blocks {
         for row in 0..blocks {
-            let corner = Vec3::new(
-                -half + column as f32 * PITCH,
-                0.0,
-                -half + row as f32 * PITCH,
-            );
+            let corner = Vec3::new(-half + column as f32 * PITCH, 0.0, -half + row as f32 * PITCH);
             block(stage, &kit, corner, half)?;
         }
     }
@@ -56,10 +52,7 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
         sky: Sky {
             zenith: Vec3::new(0.16, 0.28, 0.6),
             horizon: Vec3::new(0.7, 0.52, 0.42),
-            sun: Some(Sun::towards(
-                Vec3::new(-0.72, 0.34, 0.52),
-                Vec3::new(4.6, 3.1, 1.9),
-            )),
+            sun: Some(Sun::towards(Vec3::new(-0.72, 0.34, 0.52), Vec3::new(4.6, 3.1, 1.9))),
         },
         keys: vec![
             key(at(-0.92, 92.0, 0.98), at(0.1, 20.0, -0.1), 46.0),
@@ -73,33 +66,14 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
 }
 
 fn kit(stage: &mut Stage) -> Kit {
-    let walls = [
-        (0.62, 0.55, 0.46),
-        (0.48, 0.22, 0.15),
-        (0.55, 0.56, 0.58),
-        (0.72, 0.68, 0.6),
-        (0.3, 0.32, 0.36),
-    ];
-    let cars = [
-        (0.6, 0.05, 0.04),
-        (0.85, 0.85, 0.85),
-        (0.04, 0.05, 0.06),
-        (0.06, 0.15, 0.4),
-        (0.8, 0.55, 0.05),
-    ];
+    let walls =
+        [(0.62, 0.55, 0.46), (0.48, 0.22, 0.15), (0.55, 0.56, 0.58), (0.72, 0.68, 0.6), (0.3, 0.32, 0.36)];
+    let cars =
+        [(0.6, 0.05, 0.04), (0.85, 0.85, 0.85), (0.04, 0.05, 0.06), (0.06, 0.15, 0.4), (0.8, 0.55, 0.05)];
     Kit {
-        walls: walls
-            .iter()
-            .map(|(r, g, b)| stage.material(matt(*r, *g, *b)))
-            .collect(),
-        pane: stage.material(Material {
-            metallic: 0.6,
-            ..polished(0.25, 0.32, 0.38, 0.05)
-        }),
-        lit_panes: [
-            stage.material(glow(3.2, 2.1, 1.0)),
-            stage.material(glow(1.6, 1.7, 1.9)),
-        ],
+        walls: walls.iter().map(|(r, g, b)| stage.material(matt(*r, *g, *b))).collect(),
+        pane: stage.material(Material { metallic: 0.6, ..polished(0.25, 0.32, 0.38, 0.05) }),
+        lit_panes: [stage.material(glow(3.2, 2.1, 1.0)), stage.material(glow(1.6, 1.7, 1.9))],
         roof: stage.material(matt(0.24, 0.23, 0.22)),
         pavement: stage.material(matt(0.42, 0.41, 0.4)),
         asphalt: stage.material(polished(0.07, 0.07, 0.075, 0.7)),
@@ -108,10 +82,7 @@ fn kit(stage: &mut Stage) -> Kit {
         lamp: stage.material(glow(60.0, 42.0, 22.0)),
         trunk: stage.material(matt(0.17, 0.1, 0.06)),
         leaves: stage.material(matt(0.12, 0.24, 0.06)),
-        cars: cars
-            .iter()
-            .map(|(r, g, b)| stage.material(metal(*r, *g, *b, 0.25)))
-            .collect(),
+        cars: cars.iter().map(|(r, g, b)| stage.material(metal(*r, *g, *b, 0.25))).collect(),
     }
 }
 
@@ -130,16 +101,10 @@ fn streets(stage: &mut Stage, kit: &Kit, blocks: usize, half: f32) -> Result<(),
         let middle = -half + line as f32 * PITCH;
         let mut along = -half;
         while along < half {
-            let (low, high) = (
-                Vec3::new(middle - 0.1, 0.0, along),
-                Vec3::new(middle + 0.1, 0.015, along + 2.4),
-            );
+            let (low, high) =
+                (Vec3::new(middle - 0.1, 0.0, along), Vec3::new(middle + 0.1, 0.015, along + 2.4));
             marks.open_cuboid(low, high, false);
-            marks.open_cuboid(
-                Vec3::new(low.z, low.y, low.x),
-                Vec3::new(high.z, high.y, high.x),
-                false,
-            );
+            marks.open_cuboid(Vec3::new(low.z, low.y, low.x), Vec3::new(high.z, high.y, high.x), false);
             along += 6.4;
         }
     }
@@ -149,10 +114,8 @@ fn streets(stage: &mut Stage, kit: &Kit, blocks: usize, half: f32) -> Result<(),
 /// Four or fewer buildings on a pavement, or a park.
 fn block(stage: &mut Stage, kit: &Kit, corner: Vec3, half: f32) -> Result<(), SceneError> {
     let inset = STREET * 0.5 - 3.0;
-    let (low, high) = (
-        corner + Vec3::new(inset, 0.0, inset),
-        corner + Vec3::new(PITCH - inset, 0.16, PITCH - inset),
-    );
+    let (low, high) =
+        (corner + Vec3::new(inset, 0.0, inset), corner + Vec3::new(PITCH - inset, 0.16, PITCH - inset));
     let mut pavement = Shapes::new();
     pavement.bevelled_slab(low, high, 0.05);
     stage.add("pavement", kit.pavement, &pavement)?;
@@ -171,8 +134,7 @@ fn block(stage: &mut Stage, kit: &Kit, corner: Vec3, half: f32) -> Result<(), Sc
         for (z, depth) in [(0.0, cut), (cut, room - cut)] {
             let lot = start + Vec3::new(x + 0.8, 0.0, z + 0.8);
             let size = Vec2::new(width - 1.6, depth - 1.6);
-            let storeys =
-                3.0 + stage.between(0.0, 5.0) + central * central * stage.between(4.0, 22.0);
+            let storeys = 3.0 + stage.between(0.0, 5.0) + central * central * stage.between(4.0, 22.0);
             building(stage, kit, lot, size, storeys as usize)?;
         }
     }
@@ -180,13 +142,7 @@ fn block(stage: &mut Stage, kit: &Kit, corner: Vec3, half: f32) -> Result<(), Sc
 }
 
 /// A tower that steps back once or twice on its way up.
-fn building(
-    stage: &mut Stage,
-    kit: &Kit,
-    lot: Vec3,
-    size: Vec2,
-    storeys: usize,
-) -> Result<(), SceneError> {
+fn building(stage: &mut Stage, kit: &Kit, lot: Vec3, size: Vec2, storeys: usize) -> Result<(), SceneError> {
     let wall = kit.walls[stage.below(kit.walls.len())];
     let (mut walls, mut roofs) = (Shapes::new(), Shapes::new());
     let mut panes = [Shapes::new(), Shapes::new(), Shapes::new()];
@@ -196,9 +152,7 @@ fn building(
     while left > 0 {
         let floors = if left > 7 { left * 2 / 3 } else { left };
         let height = floors as f32 * STOREY;
-        facades(
-            stage, &mut walls, &mut panes, corner, size, floors, bay, share,
-        );
+        facades(stage, &mut walls, &mut panes, corner, size, floors, bay, share);
         let top = corner + Vec3::Y * height;
         roofs.open_cuboid(top, top + Vec3::new(size.x, 0.05, size.y), false);
         parapet(&mut walls, top, size);
@@ -218,10 +172,7 @@ fn building(
 }
 
 /// The four sides of a storeyed block, a grid of windows each.
-#[allow(
-    clippy::too_many_arguments,
-    reason = "one call site; the arguments are the drawing of one block"
-)]
+#[allow(clippy::too_many_arguments, reason = "one call site; the arguments are the drawing of one block")]
 fn facades(
     stage: &mut Stage,
     walls: &mut Shapes,
@@ -245,14 +196,9 @@ fn facades(
         let step = width / columns as f32;
         for floor in 0..floors {
             for column in 0..columns {
-                let cell =
-                    origin + right * (column as f32 * step) + Vec3::Y * (floor as f32 * STOREY);
-                let dice = at_cell(
-                    seed + 3,
-                    (cell.x * 8.0) as i64,
-                    (cell.y * 8.0) as i64,
-                    (cell.z * 8.0) as i64,
-                );
+                let cell = origin + right * (column as f32 * step) + Vec3::Y * (floor as f32 * STOREY);
+                let dice =
+                    at_cell(seed + 3, (cell.x * 8.0) as i64, (cell.y * 8.0) as i64, (cell.z * 8.0) as i64);
                 let kind = if dice < 0.1 {
                     1
                 } else if dice < 0.15 {
@@ -260,15 +206,7 @@ fn facades(
                 } else {
                     0
                 };
-                window(
-                    walls,
-                    &mut panes[kind],
-                    cell,
-                    right,
-                    front,
-                    Vec2::new(step, STOREY),
-                    share,
-                );
+                window(walls, &mut panes[kind], cell, right, front, Vec2::new(step, STOREY), share);
             }
         }
     }
@@ -289,51 +227,21 @@ fn window(
     let at = |x: f32, y: f32, deep: f32| cell + right * x + Vec3::Y * y - front * deep;
     let outer = [(0.0, 0.0), (size.x, 0.0), (size.x, size.y), (0.0, size.y)];
     let (low, high) = (margin, size - margin);
-    let inner = [
-        (low.x, low.y),
-        (high.x, low.y),
-        (high.x, high.y),
-        (low.x, high.y),
-    ];
+    let inner = [(low.x, low.y), (high.x, low.y), (high.x, high.y), (low.x, high.y)];
     for side in 0..4 {
         let next = (side + 1) % 4;
         let [(ox, oy), (px, py)] = [outer[side], outer[next]];
         let [(ix, iy), (jx, jy)] = [inner[side], inner[next]];
-        walls.quad(
-            at(ox, oy, 0.0),
-            at(px, py, 0.0),
-            at(jx, jy, 0.0),
-            at(ix, iy, 0.0),
-        );
-        walls.quad(
-            at(ix, iy, 0.0),
-            at(jx, jy, 0.0),
-            at(jx, jy, DEEP),
-            at(ix, iy, DEEP),
-        );
+        walls.quad(at(ox, oy, 0.0), at(px, py, 0.0), at(jx, jy, 0.0), at(ix, iy, 0.0));
+        walls.quad(at(ix, iy, 0.0), at(jx, jy, 0.0), at(jx, jy, DEEP), at(ix, iy, DEEP));
     }
     let [a, b, c, d] = inner.map(|(x, y)| at(x, y, DEEP));
     pane.quad(a, b, c, d);
     let ledge = |x: f32, y: f32, out: f32| at(x, low.y + y, -out);
     let (l, r) = (low.x - 0.1, high.x + 0.1);
-    walls.quad(
-        ledge(l, -0.12, 0.12),
-        ledge(r, -0.12, 0.12),
-        ledge(r, 0.0, 0.12),
-        ledge(l, 0.0, 0.12),
-    );
-    walls.quad(
-        ledge(l, 0.0, 0.12),
-        ledge(r, 0.0, 0.12),
-        ledge(r, 0.0, 0.0),
-        ledge(l, 0.0, 0.0),
-    );
-    walls.quad(
-        ledge(l, -0.12, 0.0),
-        ledge(r, -0.12, 0.0),
-        ledge(r, -0.12, 0.12),
-        ledge(l, -0.12, 0.12),
-    );
+    walls.quad(ledge(l, -0.12, 0.12), ledge(r, -0.12, 0.12), ledge(r, 0.0, 0.12), ledge(l, 0.0, 0.12));
+    walls.quad(ledge(l, 0.0, 0.12), ledge(r, 0.0, 0.12), ledge(r, 0.0, 0.0), ledge(l, 0.0, 0.0));
+    walls.quad(ledge(l, -0.12, 0.0), ledge(r, -0.12, 0.0), ledge(r, -0.12, 0.12), ledge(l, -0.12, 0.12));
     // One mullion and one transom before the pane.
     let (x, y) = ((low.x + high.x) * 0.5, (low.y + high.y) * 0.5);
     let deep = DEEP - 0.04;
@@ -354,11 +262,7 @@ fn window(
 fn parapet(walls: &mut Shapes, top: Vec3, size: Vec2) {
     let (thick, high) = (0.3, 0.9);
     for z in [0.0, size.y - thick] {
-        walls.open_cuboid(
-            top + Vec3::new(0.0, 0.0, z),
-            top + Vec3::new(size.x, high, z + thick),
-            false,
-        );
+        walls.open_cuboid(top + Vec3::new(0.0, 0.0, z), top + Vec3::new(size.x, high, z + thick), false);
     }
     for x in [0.0, size.x - thick] {
         walls.open_cuboid(
@@ -372,32 +276,18 @@ fn parapet(walls: &mut Shapes, top: Vec3, size: Vec2) {
 /// Machine boxes, a water tank on legs, an aerial.
 fn rooftop(stage: &mut Stage, shapes: &mut Shapes, top: Vec3, size: Vec2) {
     for _ in 0..2 + stage.below(4) {
-        let at = top
-            + Vec3::new(
-                stage.between(0.15, 0.7) * size.x,
-                0.0,
-                stage.between(0.15, 0.7) * size.y,
-            );
-        let extent = Vec3::new(
-            stage.between(1.2, 3.0),
-            stage.between(0.8, 2.4),
-            stage.between(1.2, 3.0),
-        );
+        let at = top + Vec3::new(stage.between(0.15, 0.7) * size.x, 0.0, stage.between(0.15, 0.7) * size.y);
+        let extent = Vec3::new(stage.between(1.2, 3.0), stage.between(0.8, 2.4), stage.between(1.2, 3.0));
         shapes.open_cuboid(at, at + extent, false);
     }
-    let at = top
-        + Vec3::new(
-            stage.between(0.3, 0.7) * size.x,
-            0.0,
-            stage.between(0.3, 0.7) * size.y,
-        );
+    let at = top + Vec3::new(stage.between(0.3, 0.7) * size.x, 0.0, stage.between(0.3, 0.7) * size.y);
     if stage.chance(0.5) {
         for (x, z) in [(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)] {
             let foot = at + Vec3::new(x, 0.0, z);
             shapes.rod(foot, foot + Vec3::Y * 2.4, 0.08, 5);
         }
-        let tank = [(1.3, 2.4), (1.3, 2.4), (1.3, 4.8), (1.3, 4.8), (0.02, 5.8)]
-            .map(|(r, y)| Vec2::new(r, y));
+        let tank =
+            [(1.3, 2.4), (1.3, 2.4), (1.3, 4.8), (1.3, 4.8), (0.02, 5.8)].map(|(r, y)| Vec2::new(r, y));
         shapes.lathe(at, &tank, 16);
         shapes.disc(at + Vec3::Y * 2.4, 1.3, 16);
     } else {
@@ -422,16 +312,7 @@ fn furniture(stage: &mut Stage, kit: &Kit, low: Vec3, high: Vec3) -> Result<(), 
             let foot = place((lamp as f32 + 0.5) * length / 3.0, 0.5);
             let outward = foot - place((lamp as f32 + 0.5) * length / 3.0, 1.5);
             let head = foot + Vec3::Y * 5.4 + outward * 1.3;
-            posts.tube(
-                &[
-                    foot,
-                    foot + Vec3::Y * 4.6,
-                    foot + Vec3::Y * 5.3 + outward * 0.4,
-                    head,
-                ],
-                0.07,
-                6,
-            );
+            posts.tube(&[foot, foot + Vec3::Y * 4.6, foot + Vec3::Y * 5.3 + outward * 0.4, head], 0.07, 6);
             bulbs.sphere(head - Vec3::Y * 0.1, 0.18, 8, 5);
         }
         for tree in 0..4 {
@@ -471,26 +352,16 @@ fn plant(stage: &mut Stage, trunks: &mut Shapes, crowns: &mut Shapes, foot: Vec3
 fn car(stage: &mut Stage, kit: &Kit, rear: Vec3, front: Vec3) -> Result<(), SceneError> {
     let along = (front - rear) / 8.0;
     let side = Vec3::Y.cross(along).normalize_or(Vec3::X);
-    let outline = [
-        (0.0, 0.35),
-        (8.0, 0.35),
-        (8.0, 0.75),
-        (6.3, 0.9),
-        (5.0, 1.4),
-        (2.2, 1.42),
-        (0.9, 0.95),
-        (0.0, 0.9),
-    ];
+    let outline =
+        [(0.0, 0.35), (8.0, 0.35), (8.0, 0.75), (6.3, 0.9), (5.0, 1.4), (2.2, 1.42), (0.9, 0.95), (0.0, 0.9)];
     let section: Vec<Vec2> = outline.iter().map(|(x, y)| Vec2::new(*x, *y)).collect();
     let mut body = Shapes::new();
     let frame = |offset: f32| (rear + side * offset, along, Vec3::Y);
     // The body is its side view, drawn across its width, with the two sides closed.
     body.sweep(&section, &[frame(0.85), frame(-0.85)]);
     for offset in [-0.85, 0.85] {
-        let corners: Vec<Vec3> = section
-            .iter()
-            .map(|p| rear + side * offset + along * p.x + Vec3::Y * p.y)
-            .collect();
+        let corners: Vec<Vec3> =
+            section.iter().map(|p| rear + side * offset + along * p.x + Vec3::Y * p.y).collect();
         for pair in corners[1..].windows(2) {
             if offset > 0.0 {
                 body.triangle(corners[0], pair[1], pair[0]);
@@ -499,11 +370,7 @@ fn car(stage: &mut Stage, kit: &Kit, rear: Vec3, front: Vec3) -> Result<(), Scen
             }
         }
     }
-    stage.add(
-        "car",
-        kit.cars[(rear.x.abs() * 7.0 + rear.z.abs() * 3.0) as usize % kit.cars.len()],
-        &body,
-    )?;
+    stage.add("car", kit.cars[(rear.x.abs() * 7.0 + rear.z.abs() * 3.0) as usize % kit.cars.len()], &body)?;
     let mut wheels = Shapes::new();
     for x in [1.5, 6.4] {
         for offset in [-0.8, 0.62] {

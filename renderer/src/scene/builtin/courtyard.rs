@@ -30,10 +30,7 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
         sky: Sky {
             zenith: Vec3::new(0.26, 0.45, 0.85),
             horizon: Vec3::new(0.8, 0.85, 0.9),
-            sun: Some(Sun::towards(
-                Vec3::new(0.5, 0.75, 0.3),
-                Vec3::new(4.2, 3.6, 2.8),
-            )),
+            sun: Some(Sun::towards(Vec3::new(0.5, 0.75, 0.3), Vec3::new(4.2, 3.6, 2.8))),
         },
         keys: vec![
             key([-4.6, 1.9, 5.6], [0.6, 1.5, -0.8], 52.0),
@@ -46,10 +43,8 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
 }
 
 fn floor(stage: &mut Stage) -> Result<(), SceneError> {
-    let shades = [
-        stage.material(polished(0.62, 0.52, 0.4, 0.5)),
-        stage.material(polished(0.46, 0.3, 0.22, 0.5)),
-    ];
+    let shades =
+        [stage.material(polished(0.62, 0.52, 0.4, 0.5)), stage.material(polished(0.46, 0.3, 0.22, 0.5))];
     let across = stage.segments(16);
     let step = 2.0 * (HALF + WALK) / across as f32;
     let mut tiles = [Shapes::new(), Shapes::new()];
@@ -80,12 +75,8 @@ fn arcade(stage: &mut Stage) -> Result<(), SceneError> {
     let (around, rows, arc) = (stage.segments(12), stage.segments(5), stage.segments(8));
     let (mut walls, mut trims, mut roof) = (Shapes::new(), Shapes::new(), Shapes::new());
     let bay = 2.0 * HALF / BAYS as f32;
-    let turns = [
-        (Vec3::X, Vec3::Z),
-        (Vec3::NEG_Z, Vec3::X),
-        (Vec3::NEG_X, Vec3::NEG_Z),
-        (Vec3::Z, Vec3::NEG_X),
-    ];
+    let turns =
+        [(Vec3::X, Vec3::Z), (Vec3::NEG_Z, Vec3::X), (Vec3::NEG_X, Vec3::NEG_Z), (Vec3::Z, Vec3::NEG_X)];
     for (right, front) in turns {
         // Each side stands behind the yard's middle and looks at it.
         for index in 0..BAYS {
@@ -95,39 +86,16 @@ fn arcade(stage: &mut Stage) -> Result<(), SceneError> {
                 front,
                 thickness: 0.34,
             };
-            let arch = Opening {
-                middle: bay * 0.5,
-                half_width: bay * 0.5 - 0.28,
-                sill: 0.0,
-                spring: 0.0,
-            };
-            arched_wall(
-                &mut walls,
-                &plane,
-                Vec2::new(bay, EAVES - COLUMN),
-                &arch,
-                arc,
-            );
+            let arch = Opening { middle: bay * 0.5, half_width: bay * 0.5 - 0.28, sill: 0.0, spring: 0.0 };
+            arched_wall(&mut walls, &plane, Vec2::new(bay, EAVES - COLUMN), &arch, arc);
             archivolt(&mut trims, &plane, &arch, 0.2, arc);
             let mut shapes = Shapes::new();
-            column(
-                &mut shapes,
-                plane.corner.with_y(0.0) - front * 0.17,
-                COLUMN,
-                0.19,
-                around,
-                rows,
-            );
+            column(&mut shapes, plane.corner.with_y(0.0) - front * 0.17, COLUMN, 0.19, around, rows);
             stage.add("column", marble, &shapes)?;
         }
         let back = |x: f32, y: f32| right * x - front * (HALF + WALK) + Vec3::Y * y;
         let out = HALF + WALK;
-        walls.quad(
-            back(-out, 0.0),
-            back(out, 0.0),
-            back(out, EAVES + 1.1),
-            back(-out, EAVES + 1.1),
-        );
+        walls.quad(back(-out, 0.0), back(out, 0.0), back(out, EAVES + 1.1), back(-out, EAVES + 1.1));
         // A tiled lean-to roof, ribbed along its slope.
         let ribs = stage.segments(40);
         let edge = |x: f32| right * (x * (HALF - 0.25)) - front * (HALF - 0.25) + Vec3::Y * EAVES;
@@ -157,10 +125,7 @@ fn fountain(stage: &mut Stage) -> Result<(), SceneError> {
         (1.45, 0.64),
         (1.45, 0.4),
     ];
-    let sharp: Vec<Vec2> = profile
-        .iter()
-        .flat_map(|(r, y)| [Vec2::new(*r, *y); 2])
-        .collect();
+    let sharp: Vec<Vec2> = profile.iter().flat_map(|(r, y)| [Vec2::new(*r, *y); 2]).collect();
     let stem = [
         (0.3, 0.4),
         (0.16, 0.6),
@@ -182,11 +147,7 @@ fn fountain(stage: &mut Stage) -> Result<(), SceneError> {
     surface.surface(around, rings, true, |u, v| {
         let radius = 1.45 * (1.0 - v);
         let (sin, cos) = (TAU * u).sin_cos();
-        Vec3::new(
-            sin * radius,
-            0.54 + 0.012 * (radius * 26.0).sin() * v,
-            cos * radius,
-        )
+        Vec3::new(sin * radius, 0.54 + 0.012 * (radius * 26.0).sin() * v, cos * radius)
     });
     stage.add("water", water, &surface)
 }
@@ -196,38 +157,21 @@ fn tree(stage: &mut Stage) -> Result<(), SceneError> {
     let green = stage.material(matt(0.16, 0.34, 0.08));
     let foot = Vec3::new(3.4, 0.0, -3.4);
     let mut trunk = Shapes::new();
-    let line = [
-        (0.0, 0.0, 0.0),
-        (0.05, 0.8, 0.02),
-        (-0.06, 1.6, 0.08),
-        (0.1, 2.5, -0.05),
-    ];
-    trunk.tube(
-        &line.map(|(x, y, z)| foot + Vec3::new(x, y, z)),
-        0.13,
-        stage.segments(8),
-    );
+    let line = [(0.0, 0.0, 0.0), (0.05, 0.8, 0.02), (-0.06, 1.6, 0.08), (0.1, 2.5, -0.05)];
+    trunk.tube(&line.map(|(x, y, z)| foot + Vec3::new(x, y, z)), 0.13, stage.segments(8));
     stage.add("trunk", bark, &trunk)?;
     // Leaves are single triangles scattered through a cloud.
     let mut leaves = Shapes::new();
     for _ in 0..stage.count(3600) {
-        let out = Vec3::new(
-            stage.between(-1.0, 1.0),
-            stage.between(-1.0, 1.0),
-            stage.between(-1.0, 1.0),
-        );
+        let out = Vec3::new(stage.between(-1.0, 1.0), stage.between(-1.0, 1.0), stage.between(-1.0, 1.0));
         let reach = 1.25 + 0.5 * octaves(stage.options.seed, out * 2.0, 2);
-        let middle = foot
-            + Vec3::Y * 3.1
-            + out.normalize_or(Vec3::Y) * (reach * stage.between(0.2, 1.0).sqrt());
+        let middle =
+            foot + Vec3::Y * 3.1 + out.normalize_or(Vec3::Y) * (reach * stage.between(0.2, 1.0).sqrt());
         let size = stage.between(0.06, 0.12);
         let mut corner = || {
             middle
-                + Vec3::new(
-                    stage.between(-1.0, 1.0),
-                    stage.between(-1.0, 1.0),
-                    stage.between(-1.0, 1.0),
-                ) * size
+                + Vec3::new(stage.between(-1.0, 1.0), stage.between(-1.0, 1.0), stage.between(-1.0, 1.0))
+                    * size
         };
         leaves.triangle(corner(), corner(), corner());
     }

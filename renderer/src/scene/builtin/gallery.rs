@@ -36,12 +36,9 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
     spotlights(stage)?;
     Ok(Plan {
         sky: Sky {
-            zenith: Vec3::new(1.4, 1.7, 2.1),
-            horizon: Vec3::new(2.2, 2.2, 2.2),
-            sun: Some(Sun::towards(
-                Vec3::new(0.35, 0.85, 0.3),
-                Vec3::new(9.0, 8.2, 6.8),
-            )),
+            zenith: Vec3::new(0.9, 1.2, 1.6),
+            horizon: Vec3::new(1.3, 1.4, 1.5),
+            sun: Some(Sun::towards(Vec3::new(0.35, 0.85, 0.3), Vec3::new(9.0, 8.2, 6.8))),
         },
         keys: vec![
             key([-13.2, 1.65, 2.6], [-1.0, 2.1, -1.2], 60.0),
@@ -56,10 +53,8 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
 
 fn room(stage: &mut Stage) -> Result<(), SceneError> {
     let wall = stage.material(matt(0.42, 0.12, 0.13));
-    let parquet = [
-        stage.material(polished(0.38, 0.22, 0.11, 0.3)),
-        stage.material(polished(0.3, 0.17, 0.08, 0.3)),
-    ];
+    let parquet =
+        [stage.material(polished(0.38, 0.22, 0.11, 0.3)), stage.material(polished(0.3, 0.17, 0.08, 0.3))];
     let white = stage.material(matt(0.82, 0.8, 0.76));
     let (x, z) = (HALF_LENGTH, HALF_WIDTH);
     let mut walls = Shapes::new();
@@ -92,32 +87,17 @@ fn room(stage: &mut Stage) -> Result<(), SceneError> {
     }
     let mut bed = Shapes::new();
     let y = -0.01;
-    bed.quad(
-        Vec3::new(-x, y, z),
-        Vec3::new(x, y, z),
-        Vec3::new(x, y, -z),
-        Vec3::new(-x, y, -z),
-    );
+    bed.quad(Vec3::new(-x, y, z), Vec3::new(x, y, z), Vec3::new(x, y, -z), Vec3::new(-x, y, -z));
     stage.add("floor bed", parquet[1], &bed)?;
     // Skirting and cornice, with a moulded section.
     let mut trim = Shapes::new();
-    let section = [
-        (0.0, 0.0),
-        (0.07, 0.0),
-        (0.07, 0.12),
-        (0.03, 0.18),
-        (0.0, 0.18),
-    ]
-    .map(|(a, b)| Vec2::new(a, b));
+    let section =
+        [(0.0, 0.0), (0.07, 0.0), (0.07, 0.12), (0.03, 0.18), (0.0, 0.18)].map(|(a, b)| Vec2::new(a, b));
     for (y, flip) in [(0.0, 1.0), (HEIGHT, -1.0)] {
         for side in [-1.0_f32, 1.0] {
             let inward = Vec3::new(0.0, 0.0, -side);
             let frame = |x: f32| (Vec3::new(x, y, side * z), inward, Vec3::Y * flip);
-            let ends = if inward.cross(Vec3::Y * flip).x > 0.0 {
-                [-x, x]
-            } else {
-                [x, -x]
-            };
+            let ends = if inward.cross(Vec3::Y * flip).x > 0.0 { [-x, x] } else { [x, -x] };
             trim.sweep(&section, &ends.map(frame));
         }
     }
@@ -130,37 +110,23 @@ fn roof(stage: &mut Stage) -> Result<(), SceneError> {
     let iron = stage.material(metal(0.3, 0.31, 0.33, 0.4));
     let mut edge = Shapes::new();
     for side in [-1.0_f32, 1.0] {
-        let (low, high) = (
-            (side * 2.6).min(side * HALF_WIDTH),
-            (side * 2.6).max(side * HALF_WIDTH),
-        );
-        edge.cuboid(
-            Vec3::new(-HALF_LENGTH, HEIGHT, low),
-            Vec3::new(HALF_LENGTH, HEIGHT + 0.2, high),
-        );
+        let (low, high) = ((side * 2.6).min(side * HALF_WIDTH), (side * 2.6).max(side * HALF_WIDTH));
+        edge.cuboid(Vec3::new(-HALF_LENGTH, HEIGHT, low), Vec3::new(HALF_LENGTH, HEIGHT + 0.2, high));
     }
     stage.add("ceiling", white, &edge)?;
     let mut bars = Shapes::new();
     let ribs = stage.segments(60);
     let arc = stage.segments(24);
-    let vault =
-        |angle: f32, x: f32| Vec3::new(x, HEIGHT + 0.2 + 1.5 * angle.sin(), 2.6 * angle.cos());
+    let vault = |angle: f32, x: f32| Vec3::new(x, HEIGHT + 0.2 + 1.5 * angle.sin(), 2.6 * angle.cos());
     for rib in 0..=ribs {
         let x = -HALF_LENGTH + 2.0 * HALF_LENGTH * rib as f32 / ribs as f32;
-        let line: Vec<Vec3> = (0..=arc)
-            .map(|index| vault(PI * index as f32 / arc as f32, x))
-            .collect();
+        let line: Vec<Vec3> = (0..=arc).map(|index| vault(PI * index as f32 / arc as f32, x)).collect();
         bars.tube(&line, 0.018, 5);
     }
     for purlin in 0..=12 {
         let angle = PI * purlin as f32 / 12.0;
         let line: Vec<Vec3> = (0..=ribs)
-            .map(|rib| {
-                vault(
-                    angle,
-                    -HALF_LENGTH + 2.0 * HALF_LENGTH * rib as f32 / ribs as f32,
-                )
-            })
+            .map(|rib| vault(angle, -HALF_LENGTH + 2.0 * HALF_LENGTH * rib as f32 / ribs as f32))
             .collect();
         bars.tube(&line, 0.014, 4);
     }
@@ -180,22 +146,14 @@ fn pictures(stage: &mut Stage) -> Result<(), SceneError> {
         stage.material(polished(0.12, 0.06, 0.03, 0.25)),
         stage.material(metal(0.8, 0.8, 0.82, 0.2)),
     ];
-    let paints: Vec<u32> = PAINTS
-        .iter()
-        .map(|(r, g, b)| stage.material(polished(*r, *g, *b, 0.5)))
-        .collect();
+    let paints: Vec<u32> = PAINTS.iter().map(|(r, g, b)| stage.material(polished(*r, *g, *b, 0.5))).collect();
     let wire = stage.material(steel());
     let mut wires = Shapes::new();
     let mut rails = Shapes::new();
     for side in [-1.0_f32, 1.0] {
         for (level, hang, rail) in [(0, 1.75, 2.95), (1, 4.75, 6.0)] {
             let rail_at = |x: f32| Vec3::new(x, rail, side * (HALF_WIDTH - 0.06));
-            rails.rod(
-                rail_at(-HALF_LENGTH + 0.2),
-                rail_at(HALF_LENGTH - 0.2),
-                0.02,
-                8,
-            );
+            rails.rod(rail_at(-HALF_LENGTH + 0.2), rail_at(HALF_LENGTH - 0.2), 0.02, 8);
             let mut x = -HALF_LENGTH + 1.2;
             while x < HALF_LENGTH - 1.4 {
                 let size = Vec2::new(stage.between(0.7, 1.7), stage.between(0.7, 1.5));
@@ -208,8 +166,7 @@ fn pictures(stage: &mut Stage) -> Result<(), SceneError> {
                 frame(stage, &hanging, material)?;
                 canvas(stage, &hanging, &paints)?;
                 for end in [-0.35, 0.35] {
-                    let top =
-                        hanging.middle + hanging.right * (size.x * end) + Vec3::Y * (size.y * 0.5);
+                    let top = hanging.middle + hanging.right * (size.x * end) + Vec3::Y * (size.y * 0.5);
                     wires.rod(top, rail_at(top.x), 0.004, 5);
                 }
                 x += size.x + stage.between(0.35, 0.6) + level as f32 * 0.2;
@@ -252,8 +209,7 @@ fn frame(stage: &mut Stage, hanging: &Hanging, material: u32) -> Result<(), Scen
             let [(out_a, fwd_a), (out_b, fwd_b)] = [pair[0], pair[1]];
             for piece in 0..pieces {
                 let mix = |out, fwd, t: usize| {
-                    corner(side, out, fwd)
-                        .lerp(corner(side + 1, out, fwd), t as f32 / pieces as f32)
+                    corner(side, out, fwd).lerp(corner(side + 1, out, fwd), t as f32 / pieces as f32)
                 };
                 shapes.quad(
                     mix(out_b, fwd_b, piece),
@@ -296,12 +252,7 @@ fn canvas(stage: &mut Stage, hanging: &Hanging, paints: &[u32]) -> Result<(), Sc
             hanging.middle + hanging.right * (x * hanging.size.x) + Vec3::Y * (y * hanging.size.y)
                 - front * 0.02
         };
-        shapes[paint].quad(
-            at(low.x, low.y),
-            at(high.x, low.y),
-            at(high.x, high.y),
-            at(low.x, high.y),
-        );
+        shapes[paint].quad(at(low.x, low.y), at(high.x, low.y), at(high.x, high.y), at(low.x, high.y));
     }
     for (shapes, paint) in shapes.iter().zip(paints) {
         stage.add("canvas", *paint, shapes)?;
@@ -316,33 +267,15 @@ fn balcony(stage: &mut Stage) -> Result<(), SceneError> {
     let deep = 1.1;
     let (x, z) = (HALF_LENGTH, HALF_WIDTH);
     let mut floor = Shapes::new();
-    floor.cuboid(
-        Vec3::new(-x, BALCONY - 0.15, -z),
-        Vec3::new(x, BALCONY, -z + deep),
-    );
-    floor.cuboid(
-        Vec3::new(-x, BALCONY - 0.15, z - deep),
-        Vec3::new(x, BALCONY, z),
-    );
-    floor.cuboid(
-        Vec3::new(x - deep, BALCONY - 0.15, -z + deep),
-        Vec3::new(x, BALCONY, z - deep),
-    );
+    floor.cuboid(Vec3::new(-x, BALCONY - 0.15, -z), Vec3::new(x, BALCONY, -z + deep));
+    floor.cuboid(Vec3::new(-x, BALCONY - 0.15, z - deep), Vec3::new(x, BALCONY, z));
+    floor.cuboid(Vec3::new(x - deep, BALCONY - 0.15, -z + deep), Vec3::new(x, BALCONY, z - deep));
     stage.add("balcony", wood, &floor)?;
     let (around, rows) = (stage.segments(8), stage.segments(9));
     let runs = [
-        (
-            Vec3::new(-x, BALCONY, -z + deep),
-            Vec3::new(x - deep, BALCONY, -z + deep),
-        ),
-        (
-            Vec3::new(x - deep, BALCONY, -z + deep),
-            Vec3::new(x - deep, BALCONY, z - deep),
-        ),
-        (
-            Vec3::new(x - deep, BALCONY, z - deep),
-            Vec3::new(-x, BALCONY, z - deep),
-        ),
+        (Vec3::new(-x, BALCONY, -z + deep), Vec3::new(x - deep, BALCONY, -z + deep)),
+        (Vec3::new(x - deep, BALCONY, -z + deep), Vec3::new(x - deep, BALCONY, z - deep)),
+        (Vec3::new(x - deep, BALCONY, z - deep), Vec3::new(-x, BALCONY, z - deep)),
     ];
     for (from, to) in runs {
         let mut shapes = Shapes::new();
@@ -350,8 +283,7 @@ fn balcony(stage: &mut Stage) -> Result<(), SceneError> {
         for index in 0..=count {
             let foot = from.lerp(to, index as f32 / count as f32);
             shapes.surface(around, rows, true, |u, v| {
-                let radius =
-                    0.011 + 0.012 * (PI * v).sin().powi(6) + 0.006 * (3.0 * PI * v).sin().powi(8);
+                let radius = 0.011 + 0.012 * (PI * v).sin().powi(6) + 0.006 * (3.0 * PI * v).sin().powi(8);
                 let (sin, cos) = (TAU * u).sin_cos();
                 foot + Vec3::new(sin * radius, v * 0.95, cos * radius)
             });
@@ -380,8 +312,7 @@ fn sculpture(stage: &mut Stage) -> Result<(), SceneError> {
             let t = TAU * index as f32 / along as f32;
             let (up, around) = ((17.0 * t).sin() * 1.3, 12.0 * t);
             let reach = (1.0 + 0.12 * (29.0 * t).sin()) * 0.95;
-            Vec3::new(up.cos() * around.sin(), up.sin(), up.cos() * around.cos()) * reach
-                + Vec3::Y * 1.95
+            Vec3::new(up.cos() * around.sin(), up.sin(), up.cos() * around.cos()) * reach + Vec3::Y * 1.95
         })
         .collect();
     let mut shapes = Shapes::new();
@@ -394,22 +325,14 @@ fn sculpture(stage: &mut Stage) -> Result<(), SceneError> {
     for x in [-6.0, 6.0] {
         benches.cuboid(Vec3::new(x - 1.2, 0.4, -0.3), Vec3::new(x + 1.2, 0.52, 0.3));
         for (dx, dz) in [(-1.1, -0.25), (1.1, -0.25), (-1.1, 0.25), (1.1, 0.25)] {
-            benches.rod(
-                Vec3::new(x + dx, 0.0, dz),
-                Vec3::new(x + dx, 0.4, dz),
-                0.025,
-                8,
-            );
+            benches.rod(Vec3::new(x + dx, 0.0, dz), Vec3::new(x + dx, 0.4, dz), 0.025, 8);
         }
     }
     stage.add("benches", leather, &benches)
 }
 
 fn spotlights(stage: &mut Stage) -> Result<(), SceneError> {
-    let black = stage.material(Material {
-        roughness: 0.5,
-        ..matt(0.03, 0.03, 0.03)
-    });
+    let black = stage.material(Material { roughness: 0.5, ..matt(0.03, 0.03, 0.03) });
     let warm = stage.material(glow(40.0, 32.0, 22.0));
     let segments = stage.segments(10);
     let (mut bodies, mut bulbs) = (Shapes::new(), Shapes::new());

@@ -35,12 +35,9 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
     furniture(stage)?;
     Ok(Plan {
         sky: Sky {
-            zenith: Vec3::new(1.3, 1.9, 3.1),
-            horizon: Vec3::new(2.6, 2.8, 3.0),
-            sun: Some(Sun::towards(
-                Vec3::new(0.42, 0.72, 0.62),
-                Vec3::new(34.0, 28.0, 20.0),
-            )),
+            zenith: Vec3::new(0.9, 1.4, 2.4),
+            horizon: Vec3::new(1.3, 1.6, 2.0),
+            sun: Some(Sun::towards(Vec3::new(0.31, 0.76, 0.57), Vec3::new(26.0, 21.0, 14.5))),
         },
         keys: vec![
             key([-21.0, 1.75, 2.4], [4.0, 4.6, -1.6], 58.0),
@@ -57,18 +54,11 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
 fn floor(stage: &mut Stage) -> Result<(), SceneError> {
     let across = stage.segments(24);
     let along = across * 8 / 3;
-    let (step_x, step_z) = (
-        2.0 * HALF_LENGTH / along as f32,
-        2.0 * OUTER / across as f32,
-    );
+    let (step_x, step_z) = (2.0 * HALF_LENGTH / along as f32, 2.0 * OUTER / across as f32);
     let mut tiles = [Shapes::new(), Shapes::new()];
     for column in 0..along {
         for row in 0..across {
-            let corner = Vec3::new(
-                -HALF_LENGTH + column as f32 * step_x,
-                -0.1,
-                -OUTER + row as f32 * step_z,
-            );
+            let corner = Vec3::new(-HALF_LENGTH + column as f32 * step_x, -0.1, -OUTER + row as f32 * step_z);
             let gap = 0.012;
             tiles[(column + row) % 2].bevelled_slab(
                 corner + Vec3::new(gap, 0.0, gap),
@@ -96,11 +86,7 @@ fn floor(stage: &mut Stage) -> Result<(), SceneError> {
 /// The two planes of arcade walls, front towards the nave.
 fn arcade_plane(side: f32, bay: usize) -> WallPlane {
     // Seen from the nave, the right of the wall at +z is -x and that of the wall at -z is +x.
-    let start = if side > 0.0 {
-        HALF_LENGTH - bay as f32 * BAY
-    } else {
-        -HALF_LENGTH + bay as f32 * BAY
-    };
+    let start = if side > 0.0 { HALF_LENGTH - bay as f32 * BAY } else { -HALF_LENGTH + bay as f32 * BAY };
     WallPlane {
         corner: Vec3::new(start, COLUMN, side * (ROW - WALL * 0.5)),
         right: Vec3::new(-side, 0.0, 0.0),
@@ -125,49 +111,17 @@ fn arcades(stage: &mut Stage) -> Result<(), SceneError> {
         let (mut walls, mut mouldings, mut bars) = (Shapes::new(), Shapes::new(), Shapes::new());
         for bay in 0..BAYS {
             let plane = arcade_plane(side, bay);
-            let arch = Opening {
-                middle: BAY * 0.5,
-                half_width: BAY * 0.5 - 0.45,
-                sill: 0.0,
-                spring: 0.0,
-            };
-            arched_wall(
-                &mut walls,
-                &plane,
-                Vec2::new(BAY, AISLE - COLUMN),
-                &arch,
-                arc,
-            );
+            let arch = Opening { middle: BAY * 0.5, half_width: BAY * 0.5 - 0.45, sill: 0.0, spring: 0.0 };
+            arched_wall(&mut walls, &plane, Vec2::new(BAY, AISLE - COLUMN), &arch, arc);
             archivolt(&mut mouldings, &plane, &arch, 0.34, arc);
-            let upper = WallPlane {
-                corner: plane.corner + Vec3::Y * (AISLE - COLUMN),
-                ..plane
-            };
-            let window = Opening {
-                middle: BAY * 0.5,
-                half_width: 1.15,
-                sill: 1.3,
-                spring: 3.2,
-            };
-            arched_wall(
-                &mut walls,
-                &upper,
-                Vec2::new(BAY, CEILING - AISLE),
-                &window,
-                arc,
-            );
+            let upper = WallPlane { corner: plane.corner + Vec3::Y * (AISLE - COLUMN), ..plane };
+            let window = Opening { middle: BAY * 0.5, half_width: 1.15, sill: 1.3, spring: 3.2 };
+            arched_wall(&mut walls, &upper, Vec2::new(BAY, CEILING - AISLE), &window, arc);
             archivolt(&mut mouldings, &upper, &window, 0.22, arc);
             lattice(&mut bars, &upper, &window, 5, 0.035);
         }
         // A cornice runs along the nave between arches and windows.
-        let section = [
-            (0.0, 0.0),
-            (0.14, 0.05),
-            (0.18, 0.16),
-            (0.3, 0.2),
-            (0.3, 0.3),
-            (0.0, 0.3),
-        ];
+        let section = [(0.0, 0.0), (0.14, 0.05), (0.18, 0.16), (0.3, 0.2), (0.3, 0.3), (0.0, 0.3)];
         let section = section.map(|(out, up)| Vec2::new(out, up));
         let plane = arcade_plane(side, 0);
         let from = plane.corner + Vec3::Y * (AISLE - COLUMN + 0.45);
@@ -177,10 +131,7 @@ fn arcades(stage: &mut Stage) -> Result<(), SceneError> {
         if plane.front.cross(Vec3::Y).dot(plane.right) < 0.0 {
             section_seen.reverse();
         }
-        mouldings.sweep(
-            &section_seen,
-            &[frame(from), frame(from + plane.right * (2.0 * HALF_LENGTH))],
-        );
+        mouldings.sweep(&section_seen, &[frame(from), frame(from + plane.right * (2.0 * HALF_LENGTH))]);
         stage.add("arcade wall", stone, &walls)?;
         stage.add("mouldings", trim, &mouldings)?;
         stage.add("window bars", iron, &bars)?;
@@ -194,19 +145,11 @@ fn walls(stage: &mut Stage) -> Result<(), SceneError> {
     let iron = stage.material(metal(0.25, 0.24, 0.23, 0.5));
     let arc = stage.segments(20);
     let (mut walls, mut mouldings, mut bars) = (Shapes::new(), Shapes::new(), Shapes::new());
-    let window = Opening {
-        middle: BAY * 0.5,
-        half_width: 0.8,
-        sill: 2.6,
-        spring: 5.4,
-    };
+    let window = Opening { middle: BAY * 0.5, half_width: 0.8, sill: 2.6, spring: 5.4 };
     for side in [-1.0, 1.0] {
         for bay in 0..BAYS {
             let inner = arcade_plane(side, bay);
-            let plane = WallPlane {
-                corner: Vec3::new(inner.corner.x, 0.0, side * OUTER),
-                ..inner
-            };
+            let plane = WallPlane { corner: Vec3::new(inner.corner.x, 0.0, side * OUTER), ..inner };
             arched_wall(&mut walls, &plane, Vec2::new(BAY, AISLE), &window, arc);
             archivolt(&mut mouldings, &plane, &window, 0.2, arc);
             lattice(&mut bars, &plane, &window, 4, 0.03);
@@ -219,26 +162,12 @@ fn walls(stage: &mut Stage) -> Result<(), SceneError> {
         front: Vec3::NEG_X,
         thickness: WALL,
     };
-    let great = Opening {
-        middle: OUTER,
-        half_width: 2.7,
-        sill: 4.2,
-        spring: 8.6,
-    };
-    arched_wall(
-        &mut walls,
-        &far,
-        Vec2::new(2.0 * OUTER, CEILING),
-        &great,
-        arc * 2,
-    );
+    let great = Opening { middle: OUTER, half_width: 2.7, sill: 4.2, spring: 8.6 };
+    arched_wall(&mut walls, &far, Vec2::new(2.0 * OUTER, CEILING), &great, arc * 2);
     archivolt(&mut mouldings, &far, &great, 0.5, arc * 2);
     lattice(&mut bars, &far, &great, 9, 0.05);
     let near = -HALF_LENGTH;
-    walls.cuboid(
-        Vec3::new(near - WALL, 0.0, -OUTER),
-        Vec3::new(near, CEILING, OUTER),
-    );
+    walls.cuboid(Vec3::new(near - WALL, 0.0, -OUTER), Vec3::new(near, CEILING, OUTER));
     stage.add("outer walls", plaster, &walls)?;
     stage.add("outer mouldings", trim, &mouldings)?;
     stage.add("outer window bars", iron, &bars)
@@ -249,41 +178,25 @@ fn ceiling(stage: &mut Stage) -> Result<(), SceneError> {
     let beams = stage.material(matt(0.24, 0.15, 0.09));
     let across = 7;
     let along = 32;
-    let half = Vec2::new(
-        HALF_LENGTH / along as f32,
-        (ROW - WALL * 0.5) / across as f32,
-    );
+    let half = Vec2::new(HALF_LENGTH / along as f32, (ROW - WALL * 0.5) / across as f32);
     let (around, rings) = (stage.segments(24), stage.segments(5));
     let mut coffers = Shapes::new();
     for column in 0..along {
         for row in 0..across {
             let x = -HALF_LENGTH + (2 * column + 1) as f32 * half.x;
             let z = -(ROW - WALL * 0.5) + (2 * row + 1) as f32 * half.y;
-            coffer(
-                &mut coffers,
-                Vec3::new(x, CEILING, z),
-                half,
-                0.42,
-                around,
-                rings,
-            );
+            coffer(&mut coffers, Vec3::new(x, CEILING, z), half, 0.42, around, rings);
         }
     }
     let mut roof = Shapes::new();
     for side in [-1.0_f32, 1.0] {
         let (from, to) = (side * (ROW + WALL * 0.5), side * (OUTER + WALL));
         let (low, high) = (from.min(to), from.max(to));
-        roof.cuboid(
-            Vec3::new(-HALF_LENGTH, AISLE, low),
-            Vec3::new(HALF_LENGTH, AISLE + 0.15, high),
-        );
+        roof.cuboid(Vec3::new(-HALF_LENGTH, AISLE, low), Vec3::new(HALF_LENGTH, AISLE + 0.15, high));
         let joists = stage.segments(54);
         for joist in 0..joists {
             let x = -HALF_LENGTH + (joist as f32 + 0.5) * 2.0 * HALF_LENGTH / joists as f32;
-            roof.cuboid(
-                Vec3::new(x - 0.09, AISLE - 0.28, low),
-                Vec3::new(x + 0.09, AISLE, high),
-            );
+            roof.cuboid(Vec3::new(x - 0.09, AISLE - 0.28, low), Vec3::new(x + 0.09, AISLE, high));
         }
     }
     stage.add("coffered ceiling", wood, &coffers)?;
@@ -292,7 +205,7 @@ fn ceiling(stage: &mut Stage) -> Result<(), SceneError> {
 
 fn lamps(stage: &mut Stage) -> Result<(), SceneError> {
     let bronze = stage.material(brass());
-    let flame = stage.material(glow(26.0, 17.0, 8.0));
+    let flame = stage.material(glow(120.0, 84.0, 46.0));
     let (around, thick) = (stage.segments(64), stage.segments(10));
     let (segments, rings) = (stage.segments(12), stage.segments(8));
     for bay in (0..BAYS).step_by(2) {
@@ -312,12 +225,7 @@ fn lamps(stage: &mut Stage) -> Result<(), SceneError> {
                 ring.rod(foot, middle + Vec3::Y * 1.4, 0.012, 6);
             }
         }
-        ring.rod(
-            middle + Vec3::Y * 1.4,
-            Vec3::new(middle.x, CEILING + 0.4, 0.0),
-            0.02,
-            6,
-        );
+        ring.rod(middle + Vec3::Y * 1.4, Vec3::new(middle.x, CEILING + 0.4, 0.0), 0.02, 6);
         stage.add("chandelier", bronze, &ring)?;
         stage.add("chandelier lights", flame, &bulbs)?;
     }
@@ -337,38 +245,19 @@ fn furniture(stage: &mut Stage) -> Result<(), SceneError> {
             benches.cuboid(Vec3::new(x, 0.42, low), Vec3::new(x + 0.45, 0.48, high));
             benches.cuboid(Vec3::new(x - 0.06, 0.48, low), Vec3::new(x, 0.95, high));
             for z in [low, high - 0.08] {
-                benches.open_cuboid(
-                    Vec3::new(x - 0.06, 0.0, z),
-                    Vec3::new(x + 0.45, 0.42, z + 0.08),
-                    false,
-                );
+                benches.open_cuboid(Vec3::new(x - 0.06, 0.0, z), Vec3::new(x + 0.45, 0.42, z + 0.08), false);
             }
         }
     }
     stage.add("benches", oak, &benches)?;
     let mut runner = Shapes::new();
-    runner.bevelled_slab(
-        Vec3::new(-HALF_LENGTH + 0.5, 0.0, -0.8),
-        Vec3::new(11.0, 0.015, 0.8),
-        0.01,
-    );
+    runner.bevelled_slab(Vec3::new(-HALF_LENGTH + 0.5, 0.0, -0.8), Vec3::new(11.0, 0.015, 0.8), 0.01);
     stage.add("carpet", carpet, &runner)?;
     let (around, along, thick) = (stage.segments(48), stage.segments(420), stage.segments(16));
     let mut pedestal = Shapes::new();
-    let profile = [
-        (1.5, 0.0),
-        (1.5, 0.2),
-        (1.2, 0.2),
-        (1.2, 0.4),
-        (0.62, 0.5),
-        (0.55, 1.3),
-        (0.8, 1.45),
-        (0.8, 1.6),
-    ];
-    let sharp: Vec<Vec2> = profile
-        .iter()
-        .flat_map(|(r, y)| [Vec2::new(*r, *y); 2])
-        .collect();
+    let profile =
+        [(1.5, 0.0), (1.5, 0.2), (1.2, 0.2), (1.2, 0.4), (0.62, 0.5), (0.55, 1.3), (0.8, 1.45), (0.8, 1.6)];
+    let sharp: Vec<Vec2> = profile.iter().flat_map(|(r, y)| [Vec2::new(*r, *y); 2]).collect();
     let foot = Vec3::new(14.0, 0.0, 0.0);
     pedestal.lathe(foot, &sharp, around);
     pedestal.disc(foot + Vec3::Y * 1.6, 0.8, around);
@@ -377,10 +266,7 @@ fn furniture(stage: &mut Stage) -> Result<(), SceneError> {
     let line: Vec<Vec3> = (0..=along)
         .map(|index| {
             let t = TAU * index as f32 / along as f32;
-            let (x, y) = (
-                t.sin() + 2.0 * (2.0 * t).sin(),
-                t.cos() - 2.0 * (2.0 * t).cos(),
-            );
+            let (x, y) = (t.sin() + 2.0 * (2.0 * t).sin(), t.cos() - 2.0 * (2.0 * t).cos());
             foot + Vec3::new(-(3.0 * t).sin() * 0.45, 3.1 + y * 0.42, x * 0.42)
         })
         .collect();

@@ -41,20 +41,12 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self {
-            detail: 1.0,
-            seed: 1,
-            time: 0.0,
-        }
+        Self { detail: 1.0, seed: 1, time: 0.0 }
     }
 }
 
 /// A scene in the list: its name, what it shows, and its generator.
-type Entry = (
-    &'static str,
-    &'static str,
-    fn(&mut Stage) -> Result<Plan, SceneError>,
-);
+type Entry = (&'static str, &'static str, fn(&mut Stage) -> Result<Plan, SceneError>);
 
 const SCENES: [Entry; 7] = [
     (
@@ -62,31 +54,11 @@ const SCENES: [Entry; 7] = [
         "columned hall with coffered ceiling, sunlit through high windows; 250,000 triangles",
         hall::build,
     ),
-    (
-        "voxels",
-        "landscape of cubes with caves, trees, a lake and a keep; 500,000 triangles",
-        voxels::build,
-    ),
-    (
-        "gallery",
-        "picture gallery of thin frames, wires and railings; 200,000 triangles",
-        gallery::build,
-    ),
-    (
-        "statue",
-        "finely displaced figure under a dome with an open eye; 1,000,000 triangles",
-        statue::build,
-    ),
-    (
-        "needles",
-        "bundle of long thin triangles turning through the hall; 100,000 triangles",
-        needles::build,
-    ),
-    (
-        "city",
-        "blocks of towers with window frames, lamps, cars and trees; 480,000 triangles",
-        city::build,
-    ),
+    ("voxels", "landscape of cubes with caves, trees, a lake and a keep; 500,000 triangles", voxels::build),
+    ("gallery", "picture gallery of thin frames, wires and railings; 200,000 triangles", gallery::build),
+    ("statue", "finely displaced figure under a dome with an open eye; 1,000,000 triangles", statue::build),
+    ("needles", "bundle of long thin triangles turning through the hall; 100,000 triangles", needles::build),
+    ("city", "blocks of towers with window frames, lamps, cars and trees; 480,000 triangles", city::build),
     (
         "quick",
         "small courtyard with a fountain for tests and demonstrations; 20,000 triangles",
@@ -101,10 +73,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 
 /// One line about a built-in scene, or nothing when there is none of that name.
 pub fn about(name: &str) -> Option<&'static str> {
-    SCENES
-        .iter()
-        .find(|entry| entry.0 == name)
-        .map(|entry| entry.1)
+    SCENES.iter().find(|entry| entry.0 == name).map(|entry| entry.1)
 }
 
 /// Generates a built-in scene.
@@ -114,22 +83,13 @@ pub fn about(name: &str) -> Option<&'static str> {
 pub fn build(name: &str, options: &Options) -> Result<Scene, SceneError> {
     let Some((name, _, generate)) = SCENES.iter().find(|entry| entry.0 == name) else {
         let known = names().collect::<Vec<_>>().join(", ");
-        return Err(SceneError::UnknownBuiltin {
-            name: name.to_owned(),
-            known,
-        });
+        return Err(SceneError::UnknownBuiltin { name: name.to_owned(), known });
     };
     if !DETAIL_RANGE.contains(&options.detail) {
-        return Err(SceneError::BadOption {
-            option: "detail",
-            value: options.detail,
-        });
+        return Err(SceneError::BadOption { option: "detail", value: options.detail });
     }
     if !options.time.is_finite() {
-        return Err(SceneError::BadOption {
-            option: "time",
-            value: options.time,
-        });
+        return Err(SceneError::BadOption { option: "time", value: options.time });
     }
     let mut assembler = Assembler::new(*name, &PathBuf::from(format!("builtin:{name}")));
     let plan = generate(&mut Stage::new(&mut assembler, *options))?;

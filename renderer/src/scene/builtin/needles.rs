@@ -6,7 +6,7 @@ use std::f32::consts::TAU;
 
 use glam::{Mat3, Vec3};
 
-use super::palette::metal;
+use super::palette::polished;
 use super::stage::{Plan, Stage, key};
 use super::{Options, hall};
 use crate::scene::SceneError;
@@ -14,28 +14,24 @@ use crate::scene::bounds::Bounds;
 use crate::scene::part::Part;
 
 /// Share of the detail that the hall gets.
-const HALL_DETAIL: f32 = 0.3;
+const HALL_DETAIL: f32 = 0.4;
 /// Needles at full detail, two crossing triangles each.
-const NEEDLES: usize = 10_000;
+const NEEDLES: usize = 3_000;
 /// Share of a round at which it starts.
 const START: f32 = 0.1;
 /// Radius of the cylinder in shares of its length.
-const SLENDER: f32 = 0.055;
+const SLENDER: f32 = 0.07;
 
 pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
     let own = stage.options;
-    stage.options = Options {
-        detail: (own.detail * HALL_DETAIL).max(0.001),
-        ..own
-    };
+    stage.options = Options { detail: (own.detail * HALL_DETAIL).max(0.001), ..own };
     let hall = hall::build(stage)?;
     stage.options = own;
     let Bounds { min, max } = stage.bounds();
     let middle = (min + max) * 0.5;
     let length = (max - min).length() * 0.5;
     // The axis leans a little and turns about the vertical; it starts across the nave, through its walls.
-    let turn = Mat3::from_rotation_y(TAU * (own.time.rem_euclid(1.0) + START))
-        * Mat3::from_rotation_z(0.18);
+    let turn = Mat3::from_rotation_y(TAU * (own.time.rem_euclid(1.0) + START)) * Mat3::from_rotation_z(0.18);
     let mut bundles = [Part::default(), Part::default()];
     for needle in 0..stage.count(NEEDLES) {
         let radius = SLENDER * length * stage.between(0.0, 1.0).sqrt();
@@ -46,22 +42,18 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
         let (from, to) = (at(angle, -0.5 * length), at(angle + twist, 0.5 * length));
         let part = &mut bundles[needle % 2];
         for side in [Vec3::Y, Vec3::Z] {
-            let corners =
-                [from - side * width, from + side * width, to].map(|corner| middle + turn * corner);
+            let corners = [from - side * width, from + side * width, to].map(|corner| middle + turn * corner);
             let first = part.positions.len() as u32;
             part.positions.extend(corners);
-            part.normals.extend(
-                [(corners[1] - corners[0])
-                    .cross(corners[2] - corners[0])
-                    .normalize_or(Vec3::Y); 3],
-            );
+            part.normals
+                .extend([(corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or(Vec3::Y); 3]);
             part.indices.push([first, first + 1, first + 2]);
         }
     }
-    let copper = stage.material(metal(0.95, 0.5, 0.3, 0.5));
-    let steel = stage.material(metal(0.7, 0.72, 0.75, 0.5));
-    stage.add_part("copper needles", copper, &bundles[0])?;
-    stage.add_part("steel needles", steel, &bundles[1])?;
+    let red = stage.material(polished(0.72, 0.3, 0.13, 0.4));
+    let grey = stage.material(polished(0.55, 0.6, 0.66, 0.4));
+    stage.add_part("red needles", red, &bundles[0])?;
+    stage.add_part("grey needles", grey, &bundles[1])?;
     Ok(Plan {
         sky: hall.sky,
         keys: vec![

@@ -11,15 +11,9 @@ pub(super) fn scramble(mut bits: u64) -> u64 {
 
 /// A number from 0 up to 1 for whole coordinates.
 pub(super) fn at_cell(seed: u64, x: i64, y: i64, z: i64) -> f32 {
-    let mixed = [x, y, z].into_iter().fold(
-        scramble(seed ^ 0x9e37_79b9_7f4a_7c15),
-        |hash, coordinate| {
-            scramble(
-                hash.wrapping_add(coordinate as u64)
-                    .wrapping_add(0x9e37_79b9_7f4a_7c15),
-            )
-        },
-    );
+    let mixed = [x, y, z].into_iter().fold(scramble(seed ^ 0x9e37_79b9_7f4a_7c15), |hash, coordinate| {
+        scramble(hash.wrapping_add(coordinate as u64).wrapping_add(0x9e37_79b9_7f4a_7c15))
+    });
     (mixed >> 40) as f32 / (1 << 24) as f32
 }
 
@@ -31,10 +25,7 @@ pub(super) fn gradient(seed: u64, point: Vec3) -> f32 {
     let [x, y, z] = [cell.x as i64, cell.y as i64, cell.z as i64];
     let corner = |dx: i64, dy: i64, dz: i64| {
         let angle = at_cell(seed, x + dx, y + dy, z + dz) * 16.0;
-        slope(
-            angle as u32,
-            inside - Vec3::new(dx as f32, dy as f32, dz as f32),
-        )
+        slope(angle as u32, inside - Vec3::new(dx as f32, dy as f32, dz as f32))
     };
     let mix = |a: f32, b: f32, weight: f32| a + (b - a) * weight;
     let front = mix(
@@ -58,8 +49,7 @@ fn slope(direction: u32, offset: Vec3) -> f32 {
         12 | 14 => offset.x,
         _ => offset.z,
     };
-    (if direction & 1 == 0 { first } else { -first })
-        + (if direction & 2 == 0 { second } else { -second })
+    (if direction & 1 == 0 { first } else { -first }) + (if direction & 2 == 0 { second } else { -second })
 }
 
 /// Octaves of gradient noise, each twice as fine and half as strong; about -1 to 1.
@@ -93,12 +83,7 @@ mod tests {
     fn noise_repeats_stays_in_range_and_varies() {
         let sample = |seed: u64| -> Vec<f32> {
             (0..2000)
-                .map(|i| {
-                    gradient(
-                        seed,
-                        Vec3::new(i as f32 * 0.37, i as f32 * -0.11, i as f32 * 0.05),
-                    )
-                })
+                .map(|i| gradient(seed, Vec3::new(i as f32 * 0.37, i as f32 * -0.11, i as f32 * 0.05)))
                 .collect()
         };
         let values = sample(7);
@@ -106,15 +91,8 @@ mod tests {
         assert_ne!(values, sample(8));
         assert!(values.iter().all(|value| value.abs() <= 1.2));
         let mean = values.iter().sum::<f32>() / values.len() as f32;
-        let spread = values
-            .iter()
-            .map(|value| (value - mean).powi(2))
-            .sum::<f32>()
-            / values.len() as f32;
-        assert!(
-            mean.abs() < 0.1 && spread > 0.03,
-            "mean {mean}, variance {spread}"
-        );
+        let spread = values.iter().map(|value| (value - mean).powi(2)).sum::<f32>() / values.len() as f32;
+        assert!(mean.abs() < 0.1 && spread > 0.03, "mean {mean}, variance {spread}");
         assert_eq!(gradient(3, Vec3::new(4.0, -2.0, 9.0)), 0.0);
     }
 }

@@ -6,45 +6,27 @@ use crate::scene::Material;
 
 /// A matt surface.
 pub(super) fn matt(red: f32, green: f32, blue: f32) -> Material {
-    Material {
-        base_color: Vec3::new(red, green, blue),
-        ..Material::default()
-    }
+    Material { base_color: Vec3::new(red, green, blue), ..Material::default() }
 }
 
 /// A glossy dielectric such as polished stone or paint.
 pub(super) fn polished(red: f32, green: f32, blue: f32, roughness: f32) -> Material {
-    Material {
-        roughness,
-        ..matt(red, green, blue)
-    }
+    Material { roughness, ..matt(red, green, blue) }
 }
 
 /// A metal.
 pub(super) fn metal(red: f32, green: f32, blue: f32, roughness: f32) -> Material {
-    Material {
-        metallic: 1.0,
-        roughness,
-        ..matt(red, green, blue)
-    }
+    Material { metallic: 1.0, roughness, ..matt(red, green, blue) }
 }
 
 /// Clear glass with a tint.
 pub(super) fn glass(red: f32, green: f32, blue: f32) -> Material {
-    Material {
-        transmission: 1.0,
-        roughness: 0.0,
-        ior: 1.5,
-        ..matt(red, green, blue)
-    }
+    Material { transmission: 1.0, roughness: 0.0, ior: 1.5, ..matt(red, green, blue) }
 }
 
 /// Something that glows; the colour is its radiance.
 pub(super) fn glow(red: f32, green: f32, blue: f32) -> Material {
-    Material {
-        emission: Vec3::new(red, green, blue),
-        ..matt(0.0, 0.0, 0.0)
-    }
+    Material { emission: Vec3::new(red, green, blue), ..matt(0.0, 0.0, 0.0) }
 }
 
 /// Polished brass.

@@ -28,11 +28,7 @@ pub(super) struct Stage<'a> {
 
 impl<'a> Stage<'a> {
     pub(super) fn new(assembler: &'a mut Assembler, options: Options) -> Self {
-        Self {
-            assembler,
-            dice: ChaCha8Rng::seed_from_u64(options.seed),
-            options,
-        }
+        Self { assembler, dice: ChaCha8Rng::seed_from_u64(options.seed), options }
     }
 
     /// How many segments along one direction of a surface: its triangles go with the square.
@@ -71,22 +67,12 @@ impl<'a> Stage<'a> {
     }
 
     /// Adds what was built as one mesh.
-    pub(super) fn add(
-        &mut self,
-        name: &str,
-        material: u32,
-        shapes: &Shapes,
-    ) -> Result<(), SceneError> {
+    pub(super) fn add(&mut self, name: &str, material: u32, shapes: &Shapes) -> Result<(), SceneError> {
         self.add_part(name, material, &shapes.part)
     }
 
     /// Adds a part as one mesh.
-    pub(super) fn add_part(
-        &mut self,
-        name: &str,
-        material: u32,
-        part: &Part,
-    ) -> Result<(), SceneError> {
+    pub(super) fn add_part(&mut self, name: &str, material: u32, part: &Part) -> Result<(), SceneError> {
         self.assembler.mesh(name, material, part)
     }
 }

@@ -50,12 +50,9 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
     sconces(stage)?;
     Ok(Plan {
         sky: Sky {
-            zenith: Vec3::new(3.2, 4.2, 5.8),
-            horizon: Vec3::new(3.2, 3.7, 4.4),
-            sun: Some(Sun::towards(
-                Vec3::new(0.1, 0.97, 0.22),
-                Vec3::new(10.0, 8.8, 7.0),
-            )),
+            zenith: Vec3::new(1.6, 2.2, 3.2),
+            horizon: Vec3::new(1.6, 2.0, 2.6),
+            sun: Some(Sun::towards(Vec3::new(0.07, 0.98, 0.16), Vec3::new(7.5, 6.6, 5.2))),
         },
         keys: vec![
             key([2.5, 2.2, 4.9], [0.0, 3.0, 0.0], 44.0),
@@ -73,10 +70,7 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
 /// central slopes).
 fn outline(v: f32) -> Vec2 {
     let last = OUTLINE.len() - 1;
-    let index = OUTLINE
-        .windows(2)
-        .position(|pair| v <= pair[1].0)
-        .unwrap_or(last - 1);
+    let index = OUTLINE.windows(2).position(|pair| v <= pair[1].0).unwrap_or(last - 1);
     let at = |index: usize| Vec2::new(OUTLINE[index].1, OUTLINE[index].2);
     let slope = |index: usize| {
         let (before, after) = (index.saturating_sub(1), (index + 1).min(last));
@@ -103,15 +97,13 @@ fn relief(seed: u64, angle: f32, v: f32, at: Vec3) -> f32 {
     let wander = octaves(seed + 1, Vec3::new(at.x * 1.1, v * 2.2, at.z * 1.1), 3);
     // Folds hang from the girdle, deeper towards the hem; above it they run across the chest.
     let hang = step(0.58, 0.1, v);
-    let below = (angle * 9.0 + wander * 5.5 + v * 2.0).sin() * 0.5
-        + (angle * 17.0 - wander * 7.0).sin() * 0.22;
+    let below =
+        (angle * 9.0 + wander * 5.5 + v * 2.0).sin() * 0.5 + (angle * 17.0 - wander * 7.0).sin() * 0.22;
     let above = (v * 62.0 + angle * 3.0 * angle.cos() + wander * 6.0).sin() * 0.5;
     let is_above = step(0.555, 0.6, v);
-    let folds =
-        robe * ((1.0 - is_above) * below * (0.018 + 0.055 * hang) + is_above * above * 0.016);
-    let girdle = 0.028
-        * (-((v - 0.565) / 0.012).powi(2)).exp()
-        * (1.0 + 0.3 * (angle * 60.0 + v * 900.0).sin());
+    let folds = robe * ((1.0 - is_above) * below * (0.018 + 0.055 * hang) + is_above * above * 0.016);
+    let girdle =
+        0.028 * (-((v - 0.565) / 0.012).powi(2)).exp() * (1.0 + 0.3 * (angle * 60.0 + v * 900.0).sin());
     // Locks cover the head but for the face.
     let front = angle.cos();
     let face = step(0.35, 0.75, front) * step(0.995, 0.94, v);
@@ -146,11 +138,7 @@ fn figure(stage: &mut Stage) -> Result<(), SceneError> {
         let half = outline(v);
         let (sin, cos) = angle.sin_cos();
         // The figure leans on one leg and turns its shoulders and head against it.
-        let sway = Vec3::new(
-            0.07 * (PI * v * 1.5).sin(),
-            0.0,
-            0.05 * (PI * v).sin() - 0.02,
-        );
+        let sway = Vec3::new(0.07 * (PI * v * 1.5).sin(), 0.0, 0.05 * (PI * v).sin() - 0.02);
         let turn = 0.35 * step(0.3, 0.95, v);
         let (turn_sin, turn_cos) = turn.sin_cos();
         let at = Vec3::new(sin * half.x, v * FIGURE, cos * half.y);
@@ -195,10 +183,7 @@ fn arm(stage: &mut Stage, seed: u64, side: f32, material: u32) -> Result<(), Sce
             + (before * 2.0 - from * 5.0 + to * 4.0 - after) * (t * t)
             + (from * 3.0 - before - to * 3.0 + after) * (t * t * t))
             * 0.5;
-        (
-            smooth,
-            widths[index] + (widths[index + 1] - widths[index]) * t,
-        )
+        (smooth, widths[index] + (widths[index + 1] - widths[index]) * t)
     };
     let (around, rows) = (stage.segments(130), stage.segments(200));
     let mut shapes = Shapes::new();
@@ -209,12 +194,9 @@ fn arm(stage: &mut Stage, seed: u64, side: f32, material: u32) -> Result<(), Sce
         let up = along.cross(right);
         let (sin, cos) = (TAU * u).sin_cos();
         let out = right * cos + up * sin;
-        let folds =
-            (v * 46.0 + octaves(seed + 9, (middle + out) * 3.0, 3) * 7.0 + sin).sin() * 0.014;
+        let folds = (v * 46.0 + octaves(seed + 9, (middle + out) * 3.0, 3) * 7.0 + sin).sin() * 0.014;
         let fine = ridges(seed + 3, (middle + out * width) * 7.0, 6) * 0.012;
-        middle
-            + out * (width * step(1.0, 0.97, v) + (folds + fine) * step(1.0, 0.8, v))
-            + Vec3::Y * PEDESTAL
+        middle + out * (width * step(1.0, 0.97, v) + (folds + fine) * step(1.0, 0.8, v)) + Vec3::Y * PEDESTAL
     });
     stage.add("arm", material, &shapes)
 }
@@ -235,10 +217,7 @@ fn pedestal(stage: &mut Stage) -> Result<(), SceneError> {
         (1.08, 1.1),
         (1.08, PEDESTAL),
     ];
-    let sharp: Vec<Vec2> = profile
-        .iter()
-        .flat_map(|(r, y)| [Vec2::new(*r, *y); 2])
-        .collect();
+    let sharp: Vec<Vec2> = profile.iter().flat_map(|(r, y)| [Vec2::new(*r, *y); 2]).collect();
     let mut shapes = Shapes::new();
     shapes.lathe(Vec3::ZERO, &sharp, around);
     shapes.disc(Vec3::Y * PEDESTAL, 1.08, around);
@@ -248,20 +227,15 @@ fn pedestal(stage: &mut Stage) -> Result<(), SceneError> {
 fn rotunda(stage: &mut Stage) -> Result<(), SceneError> {
     let plaster = stage.material(matt(0.68, 0.56, 0.43));
     let dome_stone = stage.material(matt(0.7, 0.66, 0.6));
-    let tiles = [
-        stage.material(polished(0.5, 0.42, 0.34, 0.2)),
-        stage.material(polished(0.24, 0.12, 0.1, 0.2)),
-    ];
+    let tiles =
+        [stage.material(polished(0.5, 0.42, 0.34, 0.2)), stage.material(polished(0.24, 0.12, 0.1, 0.2))];
     // The drum is a wall of flat niches between half columns.
     let (around, rows) = (stage.segments(192), stage.segments(24));
     let mut drum = Shapes::new();
     drum.surface(around, rows, true, |u, v| {
         let bay = (u * 16.0).fract();
-        let niche =
-            step(0.2, 0.26, bay) * step(0.8, 0.74, bay) * step(0.12, 0.16, v) * step(0.82, 0.76, v);
-        let half_column = (1.0 - ((bay - 0.5).abs() - 0.5).abs() / 0.1)
-            .max(0.0)
-            .sqrt();
+        let niche = step(0.2, 0.26, bay) * step(0.8, 0.74, bay) * step(0.12, 0.16, v) * step(0.82, 0.76, v);
+        let half_column = (1.0 - ((bay - 0.5).abs() - 0.5).abs() / 0.1).max(0.0).sqrt();
         let radius = ROOM + 0.45 * niche - 0.22 * half_column;
         let (sin, cos) = (-TAU * u).sin_cos();
         Vec3::new(sin * radius, v * DRUM, cos * radius)
@@ -274,11 +248,7 @@ fn rotunda(stage: &mut Stage) -> Result<(), SceneError> {
     dome.surface(around, rows, true, |u, v| {
         let (column, row) = ((u * 28.0).fract(), (v * 5.6).fract());
         let inside = |t: f32| step(0.12, 0.2, t) * step(0.88, 0.8, t);
-        let deep = if v < 0.9 {
-            0.28 * inside(column) * inside(row)
-        } else {
-            0.0
-        };
+        let deep = if v < 0.9 { 0.28 * inside(column) * inside(row) } else { 0.0 };
         let (lift, out) = (v * highest).sin_cos();
         let (sin, cos) = (-TAU * u).sin_cos();
         let radius = ROOM + deep;
@@ -288,10 +258,8 @@ fn rotunda(stage: &mut Stage) -> Result<(), SceneError> {
     let rings = stage.segments(14);
     let mut floor = [Shapes::new(), Shapes::new()];
     for ring in 0..rings {
-        let (inner, outer) = (
-            ROOM * 1.08 * ring as f32 / rings as f32,
-            ROOM * 1.08 * (ring + 1) as f32 / rings as f32,
-        );
+        let (inner, outer) =
+            (ROOM * 1.08 * ring as f32 / rings as f32, ROOM * 1.08 * (ring + 1) as f32 / rings as f32);
         let pieces = 8 + ring * 4;
         for piece in 0..pieces {
             let at = |radius: f32, index: usize| {
@@ -315,14 +283,13 @@ fn rotunda(stage: &mut Stage) -> Result<(), SceneError> {
 
 fn sconces(stage: &mut Stage) -> Result<(), SceneError> {
     let metal = stage.material(brass());
-    let light = stage.material(glow(30.0, 19.0, 9.0));
+    let light = stage.material(glow(90.0, 62.0, 34.0));
     let segments = stage.segments(16);
     let (mut bowls, mut flames) = (Shapes::new(), Shapes::new());
     for index in 0..8 {
         let (sin, cos) = (TAU * (index as f32 + 0.5) / 8.0).sin_cos();
         let foot = Vec3::new(sin * (ROOM - 0.55), 2.3, cos * (ROOM - 0.55));
-        let bowl =
-            [(0.02, -0.3), (0.03, -0.1), (0.12, -0.04), (0.17, 0.06)].map(|(r, y)| Vec2::new(r, y));
+        let bowl = [(0.02, -0.3), (0.03, -0.1), (0.12, -0.04), (0.17, 0.06)].map(|(r, y)| Vec2::new(r, y));
         bowls.lathe(foot, &bowl, segments);
         flames.sphere(foot + Vec3::Y * 0.1, 0.11, segments, segments / 2 + 2);
     }

@@ -6,11 +6,7 @@ fn small(name: &str, options: Options) -> Scene {
     build(name, &options).unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
-const SMALL: Options = Options {
-    detail: 0.02,
-    seed: 1,
-    time: 0.0,
-};
+const SMALL: Options = Options { detail: 0.02, seed: 1, time: 0.0 };
 
 #[test]
 fn scenes_are_valid() {
@@ -20,24 +16,13 @@ fn scenes_are_valid() {
         assert!(scene.triangles.len() > 100, "{name}");
         let mut next = 0;
         for mesh in &scene.meshes {
-            assert_eq!(
-                mesh.first_triangle, next,
-                "{name}: meshes cover all triangles in order"
-            );
+            assert_eq!(mesh.first_triangle, next, "{name}: meshes cover all triangles in order");
             assert!((mesh.material as usize) < scene.materials.len());
             next += mesh.triangle_count;
         }
         assert_eq!(next as usize, scene.triangles.len());
-        assert!(
-            scene.normals.is_empty() || scene.normals.len() == scene.triangles.positions().len()
-        );
-        assert!(
-            scene
-                .normals
-                .iter()
-                .all(|normal| (normal.length() - 1.0).abs() < 1e-3),
-            "{name}"
-        );
+        assert!(scene.normals.is_empty() || scene.normals.len() == scene.triangles.positions().len());
+        assert!(scene.normals.iter().all(|normal| (normal.length() - 1.0).abs() < 1e-3), "{name}");
         assert_eq!(scene.cameras[0].position, scene.path_keys[0].position);
         assert!(scene.path_keys.len() >= 4, "{name}");
         assert!(scene.materials.len() >= 5, "{name} has varied materials");
@@ -51,14 +36,8 @@ fn the_same_options_give_the_same_bytes() {
     for name in names() {
         let [a, b] = [small(name, SMALL), small(name, SMALL)];
         assert_eq!(a.triangles.indices(), b.triangles.indices());
-        assert!(
-            a.triangles.positions() == b.triangles.positions() && a.normals == b.normals,
-            "{name}"
-        );
-        assert_eq!(
-            (a.materials, a.cameras, a.path_keys),
-            (b.materials, b.cameras, b.path_keys)
-        );
+        assert!(a.triangles.positions() == b.triangles.positions() && a.normals == b.normals, "{name}");
+        assert_eq!((a.materials, a.cameras, a.path_keys), (b.materials, b.cameras, b.path_keys));
     }
 }
 
@@ -72,26 +51,12 @@ fn triangle_counts_keep_their_promise() {
         ("quick", 16_000, 26_000),
     ] {
         let count = small(name, Options::default()).triangles.len();
-        assert!(
-            (low..=high).contains(&count),
-            "{name} has {count} triangles"
-        );
+        assert!((low..=high).contains(&count), "{name} has {count} triangles");
     }
     // The dearer ones are measured at a twentieth.
     for (name, low, high) in [("voxels", 15_000, 45_000), ("statue", 42_000, 62_000)] {
-        let count = small(
-            name,
-            Options {
-                detail: 0.05,
-                ..Options::default()
-            },
-        )
-        .triangles
-        .len();
-        assert!(
-            (low..=high).contains(&count),
-            "{name} has {count} triangles at a twentieth"
-        );
+        let count = small(name, Options { detail: 0.05, ..Options::default() }).triangles.len();
+        assert!((low..=high).contains(&count), "{name} has {count} triangles at a twentieth");
     }
 }
 
@@ -99,23 +64,11 @@ fn triangle_counts_keep_their_promise() {
 fn seeds_vary_and_detail_scales() {
     for name in ["voxels", "gallery", "city", "quick"] {
         let other = small(name, Options { seed: 2, ..SMALL });
-        assert!(
-            small(name, SMALL).triangles.positions() != other.triangles.positions(),
-            "{name}"
-        );
+        assert!(small(name, SMALL).triangles.positions() != other.triangles.positions(), "{name}");
     }
     for name in names() {
-        let finer = small(
-            name,
-            Options {
-                detail: 0.2,
-                ..SMALL
-            },
-        );
-        assert!(
-            finer.triangles.len() > small(name, SMALL).triangles.len(),
-            "{name}"
-        );
+        let finer = small(name, Options { detail: 0.2, ..SMALL });
+        assert!(finer.triangles.len() > small(name, SMALL).triangles.len(), "{name}");
     }
 }
 
@@ -125,56 +78,25 @@ fn needles_turn_while_the_hall_stands() {
     let [start, quarter, round] = [at(0.0), at(0.25), at(1.0)];
     assert_eq!(start.triangles.len(), quarter.triangles.len());
     let needle = start.triangles.len() - 1;
-    assert!(
-        (start.triangles.corners(needle)[2] - quarter.triangles.corners(needle)[2]).length() > 1.0
-    );
+    assert!((start.triangles.corners(needle)[2] - quarter.triangles.corners(needle)[2]).length() > 1.0);
     assert_eq!(start.triangles.corners(0), quarter.triangles.corners(0));
-    assert!(
-        start.triangles.positions() == round.triangles.positions(),
-        "a full round ends where it began"
-    );
+    assert!(start.triangles.positions() == round.triangles.positions(), "a full round ends where it began");
     // Half as long as the diagonal of the hall.
-    let hall = small(
-        "hall",
-        Options {
-            detail: SMALL.detail * 0.3,
-            ..SMALL
-        },
-    );
+    let hall = small("hall", Options { detail: SMALL.detail * 0.4, ..SMALL });
     let diagonal = crate::scene::Bounds::of(&hall.triangles).diagonal();
     let [a, _, c] = start.triangles.corners(needle);
     let length = (c - a).length();
-    assert!(
-        (0.45..0.56).contains(&(length / diagonal)),
-        "{length} of {diagonal}"
-    );
+    assert!((0.45..0.56).contains(&(length / diagonal)), "{length} of {diagonal}");
 }
 
 #[test]
 fn options_and_names_are_checked() {
     let message = build("cathedral", &SMALL).unwrap_err().to_string();
-    assert!(
-        message.contains("cathedral") && message.contains("hall, voxels"),
-        "{message}"
-    );
+    assert!(message.contains("cathedral") && message.contains("hall, voxels"), "{message}");
     for detail in [0.0, -1.0, f32::NAN, 100.0] {
-        assert!(
-            build("quick", &Options { detail, ..SMALL })
-                .unwrap_err()
-                .to_string()
-                .contains("detail")
-        );
+        assert!(build("quick", &Options { detail, ..SMALL }).unwrap_err().to_string().contains("detail"));
     }
-    assert!(
-        build(
-            "needles",
-            &Options {
-                time: f32::INFINITY,
-                ..SMALL
-            }
-        )
-        .is_err()
-    );
+    assert!(build("needles", &Options { time: f32::INFINITY, ..SMALL }).is_err());
     assert!(names().all(|name| about(name).is_some()));
     assert!(about("cathedral").is_none());
 }

@@ -18,10 +18,7 @@ pub(super) struct Grid {
 impl Grid {
     /// All air.
     pub(super) fn new(size: IVec3) -> Self {
-        Self {
-            size,
-            kinds: vec![AIR; (size.x * size.y * size.z) as usize],
-        }
+        Self { size, kinds: vec![AIR; (size.x * size.y * size.z) as usize] }
     }
 
     /// Its extent in cubes.
@@ -82,11 +79,7 @@ impl Grid {
                 }
             }
         }
-        parts
-            .into_iter()
-            .enumerate()
-            .filter_map(|(kind, part)| Some((kind as u8, part?)))
-            .collect()
+        parts.into_iter().enumerate().filter_map(|(kind, part)| Some((kind as u8, part?))).collect()
     }
 
     /// Merges the faces of one slice that look along `step`.
@@ -112,8 +105,7 @@ impl Grid {
             .map(|cell| {
                 let at = place(cell % width, cell / width);
                 let beyond = at + step;
-                let covered =
-                    self.get(beyond) != AIR || (self.index(beyond).is_none() && step.y != 1);
+                let covered = self.get(beyond) != AIR || (self.index(beyond).is_none() && step.y != 1);
                 if covered { AIR } else { self.get(at) }
             })
             .collect();
@@ -123,12 +115,9 @@ impl Grid {
                 if kind == AIR {
                     continue;
                 }
-                let wide = (column..width)
-                    .take_while(|column| mask[row * width + column] == kind)
-                    .count();
-                let same = |row: usize| {
-                    (column..column + wide).all(|column| mask[row * width + column] == kind)
-                };
+                let wide = (column..width).take_while(|column| mask[row * width + column] == kind).count();
+                let same =
+                    |row: usize| (column..column + wide).all(|column| mask[row * width + column] == kind);
                 let tall = (row..height).take_while(|row| same(*row)).count();
                 for row in row..row + tall {
                     mask[row * width + column..row * width + column + wide].fill(AIR);
@@ -147,13 +136,8 @@ impl Grid {
 
 fn push_face(part: &mut Part, origin: Vec3, u: Vec3, v: Vec3, along_axis: bool) {
     let first = part.positions.len() as u32;
-    part.positions
-        .extend([origin, origin + u, origin + u + v, origin + v]);
-    let corners = if along_axis {
-        [0, 1, 2, 3]
-    } else {
-        [0, 3, 2, 1]
-    };
+    part.positions.extend([origin, origin + u, origin + u + v, origin + v]);
+    let corners = if along_axis { [0, 1, 2, 3] } else { [0, 3, 2, 1] };
     part.push_polygon(&corners.map(|corner| first + corner));
 }
 
