@@ -7,6 +7,7 @@ use std::cell::Cell;
 
 use common::{change, completed, open, spec};
 use proptest::prelude::*;
+use proptest::test_runner::{RngAlgorithm, TestRng, TestRunner};
 use treewright_core::configuration::RawConfiguration;
 use treewright_core::trial::{Mode, Outcome, Trial, TrialState};
 use treewright_core::value::Value;
@@ -150,11 +151,9 @@ fn memory_and_sqlite_answer_alike() {
     let sqlite =
         runtime.block_on(SqliteStore::open(&directory.path().join("studies.db"))).expect("a new database");
     let case = Cell::new(0);
-    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig {
-        cases: 96,
-        failure_persistence: None,
-        ..ProptestConfig::default()
-    });
+    let config = ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() };
+    // The same trials and filters on every run.
+    let mut runner = TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha));
     let questions = prop::collection::vec((prop::collection::vec(comparison(), 0..4), order(), 1_u32..6), 24);
     runner
         .run(&(prop::collection::vec(trial(), 0..14), questions), |(mut trials, questions)| {

@@ -3,10 +3,10 @@
 use sqlx::sqlite::SqliteConnection;
 use treewright_core::study::StudySpec;
 
-use super::read;
-use super::rows::{self, Rows, StateRow, TrialRow, VisitRow, inconsistent};
+use super::rows::{self, inconsistent};
 use super::statements as sql;
 use super::writer::{Command, Done, Fences};
+use super::{read, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
@@ -49,7 +49,7 @@ pub(super) async fn apply(
         }
         Command::Commit { fence, rows } => {
             fence.check()?;
-            store(connection, fence.key(), rows).await?;
+            script::rows(fence.key(), rows).execute(connection).await.map_err(refused)?;
             Ok(Done::Nothing)
         }
     }
@@ -88,65 +88,8 @@ async fn create(
     Ok(Created { study: read::study(connection, id).await?, is_new: true })
 }
 
-/// States first: visits and trials refer to them.
-async fn store(connection: &mut SqliteConnection, study: i64, rows: &Rows) -> Result<(), StoreError> {
-    for state in &rows.states {
-        put_state(&mut *connection, study, state).await.map_err(refused)?;
-    }
-    for visit in &rows.visits {
-        put_visit(&mut *connection, study, visit).await.map_err(refused)?;
-    }
-    for trial in &rows.trials {
-        put_trial(&mut *connection, study, trial).await.map_err(refused)?;
-    }
-    Ok(())
-}
-
-async fn put_state(connection: &mut SqliteConnection, study: i64, row: &StateRow) -> Result<(), sqlx::Error> {
-    let query =
-        sqlx::query(sql::STATE_UPSERT).bind(study).bind(row.id).bind(&row.indicators).bind(&row.search);
-    query.execute(connection).await.map(|_| ())
-}
-
-async fn put_visit(connection: &mut SqliteConnection, study: i64, row: &VisitRow) -> Result<(), sqlx::Error> {
-    let query = sqlx::query(sql::VISIT_UPSERT)
-        .bind(study)
-        .bind(&row.client_id)
-        .bind(row.state_id)
-        .bind(row.number)
-        .bind(&row.decision);
-    query.execute(connection).await.map(|_| ())
-}
-
-/// Binds in the order of [`TRIAL_COLUMNS`](sql::TRIAL_COLUMNS).
-async fn put_trial(connection: &mut SqliteConnection, study: i64, row: &TrialRow) -> Result<(), sqlx::Error> {
-    let query = sqlx::query(sql::TRIAL_UPSERT)
-        .bind(study)
-        .bind(row.number)
-        .bind(&row.client_id)
-        .bind(row.state_id)
-        .bind(&row.mode)
-        .bind(&row.state)
-        .bind(&row.outcome)
-        .bind(&row.outcome_reason)
-        .bind(row.outcome_lower_bound)
-        .bind(row.cost)
-        .bind(row.predicted_cost)
-        .bind(row.late)
-        .bind(row.create_ms)
-        .bind(row.lease_expire_ms)
-        .bind(row.complete_ms)
-        .bind(row.completion)
-        .bind(&row.configuration)
-        .bind(&row.indicators)
-        .bind(&row.measurements)
-        .bind(&row.reason)
-        .bind(&row.fingerprint);
-    query.execute(connection).await.map(|_| ())
-}
-
 /// A constraint that a write breaks is a defect of the writer's; anything else is the database's trouble.
-fn refused(error: sqlx::Error) -> StoreError {
+pub(super) fn refused(error: sqlx::Error) -> StoreError {
     use sqlx::error::ErrorKind;
     match error.as_database_error() {
         Some(database) if database.kind() != ErrorKind::Other => inconsistent(database.message().to_owned()),

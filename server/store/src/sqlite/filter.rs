@@ -1,6 +1,8 @@
 //! Filters, orders and cursors as SQL. Every value and every name is bound, never spliced into the text.
 //!
-//! This is the place with SQLite's own dialect: `json_extract` and `json_type`.
+//! This is the place with SQLite's own dialect: `json_extract` and `json_type`. SQLite reads a number in
+//! JSON text to within a last digit, not always exactly. So a number that is compared with one is bound as
+//! JSON text as well, and both go through the same reading: equal numbers stay equal.
 
 use sqlx::{QueryBuilder, Sqlite};
 
@@ -11,13 +13,10 @@ use crate::filter::{Comparison, Literal, Operator, OrderKey};
 use crate::store::TrialQuery;
 use crate::words::{MODES, OUTCOMES, STATES, word};
 
-/// The question for one page, and for one row more, which tells whether another page follows. The
-/// result's last column, `sort_key`, is the value the row was ordered by.
+/// The question for one page, and for one row more, which tells whether another page follows.
 pub(super) fn trial_page(study: i64, query: &TrialQuery) -> Result<QueryBuilder<Sqlite>, StoreError> {
     let mut sql = QueryBuilder::new("SELECT ");
-    sql.push(TRIAL_COLUMNS).push(", ");
-    push_key(&mut sql, &query.order.key);
-    sql.push(" AS sort_key FROM trials WHERE study = ").push_bind(study);
+    sql.push(TRIAL_COLUMNS).push(" FROM trials WHERE study = ").push_bind(study);
     for comparison in &query.filter.comparisons {
         sql.push(" AND ");
         push_comparison(&mut sql, comparison);
@@ -51,15 +50,27 @@ fn push_behind(sql: &mut QueryBuilder<Sqlite>, query: &TrialQuery, value: Option
     sql.push(" AND (");
     if let Some(value) = value {
         push_key(sql, key);
-        sql.push(if query.order.descending { " < " } else { " > " }).push_bind(value).push(" OR (");
+        sql.push(if query.order.descending { " < " } else { " > " });
+        push_key_value(sql, key, value);
+        sql.push(" OR (");
         push_key(sql, key);
-        sql.push(" = ").push_bind(value).push(" AND number > ").push_bind(number).push(") OR ");
+        sql.push(" = ");
+        push_key_value(sql, key, value);
+        sql.push(" AND number > ").push_bind(number).push(") OR ");
         push_key(sql, key);
         sql.push(" IS NULL)");
     } else {
         push_key(sql, key);
         sql.push(" IS NULL AND number > ").push_bind(number).push(")");
     }
+}
+
+/// A value of the key, read as the key is read.
+fn push_key_value(sql: &mut QueryBuilder<Sqlite>, key: &OrderKey, value: f64) {
+    match key {
+        OrderKey::Number | OrderKey::Cost => sql.push_bind(value),
+        OrderKey::Measurement(_) => push_json_number(sql, value),
+    };
 }
 
 fn push_key(sql: &mut QueryBuilder<Sqlite>, key: &OrderKey) {
@@ -78,6 +89,12 @@ fn push_member<'q>(
     name: &str,
 ) -> &'q mut QueryBuilder<Sqlite> {
     sql.push(function).push("(").push(column).push(", ").push_bind(format!("$.{name}")).push(")")
+}
+
+/// A number that is compared with one in JSON text.
+fn push_json_number(sql: &mut QueryBuilder<Sqlite>, number: f64) -> &mut QueryBuilder<Sqlite> {
+    let text = serde_json::Value::from(number).to_string();
+    sql.push("json_extract(").push_bind(text).push(", '$')")
 }
 
 fn push_comparison(sql: &mut QueryBuilder<Sqlite>, comparison: &Comparison) {
@@ -103,10 +120,12 @@ fn push_comparison(sql: &mut QueryBuilder<Sqlite>, comparison: &Comparison) {
         }
         Comparison::Cost(operator, cost) => push_operator(sql.push("cost"), *operator).push_bind(*cost),
         Comparison::Measurement(name, operator, value) => {
-            push_operator(push_member(sql, "json_extract", "measurements", name), *operator).push_bind(*value)
+            push_operator(push_member(sql, "json_extract", "measurements", name), *operator);
+            push_json_number(sql, *value)
         }
         Comparison::Indicator(name, operator, value) => {
-            push_operator(push_member(sql, "json_extract", "indicators", name), *operator).push_bind(*value)
+            push_operator(push_member(sql, "json_extract", "indicators", name), *operator);
+            push_json_number(sql, *value)
         }
         Comparison::Configuration(name, operator, literal) => push_literal(sql, name, *operator, literal),
     };
@@ -129,7 +148,7 @@ fn push_literal<'q>(
     push_member(sql, "json_type", COLUMN, name).push(kinds);
     push_operator(push_member(sql, "json_extract", COLUMN, name), operator);
     match literal {
-        Literal::Number(number) => sql.push_bind(*number),
+        Literal::Number(number) => push_json_number(sql, *number),
         Literal::Text(text) => sql.push_bind(text.clone()),
         Literal::Boolean(boolean) => sql.push_bind(i64::from(*boolean)),
     }

@@ -1,7 +1,7 @@
 //! The store on SQLite: a write-ahead log, one writer, a few readers.
 //!
-//! `open` readies the file, `lock` keeps a second daemon out, `writer` and `commands` write, `read` reads,
-//! `filter` translates questions, `statements` holds the fixed SQL and `rows` the way to domain types.
+//! `open` readies the file, `lock` keeps a second daemon out, `writer`, `commands` and `script` write, `read`
+//! reads, `filter` translates questions, `statements` holds the fixed SQL and `rows` the way to domain types.
 
 mod commands;
 mod filter;
@@ -9,6 +9,7 @@ mod lock;
 mod open;
 mod read;
 mod rows;
+mod script;
 mod statements;
 mod writer;
 

@@ -1,13 +1,11 @@
 //! The questions that only read.
 
 use sqlx::sqlite::{SqliteConnection, SqlitePool};
-use sqlx::{FromRow as _, Row as _};
 use treewright_core::trial::{RawTrial, Trial};
 use treewright_core::tuner::{Snapshot, Statistics};
 
 use super::rows::{StateRow, TrialRow, VisitRow, inconsistent, into_specification, signed, unsigned};
 use super::{filter, statements as sql, store_error};
-use crate::cursor::Cursor;
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::store::{Loaded, StudyRecord, TrialPage, TrialQuery};
@@ -136,16 +134,16 @@ pub(super) async fn trials(
     query: &TrialQuery,
 ) -> Result<TrialPage, StoreError> {
     let key = study_key(&mut *connection, study).await?;
-    let rows = filter::trial_page(key, query)?.build().fetch_all(&mut *connection).await.map_err(failed)?;
+    let rows: Vec<TrialRow> =
+        filter::trial_page(key, query)?.build_query_as().fetch_all(&mut *connection).await.map_err(failed)?;
     let more = rows.len() > query.size as usize;
-    let mut trials = Vec::with_capacity(rows.len());
-    let mut last = None;
-    for row in rows.iter().take(query.size as usize) {
-        let trial = TrialRow::from_row(row).map_err(failed)?;
-        last = Some(Cursor { value: row.try_get("sort_key").map_err(failed)?, number: trial.number });
-        trials.push(trial.into_trial()?);
-    }
-    Ok(TrialPage { trials, next: last.filter(|_| more) })
+    let trials = rows
+        .into_iter()
+        .take(query.size as usize)
+        .map(TrialRow::into_trial)
+        .collect::<Result<Vec<RawTrial>, _>>()?;
+    let next = trials.last().filter(|_| more).map(|last| query.order.place(last));
+    Ok(TrialPage { trials, next })
 }
 
 pub(super) async fn studies_with_due_leases(

@@ -1,5 +1,7 @@
 //! The fixed SQL, in the subset that SQLite and PostgreSQL share: numbered parameters, `ON CONFLICT`,
-//! no functions but `count`, `max` and `coalesce`. What is SQLite's own stands in `open` and `filter`.
+//! no functions but `count`, `max` and `coalesce`. What is SQLite's own stands in `open`, `filter` and
+//! `script`; for the last the upserts have parameters without numbers, which count on from one statement
+//! to the next.
 
 pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1";
 
@@ -39,14 +41,14 @@ pub(super) const STATES_OF_STUDY: &str =
     "SELECT id, indicators, search FROM states WHERE study = $1 ORDER BY id";
 
 pub(super) const STATE_UPSERT: &str = "INSERT INTO states (study, id, indicators, search) \
-     VALUES ($1, $2, $3, $4) \
+     VALUES (?, ?, ?, ?) \
      ON CONFLICT (study, id) DO UPDATE SET search = excluded.search";
 
 pub(super) const VISITS_OF_STUDY: &str =
     "SELECT client_id, state_id, number, decision FROM visits WHERE study = $1 ORDER BY client_id";
 
 pub(super) const VISIT_UPSERT: &str = "INSERT INTO visits (study, client_id, state_id, number, decision) \
-     VALUES ($1, $2, $3, $4, $5) \
+     VALUES (?, ?, ?, ?, ?) \
      ON CONFLICT (study, client_id) DO UPDATE SET state_id = excluded.state_id, \
      number = excluded.number, decision = excluded.decision";
 
@@ -65,8 +67,8 @@ pub(super) const TRIAL_COLUMNS: &str = trial_columns!();
 pub(super) const TRIAL_UPSERT: &str = concat!(
     "INSERT INTO trials (study, ",
     trial_columns!(),
-    ") VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, \
-     $21) ON CONFLICT (study, number) DO UPDATE SET state = excluded.state, outcome = excluded.outcome, \
+    ") VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, \
+     ?) ON CONFLICT (study, number) DO UPDATE SET state = excluded.state, outcome = excluded.outcome, \
      outcome_reason = excluded.outcome_reason, outcome_lower_bound = excluded.outcome_lower_bound, \
      cost = excluded.cost, late = excluded.late, lease_expire_ms = excluded.lease_expire_ms, \
      complete_ms = excluded.complete_ms, completion = excluded.completion, \

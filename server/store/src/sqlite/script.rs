@@ -1,0 +1,85 @@
+//! The rows of a commit as one script.
+//!
+//! A connection's statements run on a thread of its own, and the way there and back costs more than the
+//! statement itself. So a commit is sent as one text of several statements, whose parameters count on.
+
+use sqlx::AssertSqlSafe;
+use sqlx::query::Query;
+use sqlx::sqlite::{Sqlite, SqliteArguments};
+
+use super::rows::{Rows, StateRow, TrialRow, VisitRow};
+use super::statements as sql;
+
+/// Scripts of at most so many rows are kept prepared. A frame has two to four; only many leases that end
+/// at once have more.
+const PREPARED_ROWS: usize = 6;
+
+type Statements<'q> = Query<'q, Sqlite, SqliteArguments>;
+
+/// Stores `rows` inside the transaction that is open.
+pub(super) fn rows(study: i64, rows: &Rows) -> Statements<'_> {
+    bound(study, rows, text(rows))
+}
+
+/// Stores `rows` in a transaction of its own. After an error the transaction may be open still.
+pub(super) fn transaction(study: i64, rows: &Rows) -> Statements<'_> {
+    bound(study, rows, format!("BEGIN IMMEDIATE;{};COMMIT", text(rows)))
+}
+
+/// States first: visits and trials refer to them.
+fn text(rows: &Rows) -> String {
+    let states = std::iter::repeat_n(sql::STATE_UPSERT, rows.states.len());
+    let visits = std::iter::repeat_n(sql::VISIT_UPSERT, rows.visits.len());
+    let trials = std::iter::repeat_n(sql::TRIAL_UPSERT, rows.trials.len());
+    states.chain(visits).chain(trials).collect::<Vec<_>>().join(";")
+}
+
+fn bound(study: i64, rows: &Rows, text: String) -> Statements<'_> {
+    let count = rows.states.len() + rows.visits.len() + rows.trials.len();
+    // The text is put together from fixed parts alone.
+    let mut script = sqlx::query(AssertSqlSafe(text)).persistent(count <= PREPARED_ROWS);
+    for row in &rows.states {
+        script = bind_state(script, study, row);
+    }
+    for row in &rows.visits {
+        script = bind_visit(script, study, row);
+    }
+    for row in &rows.trials {
+        script = bind_trial(script, study, row);
+    }
+    script
+}
+
+fn bind_state<'q>(script: Statements<'q>, study: i64, row: &'q StateRow) -> Statements<'q> {
+    script.bind(study).bind(row.id).bind(&row.indicators).bind(&row.search)
+}
+
+fn bind_visit<'q>(script: Statements<'q>, study: i64, row: &'q VisitRow) -> Statements<'q> {
+    script.bind(study).bind(&row.client_id).bind(row.state_id).bind(row.number).bind(&row.decision)
+}
+
+/// Binds in the order of [`TRIAL_COLUMNS`](sql::TRIAL_COLUMNS).
+fn bind_trial<'q>(script: Statements<'q>, study: i64, row: &'q TrialRow) -> Statements<'q> {
+    script
+        .bind(study)
+        .bind(row.number)
+        .bind(&row.client_id)
+        .bind(row.state_id)
+        .bind(&row.mode)
+        .bind(&row.state)
+        .bind(&row.outcome)
+        .bind(&row.outcome_reason)
+        .bind(row.outcome_lower_bound)
+        .bind(row.cost)
+        .bind(row.predicted_cost)
+        .bind(row.late)
+        .bind(row.create_ms)
+        .bind(row.lease_expire_ms)
+        .bind(row.complete_ms)
+        .bind(row.completion)
+        .bind(&row.configuration)
+        .bind(&row.indicators)
+        .bind(&row.measurements)
+        .bind(&row.reason)
+        .bind(&row.fingerprint)
+}
