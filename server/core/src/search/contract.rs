@@ -10,7 +10,9 @@ const METHODS: [SearchMethod; 3] =
     [SearchMethod::NelderMead, SearchMethod::LatinHypercube, SearchMethod::Random];
 
 fn setup(seed: u64, dimension: usize, budget: u32) -> SearchSetup {
-    SearchSetup { seed, state_id: 7, start: vec![0.25; dimension], budget }
+    // Choices among other axes, so that both kinds of step are met; the last axis is none.
+    let levels = [2, 0, 0, 3].into_iter().cycle().take(dimension - 1).collect();
+    SearchSetup { seed, state_id: 7, start: vec![0.25; dimension], budget, levels }
 }
 
 fn bowl(x: &[f64]) -> f64 {

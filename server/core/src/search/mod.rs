@@ -7,6 +7,7 @@
 
 mod flight;
 pub mod latin_hypercube;
+mod levels;
 pub mod nelder_mead;
 pub mod random;
 
@@ -16,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::policy::SearchMethod;
 pub use latin_hypercube::LatinHypercubeSearch;
+pub use levels::levels;
 pub use nelder_mead::NelderMead;
 pub use random::RandomSearch;
 
@@ -44,6 +46,8 @@ pub enum Step {
     Expand,
     /// Between the centre and the worst or the reflected vertex.
     Contract,
+    /// The best point with another value of one choice.
+    Switch,
     /// A random point, near the best or anywhere.
     RandomSearch,
     /// A vertex of a new simplex around the best point.
@@ -59,6 +63,7 @@ impl Step {
             Step::Reflect => "reflect",
             Step::Expand => "expand",
             Step::Contract => "contract",
+            Step::Switch => "switch",
             Step::RandomSearch => "random_search",
             Step::Restart => "restart",
         }
@@ -136,11 +141,20 @@ pub struct SearchSetup {
     pub start: Vec<f64>,
     /// How many measurements are planned; initial designs are sized by it.
     pub budget: u32,
+    /// How many values each axis stands for, where they are few and hold equal shares of the axis, as
+    /// [`levels()`] counts them; 0 for every other axis. May be shorter than the dimension: the rest counts
+    /// as 0, and so do searches that were stored before this was known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub levels: Vec<u32>,
 }
 
 impl SearchSetup {
     fn dimension(&self) -> usize {
         self.start.len()
+    }
+
+    fn levels_of(&self, axis: usize) -> u32 {
+        self.levels.get(axis).copied().unwrap_or(0)
     }
 }
 
@@ -200,5 +214,7 @@ impl Search for AnySearch {
 
 #[cfg(test)]
 mod contract;
+#[cfg(test)]
+mod mixed;
 #[cfg(test)]
 mod quality;

@@ -19,6 +19,15 @@
 //!   the random search takes longer and longer steps; when the simplex has collapsed (no extent, or equal
 //!   scores everywhere) a new one is spread around the best point.
 //!
+//! - *Choices.* A simplex hardly ever changes a switch or a choice between few values, and those often matter
+//!   most. Where the setup names such axes, the design is followed by one round of switches: from the best
+//!   point each other value of each choice is tried once, the most promising by the design first, and a gain
+//!   becomes the point to switch from. From then on the simplex spans the other axes only, and a move takes
+//!   its value of each choice from one of the best measurements, drawn at random: a value that only looked
+//!   good once is soon outnumbered among them, where copying the single best would keep its luck for ever.
+//!   A design point that shares its score with another lies on a plateau, such as a switch that makes the
+//!   other parameters meaningless. No single switch leads on from there, so the round does not begin there.
+//!
 //! Only comparisons of scores are used, so that the points do not change when all costs are multiplied by
 //! one number. Infeasible points are worse than all others, and move out of the simplex first.
 
@@ -59,6 +68,9 @@ const GLOBAL_PROBABILITY: f64 = 0.15;
 /// choices, whose values are far apart in the cube, can change too.
 const AXIS_PROBABILITY: f64 = 0.2;
 
+/// How many of the best measurements moves take their choices from.
+const ELITE_MAX: usize = 8;
+
 /// A measured point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Vertex {
@@ -72,6 +84,8 @@ struct Vertex {
 enum Phase {
     /// Points of a design; they do not depend on each other and may be out together.
     Design { queue: VecDeque<(Vec<f64>, Step)> },
+    /// The best point with another value of one choice.
+    Switch,
     /// The worst vertex mirrored at the centroid of the others.
     Reflect,
     /// The reflection was the best so far: twice as far.
@@ -80,6 +94,11 @@ enum Phase {
     Contract { reflected: Vertex },
     /// The contraction was no gain either: a random point.
     Random,
+}
+
+/// The level of a choice that the coordinate `x` stands for.
+fn level_at(x: f64, levels: u32) -> u32 {
+    ((x * f64::from(levels)) as u32).min(levels - 1)
 }
 
 /// The search. See the head of this module.
@@ -95,13 +114,20 @@ pub struct NelderMead {
     /// Answers in a row that taught nothing.
     stale: u32,
     restarts: u32,
+    /// Switches that are still to be tried, as axis and level: the most promising last.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    switches: Vec<(usize, u32)>,
+    /// The best measured points so far, best first. Empty where there are no choices.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    elite: Vec<Vertex>,
     /// Random streams used so far.
     draws: u64,
 }
 
 impl NelderMead {
     /// A fresh search: the default configuration, then a Latin hypercube (Chang's initialisation), sized
-    /// to twice the vertices of the simplex but to about a quarter of the budget.
+    /// to about a quarter of the budget, within once the vertices of the simplex and twice those that it
+    /// would have if it spanned the choices too.
     pub fn new(setup: SearchSetup) -> Self {
         let mut search = NelderMead {
             flight: Flight::default(),
@@ -110,12 +136,14 @@ impl NelderMead {
             radius: RADIUS_START,
             stale: 0,
             restarts: 0,
+            switches: Vec::new(),
+            elite: Vec::new(),
             draws: 0,
             setup,
         };
-        let vertices = search.vertices();
         let quarter = search.setup.budget as usize / 4;
-        let count = quarter.clamp(vertices, 2 * vertices);
+        let most = 2 * search.affordable(search.setup.dimension() + 1);
+        let count = quarter.clamp(search.vertices(), most);
         let mut queue = VecDeque::from([(search.setup.start.clone(), Step::Default)]);
         let points = design(count - 1, search.setup.dimension(), &mut search.random());
         queue.extend(points.into_iter().map(|x| (x, Step::LatinHypercube)));
@@ -123,10 +151,83 @@ impl NelderMead {
         search
     }
 
-    /// How many vertices the simplex has: one more than dimensions where the budget allows.
+    /// How many vertices the simplex has: one more than the axes it spans where the budget allows.
     fn vertices(&self) -> usize {
-        let affordable = (self.setup.budget as usize / 2).clamp(3, VERTICES_MAX);
-        (self.setup.dimension() + 1).min(affordable)
+        let spanned = (0..self.setup.dimension()).filter(|&axis| !self.is_choice(axis)).count();
+        self.affordable(spanned + 1)
+    }
+
+    fn affordable(&self, vertices: usize) -> usize {
+        vertices.min((self.setup.budget as usize / 2).clamp(3, VERTICES_MAX))
+    }
+
+    fn is_choice(&self, axis: usize) -> bool {
+        self.setup.levels_of(axis) > 0
+    }
+
+    fn has_choices(&self) -> bool {
+        (0..self.setup.dimension()).any(|axis| self.is_choice(axis))
+    }
+
+    /// Begins the round of switches, after the design.
+    fn begin_switches(&mut self) {
+        let shares_score =
+            |vertex: &Vertex| self.simplex.iter().filter(|v| v.score == vertex.score).count() > 1;
+        let alone: Vec<Vertex> =
+            self.simplex.iter().filter(|vertex| !shares_score(vertex)).cloned().collect();
+        if !alone.is_empty() {
+            self.simplex = alone;
+        }
+        let mut switches = Vec::new();
+        for axis in 0..self.setup.dimension() {
+            let levels = self.setup.levels_of(axis);
+            switches.extend((0..levels).map(|level| (self.mean_rank(axis, level), (axis, level))));
+        }
+        switches.sort_by(|a, b| b.0.total_cmp(&a.0));
+        self.switches = switches.into_iter().map(|(_, switch)| switch).collect();
+        self.phase = Phase::Switch;
+    }
+
+    /// The mean rank of the points with this level of a choice, drawn to the middle where they are few.
+    fn mean_rank(&self, axis: usize, level: u32) -> f64 {
+        let has_level = |vertex: &Vertex| level_at(vertex.x[axis], self.setup.levels_of(axis)) == level;
+        let ranks = self.simplex.iter().enumerate().filter(|(_, vertex)| has_level(vertex));
+        let (sum, count) = ranks.fold((0.0, 0.0), |(sum, count), (rank, _)| (sum + rank as f64, count + 1.0));
+        (sum + self.simplex.len() as f64 / 2.0) / (count + 1.0)
+    }
+
+    /// The best point with the next switch of the round; `None` at the end of the round.
+    fn switched(&mut self) -> Option<Vec<f64>> {
+        let mut x = self.best()?.x.clone();
+        while let Some((axis, level)) = self.switches.pop() {
+            let levels = self.setup.levels_of(axis);
+            if level_at(x[axis], levels) != level {
+                x[axis] = (f64::from(level) + 0.5) / f64::from(levels);
+                return Some(x);
+            }
+        }
+        None
+    }
+
+    /// Gives each choice of `x` the value it has in one of the best measurements.
+    fn take_choices(&mut self, x: &mut [f64]) {
+        if self.elite.is_empty() {
+            return;
+        }
+        let mut random = self.random();
+        for axis in (0..x.len()).filter(|&axis| self.is_choice(axis)) {
+            x[axis] = self.elite[random.random_range(0..self.elite.len())].x[axis];
+        }
+    }
+
+    /// Remembers a measurement if it is one of the best.
+    fn consider(&mut self, vertex: &Vertex) {
+        if vertex.score == Score::Infeasible || !self.has_choices() {
+            return;
+        }
+        let at = self.elite.partition_point(|other| !vertex.score.beats(&other.score));
+        self.elite.insert(at, vertex.clone());
+        self.elite.truncate(ELITE_MAX);
     }
 
     fn random(&mut self) -> ChaCha8Rng {
@@ -174,7 +275,10 @@ impl NelderMead {
         let (Some(best), Some(worst)) = (self.simplex.first(), self.simplex.last()) else {
             return false;
         };
-        let near = |vertex: &Vertex| vertex.x.iter().zip(&best.x).all(|(a, b)| (a - b).abs() < EXTENT_MIN);
+        let near = |vertex: &Vertex| {
+            let is_near = |axis: usize| (vertex.x[axis] - best.x[axis]).abs() < EXTENT_MIN;
+            (0..best.x.len()).all(|axis| self.is_choice(axis) || is_near(axis))
+        };
         !worst.score.compare(&best.score).is_gt() || self.simplex.iter().all(near)
     }
 
@@ -190,39 +294,50 @@ impl NelderMead {
         };
         let centre = self.best().map_or_else(|| self.setup.start.clone(), |best| best.x.clone());
         let mut points = design(self.vertices() - 1, self.setup.dimension(), &mut self.random());
-        for (x, c) in points.iter_mut().flat_map(|point| point.iter_mut().zip(&centre)) {
-            let (low, high) = ((c - radius).max(0.0), (c + radius).min(1.0));
-            *x = low + *x * (high - low);
+        for point in &mut points {
+            for (axis, c) in centre.iter().enumerate() {
+                // The simplex does not span the choices, unless there is nothing yet to take them from.
+                let radius = if self.is_choice(axis) && radius < 1.0 { 0.0 } else { radius };
+                let (low, high) = ((c - radius).max(0.0), (c + radius).min(1.0));
+                point[axis] = low + point[axis] * (high - low);
+            }
         }
         self.restarts = self.restarts.wrapping_add(1);
         self.radius = RADIUS_START;
-        self.phase = Phase::Design { queue: points.into_iter().map(|x| (x, Step::Restart)).collect() };
+        self.phase = if points.is_empty() {
+            Phase::Random
+        } else {
+            Phase::Design { queue: points.into_iter().map(|x| (x, Step::Restart)).collect() }
+        };
     }
 
     /// Chang's adaptive random search. Local steps change some coordinates of the best point within a
-    /// radius that follows success; global steps are uniform over the cube and keep every point reachable.
+    /// radius that follows success, with choices as the moves take them or now and then drawn anew; global
+    /// steps are uniform over the cube and keep every point reachable.
     /// The fewer answers are fresh, the more steps are global.
     fn random_point(&mut self) -> Vec<f64> {
         let mut random = self.random();
         let dimension = self.setup.dimension();
         let global = (GLOBAL_PROBABILITY + 0.1 * f64::from(self.stale)).min(0.9);
         let is_global = random.random::<f64>() < global;
-        let local = match self.best() {
-            Some(best) if !is_global && best.score != Score::Infeasible => best,
+        let mut local = match self.best() {
+            Some(best) if !is_global && best.score != Score::Infeasible => best.x.clone(),
             _ => return (0..dimension).map(|_| random.random()).collect(),
         };
         // About a third of the axes, one at least: a step along all of them at once is rarely a gain.
         let always = random.random_range(0..dimension);
+        self.take_choices(&mut local);
         let step = |(axis, &x): (usize, &f64)| {
             let (change, whole, at) =
                 (random.random::<f64>(), random.random::<f64>(), random.random::<f64>());
             match () {
                 () if axis != always && change > 1.0 / 3.0 => x,
                 () if whole < AXIS_PROBABILITY => at,
+                () if self.is_choice(axis) => x,
                 () => (x + self.radius * (2.0 * at - 1.0)).clamp(0.0, 1.0),
             }
         };
-        local.x.iter().enumerate().map(step).collect()
+        local.iter().enumerate().map(step).collect()
     }
 
     /// A point on the line from the centroid through the worst vertex, `along` times as far from the
@@ -238,7 +353,7 @@ impl NelderMead {
         let worst = self.simplex.len() - 1;
         let second_worst = worst.saturating_sub(1);
         match phase {
-            Phase::Design { .. } => unreachable!("designs are answered in `tell`"),
+            Phase::Design { .. } | Phase::Switch => unreachable!("answered in `tell`"),
             Phase::Reflect => {
                 if vertex.score.beats(&self.simplex[0].score) {
                     self.phase = Phase::Expand { reflected: vertex };
@@ -276,7 +391,8 @@ impl NelderMead {
                     (false, false) => 1.5,
                 };
                 self.radius = (self.radius * factor).clamp(RADIUS_MIN, RADIUS_MAX);
-                if vertex.score.beats(&self.simplex[worst].score) {
+                // As in the round of switches, no known answer leads back onto a plateau.
+                if (fresh || !self.has_choices()) && vertex.score.beats(&self.simplex[worst].score) {
                     self.accept(vertex);
                 }
             }
@@ -299,9 +415,20 @@ impl Search for NelderMead {
         if !self.flight.is_empty() {
             return None;
         }
+        if self.phase == Phase::Switch {
+            if let Some(x) = self.switched() {
+                return Some(self.flight.launch(x, Step::Switch));
+            }
+            self.restart();
+            return self.ask();
+        }
+        if self.simplex.len() < 2 {
+            // A simplex of one vertex cannot move: all axes are choices.
+            self.phase = Phase::Random;
+        }
         let worst = &self.simplex[self.simplex.len() - 1];
-        let (x, step) = match &self.phase {
-            Phase::Design { .. } => return None,
+        let (mut x, step) = match &self.phase {
+            Phase::Design { .. } | Phase::Switch => return None,
             Phase::Reflect => (self.on_line(&worst.x, -REFLECTION), Step::Reflect),
             Phase::Expand { .. } => (self.on_line(&worst.x, -EXPANSION), Step::Expand),
             Phase::Contract { reflected } => {
@@ -311,6 +438,9 @@ impl Search for NelderMead {
             }
             Phase::Random => (self.random_point(), Step::RandomSearch),
         };
+        if step != Step::RandomSearch {
+            self.take_choices(&mut x);
+        }
         Some(self.flight.launch(x, step))
     }
 
@@ -319,6 +449,9 @@ impl Search for NelderMead {
             return;
         };
         let vertex = Vertex { x, score: self.score(feedback.verdict) };
+        if feedback.fresh {
+            self.consider(&vertex);
+        }
         self.stale = if feedback.fresh { 0 } else { self.stale.saturating_add(1) };
         match std::mem::replace(&mut self.phase, Phase::Random) {
             Phase::Design { queue } => {
@@ -326,13 +459,23 @@ impl Search for NelderMead {
                 self.sort();
                 let done = queue.is_empty() && self.flight.is_empty();
                 self.phase = if done { Phase::Reflect } else { Phase::Design { queue } };
-                if done {
+                if done && self.restarts == 0 && self.has_choices() {
+                    self.begin_switches();
+                } else if done {
                     // The best of the design make the simplex.
                     self.simplex.truncate(self.vertices());
                     if self.has_collapsed() {
                         // Another simplex would not tell more than this one: step at random first.
                         self.phase = Phase::Random;
                     }
+                }
+            }
+            Phase::Switch => {
+                self.phase = Phase::Switch;
+                // A known answer may be the plateau that the round was begun away from.
+                if feedback.fresh {
+                    self.simplex.push(vertex);
+                    self.sort();
                 }
             }
             phase => {

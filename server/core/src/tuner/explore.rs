@@ -5,7 +5,7 @@ use rand::RngExt;
 use crate::configuration::Configuration;
 use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
 use crate::randomness::{Purpose, stream};
-use crate::search::{AnySearch, Feedback, Point, Search, SearchSetup, Step};
+use crate::search::{AnySearch, Feedback, Point, Search, SearchSetup, Step, levels};
 use crate::trial::{Mode, Reason};
 use crate::tuner::{Exploration, Prediction, Tuner, Work};
 
@@ -59,6 +59,7 @@ impl Tuner {
             state_id: self.states[state].id,
             start: self.spec.space.encode(self.spec.space.default_ref()),
             budget: self.spec.policy.trials_per_state,
+            levels: levels(&self.spec.space),
         };
         self.work[state].exploration = Some(Exploration::new(AnySearch::new(method, setup)));
         self.states[state].explored = true;
