@@ -31,7 +31,23 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
         remedy: "export it again, complete and without mesh compression",
     };
     check_header(bytes).map_err(malformed)?;
-    let Gltf { document, blob } = Gltf::from_slice(bytes).map_err(|error| malformed(told(&error)))?;
+    let parsed = Gltf::from_slice_without_validation(bytes).map_err(|error| malformed(told(&error)))?;
+    let (json, blob) = (parsed.document.into_json(), parsed.blob);
+    // The validation below takes it for granted that the positions' accessor exists.
+    let attributes = json
+        .meshes
+        .iter()
+        .flat_map(|mesh| &mesh.primitives)
+        .flat_map(|primitive| primitive.attributes.values());
+    if let Some(missing) =
+        attributes.map(gltf::json::Index::value).find(|index| *index >= json.accessors.len())
+    {
+        return Err(malformed(format!(
+            "a mesh names accessor {missing}, but there are only {}",
+            json.accessors.len()
+        )));
+    }
+    let document = Document::from_json(json).map_err(|error| malformed(told(&error)))?;
     let base = path.parent();
     let buffers = gltf::import_buffers(&document, base, blob).map_err(|error| malformed(told(&error)))?;
     let mut assembler = Assembler::new(stem(path), path);

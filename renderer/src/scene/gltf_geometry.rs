@@ -1,7 +1,7 @@
 //! The triangles of one glTF primitive.
 
 use glam::Vec3;
-use gltf::accessor::Accessor;
+use gltf::accessor::{Accessor, DataType, Dimensions};
 use gltf::mesh::Mode;
 use gltf::{Primitive, Semantic};
 
@@ -23,7 +23,7 @@ pub(super) fn read(primitive: &Primitive, buffers: &Buffers) -> Result<Option<Pa
     else {
         return Ok(None);
     };
-    check(&positions, buffers)?;
+    check(&positions, VECTORS, buffers)?;
     let reader = primitive.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
     let mut part = Part::default();
     let outside = || "its positions reach outside their buffer".to_owned();
@@ -31,14 +31,14 @@ pub(super) fn read(primitive: &Primitive, buffers: &Buffers) -> Result<Option<Pa
     if let Some(normals) =
         primitive.get(&Semantic::Normals).filter(|normals| normals.count() == positions.count())
     {
-        check(&normals, buffers)?;
+        check(&normals, VECTORS, buffers)?;
         let outside = || "its normals reach outside their buffer".to_owned();
         part.normals.extend(reader.read_normals().ok_or_else(outside)?.map(Vec3::from_array));
     }
     let numbers: Vec<u32> = match primitive.indices() {
         Some(indices) if indices.count() == 0 => return Ok(None),
         Some(indices) => {
-            check(&indices, buffers)?;
+            check(&indices, INDICES, buffers)?;
             let outside = || "its indices reach outside their buffer".to_owned();
             reader.read_indices().ok_or_else(outside)?.into_u32().collect()
         }
@@ -61,9 +61,19 @@ pub(super) fn read(primitive: &Primitive, buffers: &Buffers) -> Result<Option<Pa
     Ok(Some(part))
 }
 
-/// Checks an accessor before it is read: the reader trusts counts, offsets and strides to fit together.
-fn check(accessor: &Accessor, buffers: &Buffers) -> Result<(), String> {
+/// What positions and normals are made of.
+const VECTORS: (Dimensions, &[DataType]) = (Dimensions::Vec3, &[DataType::F32]);
+/// What indices are made of.
+const INDICES: (Dimensions, &[DataType]) =
+    (Dimensions::Scalar, &[DataType::U8, DataType::U16, DataType::U32]);
+
+/// Checks an accessor before it is read: the reader trusts types, counts, offsets and strides to fit
+/// together.
+fn check(accessor: &Accessor, expected: (Dimensions, &[DataType]), buffers: &Buffers) -> Result<(), String> {
     let fault = |what: String| Err(format!("accessor {} {what}", accessor.index()));
+    if accessor.dimensions() != expected.0 || !expected.1.contains(&accessor.data_type()) {
+        return fault(format!("holds {:?} of {:?}", accessor.dimensions(), accessor.data_type()));
+    }
     if accessor.count() > VERTICES_MAX {
         return fault(format!("has {} elements, more than the limit of {VERTICES_MAX}", accessor.count()));
     }

@@ -169,6 +169,10 @@ fn damaged_gltf_files() {
     assert!(error_of("mesh.glb", &changed("/nodes/0/mesh", json!(9))).contains("Index out of bounds"));
     let points = changed("/meshes/0/primitives/0", json!({"attributes": {"POSITION": 0}, "mode": 0}));
     assert!(error_of("points.glb", &points).contains("Ignored 1 primitives"));
+    let astray = changed("/meshes/0/primitives/0/attributes/POSITION", json!(7));
+    assert!(error_of("astray.glb", &astray).contains("names accessor 7"));
+    let typed = changed("/accessors/1/componentType", json!(5126));
+    assert!(error_of("typed.glb", &typed).contains("accessor 1 holds"));
     let no_mesh = glb(&json!({"asset": {"version": "2.0"}, "scenes": [{"nodes": []}], "scene": 0}), &[]);
     assert!(error_of("bare.glb", &no_mesh).contains("no meshes"));
     assert!(error_of("text.gltf", b"{\"asset\": ").contains("glTF"));
