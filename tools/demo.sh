@@ -2,13 +2,13 @@
 # Tunes a built-in scene with a fresh daemon, moves the camera, and leaves demo/report.html. `make demo` calls it.
 #
 #   DEMO_SCENE       what is tuned (default builtin:voxels; also a glTF, OBJ or PLY file)
-#   DEMO_ITERATIONS  how many configurations are tried (default 60)
+#   DEMO_ITERATIONS  how many configurations are tried (default 50)
 #   DEMO_BIN         folder of the programs (default target/release)
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 scene=${DEMO_SCENE:-builtin:voxels}
-iterations=${DEMO_ITERATIONS:-60}
+iterations=${DEMO_ITERATIONS:-50}
 bin=${DEMO_BIN:-target/release}
 folder=demo
 size=320x240
@@ -52,8 +52,8 @@ fi
 rm -f "$folder/daemon.out"
 echo "   listening on $url, database $folder/tuning.db"
 
-say "2. Tuning: every frame tries another way to build the tree of boxes that rays are tested against"
-"$bin/treewright-render" tune --server "$url" --scene "$scene" --objective render --iterations "$iterations" \
+say "2. Tuning: every trial tries another way to build the tree of boxes that rays are tested against"
+"$bin/treewright-render" tune --server "$url" --scene "$scene" --objective render --iterations "$iterations" --frames 2 \
     --size "$size" --json "$folder/run.json" --report "$folder/report.html"
 
 say "3. Moving the camera: the service has never seen these views, and answers at once from what it learned"

@@ -18,6 +18,9 @@ pub const THREADS_MAX: usize = 1024;
 /// Most iterations of a tuning run and frames of a flight.
 pub const ITERATIONS_MAX: u32 = 100_000;
 
+/// Most frames that one trial of a search renders.
+pub const FRAMES_PER_TRIAL_MAX: u32 = 1000;
+
 /// Most rounds in which winners are measured again.
 pub const ROUNDS_MAX: u32 = 10_000;
 

@@ -150,7 +150,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         print(&frame, arguments.objective);
         frames.push(frame);
         // What was shown without a new build cannot be reported where builds are part of the objective.
-        previous = Some(suggestion.finished(measurements(times), outcome)?);
+        previous = Some(suggestion.finished(measurements(times, 1), outcome)?);
         if interrupt.requested() {
             break;
         }

@@ -19,7 +19,7 @@ use crate::camera_path::CameraPath;
 use crate::frame::{Renderer, milliseconds};
 use crate::indicators::SceneIndicators;
 use crate::integrator::View;
-use crate::limits::{ITERATIONS_MAX, ROUNDS_MAX};
+use crate::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
 use crate::measure::{Conditions, Contender, Standing, interleaved, standings};
 use crate::report;
 use crate::scene::{Camera, Scene};
@@ -57,6 +57,10 @@ pub(super) struct Arguments {
     /// How many configurations are tried.
     #[arg(long, value_name = "N", default_value_t = 80, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
     iterations: u32,
+
+    /// Frames rendered with each configuration; their median counts. More make the search surer and slower.
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_PER_TRIAL_MAX)))]
+    frames: u32,
 
     /// Pixels across and down.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
@@ -121,6 +125,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         view: View { camera, seed: arguments.frame.seed, bounces: arguments.frame.bounces },
         width: arguments.size.width,
         height: arguments.size.height,
+        frames: arguments.frames,
         indicators: indicators(&scene, &camera),
     };
     let drift = arguments.moving.map(|span| Drift {
@@ -152,7 +157,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     });
     spinner.finish_and_clear();
 
-    let break_even = verdict::break_even(&found, arguments.objective, &standings);
+    let break_even = verdict::break_even(&found, arguments.objective, arguments.frames, &standings);
     let results = Results {
         scene: facts(&scene),
         size: [arguments.size.width, arguments.size.height],
@@ -211,7 +216,7 @@ fn search(
     drift: Option<&Drift>,
     interrupt: Interrupt,
 ) -> Result<Found, CliError> {
-    let bar = output::bar(u64::from(iterations), "frames");
+    let bar = output::bar(u64::from(iterations), "trials");
     let mut tuner = study.tuner();
     let (mut default, mut best): (Option<f64>, Option<f64>) = (None, None);
     let mut away = false;
@@ -226,10 +231,10 @@ fn search(
         if now_away != away {
             bar.suspend(|| match now_away {
                 true => eprintln!(
-                    "frame {}: the daemon does not answer; going on with the last good configuration",
+                    "trial {}: the daemon does not answer; going on with the last good configuration",
                     iteration.number
                 ),
-                false => eprintln!("frame {}: the daemon answers again", iteration.number),
+                false => eprintln!("trial {}: the daemon answers again", iteration.number),
             });
             away = now_away;
         }

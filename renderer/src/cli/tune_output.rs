@@ -54,7 +54,7 @@ pub(super) fn print(results: &Results) {
     }
     let overhead = &results.overhead;
     println!(
-        "tuning overhead: {:.2} ms a frame (median), {:.2} ms for one frame in a hundred; {:.2} % of the frame",
+        "tuning overhead: {:.2} ms for a report and the next suggestion (median), one in a hundred took {:.2} ms or more; {:.2} % of the time",
         overhead.waiting_ms.median,
         overhead.waiting_p99_ms,
         overhead.share_of_frame * 100.0,

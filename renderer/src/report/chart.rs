@@ -68,7 +68,7 @@ fn draw(results: &Results, svg: &mut String) -> Result<(), Box<dyn std::error::E
         .light_line_style(TRANSPARENT)
         .axis_style(INK.stroke_width(1))
         .label_style(("sans-serif", 15).into_font().color(&INK))
-        .x_desc("frame of the search")
+        .x_desc("trial of the search")
         .y_desc("frame time, default = 1")
         .x_label_formatter(&|x| format!("{x:.0}"))
         .y_label_formatter(&|y| format!("{y:.1}"))

@@ -95,7 +95,7 @@ pub(super) fn search_summary(results: &Results) -> String {
             format!(" {failed} of them could not be built at all, which the search takes as an answer, too.")
         }
     };
-    format!("The search tried {} configurations, one a frame.{failures}", results.trials.len())
+    format!("The search tried {} configurations.{failures}", results.trials.len())
 }
 
 pub(super) fn prediction(results: &Results) -> Option<String> {
@@ -117,7 +117,7 @@ pub(super) fn prediction(results: &Results) -> Option<String> {
 pub(super) fn overhead(results: &Results) -> String {
     let overhead = &results.overhead;
     format!(
-        "Asking and telling the service took {:.2} ms a frame (median), {:.2} % of the frame. The whole search waited {:.0} ms for it.",
+        "Telling the service a result and getting the next suggestion took {:.2} ms (median), {:.2} % of the time. The whole search waited {:.0} ms for it.",
         overhead.waiting_ms.median,
         overhead.share_of_frame * 100.0,
         overhead.waiting_total_ms,

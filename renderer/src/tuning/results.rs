@@ -25,7 +25,7 @@ pub struct Results {
     pub machine: Fingerprint,
     /// The state that was tuned.
     pub indicators: Indicators,
-    /// Every frame of the search.
+    /// Every trial of the search.
     pub trials: Vec<Iteration>,
     /// The default's cost while the search ran: what the trials' costs are compared with.
     pub reference_ms: f64,
@@ -84,21 +84,21 @@ impl Prediction {
     }
 }
 
-/// What asking and telling the service cost each frame.
+/// What asking and telling the service cost.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Overhead {
-    /// Waiting in one frame.
+    /// Waiting for one report to be taken and the next suggestion to come.
     pub waiting_ms: Summary,
-    /// One frame in a hundred waited longer.
+    /// One in a hundred took longer.
     pub waiting_p99_ms: f64,
-    /// Waiting as a share of the median frame, builds included.
+    /// Median waiting as a share of the median trial, build and frames included.
     pub share_of_frame: f64,
     /// Waiting over the whole search.
     pub waiting_total_ms: f64,
 }
 
 impl Overhead {
-    /// Of the frames of a search.
+    /// Of the trials of a search.
     pub fn of(trials: &[Iteration]) -> Self {
         let mut waiting: Vec<f64> = trials.iter().map(|trial| trial.waiting_ms).collect();
         waiting.sort_by(f64::total_cmp);

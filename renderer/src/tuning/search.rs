@@ -45,7 +45,7 @@ pub struct Iteration {
     pub times: Option<FrameTimes>,
     /// The objective.
     pub cost: Option<f64>,
-    /// How long the frame waited for the service: the previous report and this suggestion.
+    /// How long the trial waited for the service: the previous report and this suggestion.
     pub waiting_ms: f64,
     /// Everything this iteration took.
     pub total_ms: f64,
@@ -62,6 +62,8 @@ pub struct Setting {
     pub width: u32,
     /// Pixels down.
     pub height: u32,
+    /// Frames of each trial; the median counts.
+    pub frames: u32,
     /// The state, as the service sees it.
     pub indicators: Indicators,
 }
@@ -135,7 +137,7 @@ pub fn run(
             waiting_ms,
             milliseconds(begin),
         );
-        previous = Some(suggestion.finished(measurements(times), outcome)?);
+        previous = Some(suggestion.finished(measurements(times, setting.frames), outcome)?);
         let go_on = told(&iteration);
         all.push(iteration);
         if !go_on {
@@ -157,7 +159,7 @@ fn reference(renderer: &mut Renderer, setting: &Setting, film: &mut Film) -> Vec
         .collect()
 }
 
-/// Builds and renders one frame. The same sample each time, so that all trials are asked the same rays.
+/// Builds and renders one trial. The same sample each time, so that all trials are asked the same rays.
 pub fn frame(
     renderer: &mut Renderer,
     configuration: &Configuration,
@@ -175,19 +177,25 @@ pub fn frame(
         }
         Err(error) => return (Outcome::failed(error.to_string()), None),
     };
-    film.clear();
-    match renderer.render(&setting.view, film) {
-        Some((render_ms, _)) => (Outcome::Ok, Some(FrameTimes { build_ms, render_ms })),
-        None => (Outcome::failed("no structure was built"), None),
+    let mut render_ms = Vec::new();
+    for _ in 0..setting.frames {
+        film.clear();
+        match renderer.render(&setting.view, film) {
+            Some((frame_ms, _)) => render_ms.push(frame_ms),
+            None => return (Outcome::failed("no structure was built"), None),
+        }
     }
+    (Outcome::Ok, Some(FrameTimes { build_ms, render_ms: Summary::of(&render_ms).median }))
 }
 
-/// The raw measurements of a frame, as they are reported.
-pub fn measurements(times: Option<FrameTimes>) -> Measurements {
+/// The raw measurements of a trial of so many frames, as they are reported.
+pub fn measurements(times: Option<FrameTimes>, frames: u32) -> Measurements {
     match times {
-        Some(times) => {
-            Measurements::from([(BUILD_MS, times.build_ms), (RENDER_MS, times.render_ms), ("frames", 1.0)])
-        }
+        Some(times) => Measurements::from([
+            (BUILD_MS, times.build_ms),
+            (RENDER_MS, times.render_ms),
+            ("frames", f64::from(frames)),
+        ]),
         None => Measurements::new(),
     }
 }

@@ -76,8 +76,8 @@ pub fn contender(name: &str, configuration: &Configuration) -> Result<Contender,
 }
 
 /// Break-even from what was measured. The search's own costs are those of its time; frames with the default
-/// are taken at the reference of that time, and tuned ones at that over the speed-up that was measured again.
-pub fn break_even(found: &Found, objective: Objective, standings: &[Standing]) -> BreakEven {
+/// are taken at the reference of that time, `frames` of them a trial, and tuned ones at that over the speed-up that was measured again.
+pub fn break_even(found: &Found, objective: Objective, frames: u32, standings: &[Standing]) -> BreakEven {
     let find = |name: &str| standings.iter().find(|standing| standing.name == name);
     let setup = |name: &str| match find(name) {
         Some(standing) if !objective.builds_each_frame() => standing.build_ms.median,
@@ -87,7 +87,7 @@ pub fn break_even(found: &Found, objective: Objective, standings: &[Standing]) -
     let trials = &found.trials;
     BreakEven {
         tuning_ms: trials.iter().map(|trial| trial.total_ms).sum(),
-        frames_while_tuning: trials.iter().filter(|trial| trial.times.is_some()).count() as u32,
+        frames_while_tuning: frames * trials.iter().filter(|trial| trial.times.is_some()).count() as u32,
         tuned_setup_ms: setup(TUNED),
         tuned_frame_ms: found.reference_ms / speedup,
         default_setup_ms: setup(DEFAULT),
@@ -149,12 +149,12 @@ mod tests {
         let standings = [standing(DEFAULT, 20.0, 1.0), standing(TUNED, 30.0, 1.25)];
         let trials = vec![trial(Some(10.0), 1), trial(None, 2), trial(Some(8.0), 3)];
         let found = Found { trials, reference_ms: 10.0 };
-        let render = break_even(&found, Objective::Render, &standings);
+        let render = break_even(&found, Objective::Render, 1, &standings);
         assert_eq!((render.tuning_ms, render.frames_while_tuning), (36.0, 2));
         assert_eq!((render.default_setup_ms, render.tuned_setup_ms), (20.0, 30.0));
         // 36 + 30 + (n - 2) * 8 <= 20 + n * 10
         assert_eq!(render.frame(), Some(15));
-        let total = break_even(&found, Objective::Total, &standings);
+        let total = break_even(&found, Objective::Total, 1, &standings);
         assert_eq!((total.default_setup_ms, total.tuned_setup_ms), (0.0, 0.0));
     }
 }
