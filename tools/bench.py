@@ -20,7 +20,7 @@ import tempfile
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-BIN = ROOT / "target" / "release"
+BIN = pathlib.Path(os.environ.get("BIN", ROOT / "target" / "release"))
 FILES = ["sponza", "fireplace_room", "living_room", "bmw-m6"]
 BUILTIN = ["hall", "city"]
 
