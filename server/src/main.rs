@@ -1,4 +1,5 @@
 //! `treewrightd`: reads the command line, runs the daemon, reports how it ended.
+#![forbid(unsafe_code)]
 
 use std::process::ExitCode;
 
