@@ -182,6 +182,7 @@ pub fn build_choice(configuration: &Configuration) -> Result<BuildChoice, Config
         static_scene: boolean("static"),
         compact: boolean("compact"),
         robust: boolean("robust"),
+        ..default
     }))
 }
 
@@ -267,6 +268,7 @@ mod tests {
                 static_scene: true,
                 compact: false,
                 robust: true,
+                ..TreeParameters::default()
             }
         );
         assert!(parameters.check().is_ok());

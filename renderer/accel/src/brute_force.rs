@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::geometry::{Hit, Intersector, Ray, Triangles};
+use crate::geometry::{Hit, Intersector, NO_INSTANCE, Ray, Triangles};
 
 /// No structure at all.
 #[derive(Clone, Debug)]
@@ -77,6 +77,7 @@ impl Intersector for BruteForce {
             u: found.u as f32,
             v: found.v as f32,
             triangle: u32::try_from(found.triangle).expect("TRIANGLES_MAX fits"),
+            instance: NO_INSTANCE,
         })
     }
 

@@ -4,7 +4,7 @@
 //! because Embree reads 16 bytes a vertex from shared buffers.
 
 use glam::{Vec3, Vec3A};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::limits::{COORDINATE_MAX, TRIANGLES_MAX};
 
@@ -128,6 +128,28 @@ pub struct Hit {
     pub v: f32,
     /// Number of the triangle.
     pub triangle: u32,
+    /// Number of the instance the triangle was met in; [`NO_INSTANCE`] in a scene without instances.
+    pub instance: u32,
+}
+
+/// What [`Hit::instance`] holds in a scene without instances.
+pub const NO_INSTANCE: u32 = u32::MAX;
+
+/// How the rays of a batch are traced.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Packets {
+    /// One by one.
+    #[default]
+    Single,
+    /// Eight at a time, each on its own way.
+    Eight,
+    /// Eight at a time that mostly go the same way.
+    EightCoherent,
+    /// Sixteen at a time, each on its own way.
+    Sixteen,
+    /// Sixteen at a time that mostly go the same way.
+    SixteenCoherent,
 }
 
 /// Anything that answers ray queries over [`Triangles`]. Queries never fail: rays with non-finite
@@ -135,6 +157,24 @@ pub struct Hit {
 pub trait Intersector: Sync + Send {
     /// The nearest hit inside the segment.
     fn closest(&self, ray: &Ray) -> Option<Hit>;
+
     /// Whether anything lies inside the segment.
     fn occluded(&self, ray: &Ray) -> bool;
+
+    /// The nearest hit of each ray; `hits` is as long as `rays`. The answers are those of
+    /// [`Intersector::closest`] however the rays are packed.
+    fn closest_each(&self, _packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        assert_eq!(rays.len(), hits.len(), "one hit a ray");
+        for (ray, hit) in rays.iter().zip(hits) {
+            *hit = self.closest(ray);
+        }
+    }
+
+    /// Whether anything lies inside each segment; `occluded` is as long as `rays`.
+    fn occluded_each(&self, _packets: Packets, rays: &[Ray], occluded: &mut [bool]) {
+        assert_eq!(rays.len(), occluded.len(), "one answer a ray");
+        for (ray, occluded) in rays.iter().zip(occluded) {
+            *occluded = self.occluded(ray);
+        }
+    }
 }

@@ -6,6 +6,7 @@ mod denormals;
 mod embree;
 mod error;
 pub mod geometry;
+mod instances;
 pub mod limits;
 pub mod parameters;
 mod structure;
@@ -16,8 +17,11 @@ pub use brute_force::BruteForce;
 pub use denormals::set_flush_denormals;
 pub use embree::{Device, DeviceError, NativeScene};
 pub use error::BuildError;
-pub use geometry::{GeometryError, Hit, Intersector, Ray, Triangles};
-pub use parameters::{BuildChoice, NativeOptions, NativeQuality, Quality, TreeParameters};
+pub use geometry::{GeometryError, Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
+pub use instances::{Instance, InstanceError, Instances};
+pub use parameters::{
+    BuildChoice, Collapse, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Quality, TreeParameters,
+};
 pub use structure::{Statistics, Structure, Visitor, build};
 pub use traverse::Isa;
 pub use tree::{Tree, TreeFault, TreeStatistics};

@@ -27,6 +27,15 @@ pub const SAH_BLOCK_SIZE_MAX: u32 = 32;
 /// Largest cost of a step or a test in the heuristic.
 pub const COST_MAX: f32 = 10.0;
 
-/// Room for the references that spatial splits add, as a factor on the number of triangles. Native Embree
-/// takes the same.
-pub const SPLIT_CAPACITY_FACTOR: f64 = 1.2;
+/// Room for the references that spatial splits add, as a factor on the number of triangles, if nothing else is
+/// asked for. Native Embree takes the same.
+pub const SPLIT_BUDGET: f32 = 1.2;
+
+/// Permitted `split_budget`.
+pub const SPLIT_BUDGET_RANGE: std::ops::RangeInclusive<f32> = 1.0..=2.0;
+
+/// Most passes of insertion-based optimisation.
+pub const REINSERTION_PASSES_MAX: u32 = 16;
+
+/// Most instances in one scene.
+pub const INSTANCES_MAX: usize = 1 << 24;

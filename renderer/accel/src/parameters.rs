@@ -3,7 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::BuildError;
-use crate::limits::{COST_MAX, LEAF_SIZE_MAX, MAX_DEPTH, SAH_BLOCK_SIZE_MAX};
+use crate::limits::{
+    COST_MAX, LEAF_SIZE_MAX, MAX_DEPTH, REINSERTION_PASSES_MAX, SAH_BLOCK_SIZE_MAX, SPLIT_BUDGET,
+    SPLIT_BUDGET_RANGE,
+};
 
 /// Builder of the tunable tree (Table 1 `quality` 1, 2, 3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -17,7 +20,8 @@ pub enum Quality {
     SahSplit,
 }
 
-/// The eleven parameters of Table 1.
+/// The eleven parameters of Table 1, and behind them what makes a tree fast beyond the paper: their default is what
+/// the paper's space fixes them at.
 ///
 /// Not every parameter matters in every configuration:
 ///
@@ -50,6 +54,57 @@ pub struct TreeParameters {
     pub compact: bool,
     /// Watertight intersection.
     pub robust: bool,
+    /// Triangles a block of a leaf: 4 or 8, tested at once.
+    pub block_width: u32,
+    /// How the wide tree comes about.
+    pub collapse: Collapse,
+    /// Passes of insertion-based optimisation over the binary tree, 0 to 16. Acts with [`Collapse::Optimal`] only.
+    pub reinsertion_passes: u32,
+    /// Order of the nodes in memory.
+    pub order: NodeOrder,
+    /// How a node keeps its children's bounds.
+    pub format: NodeFormat,
+    /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts with
+    /// [`Quality::SahSplit`] only.
+    pub split_budget: f32,
+}
+
+/// How a tree of many children a node comes about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Collapse {
+    /// Embree's builder makes wide nodes at once, as in the paper.
+    #[default]
+    Builder,
+    /// Embree's builder makes a binary tree of single triangles; the wide tree and its leaves of least expected
+    /// cost are found by dynamic programming.
+    Optimal,
+}
+
+/// Order of nodes and leaves in memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NodeOrder {
+    /// As the builder's threads made them.
+    #[default]
+    Builder,
+    /// Depth first, the child of largest surface first.
+    DepthFirst,
+    /// Van Emde Boas: recursively the upper half of the levels, then the subtrees below.
+    VanEmdeBoas,
+    /// Treelets grown by the probability that a ray visits them, the hottest first.
+    Treelets,
+}
+
+/// How a node keeps its children's bounds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NodeFormat {
+    /// Six single-precision numbers a child.
+    #[default]
+    Full,
+    /// Six bytes a child, relative to the node's own box and rounded outwards.
+    Quantised,
 }
 
 impl Default for TreeParameters {
@@ -67,6 +122,12 @@ impl Default for TreeParameters {
             static_scene: false,
             compact: false,
             robust: false,
+            block_width: 4,
+            collapse: Collapse::Builder,
+            reinsertion_passes: 0,
+            order: NodeOrder::Builder,
+            format: NodeFormat::Full,
+            split_budget: SPLIT_BUDGET,
         }
     }
 }
@@ -101,6 +162,15 @@ impl TreeParameters {
         }
         if !(f32::MIN_POSITIVE..=COST_MAX).contains(&self.intersection_cost) {
             return refuse("intersection_cost", &self.intersection_cost, "it must be above 0, to 10");
+        }
+        if ![4, 8].contains(&self.block_width) {
+            return refuse("block_width", &self.block_width, "it must be 4 or 8");
+        }
+        if self.reinsertion_passes > REINSERTION_PASSES_MAX {
+            return refuse("reinsertion_passes", &self.reinsertion_passes, "it must be 0 to 16");
+        }
+        if !SPLIT_BUDGET_RANGE.contains(&self.split_budget) {
+            return refuse("split_budget", &self.split_budget, "it must be 1 to 2");
         }
         Ok(())
     }

@@ -39,6 +39,7 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
                 static_scene,
                 compact,
                 robust,
+                ..TreeParameters::default()
             }
         },
     )

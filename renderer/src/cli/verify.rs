@@ -304,11 +304,13 @@ fn same_hit(a: Option<Hit>, b: Option<Hit>, diagonal: f32) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use treewright_accel::NO_INSTANCE;
+
     use super::*;
 
     #[test]
     fn distances_agree_within_single_precision() {
-        let on = |triangle: u32, t: f32| Some(Hit { t, u: 0.0, v: 0.0, triangle });
+        let on = |triangle: u32, t: f32| Some(Hit { t, u: 0.0, v: 0.0, triangle, instance: NO_INSTANCE });
         let at = |t: f32| on(0, t);
         assert!(same_hit(None, None, 1.0));
         assert!(same_hit(at(100.0), at(100.001), 1.0));

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use super::device::{Device, EmbreeFailure};
 use super::ffi;
 use crate::error::BuildError;
-use crate::geometry::{Hit, Intersector, Ray, Triangles};
+use crate::geometry::{Hit, Intersector, NO_INSTANCE, Ray, Triangles};
 use crate::parameters::{NativeOptions, NativeQuality};
 
 /// A committed Embree scene over shared triangles.
@@ -175,6 +175,7 @@ impl Intersector for NativeScene {
             u: hit.u,
             v: hit.v,
             triangle: hit.primitive,
+            instance: NO_INSTANCE,
         })
     }
 

@@ -11,7 +11,7 @@ use std::mem::MaybeUninit;
 use super::boxes::Boxes;
 use super::lanes::Stored;
 use super::triangles::Blocks;
-use crate::geometry::{Hit, Ray};
+use crate::geometry::{Hit, NO_INSTANCE, Ray};
 use crate::limits::MAX_DEPTH;
 use crate::tree::Root;
 use crate::tree::layout::{NO_TRIANGLE, NodeRef};
@@ -94,7 +94,7 @@ pub(crate) unsafe fn closest<const W: usize, B: Boxes<W>, T: Blocks>(root: &Root
     let boxes = B::new(root, ray);
     let triangles = T::new(ray);
     let mut stack = Stack::<Entry>::new();
-    let mut hit = Hit { t: ray.t_max, u: 0.0, v: 0.0, triangle: NO_TRIANGLE };
+    let mut hit = Hit { t: ray.t_max, u: 0.0, v: 0.0, triangle: NO_TRIANGLE, instance: NO_INSTANCE };
     let mut current = root.node;
     'walk: loop {
         while !current.is_leaf() {

@@ -9,7 +9,7 @@
 
 use super::lanes::{Lanes, Stored};
 use super::triangles::Blocks;
-use crate::geometry::{Hit, Ray};
+use crate::geometry::{Hit, NO_INSTANCE, Ray};
 use crate::tree::layout::Block;
 
 /// Triangles as three corners.
@@ -129,7 +129,7 @@ impl<L: Lanes> Blocks for WatertightBlocks<L> {
             left &= left - 1;
             if times[lane] < hit.t {
                 let (u, v) = (Stored::from(u.div(sum)).0[lane], Stored::from(v.div(sum)).0[lane]);
-                *hit = Hit { t: times[lane], u, v, triangle: block.triangles[lane] };
+                *hit = Hit { t: times[lane], u, v, triangle: block.triangles[lane], instance: NO_INSTANCE };
             }
         }
     }

@@ -19,7 +19,6 @@ use super::{Memory, Root, Tree};
 use crate::embree::{Device, ffi};
 use crate::error::BuildError;
 use crate::geometry::Triangles;
-use crate::limits::SPLIT_CAPACITY_FACTOR;
 use crate::parameters::{Quality, TreeParameters};
 use crate::traverse::{Isa, Kernels};
 
@@ -65,7 +64,7 @@ fn grow(
     triangles: &Triangles,
     parameters: &TreeParameters,
 ) -> Result<NodeRef, BuildError> {
-    let mut primitives = references(triangles, parameters.quality)?;
+    let mut primitives = references(triangles, parameters)?;
     let context = Context::new(triangles, parameters.robust);
     let (create, children, bounds): (
         ffi::RTCCreateNodeFunction,
@@ -132,10 +131,13 @@ fn grow(
 
 /// One box a triangle, with spare room behind them where the builder splits. The coordinates are finite
 /// by the invariant of [`Triangles`]; a NaN here would spoil other triangles' nodes without an error.
-fn references(triangles: &Triangles, quality: Quality) -> Result<Vec<ffi::RTCBuildPrimitive>, BuildError> {
+fn references(
+    triangles: &Triangles,
+    parameters: &TreeParameters,
+) -> Result<Vec<ffi::RTCBuildPrimitive>, BuildError> {
     let count = triangles.len();
-    let capacity = match quality {
-        Quality::SahSplit => (count as f64 * SPLIT_CAPACITY_FACTOR).ceil() as usize,
+    let capacity = match parameters.quality {
+        Quality::SahSplit => (count as f64 * f64::from(parameters.split_budget)).ceil() as usize,
         Quality::Morton | Quality::Sah => count,
     };
     let mut primitives = Vec::new();

@@ -1,0 +1,134 @@
+//! Instances: objects placed many times, so that memory is needed for each object once.
+//!
+//! An object is a run of triangles in its own space; an instance places one in the world. A hit names the
+//! triangle (its number among all triangles) and the instance it was met in.
+
+use std::ops::Range;
+
+use glam::Affine3A;
+
+use crate::limits::INSTANCES_MAX;
+
+/// Objects and their instances over one set of triangles. Immutable and checked once.
+#[derive(Clone, Debug)]
+pub struct Instances {
+    objects: Vec<Range<u32>>,
+    placed: Vec<Instance>,
+}
+
+/// One placed object.
+#[derive(Clone, Copy, Debug)]
+pub struct Instance {
+    /// Number of the object.
+    pub object: u32,
+    /// From the object's space to the world. Invertible.
+    pub to_world: Affine3A,
+    /// The inverse.
+    pub to_object: Affine3A,
+}
+
+/// Why instances were refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum InstanceError {
+    /// An object names triangles that do not exist.
+    #[error("object {object} ends at triangle {end}, but there are only {triangles} triangles")]
+    ObjectOutOfRange {
+        /// Number of the object.
+        object: usize,
+        /// The end of its range.
+        end: u32,
+        /// Number of triangles.
+        triangles: usize,
+    },
+    /// An instance names an object that does not exist.
+    #[error("instance {instance} places object {object}, but there are only {objects} objects")]
+    NoSuchObject {
+        /// Number of the instance.
+        instance: usize,
+        /// What it names.
+        object: u32,
+        /// Number of objects.
+        objects: usize,
+    },
+    /// A transformation that is not finite or flattens the object.
+    #[error("instance {instance} has a transformation that cannot be inverted")]
+    NotInvertible {
+        /// Number of the instance.
+        instance: usize,
+    },
+    /// More instances than the limit.
+    #[error("{count} instances are more than the limit of {INSTANCES_MAX}")]
+    TooMany {
+        /// How many there are.
+        count: usize,
+    },
+}
+
+impl Instances {
+    /// Checks and takes over: `objects` as ranges of triangle numbers below `triangles`, `placed` as pairs of an
+    /// object's number and its transformation to the world.
+    pub fn new(
+        triangles: usize,
+        objects: Vec<Range<u32>>,
+        placed: impl IntoIterator<Item = (u32, Affine3A)>,
+    ) -> Result<Self, InstanceError> {
+        for (object, range) in objects.iter().enumerate() {
+            if range.start > range.end || range.end as usize > triangles {
+                return Err(InstanceError::ObjectOutOfRange { object, end: range.end, triangles });
+            }
+        }
+        let placed = placed
+            .into_iter()
+            .enumerate()
+            .map(|(instance, (object, to_world))| {
+                if object as usize >= objects.len() {
+                    return Err(InstanceError::NoSuchObject { instance, object, objects: objects.len() });
+                }
+                let to_object = to_world.inverse();
+                if !(to_world.is_finite() && to_object.is_finite()) || to_world.matrix3.determinant() == 0.0 {
+                    return Err(InstanceError::NotInvertible { instance });
+                }
+                Ok(Instance { object, to_world, to_object })
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        if placed.len() > INSTANCES_MAX {
+            return Err(InstanceError::TooMany { count: placed.len() });
+        }
+        Ok(Self { objects, placed })
+    }
+
+    /// Triangle numbers of each object.
+    pub fn objects(&self) -> &[Range<u32>] {
+        &self.objects
+    }
+
+    /// The instances, by number.
+    pub fn placed(&self) -> &[Instance] {
+        &self.placed
+    }
+
+    /// Triangles as a ray meets them: those of every instance counted.
+    pub fn placed_triangles(&self) -> u64 {
+        self.placed.iter().map(|instance| self.objects[instance.object as usize].len() as u64).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+
+    #[test]
+    fn mistakes_are_named() {
+        let make = |end, object, scale| {
+            Instances::new(4, Vec::from([0..end]), [(object, Affine3A::from_scale(Vec3::splat(scale)))])
+        };
+        assert!(make(4, 0, 2.0).is_ok_and(|good| good.placed_triangles() == 4));
+        let bad = |end, object, scale| make(end, object, scale).expect_err("it is refused");
+        assert!(matches!(bad(5, 0, 1.0), InstanceError::ObjectOutOfRange { end: 5, .. }));
+        assert!(matches!(bad(4, 1, 1.0), InstanceError::NoSuchObject { object: 1, .. }));
+        assert!(matches!(bad(4, 0, 0.0), InstanceError::NotInvertible { instance: 0 }));
+        assert!(matches!(bad(4, 0, f32::NAN), InstanceError::NotInvertible { .. }));
+    }
+}

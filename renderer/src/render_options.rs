@@ -1,0 +1,65 @@
+//! What a renderer can turn besides its tree: how pixels are grouped, and how each class of rays is traced.
+
+use serde::{Deserialize, Serialize};
+use treewright_accel::Packets;
+
+/// How a frame is worked off. Pictures do not depend on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct RenderOptions {
+    /// Tiles in stages (all camera rays, all their shadow rays, all first bounces, …) or path by path.
+    pub staged: bool,
+    /// Edge of a tile in pixels: 8, 16, 32 or 64.
+    pub tile: u32,
+    /// In which order tiles are begun.
+    pub tile_order: TileOrder,
+    /// Rays from the camera. Packets need `staged`.
+    pub primary: Packets,
+    /// Shadow rays of the points the camera sees.
+    pub first_shadow: Packets,
+    /// Rays after a bounce.
+    pub bounce: Packets,
+    /// Shadow rays after a bounce.
+    pub shadow: Packets,
+    /// How rays after a bounce are ordered inside a tile.
+    pub sort: Sort,
+}
+
+/// In which order tiles are begun.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TileOrder {
+    /// Row by row.
+    #[default]
+    Rows,
+    /// Along a Morton curve.
+    Morton,
+}
+
+/// How rays after a bounce are ordered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sort {
+    /// As their pixels lie.
+    #[default]
+    None,
+    /// By the octant of the direction.
+    Octant,
+    /// By the octant, then along a Morton curve by origin.
+    OctantMorton,
+}
+
+impl Default for RenderOptions {
+    /// Path by path, ray by ray: what a simple renderer does.
+    fn default() -> Self {
+        Self {
+            staged: false,
+            tile: 16,
+            tile_order: TileOrder::Rows,
+            primary: Packets::Single,
+            first_shadow: Packets::Single,
+            bounce: Packets::Single,
+            shadow: Packets::Single,
+            sort: Sort::None,
+        }
+    }
+}
