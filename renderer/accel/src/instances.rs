@@ -122,7 +122,11 @@ mod tests {
     #[test]
     fn mistakes_are_named() {
         let make = |end, object, scale| {
-            Instances::new(4, Vec::from([0..end]), [(object, Affine3A::from_scale(Vec3::splat(scale)))])
+            Instances::new(
+                4,
+                std::iter::once(0..end).collect(),
+                [(object, Affine3A::from_scale(Vec3::splat(scale)))],
+            )
         };
         assert!(make(4, 0, 2.0).is_ok_and(|good| good.placed_triangles() == 4));
         let bad = |end, object, scale| make(end, object, scale).expect_err("it is refused");
