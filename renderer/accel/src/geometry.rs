@@ -152,6 +152,12 @@ pub enum Packets {
     SixteenCoherent,
 }
 
+impl Packets {
+    /// All of them.
+    pub const ALL: [Self; 5] =
+        [Self::Single, Self::Eight, Self::EightCoherent, Self::Sixteen, Self::SixteenCoherent];
+}
+
 /// Anything that answers ray queries over [`Triangles`]. Queries never fail: rays with non-finite
 /// components miss.
 pub trait Intersector: Sync + Send {

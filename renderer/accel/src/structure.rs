@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::brute_force::BruteForce;
 use crate::embree::{Device, NativeScene};
 use crate::error::BuildError;
-use crate::geometry::{Hit, Intersector, Ray, Triangles};
+use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
 use crate::parameters::{BuildChoice, NativeOptions};
 use crate::tree::{Tree, TreeStatistics};
 
@@ -99,6 +99,22 @@ impl Intersector for Structure {
             Self::Tree(tree) => tree.occluded(ray),
             Self::Native(native) => native.occluded(ray),
             Self::BruteForce(brute_force) => brute_force.occluded(ray),
+        }
+    }
+
+    fn closest_each(&self, packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        match self {
+            Self::Tree(tree) => tree.closest_each(packets, rays, hits),
+            Self::Native(native) => native.closest_each(packets, rays, hits),
+            Self::BruteForce(brute_force) => brute_force.closest_each(packets, rays, hits),
+        }
+    }
+
+    fn occluded_each(&self, packets: Packets, rays: &[Ray], occluded: &mut [bool]) {
+        match self {
+            Self::Tree(tree) => tree.occluded_each(packets, rays, occluded),
+            Self::Native(native) => native.occluded_each(packets, rays, occluded),
+            Self::BruteForce(brute_force) => brute_force.occluded_each(packets, rays, occluded),
         }
     }
 }

@@ -13,12 +13,14 @@ use std::ffi::{c_char, c_uint, c_void};
 
 pub(crate) use embree4_sys::{
     RTCBVH, RTCBounds, RTCBufferType, RTCBuildArguments, RTCBuildFlags, RTCBuildPrimitive, RTCBuildQuality,
-    RTCCreateNodeFunction, RTCDevice, RTCDeviceProperty, RTCFormat, RTCGeometryType, RTCScene, RTCSceneFlags,
+    RTCCreateNodeFunction, RTCDevice, RTCDeviceProperty, RTCFeatureFlags, RTCFormat, RTCGeometryType,
+    RTCIntersectArguments, RTCOccludedArguments, RTCRayQueryFlags, RTCScene, RTCSceneFlags,
     RTCSetNodeBoundsFunction, RTCSetNodeChildrenFunction, RTCThreadLocalAllocator, rtcAttachGeometry,
-    rtcBuildBVH, rtcCommitGeometry, rtcCommitScene, rtcGetDeviceProperty, rtcIntersect1, rtcNewBVH,
-    rtcNewDevice, rtcNewGeometry, rtcNewScene, rtcOccluded1, rtcReleaseBVH, rtcReleaseDevice,
-    rtcReleaseGeometry, rtcReleaseScene, rtcSetDeviceMemoryMonitorFunction, rtcSetSceneBuildQuality,
-    rtcSetSceneFlags, rtcSetSharedGeometryBuffer, rtcThreadLocalAlloc,
+    rtcBuildBVH, rtcCommitGeometry, rtcCommitScene, rtcGetDeviceProperty, rtcIntersect1, rtcIntersect8,
+    rtcIntersect16, rtcNewBVH, rtcNewDevice, rtcNewGeometry, rtcNewScene, rtcOccluded1, rtcOccluded8,
+    rtcOccluded16, rtcReleaseBVH, rtcReleaseDevice, rtcReleaseGeometry, rtcReleaseScene,
+    rtcSetDeviceMemoryMonitorFunction, rtcSetSceneBuildQuality, rtcSetSceneFlags, rtcSetSharedGeometryBuffer,
+    rtcThreadLocalAlloc,
 };
 
 /// "No geometry was hit."
@@ -58,6 +60,59 @@ pub(crate) struct RayHit {
     pub(crate) ray: RtcRay,
     pub(crate) hit: RtcHit,
 }
+
+/// `RTCRay8` and `RTCRay16`: field by field what [`RtcRay`] is, `N` numbers each. The alignment is that of
+/// the wider one.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RayPacket<const N: usize> {
+    pub(crate) origin: [[f32; N]; 3],
+    pub(crate) t_near: [f32; N],
+    pub(crate) direction: [[f32; N]; 3],
+    pub(crate) time: [f32; N],
+    pub(crate) t_far: [f32; N],
+    pub(crate) mask: [u32; N],
+    pub(crate) id: [u32; N],
+    pub(crate) flags: [u32; N],
+}
+
+/// `RTCHit8` and `RTCHit16` of a 4.4 library with instance arrays.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct HitPacket<const N: usize> {
+    pub(crate) normal: [[f32; N]; 3],
+    pub(crate) u: [f32; N],
+    pub(crate) v: [f32; N],
+    pub(crate) primitive: [u32; N],
+    pub(crate) geometry: [u32; N],
+    pub(crate) instance: [u32; N],
+    pub(crate) instance_primitive: [u32; N],
+}
+
+/// `RTCRayHit8` and `RTCRayHit16` of a 4.4 library with instance arrays.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RayHitPacket<const N: usize> {
+    pub(crate) ray: RayPacket<N>,
+    pub(crate) hit: HitPacket<N>,
+}
+
+/// Which rays of a packet take part, -1 or 0 each, aligned as the wider packet wants it.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Mask<const N: usize>(pub(crate) [i32; N]);
+
+const _: () = {
+    assert!(size_of::<RayPacket<8>>() == 384 && size_of::<RayPacket<16>>() == 768);
+    assert!(size_of::<embree4_sys::RTCRay8>() == 384 && size_of::<embree4_sys::RTCRay16>() == 768);
+    // The hits follow the rays at once. The C structure of eight is 672 bytes long (its alignment is 32).
+    assert!(std::mem::offset_of!(RayHitPacket<8>, hit) == 384);
+    assert!(std::mem::offset_of!(RayHitPacket<16>, hit) == 768);
+    assert!(size_of::<HitPacket<8>>() == 288 && size_of::<HitPacket<16>>() == 576);
+    assert!(size_of::<RayHitPacket<8>>() >= 672 && size_of::<RayHitPacket<16>>() == 1344);
+    // Flags, feature mask, context and two callbacks, in both versions.
+    assert!(size_of::<RTCIntersectArguments>() == 32 && size_of::<RTCOccludedArguments>() == 32);
+};
 
 const _: () = {
     assert!(size_of::<RtcRay>() == 48 && align_of::<RtcRay>() == 16);

@@ -3,6 +3,7 @@
 pub(crate) mod device;
 pub(crate) mod ffi;
 pub(crate) mod native;
+mod packets;
 
 pub use device::{Device, DeviceError};
 pub use native::NativeScene;

@@ -8,14 +8,15 @@ use std::sync::Arc;
 
 use super::device::{Device, EmbreeFailure};
 use super::ffi;
+use super::packets;
 use crate::error::BuildError;
-use crate::geometry::{Hit, Intersector, NO_INSTANCE, Ray, Triangles};
+use crate::geometry::{Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
 use crate::parameters::{NativeOptions, NativeQuality};
 
 /// A committed Embree scene over shared triangles.
 #[derive(Debug)]
 pub struct NativeScene {
-    scene: SceneHandle,
+    pub(super) scene: SceneHandle,
     bytes: usize,
     /// The scene reads these arrays and lives on this device: both must outlive it.
     _triangles: Arc<Triangles>,
@@ -24,7 +25,7 @@ pub struct NativeScene {
 
 /// Releases the scene on every way out, also that of a failed build.
 #[derive(Debug)]
-struct SceneHandle(ffi::RTCScene);
+pub(super) struct SceneHandle(pub(super) ffi::RTCScene);
 
 // SAFETY: a committed scene is read-only, and Embree allows queries and release from any thread.
 unsafe impl Send for SceneHandle {}
@@ -190,31 +191,64 @@ impl Intersector for NativeScene {
         // Embree answers with minus infinity.
         query.t_far < 0.0
     }
+
+    fn closest_each(&self, packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        assert_eq!(rays.len(), hits.len(), "one hit a ray");
+        // SAFETY: the scene is committed.
+        unsafe {
+            match packets {
+                Packets::Single => {
+                    rays.iter().zip(hits).for_each(|(ray, hit)| *hit = self.closest(ray));
+                }
+                Packets::Eight => packets::closest::<8>(self.scene.0, false, rays, hits),
+                Packets::EightCoherent => packets::closest::<8>(self.scene.0, true, rays, hits),
+                Packets::Sixteen => packets::closest::<16>(self.scene.0, false, rays, hits),
+                Packets::SixteenCoherent => packets::closest::<16>(self.scene.0, true, rays, hits),
+            }
+        }
+    }
+
+    fn occluded_each(&self, packets: Packets, rays: &[Ray], occluded: &mut [bool]) {
+        assert_eq!(rays.len(), occluded.len(), "one answer a ray");
+        // SAFETY: as above.
+        unsafe {
+            match packets {
+                Packets::Single => {
+                    rays.iter().zip(occluded).for_each(|(ray, occluded)| *occluded = self.occluded(ray));
+                }
+                Packets::Eight => packets::occluded::<8>(self.scene.0, false, rays, occluded),
+                Packets::EightCoherent => packets::occluded::<8>(self.scene.0, true, rays, occluded),
+                Packets::Sixteen => packets::occluded::<16>(self.scene.0, false, rays, occluded),
+                Packets::SixteenCoherent => packets::occluded::<16>(self.scene.0, true, rays, occluded),
+            }
+        }
+    }
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use glam::{Vec3, Vec3A};
 
     use super::*;
 
-    const CANARY: u64 = 0x5afe_c0de_5afe_c0de;
+    /// What stands behind a guarded structure.
+    pub(crate) const CANARY: [u64; 16] = [0x5afe_c0de_5afe_c0de; 16];
 
     /// A query structure with known words right behind it.
     #[repr(C)]
-    struct Guarded<T> {
-        query: T,
-        canary: [u64; 16],
+    pub(crate) struct Guarded<T> {
+        pub(crate) query: T,
+        pub(crate) canary: [u64; 16],
     }
 
-    fn triangle() -> NativeScene {
+    pub(crate) fn triangle() -> NativeScene {
         let device = Device::open(0).expect("Embree is set up");
         let corners = vec![Vec3A::ZERO, Vec3A::X, Vec3A::Y];
         let triangles = Arc::new(Triangles::new(corners, vec![[0, 1, 2]]).expect("valid"));
         NativeScene::build(&device, &triangles, &NativeOptions::default()).expect("builds")
     }
 
-    fn ray() -> Ray {
+    pub(crate) fn ray() -> Ray {
         Ray { origin: Vec3::new(0.25, 0.25, 1.0), direction: Vec3::NEG_Z, t_min: 0.0, t_max: f32::INFINITY }
     }
 
@@ -234,9 +268,9 @@ mod tests {
                     instance_primitive: 7,
                 },
             },
-            canary: [CANARY; 16],
+            canary: CANARY,
         };
-        let mut any = Guarded { query: to_embree(&ray()), canary: [CANARY; 16] };
+        let mut any = Guarded { query: to_embree(&ray()), canary: CANARY };
         // SAFETY: as in the queries above.
         unsafe {
             ffi::rtcIntersect1(native.scene.0, (&raw mut closest.query).cast(), ptr::null_mut());
@@ -245,8 +279,8 @@ mod tests {
         assert_eq!(closest.query.hit.geometry, 0, "the ray must hit, for only then is the hit written");
         assert_eq!(closest.query.hit.primitive, 0);
         assert!(any.query.t_far < 0.0);
-        assert_eq!(closest.canary, [CANARY; 16]);
-        assert_eq!(any.canary, [CANARY; 16]);
+        assert_eq!(closest.canary, CANARY);
+        assert_eq!(any.canary, CANARY);
     }
 
     #[test]
