@@ -2,7 +2,7 @@
 
 CARGO ?= cargo
 
-.PHONY: help setup build demo test lint bench clean-demo
+.PHONY: help setup build demo test lint bench peers clean-demo
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -24,3 +24,10 @@ lint: setup ## formatting, lints and docs only
 
 bench: build ## measure the evaluation scenes (tools/bench.py; SCENES=FOLDER for real ones)
 	@python3 tools/bench.py
+
+peers: ## compare the searches with Optuna, SMAC3, Nevergrad and scipy (tests/peers)
+	$(CARGO) build --release --locked -p treewright-core --example ask_tell
+	@test -d target/peers/env || python3 -m venv target/peers/env
+	@target/peers/env/bin/pip install --quiet --requirement tests/peers/requirements.txt
+	@for suite in bbob bbob-noiseless grid; do \
+		target/peers/env/bin/python tests/peers/run.py --suite $$suite --out target/peers/$$suite.jsonl || exit 1; done

@@ -1,0 +1,127 @@
+//! Drives one study over standard input and output, a JSON object a line, so that programs in other languages
+//! can put the tuner beside other optimisers on identical problems.
+//!
+//! Requests and answers:
+//!
+//! | request | answer |
+//! |---|---|
+//! | `{"open": STUDY}` with the specification of a study as the core stores it | `{"opened": true}` |
+//! | `{"ask": INDICATORS}`, an object of numbers | `{"trial": 1, "configuration": {"name": value}, "mode": …, "step": …}` |
+//! | `{"tell": {"trial": 1, "cost": 1.5}}`, or `"cost": null` where it cannot be run | `{"told": 1}` |
+//! | `{"best": INDICATORS}` | `{"configuration": …, "cost": …}`, both null while nothing is known |
+//! | `{"predict": INDICATORS}` | what would be exploited there: as `ask`, without a trial |
+//!
+//! A request that is refused is answered by `{"error": "…"}`. `nanoseconds` in each answer is the time the core
+//! took, without reading and writing.
+
+use std::collections::BTreeMap;
+use std::io::{BufRead, Write};
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde::Deserialize;
+use serde_json::{Value as Json, json};
+use treewright_core::configuration::Configuration;
+use treewright_core::study::StudySpec;
+use treewright_core::trial::{Outcome, Trial};
+use treewright_core::tuner::{Ask, Tuner};
+use treewright_core::value::Value;
+
+/// What is minimised: studies opened here have one metric of this name.
+const METRIC: &str = "cost";
+
+#[derive(Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Request {
+    Open(Box<StudySpec>),
+    Ask(BTreeMap<String, f64>),
+    Tell { trial: u64, cost: Option<f64> },
+    Best(BTreeMap<String, f64>),
+    Predict(BTreeMap<String, f64>),
+}
+
+/// The study that is open, and a clock that only counts.
+#[derive(Default)]
+struct Session {
+    tuner: Option<Tuner>,
+    open: BTreeMap<u64, Trial>,
+    now_ms: i64,
+}
+
+fn plain(configuration: &Configuration) -> Json {
+    let value = |value: &Value| match value {
+        Value::Integer(integer) => json!(integer),
+        Value::Float(float) => json!(float),
+        Value::Text(text) => json!(text),
+        Value::Boolean(boolean) => json!(boolean),
+    };
+    configuration.values().iter().map(|(name, of)| (name.clone(), value(of))).collect()
+}
+
+impl Session {
+    fn answer(&mut self, line: &str) -> Result<Json, String> {
+        let request: Request = serde_json::from_str(line).map_err(|error| error.to_string())?;
+        self.now_ms += 1;
+        if let Request::Open(spec) = request {
+            self.open.clear();
+            self.tuner = Some(Tuner::new(Arc::new(*spec)).map_err(|error| error.to_string())?);
+            return Ok(json!({ "opened": true }));
+        }
+        let tuner = self.tuner.as_mut().ok_or("no study is open")?;
+        let refused = |error: treewright_core::tuner::TunerError| error.to_string();
+        match request {
+            Request::Open(_) => unreachable!("handled above"),
+            Request::Ask(indicators) => {
+                let ask = Ask { client_id: "bench".into(), indicators, fingerprint: None };
+                let (trial, _change) = tuner.suggest(&ask, self.now_ms).map_err(refused)?;
+                let answer = json!({
+                    "trial": trial.number,
+                    "configuration": plain(&trial.configuration),
+                    "mode": trial.mode,
+                    "step": trial.reason.step,
+                });
+                self.open.insert(trial.number, trial);
+                Ok(answer)
+            }
+            Request::Tell { trial, cost } => {
+                let open = self.open.remove(&trial).ok_or("that trial is not open")?;
+                let (measurements, outcome) = match cost {
+                    Some(cost) => (BTreeMap::from([(METRIC.to_owned(), cost)]), Outcome::Ok),
+                    None => (BTreeMap::new(), Outcome::Infeasible { reason: "cannot be run".into() }),
+                };
+                // Nothing is stored here: the process is the study.
+                let (_, _change) = tuner.report(&open, measurements, outcome, self.now_ms).map_err(refused)?;
+                Ok(json!({ "told": trial }))
+            }
+            Request::Best(indicators) => {
+                let best = tuner.best(Some(&indicators)).map_err(refused)?;
+                Ok(json!({
+                    "configuration": best.as_ref().map(|best| plain(&best.configuration)),
+                    "cost": best.as_ref().map(|best| best.cost),
+                }))
+            }
+            Request::Predict(indicators) => {
+                let prediction = tuner.predict(&indicators).map_err(refused)?;
+                Ok(json!({
+                    "configuration": plain(&prediction.configuration),
+                    "mode": prediction.mode,
+                    "predicted_cost": prediction.predicted_cost,
+                }))
+            }
+        }
+    }
+}
+
+fn main() -> std::io::Result<()> {
+    let mut session = Session::default();
+    let mut out = std::io::stdout().lock();
+    for line in std::io::stdin().lock().lines() {
+        let line = line?;
+        let begin = Instant::now();
+        let mut answer = session.answer(&line).unwrap_or_else(|error| json!({ "error": error }));
+        answer["nanoseconds"] = json!(begin.elapsed().as_nanos() as u64);
+        writeln!(out, "{answer}")?;
+        out.flush()?;
+    }
+    Ok(())
+}

@@ -1,0 +1,369 @@
+"""Optimisers behind one interface: `ask()` gives a configuration, `tell(configuration, cost)` takes what came of it
+(None where it could not be run), `recommend()` says what would be used now.
+
+Every peer is used as its own documentation shows it, with its default settings and the seed given. Where a peer
+has no word for "cannot be run", it is told a cost twice as bad as the worst it has seen, which is the usual advice.
+"""
+
+import json
+import math
+import os
+import pathlib
+import subprocess
+import warnings
+
+import numpy
+
+from problems import active
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
+ASK_TELL = pathlib.Path(os.environ.get("ASK_TELL", ROOT / "target" / "release" / "examples" / "ask_tell"))
+
+
+class Method:
+    def __init__(self, parameters, budget, seed):
+        self.parameters, self.budget, self.seed = parameters, budget, seed
+        self.told = []
+        self.worst = 1.0
+
+    def default(self):
+        return {parameter.name: parameter.default for parameter in self.parameters}
+
+    def penalty(self, cost):
+        """A number for optimisers that only know numbers."""
+        if cost is None:
+            return 2.0 * self.worst
+        self.worst = max(self.worst, cost)
+        return cost
+
+    def tell(self, configuration, cost):
+        self.told.append((configuration, cost))
+
+    def recommend(self):
+        known = [(cost, index) for index, (_, cost) in enumerate(self.told) if cost is not None]
+        return self.told[min(known)[1]][0] if known else self.default()
+
+    def close(self):
+        pass
+
+
+def from_unit(parameter, u):
+    """The value at a place of the unit interval."""
+    u = min(max(float(u), 0.0), 1.0)
+    if parameter.kind == "switch":
+        return u >= 0.5
+    if parameter.kind == "choice":
+        return parameter.values[min(int(u * len(parameter.values)), len(parameter.values) - 1)]
+    low, high = parameter.low, parameter.high
+    if parameter.kind == "integer":
+        if parameter.log:
+            return int(min(max(round(math.exp(math.log(low) + u * (math.log(high) - math.log(low)))), low), high))
+        return int(min(low + int(u * (high - low + 1)), high))
+    if parameter.log:
+        return math.exp(math.log(low) + u * (math.log(high) - math.log(low)))
+    return low + u * (high - low)
+
+
+class Treewright(Method):
+    """The tuner itself, driven through `examples/ask_tell`: one client in one state that always explores."""
+
+    search = "auto"
+
+    def __init__(self, parameters, budget, seed):
+        super().__init__(parameters, budget, seed)
+        self.process = subprocess.Popen([str(ASK_TELL)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.nanoseconds = 0
+        study = {
+            "display_name": "", "state_tolerance": 0.01, "seed": seed,
+            "space": {"parameters": [self._parameter(each) for each in parameters], "constraints": []},
+            "indicators": [],
+            "objective": [{"metric": "cost", "weight": 1.0}],
+            "policy": {"epsilon": 1.0, "search": self.search, "predictor": "nearest_neighbour",
+                       "trials_per_state": budget, "replicates": 1, "lease_s": 60, "pinned": None},
+        }
+        self._call({"open": study})
+
+    def _value(self, value):
+        if isinstance(value, bool):
+            return {"boolean": value}
+        if isinstance(value, int):
+            return {"integer": value}
+        return {"float": value} if isinstance(value, float) else {"text": value}
+
+    def _parameter(self, parameter):
+        scale = "log" if parameter.log else "linear"
+        domain = {
+            "switch": "boolean",
+            "choice": {"categorical": {"values": [self._value(value) for value in parameter.values]}},
+            "integer": {"integer": {"min": int(parameter.low), "max": int(parameter.high), "scale": scale}},
+            "float": {"float": {"min": parameter.low, "max": parameter.high, "scale": scale}},
+        }[parameter.kind]
+        condition = None
+        if parameter.active_if:
+            condition = {"parameter": parameter.active_if[0], "any_of": [self._value(each) for each in parameter.active_if[1]]}
+        return {"name": parameter.name, "domain": domain, "default": self._value(parameter.default), "active_if": condition}
+
+    def _call(self, request):
+        self.process.stdin.write(json.dumps(request) + "\n")
+        self.process.stdin.flush()
+        answer = json.loads(self.process.stdout.readline())
+        if "error" in answer:
+            raise RuntimeError(answer["error"])
+        self.nanoseconds += answer["nanoseconds"]
+        return answer
+
+    def _filled(self, configuration):
+        return {**self.default(), **configuration}
+
+    def ask(self):
+        answer = self._call({"ask": {}})
+        self.trial = answer["trial"]
+        return self._filled(answer["configuration"])
+
+    def tell(self, configuration, cost):
+        super().tell(configuration, cost)
+        self._call({"tell": {"trial": self.trial, "cost": cost}})
+
+    def recommend(self):
+        best = self._call({"best": {}})["configuration"]
+        return self.default() if best is None else self._filled(best)
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.wait()
+
+
+class TreewrightNelderMead(Treewright):
+    search = "nelder_mead"
+
+
+class TreewrightModel(Treewright):
+    search = "model"
+
+
+class Random(Method):
+    def __init__(self, parameters, budget, seed):
+        super().__init__(parameters, budget, seed)
+        self.random = numpy.random.default_rng([1, seed])
+
+    def ask(self):
+        return {each.name: from_unit(each, self.random.random()) for each in self.parameters}
+
+
+class ScipyNelderMead(Method):
+    """A Latin hypercube of a quarter of the budget, then scipy's Nelder-Mead from its best point, in a thread."""
+
+    def __init__(self, parameters, budget, seed):
+        import queue
+        import threading
+
+        super().__init__(parameters, budget, seed)
+        self.asked, self.answers = queue.Queue(), queue.Queue()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _cost(self, x):
+        self.asked.put({each.name: from_unit(each, u) for each, u in zip(self.parameters, x)})
+        answer = self.answers.get()
+        if answer is StopIteration:
+            raise SystemExit
+        return answer
+
+    def _run(self):
+        from scipy.optimize import minimize
+        from scipy.stats import qmc
+
+        dimension = len(self.parameters)
+        design = qmc.LatinHypercube(dimension, seed=self.seed).random(max(self.budget // 4, 2))
+        try:
+            costs = [self._cost(x) for x in design]
+            start = design[int(numpy.argmin(costs))]
+            seed = self.seed
+            while True:
+                minimize(self._cost, start, method="Nelder-Mead", bounds=[(0.0, 1.0)] * dimension,
+                         options={"initial_simplex": None, "xatol": 1e-9, "fatol": 0.0, "maxfev": 10_000})
+                seed += 1
+                start = numpy.random.default_rng(seed).random(dimension)
+        except SystemExit:
+            pass
+
+    def ask(self):
+        return self.asked.get()
+
+    def tell(self, configuration, cost):
+        super().tell(configuration, cost)
+        self.answers.put(self.penalty(cost))
+
+    def close(self):
+        self.answers.put(StopIteration)
+
+
+class Optuna(Method):
+    def sampler(self):
+        import optuna
+
+        return optuna.samplers.TPESampler(seed=self.seed)
+
+    def __init__(self, parameters, budget, seed):
+        import optuna
+
+        super().__init__(parameters, budget, seed)
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        warnings.simplefilter("ignore")
+        self.study = optuna.create_study(sampler=self.sampler())
+
+    def ask(self):
+        self.trial = self.study.ask()
+        configuration, on = self.default(), set()
+        for each in self.parameters:
+            condition = each.active_if
+            if condition and not (condition[0] in on and configuration[condition[0]] in condition[1]):
+                continue
+            on.add(each.name)
+            if each.kind == "float":
+                value = self.trial.suggest_float(each.name, each.low, each.high, log=each.log)
+            elif each.kind == "integer":
+                value = self.trial.suggest_int(each.name, int(each.low), int(each.high), log=each.log)
+            elif each.kind == "choice":
+                value = self.trial.suggest_categorical(each.name, list(each.values))
+            else:
+                value = self.trial.suggest_categorical(each.name, [False, True])
+            configuration[each.name] = value
+        return configuration
+
+    def tell(self, configuration, cost):
+        import optuna
+
+        super().tell(configuration, cost)
+        if cost is None:
+            self.study.tell(self.trial, state=optuna.trial.TrialState.FAIL)
+        else:
+            self.study.tell(self.trial, cost)
+
+
+class OptunaCmaEs(Optuna):
+    def sampler(self):
+        import optuna
+
+        return optuna.samplers.CmaEsSampler(seed=self.seed)
+
+
+class OptunaGp(Optuna):
+    def sampler(self):
+        import optuna
+
+        return optuna.samplers.GPSampler(seed=self.seed)
+
+
+class Nevergrad(Method):
+    optimizer = "NGOpt"
+
+    def __init__(self, parameters, budget, seed):
+        import nevergrad as ng
+
+        super().__init__(parameters, budget, seed)
+        warnings.simplefilter("ignore")
+
+        def one(each):
+            if each.kind == "switch":
+                return ng.p.Choice([False, True])
+            if each.kind == "choice":
+                numeric = all(isinstance(value, (int, float)) for value in each.values)
+                return ng.p.TransitionChoice(list(each.values)) if numeric else ng.p.Choice(list(each.values))
+            if each.log:
+                scalar = ng.p.Log(lower=each.low, upper=each.high)
+            else:
+                scalar = ng.p.Scalar(lower=each.low, upper=each.high)
+            return scalar.set_integer_casting() if each.kind == "integer" else scalar
+
+        space = ng.p.Dict(**{each.name: one(each) for each in parameters})
+        space.random_state.seed(seed)
+        self.inner = ng.optimizers.registry[self.optimizer](parametrization=space, budget=budget)
+
+    def ask(self):
+        self.candidate = self.inner.ask()
+        return {**self.default(), **self.candidate.value}
+
+    def tell(self, configuration, cost):
+        super().tell(configuration, cost)
+        self.inner.tell(self.candidate, self.penalty(cost))
+
+    def recommend(self):
+        # Its own recommendation averages noise away; it knows nothing of what cannot be run.
+        if any(each.kind != "float" for each in self.parameters):
+            return super().recommend()
+        found = self.inner.provide_recommendation()
+        return {**self.default(), **found.value} if found is not None else self.default()
+
+
+class NevergradCma(Nevergrad):
+    optimizer = "CMA"
+
+
+class Smac(Method):
+    """SMAC3's hyperparameter optimisation facade: random forest, log expected improvement."""
+
+    def __init__(self, parameters, budget, seed):
+        import logging
+        import tempfile
+
+        from ConfigSpace import Categorical, ConfigurationSpace, EqualsCondition, Float, InCondition, Integer
+        from smac import HyperparameterOptimizationFacade as Facade
+        from smac import Scenario
+
+        super().__init__(parameters, budget, seed)
+        logging.disable(logging.WARNING)
+        warnings.simplefilter("ignore")
+        space = ConfigurationSpace(seed=seed)
+        made = {}
+        for each in parameters:
+            if each.kind == "float":
+                made[each.name] = Float(each.name, (each.low, each.high), log=each.log, default=each.default)
+            elif each.kind == "integer":
+                made[each.name] = Integer(each.name, (int(each.low), int(each.high)), log=each.log, default=each.default)
+            elif each.kind == "choice":
+                made[each.name] = Categorical(each.name, list(each.values), default=each.default)
+            else:
+                made[each.name] = Categorical(each.name, [False, True], default=bool(each.default))
+        space.add(list(made.values()))
+        for each in parameters:
+            if each.active_if:
+                name, values = each.active_if
+                condition = (EqualsCondition(made[each.name], made[name], values[0]) if len(values) == 1
+                             else InCondition(made[each.name], made[name], list(values)))
+                space.add(condition)
+        self.folder = tempfile.TemporaryDirectory()
+        scenario = Scenario(space, n_trials=budget, seed=seed, deterministic=True, output_directory=pathlib.Path(self.folder.name))
+        self.inner = Facade(scenario, lambda configuration, seed=0: 0.0, overwrite=True, logging_level=40)
+
+    def ask(self):
+        self.info = self.inner.ask()
+        plain = {name: value.item() if hasattr(value, "item") else value for name, value in dict(self.info.config).items()}
+        return {**self.default(), **plain}
+
+    def tell(self, configuration, cost):
+        from smac.runhistory.dataclasses import TrialValue
+        from smac.runhistory.enumerations import StatusType
+
+        super().tell(configuration, cost)
+        status = StatusType.CRASHED if cost is None else StatusType.SUCCESS
+        self.inner.tell(self.info, TrialValue(cost=self.penalty(cost), status=status))
+
+    def close(self):
+        self.folder.cleanup()
+
+
+METHODS = {
+    "treewright": Treewright,
+    "treewright-nelder-mead": TreewrightNelderMead,
+    "treewright-model": TreewrightModel,
+    "random": Random,
+    "scipy-lhs-nm": ScipyNelderMead,
+    "optuna-tpe": Optuna,
+    "optuna-cma": OptunaCmaEs,
+    "optuna-gp": OptunaGp,
+    "nevergrad-ngopt": Nevergrad,
+    "nevergrad-cma": NevergradCma,
+    "smac-forest": Smac,
+}
+
+__all__ = ["METHODS", "active"]

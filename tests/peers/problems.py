@@ -1,0 +1,180 @@
+"""Problems on which optimisers are compared: a space, a noisy cost, and the true cost behind it.
+
+A space is a list of `Parameter`. `Problem.measure(configuration, random)` is what an optimiser sees (None
+where the configuration cannot be run), `Problem.gap(configuration)` is what counts: the noise-free distance
+to the optimum, or the noise-free cost over the optimum's where that is the custom of the field.
+"""
+
+import dataclasses
+import json
+import math
+import pathlib
+import typing
+
+import numpy
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    name: str
+    kind: str  # "float", "integer", "choice" or "switch"
+    low: float = 0.0
+    high: float = 1.0
+    log: bool = False
+    values: tuple = ()
+    default: typing.Any = None
+    active_if: tuple | None = None  # (name of an earlier parameter, values)
+
+
+def active(parameters, configuration):
+    """The parameters that mean something beside the others' values."""
+    on = set()
+    for parameter in parameters:
+        condition = parameter.active_if
+        if condition is None or (condition[0] in on and configuration[condition[0]] in condition[1]):
+            on.add(parameter.name)
+    return on
+
+
+class Problem:
+    name = ""
+    parameters: list[Parameter] = []
+
+    def gap(self, configuration):
+        raise NotImplementedError
+
+    def measure(self, configuration, random):
+        raise NotImplementedError
+
+
+class Bbob(Problem):
+    """A function of COCO's bbob suite, shifted so that its optimum is 0, with multiplicative log-normal noise."""
+
+    def __init__(self, function, dimension, instance, noise):
+        import cocoex
+
+        suite = cocoex.Suite("bbob", "", f"function_indices:{function} dimensions:{dimension} instance_indices:{instance}")
+        self.inner = suite[0]
+        self.suite = suite  # owns the problem
+        self.noise = noise
+        self.name = f"f{function} d{dimension}"
+        self.parameters = [Parameter(f"x{axis}", "float", -5.0, 5.0, default=0.0) for axis in range(dimension)]
+        self.optimum = _optimum(function, dimension, instance)
+
+    def gap(self, configuration):
+        x = numpy.array([configuration[parameter.name] for parameter in self.parameters])
+        return max(float(self.inner(x)) - self.optimum, 1e-12)
+
+    def measure(self, configuration, random):
+        return self.gap(configuration) * math.exp(self.noise * random.standard_normal())
+
+
+def _optimum(function, dimension, instance):
+    """The value of the optimum. COCO does not tell it by a call of its own, but prints the best parameter to a file."""
+    import contextlib
+    import os
+    import tempfile
+
+    import cocoex
+
+    suite = cocoex.Suite("bbob", "", f"function_indices:{function} dimensions:{dimension} instance_indices:{instance}")
+    problem = suite[0]
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        problem._best_parameter("print")
+        x = numpy.loadtxt(os.path.join(folder, "._bbob_problem_best_parameter.txt"))
+    return float(problem(numpy.atleast_1d(x)))
+
+
+class Grid(Problem):
+    """A kernel-tuning landscape: integer grids, most combinations invalid, strong interactions, 5 % noise."""
+
+    def __init__(self, seed, valid=0.3, noise=0.05):
+        random = numpy.random.default_rng([7, seed])
+        self.noise = noise
+        self.name = f"grid{seed}"
+        self.levels = [int(random.integers(2, 9)) for _ in range(7)]
+        self.parameters = [
+            Parameter(f"p{index}", "choice", values=tuple(2**step for step in range(levels)), default=1)
+            for index, levels in enumerate(self.levels)
+        ]
+        shape = tuple(self.levels)
+        cost = numpy.zeros(shape)
+        axes = numpy.meshgrid(*[numpy.arange(levels) for levels in shape], indexing="ij")
+        for index, axis in enumerate(axes):
+            effect = random.normal(0, 0.25, shape[index])
+            cost += effect[axis]
+        for _ in range(6):  # pairs interact
+            a, b = random.choice(len(shape), 2, replace=False)
+            table = random.normal(0, 0.2, (shape[a], shape[b]))
+            cost += table[axes[a], axes[b]]
+        # Resources: a sum over some axes must stay below a bound, as shared memory or registers do.
+        need = numpy.zeros(shape)
+        for index in random.choice(len(shape), 4, replace=False):
+            need += random.uniform(0.5, 1.5) * axes[index] / max(shape[index] - 1, 1)
+        self.cost = numpy.exp(cost)
+        self.valid = need <= numpy.quantile(need, valid)
+        self.valid[(0,) * len(shape)] = True
+        self.best = float(self.cost[self.valid].min())
+
+    def _place(self, configuration):
+        return tuple(parameter.values.index(configuration[parameter.name]) for parameter in self.parameters)
+
+    def gap(self, configuration):
+        place = self._place(configuration)
+        return float(self.cost[place] / self.best) if self.valid[place] else math.inf
+
+    def measure(self, configuration, random):
+        cost = self.gap(configuration)
+        return None if math.isinf(cost) else cost * math.exp(self.noise * random.standard_normal())
+
+
+class Recorded(Problem):
+    """A landscape recorded with the renderer: every configuration of a grid, measured several times.
+
+    The file holds `parameters`, as `Parameter` takes them, and `rows` of `{"configuration", "cost_ms": [...]}`,
+    an empty list where the build failed. Noise: one of the row's own measurements, drawn at random.
+    """
+
+    def __init__(self, path):
+        data = json.loads(pathlib.Path(path).read_text())
+        self.name = data["name"]
+        self.parameters = []
+        for each in data["parameters"]:
+            each = dict(each)
+            each["values"] = tuple(each.get("values", ()))
+            if each.get("active_if"):
+                each["active_if"] = (each["active_if"][0], tuple(each["active_if"][1]))
+            self.parameters.append(Parameter(**each))
+        self.rows = {self._key(row["configuration"]): row["cost_ms"] for row in data["rows"]}
+        self.true = {key: float(numpy.median(costs)) for key, costs in self.rows.items() if costs}
+        self.best = min(self.true.values())
+
+    def _key(self, configuration):
+        on = active(self.parameters, configuration)
+        return json.dumps({name: configuration[name] for name in sorted(on)}, sort_keys=True)
+
+    def gap(self, configuration):
+        return self.true.get(self._key(configuration), math.inf) / self.best
+
+    def measure(self, configuration, random):
+        costs = self.rows[self._key(configuration)]
+        return float(random.choice(costs)) if costs else None
+
+
+BBOB_FUNCTIONS = (1, 2, 3, 6, 8, 10, 12, 13, 15, 17, 20, 21)
+
+
+def suite(name, folder=None):
+    """The problems of a suite by name."""
+    if name.startswith("bbob"):
+        noise = 0.0 if name == "bbob-noiseless" else 0.1
+        return [
+            lambda function=function, dimension=dimension: Bbob(function, dimension, 1, noise)
+            for function in BBOB_FUNCTIONS
+            for dimension in (2, 5, 10)
+        ]
+    if name == "grid":
+        return [lambda seed=seed: Grid(seed) for seed in range(8)]
+    if name == "recorded":
+        return [lambda path=path: Recorded(path) for path in sorted(pathlib.Path(folder).glob("*.json"))]
+    raise SystemExit(f"there is no suite {name}; there are bbob, bbob-noiseless, grid and recorded")
