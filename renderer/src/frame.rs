@@ -13,6 +13,7 @@ use treewright_accel::{
 
 use crate::film::Film;
 use crate::integrator::{Counts, Prepared, View, render_sample};
+use crate::render_options::RenderOptions;
 use crate::scene::Scene;
 
 /// What one frame took.
@@ -106,16 +107,22 @@ impl Renderer {
     }
 
     /// Adds one sample to each pixel of the film with a given structure; returns `render_ms` and the counts.
-    pub fn render_with(&self, structure: &Structure, view: &View, film: &mut Film) -> (f64, Counts) {
-        let sample = Sample { prepared: &self.prepared, view, film };
+    pub fn render_with(
+        &self,
+        structure: &Structure,
+        view: &View,
+        options: &RenderOptions,
+        film: &mut Film,
+    ) -> (f64, Counts) {
+        let sample = Sample { prepared: &self.prepared, view, options, film };
         let begin = Instant::now();
         let counts = self.pool.install(|| structure.visit(sample));
         (milliseconds(begin), counts)
     }
 
     /// Adds one sample with the kept structure. `None` while there is none.
-    pub fn render(&self, view: &View, film: &mut Film) -> Option<(f64, Counts)> {
-        Some(self.render_with(self.structure.as_ref()?, view, film))
+    pub fn render(&self, view: &View, options: &RenderOptions, film: &mut Film) -> Option<(f64, Counts)> {
+        Some(self.render_with(self.structure.as_ref()?, view, options, film))
     }
 
     /// Runs something on the render threads.
@@ -128,6 +135,7 @@ impl Renderer {
 struct Sample<'a> {
     prepared: &'a Prepared,
     view: &'a View,
+    options: &'a RenderOptions,
     film: &'a mut Film,
 }
 
@@ -135,7 +143,7 @@ impl Visitor for Sample<'_> {
     type Output = Counts;
 
     fn visit<I: Intersector>(self, intersector: &I) -> Counts {
-        render_sample(self.prepared, intersector, self.view, self.film)
+        render_sample(self.prepared, intersector, self.view, self.options, self.film)
     }
 }
 

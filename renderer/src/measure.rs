@@ -9,15 +9,18 @@ use treewright_accel::{BuildChoice, Structure};
 use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer};
 use crate::integrator::View;
+use crate::render_options::RenderOptions;
 use crate::statistics::Summary;
 
-/// A named structure to be measured.
+/// A named way to render, to be measured.
 #[derive(Clone, Debug)]
 pub struct Contender {
     /// For people.
     pub name: String,
     /// What is built.
     pub choice: BuildChoice,
+    /// How frames are worked off.
+    pub options: RenderOptions,
 }
 
 /// How contenders are measured.
@@ -113,8 +116,7 @@ pub fn interleaved(
             let Some(structure) = &mut structures[index] else {
                 continue;
             };
-            let choice = &contenders[index].choice;
-            match frame(renderer, structure, choice, conditions, &mut film) {
+            match frame(renderer, structure, &contenders[index], conditions, &mut film) {
                 Ok(times) if round > 0 => {
                     if conditions.build_each_round {
                         measured[index].build_ms.push(times.build_ms);
@@ -135,17 +137,18 @@ pub fn interleaved(
 fn frame(
     renderer: &Renderer,
     structure: &mut Structure,
-    choice: &BuildChoice,
+    contender: &Contender,
     conditions: &Conditions,
     film: &mut Film,
 ) -> Result<FrameTimes, String> {
     let mut times = FrameTimes::default();
     if conditions.build_each_round {
-        (*structure, times.build_ms) = renderer.build(choice).map_err(|error| error.to_string())?;
+        (*structure, times.build_ms) =
+            renderer.build(&contender.choice).map_err(|error| error.to_string())?;
     }
     // The same sample each time, so that every contender is asked the same rays.
     film.clear();
-    times.render_ms = renderer.render_with(structure, &conditions.view, film).0;
+    times.render_ms = renderer.render_with(structure, &conditions.view, &contender.options, film).0;
     Ok(times)
 }
 

@@ -22,6 +22,8 @@ pub struct RenderOptions {
     pub shadow: Packets,
     /// How rays after a bounce are ordered inside a tile.
     pub sort: Sort,
+    /// How many of the renderer's threads work on a frame; 0 for all of them.
+    pub threads: u32,
 }
 
 /// In which order tiles are begun.
@@ -60,6 +62,7 @@ impl Default for RenderOptions {
             bounce: Packets::Single,
             shadow: Packets::Single,
             sort: Sort::None,
+            threads: 0,
         }
     }
 }

@@ -13,6 +13,7 @@ use crate::frame::Renderer;
 use crate::integrator::View;
 use crate::limits::{CONTENDERS_MAX, ROUNDS_MAX};
 use crate::measure::{Conditions, Contender, Standing, interleaved, standings};
+use crate::render_options::RenderOptions;
 use crate::space;
 
 /// Arguments of `bench`.
@@ -62,13 +63,33 @@ struct Results<'a> {
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let space = space::table_1();
     let mut contenders = vec![
-        Contender { name: "default".into(), choice: space::build_choice(&space.default_configuration())? },
-        Contender { name: "native low".into(), choice: Native::Low.choice() },
-        Contender { name: "native medium".into(), choice: Native::Medium.choice() },
-        Contender { name: "native high".into(), choice: Native::High.choice() },
+        Contender {
+            name: "default".into(),
+            choice: space::build_choice(&space.default_configuration())?,
+            options: RenderOptions::default(),
+        },
+        Contender {
+            name: "native low".into(),
+            choice: Native::Low.choice(),
+            options: RenderOptions::default(),
+        },
+        Contender {
+            name: "native medium".into(),
+            choice: Native::Medium.choice(),
+            options: RenderOptions::default(),
+        },
+        Contender {
+            name: "native high".into(),
+            choice: Native::High.choice(),
+            options: RenderOptions::default(),
+        },
     ];
     for text in &arguments.config {
-        contenders.push(Contender { name: text.clone(), choice: space::build_choice(&space::parse(text)?)? });
+        contenders.push(Contender {
+            name: text.clone(),
+            choice: space::build_choice(&space::parse(text)?)?,
+            options: RenderOptions::default(),
+        });
     }
     if contenders.len() > CONTENDERS_MAX {
         return Err(CliError::Usage(format!(

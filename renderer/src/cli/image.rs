@@ -16,6 +16,7 @@ use crate::frame::Renderer;
 use crate::image_file::{self, Exposure};
 use crate::integrator::{Counts, View};
 use crate::limits::SAMPLES_MAX;
+use crate::render_options::RenderOptions;
 use crate::statistics::Summary;
 
 /// Arguments of `image`.
@@ -83,7 +84,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let bar =
         if arguments.json { ProgressBar::hidden() } else { output::bar(u64::from(arguments.spp), "samples") };
     while film.samples() < arguments.spp && !interrupt.requested() {
-        if let Some((sample_ms, sample_counts)) = renderer.render(&view, &mut film) {
+        if let Some((sample_ms, sample_counts)) = renderer.render(&view, &RenderOptions::default(), &mut film)
+        {
             render_ms.push(sample_ms);
             counts += sample_counts;
         }

@@ -25,6 +25,7 @@ use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::indicators::SceneIndicators;
 use crate::integrator::View;
 use crate::limits::ITERATIONS_MAX;
+use crate::render_options::RenderOptions;
 use crate::space;
 use crate::statistics::Summary;
 use crate::tuning::objective::{Objective, specification};
@@ -196,7 +197,7 @@ impl Flight {
         let mut film = Film::new(arguments.size.width, arguments.size.height);
         let built = renderer.build(&default)?;
         // Warms threads, caches and clocks.
-        renderer.render_with(&built.0, &view, &mut film);
+        renderer.render_with(&built.0, &view, &RenderOptions::default(), &mut film);
         let each_frame = arguments.objective.builds_each_frame();
         Ok(Self { renderer, view, film, each_frame, kept: None, default: arguments.compare.then_some(built) })
     }
@@ -210,13 +211,13 @@ impl Flight {
                 Ok(build_ms) => (build_ms, true),
                 Err(outcome) => {
                     self.film.clear();
-                    self.renderer.render(&self.view, &mut self.film);
+                    self.renderer.render(&self.view, &RenderOptions::default(), &mut self.film);
                     return (outcome, None, false);
                 }
             },
         };
         self.film.clear();
-        match self.renderer.render(&self.view, &mut self.film) {
+        match self.renderer.render(&self.view, &RenderOptions::default(), &mut self.film) {
             Some((render_ms, _)) => (Outcome::Ok, Some(FrameTimes { build_ms, render_ms }), rebuilt),
             None => (Outcome::failed("no structure was built"), None, rebuilt),
         }
@@ -243,7 +244,8 @@ impl Flight {
             (*structure, *build_ms) = built;
         }
         self.film.clear();
-        let (render_ms, _) = self.renderer.render_with(structure, &self.view, &mut self.film);
+        let (render_ms, _) =
+            self.renderer.render_with(structure, &self.view, &RenderOptions::default(), &mut self.film);
         Some(FrameTimes { build_ms: *build_ms, render_ms })
     }
 }

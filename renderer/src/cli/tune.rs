@@ -21,6 +21,7 @@ use crate::indicators::SceneIndicators;
 use crate::integrator::View;
 use crate::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
 use crate::measure::{Conditions, Contender, Standing, interleaved, standings};
+use crate::render_options::RenderOptions;
 use crate::report;
 use crate::scene::{Camera, Scene};
 use crate::space;
@@ -278,8 +279,16 @@ impl Judge<'_> {
     fn standings(&self, tuned: &Configuration, conditions: &Conditions) -> Result<Vec<Standing>, CliError> {
         let contenders = [
             verdict::contender(DEFAULT, &space::table_1().default_configuration())?,
-            Contender { name: NATIVE_MEDIUM.into(), choice: Native::Medium.choice() },
-            Contender { name: NATIVE_HIGH.into(), choice: Native::High.choice() },
+            Contender {
+                name: NATIVE_MEDIUM.into(),
+                choice: Native::Medium.choice(),
+                options: RenderOptions::default(),
+            },
+            Contender {
+                name: NATIVE_HIGH.into(),
+                choice: Native::High.choice(),
+                options: RenderOptions::default(),
+            },
             verdict::contender(TUNED, tuned)?,
         ];
         Ok(self.measure(&contenders, conditions))

@@ -20,6 +20,7 @@ use crate::frame::Renderer;
 use crate::integrator::random::PathRandom;
 use crate::integrator::{Lens, View};
 use crate::limits::VERIFY_RAYS_MAX;
+use crate::render_options::RenderOptions;
 use crate::scene::{Bounds, Camera, Scene};
 use crate::space;
 
@@ -140,7 +141,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let mut film = Film::new(arguments.size.width, arguments.size.height);
         let mut picture_hits = 0;
         for _ in 0..arguments.spp {
-            picture_hits += renderer.render_with(&structure, &view, &mut film).1.hits;
+            picture_hits +=
+                renderer.render_with(&structure, &view, &RenderOptions::default(), &mut film).1.hits;
         }
         let picture = film.picture();
         let picture_difference =

@@ -24,6 +24,7 @@ pub use bsdf::{Bsdf, BsdfSample, Scatter};
 pub use lights::{LightSample, Lights};
 
 use crate::film::{Film, TILE};
+use crate::render_options::RenderOptions;
 use crate::scene::{Camera, Scene};
 use random::PathRandom;
 
@@ -100,6 +101,7 @@ pub fn render_sample<I: Intersector>(
     prepared: &Prepared,
     intersector: &I,
     view: &View,
+    _options: &RenderOptions,
     film: &mut Film,
 ) -> Counts {
     let lens = Lens::new(&view.camera, film.width(), film.height());

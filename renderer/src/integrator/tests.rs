@@ -79,7 +79,7 @@ fn render(scene: &Arc<Scene>, camera: Camera, samples: u32) -> (Picture, Counts)
     let mut film = Film::new(24, 18);
     let mut counts = Counts::default();
     for _ in 0..samples {
-        counts += render_sample(&prepared, &brute_force, &view, &mut film);
+        counts += render_sample(&prepared, &brute_force, &view, &RenderOptions::default(), &mut film);
     }
     (film.picture(), counts)
 }
@@ -209,7 +209,7 @@ fn seeds_and_samples_change_the_noise_but_not_the_light() {
         let mut film = Film::new(24, 18);
         let view = View { camera: room.cameras[0], seed, bounces: 3 };
         for _ in 0..64 {
-            render_sample(&prepared, &brute_force, &view, &mut film);
+            render_sample(&prepared, &brute_force, &view, &RenderOptions::default(), &mut film);
         }
         film.picture()
     };

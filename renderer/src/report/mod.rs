@@ -13,6 +13,7 @@ use base64::engine::general_purpose::STANDARD;
 use crate::film::{Film, Picture};
 use crate::frame::Renderer;
 use crate::image_file::{Exposure, ImageFileError, png_bytes};
+use crate::render_options::RenderOptions;
 use crate::space::{self, ConfigurationError};
 use crate::tuning::results::Results;
 use crate::tuning::search::Setting;
@@ -87,7 +88,7 @@ fn picture(
     let (structure, _) = renderer.build(&space::build_choice(configuration)?)?;
     let mut film = Film::new(setting.width, setting.height);
     for _ in 0..PICTURE_SAMPLES {
-        renderer.render_with(&structure, &setting.view, &mut film);
+        renderer.render_with(&structure, &setting.view, &RenderOptions::default(), &mut film);
     }
     Ok(film.picture())
 }

@@ -17,6 +17,7 @@ use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::indicators::SceneIndicators;
 use crate::integrator::View;
+use crate::render_options::RenderOptions;
 use crate::space;
 use crate::statistics::Summary;
 
@@ -180,7 +181,7 @@ pub fn frame(
     let mut render_ms = Vec::new();
     for _ in 0..setting.frames {
         film.clear();
-        match renderer.render(&setting.view, film) {
+        match renderer.render(&setting.view, &RenderOptions::default(), film) {
             Some((frame_ms, _)) => render_ms.push(frame_ms),
             None => return (Outcome::failed("no structure was built"), None),
         }

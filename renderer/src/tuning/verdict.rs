@@ -10,6 +10,7 @@ use super::objective::Objective;
 use super::search::{Found, Iteration};
 use crate::frame::Renderer;
 use crate::measure::{Conditions, Contender, Standing, interleaved, standings};
+use crate::render_options::RenderOptions;
 use crate::space::{self, ConfigurationError};
 use crate::statistics::BreakEven;
 
@@ -72,7 +73,11 @@ pub fn winner(
 
 /// A configuration with a name.
 pub fn contender(name: &str, configuration: &Configuration) -> Result<Contender, ConfigurationError> {
-    Ok(Contender { name: name.to_owned(), choice: space::build_choice(configuration)? })
+    Ok(Contender {
+        name: name.to_owned(),
+        choice: space::build_choice(configuration)?,
+        options: RenderOptions::default(),
+    })
 }
 
 /// Break-even from what was measured. The search's own costs are those of its time; frames with the default
