@@ -90,7 +90,8 @@ impl Session {
                     None => (BTreeMap::new(), Outcome::Infeasible { reason: "cannot be run".into() }),
                 };
                 // Nothing is stored here: the process is the study.
-                let (_, _change) = tuner.report(&open, measurements, outcome, self.now_ms).map_err(refused)?;
+                let (_, _change) =
+                    tuner.report(&open, measurements, outcome, self.now_ms).map_err(refused)?;
                 Ok(json!({ "told": trial }))
             }
             Request::Best(indicators) => {
