@@ -29,12 +29,13 @@ pub enum Quality {
 /// |---|---|
 /// | `compact` | all others but `robust`: the tree is Embree's own |
 /// | `quality` is [`Quality::Morton`] | `sah_block_size`, `traversal_cost`, `intersection_cost` (paper, section 3.2); `max_leaf_size` acts only near the depth limit |
+/// | `branching_factor` is 2 or 4 | `format`: such nodes would not take fewer cache lines, so they are always full |
 /// | always | of the two costs only their ratio acts; `static_scene` sets a builder flag that a tree built once and never updated does not feel (paper, section 4.1, finds the same of the last three) |
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TreeParameters {
     /// Builder.
     pub quality: Quality,
-    /// Children a node: 2, 4 or 8.
+    /// Children a node: 2, 4 or 8; with [`Collapse::Optimal`] also 16.
     pub branching_factor: u32,
     /// Depth limit, 9 to 64. Builds that need more fail.
     pub max_depth: u32,
@@ -62,7 +63,7 @@ pub struct TreeParameters {
     pub reinsertion_passes: u32,
     /// Order of the nodes in memory.
     pub order: NodeOrder,
-    /// How a node keeps its children's bounds.
+    /// How a node keeps its children's bounds. Acts on nodes of 8 and 16.
     pub format: NodeFormat,
     /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts with
     /// [`Quality::SahSplit`] only.
@@ -133,6 +134,11 @@ impl Default for TreeParameters {
 }
 
 impl TreeParameters {
+    /// The format the nodes really have: [`TreeParameters::format`] where it acts.
+    pub fn active_format(&self) -> NodeFormat {
+        if self.branching_factor >= 8 { self.format } else { NodeFormat::Full }
+    }
+
     /// Checks that every active parameter lies in its range and that they fit together.
     pub fn check(&self) -> Result<(), BuildError> {
         if self.compact {
@@ -141,8 +147,12 @@ impl TreeParameters {
         let refuse = |parameter, value: &dyn std::fmt::Display, rule| {
             Err(BuildError::InvalidParameters { parameter, value: value.to_string(), rule })
         };
-        if ![2, 4, 8].contains(&self.branching_factor) {
-            return refuse("branching_factor", &self.branching_factor, "it must be 2, 4 or 8");
+        if ![2, 4, 8, 16].contains(&self.branching_factor) {
+            return refuse("branching_factor", &self.branching_factor, "it must be 2, 4, 8 or 16");
+        }
+        // Not every builder of Embree makes nodes of sixteen.
+        if self.branching_factor == 16 && self.collapse != Collapse::Optimal {
+            return refuse("branching_factor", &self.branching_factor, "16 needs the optimal collapse");
         }
         if !MAX_DEPTH.contains(&self.max_depth) {
             return refuse("max_depth", &self.max_depth, "it must be 9 to 64");
@@ -222,8 +232,16 @@ mod tests {
     fn table_1_is_valid_and_each_mistake_is_named() {
         let good = TreeParameters::default();
         assert_eq!(good.check(), Ok(()));
+        let sixteen = TreeParameters { branching_factor: 16, collapse: Collapse::Optimal, ..good };
+        assert_eq!(sixteen.check(), Ok(()));
         let bad = [
             (TreeParameters { branching_factor: 3, ..good }, "branching_factor"),
+            (TreeParameters { branching_factor: 16, ..good }, "branching_factor"),
+            (
+                TreeParameters { branching_factor: 32, collapse: Collapse::Optimal, ..good },
+                "branching_factor",
+            ),
+            (TreeParameters { block_width: 6, ..good }, "block_width"),
             (TreeParameters { max_depth: 8, ..good }, "max_depth"),
             (TreeParameters { max_depth: 65, ..good }, "max_depth"),
             (TreeParameters { sah_block_size: 0, ..good }, "sah_block_size"),

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality, Quality, Ray,
-    Structure, Tree, TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, Collapse, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality,
+    NodeFormat, Quality, Ray, Structure, Tree, TreeParameters, Triangles, build,
 };
 
 mod scenes;
@@ -15,9 +15,27 @@ fn device() -> Device {
     Device::open(0).expect("Embree is set up")
 }
 
-/// Trees of every width, builder and test.
+/// Every kind of node, of block and of test, and every builder.
 fn parameters() -> Vec<TreeParameters> {
     let mut all = Vec::new();
+    let kinds = [(2, NodeFormat::Full), (4, NodeFormat::Full), (8, NodeFormat::Full), (16, NodeFormat::Full)];
+    let kinds = kinds.into_iter().chain([(8, NodeFormat::Quantised), (16, NodeFormat::Quantised)]);
+    for (branching_factor, format) in kinds {
+        for block_width in [4, 8] {
+            for robust in [false, true] {
+                all.push(TreeParameters {
+                    branching_factor,
+                    collapse: if branching_factor == 16 { Collapse::Optimal } else { Collapse::Builder },
+                    format,
+                    block_width,
+                    max_depth: 64,
+                    max_leaf_size: 20,
+                    robust,
+                    ..TreeParameters::default()
+                });
+            }
+        }
+    }
     for branching_factor in [2, 4, 8] {
         for quality in [Quality::Morton, Quality::Sah, Quality::SahSplit] {
             for robust in [false, true] {

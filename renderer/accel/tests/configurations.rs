@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use proptest::prelude::*;
 use treewright_accel::{
-    BruteForce, BuildChoice, BuildError, Device, Hit, Intersector, Quality, Ray, Structure, TreeParameters,
-    Triangles, build,
+    BruteForce, BuildChoice, BuildError, Device, Hit, Intersector, NodeFormat, Quality, Ray, Structure,
+    TreeParameters, Triangles, build,
 };
 
 mod scenes;
@@ -14,7 +14,7 @@ fn device() -> Device {
     Device::open(0).expect("Embree is set up")
 }
 
-/// Any configuration of the paper's space.
+/// Any configuration of the trees that Embree's builder makes at once.
 fn configuration() -> impl Strategy<Value = TreeParameters> {
     let shape = (
         prop::sample::select(vec![Quality::Morton, Quality::Sah, Quality::SahSplit]),
@@ -24,8 +24,16 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
         (1u32..=32).prop_flat_map(|max| (1..=max, Just(max))),
     );
     let rest = (0.0f32..=10.0, 0.001f32..=10.0, any::<bool>(), prop::bool::weighted(0.1), any::<bool>());
-    (shape, rest).prop_map(
-        |((quality, branching_factor, max_depth, sah_block_size, (min_leaf_size, max_leaf_size)), rest)| {
+    let layout = (
+        prop::sample::select(vec![4u32, 8]),
+        prop::sample::select(vec![NodeFormat::Full, NodeFormat::Quantised]),
+    );
+    (shape, rest, layout).prop_map(
+        |(
+            (quality, branching_factor, max_depth, sah_block_size, (min_leaf_size, max_leaf_size)),
+            rest,
+            (block_width, format),
+        )| {
             let (traversal_cost, intersection_cost, static_scene, compact, robust) = rest;
             TreeParameters {
                 quality,
@@ -39,6 +47,8 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
                 static_scene,
                 compact,
                 robust,
+                block_width,
+                format,
                 ..TreeParameters::default()
             }
         },

@@ -13,8 +13,8 @@ use std::ffi::{c_char, c_uint, c_void};
 
 pub(crate) use embree4_sys::{
     RTCBVH, RTCBounds, RTCBufferType, RTCBuildArguments, RTCBuildFlags, RTCBuildPrimitive, RTCBuildQuality,
-    RTCCreateNodeFunction, RTCDevice, RTCDeviceProperty, RTCFeatureFlags, RTCFormat, RTCGeometryType,
-    RTCIntersectArguments, RTCOccludedArguments, RTCRayQueryFlags, RTCScene, RTCSceneFlags,
+    RTCCreateLeafFunction, RTCCreateNodeFunction, RTCDevice, RTCDeviceProperty, RTCFeatureFlags, RTCFormat,
+    RTCGeometryType, RTCIntersectArguments, RTCOccludedArguments, RTCRayQueryFlags, RTCScene, RTCSceneFlags,
     RTCSetNodeBoundsFunction, RTCSetNodeChildrenFunction, RTCThreadLocalAllocator, rtcAttachGeometry,
     rtcBuildBVH, rtcCommitGeometry, rtcCommitScene, rtcGetDeviceProperty, rtcIntersect1, rtcIntersect8,
     rtcIntersect16, rtcNewBVH, rtcNewDevice, rtcNewGeometry, rtcNewScene, rtcOccluded1, rtcOccluded8,

@@ -8,20 +8,71 @@
 use super::lanes::{Lanes, Lanes3};
 use crate::geometry::Ray;
 use crate::tree::Root;
-use crate::tree::layout::Node;
+use crate::tree::layout::{Node, QuantisedNode, TreeNode};
 
 /// A ray prepared for tests against the boxes of nodes.
 ///
 /// # Safety
 /// Both functions require the processor features of `Times`.
-pub(crate) trait Boxes<const W: usize>: Copy {
+pub(crate) trait Boxes<N>: Copy {
     /// The distances of the children.
     type Times: Lanes;
 
     unsafe fn new(root: &Root, ray: &Ray) -> Self;
 
     /// One bit for each child whose box meets the ray before `t_max`, and the entry distances.
-    unsafe fn test(&self, node: &Node<W>, t_max: f32) -> (u32, Self::Times);
+    unsafe fn test(&self, node: &N, t_max: f32) -> (u32, Self::Times);
+}
+
+/// Access to the children's planes by their place in the node: `near` is where the near planes of `axis`
+/// begin, and the far planes begin at `near ^ WIDTH`.
+///
+/// # Safety
+/// All functions require the processor features of `L`, which has as many lanes as the node children.
+pub(crate) trait Planes: TreeNode {
+    /// Near and far planes.
+    unsafe fn planes<L: Lanes>(&self, axis: usize, near: usize) -> [L; 2];
+
+    /// `plane * reciprocal - origin` for near and far planes.
+    unsafe fn times<L: Lanes>(&self, axis: usize, near: usize, reciprocal: L, origin: L) -> [L; 2];
+}
+
+impl<const W: usize> Planes for Node<W> {
+    #[inline(always)]
+    unsafe fn planes<L: Lanes>(&self, _axis: usize, near: usize) -> [L; 2] {
+        debug_assert!(L::COUNT == W);
+        let planes = (&raw const self.bounds).cast::<f32>();
+        [L::load(planes.add(near)), L::load(planes.add(near ^ W))]
+    }
+
+    #[inline(always)]
+    unsafe fn times<L: Lanes>(&self, axis: usize, near: usize, reciprocal: L, origin: L) -> [L; 2] {
+        self.planes::<L>(axis, near).map(|plane| plane.mul_sub(reciprocal, origin))
+    }
+}
+
+impl<const W: usize> QuantisedNode<W> {
+    #[inline(always)]
+    unsafe fn bytes<L: Lanes>(&self, near: usize) -> [L; 2] {
+        debug_assert!(L::COUNT == W);
+        let bytes = (&raw const self.bounds).cast::<u8>();
+        [L::load_bytes(bytes.add(near)), L::load_bytes(bytes.add(near ^ W))]
+    }
+}
+
+impl<const W: usize> Planes for QuantisedNode<W> {
+    #[inline(always)]
+    unsafe fn planes<L: Lanes>(&self, axis: usize, near: usize) -> [L; 2] {
+        let (step, origin) = (L::splat(self.step(axis)), L::splat(self.origin[axis]));
+        self.bytes::<L>(near).map(|byte| byte.mul_add(step, origin))
+    }
+
+    #[inline(always)]
+    unsafe fn times<L: Lanes>(&self, axis: usize, near: usize, reciprocal: L, origin: L) -> [L; 2] {
+        let step = L::splat(self.step(axis)).mul(reciprocal);
+        let begin = L::splat(self.origin[axis]).mul_sub(reciprocal, origin);
+        self.bytes::<L>(near).map(|byte| byte.mul_add(step, begin))
+    }
 }
 
 /// Smallest divisor: zero and nearly zero components become this, which keeps every product finite and
@@ -33,11 +84,16 @@ fn safe_reciprocal(component: f32) -> f32 {
     if component.abs() < DIVISOR_MIN { 1.0 / DIVISOR_MIN } else { 1.0 / component }
 }
 
-/// Offset of each axis' near plane inside a node, in floats; the far plane is the other one.
 #[inline(always)]
-fn near_offsets<const W: usize>(reciprocal: glam::Vec3) -> [usize; 3] {
-    // `bounds[axis][side][child]`: an axis spans 2 W numbers, its upper planes start at W.
-    let of = |axis: usize| 2 * W * axis + if reciprocal[axis] < 0.0 { W } else { 0 };
+fn safe_reciprocals(direction: glam::Vec3) -> glam::Vec3 {
+    glam::Vec3::new(safe_reciprocal(direction.x), safe_reciprocal(direction.y), safe_reciprocal(direction.z))
+}
+
+/// Offset of each axis' near planes inside a node, in planes; the far ones begin at the other offset.
+#[inline(always)]
+fn near_offsets(width: usize, reciprocal: glam::Vec3) -> [usize; 3] {
+    // `bounds[axis][side][child]`: an axis spans two widths, its upper planes start at the second.
+    let of = |axis: usize| 2 * width * axis + if reciprocal[axis] < 0.0 { width } else { 0 };
     [of(0), of(1), of(2)]
 }
 
@@ -50,36 +106,26 @@ pub(crate) struct FastBoxes<L> {
     near: [usize; 3],
 }
 
-impl<L: Lanes, const W: usize> Boxes<W> for FastBoxes<L> {
+impl<L: Lanes, N: Planes> Boxes<N> for FastBoxes<L> {
     type Times = L;
 
     #[inline(always)]
     unsafe fn new(_root: &Root, ray: &Ray) -> Self {
-        debug_assert!(L::COUNT == W);
-        let direction = ray.direction;
-        let reciprocal = glam::Vec3::new(
-            safe_reciprocal(direction.x),
-            safe_reciprocal(direction.y),
-            safe_reciprocal(direction.z),
-        );
+        let reciprocal = safe_reciprocals(ray.direction);
         Self {
             reciprocal: Lanes3::splat(reciprocal),
             origin: Lanes3::splat(ray.origin * reciprocal),
             t_min: L::splat(ray.t_min),
-            near: near_offsets::<W>(reciprocal),
+            near: near_offsets(N::WIDTH, reciprocal),
         }
     }
 
     #[inline(always)]
-    unsafe fn test(&self, node: &Node<W>, t_max: f32) -> (u32, L) {
-        let planes = (&raw const node.bounds).cast::<f32>();
+    unsafe fn test(&self, node: &N, t_max: f32) -> (u32, L) {
         let ([rx, ry, rz], [ox, oy, oz], [x, y, z]) = (self.reciprocal.0, self.origin.0, self.near);
-        let near_x = L::load(planes.add(x)).mul_sub(rx, ox);
-        let near_y = L::load(planes.add(y)).mul_sub(ry, oy);
-        let near_z = L::load(planes.add(z)).mul_sub(rz, oz);
-        let far_x = L::load(planes.add(x ^ W)).mul_sub(rx, ox);
-        let far_y = L::load(planes.add(y ^ W)).mul_sub(ry, oy);
-        let far_z = L::load(planes.add(z ^ W)).mul_sub(rz, oz);
+        let [near_x, far_x] = node.times(0, x, rx, ox);
+        let [near_y, far_y] = node.times(1, y, ry, oy);
+        let [near_z, far_z] = node.times(2, z, rz, oz);
         let near = near_x.max(near_y).max(near_z.max(self.t_min));
         let far = far_x.min(far_y).min(far_z.min(L::splat(t_max)));
         (L::bits(near.less_equal(far)), near)
@@ -99,23 +145,17 @@ pub(crate) struct PaddedBoxes<L> {
     near: [usize; 3],
 }
 
-impl<L: Lanes, const W: usize> Boxes<W> for PaddedBoxes<L> {
+impl<L: Lanes, N: Planes> Boxes<N> for PaddedBoxes<L> {
     type Times = L;
 
     #[inline(always)]
     unsafe fn new(root: &Root, ray: &Ray) -> Self {
-        debug_assert!(L::COUNT == W);
         let (lower, upper) = (glam::Vec3::from(root.bounds.lower), glam::Vec3::from(root.bounds.upper));
         // No coordinate relative to the origin is larger than this; eight units of its last place cover
         // the two roundings of translation and shear and those of the differences below.
         let reach = (lower - ray.origin).abs().max((upper - ray.origin).abs()).max_element();
         let pad = glam::Vec3::splat(reach * (4.0 * f32::EPSILON));
-        let direction = ray.direction;
-        let reciprocal = glam::Vec3::new(
-            safe_reciprocal(direction.x),
-            safe_reciprocal(direction.y),
-            safe_reciprocal(direction.z),
-        );
+        let reciprocal = safe_reciprocals(ray.direction);
         // Towards the ray's start on near planes, away from it on far ones.
         let towards = pad * glam::Vec3::ONE.copysign(reciprocal);
         Self {
@@ -124,19 +164,18 @@ impl<L: Lanes, const W: usize> Boxes<W> for PaddedBoxes<L> {
             near_origin: Lanes3::splat(ray.origin + towards),
             far_origin: Lanes3::splat(ray.origin - towards),
             t_min: L::splat(ray.t_min),
-            near: near_offsets::<W>(reciprocal),
+            near: near_offsets(N::WIDTH, reciprocal),
         }
     }
 
     #[inline(always)]
-    unsafe fn test(&self, node: &Node<W>, t_max: f32) -> (u32, L) {
-        let planes = (&raw const node.bounds).cast::<f32>();
+    unsafe fn test(&self, node: &N, t_max: f32) -> (u32, L) {
         let [x, y, z] = self.near;
-        let near_planes = Lanes3([L::load(planes.add(x)), L::load(planes.add(y)), L::load(planes.add(z))])
-            .sub(self.near_origin);
-        let far_planes =
-            Lanes3([L::load(planes.add(x ^ W)), L::load(planes.add(y ^ W)), L::load(planes.add(z ^ W))])
-                .sub(self.far_origin);
+        let [near_x, far_x] = node.planes::<L>(0, x);
+        let [near_y, far_y] = node.planes::<L>(1, y);
+        let [near_z, far_z] = node.planes::<L>(2, z);
+        let near_planes = Lanes3([near_x, near_y, near_z]).sub(self.near_origin);
+        let far_planes = Lanes3([far_x, far_y, far_z]).sub(self.far_origin);
         let [near_x, near_y, near_z] = scaled(near_planes, self.near_reciprocal);
         let [far_x, far_y, far_z] = scaled(far_planes, self.far_reciprocal);
         let near = near_x.max(near_y).max(near_z.max(self.t_min));
@@ -170,7 +209,7 @@ mod tests {
         (Root { node: NodeRef::EMPTY, bounds }, node)
     }
 
-    fn met<B: Boxes<2>>(origin: Vec3, direction: Vec3, t_max: f32) -> u32 {
+    fn met<B: Boxes<Node<2>>>(origin: Vec3, direction: Vec3, t_max: f32) -> u32 {
         let (root, node) = cube();
         let ray = Ray { origin, direction, t_min: 0.0, t_max };
         // SAFETY: portable vectors need no features.

@@ -14,11 +14,11 @@ use super::triangles::Blocks;
 use crate::geometry::{Hit, NO_INSTANCE, Ray};
 use crate::limits::MAX_DEPTH;
 use crate::tree::Root;
-use crate::tree::layout::{NO_TRIANGLE, NodeRef};
+use crate::tree::layout::{NO_TRIANGLE, NodeRef, TreeNode, WIDTH_MAX};
 
 /// Most entries on the stack: on each level all children but one, and the builder keeps within the
 /// permitted depth.
-const STACK: usize = (*MAX_DEPTH.end() as usize + 1) * 7 + 1;
+const STACK: usize = (*MAX_DEPTH.end() as usize + 1) * (WIDTH_MAX - 1) + 1;
 
 /// A child to come back to.
 #[derive(Clone, Copy)]
@@ -85,20 +85,24 @@ impl Stack<Entry> {
 /// The nearest hit.
 ///
 /// # Safety
-/// The processor has the features of `B` and `T`; the tree has width `W` and blocks of the kind `T` tests.
+/// The processor has the features of `X` and `T`; the tree has nodes `N` and blocks of the width and kind `T`
+/// tests.
 #[inline(always)]
-pub(crate) unsafe fn closest<const W: usize, B: Boxes<W>, T: Blocks>(root: &Root, ray: &Ray) -> Option<Hit> {
+pub(crate) unsafe fn closest<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks<B>>(
+    root: &Root,
+    ray: &Ray,
+) -> Option<Hit> {
     if !ray.is_valid() {
         return None;
     }
-    let boxes = B::new(root, ray);
+    let boxes = X::new(root, ray);
     let triangles = T::new(ray);
     let mut stack = Stack::<Entry>::new();
     let mut hit = Hit { t: ray.t_max, u: 0.0, v: 0.0, triangle: NO_TRIANGLE, instance: NO_INSTANCE };
     let mut current = root.node;
     'walk: loop {
         while !current.is_leaf() {
-            let node = current.node::<W>();
+            let node = current.node::<N>();
             let (mut met, times) = boxes.test(node, hit.t);
             if met == 0 {
                 match stack.pop_before(hit.t) {
@@ -110,7 +114,7 @@ pub(crate) unsafe fn closest<const W: usize, B: Boxes<W>, T: Blocks>(root: &Root
             let first = met.trailing_zeros() as usize;
             met &= met - 1;
             if met == 0 {
-                current = node.children[first];
+                current = node.children()[first];
                 continue;
             }
             let times = Stored::from(times).0;
@@ -119,25 +123,25 @@ pub(crate) unsafe fn closest<const W: usize, B: Boxes<W>, T: Blocks>(root: &Root
             if met == 0 {
                 let (near, far) =
                     if times[first] <= times[second] { (first, second) } else { (second, first) };
-                stack.push(Entry { node: node.children[far], t: times[far] });
-                current = node.children[near];
+                stack.push(Entry { node: node.children()[far], t: times[far] });
+                current = node.children()[near];
                 continue;
             }
             let bottom = stack.top;
             for child in [first, second] {
-                stack.push(Entry { node: node.children[child], t: times[child] });
+                stack.push(Entry { node: node.children()[child], t: times[child] });
             }
             while met != 0 {
                 let child = met.trailing_zeros() as usize;
                 met &= met - 1;
-                stack.push(Entry { node: node.children[child], t: times[child] });
+                stack.push(Entry { node: node.children()[child], t: times[child] });
             }
             stack.sort_from(bottom);
             if let Some(next) = stack.pop() {
                 current = next.node;
             }
         }
-        for block in current.blocks() {
+        for block in current.blocks::<B>() {
             triangles.closest(block, &mut hit);
         }
         match stack.pop_before(hit.t) {
@@ -153,32 +157,35 @@ pub(crate) unsafe fn closest<const W: usize, B: Boxes<W>, T: Blocks>(root: &Root
 /// # Safety
 /// As for [`closest`].
 #[inline(always)]
-pub(crate) unsafe fn occluded<const W: usize, B: Boxes<W>, T: Blocks>(root: &Root, ray: &Ray) -> bool {
+pub(crate) unsafe fn occluded<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks<B>>(
+    root: &Root,
+    ray: &Ray,
+) -> bool {
     if !ray.is_valid() {
         return false;
     }
-    let boxes = B::new(root, ray);
+    let boxes = X::new(root, ray);
     let triangles = T::new(ray);
     let mut stack = Stack::<NodeRef>::new();
     let mut current = root.node;
     loop {
         if current.is_leaf() {
-            for block in current.blocks() {
+            for block in current.blocks::<B>() {
                 if triangles.any(block, ray.t_max) {
                     return true;
                 }
             }
         } else {
-            let node = current.node::<W>();
+            let node = current.node::<N>();
             let (mut met, _) = boxes.test(node, ray.t_max);
             if met != 0 {
                 let last = (u32::BITS - 1 - met.leading_zeros()) as usize;
                 met &= !(1 << last);
                 while met != 0 {
-                    stack.push(node.children[met.trailing_zeros() as usize]);
+                    stack.push(node.children()[met.trailing_zeros() as usize]);
                     met &= met - 1;
                 }
-                current = node.children[last];
+                current = node.children()[last];
                 continue;
             }
         }

@@ -1,5 +1,5 @@
 //! The fast triangle test: Moeller and Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection"
-//! (1997), on four triangles at once and without a division until something is hit.
+//! (1997), on all triangles of a block at once and without a division until something is hit.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
@@ -11,14 +11,14 @@ use crate::tree::layout::Block;
 ///
 /// # Safety
 /// All functions require the processor features of the lanes within, and blocks of the kind they test.
-pub(crate) trait Blocks: Copy {
+pub(crate) trait Blocks<const B: usize>: Copy {
     unsafe fn new(ray: &Ray) -> Self;
 
     /// Replaces `hit` by a nearer one in the block, if there is one.
-    unsafe fn closest(&self, block: &Block, hit: &mut Hit);
+    unsafe fn closest(&self, block: &Block<B>, hit: &mut Hit);
 
     /// Whether a triangle of the block is hit before `t_max`.
-    unsafe fn any(&self, block: &Block, t_max: f32) -> bool;
+    unsafe fn any(&self, block: &Block<B>, t_max: f32) -> bool;
 }
 
 /// Triangles as a corner and two edges.
@@ -40,7 +40,7 @@ struct Scaled<L> {
 
 impl<L: Lanes> FastBlocks<L> {
     #[inline(always)]
-    unsafe fn test(&self, block: &Block, t_max: f32) -> Scaled<L> {
+    unsafe fn test<const B: usize>(&self, block: &Block<B>, t_max: f32) -> Scaled<L> {
         let corner = Lanes3::<L>::load(&block.vertices[0]);
         let edge_1 = Lanes3::<L>::load(&block.vertices[1]);
         let edge_2 = Lanes3::<L>::load(&block.vertices[2]);
@@ -60,7 +60,7 @@ impl<L: Lanes> FastBlocks<L> {
     }
 }
 
-impl<L: Lanes> Blocks for FastBlocks<L> {
+impl<L: Lanes, const B: usize> Blocks<B> for FastBlocks<L> {
     #[inline(always)]
     unsafe fn new(ray: &Ray) -> Self {
         Self {
@@ -71,7 +71,7 @@ impl<L: Lanes> Blocks for FastBlocks<L> {
     }
 
     #[inline(always)]
-    unsafe fn closest(&self, block: &Block, hit: &mut Hit) {
+    unsafe fn closest(&self, block: &Block<B>, hit: &mut Hit) {
         let Scaled { hits, u, v, t, scale } = self.test(block, hit.t);
         if hits == 0 {
             return;
@@ -95,7 +95,7 @@ impl<L: Lanes> Blocks for FastBlocks<L> {
     }
 
     #[inline(always)]
-    unsafe fn any(&self, block: &Block, t_max: f32) -> bool {
+    unsafe fn any(&self, block: &Block<B>, t_max: f32) -> bool {
         self.test(block, t_max).hits != 0
     }
 }

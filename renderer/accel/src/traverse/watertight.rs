@@ -1,5 +1,5 @@
 //! The watertight triangle test: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (2013),
-//! on four triangles at once.
+//! on all triangles of a block at once.
 //!
 //! Corners are moved and sheared so that the ray becomes the z axis; which side of an edge the axis lies
 //! on is then one difference of two products, exactly opposite for the two triangles that share the
@@ -34,9 +34,9 @@ struct Found<L> {
 }
 
 impl<L: Lanes> WatertightBlocks<L> {
-    /// One corner of four triangles, moved and sheared, with its coordinate along the ray.
+    /// One corner of each triangle, moved and sheared, with its coordinate along the ray.
     #[inline(always)]
-    unsafe fn sheared(&self, corner: &[[f32; 4]; 3]) -> [L; 3] {
+    unsafe fn sheared<const B: usize>(&self, corner: &[[f32; B]; 3]) -> [L; 3] {
         let along = |axis: usize| L::load(corner[self.axes[axis]].as_ptr()).sub(self.origin[axis]);
         let [shear_x, shear_y, scale_z] = self.shear;
         let (x, y, z) = (along(0), along(1), along(2));
@@ -44,7 +44,7 @@ impl<L: Lanes> WatertightBlocks<L> {
     }
 
     #[inline(always)]
-    unsafe fn test(&self, block: &Block, t_max: f32) -> Found<L> {
+    unsafe fn test<const B: usize>(&self, block: &Block<B>, t_max: f32) -> Found<L> {
         let [ax, ay, az] = self.sheared(&block.vertices[0]);
         let [bx, by, bz] = self.sheared(&block.vertices[1]);
         let [cx, cy, cz] = self.sheared(&block.vertices[2]);
@@ -76,8 +76,8 @@ impl<L: Lanes> WatertightBlocks<L> {
 /// products, so that only true zeros remain. Rare, hence out of the way.
 #[cold]
 #[inline(never)]
-fn in_double(corners: [[[f32; 8]; 2]; 3]) -> [[f32; 8]; 3] {
-    let side = |[px, py]: [[f32; 8]; 2], [qx, qy]: [[f32; 8]; 2]| {
+fn in_double(corners: [[[f32; 16]; 2]; 3]) -> [[f32; 16]; 3] {
+    let side = |[px, py]: [[f32; 16]; 2], [qx, qy]: [[f32; 16]; 2]| {
         std::array::from_fn(|lane| {
             (f64::from(px[lane]) * f64::from(qy[lane]) - f64::from(py[lane]) * f64::from(qx[lane])) as f32
         })
@@ -94,7 +94,7 @@ unsafe fn edges_in_double<L: Lanes>(corners: [[L; 2]; 3]) -> [L; 3] {
     [L::load(u.0.as_ptr()), L::load(v.0.as_ptr()), L::load(w.0.as_ptr())]
 }
 
-impl<L: Lanes> Blocks for WatertightBlocks<L> {
+impl<L: Lanes, const B: usize> Blocks<B> for WatertightBlocks<L> {
     #[inline(always)]
     unsafe fn new(ray: &Ray) -> Self {
         let (direction, size) = (ray.direction, ray.direction.abs());
@@ -117,7 +117,7 @@ impl<L: Lanes> Blocks for WatertightBlocks<L> {
     }
 
     #[inline(always)]
-    unsafe fn closest(&self, block: &Block, hit: &mut Hit) {
+    unsafe fn closest(&self, block: &Block<B>, hit: &mut Hit) {
         let Found { hits, t, u, v, sum } = self.test(block, hit.t);
         if hits == 0 {
             return;
@@ -135,7 +135,7 @@ impl<L: Lanes> Blocks for WatertightBlocks<L> {
     }
 
     #[inline(always)]
-    unsafe fn any(&self, block: &Block, t_max: f32) -> bool {
+    unsafe fn any(&self, block: &Block<B>, t_max: f32) -> bool {
         self.test(block, t_max).hits != 0
     }
 }

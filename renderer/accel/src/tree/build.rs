@@ -14,7 +14,7 @@ use std::sync::atomic::Ordering;
 use rayon::prelude::*;
 
 use super::callbacks::{Context, create_leaf, create_node, set_bounds, set_children, split_primitive};
-use super::layout::{Bounds, NodeRef};
+use super::layout::{Block, Bounds, NodeRef, TreeNode, for_block, for_node};
 use super::{Memory, Root, Tree};
 use crate::embree::{Device, ffi};
 use crate::error::BuildError;
@@ -34,8 +34,8 @@ impl Tree {
     ) -> Result<Self, BuildError> {
         parameters.check()?;
         let isa = Isa::detect();
-        let kernels = Kernels::select(isa, parameters.branching_factor, parameters.robust)
-            .expect("the width was checked and the instruction set detected");
+        let kernels = Kernels::select(isa, parameters)
+            .expect("the parameters were checked and the instruction set detected");
         // SAFETY: the device is valid.
         let memory = Memory { handle: unsafe { ffi::rtcNewBVH(device.handle()) }, _device: device.clone() };
         device.check()?;
@@ -43,8 +43,7 @@ impl Tree {
             true => NodeRef::EMPTY,
             false => grow(device, &memory, triangles, parameters)?,
         };
-        let width = parameters.branching_factor;
-        let bounds = root_bounds(node, width, triangles);
+        let bounds = root_bounds(node, parameters, triangles);
         let root = Root { node, bounds };
         Ok(Self {
             root,
@@ -66,15 +65,8 @@ fn grow(
 ) -> Result<NodeRef, BuildError> {
     let mut primitives = references(triangles, parameters)?;
     let context = Context::new(triangles, parameters.robust);
-    let (create, children, bounds): (
-        ffi::RTCCreateNodeFunction,
-        ffi::RTCSetNodeChildrenFunction,
-        ffi::RTCSetNodeBoundsFunction,
-    ) = match parameters.branching_factor {
-        2 => (Some(create_node::<2>), Some(set_children::<2>), Some(set_bounds::<2>)),
-        4 => (Some(create_node::<4>), Some(set_children::<4>), Some(set_bounds::<4>)),
-        _ => (Some(create_node::<8>), Some(set_children::<8>), Some(set_bounds::<8>)),
-    };
+    let (create, children, bounds) = for_node!(parameters, N => node_callbacks::<N>());
+    let leaf: ffi::RTCCreateLeafFunction = for_block!(parameters, B => Some(create_leaf::<B>));
     let arguments = ffi::RTCBuildArguments {
         byteSize: size_of::<ffi::RTCBuildArguments>(),
         buildQuality: match parameters.quality {
@@ -87,7 +79,11 @@ fn grow(
         } else {
             ffi::RTCBuildFlags::DYNAMIC
         },
-        maxBranchingFactor: parameters.branching_factor,
+        // The Morton builder keeps a node's children in a fixed array of eight.
+        maxBranchingFactor: match parameters.quality {
+            Quality::Morton => parameters.branching_factor.min(8),
+            Quality::Sah | Quality::SahSplit => parameters.branching_factor,
+        },
         maxDepth: parameters.max_depth,
         sahBlockSize: parameters.sah_block_size,
         minLeafSize: parameters.min_leaf_size,
@@ -101,7 +97,7 @@ fn grow(
         createNode: create,
         setNodeChildren: children,
         setNodeBounds: bounds,
-        createLeaf: Some(create_leaf),
+        createLeaf: leaf,
         splitPrimitive: Some(split_primitive),
         buildProgress: None,
         userPtr: (&raw const context).cast_mut().cast(),
@@ -127,6 +123,14 @@ fn grow(
         }),
         Ok(()) => Ok(NodeRef::from_raw(root)),
     }
+}
+
+/// Embree's names for what makes and fills a node.
+type NodeCallbacks =
+    (ffi::RTCCreateNodeFunction, ffi::RTCSetNodeChildrenFunction, ffi::RTCSetNodeBoundsFunction);
+
+fn node_callbacks<N: TreeNode>() -> NodeCallbacks {
+    (Some(create_node::<N>), Some(set_children::<N>), Some(set_bounds::<N>))
 }
 
 /// One box a triangle, with spare room behind them where the builder splits. The coordinates are finite
@@ -163,23 +167,22 @@ fn references(
 }
 
 /// Box of the whole tree, from the root alone.
-fn root_bounds(node: NodeRef, width: u32, triangles: &Triangles) -> Bounds {
-    fn of_children<const W: usize>(node: NodeRef) -> Bounds {
-        // SAFETY: the builder made this node with width `W`, and its memory lives.
-        let node = unsafe { node.node::<W>() };
-        (0..W).map(|child| node.child_bounds(child)).fold(Bounds::EMPTY, Bounds::union)
+fn root_bounds(node: NodeRef, parameters: &TreeParameters, triangles: &Triangles) -> Bounds {
+    fn of_children<N: TreeNode>(node: NodeRef) -> Bounds {
+        // SAFETY: the builder made this node of the kind `N`, and its memory lives.
+        let node = unsafe { node.node::<N>() };
+        (0..node.count()).map(|child| node.child_bounds(child)).fold(Bounds::EMPTY, Bounds::union)
     }
-    if node.is_leaf() {
-        // SAFETY: the builder made this leaf, and its memory lives.
-        let blocks = unsafe { node.blocks() };
-        let numbers = blocks.iter().flat_map(super::layout::Block::numbers);
-        return numbers
+    fn of_blocks<const B: usize>(node: NodeRef, triangles: &Triangles) -> Bounds {
+        // SAFETY: the builder made this leaf of blocks of width `B`, and its memory lives.
+        let blocks = unsafe { node.blocks::<B>() };
+        let numbers = blocks.iter().flat_map(Block::numbers);
+        numbers
             .map(|number| Bounds::of_corners(&triangles.corners(number as usize)))
-            .fold(Bounds::EMPTY, Bounds::union);
+            .fold(Bounds::EMPTY, Bounds::union)
     }
-    match width {
-        2 => of_children::<2>(node),
-        4 => of_children::<4>(node),
-        _ => of_children::<8>(node),
+    match node.is_leaf() {
+        true => for_block!(parameters, B => of_blocks::<B>(node, triangles)),
+        false => for_node!(parameters, N => of_children::<N>(node)),
     }
 }

@@ -8,7 +8,7 @@ use std::ffi::c_void;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::layout::{BLOCK, Block, Bounds, LEAF_BLOCKS_MAX, Node, NodeRef};
+use super::layout::{Block, Bounds, LEAF_BLOCKS_MAX, NodeRef, TreeNode, WIDTH_MAX};
 use super::split::{Piece, split};
 use crate::embree::ffi;
 use crate::geometry::Triangles;
@@ -71,16 +71,16 @@ unsafe fn guarded<T>(user: *mut c_void, otherwise: T, body: impl FnOnce(&Context
 }
 
 /// `RTCCreateNodeFunction`.
-pub(crate) unsafe extern "C" fn create_node<const W: usize>(
+pub(crate) unsafe extern "C" fn create_node<N: TreeNode>(
     allocator: ffi::RTCThreadLocalAllocator,
     _children: u32,
     user: *mut c_void,
 ) -> *mut c_void {
     // SAFETY: Embree hands back our context and its allocator; the room is large enough and aligned.
     unsafe {
-        guarded(user, std::ptr::null_mut(), |context| match context.allocate::<Node<W>>(allocator, 1) {
+        guarded(user, std::ptr::null_mut(), |context| match context.allocate::<N>(allocator, 1) {
             Some(node) => {
-                node.write(Node::EMPTY);
+                node.write(N::EMPTY);
                 NodeRef::to_node(node).into_raw()
             }
             None => std::ptr::null_mut(),
@@ -89,7 +89,7 @@ pub(crate) unsafe extern "C" fn create_node<const W: usize>(
 }
 
 /// `RTCSetNodeChildrenFunction`.
-pub(crate) unsafe extern "C" fn set_children<const W: usize>(
+pub(crate) unsafe extern "C" fn set_children<N: TreeNode>(
     node: *mut c_void,
     children: *mut *mut c_void,
     count: u32,
@@ -99,11 +99,11 @@ pub(crate) unsafe extern "C" fn set_children<const W: usize>(
     // of these functions.
     unsafe {
         guarded(user, (), |_| {
-            let Some(node) = node.cast::<Node<W>>().as_mut() else {
+            let Some(node) = node.cast::<N>().as_mut() else {
                 return;
             };
             for (place, &child) in
-                node.children.iter_mut().zip(std::slice::from_raw_parts(children, count as usize))
+                node.children_mut().iter_mut().zip(std::slice::from_raw_parts(children, count as usize))
             {
                 *place = if child.is_null() { NodeRef::EMPTY } else { NodeRef::from_raw(child) };
             }
@@ -112,7 +112,7 @@ pub(crate) unsafe extern "C" fn set_children<const W: usize>(
 }
 
 /// `RTCSetNodeBoundsFunction`.
-pub(crate) unsafe extern "C" fn set_bounds<const W: usize>(
+pub(crate) unsafe extern "C" fn set_bounds<N: TreeNode>(
     node: *mut c_void,
     bounds: *mut *const ffi::RTCBounds,
     count: u32,
@@ -121,24 +121,21 @@ pub(crate) unsafe extern "C" fn set_bounds<const W: usize>(
     // SAFETY: `node` is null or came from `create_node`; `bounds` has `count` valid entries.
     unsafe {
         guarded(user, (), |_| {
-            let Some(node) = node.cast::<Node<W>>().as_mut() else {
+            let Some(node) = node.cast::<N>().as_mut() else {
                 return;
             };
-            for (child, &bounds) in
-                std::slice::from_raw_parts(bounds, count as usize).iter().enumerate().take(W)
-            {
-                let bounds = from_embree(&*bounds);
-                for axis in 0..3 {
-                    node.bounds[axis][0][child] = bounds.lower[axis];
-                    node.bounds[axis][1][child] = bounds.upper[axis];
-                }
+            let mut of_children = [Bounds::EMPTY; WIDTH_MAX];
+            let count = (count as usize).min(N::WIDTH);
+            for (place, &bounds) in of_children.iter_mut().zip(std::slice::from_raw_parts(bounds, count)) {
+                *place = from_embree(&*bounds);
             }
+            node.set_bounds(&of_children[..count]);
         });
     }
 }
 
 /// `RTCCreateLeafFunction`.
-pub(crate) unsafe extern "C" fn create_leaf(
+pub(crate) unsafe extern "C" fn create_leaf<const B: usize>(
     allocator: ffi::RTCThreadLocalAllocator,
     primitives: *const ffi::RTCBuildPrimitive,
     count: usize,
@@ -152,14 +149,14 @@ pub(crate) unsafe extern "C" fn create_leaf(
                 return NodeRef::EMPTY.into_raw();
             }
             let primitives = std::slice::from_raw_parts(primitives, count);
-            let blocks = count.div_ceil(BLOCK);
+            let blocks = count.div_ceil(B);
             assert!(blocks <= LEAF_BLOCKS_MAX, "Embree made a leaf of {count} triangles");
-            let Some(room) = context.allocate::<Block>(allocator, blocks) else {
+            let Some(room) = context.allocate::<Block<B>>(allocator, blocks) else {
                 return std::ptr::null_mut();
             };
-            for (index, four) in primitives.chunks(BLOCK).enumerate() {
-                let numbers = four.iter().map(|primitive| primitive.primID);
-                room.add(index).write(Block::new(numbers, context.triangles, context.watertight));
+            for (index, chunk) in primitives.chunks(B).enumerate() {
+                let numbers = chunk.iter().map(|primitive| primitive.primID);
+                room.add(index).write(Block::<B>::new(numbers, context.triangles, context.watertight));
             }
             NodeRef::to_leaf(room, blocks).into_raw()
         })

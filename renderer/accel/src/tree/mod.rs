@@ -72,7 +72,7 @@ impl Tree {
     /// The same tree walked by another instruction set's kernels, or `None` if the processor lacks it.
     /// For tests and measurements.
     pub fn with_isa(mut self, isa: Isa) -> Option<Self> {
-        self.kernels = Kernels::select(isa, self.parameters.branching_factor, self.parameters.robust)?;
+        self.kernels = Kernels::select(isa, &self.parameters)?;
         self.isa = isa;
         Some(self)
     }

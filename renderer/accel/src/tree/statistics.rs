@@ -3,7 +3,6 @@
 use serde::Serialize;
 
 use super::Tree;
-use super::layout::{Block, Node};
 use super::walk::Met;
 
 /// Shape and size of a tree.
@@ -32,24 +31,19 @@ impl Tree {
         let share = |area: f64| {
             if root_area > 0.0 { area / root_area } else { 1.0 }
         };
-        self.walk(|met| match met {
-            Met::Node { bounds, depth, width, .. } => {
+        self.walk(&mut |met| match met {
+            Met::Node { bounds, depth, bytes, .. } => {
                 statistics.nodes += 1;
                 statistics.depth = statistics.depth.max(depth);
-                statistics.bytes += match width {
-                    2 => size_of::<Node<2>>(),
-                    4 => size_of::<Node<4>>(),
-                    _ => size_of::<Node<8>>(),
-                };
+                statistics.bytes += bytes;
                 statistics.sah_cost += share(bounds.half_area());
             }
-            Met::Leaf { bounds, depth, blocks } => {
-                let triangles: usize = blocks.iter().map(|block| block.numbers().count()).sum();
+            Met::Leaf { bounds, depth, bytes, numbers, .. } => {
                 statistics.leaves += 1;
                 statistics.depth = statistics.depth.max(depth);
-                statistics.bytes += size_of_val::<[Block]>(blocks);
-                statistics.triangle_references += triangles;
-                statistics.sah_cost += share(bounds.half_area()) * triangles as f64;
+                statistics.bytes += bytes;
+                statistics.triangle_references += numbers.len();
+                statistics.sah_cost += share(bounds.half_area()) * numbers.len() as f64;
             }
         });
         statistics

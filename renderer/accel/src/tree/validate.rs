@@ -3,7 +3,7 @@
 use super::Tree;
 use super::layout::Bounds;
 use super::walk::Met;
-use crate::parameters::Quality;
+use crate::parameters::{NodeFormat, Quality};
 
 /// What is wrong with a tree.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -54,14 +54,16 @@ impl Tree {
         let mut leaves_of = vec![0u32; self.triangles.len()];
         let mut covered_by = vec![Bounds::EMPTY; self.triangles.len()];
         let parameters = &self.parameters;
-        self.walk(|met| match met {
+        let quantised = parameters.active_format() == NodeFormat::Quantised;
+        self.walk(&mut |met| match met {
             Met::Node { bounds, depth, children, .. } => {
-                if !children.iter().all(|child| bounds.contains(child)) {
+                // Quantised boxes are rounded outwards and may stick out a little; what must not be lost is
+                // seen at the leaves.
+                if !quantised && !children.iter().all(|child| bounds.contains(child)) {
                     fault.get_or_insert(TreeFault::ChildOutside { depth });
                 }
             }
-            Met::Leaf { bounds, depth, blocks } => {
-                let numbers: Vec<u32> = blocks.iter().flat_map(super::layout::Block::numbers).collect();
+            Met::Leaf { reach, depth, numbers, .. } => {
                 if depth > parameters.max_depth {
                     fault.get_or_insert(TreeFault::TooDeep { depth, limit: parameters.max_depth });
                 }
@@ -69,9 +71,9 @@ impl Tree {
                     let limit = parameters.max_leaf_size;
                     fault.get_or_insert(TreeFault::LeafSize { triangles: numbers.len(), limit });
                 }
-                for number in numbers {
+                for &number in numbers {
                     leaves_of[number as usize] += 1;
-                    covered_by[number as usize] = covered_by[number as usize].union(bounds);
+                    covered_by[number as usize] = covered_by[number as usize].union(reach);
                 }
             }
         });

@@ -1,44 +1,50 @@
 //! Visits every node and leaf of a tree once, for statistics and checks.
 
-use super::layout::{Block, Bounds, NodeRef};
+use super::layout::{Block, Bounds, NodeRef, TreeNode, for_block, for_node};
 use super::{Root, Tree};
 
-/// What is met on the walk. `bounds` is what the parent says of it; the root has depth 0.
+/// What is met on the walk. `bounds` is what the parent says of it; the root has depth 0. `reach` is the part
+/// inside all boxes on the way, which is where a ray can meet the leaf.
 pub(crate) enum Met<'a> {
-    Node { bounds: Bounds, depth: u32, width: usize, children: &'a [Bounds] },
-    Leaf { bounds: Bounds, depth: u32, blocks: &'a [Block] },
+    Node { bounds: Bounds, depth: u32, bytes: usize, children: &'a [Bounds] },
+    Leaf { bounds: Bounds, reach: Bounds, depth: u32, bytes: usize, numbers: &'a [u32] },
+}
+
+/// Where the walk is.
+#[derive(Clone, Copy)]
+struct Place {
+    node: NodeRef,
+    bounds: Bounds,
+    reach: Bounds,
+    depth: u32,
 }
 
 impl Tree {
     /// Calls `visit` for every node and non-empty leaf, parents first.
-    pub(crate) fn walk(&self, mut visit: impl FnMut(Met<'_>)) {
+    pub(crate) fn walk(&self, visit: &mut impl FnMut(Met<'_>)) {
         let Root { node, bounds } = self.root;
-        match self.parameters.branching_factor {
-            2 => step::<2>(node, bounds, 0, &mut visit),
-            4 => step::<4>(node, bounds, 0, &mut visit),
-            _ => step::<8>(node, bounds, 0, &mut visit),
-        }
+        let place = Place { node, bounds, reach: bounds, depth: 0 };
+        for_node!(self.parameters, N => for_block!(self.parameters, B => step::<N, B>(place, visit)));
     }
 }
 
 /// Recursion is as deep as the tree, at most 64 levels.
-fn step<const W: usize>(node: NodeRef, bounds: Bounds, depth: u32, visit: &mut impl FnMut(Met<'_>)) {
+fn step<N: TreeNode, const B: usize>(place: Place, visit: &mut impl FnMut(Met<'_>)) {
+    let Place { node, bounds, reach, depth } = place;
     if node.is_leaf() {
-        // SAFETY: the reference came from this tree, which is borrowed for the walk.
-        let blocks = unsafe { node.blocks() };
+        // SAFETY: the reference came from this tree, which is borrowed for the walk; `B` is its blocks' width.
+        let blocks = unsafe { node.blocks::<B>() };
         if !blocks.is_empty() {
-            visit(Met::Leaf { bounds, depth, blocks });
+            let numbers: Vec<u32> = blocks.iter().flat_map(Block::numbers).collect();
+            visit(Met::Leaf { bounds, reach, depth, bytes: size_of_val(blocks), numbers: &numbers });
         }
         return;
     }
-    // SAFETY: as above; `W` is the tree's width.
-    let inner = unsafe { node.node::<W>() };
-    // Inverted bounds mark an unused place.
-    let used: Vec<usize> =
-        (0..W).filter(|&child| inner.bounds[0][0][child] <= inner.bounds[0][1][child]).collect();
-    let children: Vec<Bounds> = used.iter().map(|&child| inner.child_bounds(child)).collect();
-    visit(Met::Node { bounds, depth, width: W, children: &children });
-    for (&child, &bounds) in used.iter().zip(&children) {
-        step::<W>(inner.children[child], bounds, depth + 1, visit);
+    // SAFETY: as above; `N` is the tree's kind of node.
+    let inner = unsafe { node.node::<N>() };
+    let children: Vec<Bounds> = (0..inner.count()).map(|child| inner.child_bounds(child)).collect();
+    visit(Met::Node { bounds, depth, bytes: size_of::<N>(), children: &children });
+    for (&node, &bounds) in inner.children().iter().zip(&children) {
+        step::<N, B>(Place { node, bounds, reach: reach.overlap(bounds), depth: depth + 1 }, visit);
     }
 }

@@ -4,8 +4,8 @@
 
 use std::arch::x86_64::*;
 
-use super::Lanes;
 use super::x86::{arithmetic_128, arithmetic_256, memory_64, memory_128, memory_256};
+use super::{Lanes, Pair};
 
 /// Comparisons by vectors, gathered into bits at the end.
 macro_rules! comparisons {
@@ -76,3 +76,6 @@ impl Lanes for Eight {
     memory_256!();
     comparisons!(__m256 _mm256_cmp_ps _mm256_and_ps _mm256_or_ps _mm256_movemask_ps, 0xff);
 }
+
+/// Sixteen lanes in two vectors.
+pub(crate) type Sixteen = Pair<Eight>;

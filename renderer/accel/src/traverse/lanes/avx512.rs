@@ -1,44 +1,46 @@
-//! Vectors of AVX-512 at 128 and 256 bits: comparisons give bits at once.
+//! Vectors of AVX-512 at 128, 256 and 512 bits: comparisons give bits at once.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
 use std::arch::x86_64::*;
 
 use super::Lanes;
-use super::x86::{arithmetic_128, arithmetic_256, memory_64, memory_128, memory_256};
+use super::x86::{
+    arithmetic_128, arithmetic_256, arithmetic_512, memory_64, memory_128, memory_256, memory_512,
+};
 
 /// Comparisons straight into mask registers.
 macro_rules! comparisons {
-    ($compare:ident, $used:literal) => {
-        type Mask = u8;
+    ($compare:ident, $mask:ident, $used:literal) => {
+        type Mask = $mask;
 
         #[inline(always)]
-        unsafe fn less(self, other: Self) -> u8 {
+        unsafe fn less(self, other: Self) -> $mask {
             $compare::<_CMP_LT_OQ>(self.0, other.0)
         }
 
         #[inline(always)]
-        unsafe fn less_equal(self, other: Self) -> u8 {
+        unsafe fn less_equal(self, other: Self) -> $mask {
             $compare::<_CMP_LE_OQ>(self.0, other.0)
         }
 
         #[inline(always)]
-        unsafe fn equal(self, other: Self) -> u8 {
+        unsafe fn equal(self, other: Self) -> $mask {
             $compare::<_CMP_EQ_OQ>(self.0, other.0)
         }
 
         #[inline(always)]
-        unsafe fn and(a: u8, b: u8) -> u8 {
+        unsafe fn and(a: $mask, b: $mask) -> $mask {
             a & b
         }
 
         #[inline(always)]
-        unsafe fn or(a: u8, b: u8) -> u8 {
+        unsafe fn or(a: $mask, b: $mask) -> $mask {
             a | b
         }
 
         #[inline(always)]
-        unsafe fn bits(mask: u8) -> u32 {
+        unsafe fn bits(mask: $mask) -> u32 {
             u32::from(mask) & $used
         }
     };
@@ -52,7 +54,7 @@ impl Lanes for Two {
     const COUNT: usize = 2;
     arithmetic_128!();
     memory_64!();
-    comparisons!(_mm_cmp_ps_mask, 0b11);
+    comparisons!(_mm_cmp_ps_mask, u8, 0b11);
 }
 
 /// Four lanes.
@@ -63,7 +65,7 @@ impl Lanes for Four {
     const COUNT: usize = 4;
     arithmetic_128!();
     memory_128!();
-    comparisons!(_mm_cmp_ps_mask, 0b1111);
+    comparisons!(_mm_cmp_ps_mask, u8, 0b1111);
 }
 
 /// Eight lanes.
@@ -74,5 +76,16 @@ impl Lanes for Eight {
     const COUNT: usize = 8;
     arithmetic_256!();
     memory_256!();
-    comparisons!(_mm256_cmp_ps_mask, 0xff);
+    comparisons!(_mm256_cmp_ps_mask, u8, 0xff);
+}
+
+/// Sixteen lanes.
+#[derive(Clone, Copy)]
+pub(crate) struct Sixteen(__m512);
+
+impl Lanes for Sixteen {
+    const COUNT: usize = 16;
+    arithmetic_512!();
+    memory_512!();
+    comparisons!(_mm512_cmp_ps_mask, u16, 0xffff);
 }

@@ -4,10 +4,12 @@
 pub(crate) mod avx2;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx512;
+mod pair;
 mod portable;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
+pub(crate) use pair::Pair;
 pub(crate) use portable::Portable;
 
 /// A vector of `COUNT` numbers.
@@ -25,6 +27,8 @@ pub(crate) trait Lanes: Copy {
 
     unsafe fn splat(value: f32) -> Self;
     unsafe fn load(from: *const f32) -> Self;
+    /// Whole numbers from 0 to 255; the pointer needs no alignment.
+    unsafe fn load_bytes(from: *const u8) -> Self;
     unsafe fn store(self, to: *mut f32);
     unsafe fn add(self, other: Self) -> Self;
     unsafe fn sub(self, other: Self) -> Self;
@@ -50,8 +54,8 @@ pub(crate) trait Lanes: Copy {
 
 /// Room for any vector, aligned for all.
 #[derive(Clone, Copy)]
-#[repr(C, align(32))]
-pub(crate) struct Stored(pub(crate) [f32; 8]);
+#[repr(C, align(64))]
+pub(crate) struct Stored(pub(crate) [f32; 16]);
 
 impl Stored {
     /// A vector's numbers.
@@ -60,8 +64,8 @@ impl Stored {
     /// As for [`Lanes`].
     #[inline(always)]
     pub(crate) unsafe fn from<L: Lanes>(lanes: L) -> Self {
-        let mut stored = Self([0.0; 8]);
-        // SAFETY: eight numbers are room for every kind, and 32 bytes the largest alignment.
+        let mut stored = Self([0.0; 16]);
+        // SAFETY: sixteen numbers are room for every kind, and 64 bytes the largest alignment.
         unsafe { lanes.store(stored.0.as_mut_ptr()) };
         stored
     }
@@ -79,8 +83,8 @@ impl<L: Lanes> Lanes3<L> {
     }
 
     #[inline(always)]
-    pub(crate) unsafe fn load(from: &[[f32; 4]; 3]) -> Self {
-        debug_assert!(L::COUNT == 4);
+    pub(crate) unsafe fn load<const B: usize>(from: &[[f32; B]; 3]) -> Self {
+        debug_assert!(L::COUNT == B);
         Self([L::load(from[0].as_ptr()), L::load(from[1].as_ptr()), L::load(from[2].as_ptr())])
     }
 

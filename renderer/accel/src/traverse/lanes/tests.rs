@@ -9,12 +9,12 @@ fn samples() -> Vec<[f32; 2]> {
     values.iter().flat_map(|&a| values.map(|b| [a, b])).collect()
 }
 
-fn numbers(lanes: impl Lanes) -> [f32; 8] {
+fn numbers(lanes: impl Lanes) -> [f32; 16] {
     // SAFETY: the caller checked the processor.
     unsafe { Stored::from(lanes).0 }
 }
 
-fn same(a: [f32; 8], b: [f32; 8], count: usize, what: &str) {
+fn same(a: [f32; 16], b: [f32; 16], count: usize, what: &str) {
     for lane in 0..count {
         let equal = a[lane].to_bits() == b[lane].to_bits() || (a[lane].is_nan() && b[lane].is_nan());
         assert!(equal, "{what}, lane {lane}: {} and {}", a[lane], b[lane]);
@@ -24,8 +24,14 @@ fn same(a: [f32; 8], b: [f32; 8], count: usize, what: &str) {
 /// Compares `L` with the portable vector of as many lanes.
 fn agrees<L: Lanes, P: Lanes>() {
     assert_eq!(L::COUNT, P::COUNT);
-    for window in samples().windows(8) {
-        let (mut a, mut b) = (Stored([0.0; 8]), Stored([0.0; 8]));
+    let bytes: [u8; 17] = std::array::from_fn(|place| (place as u8).wrapping_mul(16).wrapping_sub(1));
+    for from in [bytes.as_ptr(), bytes[1..].as_ptr()] {
+        // SAFETY: the caller checked the processor; sixteen bytes follow.
+        let (la, pa) = unsafe { (L::load_bytes(from), P::load_bytes(from)) };
+        same(numbers(la), numbers(pa), L::COUNT, "load_bytes");
+    }
+    for window in samples().windows(16) {
+        let (mut a, mut b) = (Stored([0.0; 16]), Stored([0.0; 16]));
         for (lane, pair) in window.iter().enumerate() {
             a.0[lane] = pair[0];
             b.0[lane] = pair[1];
@@ -65,6 +71,10 @@ fn portable_is_plain_arithmetic() {
         assert_eq!(numbers(la.mul(lb))[..3], [4.0, -0.5, -4.0]);
         assert_eq!(numbers(la.max(lb))[..4], [4.0, 0.25, 0.5, 1.0]);
         assert_eq!(Portable::<4>::bits(la.less(lb)), 0b0011);
+        assert_eq!(
+            numbers(Portable::<4>::load_bytes([0, 1, 127, 255].as_ptr()))[..4],
+            [0.0, 1.0, 127.0, 255.0]
+        );
     }
 }
 
@@ -75,6 +85,7 @@ fn avx2_agrees_with_portable() {
         agrees::<avx2::Two, Portable<2>>();
         agrees::<avx2::Four, Portable<4>>();
         agrees::<avx2::Eight, Portable<8>>();
+        agrees::<avx2::Sixteen, Portable<16>>();
     }
 }
 
@@ -85,5 +96,6 @@ fn avx512_agrees_with_portable() {
         agrees::<avx512::Two, Portable<2>>();
         agrees::<avx512::Four, Portable<4>>();
         agrees::<avx512::Eight, Portable<8>>();
+        agrees::<avx512::Sixteen, Portable<16>>();
     }
 }

@@ -74,12 +74,25 @@ macro_rules! arithmetic_256 {
     };
 }
 
+/// [`arithmetic`] of sixteen lanes. Bitwise operations on 512 bits of numbers need AVX-512DQ.
+macro_rules! arithmetic_512 {
+    () => {
+        $crate::traverse::lanes::x86::arithmetic!(_mm512_set1_ps _mm512_add_ps _mm512_sub_ps _mm512_mul_ps _mm512_div_ps _mm512_fmadd_ps _mm512_fmsub_ps _mm512_min_ps _mm512_max_ps _mm512_and_ps _mm512_andnot_ps _mm512_xor_ps);
+    };
+}
+
 /// Loads and stores of the lower two lanes.
 macro_rules! memory_64 {
     () => {
         #[inline(always)]
         unsafe fn load(from: *const f32) -> Self {
             Self(_mm_castpd_ps(_mm_load_sd(from.cast())))
+        }
+
+        #[inline(always)]
+        unsafe fn load_bytes(from: *const u8) -> Self {
+            let two = i32::from(from.cast::<u16>().read_unaligned());
+            Self(_mm_cvtepi32_ps(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(two))))
         }
 
         #[inline(always)]
@@ -98,6 +111,12 @@ macro_rules! memory_128 {
         }
 
         #[inline(always)]
+        unsafe fn load_bytes(from: *const u8) -> Self {
+            let four = from.cast::<i32>().read_unaligned();
+            Self(_mm_cvtepi32_ps(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(four))))
+        }
+
+        #[inline(always)]
         unsafe fn store(self, to: *mut f32) {
             _mm_store_ps(to, self.0);
         }
@@ -113,10 +132,37 @@ macro_rules! memory_256 {
         }
 
         #[inline(always)]
+        unsafe fn load_bytes(from: *const u8) -> Self {
+            Self(_mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64(from.cast()))))
+        }
+
+        #[inline(always)]
         unsafe fn store(self, to: *mut f32) {
             _mm256_store_ps(to, self.0);
         }
     };
 }
 
-pub(super) use {arithmetic, arithmetic_128, arithmetic_256, memory_64, memory_128, memory_256};
+/// Loads and stores of sixteen lanes.
+macro_rules! memory_512 {
+    () => {
+        #[inline(always)]
+        unsafe fn load(from: *const f32) -> Self {
+            Self(_mm512_load_ps(from))
+        }
+
+        #[inline(always)]
+        unsafe fn load_bytes(from: *const u8) -> Self {
+            Self(_mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128(from.cast()))))
+        }
+
+        #[inline(always)]
+        unsafe fn store(self, to: *mut f32) {
+            _mm512_store_ps(to, self.0);
+        }
+    };
+}
+
+pub(super) use {
+    arithmetic, arithmetic_128, arithmetic_256, arithmetic_512, memory_64, memory_128, memory_256, memory_512,
+};

@@ -1,0 +1,115 @@
+//! Two vectors as one of twice the length, where the machine has none so long.
+
+#![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
+
+use super::Lanes;
+
+/// The lower lanes, then the upper ones.
+#[derive(Clone, Copy)]
+pub(crate) struct Pair<L>(L, L);
+
+impl<L: Lanes> Lanes for Pair<L> {
+    const COUNT: usize = 2 * L::COUNT;
+    type Mask = (L::Mask, L::Mask);
+
+    #[inline(always)]
+    unsafe fn splat(value: f32) -> Self {
+        Self(L::splat(value), L::splat(value))
+    }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        Self(L::load(from), L::load(from.add(L::COUNT)))
+    }
+
+    #[inline(always)]
+    unsafe fn load_bytes(from: *const u8) -> Self {
+        Self(L::load_bytes(from), L::load_bytes(from.add(L::COUNT)))
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        self.0.store(to);
+        self.1.store(to.add(L::COUNT));
+    }
+
+    #[inline(always)]
+    unsafe fn add(self, other: Self) -> Self {
+        Self(self.0.add(other.0), self.1.add(other.1))
+    }
+
+    #[inline(always)]
+    unsafe fn sub(self, other: Self) -> Self {
+        Self(self.0.sub(other.0), self.1.sub(other.1))
+    }
+
+    #[inline(always)]
+    unsafe fn mul(self, other: Self) -> Self {
+        Self(self.0.mul(other.0), self.1.mul(other.1))
+    }
+
+    #[inline(always)]
+    unsafe fn div(self, other: Self) -> Self {
+        Self(self.0.div(other.0), self.1.div(other.1))
+    }
+
+    #[inline(always)]
+    unsafe fn mul_add(self, factor: Self, more: Self) -> Self {
+        Self(self.0.mul_add(factor.0, more.0), self.1.mul_add(factor.1, more.1))
+    }
+
+    #[inline(always)]
+    unsafe fn mul_sub(self, factor: Self, less: Self) -> Self {
+        Self(self.0.mul_sub(factor.0, less.0), self.1.mul_sub(factor.1, less.1))
+    }
+
+    #[inline(always)]
+    unsafe fn min(self, other: Self) -> Self {
+        Self(self.0.min(other.0), self.1.min(other.1))
+    }
+
+    #[inline(always)]
+    unsafe fn max(self, other: Self) -> Self {
+        Self(self.0.max(other.0), self.1.max(other.1))
+    }
+
+    #[inline(always)]
+    unsafe fn abs(self) -> Self {
+        Self(self.0.abs(), self.1.abs())
+    }
+
+    #[inline(always)]
+    unsafe fn flip_sign(self, by: Self) -> Self {
+        Self(self.0.flip_sign(by.0), self.1.flip_sign(by.1))
+    }
+
+    #[inline(always)]
+    unsafe fn less(self, other: Self) -> Self::Mask {
+        (self.0.less(other.0), self.1.less(other.1))
+    }
+
+    #[inline(always)]
+    unsafe fn less_equal(self, other: Self) -> Self::Mask {
+        (self.0.less_equal(other.0), self.1.less_equal(other.1))
+    }
+
+    #[inline(always)]
+    unsafe fn equal(self, other: Self) -> Self::Mask {
+        (self.0.equal(other.0), self.1.equal(other.1))
+    }
+
+    #[inline(always)]
+    unsafe fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        (L::and(a.0, b.0), L::and(a.1, b.1))
+    }
+
+    #[inline(always)]
+    unsafe fn or(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        (L::or(a.0, b.0), L::or(a.1, b.1))
+    }
+
+    #[inline(always)]
+    unsafe fn bits(mask: Self::Mask) -> u32 {
+        L::bits(mask.0) | L::bits(mask.1) << L::COUNT
+    }
+}

@@ -1,0 +1,178 @@
+//! The tree in memory: nodes of two to sixteen children, and leaves of blocks of four or eight triangles.
+//!
+//! A node keeps its children's bounds axis by axis (structure of arrays), so that one vector load brings
+//! one plane of every child: the layout of Wald, Benthin and Boulos, "Getting Rid of Packets" (2008).
+//! Leaves hold the triangles themselves, ready for a test of all lanes at once, so that no index is
+//! followed on the way of a ray.
+//!
+//! | bytes | 2 | 4 | 8 | 16 |
+//! |---|---|---|---|---|
+//! | a full node of so many children | 64 | 128 | 256 | 512 |
+//! | a quantised node | | | 128 | 256 |
+//! | a block of so many triangles | | 160 | 320 | |
+
+mod block;
+mod bounds;
+mod node;
+mod quantised;
+
+pub(crate) use block::{Block, NO_TRIANGLE};
+pub(crate) use bounds::Bounds;
+pub(crate) use node::{Node, TreeNode};
+pub(crate) use quantised::QuantisedNode;
+
+use crate::limits::LEAF_SIZE_MAX;
+
+/// Most children a node.
+pub(crate) const WIDTH_MAX: usize = 16;
+
+/// Fewest triangles a block.
+const BLOCK_MIN: usize = 4;
+
+/// Most blocks a leaf; fits the count bits of a [`NodeRef`].
+pub(crate) const LEAF_BLOCKS_MAX: usize = (LEAF_SIZE_MAX as usize).div_ceil(BLOCK_MIN);
+
+const COUNT_BITS: usize = 0b0_1111;
+const LEAF_BIT: usize = 0b1_0000;
+const TAG_BITS: usize = LEAF_BIT | COUNT_BITS;
+
+const _: () = {
+    assert!(LEAF_BLOCKS_MAX <= COUNT_BITS);
+    assert!(align_of::<Node<2>>() > TAG_BITS && align_of::<QuantisedNode<8>>() > TAG_BITS);
+    assert!(align_of::<Block<4>>() > TAG_BITS && align_of::<Block<8>>() > TAG_BITS);
+};
+
+/// A pointer to a node or to the blocks of a leaf. Both are aligned to 32 bytes or more, which leaves
+/// five bits: whether it is a leaf, and of how many blocks.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub(crate) struct NodeRef(*mut u8);
+
+impl NodeRef {
+    /// A leaf of no blocks.
+    pub(crate) const EMPTY: Self = Self(std::ptr::without_provenance_mut(LEAF_BIT));
+
+    /// A reference to a node.
+    pub(crate) fn to_node<N: TreeNode>(node: *mut N) -> Self {
+        Self(node.cast())
+    }
+
+    /// A reference to `count` consecutive blocks, at most [`LEAF_BLOCKS_MAX`].
+    pub(crate) fn to_leaf<const B: usize>(blocks: *mut Block<B>, count: usize) -> Self {
+        debug_assert!(count <= LEAF_BLOCKS_MAX);
+        Self(blocks.cast::<u8>().map_addr(|address| address | LEAF_BIT | count))
+    }
+
+    /// As the builder carries it.
+    pub(crate) fn into_raw(self) -> *mut std::ffi::c_void {
+        self.0.cast()
+    }
+
+    /// Back from the builder.
+    pub(crate) fn from_raw(raw: *mut std::ffi::c_void) -> Self {
+        Self(raw.cast())
+    }
+
+    #[inline(always)]
+    pub(crate) fn is_leaf(self) -> bool {
+        self.0.addr() & LEAF_BIT != 0
+    }
+
+    /// The node.
+    ///
+    /// # Safety
+    /// This is not a leaf, and it refers to an `N` that lives as long as `'a`.
+    #[inline(always)]
+    pub(crate) unsafe fn node<'a, N: TreeNode>(self) -> &'a N {
+        // SAFETY: the caller vouches for it; a node's address carries no tag.
+        unsafe { &*self.0.cast::<N>() }
+    }
+
+    /// The blocks of the leaf.
+    ///
+    /// # Safety
+    /// This is a leaf of `Block<B>` that live as long as `'a`.
+    #[inline(always)]
+    pub(crate) unsafe fn blocks<'a, const B: usize>(self) -> &'a [Block<B>] {
+        let count = self.0.addr() & COUNT_BITS;
+        if count == 0 {
+            return &[];
+        }
+        // SAFETY: the caller vouches for it; the tag says how many blocks there are.
+        unsafe { std::slice::from_raw_parts(self.0.map_addr(|address| address & !TAG_BITS).cast(), count) }
+    }
+}
+
+/// Compiles an expression for each kind of node and evaluates the one of these parameters:
+/// `for_node!(parameters, N => something::<N>())`.
+macro_rules! for_node {
+    ($parameters:expr, $N:ident => $body:expr) => {{
+        use $crate::parameters::NodeFormat;
+        use $crate::tree::layout::{Node, QuantisedNode};
+        match ($parameters.active_format(), $parameters.branching_factor) {
+            (NodeFormat::Full, 2) => {
+                type $N = Node<2>;
+                $body
+            }
+            (NodeFormat::Full, 4) => {
+                type $N = Node<4>;
+                $body
+            }
+            (NodeFormat::Full, 8) => {
+                type $N = Node<8>;
+                $body
+            }
+            (NodeFormat::Full, _) => {
+                type $N = Node<16>;
+                $body
+            }
+            (NodeFormat::Quantised, 8) => {
+                type $N = QuantisedNode<8>;
+                $body
+            }
+            (NodeFormat::Quantised, _) => {
+                type $N = QuantisedNode<16>;
+                $body
+            }
+        }
+    }};
+}
+
+/// Compiles an expression for each width of blocks and evaluates the one of these parameters.
+macro_rules! for_block {
+    ($parameters:expr, $B:ident => $body:expr) => {{
+        if $parameters.block_width == 4 {
+            const $B: usize = 4;
+            $body
+        } else {
+            const $B: usize = 8;
+            $body
+        }
+    }};
+}
+
+pub(crate) use {for_block, for_node};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn references_keep_kind_and_count<const B: usize>() {
+        let mut node = Node::<4>::EMPTY;
+        let mut blocks = [Block::<B> { vertices: [[[0.0; B]; 3]; 3], triangles: [3; B] }; LEAF_BLOCKS_MAX];
+        assert!(!NodeRef::to_node(&raw mut node).is_leaf());
+        let leaf = NodeRef::to_leaf(blocks.as_mut_ptr(), LEAF_BLOCKS_MAX);
+        assert!(leaf.is_leaf());
+        // SAFETY: both are leaves of live or no blocks.
+        let (full, none) = unsafe { (leaf.blocks::<B>(), NodeRef::EMPTY.blocks::<B>()) };
+        assert_eq!(full.len(), LEAF_BLOCKS_MAX);
+        assert!(full.iter().all(|block| block.numbers().count() == B));
+        assert!(none.is_empty() && NodeRef::EMPTY.is_leaf());
+    }
+
+    #[test]
+    fn references_keep_kind_and_count_of_both_blocks() {
+        references_keep_kind_and_count::<4>();
+        references_keep_kind_and_count::<8>();
+    }
+}

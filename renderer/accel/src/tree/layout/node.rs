@@ -1,0 +1,97 @@
+//! Inner nodes: what every format can do, and the full format.
+
+use super::{Bounds, NodeRef, WIDTH_MAX};
+
+/// An inner node with up to [`TreeNode::WIDTH`] children, in the first places.
+pub(crate) trait TreeNode: Copy + Send + Sync + 'static {
+    /// Most children, at most [`WIDTH_MAX`].
+    const WIDTH: usize;
+    /// A node without children.
+    const EMPTY: Self;
+
+    /// Sets the bounds of the first children, which thereby are in use; the other places become unused.
+    fn set_bounds(&mut self, bounds: &[Bounds]);
+
+    /// The references to the children, [`TreeNode::WIDTH`] of them; unused places hold [`NodeRef::EMPTY`].
+    fn children(&self) -> &[NodeRef];
+
+    /// The same, to be set.
+    fn children_mut(&mut self) -> &mut [NodeRef];
+
+    /// How many places are in use.
+    fn count(&self) -> usize;
+
+    /// Bounds of one child in use, as rays meet them: they contain what [`TreeNode::set_bounds`] was given.
+    fn child_bounds(&self, child: usize) -> Bounds;
+
+    /// A node of these children, at most [`TreeNode::WIDTH`]. Shadow rays go to the last child first,
+    /// so the smallest or likeliest to end them belongs there.
+    #[allow(dead_code, reason = "for builders that know all children at once")]
+    fn new(children: &[(Bounds, NodeRef)]) -> Self {
+        assert!(children.len() <= Self::WIDTH, "a node holds {} children", Self::WIDTH);
+        let mut node = Self::EMPTY;
+        let mut bounds = [Bounds::EMPTY; WIDTH_MAX];
+        for (place, (of_child, child)) in children.iter().enumerate() {
+            bounds[place] = *of_child;
+            node.children_mut()[place] = *child;
+        }
+        node.set_bounds(&bounds[..children.len()]);
+        node
+    }
+}
+
+/// Single-precision bounds. Unused places have inverted ones, which no ray meets.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Node<const W: usize> {
+    /// `bounds[axis][side][child]`, side 0 being the lower one.
+    pub(crate) bounds: [[[f32; W]; 2]; 3],
+    pub(crate) children: [NodeRef; W],
+}
+
+const _: () = {
+    assert!(size_of::<Node<2>>() == 64);
+    assert!(size_of::<Node<4>>() == 128);
+    assert!(size_of::<Node<8>>() == 256);
+    assert!(size_of::<Node<16>>() == 512);
+};
+
+// SAFETY: a node only points to others; who may follow the pointers from which thread is the tree's affair.
+unsafe impl<const W: usize> Send for Node<W> {}
+// SAFETY: as above.
+unsafe impl<const W: usize> Sync for Node<W> {}
+
+impl<const W: usize> TreeNode for Node<W> {
+    const WIDTH: usize = W;
+    const EMPTY: Self =
+        Self { bounds: [[[f32::INFINITY; W], [f32::NEG_INFINITY; W]]; 3], children: [NodeRef::EMPTY; W] };
+
+    fn set_bounds(&mut self, bounds: &[Bounds]) {
+        self.bounds = Self::EMPTY.bounds;
+        for (child, of_child) in bounds.iter().enumerate() {
+            for axis in 0..3 {
+                self.bounds[axis][0][child] = of_child.lower[axis];
+                self.bounds[axis][1][child] = of_child.upper[axis];
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn children(&self) -> &[NodeRef] {
+        &self.children
+    }
+
+    fn children_mut(&mut self) -> &mut [NodeRef] {
+        &mut self.children
+    }
+
+    fn count(&self) -> usize {
+        let [lower, upper] = &self.bounds[0];
+        lower.iter().zip(upper).take_while(|(lower, upper)| lower <= upper).count()
+    }
+
+    fn child_bounds(&self, child: usize) -> Bounds {
+        let side = |side: usize| [0, 1, 2].map(|axis| self.bounds[axis][side][child]);
+        Bounds { lower: side(0), upper: side(1) }
+    }
+}
