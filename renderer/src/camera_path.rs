@@ -8,7 +8,7 @@
 use glam::Vec3;
 
 use crate::scene::limits::PATH_POSITIONS_MAX;
-use crate::scene::{Bounds, Camera, Scene, probe};
+use crate::scene::{Camera, Scene, probe};
 
 /// A flight from the first key camera to the last.
 #[derive(Clone, Debug, PartialEq)]
@@ -189,14 +189,14 @@ fn swing(scene: &Scene) -> Vec<Camera> {
     let Some(first) = scene.cameras.first().copied() else {
         return Vec::new();
     };
-    let bounds = Bounds::of(&scene.triangles);
+    let bounds = scene.bounds();
     let to_target = first.target - first.position;
     let forward = to_target.normalize_or(Vec3::NEG_Z);
     let right = forward.cross(first.up).normalize_or(forward.any_orthonormal_vector());
     let up = right.cross(forward);
     let reach = to_target.length().min(bounds.diagonal()) * SWING;
     let directions = [-right, right, forward, up];
-    let free = probe::nearest(&scene.triangles, first.position, &directions);
+    let free = probe::nearest(&scene.placed(), first.position, &directions);
     let [left_way, right_way, forward_way, up_way] =
         [0, 1, 2, 3].map(|index| reach.min(free[index].distance * FREE));
     let is_inside = bounds.contains(first.position);
@@ -278,7 +278,7 @@ mod tests {
             builtin::build("quick", &builtin::Options { detail: 0.2, ..builtin::Options::default() })
                 .unwrap();
         scene.path_keys.clear();
-        let bounds = Bounds::of(&scene.triangles);
+        let bounds = scene.bounds();
         let samples = CameraPath::of(&scene).positions(100).unwrap();
         assert!(samples.iter().all(|sample| bounds.contains(sample.position)));
         assert!(samples[0].position.distance(samples[99].position) < 1e-4);

@@ -8,6 +8,8 @@
 //!   We measure from the middle of the scene's box in tenths of its diagonal. The same room modelled in
 //!   metres or centimetres then gives the same indicators, a camera inside lies within -5 to 5, and one
 //!   that looks at the whole scene from outside seldom leaves -10 to 10. Values beyond are kept.
+//! - What an instance places counts as if it stood there itself: meshes, triangles and areas are those of the
+//!   world, so that a scene has the same indicators with instances and flattened.
 //! - Light sources are meshes that glow, plus one each for a sky that is not black and for a sun.
 //! - The diffuse ratio weighs each surface's share of rough reflection by its area.
 //!
@@ -19,7 +21,7 @@ use std::collections::BTreeMap;
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
-use crate::scene::{Bounds, Camera, Material, Scene};
+use crate::scene::{Camera, Material, Scene};
 
 /// How an indicator's range is mapped to 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -104,20 +106,22 @@ pub struct SceneIndicators {
 }
 
 impl SceneIndicators {
-    /// Goes once through all triangles.
+    /// Goes once through all triangles, those of every instance counted.
     pub fn of(scene: &Scene) -> Self {
-        let bounds = Bounds::of(&scene.triangles);
+        let bounds = scene.bounds();
         let extent = (bounds.max.as_dvec3() - bounds.min.as_dvec3()).length();
         // A scene that is a point has no area either; dividing by 1 keeps its zeros zero.
         let unit_area = if extent > 0.0 { extent * extent } else { 1.0 };
-        let (mut total, mut lit, mut diffuse, mut glowing) = (0.0, 0.0, 0.0, 0);
+        let placed = scene.placed();
+        let (mut total, mut lit, mut diffuse, mut glowing, mut meshes) = (0.0, 0.0, 0.0, 0, 0u64);
         let mut variances = Moments::default();
-        for mesh in &scene.meshes {
+        for (mesh, instance) in scene.placed_meshes() {
+            meshes += 1;
             let material = &scene.materials[mesh.material as usize];
             let mut sizes = Moments::default();
             for triangle in mesh.first_triangle..mesh.first_triangle + mesh.triangle_count {
                 let [a, b, c] =
-                    scene.triangles.corners(triangle as usize).map(|corner| Vec3::from(corner).as_dvec3());
+                    placed.corners(triangle, instance).map(|corner| Vec3::from(corner).as_dvec3());
                 sizes.add((b - a).cross(c - a).length() * 0.5 / unit_area);
             }
             let area = sizes.mean * sizes.count;
@@ -132,8 +136,8 @@ impl SceneIndicators {
         let sky = &scene.sky;
         let has_gradient = sky.zenith.max_element() > 0.0 || sky.horizon.max_element() > 0.0;
         Self {
-            mesh_count: scene.meshes.len() as f64,
-            triangle_count: scene.triangles.len() as f64,
+            mesh_count: meshes as f64,
+            triangle_count: placed.count() as f64,
             light_count: f64::from(glowing)
                 + f64::from(u8::from(has_gradient))
                 + f64::from(u8::from(sky.sun.is_some())),
@@ -141,7 +145,7 @@ impl SceneIndicators {
             extent,
             total_area: total,
             light_area: lit,
-            area_per_mesh: total / scene.meshes.len().max(1) as f64,
+            area_per_mesh: total / meshes.max(1) as f64,
             var_tri_size_mean: variances.mean,
             var_tri_size_variance: variances.variance(),
             center: (bounds.min.as_dvec3() + bounds.max.as_dvec3()) * 0.5,

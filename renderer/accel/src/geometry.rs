@@ -3,17 +3,23 @@
 //! One shared vertex array and one index array serve every back end: positions are 16 bytes apart
 //! because Embree reads 16 bytes a vertex from shared buffers.
 
+use std::ops::Range;
+use std::sync::Arc;
+
 use glam::{Vec3, Vec3A};
 use serde::{Deserialize, Serialize};
 
 use crate::limits::{COORDINATE_MAX, TRIANGLES_MAX};
 
-/// Indexed triangles in world space, checked once: indices in range, coordinates finite and at most
-/// [`COORDINATE_MAX`] in magnitude. A triangle's number is its index everywhere.
+/// Indexed triangles in one space, checked once: indices in range, coordinates finite and at most
+/// [`COORDINATE_MAX`] in magnitude. A triangle's number is its index everywhere. The arrays are shared: clones and
+/// [parts](Self::part) cost nothing.
 #[derive(Clone, Debug, Default)]
 pub struct Triangles {
-    positions: Vec<Vec3A>,
-    indices: Vec<[u32; 3]>,
+    positions: Arc<Vec<Vec3A>>,
+    indices: Arc<Vec<[u32; 3]>>,
+    /// Which of `indices` are meant.
+    range: Range<usize>,
 }
 
 /// Why triangles were refused.
@@ -64,7 +70,18 @@ impl Triangles {
                 }
             }
         }
-        Ok(Self { positions, indices })
+        let range = 0..indices.len();
+        Ok(Self { positions: Arc::new(positions), indices: Arc::new(indices), range })
+    }
+
+    /// A run of these triangles, numbered from 0 again, over the same vertices.
+    ///
+    /// # Panics
+    /// If the run ends beyond the last triangle.
+    pub fn part(&self, range: Range<usize>) -> Self {
+        assert!(range.start <= range.end && range.end <= self.len(), "a part lies inside the whole");
+        let range = self.range.start + range.start..self.range.start + range.end;
+        Self { positions: Arc::clone(&self.positions), indices: Arc::clone(&self.indices), range }
     }
 
     /// Vertex positions, 16 bytes apart.
@@ -74,22 +91,23 @@ impl Triangles {
 
     /// Three vertex numbers a triangle.
     pub fn indices(&self) -> &[[u32; 3]] {
-        &self.indices
+        &self.indices[self.range.clone()]
     }
 
     /// Number of triangles.
     pub fn len(&self) -> usize {
-        self.indices.len()
+        self.range.len()
     }
 
     /// No triangle at all.
     pub fn is_empty(&self) -> bool {
-        self.indices.is_empty()
+        self.range.is_empty()
     }
 
     /// The three corners of a triangle.
+    #[inline]
     pub fn corners(&self, triangle: usize) -> [Vec3A; 3] {
-        self.indices[triangle].map(|vertex| self.positions[vertex as usize])
+        self.indices()[triangle].map(|vertex| self.positions[vertex as usize])
     }
 }
 

@@ -8,7 +8,7 @@ use super::arguments::{CameraArguments, SceneArguments, indicators};
 use super::error::CliError;
 use super::output;
 use crate::integrator::Lights;
-use crate::scene::{Bounds, builtin};
+use crate::scene::builtin;
 use crate::space::{domain_in_words, table_1};
 
 /// Arguments of `info`.
@@ -36,6 +36,10 @@ pub(super) struct ListArguments {
 struct SceneInfo {
     name: String,
     triangles: usize,
+    /// Objects placed; 0 in a scene without instances.
+    instances: usize,
+    /// Triangles of all instances, as rays meet them.
+    placed_triangles: u64,
     meshes: usize,
     materials: usize,
     cameras: usize,
@@ -51,10 +55,12 @@ struct SceneInfo {
 pub(super) fn info(arguments: &InfoArguments) -> Result<(), CliError> {
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
-    let bounds = Bounds::of(&scene.triangles);
+    let bounds = scene.bounds();
     let info = SceneInfo {
         name: scene.name.clone(),
         triangles: scene.triangles.len(),
+        instances: scene.instances.as_ref().map_or(0, |instances| instances.placed().len()),
+        placed_triangles: scene.placed().count(),
         meshes: scene.meshes.len(),
         materials: scene.materials.len(),
         cameras: scene.cameras.len(),
@@ -74,6 +80,10 @@ pub(super) fn info(arguments: &InfoArguments) -> Result<(), CliError> {
         table.add_row([name.to_owned(), value]);
     };
     row("triangles", info.triangles.to_string());
+    if info.instances > 0 {
+        row("instances", info.instances.to_string());
+        row("placed triangles", info.placed_triangles.to_string());
+    }
     row("meshes", info.meshes.to_string());
     row("materials", info.materials.to_string());
     row("cameras", info.cameras.to_string());

@@ -21,7 +21,7 @@ use crate::integrator::random::PathRandom;
 use crate::integrator::{Lens, View};
 use crate::limits::VERIFY_RAYS_MAX;
 use crate::render_options::RenderOptions;
-use crate::scene::{Bounds, Camera, Scene};
+use crate::scene::{Camera, Scene};
 use crate::space;
 
 /// Two distances agree when they differ by at most this share of the larger one, or of the scene's diagonal
@@ -122,7 +122,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     bar.finish_and_clear();
 
     let view = View { camera, seed: arguments.frame.seed, bounces: arguments.frame.bounces };
-    let diagonal = Bounds::of(&scene.triangles).diagonal();
+    let diagonal = scene.bounds().diagonal();
     let mut first_picture = None;
     let mut verdicts = Vec::new();
     for (name, choice) in accelerators {
@@ -271,7 +271,7 @@ impl Visitor for Ask<'_> {
 
 /// Half of the rays start at the camera, half between random points of the scene's bounds; every other one of these has an end.
 fn rays(scene: &Scene, camera: &Camera, count: u32, seed: u64) -> Vec<Ray> {
-    let bounds = Bounds::of(&scene.triangles);
+    let bounds = scene.bounds();
     let (low, high) = (bounds.min, bounds.max);
     let lens = Lens::new(camera, 1, 1);
     (0..count)

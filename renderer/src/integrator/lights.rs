@@ -13,8 +13,8 @@ use crate::scene::{Scene, Sky};
 /// The lights of a scene, ready to be sampled.
 #[derive(Clone, Debug)]
 pub struct Lights {
-    /// Numbers of the emissive triangles, parallel to `table`.
-    triangles: Vec<u32>,
+    /// The emissive triangles, each with the instance it shines in; parallel to `table`.
+    triangles: Vec<[u32; 2]>,
     table: Option<AliasTable>,
     /// Sum of area times luminance over the emissive triangles.
     power: f64,
@@ -46,18 +46,18 @@ pub struct LightSample {
 }
 
 impl Lights {
-    /// Collects the lights of a scene: O(triangles of emissive meshes).
+    /// Collects the lights of a scene: O(triangles of emissive meshes, those of every instance counted).
     pub fn new(scene: &Scene) -> Self {
         let (mut triangles, mut weights) = (Vec::new(), Vec::new());
-        for mesh in &scene.meshes {
+        for (mesh, instance) in scene.placed_meshes() {
             let strength = f64::from(luminance(scene.materials[mesh.material as usize].emission));
             if strength <= 0.0 {
                 continue;
             }
             for triangle in mesh.first_triangle..mesh.first_triangle + mesh.triangle_count {
-                let area = f64::from(area(scene, triangle));
+                let area = f64::from(area(scene, triangle, instance));
                 if area > 0.0 && area.is_finite() {
-                    triangles.push(triangle);
+                    triangles.push([triangle, instance]);
                     weights.push(area * strength);
                 }
             }
@@ -83,7 +83,7 @@ impl Lights {
         }
     }
 
-    /// Number of emissive triangles.
+    /// Number of emissive triangles, those of every instance counted.
     pub fn triangle_count(&self) -> usize {
         self.triangles.len()
     }
@@ -117,8 +117,8 @@ impl Lights {
                 pdf: sun_share / sun.solid_angle,
             });
         }
-        let triangle = self.triangles[self.table.as_ref()?.sample(pick)];
-        let [a, b, c] = scene.triangles.corners(triangle as usize).map(Vec3::from);
+        let [triangle, instance] = self.triangles[self.table.as_ref()?.sample(pick)];
+        let [a, b, c] = scene.placed().corners(triangle, instance).map(Vec3::from);
         let [v, w] = uniform_triangle(u);
         let offset = a + (b - a) * v + (c - a) * w - position;
         let distance_squared = offset.length_squared();
@@ -153,8 +153,8 @@ impl Lights {
     }
 }
 
-fn area(scene: &Scene, triangle: u32) -> f32 {
-    let [a, b, c] = scene.triangles.corners(triangle as usize);
+fn area(scene: &Scene, triangle: u32, instance: u32) -> f32 {
+    let [a, b, c] = scene.placed().corners(triangle, instance);
     0.5 * (b - a).cross(c - a).length()
 }
 

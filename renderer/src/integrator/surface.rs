@@ -3,7 +3,7 @@
 //! Barycentric weights are computed again from ray and triangle (Möller and Trumbore 1997), so that the
 //! rounding of one accelerator's kernel never reaches the picture: the same triangle gives the same point.
 
-use glam::{Vec3, Vec3A};
+use glam::{Affine3A, Vec3, Vec3A};
 use treewright_accel::{Hit, Ray};
 
 use crate::scene::Scene;
@@ -33,8 +33,7 @@ pub(super) struct Surface {
 impl Surface {
     /// The point where `ray` meets the triangle of `hit`. `None` if the triangle has no area.
     pub(super) fn new(scene: &Scene, ray: &Ray, hit: &Hit) -> Option<Self> {
-        let corners = scene.triangles.corners(hit.triangle as usize);
-        let [a, b, c] = corners;
+        let [a, b, c] = scene.placed().corners(hit.triangle, hit.instance);
         let (ab, ac) = (b - a, c - a);
         let (u, v) = barycentric(ray, a, ab, ac).unwrap_or((hit.u, hit.v));
         let mut geometric_normal = Vec3::from(ab.cross(ac)).try_normalize()?;
@@ -43,13 +42,17 @@ impl Surface {
         }
         let position = Vec3::from(a + ab * u + ac * v);
         let edge = ab.abs().max_element().max(ac.abs().max_element());
+        let to_object = scene.instance(hit.instance).map(|instance| &instance.to_object);
+        // A ray's way into an object's space rounds at the magnitude of the object's place as well.
+        let place =
+            scene.instance(hit.instance).map_or(0.0, |at| at.to_world.translation.abs().max_element());
         Some(
             Self {
                 position,
                 geometric_normal,
-                shading_normal: shading_normal(scene, ray, hit.triangle, [1.0 - u - v, u, v])
+                shading_normal: shading_normal(scene, ray, hit.triangle, to_object, [1.0 - u - v, u, v])
                     .unwrap_or(geometric_normal),
-                offset: OFFSET_OF_POSITION * position.abs().max_element() + OFFSET_OF_EDGE * edge,
+                offset: OFFSET_OF_POSITION * position.abs().max_element().max(place) + OFFSET_OF_EDGE * edge,
             }
             .guarded(ray),
         )
@@ -89,11 +92,22 @@ fn barycentric(ray: &Ray, a: Vec3A, ab: Vec3A, ac: Vec3A) -> Option<(f32, f32)> 
     Some((u, v.clamp(0.0, 1.0 - u)))
 }
 
-fn shading_normal(scene: &Scene, ray: &Ray, triangle: u32, weights: [f32; 3]) -> Option<Vec3> {
+fn shading_normal(
+    scene: &Scene,
+    ray: &Ray,
+    triangle: u32,
+    to_object: Option<&Affine3A>,
+    weights: [f32; 3],
+) -> Option<Vec3> {
     if scene.normals.is_empty() {
         return None;
     }
     let [a, b, c] = scene.triangles.indices()[triangle as usize].map(|vertex| scene.normals[vertex as usize]);
-    let normal = (a * weights[0] + b * weights[1] + c * weights[2]).try_normalize()?;
+    let mut normal = a * weights[0] + b * weights[1] + c * weights[2];
+    if let Some(to_object) = to_object {
+        // Normals go to the world by the inverse's transpose.
+        normal = to_object.matrix3.transpose() * normal;
+    }
+    let normal = normal.try_normalize()?;
     Some(if normal.dot(ray.direction) > 0.0 { -normal } else { normal })
 }

@@ -31,6 +31,7 @@ fn scene(parts: &[(Vec<[Vec3; 3]>, Material)], sky: Sky) -> Arc<Scene> {
     Arc::new(Scene {
         name: "test".into(),
         triangles: Arc::new(Triangles::new(positions, indices).expect("test triangles are sound")),
+        instances: None,
         normals: Vec::new(),
         meshes,
         materials: parts.iter().map(|(_, material)| *material).collect(),

@@ -12,7 +12,7 @@ use super::bounds::Bounds;
 use super::framing::{self, View};
 use super::limits::{CAMERAS_MAX, MESHES_MAX, VERTICES_MAX};
 use super::part::Part;
-use super::{Camera, Material, Mesh, Scene, SceneError, Sky};
+use super::{Camera, Material, Mesh, Placed, Scene, SceneError, Sky};
 
 /// Marks a vertex that no kept triangle names.
 const UNUSED: u32 = u32::MAX;
@@ -175,13 +175,14 @@ impl Assembler {
         }
         let mut cameras: Vec<Camera> = views.iter().filter_map(|view| view.aim(&bounds)).collect();
         if cameras.is_empty() {
-            let (camera, what) = framing::made_up(&triangles, &bounds);
+            let (camera, what) = framing::made_up(&Placed::flat(&triangles), &bounds);
             cameras.push(camera);
             self.notes.push(format!("The scene has no camera; {what}"));
         }
         Ok(Scene {
             name: self.name,
             triangles: Arc::new(triangles),
+            instances: None,
             normals: self.normals,
             meshes: self.meshes,
             materials: self.materials,

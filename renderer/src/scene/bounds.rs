@@ -1,6 +1,6 @@
 //! Axis-aligned boxes around triangles.
 
-use glam::{Vec3, Vec3A};
+use glam::{Affine3A, Vec3, Vec3A};
 use treewright_accel::Triangles;
 
 /// An axis-aligned box.
@@ -27,6 +27,42 @@ impl Bounds {
         } else {
             Self { min: min.into(), max: max.into() }
         }
+    }
+
+    /// A box without a point in it: what others are joined to.
+    pub const NOTHING: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+
+    /// The smallest box around both.
+    pub fn union(&self, other: &Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    /// A box around this one after an affine transformation (Arvo, "Transforming axis-aligned bounding boxes",
+    /// 1990), rounded outwards. Nothing stays nothing.
+    pub fn transformed(&self, by: &Affine3A) -> Self {
+        if self.min.x > self.max.x {
+            return *self;
+        }
+        let (center, half) = (self.center(), (self.max - self.min) * 0.5);
+        let columns = by.matrix3;
+        let grown = |by: Vec3| {
+            columns.x_axis.abs() * by.x + columns.y_axis.abs() * by.y + columns.z_axis.abs() * by.z
+        };
+        let rounding = (grown(center.abs() + half) + by.translation.abs()) * (8.0 * f32::EPSILON);
+        let reach = grown(half) + rounding;
+        let center = by.transform_point3a(center.into());
+        Self { min: (center - reach).into(), max: (center + reach).into() }
+    }
+
+    /// Whether a ray from `origin`, of any length in `direction`, meets the box.
+    pub fn is_met(&self, origin: Vec3A, direction: Vec3A) -> bool {
+        let slack = (self.size() * 1e-4).max(Vec3::splat(f32::MIN_POSITIVE));
+        let to_lower = (Vec3A::from(self.min - slack) - origin) / direction;
+        let to_upper = (Vec3A::from(self.max + slack) - origin) / direction;
+        // A ray inside a slab that it runs along divides zero by zero; min and max let the other operand win.
+        let enter = to_lower.min(to_upper).max_element();
+        let leave = to_lower.max(to_upper).min_element();
+        enter <= leave && leave >= 0.0
     }
 
     /// The middle.

@@ -4,11 +4,9 @@
 //! surrounded by front sides is a room or a street, and gets a camera inside it.
 
 use glam::Vec3;
-use treewright_accel::Triangles;
 
-use super::Camera;
 use super::bounds::Bounds;
-use super::probe;
+use super::{Camera, Placed, probe};
 
 /// Angle of view of a camera that looks at an object.
 const OBJECT_FOV_DEG: f32 = 38.0;
@@ -65,8 +63,8 @@ impl View {
 }
 
 /// A camera for a scene that brought none, and the end of the sentence that says so.
-pub(crate) fn made_up(triangles: &Triangles, bounds: &Bounds) -> (Camera, &'static str) {
-    match room_camera(triangles, bounds) {
+pub(crate) fn made_up(placed: &Placed, bounds: &Bounds) -> (Camera, &'static str) {
+    match room_camera(placed, bounds) {
         Some(camera) => (camera, "one was put inside it, looking along its longer side."),
         None => (object_camera(bounds), "one was put outside, looking at its middle."),
     }
@@ -95,9 +93,9 @@ fn object_camera(bounds: &Bounds) -> Camera {
 }
 
 /// A camera at one end of a room, or nothing when the scene is no room.
-fn room_camera(triangles: &Triangles, bounds: &Bounds) -> Option<Camera> {
+fn room_camera(placed: &Placed, bounds: &Bounds) -> Option<Camera> {
     let directions = probe::sphere_directions(ROOM_RAYS);
-    let met = probe::nearest(triangles, bounds.center(), &directions);
+    let met = probe::nearest(placed, bounds.center(), &directions);
     let sideways = directions.iter().zip(&met).filter(|(direction, _)| direction.y < 0.35);
     let count = sideways.clone().count();
     let inside = sideways.filter(|(_, met)| met.front).count();
@@ -116,7 +114,7 @@ fn room_camera(triangles: &Triangles, bounds: &Bounds) -> Option<Camera> {
                 up: Vec3::Y,
                 vertical_fov_deg: ROOM_FOV_DEG,
             };
-            let score = openness(triangles, &camera, bounds.diagonal());
+            let score = openness(placed, &camera, bounds.diagonal());
             if best.as_ref().is_none_or(|(highest, _)| score > *highest) {
                 best = Some((score, camera));
             }
@@ -126,11 +124,11 @@ fn room_camera(triangles: &Triangles, bounds: &Bounds) -> Option<Camera> {
 }
 
 /// How far a camera sees on average; nothing when it stands in a wall or right before one.
-fn openness(triangles: &Triangles, camera: &Camera, diagonal: f32) -> f32 {
+fn openness(placed: &Placed, camera: &Camera, diagonal: f32) -> f32 {
     let forward = (camera.target - camera.position).normalize_or(Vec3::NEG_Z);
     let directions: Vec<Vec3> =
         probe::sphere_directions(64).into_iter().filter(|direction| direction.dot(forward) > 0.6).collect();
-    let met = probe::nearest(triangles, camera.position, &directions);
+    let met = probe::nearest(placed, camera.position, &directions);
     let too_near =
         |met: &probe::Meeting| met.distance < 0.02 * diagonal || (met.distance.is_finite() && !met.front);
     let blocked = met.iter().filter(|met| too_near(met)).count();
@@ -142,6 +140,8 @@ fn openness(triangles: &Triangles, camera: &Camera, diagonal: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use treewright_accel::Triangles;
+
     use super::*;
     use crate::scene::shapes::Shapes;
 
@@ -161,7 +161,7 @@ mod tests {
     #[test]
     fn a_solid_is_seen_from_outside_and_whole() {
         let (triangles, bounds) = box_scene(false);
-        let (camera, _) = made_up(&triangles, &bounds);
+        let (camera, _) = made_up(&Placed::flat(&triangles), &bounds);
         assert!(!bounds.contains(camera.position));
         let forward = (camera.target - camera.position).normalize();
         let right = forward.cross(camera.up).normalize();
@@ -179,7 +179,7 @@ mod tests {
     #[test]
     fn a_room_is_seen_from_inside_along_its_length() {
         let (triangles, bounds) = box_scene(true);
-        let (camera, _) = made_up(&triangles, &bounds);
+        let (camera, _) = made_up(&Placed::flat(&triangles), &bounds);
         assert!(bounds.contains(camera.position));
         assert!((camera.target - camera.position).normalize().x.abs() > 0.9);
     }

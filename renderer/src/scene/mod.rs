@@ -1,4 +1,4 @@
-//! Scenes: geometry flattened to world space, materials, lights, cameras.
+//! Scenes: geometry in world space or as instances, materials, lights, cameras.
 //!
 //! Whatever a scene came from (glTF, OBJ, PLY, a built-in generator), it ends up as one [`Scene`]; the
 //! integrator and the indicators know nothing else.
@@ -19,6 +19,7 @@ mod load_tests;
 mod obj_file;
 mod obj_text;
 pub mod part;
+pub mod placed;
 mod ply_file;
 pub(crate) mod probe;
 pub mod shapes;
@@ -27,23 +28,27 @@ mod sky;
 use std::sync::Arc;
 
 use glam::Vec3;
-use treewright_accel::Triangles;
+use treewright_accel::{Instances, Triangles};
 
 pub use bounds::Bounds;
 pub use error::SceneError;
 pub use load::load;
+pub use placed::Placed;
 
 /// A scene ready to be rendered.
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// For people and for studies: the file's stem or the built-in's name.
     pub name: String,
-    /// All triangles, world space.
+    /// All triangles: in world space, or each in its object's space where there are `instances`.
     pub triangles: Arc<Triangles>,
+    /// Where objects stand. Most scenes have none and are met as they are; with them, rays meet only what an
+    /// instance places. Objects are made of whole meshes.
+    pub instances: Option<Arc<Instances>>,
     /// Shading normal of each vertex (unit length, parallel to `triangles.positions()`); empty when every
     /// triangle is flat. The front (counter-clockwise) side of a triangle is where its normals point.
     pub normals: Vec<Vec3>,
-    /// Meshes in order of their triangles; together they cover all of them.
+    /// Meshes in order of their triangles; together they cover all of them. See [`Scene::placed_meshes`].
     pub meshes: Vec<Mesh>,
     /// At least one.
     pub materials: Vec<Material>,

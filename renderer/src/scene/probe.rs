@@ -5,6 +5,8 @@ use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 use treewright_accel::Triangles;
 
+use super::Placed;
+
 /// Triangles looked at by one task.
 const CHUNK: usize = 16 * 1024;
 
@@ -17,32 +19,73 @@ pub(crate) struct Meeting {
     pub(crate) front: bool,
 }
 
+impl Meeting {
+    fn closer(self, other: Self) -> Self {
+        if other.distance < self.distance { other } else { self }
+    }
+}
+
 const MISS: Meeting = Meeting { distance: f32::INFINITY, front: false };
 
 /// The first meeting of each ray from one origin, by looking at every triangle.
-pub(crate) fn nearest(triangles: &Triangles, origin: Vec3, directions: &[Vec3]) -> Vec<Meeting> {
-    let origin = Vec3A::from(origin);
-    let directions: Vec<Vec3A> = directions.iter().map(|direction| Vec3A::from(*direction)).collect();
-    let closer = |a: Meeting, b: Meeting| if b.distance < a.distance { b } else { a };
-    triangles
-        .indices()
-        .par_chunks(CHUNK)
-        .map(|chunk| {
-            let mut best = vec![MISS; directions.len()];
-            for corners in chunk {
-                let corners = corners.map(|vertex| triangles.positions()[vertex as usize]);
-                for (direction, best) in directions.iter().zip(&mut best) {
-                    if let Some(meeting) = meet(corners, origin, *direction) {
-                        *best = closer(*best, meeting);
-                    }
-                }
+pub(crate) fn nearest(placed: &Placed, origin: Vec3, directions: &[Vec3]) -> Vec<Meeting> {
+    let rays: Vec<(Vec3A, Vec3A)> =
+        directions.iter().map(|direction| (origin.into(), (*direction).into())).collect();
+    let nothing = || vec![MISS; rays.len()];
+    let closer = |a: Vec<Meeting>, b: Vec<Meeting>| a.into_iter().zip(b).map(|(a, b)| a.closer(b)).collect();
+    let Some(instances) = placed.instances() else {
+        return placed
+            .triangles()
+            .indices()
+            .par_chunks(CHUNK)
+            .map(|chunk| nearest_in(placed.triangles(), chunk, &rays))
+            .reduce(nothing, closer);
+    };
+    let boxes = placed.object_boxes();
+    instances
+        .placed()
+        .par_iter()
+        .map(|instance| {
+            let object = instance.object as usize;
+            let range = &instances.objects()[object];
+            let moved: Vec<_> = rays
+                .iter()
+                .map(|(origin, direction)| {
+                    (
+                        instance.to_object.transform_point3a(*origin),
+                        instance.to_object.transform_vector3a(*direction),
+                    )
+                })
+                .collect();
+            let mut best = nothing();
+            // Few instances lie in the way of a ray, and only their triangles are looked at.
+            let met: Vec<usize> =
+                (0..moved.len()).filter(|&ray| boxes[object].is_met(moved[ray].0, moved[ray].1)).collect();
+            if met.is_empty() {
+                return best;
+            }
+            let chosen: Vec<_> = met.iter().map(|&ray| moved[ray]).collect();
+            let indices = &placed.triangles().indices()[range.start as usize..range.end as usize];
+            let mirrored = instance.to_world.matrix3.determinant() < 0.0;
+            for (ray, meeting) in met.into_iter().zip(nearest_in(placed.triangles(), indices, &chosen)) {
+                best[ray] = Meeting { front: meeting.front != mirrored, ..meeting };
             }
             best
         })
-        .reduce(
-            || vec![MISS; directions.len()],
-            |a, b| a.into_iter().zip(b).map(|(a, b)| closer(a, b)).collect(),
-        )
+        .reduce(nothing, closer)
+}
+
+fn nearest_in(triangles: &Triangles, indices: &[[u32; 3]], rays: &[(Vec3A, Vec3A)]) -> Vec<Meeting> {
+    let mut best = vec![MISS; rays.len()];
+    for corners in indices {
+        let corners = corners.map(|vertex| triangles.positions()[vertex as usize]);
+        for ((origin, direction), best) in rays.iter().zip(&mut best) {
+            if let Some(meeting) = meet(corners, *origin, *direction) {
+                *best = best.closer(meeting);
+            }
+        }
+    }
+    best
 }
 
 /// Intersection of a ray and a triangle after Möller and Trumbore (1997).
@@ -85,10 +128,10 @@ mod tests {
         let square = |z: f32| [Vec3A::new(-5.0, -5.0, z), Vec3A::new(5.0, -5.0, z), Vec3A::new(0.0, 9.0, z)];
         let positions = [square(-4.0), square(-2.0)].concat();
         let triangles = Triangles::new(positions, vec![[0, 1, 2], [3, 5, 4]]).unwrap();
-        let met = nearest(&triangles, Vec3::ZERO, &[Vec3::NEG_Z, Vec3::Z]);
+        let met = nearest(&Placed::flat(&triangles), Vec3::ZERO, &[Vec3::NEG_Z, Vec3::Z]);
         assert_eq!(met[0], Meeting { distance: 2.0, front: false });
         assert_eq!(met[1], MISS);
-        let met = nearest(&triangles, Vec3::new(0.0, 0.0, -3.0), &[Vec3::NEG_Z]);
+        let met = nearest(&Placed::flat(&triangles), Vec3::new(0.0, 0.0, -3.0), &[Vec3::NEG_Z]);
         assert_eq!(met[0], Meeting { distance: 1.0, front: true });
     }
 
