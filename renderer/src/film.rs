@@ -1,22 +1,36 @@
 //! What has been rendered so far: the sum of all samples of each pixel.
 
 use glam::Vec3;
-use rayon::prelude::*;
 
+use super::integrator::morton::{decode_2, encode_2};
 use super::integrator::sampling::luminance;
+use super::render_options::TileOrder;
 
-/// Edge of a tile in pixels. A tile is the unit of work of the renderer.
-pub const TILE: u32 = 16;
+/// Edge of a block in pixels: the largest tile.
+const BLOCK: u32 = 64;
 
-const TILE_PIXELS: usize = (TILE * TILE) as usize;
+const BLOCK_PIXELS: usize = (BLOCK * BLOCK) as usize;
 
-/// Accumulated samples. Pixels lie tile by tile, so that threads write to memory of their own.
+/// Accumulated samples. Pixels lie in blocks of 64 × 64, in each along Morton's curve: every square tile whose
+/// edge is a power of two up to 64 is one run of memory, which threads can be handed apart, and so is every
+/// square of 4 × 4 pixels, whose rays make the most coherent packets.
 #[derive(Clone, Debug)]
 pub struct Film {
     width: u32,
     height: u32,
     samples: u32,
     sums: Vec<Vec3>,
+}
+
+/// A square of pixels, the unit of work of the renderer.
+#[derive(Debug)]
+pub(crate) struct Tile<'a> {
+    /// First column.
+    pub(crate) left: u32,
+    /// First row.
+    pub(crate) top: u32,
+    /// Its pixels along Morton's curve, those outside the picture too.
+    pub(crate) sums: &'a mut [Vec3],
 }
 
 /// A finished picture: linear RGB radiance, row by row from the top left.
@@ -33,8 +47,8 @@ pub struct Picture {
 impl Film {
     /// An empty film.
     pub fn new(width: u32, height: u32) -> Self {
-        let tiles = width.div_ceil(TILE) as usize * height.div_ceil(TILE) as usize;
-        Self { width, height, samples: 0, sums: vec![Vec3::ZERO; tiles * TILE_PIXELS] }
+        let blocks = width.div_ceil(BLOCK) as usize * height.div_ceil(BLOCK) as usize;
+        Self { width, height, samples: 0, sums: vec![Vec3::ZERO; blocks * BLOCK_PIXELS] }
     }
 
     /// Pixels across.
@@ -61,23 +75,40 @@ impl Film {
     /// The mean of the samples; black where there are none.
     pub fn picture(&self) -> Picture {
         let scale = 1.0 / self.samples.max(1) as f32;
-        let across = self.tiles_across();
+        let across = self.width.div_ceil(BLOCK);
         let pixels = (0..self.height)
             .flat_map(|y| (0..self.width).map(move |x| (x, y)))
             .map(|(x, y)| {
-                let tile = (y / TILE * across + x / TILE) as usize;
-                self.sums[tile * TILE_PIXELS + (y % TILE * TILE + x % TILE) as usize] * scale
+                let block = (y / BLOCK * across + x / BLOCK) as usize;
+                self.sums[block * BLOCK_PIXELS + encode_2(x % BLOCK, y % BLOCK) as usize] * scale
             })
             .collect();
         Picture { width: self.width, height: self.height, pixels }
     }
 
-    pub(crate) fn tiles_across(&self) -> u32 {
-        self.width.div_ceil(TILE)
-    }
-
-    pub(crate) fn tiles_mut(&mut self) -> impl IndexedParallelIterator<Item = &mut [Vec3]> {
-        self.sums.par_chunks_mut(TILE_PIXELS)
+    /// The tiles of the picture in the order they are to be begun. An edge that is none of 8, 16, 32 and 64 is
+    /// taken for the nearest one below.
+    pub(crate) fn tiles(&mut self, edge: u32, order: TileOrder) -> Vec<Tile<'_>> {
+        let edge = 1 << edge.clamp(8, BLOCK).ilog2();
+        let (width, height, across) = (self.width, self.height, self.width.div_ceil(BLOCK));
+        let per_block = BLOCK_PIXELS / (edge * edge) as usize;
+        let mut tiles: Vec<Tile<'_>> = self
+            .sums
+            .chunks_exact_mut((edge * edge) as usize)
+            .enumerate()
+            .map(|(index, sums)| {
+                let block = (index / per_block) as u32;
+                let (x, y) = decode_2((index % per_block) as u32);
+                let left = block % across * BLOCK + x * edge;
+                Tile { left, top: block / across * BLOCK + y * edge, sums }
+            })
+            .filter(|tile| tile.left < width && tile.top < height)
+            .collect();
+        match order {
+            TileOrder::Rows => tiles.sort_unstable_by_key(|tile| (tile.top, tile.left)),
+            TileOrder::Morton => tiles.sort_unstable_by_key(|tile| encode_2(tile.left, tile.top)),
+        }
+        tiles
     }
 
     pub(crate) fn count_sample(&mut self) {
@@ -116,21 +147,38 @@ mod tests {
 
     #[test]
     fn pixels_find_their_way_out_of_the_tiles() {
-        let mut film = Film::new(37, 21);
-        let across = film.tiles_across() as usize;
-        film.tiles_mut().enumerate().for_each(|(tile, pixels)| {
-            for (index, sum) in pixels.iter_mut().enumerate() {
-                let x = tile % across * 16 + index % 16;
-                let y = tile / across * 16 + index / 16;
-                *sum = Vec3::new(x as f32, y as f32, 0.0);
+        for (width, height) in [(37, 21), (64, 64), (130, 65), (1, 1)] {
+            for edge in [8, 16, 32, 64] {
+                for order in [TileOrder::Rows, TileOrder::Morton] {
+                    let mut film = Film::new(width, height);
+                    for tile in film.tiles(edge, order) {
+                        assert_eq!(tile.sums.len(), (edge * edge) as usize);
+                        for (pixel, sum) in tile.sums.iter_mut().enumerate() {
+                            let (x, y) = decode_2(pixel as u32);
+                            *sum += Vec3::new((tile.left + x) as f32, (tile.top + y) as f32, 1.0);
+                        }
+                    }
+                    film.count_sample();
+                    let picture = film.picture();
+                    assert_eq!(picture.pixels.len(), (width * height) as usize);
+                    for (index, pixel) in picture.pixels.iter().enumerate() {
+                        let (x, y) = (index as u32 % width, index as u32 / width);
+                        assert_eq!(*pixel, Vec3::new(x as f32, y as f32, 1.0));
+                    }
+                }
             }
-        });
-        film.count_sample();
-        let picture = film.picture();
-        assert_eq!(picture.pixels.len(), 37 * 21);
-        for (index, pixel) in picture.pixels.iter().enumerate() {
-            assert_eq!((pixel.x as usize, pixel.y as usize), (index % 37, index / 37));
         }
+    }
+
+    #[test]
+    fn tiles_come_in_their_order() {
+        let mut film = Film::new(32, 24);
+        let mut places = |order| -> Vec<(u32, u32)> {
+            film.tiles(8, order).iter().map(|tile| (tile.left / 8, tile.top / 8)).collect()
+        };
+        assert_eq!(places(TileOrder::Rows)[..5], [(0, 0), (1, 0), (2, 0), (3, 0), (0, 1)]);
+        assert_eq!(places(TileOrder::Morton)[..5], [(0, 0), (1, 0), (0, 1), (1, 1), (2, 0)]);
+        assert_eq!(places(TileOrder::Morton).len(), 12);
     }
 
     #[test]

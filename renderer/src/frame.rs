@@ -12,7 +12,7 @@ use treewright_accel::{
 };
 
 use crate::film::Film;
-use crate::integrator::{Counts, Prepared, View, render_sample};
+use crate::integrator::{Counts, Needs, Prepared, View, render_sample};
 use crate::render_options::RenderOptions;
 use crate::scene::Scene;
 
@@ -47,6 +47,7 @@ pub struct Renderer {
     device: Device,
     pool: rayon::ThreadPool,
     prepared: Arc<Prepared>,
+    leave_out: bool,
     structure: Option<Structure>,
 }
 
@@ -62,12 +63,23 @@ impl Renderer {
             .build()
             .map_err(|source| RendererError::Threads { threads, source })?;
         let prepared = Arc::new(pool.install(|| Prepared::new(scene)));
-        Ok(Self { device, pool, prepared, structure: None })
+        Ok(Self { device, pool, prepared, leave_out: true, structure: None })
     }
 
     /// The scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.prepared.scene
+    }
+
+    /// Whether shading leaves out what the scene does not need; it does unless told otherwise. Pictures are
+    /// the same.
+    pub fn set_leave_out(&mut self, leave_out: bool) {
+        self.leave_out = leave_out;
+    }
+
+    /// What the shading kernel in use can do.
+    pub fn needs(&self) -> Needs {
+        if self.leave_out { self.prepared.needs } else { Needs::ALL }
     }
 
     /// Number of render threads.
@@ -114,7 +126,22 @@ impl Renderer {
         options: &RenderOptions,
         film: &mut Film,
     ) -> (f64, Counts) {
-        let sample = Sample { prepared: &self.prepared, view, options, film };
+        self.render_needing(self.needs(), structure, view, options, film)
+    }
+
+    /// The same with a shading kernel that can do more than the scene needs, which changes no picture.
+    ///
+    /// # Panics
+    /// If it can do less.
+    pub fn render_needing(
+        &self,
+        needs: Needs,
+        structure: &Structure,
+        view: &View,
+        options: &RenderOptions,
+        film: &mut Film,
+    ) -> (f64, Counts) {
+        let sample = Sample { prepared: &self.prepared, view, options, needs, film };
         let begin = Instant::now();
         let counts = self.pool.install(|| structure.visit(sample));
         (milliseconds(begin), counts)
@@ -136,6 +163,7 @@ struct Sample<'a> {
     prepared: &'a Prepared,
     view: &'a View,
     options: &'a RenderOptions,
+    needs: Needs,
     film: &'a mut Film,
 }
 
@@ -143,7 +171,7 @@ impl Visitor for Sample<'_> {
     type Output = Counts;
 
     fn visit<I: Intersector>(self, intersector: &I) -> Counts {
-        render_sample(self.prepared, intersector, self.view, self.options, self.film)
+        render_sample(self.prepared, intersector, self.view, self.options, self.needs, self.film)
     }
 }
 

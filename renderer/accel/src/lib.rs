@@ -9,6 +9,7 @@ pub mod geometry;
 mod instances;
 pub mod limits;
 pub mod parameters;
+mod prefetch;
 mod structure;
 mod traverse;
 mod tree;
@@ -22,6 +23,7 @@ pub use instances::{Instance, InstanceError, Instances};
 pub use parameters::{
     BuildChoice, Collapse, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Quality, TreeParameters,
 };
+pub use prefetch::prefetch;
 pub use structure::{Statistics, Structure, Visitor, build};
 pub use traverse::Isa;
 pub use tree::{Tree, TreeFault, TreeStatistics};

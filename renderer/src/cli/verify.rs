@@ -276,15 +276,15 @@ fn rays(scene: &Scene, camera: &Camera, count: u32, seed: u64) -> Vec<Ray> {
     let lens = Lens::new(camera, 1, 1);
     (0..count)
         .map(|number| {
-            let mut random = PathRandom::new(seed, number, u32::MAX);
+            let random = PathRandom::new(seed, number, u32::MAX);
             if number % 2 == 0 {
-                return lens.ray(0, 0, random.pair());
+                return lens.ray(0, 0, random.pair(0));
             }
-            let mut point = || {
-                let ([x, y], z) = (random.pair(), random.single());
+            let point = |place| {
+                let ([x, y], z) = (random.pair(place), random.single(place + 1));
                 low + (high - low) * Vec3::new(x, y, z)
             };
-            let (origin, target) = (point(), point());
+            let (origin, target) = (point(1), point(3));
             let t_max = if number % 4 == 1 { 1.0 } else { f32::INFINITY };
             Ray { origin, direction: target - origin, t_min: 0.0, t_max }
         })

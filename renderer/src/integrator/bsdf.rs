@@ -10,11 +10,11 @@
 //!
 //! Directions are local: z is the shading normal, and both point away from the surface.
 
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
 
-use super::sampling::{cosine_hemisphere, cosine_hemisphere_pdf, luminance};
+use super::sampling::{cosine_hemisphere, luminance, turn};
 use crate::scene::Material;
 
 /// Below this roughness a surface counts as a perfect mirror.
@@ -35,6 +35,22 @@ pub struct Bsdf {
     alpha: Option<f32>,
     /// What light is multiplied by that passes through, before the Fresnel loss.
     through: Vec3,
+    /// Lambert and nothing else.
+    matt: bool,
+}
+
+/// A surface seen from one direction: what all light directions share. `THIN` is false where nothing in the
+/// scene lets light through.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a, const THIN: bool> {
+    bsdf: &'a Bsdf,
+    /// Where it is seen from, local.
+    view: Vec3,
+    /// What the layer leaves to the parts below it.
+    below: Vec3,
+    shares: Shares,
+    /// Smith's root of the view's cosine, `sqrt(α² + (1 - α²) cos²)`.
+    root: f32,
 }
 
 /// What kind of event a sample is.
@@ -62,6 +78,7 @@ pub struct BsdfSample {
 }
 
 /// Probabilities of the three kinds of event, adding up to 1.
+#[derive(Clone, Copy, Debug)]
 struct Shares {
     reflect: f32,
     diffuse: f32,
@@ -81,13 +98,15 @@ impl Bsdf {
         // Nothing reflects at grazing angles where nothing reflects at all (index of refraction 1).
         let f90 = (50.0 * luminance(f0)).min(1.0).max(f0.max_element());
         let alpha = (roughness >= MIRROR_ROUGHNESS).then_some(roughness * roughness);
+        let through = base * transmission;
         Self {
             diffuse: base * (1.0 - metallic) * (1.0 - transmission),
             f0,
             f90,
             layer_f90: Vec3::splat(f90 * (1.0 - alpha.unwrap_or(0.0))).max(f0),
             alpha,
-            through: base * transmission,
+            through,
+            matt: f90 == 0.0 && through == Vec3::ZERO,
         }
     }
 
@@ -96,123 +115,155 @@ impl Bsdf {
         self.through.max_element() > 0.0
     }
 
+    /// Whether it is Lambert's and nothing else: no layer that reflects, nothing that passes through.
+    #[inline(always)]
+    pub fn is_matt(&self) -> bool {
+        self.matt
+    }
+
+    /// Albedo of the diffuse part: a matt surface's value is this times the cosine of the light over π.
+    #[inline(always)]
+    pub fn diffuse(&self) -> Vec3 {
+        self.diffuse
+    }
+
     /// Share of light that passes straight through at this cosine.
+    #[inline]
     pub fn transmittance(&self, cosine: f32) -> Vec3 {
         self.through * (Vec3::ONE - self.fresnel(cosine))
     }
 
     /// Reflectance of a microfacet.
+    #[inline(always)]
     fn fresnel(&self, cosine: f32) -> Vec3 {
-        self.f0.lerp(Vec3::splat(self.f90), schlick_weight(cosine))
+        self.f0 + (Vec3::splat(self.f90) - self.f0) * schlick_weight(cosine)
     }
 
     /// Reflectance of the layer as a whole, which decides what is left for the parts below it.
+    #[inline(always)]
     fn layer(&self, cosine: f32) -> Vec3 {
         self.f0 + (self.layer_f90 - self.f0) * schlick_weight(cosine)
     }
 
-    fn shares(&self, view: Vec3) -> Shares {
-        let layer = self.layer(view.z);
-        let reflect = luminance(layer);
-        let diffuse = luminance(self.diffuse * (Vec3::ONE - layer));
-        let through = luminance(self.transmittance(view.z));
-        let total = reflect + diffuse + through;
-        if total > 0.0 {
-            Shares { reflect: reflect / total, diffuse: diffuse / total, through: through / total }
-        } else {
-            Shares { reflect: 0.0, diffuse: 1.0, through: 0.0 }
-        }
-    }
-
-    /// Value of the rough lobes times the cosine of `light`. Zero below the surface.
-    pub fn evaluate(&self, view: Vec3, light: Vec3) -> Vec3 {
-        if view.z <= 0.0 || light.z <= 0.0 {
-            return Vec3::ZERO;
-        }
-        let room = (Vec3::ONE - self.layer(view.z)) * (Vec3::ONE - self.layer(light.z));
-        let diffuse = self.diffuse * room * (light.z / PI);
-        let Some(alpha) = self.alpha else {
-            return diffuse;
-        };
-        let half = (view + light).normalize_or_zero();
-        let shadowing = 1.0 / (1.0 + smith_lambda(alpha, view.z) + smith_lambda(alpha, light.z));
-        diffuse + self.fresnel(view.dot(half)) * (ggx_density(alpha, half.z) * shadowing / (4.0 * view.z))
-    }
-
-    /// Solid angle density with which [`Bsdf::sample`] draws `light` from a rough lobe.
-    pub fn pdf(&self, view: Vec3, light: Vec3) -> f32 {
-        if view.z <= 0.0 || light.z <= 0.0 {
-            return 0.0;
-        }
-        let shares = self.shares(view);
-        let diffuse = shares.diffuse * cosine_hemisphere_pdf(light.z);
-        let Some(alpha) = self.alpha else {
-            return diffuse;
-        };
-        let half = (view + light).normalize_or_zero();
-        let masking = 1.0 / (1.0 + smith_lambda(alpha, view.z));
-        diffuse + shares.reflect * ggx_density(alpha, half.z) * masking / (4.0 * view.z)
-    }
-
-    /// Draws a direction from three numbers in [0, 1). `None` when the light is absorbed.
-    pub fn sample(&self, view: Vec3, choice: f32, u: [f32; 2]) -> Option<BsdfSample> {
+    /// The surface from one direction. Nothing is seen from below: `None`.
+    #[inline(always)]
+    pub fn seen_from<const THIN: bool>(&self, view: Vec3) -> Option<Seen<'_, THIN>> {
         if view.z <= 0.0 {
             return None;
         }
-        let shares = self.shares(view);
-        if choice < shares.through {
-            let weight = self.transmittance(view.z) / shares.through;
+        let layer = self.layer(view.z);
+        let below = Vec3::ONE - layer;
+        let reflect = luminance(layer);
+        let diffuse = luminance(self.diffuse * below);
+        let through = if THIN { luminance(self.transmittance(view.z)) } else { 0.0 };
+        let total = reflect + diffuse + through;
+        let shares = if total > 0.0 {
+            let scale = 1.0 / total;
+            Shares { reflect: reflect * scale, diffuse: diffuse * scale, through: through * scale }
+        } else {
+            Shares { reflect: 0.0, diffuse: 1.0, through: 0.0 }
+        };
+        let root = self.alpha.map_or(0.0, |alpha| smith_root(alpha, view.z));
+        Some(Seen { bsdf: self, view, below, shares, root })
+    }
+}
+
+impl<const THIN: bool> Seen<'_, THIN> {
+    /// For a direction `light`: value of the rough lobes times the cosine, and the solid angle density with
+    /// which [`Seen::sample`] draws it from them. Both zero below the surface.
+    ///
+    /// The lobe is GGX with height-correlated shadowing, `D G / (4 cos cos)`, drawn by visible normals; both
+    /// are written with roots instead of tangents, so that grazing angles divide by nothing small (Lagarde
+    /// and de Rousiers, Moving Frostbite to PBR, 2014, section 3.1.2). With unit vectors `|view + light|` is
+    /// twice the cosine between each and the half vector, which saves normalising it.
+    #[inline(always)]
+    pub fn rough(&self, light: Vec3) -> (Vec3, f32) {
+        let (bsdf, view) = (self.bsdf, self.view);
+        if light.z <= 0.0 {
+            return (Vec3::ZERO, 0.0);
+        }
+        let cosine = light.z * FRAC_1_PI;
+        let diffuse = bsdf.diffuse * self.below * (Vec3::ONE - bsdf.layer(light.z)) * cosine;
+        let diffuse_pdf = self.shares.diffuse * cosine;
+        let Some(alpha) = bsdf.alpha else {
+            return (diffuse, diffuse_pdf);
+        };
+        let half = view + light;
+        let length_squared = half.length_squared();
+        let square = alpha * alpha;
+        // Written with the sine so that a narrow lobe's peak keeps its digits.
+        let spread = square * half.z * half.z + half.x * half.x + half.y * half.y;
+        let density = square * length_squared * length_squared / (PI * spread * spread);
+        let shadowing = 0.5 * light.z / (light.z * self.root + view.z * smith_root(alpha, light.z));
+        let masking = 0.5 / (view.z + self.root);
+        let fresnel = bsdf.fresnel(0.5 * length_squared.sqrt());
+        (diffuse + fresnel * (density * shadowing), diffuse_pdf + self.shares.reflect * density * masking)
+    }
+
+    /// Whether a choice in [0, 1) means that light passes straight through; with what weight.
+    #[inline(always)]
+    pub fn through(&self, choice: f32) -> Option<Vec3> {
+        (THIN && choice < self.shares.through)
+            .then(|| self.bsdf.transmittance(self.view.z) / self.shares.through)
+    }
+
+    /// Draws a direction from three numbers in [0, 1). `None` when the light is absorbed.
+    #[inline(always)]
+    pub fn sample(&self, choice: f32, u: [f32; 2]) -> Option<BsdfSample> {
+        let (bsdf, view, shares) = (self.bsdf, self.view, &self.shares);
+        if let Some(weight) = self.through(choice) {
             return Some(BsdfSample { direction: -view, weight, pdf: 1.0, scatter: Scatter::Through });
         }
         let direction = if choice < shares.through + shares.reflect {
-            let Some(alpha) = self.alpha else {
+            let Some(alpha) = bsdf.alpha else {
                 let direction = Vec3::new(-view.x, -view.y, view.z);
-                let weight = self.fresnel(view.z) / shares.reflect;
+                let weight = bsdf.fresnel(view.z) / shares.reflect;
                 return Some(BsdfSample { direction, weight, pdf: 1.0, scatter: Scatter::Mirror });
             };
-            let half = sample_visible_normal(alpha, view, u);
-            2.0 * view.dot(half) * half - view
+            reflect_at_visible_normal(alpha, view, u)
         } else {
             cosine_hemisphere(u)
         };
-        let pdf = self.pdf(view, direction);
+        let (value, pdf) = self.rough(direction);
         if !(pdf > 0.0 && pdf.is_finite()) {
             return None;
         }
-        let weight = self.evaluate(view, direction) / pdf;
+        let weight = value / pdf;
         (weight.max_element() > 0.0).then_some(BsdfSample { direction, weight, pdf, scatter: Scatter::Rough })
     }
 }
 
 /// Schlick's weight of the grazing reflectance.
+#[inline(always)]
 fn schlick_weight(cosine: f32) -> f32 {
-    (1.0 - cosine.clamp(0.0, 1.0)).powi(5)
+    let x = 1.0 - cosine.clamp(0.0, 1.0);
+    let square = x * x;
+    square * square * x
 }
 
-/// The GGX distribution of normals.
-fn ggx_density(alpha: f32, cosine: f32) -> f32 {
+/// The root in Smith's shadowing of GGX: `sqrt(α² + (1 - α²) cos²)`.
+#[inline(always)]
+fn smith_root(alpha: f32, cosine: f32) -> f32 {
     let square = alpha * alpha;
-    // Written with the sine so that a narrow lobe's peak keeps its digits.
-    let spread = square * cosine * cosine + (1.0 - cosine * cosine).max(0.0);
-    square / (PI * spread * spread)
+    (square + (1.0 - square) * cosine * cosine).sqrt()
 }
 
-/// Smith's auxiliary function of GGX.
-fn smith_lambda(alpha: f32, cosine: f32) -> f32 {
-    let square = cosine * cosine;
-    let tangent = (1.0 - square).max(0.0) / square;
-    ((1.0 + alpha * alpha * tangent).sqrt() - 1.0) * 0.5
-}
-
-/// A microfacet normal that is visible from `view`: a uniform point on the spherical cap that a perfect
-/// sphere would show, stretched back.
-fn sample_visible_normal(alpha: f32, view: Vec3, [u, v]: [f32; 2]) -> Vec3 {
+/// The view reflected at a microfacet normal that is visible from it: a uniform point on the spherical cap
+/// that a perfect sphere would show, stretched back.
+#[inline(always)]
+fn reflect_at_visible_normal(alpha: f32, view: Vec3, [u, v]: [f32; 2]) -> Vec3 {
     let stretched = Vec3::new(view.x * alpha, view.y * alpha, view.z).normalize();
     let z = (1.0 - v) * (1.0 + stretched.z) - stretched.z;
-    let sine = (1.0 - z * z).clamp(0.0, 1.0).sqrt();
-    let (sin, cos) = (TAU * u).sin_cos();
+    let sine = (1.0 - z * z).max(0.0).sqrt();
+    let (sin, cos) = turn(u);
     let half = Vec3::new(sine * cos, sine * sin, z) + stretched;
-    Vec3::new(half.x * alpha, half.y * alpha, half.z.max(0.0)).normalize_or(Vec3::Z)
+    let half = Vec3::new(half.x * alpha, half.y * alpha, half.z.max(0.0));
+    let length_squared = half.length_squared();
+    if length_squared > 0.0 {
+        half * (2.0 * view.dot(half) / length_squared) - view
+    } else {
+        Vec3::new(-view.x, -view.y, view.z)
+    }
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! Analytic and statistical tests of the scattering model.
 
+use std::f32::consts::TAU;
+
 use super::*;
 use crate::integrator::random::PathRandom;
 
@@ -11,11 +13,16 @@ fn view_at(cosine: f32) -> Vec3 {
     Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine)
 }
 
+fn seen(bsdf: &Bsdf, view: Vec3) -> Seen<'_, true> {
+    bsdf.seen_from(view).expect("it is seen from above")
+}
+
 /// Mean weight over many samples: the share of light that leaves again, over all directions.
 fn albedo(bsdf: &Bsdf, view: Vec3, samples: u32) -> f32 {
-    let mut random = PathRandom::new(11, 0, 0);
+    let random = PathRandom::new(11, 0, 0);
+    let seen = seen(bsdf, view);
     let sum: f64 = (0..samples)
-        .filter_map(|_| bsdf.sample(view, random.single(), random.pair()))
+        .filter_map(|place| seen.sample(random.single(2 * place), random.pair(2 * place + 1)))
         .map(|sample| f64::from(sample.weight.y))
         .sum();
     (sum / f64::from(samples)) as f32
@@ -66,10 +73,11 @@ fn densities_integrate_to_the_share_of_rough_samples() {
             let bsdf = Bsdf::new(&material(0.6, metallic, roughness, 0.3, 1.5));
             for cosine in [0.2, 0.8] {
                 let view = view_at(cosine);
-                let mut random = PathRandom::new(5, 0, 0);
+                let random = PathRandom::new(5, 0, 0);
+                let seen = seen(&bsdf, view);
                 let drawn = 40_000;
                 let rough = (0..drawn)
-                    .filter_map(|_| bsdf.sample(view, random.single(), random.pair()))
+                    .filter_map(|place| seen.sample(random.single(2 * place), random.pair(2 * place + 1)))
                     .filter(|sample| sample.scatter == Scatter::Rough)
                     .count() as f64
                     / f64::from(drawn);
@@ -86,13 +94,14 @@ fn densities_integrate_to_the_share_of_rough_samples() {
 /// Integral of the density over a patch of (cosine, azimuth), midpoint rule.
 fn integrate(bsdf: &Bsdf, view: Vec3, cosines: [f32; 2], azimuths: [f32; 2], steps: u32) -> f64 {
     let (dc, da) = ((cosines[1] - cosines[0]) / steps as f32, (azimuths[1] - azimuths[0]) / steps as f32);
+    let seen = seen(bsdf, view);
     let mut sum = 0.0;
     for i in 0..steps {
         let cosine = cosines[0] + (i as f32 + 0.5) * dc;
         let sine = (1.0 - cosine * cosine).sqrt();
         for j in 0..steps {
             let (sin, cos) = (azimuths[0] + (j as f32 + 0.5) * da).sin_cos();
-            sum += f64::from(bsdf.pdf(view, Vec3::new(sine * cos, sine * sin, cosine)));
+            sum += f64::from(seen.rough(Vec3::new(sine * cos, sine * sin, cosine)).1);
         }
     }
     sum * f64::from(dc) * f64::from(da)
@@ -106,9 +115,10 @@ fn samples_follow_their_density_cell_by_cell() {
         let bsdf = Bsdf::new(&material(0.8, metallic, roughness, 0.0, 1.5));
         let view = view_at(0.6);
         let mut counts = [[0_u32; CELLS]; CELLS];
-        let mut random = PathRandom::new(17, 0, 0);
-        for _ in 0..drawn {
-            let Some(sample) = bsdf.sample(view, random.single(), random.pair()) else {
+        let random = PathRandom::new(17, 0, 0);
+        let seen = seen(&bsdf, view);
+        for place in 0..drawn {
+            let Some(sample) = seen.sample(random.single(2 * place), random.pair(2 * place + 1)) else {
                 continue;
             };
             let row = (sample.direction.z * CELLS as f32) as usize;
@@ -138,8 +148,41 @@ fn reciprocity_holds() {
     let bsdf = Bsdf::new(&material(0.7, 0.3, 0.4, 0.2, 1.5));
     for (a, b) in [(0.2, 0.9), (0.5, 0.6), (0.1, 0.15)] {
         let (view, light) = (view_at(a), Vec3::new(0.0, (1.0_f32 - b * b).sqrt(), b));
-        let there = bsdf.evaluate(view, light) / light.z;
-        let back = bsdf.evaluate(light, view) / view.z;
+        let there = seen(&bsdf, view).rough(light).0 / light.z;
+        let back = seen(&bsdf, light).rough(view).0 / view.z;
         assert!((there - back).length() < 1e-4 * there.length(), "{there} {back}");
+    }
+}
+
+/// The formula as the books write it, in double precision: Walter et al. 2007 with height-correlated Smith
+/// shadowing (Heitz 2014).
+#[test]
+fn the_rearranged_lobe_is_the_one_in_the_books() {
+    let lambda = |alpha: f64, cosine: f64| {
+        let tangent = (1.0 - cosine * cosine) / (cosine * cosine);
+        ((1.0 + alpha * alpha * tangent).sqrt() - 1.0) * 0.5
+    };
+    for roughness in [0.1_f32, 0.3, 0.7, 1.0] {
+        let bsdf = Bsdf::new(&material(0.9, 1.0, roughness, 0.0, 1.5));
+        let alpha = f64::from(roughness * roughness);
+        for (cosine, light) in [
+            (0.9, Vec3::new(-0.4, 0.1, 0.9)),
+            (0.3, Vec3::new(-0.9, 0.2, 0.35)),
+            (0.05, Vec3::new(-1.0, 0.0, 0.06)),
+        ] {
+            let (view, light) = (view_at(cosine), light.normalize());
+            let (value, pdf) = seen(&bsdf, view).rough(light);
+            let half = (view.as_dvec3() + light.as_dvec3()).normalize();
+            let spread = half.z * half.z * (alpha * alpha - 1.0) + 1.0;
+            let density = alpha * alpha / (std::f64::consts::PI * spread * spread);
+            let (view_z, light_z) = (f64::from(view.z), f64::from(light.z));
+            let fresnel = 0.9 + 0.1 * (1.0 - view.as_dvec3().dot(half)).powi(5);
+            let (there, back) = (lambda(alpha, view_z), lambda(alpha, light_z));
+            let expected = fresnel * density / (1.0 + there + back) / (4.0 * view_z);
+            let expected_pdf = density / (1.0 + there) / (4.0 * view_z);
+            let close = |found: f32, expected: f64| (f64::from(found) / expected - 1.0).abs() < 2e-3;
+            assert!(close(value.y, expected), "{roughness} {cosine}: {} vs {expected}", value.y);
+            assert!(close(pdf, expected_pdf), "{roughness} {cosine}: {pdf} vs {expected_pdf}");
+        }
     }
 }

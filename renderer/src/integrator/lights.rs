@@ -13,14 +13,31 @@ use crate::scene::{Scene, Sky};
 /// The lights of a scene, ready to be sampled.
 #[derive(Clone, Debug)]
 pub struct Lights {
-    /// The emissive triangles, each with the instance it shines in; parallel to `table`.
-    triangles: Vec<[u32; 2]>,
+    /// The emissive triangles, parallel to `table`.
+    lamps: Vec<Lamp>,
     table: Option<AliasTable>,
-    /// Sum of area times luminance over the emissive triangles.
-    power: f64,
+    /// Density over area with which a point that emits luminance 1 is sampled.
+    density: f32,
     sun: Option<SunDisc>,
+    /// Probability that [`Lights::sample`] turns to the sun.
+    sun_share: f32,
     sky: Sky,
 }
+
+/// An emissive triangle: 64 bytes, one cache line.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+struct Lamp {
+    corner: Vec3,
+    edges: [Vec3; 2],
+    /// Unit length.
+    normal: Vec3,
+    emission: Vec3,
+    /// See [`Lights::lamp_density`].
+    density: f32,
+}
+
+const _: () = assert!(size_of::<Lamp>() == 64);
 
 /// The sun as a cone of constant radiance.
 #[derive(Clone, Copy, Debug)]
@@ -28,8 +45,9 @@ struct SunDisc {
     frame: Frame,
     direction: Vec3,
     cos_half_angle: f32,
-    solid_angle: f32,
     radiance: Vec3,
+    /// Solid angle density with which it is sampled.
+    pdf: f32,
 }
 
 /// A direction in which light may arrive.
@@ -48,118 +66,130 @@ pub struct LightSample {
 impl Lights {
     /// Collects the lights of a scene: O(triangles of emissive meshes, those of every instance counted).
     pub fn new(scene: &Scene) -> Self {
-        let (mut triangles, mut weights) = (Vec::new(), Vec::new());
+        let (mut lamps, mut weights) = (Vec::new(), Vec::new());
+        let placed = scene.placed();
         for (mesh, instance) in scene.placed_meshes() {
-            let strength = f64::from(luminance(scene.materials[mesh.material as usize].emission));
+            let emission = scene.materials[mesh.material as usize].emission;
+            let strength = f64::from(luminance(emission));
             if strength <= 0.0 {
                 continue;
             }
             for triangle in mesh.first_triangle..mesh.first_triangle + mesh.triangle_count {
-                let area = f64::from(area(scene, triangle, instance));
+                let [a, b, c] = placed.corners(triangle, instance).map(Vec3::from);
+                let across = (b - a).cross(c - a);
+                let area = f64::from(0.5 * across.length());
                 if area > 0.0 && area.is_finite() {
-                    triangles.push([triangle, instance]);
+                    let normal = across.normalize_or_zero();
+                    lamps.push(Lamp { corner: a, edges: [b - a, c - a], normal, emission, density: 0.0 });
                     weights.push(area * strength);
                 }
             }
         }
-        Self {
-            table: AliasTable::new(&weights),
-            power: weights.iter().sum(),
-            triangles,
-            sun: scene.sky.sun.filter(|sun| luminance(sun.irradiance) > 0.0).map(|sun| {
-                // A point-like sun would have infinite radiance; a tenth of the real one's half angle is sharp enough.
-                let half_angle = sun.half_angle_rad.clamp(5e-4, 1.0);
-                let direction = sun.direction.normalize_or(Vec3::Y);
-                SunDisc {
-                    frame: Frame::new(direction),
-                    direction,
-                    cos_half_angle: half_angle.cos(),
-                    // 1 - cos, without cancellation.
-                    solid_angle: 4.0 * PI * (half_angle * 0.5).sin().powi(2),
-                    radiance: sun.irradiance / (PI * half_angle.sin().powi(2)),
-                }
-            }),
-            sky: scene.sky,
+        let table = AliasTable::new(&weights);
+        let sun = scene.sky.sun.filter(|sun| luminance(sun.irradiance) > 0.0);
+        let sun_share = match (sun, &table) {
+            (None, _) => 0.0,
+            (Some(_), None) => 1.0,
+            (Some(_), Some(_)) => 0.5,
+        };
+        let power: f64 = weights.iter().sum();
+        let density = if table.is_some() { ((1.0 - f64::from(sun_share)) / power) as f32 } else { 0.0 };
+        for lamp in &mut lamps {
+            lamp.density = density * luminance(lamp.emission);
         }
+        let sun = sun.map(|sun| {
+            // A point-like sun would have infinite radiance; a tenth of the real one's half angle is sharp enough.
+            let half_angle = sun.half_angle_rad.clamp(5e-4, 1.0);
+            let direction = sun.direction.normalize_or(Vec3::Y);
+            // 1 - cos, without cancellation.
+            let solid_angle = 4.0 * PI * (half_angle * 0.5).sin().powi(2);
+            SunDisc {
+                frame: Frame::new(direction),
+                direction,
+                cos_half_angle: half_angle.cos(),
+                radiance: sun.irradiance / (PI * half_angle.sin().powi(2)),
+                pdf: sun_share / solid_angle,
+            }
+        });
+        Self { lamps, table, density, sun, sun_share, sky: scene.sky }
     }
 
     /// Number of emissive triangles, those of every instance counted.
     pub fn triangle_count(&self) -> usize {
-        self.triangles.len()
+        self.lamps.len()
     }
 
-    /// Probability that [`Lights::sample`] turns to the sun.
-    fn sun_share(&self) -> f32 {
-        match (self.sun.is_some(), self.table.is_some()) {
-            (false, _) => 0.0,
-            (true, false) => 1.0,
-            (true, true) => 0.5,
-        }
+    /// Whether emissive triangles are sampled.
+    pub fn has_lamps(&self) -> bool {
+        self.table.is_some()
+    }
+
+    /// Whether a sun is sampled.
+    pub fn has_sun(&self) -> bool {
+        self.sun.is_some()
     }
 
     /// Draws a direction towards the sun or a point on an emissive triangle. `None` where there is no such
-    /// light or the triangle is seen edge on.
-    pub fn sample(
+    /// light or the triangle is seen edge on. `LAMPS` and `SUN` are false where the scene has none.
+    #[inline(always)]
+    pub fn sample<const LAMPS: bool, const SUN: bool>(
         &self,
-        scene: &Scene,
         position: Vec3,
-        choice: f32,
-        pick: f32,
+        [choice, pick]: [f32; 2],
         u: [f32; 2],
     ) -> Option<LightSample> {
-        let sun_share = self.sun_share();
-        if choice < sun_share {
-            let sun = self.sun.as_ref()?;
+        if SUN
+            && let Some(sun) = &self.sun
+            && (!LAMPS || choice < self.sun_share)
+        {
             return Some(LightSample {
                 direction: sun.frame.to_world(uniform_cone(u, sun.cos_half_angle)),
                 distance: f32::INFINITY,
                 radiance: sun.radiance,
-                pdf: sun_share / sun.solid_angle,
+                pdf: sun.pdf,
             });
         }
-        let [triangle, instance] = self.triangles[self.table.as_ref()?.sample(pick)];
-        let [a, b, c] = scene.placed().corners(triangle, instance).map(Vec3::from);
+        if !LAMPS {
+            return None;
+        }
+        let lamp = &self.lamps[self.table.as_ref()?.sample(pick)];
         let [v, w] = uniform_triangle(u);
-        let offset = a + (b - a) * v + (c - a) * w - position;
+        let offset = lamp.corner + lamp.edges[0] * v + lamp.edges[1] * w - position;
         let distance_squared = offset.length_squared();
         let distance = distance_squared.sqrt();
-        let direction = offset / distance;
-        let normal = (b - a).cross(c - a).normalize_or_zero();
-        let emission = scene.materials[material_of(scene, triangle)].emission;
-        let pdf = self.triangle_pdf(emission, direction.dot(normal), distance_squared);
-        (pdf > 0.0 && pdf.is_finite()).then_some(LightSample { direction, distance, radiance: emission, pdf })
+        let direction = offset * (1.0 / distance);
+        let pdf = solid_angle_pdf(lamp.density, direction.dot(lamp.normal), distance_squared);
+        (pdf > 0.0 && pdf.is_finite()).then_some(LightSample {
+            direction,
+            distance,
+            radiance: lamp.emission,
+            pdf,
+        })
     }
 
-    /// Solid angle density with which [`Lights::sample`] draws a point of an emissive triangle. The
-    /// triangle's area cancels: it is chosen by area times luminance, then uniformly.
-    pub fn triangle_pdf(&self, emission: Vec3, cosine: f32, distance_squared: f32) -> f32 {
-        if self.table.is_none() {
-            return 0.0;
-        }
-        let density = f64::from(luminance(emission)) / self.power;
-        (1.0 - self.sun_share()) * density as f32 * distance_squared / cosine.abs()
+    /// Density over area with which [`Lights::sample`] draws a point that emits so much. The triangle's area
+    /// cancels: it is chosen by area times luminance, then uniformly.
+    pub fn lamp_density(&self, emission: Vec3) -> f32 {
+        self.density * luminance(emission)
     }
 
     /// Radiance of the sun's disc in a direction and the density with which it is sampled.
+    #[inline(always)]
     pub fn sun(&self, direction: Vec3) -> Option<(Vec3, f32)> {
         let sun = self.sun.as_ref()?;
         let inside = direction.dot(sun.direction) >= sun.cos_half_angle;
-        inside.then(|| (sun.radiance, self.sun_share() / sun.solid_angle))
+        inside.then_some((sun.radiance, sun.pdf))
     }
 
     /// Radiance of the sky's gradient in a direction.
+    #[inline(always)]
     pub fn sky(&self, direction: Vec3) -> Vec3 {
-        self.sky.horizon.lerp(self.sky.zenith, direction.y.clamp(0.0, 1.0))
+        self.sky.horizon + (self.sky.zenith - self.sky.horizon) * direction.y.clamp(0.0, 1.0)
     }
 }
 
-fn area(scene: &Scene, triangle: u32, instance: u32) -> f32 {
-    let [a, b, c] = scene.placed().corners(triangle, instance);
-    0.5 * (b - a).cross(c - a).length()
-}
-
-/// Material of a triangle, by binary search over the meshes. For the few look-ups that lights need.
-fn material_of(scene: &Scene, triangle: u32) -> usize {
-    let mesh = scene.meshes.partition_point(|mesh| mesh.first_triangle <= triangle) - 1;
-    scene.meshes[mesh].material as usize
+/// A density over area as one over solid angle, seen from so far away at such an angle.
+#[inline(always)]
+pub(super) fn solid_angle_pdf(density: f32, cosine: f32, distance_squared: f32) -> f32 {
+    density * distance_squared / cosine.abs()
 }

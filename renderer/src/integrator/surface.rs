@@ -2,11 +2,12 @@
 //!
 //! Barycentric weights are computed again from ray and triangle (Möller and Trumbore 1997), so that the
 //! rounding of one accelerator's kernel never reaches the picture: the same triangle gives the same point.
+//!
+//! All that shading needs of a triangle lies in one cache line, a [`Facet`]: reached through index and vertex
+//! arrays it would be up to eight lines, each a miss for a ray that bounced.
 
-use glam::{Affine3A, Vec3, Vec3A};
-use treewright_accel::{Hit, Ray};
-
-use crate::scene::Scene;
+use glam::{Vec3, Vec3A, Vec4};
+use treewright_accel::{Hit, Instance, Ray};
 
 /// How far a new ray starts from the surface, relative to the magnitude of the hit point. A point computed
 /// from barycentric weights is good to a few units in the last place of its largest coordinate; Wächter and
@@ -16,6 +17,81 @@ const OFFSET_OF_POSITION: f32 = 64.0 * f32::EPSILON;
 
 /// The same relative to the triangle's longest edge: an intersection test loses that much of it.
 const OFFSET_OF_EDGE: f32 = 8.0 * f32::EPSILON;
+
+/// Scale of a normal's components as 16-bit integers: a direction good to 3e-5, which no picture shows.
+const NORMAL_SCALE: f32 = 32_767.0;
+
+/// Normals that differ from the triangle's own by less than this (chord length) are taken for equal.
+const FLAT_WITHIN: f32 = 1e-4;
+
+/// Marks a facet with interpolated normals.
+const SMOOTH: u32 = 1 << 31;
+
+/// What shading needs of a triangle: 64 bytes, one cache line.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(super) struct Facet {
+    /// First corner; w holds the bits of material and [`SMOOTH`].
+    a: Vec4,
+    /// Edge to the second corner; w is the largest component of both edges.
+    ab: Vec4,
+    /// Edge to the third corner; w is the last component of the third normal.
+    ac: Vec4,
+    /// Normals of the corners as integers, all components but the last.
+    normals: [i16; 8],
+}
+
+const _: () = assert!(size_of::<Facet>() == 64);
+
+impl Facet {
+    /// A triangle with a material (below 2³¹) and the normals of its corners, if it has any.
+    pub(super) fn new([a, b, c]: [Vec3A; 3], material: u32, normals: Option<[Vec3; 3]>) -> Self {
+        let (ab, ac) = (b - a, c - a);
+        let own = Vec3::from(ab.cross(ac)).normalize_or_zero();
+        let smooth = normals.filter(|normals| {
+            let flat = |normal: &Vec3| {
+                (*normal - own).length() < FLAT_WITHIN || (*normal + own).length() < FLAT_WITHIN
+            };
+            !normals.iter().all(flat)
+        });
+        let mark = if smooth.is_some() { SMOOTH } else { 0 };
+        let [n, o, p] = smooth
+            .unwrap_or_default()
+            .map(|normal| (normal * NORMAL_SCALE).round().to_array().map(|component| component as i16));
+        Self {
+            a: a.extend(f32::from_bits(material | mark)),
+            ab: ab.extend(longest(ab, ac)),
+            ac: ac.extend(f32::from(p[2])),
+            normals: [n[0], n[1], n[2], o[0], o[1], o[2], p[0], p[1]],
+        }
+    }
+
+    /// Number of its material.
+    #[inline(always)]
+    pub(super) fn material(&self) -> usize {
+        (self.a.w.to_bits() & !SMOOTH) as usize
+    }
+
+    /// Whether its normals are interpolated.
+    #[inline(always)]
+    pub(super) fn is_smooth(&self) -> bool {
+        self.a.w.to_bits() & SMOOTH != 0
+    }
+
+    /// The interpolated normal, of any length.
+    #[inline(always)]
+    fn normal(&self, u: f32, v: f32) -> Vec3 {
+        let [a, b, c, d, e, f, g, h] = self.normals.map(f32::from);
+        let w = 1.0 - u - v;
+        Vec3::new(a, b, c) * w + Vec3::new(d, e, f) * u + Vec3::new(g, h, self.ac.w) * v
+    }
+}
+
+/// The largest component of two edges.
+#[inline(always)]
+fn longest(ab: Vec3A, ac: Vec3A) -> f32 {
+    ab.abs().max(ac.abs()).max_element()
+}
 
 /// A point on a triangle, seen from a ray.
 #[derive(Clone, Copy, Debug)]
@@ -31,53 +107,70 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    /// The point where `ray` meets the triangle of `hit`. `None` if the triangle has no area.
-    pub(super) fn new(scene: &Scene, ray: &Ray, hit: &Hit) -> Option<Self> {
-        let [a, b, c] = scene.placed().corners(hit.triangle, hit.instance);
-        let (ab, ac) = (b - a, c - a);
+    /// The point where `ray` meets the facet, which is that of `hit` and stands in the world where `instance`
+    /// places it. `None` if the triangle has no area. `INTERPOLATE` is false where no facet is smooth.
+    #[inline(always)]
+    pub(super) fn new<const INTERPOLATE: bool>(
+        facet: &Facet,
+        instance: Option<&Instance>,
+        ray: &Ray,
+        hit: &Hit,
+    ) -> Option<Self> {
+        let [mut a, mut ab, mut ac] = [facet.a, facet.ab, facet.ac].map(Vec3A::from_vec4);
+        let (mut edge, mut place) = (facet.ab.w, 0.0);
+        if let Some(Instance { to_world, .. }) = instance {
+            a = to_world.transform_point3a(a);
+            [ab, ac] = [ab, ac].map(|edge| to_world.transform_vector3a(edge));
+            edge = longest(ab, ac);
+            // A ray's way into an object's space rounds at the magnitude of the object's place as well.
+            place = to_world.translation.abs().max_element();
+        }
         let (u, v) = barycentric(ray, a, ab, ac).unwrap_or((hit.u, hit.v));
-        let mut geometric_normal = Vec3::from(ab.cross(ac)).try_normalize()?;
+        let across = Vec3::from(ab.cross(ac));
+        let scale = across.length_squared();
+        // Squares of tiny triangles underflow; the slower way is right for them.
+        let mut geometric_normal = if scale > 1e-30 && scale < 1e30 {
+            across * (1.0 / scale.sqrt())
+        } else {
+            across.try_normalize()?
+        };
         if geometric_normal.dot(ray.direction) > 0.0 {
             geometric_normal = -geometric_normal;
         }
         let position = Vec3::from(a + ab * u + ac * v);
-        let edge = ab.abs().max_element().max(ac.abs().max_element());
-        let to_object = scene.instance(hit.instance).map(|instance| &instance.to_object);
-        // A ray's way into an object's space rounds at the magnitude of the object's place as well.
-        let place =
-            scene.instance(hit.instance).map_or(0.0, |at| at.to_world.translation.abs().max_element());
-        Some(
-            Self {
-                position,
-                geometric_normal,
-                shading_normal: shading_normal(scene, ray, hit.triangle, to_object, [1.0 - u - v, u, v])
-                    .unwrap_or(geometric_normal),
-                offset: OFFSET_OF_POSITION * position.abs().max_element().max(place) + OFFSET_OF_EDGE * edge,
-            }
-            .guarded(ray),
-        )
-    }
-
-    /// Normals interpolated over coarse meshes can turn away from the viewer or from the triangle; the
-    /// triangle's own normal is right then.
-    fn guarded(mut self, ray: &Ray) -> Self {
-        if self.shading_normal.dot(self.geometric_normal) < 0.0 {
-            self.shading_normal = -self.shading_normal;
-        }
-        if self.shading_normal.dot(ray.direction) >= 0.0 {
-            self.shading_normal = self.geometric_normal;
-        }
-        self
+        let shading_normal = if INTERPOLATE && facet.is_smooth() {
+            let normal = facet.normal(u, v);
+            // Normals go to the world by the inverse's transpose.
+            let normal = instance.map_or(normal, |instance| instance.to_object.matrix3.transpose() * normal);
+            guarded(normal, geometric_normal, ray)
+        } else {
+            geometric_normal
+        };
+        let magnitude = position.abs().max_element().max(place);
+        let offset = OFFSET_OF_POSITION * magnitude + OFFSET_OF_EDGE * edge;
+        Some(Self { position, geometric_normal, shading_normal, offset })
     }
 
     /// Where a ray in `direction` starts: off the surface, on the side it goes to.
+    #[inline(always)]
     pub(super) fn start(&self, direction: Vec3) -> Vec3 {
         let side = self.offset.copysign(direction.dot(self.geometric_normal));
         self.position + self.geometric_normal * side
     }
 }
 
+/// The interpolated normal on the viewer's side. Normals interpolated over coarse meshes can turn away from
+/// the viewer or from the triangle; the triangle's own normal is right then.
+#[inline(always)]
+fn guarded(interpolated: Vec3, geometric_normal: Vec3, ray: &Ray) -> Vec3 {
+    let side = interpolated.dot(geometric_normal);
+    let normal = interpolated * (1.0_f32.copysign(side) / interpolated.length());
+    // Also when corners' normals cancel and there is nothing to normalise.
+    if normal.dot(ray.direction) < 0.0 { normal } else { geometric_normal }
+}
+
 /// Weights of the second and third corner, clamped to the triangle. `None` for a ray in its plane.
+#[inline(always)]
 fn barycentric(ray: &Ray, a: Vec3A, ab: Vec3A, ac: Vec3A) -> Option<(f32, f32)> {
     let direction = Vec3A::from(ray.direction);
     let across = direction.cross(ac);
@@ -90,24 +183,4 @@ fn barycentric(ray: &Ray, a: Vec3A, ab: Vec3A, ac: Vec3A) -> Option<(f32, f32)> 
     }
     let u = u.clamp(0.0, 1.0);
     Some((u, v.clamp(0.0, 1.0 - u)))
-}
-
-fn shading_normal(
-    scene: &Scene,
-    ray: &Ray,
-    triangle: u32,
-    to_object: Option<&Affine3A>,
-    weights: [f32; 3],
-) -> Option<Vec3> {
-    if scene.normals.is_empty() {
-        return None;
-    }
-    let [a, b, c] = scene.triangles.indices()[triangle as usize].map(|vertex| scene.normals[vertex as usize]);
-    let mut normal = a * weights[0] + b * weights[1] + c * weights[2];
-    if let Some(to_object) = to_object {
-        // Normals go to the world by the inverse's transpose.
-        normal = to_object.matrix3.transpose() * normal;
-    }
-    let normal = normal.try_normalize()?;
-    Some(if normal.dot(ray.direction) > 0.0 { -normal } else { normal })
 }

@@ -4,11 +4,12 @@ use std::sync::Arc;
 
 use glam::{Vec3, Vec3A};
 use proptest::prelude::*;
-use treewright_accel::{BruteForce, Triangles};
+use treewright_accel::{BruteForce, Intersector, Ray, Triangles};
 
 use super::*;
-use crate::film::Picture;
-use crate::scene::{Material, Mesh, Sky, Sun};
+use crate::film::{Film, Picture};
+use crate::render_options::RenderOptions;
+use crate::scene::{Material, Mesh, Scene, Sky, Sun};
 
 const NIGHT: Sky = Sky { zenith: Vec3::ZERO, horizon: Vec3::ZERO, sun: None };
 
@@ -80,7 +81,14 @@ fn render(scene: &Arc<Scene>, camera: Camera, samples: u32) -> (Picture, Counts)
     let mut film = Film::new(24, 18);
     let mut counts = Counts::default();
     for _ in 0..samples {
-        counts += render_sample(&prepared, &brute_force, &view, &RenderOptions::default(), &mut film);
+        counts += render_sample(
+            &prepared,
+            &brute_force,
+            &view,
+            &RenderOptions::default(),
+            prepared.needs,
+            &mut film,
+        );
     }
     (film.picture(), counts)
 }
@@ -210,7 +218,14 @@ fn seeds_and_samples_change_the_noise_but_not_the_light() {
         let mut film = Film::new(24, 18);
         let view = View { camera: room.cameras[0], seed, bounces: 3 };
         for _ in 0..64 {
-            render_sample(&prepared, &brute_force, &view, &RenderOptions::default(), &mut film);
+            render_sample(
+                &prepared,
+                &brute_force,
+                &view,
+                &RenderOptions::default(),
+                prepared.needs,
+                &mut film,
+            );
         }
         film.picture()
     };
@@ -252,7 +267,8 @@ proptest! {
         let origin = inside + normal * scale * 2.0;
         let ray = Ray { origin, direction: (inside - origin).normalize(), t_min: 0.0, t_max: f32::INFINITY };
         let Some(hit) = brute_force.closest(&ray) else { return Ok(()) };
-        let surface = surface::Surface::new(&scene, &ray, &hit).expect("the triangle has area");
+        let facet = surface::Facet::new(scene.triangles.corners(0), 0, None);
+        let surface = surface::Surface::new::<false>(&facet, None, &ray, &hit).expect("the triangle has area");
         let direction = Vec3::from_array(target).normalize_or(Vec3::X);
         let next = Ray { origin: surface.start(direction), direction, t_min: 0.0, t_max: f32::INFINITY };
         prop_assert!(!brute_force.occluded(&next));

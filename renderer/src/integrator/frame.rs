@@ -1,0 +1,121 @@
+//! One sample of a picture: tiles are handed to threads, each works its tiles off in one of two ways.
+
+use std::cell::RefCell;
+use std::sync::{Mutex, PoisonError};
+
+use treewright_accel::{Intersector, Ray};
+
+use super::lens::Lens;
+use super::morton::decode_2;
+use super::needs::Needs;
+use super::path;
+use super::prepared::Prepared;
+use super::random::PathRandom;
+use super::stages::{self, Buffers};
+use super::vertex::{Kernel, Path};
+use super::{Counts, View};
+use crate::film::{Film, Tile};
+use crate::render_options::RenderOptions;
+
+thread_local! {
+    /// Kept from frame to frame.
+    static BUFFERS: RefCell<Buffers> = RefCell::default();
+}
+
+/// What all tiles of a frame share.
+pub(super) struct Frame<'a> {
+    pub(super) prepared: &'a Prepared,
+    pub(super) options: &'a RenderOptions,
+    pub(super) kernel: Kernel,
+    pub(super) bounces: u32,
+    lens: Lens,
+    seed: u64,
+    width: u32,
+    height: u32,
+    sample: u32,
+}
+
+/// Adds one sample to each pixel of the film. Runs on the rayon pool it is called in; the film's number of
+/// samples is the number of this one. `needs` are those of the scene, or more: pictures are the same.
+///
+/// # Panics
+/// If `needs` do not cover those of the scene.
+pub fn render_sample<I: Intersector>(
+    prepared: &Prepared,
+    intersector: &I,
+    view: &View,
+    options: &RenderOptions,
+    needs: Needs,
+    film: &mut Film,
+) -> Counts {
+    assert!(needs.covers(prepared.needs), "the kernel must be able to do what the scene needs");
+    let frame = Frame {
+        prepared,
+        options,
+        kernel: Kernel::of(needs),
+        bounces: view.bounces,
+        lens: Lens::new(&view.camera, film.width(), film.height()),
+        seed: view.seed,
+        width: film.width(),
+        height: film.height(),
+        sample: film.samples(),
+    };
+    // Tiles differ in cost by an order of magnitude, so each thread fetches the next when it is done with one.
+    // That is one uncontended lock a tile, none a ray.
+    let tiles = Mutex::new(film.tiles(options.tile, options.tile_order).into_iter());
+    let next = || tiles.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let threads = match options.threads {
+        0 => usize::MAX,
+        threads => threads as usize,
+    };
+    let counts = rayon::broadcast(|context| {
+        let mut counts = Counts::default();
+        if context.index() < threads {
+            BUFFERS.with_borrow_mut(|buffers| {
+                while let Some(mut tile) = next() {
+                    if options.staged {
+                        stages::render(&frame, intersector, buffers, &mut tile, &mut counts);
+                    } else {
+                        frame.path_by_path(intersector, &mut tile, &mut counts);
+                    }
+                }
+            });
+        }
+        counts
+    });
+    drop(tiles);
+    film.count_sample();
+    counts.into_iter().fold(Counts::default(), |mut sum, counts| {
+        sum += counts;
+        sum
+    })
+}
+
+impl Frame<'_> {
+    /// The path of a pixel of a tile and its first ray. `None` outside the picture.
+    #[inline(always)]
+    pub(super) fn begin(&self, tile: &Tile<'_>, pixel: u32) -> Option<(Path, Ray)> {
+        let (x, y) = decode_2(pixel);
+        let (x, y) = (tile.left + x, tile.top + y);
+        if x >= self.width || y >= self.height {
+            return None;
+        }
+        let random = PathRandom::new(self.seed, y * self.width + x, self.sample);
+        Some((Path::new(pixel, random), self.lens.ray(x, y, random.pair(0))))
+    }
+
+    /// Whether rays of a stage, counted from the camera's as 0, need not know what they meet.
+    #[inline(always)]
+    pub(super) fn is_blind(&self, stage: u32) -> bool {
+        stage == self.bounces && !self.kernel.needs.last_hits()
+    }
+
+    fn path_by_path<I: Intersector>(&self, intersector: &I, tile: &mut Tile<'_>, counts: &mut Counts) {
+        for pixel in 0..tile.sums.len() {
+            if let Some((path, ray)) = self.begin(tile, pixel as u32) {
+                let radiance = path::radiance(self, intersector, path, ray, counts);
+                counts.add_sample(&mut tile.sums[pixel], radiance);
+            }
+        }
+    }
+}

@@ -1,0 +1,43 @@
+//! The pinhole camera.
+
+use glam::Vec3;
+use treewright_accel::Ray;
+
+use crate::scene::Camera;
+
+/// A pinhole camera's rays.
+#[derive(Clone, Copy, Debug)]
+pub struct Lens {
+    position: Vec3,
+    corner: Vec3,
+    right: Vec3,
+    down: Vec3,
+}
+
+impl Lens {
+    /// The lens of a camera for a picture of `width` × `height` pixels.
+    pub fn new(camera: &Camera, width: u32, height: u32) -> Self {
+        let forward = (camera.target - camera.position).normalize_or(Vec3::NEG_Z);
+        let right = forward
+            .cross(camera.up)
+            .try_normalize()
+            // Looking along the up vector: any right will do.
+            .unwrap_or_else(|| forward.any_orthonormal_vector());
+        let up = right.cross(forward);
+        let half_height = (camera.vertical_fov_deg.clamp(0.1, 179.0).to_radians() * 0.5).tan();
+        let half_width = half_height * width as f32 / height as f32;
+        Self {
+            position: camera.position,
+            corner: forward - right * half_width + up * half_height,
+            right: right * (2.0 * half_width / width as f32),
+            down: -up * (2.0 * half_height / height as f32),
+        }
+    }
+
+    /// The ray through a point of a pixel, given by two numbers in [0, 1).
+    #[inline]
+    pub fn ray(&self, x: u32, y: u32, [u, v]: [f32; 2]) -> Ray {
+        let direction = self.corner + self.right * (x as f32 + u) + self.down * (y as f32 + v);
+        Ray { origin: self.position, direction: direction.normalize(), t_min: 0.0, t_max: f32::INFINITY }
+    }
+}

@@ -1,0 +1,178 @@
+//! What a scene asks of the integrator, and what can therefore be left out.
+//!
+//! Decided once, when a scene is prepared, from what is in it: which materials its triangles really have,
+//! whether anything shines. Each set of needs has a shading kernel of its own, compiled without the rest, so
+//! that leaving out costs no test per ray. A kernel that can do more gives the same picture bit for bit.
+
+use serde::Serialize;
+
+/// What shading must be able to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Needs {
+    /// Normals interpolated between the corners of a triangle.
+    pub smooth: bool,
+    /// Surfaces that reflect: metals, mirrors, the gloss of dielectrics. Otherwise all are Lambert's.
+    pub layers: bool,
+    /// Thin sheets that light passes straight through. They come with a reflecting layer.
+    pub sheets: bool,
+    /// Emissive triangles.
+    pub lamps: bool,
+    /// A sun.
+    pub sun: bool,
+    /// More than one material.
+    pub materials: bool,
+    /// Objects placed by instances. Such scenes have the kernel that can do everything.
+    pub instances: bool,
+}
+
+/// Something that a scene does not need.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Omission {
+    /// What is left out.
+    pub what: &'static str,
+    /// Why the scene can do without.
+    pub why: &'static str,
+    /// The needs with this one put back.
+    #[serde(skip)]
+    pub put_back: Needs,
+}
+
+impl Needs {
+    /// Everything: the kernel that renders any scene.
+    pub const ALL: Self = Self {
+        smooth: true,
+        layers: true,
+        sheets: true,
+        lamps: true,
+        sun: true,
+        materials: true,
+        instances: true,
+    };
+
+    /// Number of sets that have kernels: those without instances, and everything.
+    pub(super) const SETS: usize = 65;
+
+    /// As a number.
+    pub(super) const fn bits(self) -> usize {
+        self.smooth as usize
+            | (self.layers as usize) << 1
+            | (self.sheets as usize) << 2
+            | (self.lamps as usize) << 3
+            | (self.sun as usize) << 4
+            | (self.materials as usize) << 5
+            | (self.instances as usize) << 6
+    }
+
+    /// The set of a number.
+    pub(super) const fn from_bits(bits: usize) -> Self {
+        Self {
+            smooth: bits & 1 != 0,
+            layers: bits & 2 != 0,
+            sheets: bits & 4 != 0,
+            lamps: bits & 8 != 0,
+            sun: bits & 16 != 0,
+            materials: bits & 32 != 0,
+            instances: bits & 64 != 0,
+        }
+    }
+
+    /// With what comes along: sheets reflect as well, and instances come with everything.
+    pub(super) const fn closed(self) -> Self {
+        if self.instances { Self::ALL } else { Self { layers: self.layers || self.sheets, ..self } }
+    }
+
+    /// Whether a kernel for these needs can render a scene with those.
+    pub fn covers(self, needed: Self) -> bool {
+        needed.bits() & !self.bits() == 0
+    }
+
+    /// Whether some light is sampled, which takes shadow rays.
+    pub const fn shadows(self) -> bool {
+        self.lamps || self.sun
+    }
+
+    /// Whether a ray after the last bounce must know what it meets. Where nothing it meets can shine or be lit
+    /// directly or let it through, it is enough to know that it meets something: no light of the sky.
+    pub const fn last_hits(self) -> bool {
+        self.shadows() || self.sheets
+    }
+
+    /// What is left out with these needs, and why.
+    pub fn omissions(self) -> Vec<Omission> {
+        let all = [
+            (self.smooth, "interpolated normals", "every triangle is flat", Self { smooth: true, ..self }),
+            (
+                self.layers,
+                "reflection: metals, mirrors, gloss",
+                "every material is matt with index of refraction 1",
+                Self { layers: true, ..self },
+            ),
+            (
+                self.sheets,
+                "transmission",
+                "no material lets light through",
+                Self { sheets: true, layers: true, ..self },
+            ),
+            (
+                self.lamps,
+                "emission and the sampling of lamps",
+                "no triangle shines",
+                Self { lamps: true, ..self },
+            ),
+            (self.sun, "the sun", "the sky has none", Self { sun: true, ..self }),
+            (
+                self.shadows(),
+                "shadow rays",
+                "no light is sampled: the sky is found by the surfaces' own sampling",
+                Self { lamps: true, sun: true, ..self },
+            ),
+            (
+                self.last_hits(),
+                "nearest hits after the last bounce",
+                "nothing there could shine, be lit or let light through: that something is met is enough",
+                Self { sun: true, ..self },
+            ),
+            (
+                self.materials,
+                "the look-up of materials",
+                "all triangles have one material",
+                Self { materials: true, ..self },
+            ),
+            (
+                self.instances,
+                "instances",
+                "every triangle stands in the world itself",
+                Self { instances: true, ..self }.closed(),
+            ),
+        ];
+        all.into_iter()
+            .filter(|(needed, ..)| !needed)
+            .map(|(_, what, why, put_back): (bool, _, _, Self)| Omission { what, why, put_back })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_set_has_its_number() {
+        for bits in 0..128 {
+            let needs = Needs::from_bits(bits);
+            assert_eq!(needs.bits(), bits);
+            assert!(Needs::ALL.covers(needs) && needs.covers(needs));
+            assert_eq!(needs.covers(Needs::ALL), needs == Needs::ALL);
+        }
+    }
+
+    #[test]
+    fn what_is_put_back_is_more_and_what_is_needed_is_not_listed() {
+        assert!(Needs::ALL.omissions().is_empty());
+        let least = Needs::from_bits(0);
+        assert_eq!(least.omissions().len(), 9);
+        for omission in least.omissions() {
+            assert!(omission.put_back.covers(least) && omission.put_back != least, "{}", omission.what);
+        }
+    }
+}

@@ -1,0 +1,224 @@
+//! The order of work changes no picture: every option against the path-by-path way, and every shading kernel
+//! against the least one, bit for bit.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use treewright_accel::{
+    BuildChoice, Device, Hit, Intersector, NativeOptions, Packets, Ray, Structure, TreeParameters, Visitor,
+    build,
+};
+
+use super::{Counts, Needs, Prepared, View, render_sample};
+use crate::film::{Film, Picture};
+use crate::render_options::{RenderOptions, Sort, TileOrder};
+use crate::scene::builtin::{self, Options};
+use crate::scene::{Material, Scene, Sky, Sun};
+
+/// Two samples of a picture.
+struct Render<'a> {
+    prepared: &'a Prepared,
+    options: RenderOptions,
+    needs: Needs,
+    bounces: u32,
+}
+
+impl Visitor for Render<'_> {
+    type Output = (Picture, Counts);
+
+    fn visit<I: Intersector>(self, intersector: &I) -> Self::Output {
+        // No multiple of any tile.
+        let mut film = Film::new(53, 37);
+        let view = View { camera: self.prepared.scene.cameras[0], seed: 3, bounces: self.bounces };
+        let mut counts = Counts::default();
+        for _ in 0..2 {
+            counts += render_sample(self.prepared, intersector, &view, &self.options, self.needs, &mut film);
+        }
+        (film.picture(), counts)
+    }
+}
+
+fn native(device: &Device, scene: &Scene) -> Structure {
+    build(device, &scene.triangles, &BuildChoice::Native(NativeOptions::default())).expect("it is built")
+}
+
+/// Small scenes that between them use all there is.
+fn scenes() -> Vec<Arc<Scene>> {
+    let options = Options { detail: 0.02, ..Options::default() };
+    let mut scenes: Vec<Scene> = ["quick", "hall", "gallery", "statue"]
+        .iter()
+        .map(|name| builtin::build(name, &options).expect("it is a scene"))
+        .collect();
+    // Under a plain sky, all matt and of one kind.
+    let mut plain = scenes[0].clone();
+    plain.name = "plain".into();
+    plain.sky = Sky { zenith: Vec3::splat(0.8), horizon: Vec3::splat(0.5), sun: None };
+    plain.normals = Vec::new();
+    plain.materials.fill(Material { ior: 1.0, ..Material::default() });
+    scenes.push(plain);
+    // Everything of glass, lamps among it.
+    let mut glass = scenes[0].clone();
+    glass.name = "glass".into();
+    for (number, material) in glass.materials.iter_mut().enumerate() {
+        material.transmission = 0.7;
+        material.roughness = [0.0, 0.4][number % 2];
+        material.emission = Vec3::splat([0.0, 0.0, 2.0][number % 3]);
+    }
+    glass.sky.sun = Some(Sun::towards(Vec3::new(0.3, 1.0, 0.2), Vec3::splat(2.0)));
+    scenes.push(glass);
+    scenes.into_iter().map(Arc::new).collect()
+}
+
+/// Staged options that between them have every value of every option.
+fn staged() -> Vec<RenderOptions> {
+    let mut all = Vec::new();
+    for (index, packets) in Packets::ALL.into_iter().enumerate() {
+        for sort in [Sort::None, Sort::Octant, Sort::OctantMorton] {
+            for (turn, tile) in [8, 16, 32, 64].into_iter().enumerate() {
+                let packets_of = |class: usize| Packets::ALL[(index + class * turn) % Packets::ALL.len()];
+                all.push(RenderOptions {
+                    staged: true,
+                    tile,
+                    tile_order: [TileOrder::Rows, TileOrder::Morton][(index + turn) % 2],
+                    primary: packets,
+                    first_shadow: packets_of(1),
+                    bounce: packets_of(2),
+                    shadow: packets_of(3),
+                    sort,
+                    threads: turn as u32 % 3,
+                });
+            }
+        }
+    }
+    all
+}
+
+/// Traces the rays of every packet one by one.
+struct OneByOne<'a, I>(&'a I);
+
+impl<I: Intersector> Intersector for OneByOne<'_, I> {
+    fn closest(&self, ray: &Ray) -> Option<Hit> {
+        self.0.closest(ray)
+    }
+
+    fn occluded(&self, ray: &Ray) -> bool {
+        self.0.occluded(ray)
+    }
+}
+
+/// The same with every ray on its own.
+struct RenderOneByOne<'a>(Render<'a>);
+
+impl Visitor for RenderOneByOne<'_> {
+    type Output = (Picture, Counts);
+
+    fn visit<I: Intersector>(self, intersector: &I) -> Self::Output {
+        self.0.visit(&OneByOne(intersector))
+    }
+}
+
+#[test]
+fn no_option_changes_the_picture() {
+    let device = Device::open(0).expect("Embree is set up");
+    for scene in scenes() {
+        let structure = native(&device, &scene);
+        let prepared = Prepared::new(scene.clone());
+        let render = |options| Render { prepared: &prepared, options, needs: prepared.needs, bounces: 3 };
+        let (reference, counts) = structure.visit(render(RenderOptions::default()));
+        assert!(reference.mean_luminance() > 0.0 && counts.bad_samples == 0, "{}", scene.name);
+        for options in staged() {
+            let (picture, same) = structure.visit(RenderOneByOne(render(options)));
+            assert_eq!(counts, same, "{}: {options:?}", scene.name);
+            assert!(picture == reference, "{}: {options:?}", scene.name);
+        }
+    }
+}
+
+#[test]
+fn packets_find_what_single_rays_find() {
+    let device = Device::open(0).expect("Embree is set up");
+    for scene in scenes() {
+        let structure = native(&device, &scene);
+        let prepared = Prepared::new(scene.clone());
+        let render = |options| {
+            structure.visit(Render { prepared: &prepared, options, needs: prepared.needs, bounces: 3 })
+        };
+        let (reference, counts) = render(RenderOptions::default());
+        for packets in Packets::ALL {
+            let options = RenderOptions {
+                staged: true,
+                primary: packets,
+                first_shadow: packets,
+                bounce: packets,
+                shadow: packets,
+                ..RenderOptions::default()
+            };
+            let (picture, others) = render(options);
+            // A packet may find the other one of two triangles that a ray meets at their common edge or that lie
+            // upon each other, and then a path goes another way.
+            let pairs = picture.pixels.iter().zip(&reference.pixels);
+            let differing = pairs.filter(|(one, other)| one != other).count();
+            assert!(differing * 50 <= reference.pixels.len(), "{}, {packets:?}: {differing}", scene.name);
+            assert!(others.shadow_rays.abs_diff(counts.shadow_rays) * 500 <= counts.shadow_rays);
+            if packets == Packets::Single {
+                assert_eq!((differing, others), (0, counts), "{}", scene.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn no_omission_changes_the_picture() {
+    let device = Device::open(0).expect("Embree is set up");
+    let mut omitted = 0;
+    for scene in scenes() {
+        let structure = native(&device, &scene);
+        let prepared = Prepared::new(scene.clone());
+        for staged in [false, true] {
+            for bounces in [0, 1, 3] {
+                let render = |needs| {
+                    let options = RenderOptions { staged, ..RenderOptions::default() };
+                    structure.visit(Render { prepared: &prepared, options, needs, bounces }).0
+                };
+                let least = render(prepared.needs);
+                for needs in prepared.needs.omissions().iter().map(|one| one.put_back).chain([Needs::ALL]) {
+                    assert!(render(needs) == least, "{}: {needs:?}, {bounces} bounces", scene.name);
+                    omitted += 1;
+                }
+            }
+        }
+    }
+    assert!(omitted > 60, "the scenes need too much: {omitted}");
+}
+
+#[test]
+fn accelerators_agree_on_the_staged_picture() {
+    let device = Device::open(0).expect("Embree is set up");
+    let scene = Arc::new(
+        builtin::build("quick", &Options { detail: 0.01, ..Options::default() }).expect("it is a scene"),
+    );
+    let prepared = Prepared::new(scene.clone());
+    let options = RenderOptions {
+        staged: true,
+        primary: Packets::SixteenCoherent,
+        first_shadow: Packets::EightCoherent,
+        ..RenderOptions::default()
+    };
+    let choices = [
+        BuildChoice::BruteForce,
+        BuildChoice::Native(NativeOptions::default()),
+        BuildChoice::Tree(TreeParameters::default()),
+    ];
+    let pictures: Vec<Picture> = choices
+        .iter()
+        .map(|choice| {
+            let structure = build(&device, &scene.triangles, choice).expect("it is built");
+            structure.visit(Render { prepared: &prepared, options, needs: prepared.needs, bounces: 2 }).0
+        })
+        .collect();
+    for picture in &pictures[1..] {
+        // Where two triangles meet, either may be found.
+        let difference = pictures[0].mean_relative_difference(picture);
+        assert!(difference < 2e-3, "{difference}");
+    }
+}

@@ -1,0 +1,114 @@
+//! A scene with the tables that shading needs.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::bsdf::Bsdf;
+use super::lights::Lights;
+use super::needs::Needs;
+use super::surface::Facet;
+use crate::scene::{Material, Scene};
+
+/// A scene with the tables that shading needs. Independent of the acceleration structure and the camera.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// What is rendered.
+    pub scene: Arc<Scene>,
+    /// Its lights.
+    pub lights: Lights,
+    /// What its shading must be able to do.
+    pub needs: Needs,
+    /// One a triangle.
+    pub(super) facets: Vec<Facet>,
+    /// Those that triangles have, each once.
+    pub(super) surfaces: Vec<Shading>,
+}
+
+/// A material ready for shading.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shading {
+    pub(super) bsdf: Bsdf,
+    pub(super) emission: Vec3,
+    /// See [`Lights::lamp_density`].
+    pub(super) density: f32,
+    /// Whether it shines.
+    pub(super) glows: bool,
+}
+
+impl Prepared {
+    /// Makes the tables: O(triangles).
+    pub fn new(scene: Arc<Scene>) -> Self {
+        let lights = Lights::new(&scene);
+        let (surfaces, material_of_mesh) = surfaces(&scene, &lights);
+        let facets = facets(&scene, &material_of_mesh);
+        let needs = Needs {
+            smooth: facets.par_iter().any(Facet::is_smooth),
+            layers: surfaces.iter().any(|surface| !surface.bsdf.is_matt()),
+            sheets: surfaces.iter().any(|surface| surface.bsdf.is_thin()),
+            lamps: lights.has_lamps() || surfaces.iter().any(|surface| surface.glows),
+            sun: lights.has_sun(),
+            materials: surfaces.len() > 1,
+            instances: scene.instances.is_some(),
+        }
+        .closed();
+        Self { lights, needs, facets, surfaces, scene }
+    }
+
+    /// What a hit triangle is made of. `MANY` is false where all have one material.
+    #[inline(always)]
+    pub(super) fn surface<const MANY: bool>(&self, facet: &Facet) -> &Shading {
+        &self.surfaces[if MANY { facet.material() } else { 0 }]
+    }
+}
+
+/// The materials that meshes with triangles have, equal ones once, and which of them each mesh has.
+fn surfaces(scene: &Scene, lights: &Lights) -> (Vec<Shading>, Vec<u32>) {
+    let mut surfaces = Vec::new();
+    let mut known = HashMap::new();
+    let material_of_mesh = scene
+        .meshes
+        .iter()
+        .map(|mesh| {
+            let material = &scene.materials[mesh.material as usize];
+            *known.entry(key(material)).or_insert_with(|| {
+                surfaces.push(Shading {
+                    bsdf: Bsdf::new(material),
+                    emission: material.emission,
+                    density: lights.lamp_density(material.emission),
+                    glows: material.emission != Vec3::ZERO,
+                });
+                surfaces.len() as u32 - 1
+            })
+        })
+        .collect();
+    (surfaces, material_of_mesh)
+}
+
+/// A material's bits: equal for materials that look equal.
+fn key(material: &Material) -> [u32; 10] {
+    let [r, g, b] = material.base_color.to_array();
+    let [x, y, z] = material.emission.to_array();
+    let Material { metallic, roughness, transmission, ior, .. } = *material;
+    [r, g, b, x, y, z, metallic, roughness, transmission, ior].map(f32::to_bits)
+}
+
+fn facets(scene: &Scene, material_of_mesh: &[u32]) -> Vec<Facet> {
+    let covered: usize = scene.meshes.iter().map(|mesh| mesh.triangle_count as usize).sum();
+    assert_eq!(covered, scene.triangles.len(), "the meshes of a scene cover its triangles");
+    let indices = scene.triangles.indices();
+    let mut facets = Vec::with_capacity(indices.len());
+    (0..indices.len())
+        .into_par_iter()
+        .with_min_len(4096)
+        .map(|triangle| {
+            let mesh = scene.meshes.partition_point(|mesh| mesh.first_triangle as usize <= triangle) - 1;
+            let normals = (!scene.normals.is_empty())
+                .then(|| indices[triangle].map(|vertex| scene.normals[vertex as usize]));
+            Facet::new(scene.triangles.corners(triangle), material_of_mesh[mesh], normals)
+        })
+        .collect_into_vec(&mut facets);
+    facets
+}

@@ -1,0 +1,181 @@
+//! Stage by stage: all camera rays of a tile, all their shadow rays, all first bounces, and so on.
+//!
+//! Rays of one class lie side by side, so that they can be traced in packets, code and tree stay in the
+//! caches, and what a hit needs can be fetched ahead. Compare Laine, Karras and Aila, Megakernels Considered
+//! Harmful: Wavefront Path Tracing on GPUs (HPG 2013). Each path keeps its own random numbers and its light
+//! is summed in the order of its vertices, so pictures are those of the path-by-path way, bit for bit.
+
+use glam::Vec3;
+use treewright_accel::{Hit, Intersector, Ray, prefetch};
+
+use super::Counts;
+use super::frame::Frame;
+use super::random::PathRandom;
+use super::sort::Sorter;
+use super::vertex::{Path, Shadow, missed, through_sheets};
+use crate::film::Tile;
+
+/// How many hits ahead a facet is fetched: enough to hide a miss behind shading.
+const AHEAD: usize = 6;
+
+/// Memory of one thread: grows to the largest tile, then stays.
+#[derive(Debug, Default)]
+pub(super) struct Buffers {
+    /// Those that go on, and the ray each follows.
+    paths: Vec<Path>,
+    rays: Vec<Ray>,
+    hits: Vec<Option<Hit>>,
+    /// Shadow rays, the light of each, and whose it is.
+    shadow_rays: Vec<Ray>,
+    shadow_light: Vec<(Vec3, u32)>,
+    occluded: Vec<bool>,
+    /// Light of each pixel's sample.
+    radiance: Vec<Vec3>,
+    sorter: Sorter,
+}
+
+const NO_RAY: Ray = Shadow::BLANK.ray;
+
+impl Buffers {
+    fn reserve(&mut self, pixels: usize) {
+        if self.paths.len() < pixels {
+            self.paths.resize(pixels, Path::new(0, PathRandom::default()));
+            self.rays.resize(pixels, NO_RAY);
+            self.hits.resize(pixels, None);
+            self.shadow_rays.resize(pixels, NO_RAY);
+            self.shadow_light.resize(pixels, (Vec3::ZERO, 0));
+            self.occluded.resize(pixels, false);
+            self.radiance.resize(pixels, Vec3::ZERO);
+            self.sorter.reserve(pixels);
+        }
+    }
+}
+
+/// Adds a sample to each pixel of a tile.
+pub(super) fn render<I: Intersector>(
+    frame: &Frame,
+    intersector: &I,
+    buffers: &mut Buffers,
+    tile: &mut Tile<'_>,
+    counts: &mut Counts,
+) {
+    let pixels = tile.sums.len();
+    buffers.reserve(pixels);
+    let mut active = 0;
+    for pixel in 0..pixels as u32 {
+        if let Some((path, ray)) = frame.begin(tile, pixel) {
+            buffers.paths[active] = path;
+            buffers.rays[active] = ray;
+            active += 1;
+        }
+    }
+    buffers.radiance[..pixels].fill(Vec3::ZERO);
+    for stage in 0.. {
+        if active == 0 {
+            break;
+        }
+        counts.rays += active as u64;
+        if stage > 0 {
+            buffers.sorter.sort(frame.options.sort, &mut buffers.paths, &mut buffers.rays, active);
+        }
+        if frame.is_blind(stage) {
+            buffers.finish_blind(frame, intersector, stage, active, counts);
+            break;
+        }
+        let packets = if stage == 0 { frame.options.primary } else { frame.options.bounce };
+        intersector.closest_each(packets, &buffers.rays[..active], &mut buffers.hits[..active]);
+        let shadows;
+        (active, shadows) = buffers.shade(frame, active, counts);
+        buffers.light(frame, intersector, stage, shadows, counts);
+    }
+    for (pixel, sum) in tile.sums.iter_mut().enumerate() {
+        counts.add_sample(sum, buffers.radiance[pixel]);
+    }
+}
+
+impl Buffers {
+    /// The rays after the last bounce where only the sky can be found.
+    fn finish_blind<I: Intersector>(
+        &mut self,
+        frame: &Frame,
+        intersector: &I,
+        stage: u32,
+        active: usize,
+        counts: &mut Counts,
+    ) {
+        let packets = if stage == 0 { frame.options.primary } else { frame.options.bounce };
+        intersector.occluded_each(packets, &self.rays[..active], &mut self.occluded[..active]);
+        for index in 0..active {
+            if self.occluded[index] {
+                counts.hits += 1;
+            } else {
+                let path = &self.paths[index];
+                self.radiance[path.pixel as usize] += missed(frame.prepared, path, &self.rays[index]);
+            }
+        }
+    }
+
+    /// Shades all hits; returns how many paths go on and how many shadow rays there are.
+    fn shade(&mut self, frame: &Frame, active: usize, counts: &mut Counts) -> (usize, usize) {
+        let prepared = frame.prepared;
+        let Self { paths, rays, hits, shadow_rays, shadow_light, radiance, .. } = self;
+        let (paths, rays, hits) = (&mut paths[..active], &mut rays[..active], &hits[..active]);
+        let fetch = |index: usize| {
+            if let Some(Some(hit)) = hits.get(index) {
+                prefetch(&prepared.facets, hit.triangle as usize);
+            }
+        };
+        (0..AHEAD).for_each(fetch);
+        let (mut kept, mut shadows) = (0, 0);
+        let mut shadow = Shadow::BLANK;
+        for index in 0..active {
+            fetch(index + AHEAD);
+            let (path, ray) = (&mut paths[index], &mut rays[index]);
+            let pixel = path.pixel;
+            let radiance = &mut radiance[pixel as usize];
+            let Some(hit) = &hits[index] else {
+                *radiance += missed(prepared, path, ray);
+                continue;
+            };
+            counts.hits += 1;
+            let next = (frame.kernel.vertex)(prepared, frame.bounces, path, ray, hit, radiance, &mut shadow);
+            if next.shadow {
+                shadow_rays[shadows] = shadow.ray;
+                shadow_light[shadows] = (shadow.light, pixel);
+                shadows += 1;
+            }
+            if next.goes_on {
+                if kept < index {
+                    paths[kept] = paths[index];
+                    rays[kept] = rays[index];
+                }
+                kept += 1;
+            }
+        }
+        (kept, shadows)
+    }
+
+    /// Traces the shadow rays and adds the light of those that reach it.
+    fn light<I: Intersector>(
+        &mut self,
+        frame: &Frame,
+        intersector: &I,
+        stage: u32,
+        shadows: usize,
+        counts: &mut Counts,
+    ) {
+        counts.shadow_rays += shadows as u64;
+        let packets = if stage == 0 { frame.options.first_shadow } else { frame.options.shadow };
+        intersector.occluded_each(packets, &self.shadow_rays[..shadows], &mut self.occluded[..shadows]);
+        for index in 0..shadows {
+            let (light, pixel) = self.shadow_light[index];
+            if !self.occluded[index] {
+                self.radiance[pixel as usize] += light;
+            } else if frame.kernel.needs.sheets {
+                let ray = self.shadow_rays[index];
+                self.radiance[pixel as usize] +=
+                    light * through_sheets(frame.prepared, intersector, ray, counts);
+            }
+        }
+    }
+}

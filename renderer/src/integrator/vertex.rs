@@ -1,0 +1,362 @@
+//! What happens where a path meets something: the one definition of it, for every order of work.
+//!
+//! At each point a light is sampled directly, and the surface's own sampling finds lights and sky; the two
+//! are weighed by the power heuristic (Veach 1997). Thin sheets let paths and shadow rays pass straight
+//! through, which is no bounce: the path keeps its density, so that both techniques still see the same light.
+//!
+//! [`Kernel`]s are compiled for sets of [`Needs`]; a frame picks one and calls it for each hit, path by path
+//! or stage by stage. A call through a pointer that never changes costs a few cycles of the thousand a ray
+//! takes, and keeps the kernels independent of the acceleration structures.
+
+use glam::Vec3;
+use treewright_accel::{Hit, Intersector, Ray};
+
+use super::Counts;
+use super::bsdf::Scatter;
+use super::lights::solid_angle_pdf;
+use super::needs::Needs;
+use super::prepared::Prepared;
+use super::random::PathRandom;
+use super::sampling::{Frame, power_heuristic};
+use super::surface::Surface;
+use crate::limits::SHEETS_PER_SEGMENT_MAX;
+
+/// A shadow ray ends this share before the light, so that it does not meet the light itself.
+const SHADOW_SHARE: f32 = 1.0 - 1e-4;
+
+/// Random numbers of a vertex: places 4 n + 1 and on; place 0 is the camera's.
+const PLACES: u32 = 4;
+
+/// A path between two rays.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Path {
+    /// What light that arrives along the ray is multiplied by.
+    throughput: Vec3,
+    /// How the ray came about: what a light it meets must be weighed against. The solid angle density of a
+    /// rough lobe at `from`, or [`DIRECT`] or [`CAUSTIC`].
+    pdf: f32,
+    from: Vec3,
+    /// Whose path it is; the meaning is the caller's.
+    pub(super) pixel: u32,
+    random: PathRandom,
+    vertex: u16,
+    bounce: u8,
+    sheets: u8,
+}
+
+/// From the camera, or only perfect mirrors since: no other technique finds these lights.
+const DIRECT: f32 = -1.0;
+
+/// A perfect mirror after a rough surface. The same, but the sun's tiny disc is left out: such caustics are
+/// too rare to converge and would only leave bright dots.
+const CAUSTIC: f32 = -2.0;
+
+impl Path {
+    /// A path that begins at the camera.
+    #[inline(always)]
+    pub(super) fn new(pixel: u32, random: PathRandom) -> Self {
+        Self {
+            throughput: Vec3::ONE,
+            pdf: DIRECT,
+            from: Vec3::ZERO,
+            pixel,
+            random,
+            vertex: 0,
+            bounce: 0,
+            sheets: 0,
+        }
+    }
+}
+
+/// What a vertex asks for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Next {
+    /// A shadow ray.
+    pub(super) shadow: bool,
+    /// The path goes on with a new ray.
+    pub(super) goes_on: bool,
+}
+
+const END: Next = Next { shadow: false, goes_on: false };
+
+/// A shadow ray and the light that arrives if nothing is in its way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shadow {
+    pub(super) ray: Ray,
+    pub(super) light: Vec3,
+}
+
+impl Shadow {
+    /// None yet.
+    pub(super) const BLANK: Self = Self {
+        ray: Ray { origin: Vec3::ZERO, direction: Vec3::Z, t_min: 0.0, t_max: 0.0 },
+        light: Vec3::ZERO,
+    };
+}
+
+/// Shading for one set of needs.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Kernel {
+    pub(super) needs: Needs,
+    /// Adds the emission at a hit to the radiance, prepares the shadow ray, and turns path and ray to where they
+    /// go next.
+    pub(super) vertex: Vertex,
+}
+
+type Vertex = fn(&Prepared, u32, &mut Path, &mut Ray, &Hit, &mut Vec3, &mut Shadow) -> Next;
+
+macro_rules! kernels {
+    ($($bits:literal)*) => {
+        [$(vertex::<{ Needs::from_bits($bits).closed().bits() }>),*]
+    };
+}
+
+/// By the bits of their needs.
+static VERTICES: [Vertex; Needs::SETS] = kernels!(
+    0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31
+    32 33 34 35 36 37 38 39 40 41 42 43 44 45 46 47 48 49 50 51 52 53 54 55 56 57 58 59 60 61 62 63
+    64
+);
+
+impl Kernel {
+    /// The kernel of a set of needs.
+    pub(super) fn of(needs: Needs) -> Self {
+        let needs = needs.closed();
+        Self { needs, vertex: VERTICES[needs.bits().min(Needs::SETS - 1)] }
+    }
+}
+
+/// See [`Kernel::vertex`]; `bounces` is the most bounces of a path.
+fn vertex<const NEEDS: usize>(
+    prepared: &Prepared,
+    bounces: u32,
+    path: &mut Path,
+    ray: &mut Ray,
+    hit: &Hit,
+    radiance: &mut Vec3,
+    shadow: &mut Shadow,
+) -> Next {
+    let needs = const { Needs::from_bits(NEEDS) };
+    let facet = &prepared.facets[hit.triangle as usize];
+    let material =
+        if needs.materials { prepared.surface::<true>(facet) } else { prepared.surface::<false>(facet) };
+    let instance = if needs.instances { prepared.scene.instance(hit.instance) } else { None };
+    let surface = if needs.smooth {
+        Surface::new::<true>(facet, instance, ray, hit)
+    } else {
+        Surface::new::<false>(facet, instance, ray, hit)
+    };
+    let Some(surface) = surface else {
+        return END;
+    };
+    if needs.lamps && material.glows {
+        let weight = if path.pdf < 0.0 {
+            1.0
+        } else {
+            let cosine = surface.geometric_normal.dot(ray.direction);
+            let distance_squared = surface.position.distance_squared(path.from);
+            power_heuristic(path.pdf, solid_angle_pdf(material.density, cosine, distance_squared))
+        };
+        *radiance += path.throughput * material.emission * weight;
+    }
+    let place = u32::from(path.vertex) * PLACES + 1;
+    path.vertex += 1;
+    let last = u32::from(path.bounce) == bounces;
+    let context = Context { prepared, surface: &surface, last, place };
+    if !needs.layers || material.bsdf.is_matt() {
+        context.matt::<NEEDS>(material.bsdf.diffuse(), path, ray, shadow)
+    } else if needs.sheets {
+        context.layered::<NEEDS, true>(&material.bsdf, path, ray, shadow)
+    } else {
+        context.layered::<NEEDS, false>(&material.bsdf, path, ray, shadow)
+    }
+}
+
+/// What both kinds of surfaces need to know.
+struct Context<'a> {
+    prepared: &'a Prepared,
+    surface: &'a Surface,
+    /// No bounce is left.
+    last: bool,
+    /// Where the vertex's random numbers begin.
+    place: u32,
+}
+
+impl Context<'_> {
+    /// Samples a light and prepares the ray to it: `value` gives the surface's value times the cosine for a
+    /// direction, and the density with which the surface's own sampling draws it.
+    #[inline(always)]
+    fn light<const NEEDS: usize>(
+        &self,
+        path: &Path,
+        shadow: &mut Shadow,
+        value: impl FnOnce(Vec3) -> (Vec3, f32),
+    ) -> bool {
+        let needs = const { Needs::from_bits(NEEDS) };
+        if !needs.shadows() {
+            return false;
+        }
+        let lights = &self.prepared.lights;
+        let position = self.surface.position;
+        let u = path.random.pair(self.place + 1);
+        let light = match (needs.lamps, needs.sun) {
+            (false, _) => lights.sample::<false, true>(position, [0.0; 2], u),
+            (true, false) => lights.sample::<true, false>(position, path.random.pair(self.place), u),
+            (true, true) => lights.sample::<true, true>(position, path.random.pair(self.place), u),
+        };
+        let Some(light) = light.filter(|light| light.direction.dot(self.surface.geometric_normal) > 0.0)
+        else {
+            return false;
+        };
+        let (value, pdf) = value(light.direction);
+        if value == Vec3::ZERO {
+            return false;
+        }
+        // After the last bounce the surface's own sampling does not follow, so nothing is shared.
+        let other = if self.last { 0.0 } else { pdf };
+        let weight = power_heuristic(light.pdf, other) / light.pdf;
+        *shadow = Shadow {
+            ray: Ray {
+                origin: self.surface.start(light.direction),
+                direction: light.direction,
+                t_min: 0.0,
+                t_max: light.distance * SHADOW_SHARE,
+            },
+            light: path.throughput * value * light.radiance * weight,
+        };
+        true
+    }
+
+    /// Turns path and ray to a new direction. False if the path ends here.
+    #[inline(always)]
+    fn turn(&self, path: &mut Path, ray: &mut Ray, direction: Vec3, weight: Vec3, pdf: f32) -> bool {
+        path.throughput *= weight;
+        // A direction above the shading normal's horizon but below the triangle's would start inside the solid.
+        let outside = direction.dot(self.surface.geometric_normal) > 0.0;
+        if !outside || path.throughput == Vec3::ZERO {
+            return false;
+        }
+        path.bounce += 1;
+        path.sheets = 0;
+        path.pdf = pdf;
+        path.from = self.surface.position;
+        self.leave(ray, direction);
+        true
+    }
+
+    #[inline(always)]
+    fn leave(&self, ray: &mut Ray, direction: Vec3) {
+        *ray = Ray { origin: self.surface.start(direction), direction, t_min: 0.0, t_max: f32::INFINITY };
+    }
+
+    /// A surface of Lambert's, which needs no local frame but for sampling.
+    #[inline(always)]
+    fn matt<const NEEDS: usize>(
+        &self,
+        diffuse: Vec3,
+        path: &mut Path,
+        ray: &mut Ray,
+        shadow: &mut Shadow,
+    ) -> Next {
+        let normal = self.surface.shading_normal;
+        let shadow = self.light::<NEEDS>(path, shadow, |light| {
+            let pdf = normal.dot(light).max(0.0) * std::f32::consts::FRAC_1_PI;
+            (diffuse * pdf, pdf)
+        });
+        if self.last {
+            return Next { shadow, goes_on: false };
+        }
+        let local = super::sampling::cosine_hemisphere(path.random.pair(self.place + 3));
+        let direction = Frame::new(normal).to_world(local);
+        // Value over density is the albedo.
+        let pdf = local.z * std::f32::consts::FRAC_1_PI;
+        Next { shadow, goes_on: pdf > 0.0 && self.turn(path, ray, direction, diffuse, pdf) }
+    }
+
+    /// A surface with a reflecting layer, and with transmission if it is `THIN`.
+    #[inline(always)]
+    fn layered<const NEEDS: usize, const THIN: bool>(
+        &self,
+        bsdf: &super::Bsdf,
+        path: &mut Path,
+        ray: &mut Ray,
+        shadow: &mut Shadow,
+    ) -> Next {
+        let frame = Frame::new(self.surface.shading_normal);
+        let Some(seen) = bsdf.seen_from::<THIN>(frame.to_local(-ray.direction)) else {
+            return END;
+        };
+        let shadow = self.light::<NEEDS>(path, shadow, |light| seen.rough(frame.to_local(light)));
+        if self.last && !THIN {
+            return Next { shadow, goes_on: false };
+        }
+        let choice = path.random.single(self.place + 2);
+        if THIN && let Some(weight) = seen.through(choice) {
+            path.throughput *= weight;
+            path.sheets += 1;
+            let ends = u32::from(path.sheets) > SHEETS_PER_SEGMENT_MAX || path.throughput == Vec3::ZERO;
+            let direction = ray.direction;
+            self.leave(ray, direction);
+            return Next { shadow, goes_on: !ends };
+        }
+        if self.last {
+            return Next { shadow, goes_on: false };
+        }
+        let Some(sample) = seen.sample(choice, path.random.pair(self.place + 3)) else {
+            return Next { shadow, goes_on: false };
+        };
+        let pdf = match sample.scatter {
+            Scatter::Mirror if path.pdf == DIRECT => DIRECT,
+            Scatter::Mirror => CAUSTIC,
+            Scatter::Rough | Scatter::Through => sample.pdf,
+        };
+        let direction = frame.to_world(sample.direction);
+        Next { shadow, goes_on: self.turn(path, ray, direction, sample.weight, pdf) }
+    }
+}
+
+/// Light of sky and sun that a ray which meets nothing brings to its path.
+#[inline]
+pub(super) fn missed(prepared: &Prepared, path: &Path, ray: &Ray) -> Vec3 {
+    let sky = prepared.lights.sky(ray.direction);
+    let light = match prepared.lights.sun(ray.direction) {
+        Some(_) if path.pdf == CAUSTIC => sky,
+        Some((radiance, _)) if path.pdf < 0.0 => sky + radiance,
+        Some((radiance, sun_pdf)) => sky + radiance * power_heuristic(path.pdf, sun_pdf),
+        None => sky,
+    };
+    path.throughput * light
+}
+
+/// Share of light that comes through thin sheets along a shadow ray that something lies in the way of. Should
+/// the nearest hit not be found, what lies there counts as opaque.
+pub(super) fn through_sheets<I: Intersector>(
+    prepared: &Prepared,
+    intersector: &I,
+    mut ray: Ray,
+    counts: &mut Counts,
+) -> Vec3 {
+    let mut seen = Vec3::ONE;
+    for passed in 0..=SHEETS_PER_SEGMENT_MAX {
+        counts.rays += 1;
+        let Some(hit) = intersector.closest(&ray) else {
+            return if passed > 0 { seen } else { Vec3::ZERO };
+        };
+        counts.hits += 1;
+        let facet = &prepared.facets[hit.triangle as usize];
+        let bsdf = &prepared.surface::<true>(facet).bsdf;
+        let instance = prepared.scene.instance(hit.instance);
+        let Some(surface) = Surface::new::<true>(facet, instance, &ray, &hit).filter(|_| bsdf.is_thin())
+        else {
+            return Vec3::ZERO;
+        };
+        seen *= bsdf.transmittance(-ray.direction.dot(surface.shading_normal));
+        let next = surface.start(ray.direction);
+        ray.t_max -= (next - ray.origin).length();
+        ray.origin = next;
+        if ray.t_max <= 0.0 {
+            return seen;
+        }
+    }
+    Vec3::ZERO
+}
