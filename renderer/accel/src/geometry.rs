@@ -126,12 +126,13 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// Whether origin and direction are finite and `t_min <= t_max` are numbers. Rays that are not valid miss.
+    /// Whether origin and direction are finite and `0 <= t_min <= t_max` are numbers. Rays that are not valid
+    /// miss.
     #[inline]
     pub fn is_valid(&self) -> bool {
         // Zero times a finite number is zero; times infinity or NaN it is NaN, which fails the comparison.
         let zero = (self.origin * 0.0 + self.direction * 0.0).element_sum();
-        zero == 0.0 && self.t_min <= self.t_max
+        zero == 0.0 && 0.0 <= self.t_min && self.t_min <= self.t_max
     }
 }
 

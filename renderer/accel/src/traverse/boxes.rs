@@ -5,7 +5,7 @@
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
-use super::lanes::{Lanes, Lanes3};
+use super::lanes::{Lanes, Lanes3, Order};
 use crate::geometry::Ray;
 use crate::tree::Root;
 use crate::tree::layout::{Node, QuantisedNode, TreeNode};
@@ -16,11 +16,12 @@ use crate::tree::layout::{Node, QuantisedNode, TreeNode};
 /// Both functions require the processor features of `Times`.
 pub(crate) trait Boxes<N>: Copy {
     /// The distances of the children.
-    type Times: Lanes;
+    type Times: Order;
 
     unsafe fn new(root: &Root, ray: &Ray) -> Self;
 
-    /// One bit for each child whose box meets the ray before `t_max`, and the entry distances.
+    /// One bit for each child whose box meets the ray before `t_max`, and the entry distances, none of them
+    /// below zero.
     unsafe fn test(&self, node: &N, t_max: f32) -> (u32, Self::Times);
 }
 
@@ -106,7 +107,7 @@ pub(crate) struct FastBoxes<L> {
     near: [usize; 3],
 }
 
-impl<L: Lanes, N: Planes> Boxes<N> for FastBoxes<L> {
+impl<L: Order, N: Planes> Boxes<N> for FastBoxes<L> {
     type Times = L;
 
     #[inline(always)]
@@ -115,7 +116,8 @@ impl<L: Lanes, N: Planes> Boxes<N> for FastBoxes<L> {
         Self {
             reciprocal: Lanes3::splat(reciprocal),
             origin: Lanes3::splat(ray.origin * reciprocal),
-            t_min: L::splat(ray.t_min),
+            // Without the sign of a negative zero, which would spoil the order of keys.
+            t_min: L::splat(ray.t_min.abs()),
             near: near_offsets(N::WIDTH, reciprocal),
         }
     }
@@ -145,7 +147,7 @@ pub(crate) struct PaddedBoxes<L> {
     near: [usize; 3],
 }
 
-impl<L: Lanes, N: Planes> Boxes<N> for PaddedBoxes<L> {
+impl<L: Order, N: Planes> Boxes<N> for PaddedBoxes<L> {
     type Times = L;
 
     #[inline(always)]
@@ -163,7 +165,8 @@ impl<L: Lanes, N: Planes> Boxes<N> for PaddedBoxes<L> {
             far_reciprocal: Lanes3::splat(reciprocal * (1.0 + 2.0 * f32::EPSILON)),
             near_origin: Lanes3::splat(ray.origin + towards),
             far_origin: Lanes3::splat(ray.origin - towards),
-            t_min: L::splat(ray.t_min),
+            // Without the sign of a negative zero, which would spoil the order of keys.
+            t_min: L::splat(ray.t_min.abs()),
             near: near_offsets(N::WIDTH, reciprocal),
         }
     }

@@ -9,6 +9,7 @@ mod boxes;
 mod isa;
 mod kernel;
 mod lanes;
+mod stack;
 mod triangles;
 mod watertight;
 

@@ -5,7 +5,7 @@
 use std::arch::x86_64::*;
 
 use super::x86::{arithmetic_128, arithmetic_256, memory_64, memory_128, memory_256};
-use super::{Lanes, Pair};
+use super::{Lanes, Order, Pair};
 
 /// Comparisons by vectors, gathered into bits at the end.
 macro_rules! comparisons {
@@ -79,3 +79,7 @@ impl Lanes for Eight {
 
 /// Sixteen lanes in two vectors.
 pub(crate) type Sixteen = Pair<Eight>;
+
+impl Order for Two {}
+impl Order for Four {}
+impl Order for Eight {}

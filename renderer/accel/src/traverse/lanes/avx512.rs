@@ -48,7 +48,7 @@ macro_rules! comparisons {
 
 /// Two lanes.
 #[derive(Clone, Copy)]
-pub(crate) struct Two(__m128);
+pub(crate) struct Two(pub(super) __m128);
 
 impl Lanes for Two {
     const COUNT: usize = 2;
@@ -59,7 +59,7 @@ impl Lanes for Two {
 
 /// Four lanes.
 #[derive(Clone, Copy)]
-pub(crate) struct Four(__m128);
+pub(crate) struct Four(pub(super) __m128);
 
 impl Lanes for Four {
     const COUNT: usize = 4;
@@ -70,7 +70,7 @@ impl Lanes for Four {
 
 /// Eight lanes.
 #[derive(Clone, Copy)]
-pub(crate) struct Eight(__m256);
+pub(crate) struct Eight(pub(super) __m256);
 
 impl Lanes for Eight {
     const COUNT: usize = 8;
@@ -81,7 +81,7 @@ impl Lanes for Eight {
 
 /// Sixteen lanes.
 #[derive(Clone, Copy)]
-pub(crate) struct Sixteen(__m512);
+pub(crate) struct Sixteen(pub(super) __m512);
 
 impl Lanes for Sixteen {
     const COUNT: usize = 16;

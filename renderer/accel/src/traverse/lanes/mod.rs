@@ -4,11 +4,17 @@
 pub(crate) mod avx2;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx512;
+#[cfg(target_arch = "x86_64")]
+mod avx512_order;
+mod order;
+#[cfg(target_arch = "x86_64")]
 mod pair;
 mod portable;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
+pub(crate) use order::Order;
+#[cfg(target_arch = "x86_64")]
 pub(crate) use pair::Pair;
 pub(crate) use portable::Portable;
 

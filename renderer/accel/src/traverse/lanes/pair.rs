@@ -2,7 +2,7 @@
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
-use super::Lanes;
+use super::{Lanes, Order};
 
 /// The lower lanes, then the upper ones.
 #[derive(Clone, Copy)]
@@ -113,3 +113,5 @@ impl<L: Lanes> Lanes for Pair<L> {
         L::bits(mask.0) | L::bits(mask.1) << L::COUNT
     }
 }
+
+impl<L: Lanes> Order for Pair<L> {}

@@ -1,6 +1,6 @@
 //! Vectors in plain Rust: the fallback, and the yardstick of the others.
 
-use super::Lanes;
+use super::{Lanes, Order};
 
 /// `N` numbers the compiler may keep in whatever vectors it has.
 #[derive(Clone, Copy)]
@@ -127,3 +127,5 @@ impl<const N: usize> Lanes for Portable<N> {
         mask.iter().enumerate().fold(0, |bits, (lane, &set)| bits | u32::from(set) << lane)
     }
 }
+
+impl<const N: usize> Order for Portable<N> {}

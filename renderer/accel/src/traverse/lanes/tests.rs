@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::traverse::Isa;
+use crate::tree::layout::NodeRef;
 
 /// Pairs of numbers with every special value among them.
 fn samples() -> Vec<[f32; 2]> {
@@ -78,6 +79,73 @@ fn portable_is_plain_arithmetic() {
     }
 }
 
+/// References as aligned as those of a node.
+#[repr(align(64))]
+struct Children([NodeRef; 16]);
+
+/// Every set of hits with distances of all kinds: sorted by distance, the nearest last, none lost.
+fn orders<L: Order>() {
+    let mut random = 1u32;
+    let mut next = || {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        random >> 8
+    };
+    let mut room = [0u8; 32];
+    let of = |number: usize| NodeRef::from_raw((&raw mut room).cast::<u8>().wrapping_add(number).cast());
+    let children = Children(std::array::from_fn(of));
+    let address = |child: NodeRef| child.into_raw().addr();
+    for round in 0..20_000u32 {
+        let hits = if L::COUNT == 16 { next() } else { round } & ((1 << L::COUNT) - 1);
+        let mut times = Stored([0.0; 16]);
+        for time in &mut times.0 {
+            *time = match next() % 8 {
+                0 => 0.0,
+                1 => f32::MAX,
+                2 => 1.0,
+                _ => next() as f32 * 1e-3,
+            };
+        }
+        let (mut nodes, mut keys) = ([NodeRef::EMPTY; 16], [0i32; 16]);
+        let met: Vec<usize> = (0..L::COUNT).filter(|lane| hits & 1 << lane != 0).collect();
+        // SAFETY: the caller checked the processor; the arrays are long and aligned enough.
+        unsafe { L::write_met(hits, children.0.as_ptr(), nodes.as_mut_ptr()) };
+        for (place, &lane) in met.iter().enumerate() {
+            assert_eq!(address(nodes[place]), address(children.0[lane]), "{hits:b}");
+        }
+        if met.len() < 2 {
+            continue;
+        }
+        // SAFETY: as above.
+        unsafe {
+            L::load(times.0.as_ptr()).write_sorted(
+                hits,
+                children.0.as_ptr(),
+                nodes.as_mut_ptr(),
+                keys.as_mut_ptr(),
+            );
+        }
+        let mut expected: Vec<i32> = met
+            .iter()
+            .map(|&lane| times.0[lane].to_bits() as i32 & !(L::COUNT as i32 - 1) | lane as i32)
+            .collect();
+        expected.sort_unstable_by_key(|&key| std::cmp::Reverse(key));
+        assert_eq!(keys[..met.len()], expected, "{hits:b}");
+        for (place, key) in expected.into_iter().enumerate() {
+            let lane = key as usize & (L::COUNT - 1);
+            assert_eq!(address(nodes[place]), address(children.0[lane]), "{hits:b}");
+            assert!(met.contains(&lane));
+        }
+    }
+}
+
+#[test]
+fn portable_orders_children() {
+    orders::<Portable<2>>();
+    orders::<Portable<4>>();
+    orders::<Portable<8>>();
+    orders::<Portable<16>>();
+}
+
 #[cfg(target_arch = "x86_64")]
 #[test]
 fn avx2_agrees_with_portable() {
@@ -86,6 +154,8 @@ fn avx2_agrees_with_portable() {
         agrees::<avx2::Four, Portable<4>>();
         agrees::<avx2::Eight, Portable<8>>();
         agrees::<avx2::Sixteen, Portable<16>>();
+        orders::<avx2::Eight>();
+        orders::<avx2::Sixteen>();
     }
 }
 
@@ -97,5 +167,9 @@ fn avx512_agrees_with_portable() {
         agrees::<avx512::Four, Portable<4>>();
         agrees::<avx512::Eight, Portable<8>>();
         agrees::<avx512::Sixteen, Portable<16>>();
+        orders::<avx512::Two>();
+        orders::<avx512::Four>();
+        orders::<avx512::Eight>();
+        orders::<avx512::Sixteen>();
     }
 }

@@ -52,6 +52,14 @@ impl NodeRef {
     /// A leaf of no blocks.
     pub(crate) const EMPTY: Self = Self(std::ptr::without_provenance_mut(LEAF_BIT));
 
+    /// No leaf of any tree: what a walk finds at the bottom of its stack.
+    pub(crate) const END: Self = Self(std::ptr::without_provenance_mut(LEAF_BIT | 1));
+
+    #[inline(always)]
+    pub(crate) fn is_end(self) -> bool {
+        self.0.addr() == Self::END.0.addr()
+    }
+
     /// A reference to a node.
     pub(crate) fn to_node<N: TreeNode>(node: *mut N) -> Self {
         Self(node.cast())

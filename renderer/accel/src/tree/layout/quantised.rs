@@ -12,13 +12,14 @@ use super::{Bounds, NodeRef, TreeNode};
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct QuantisedNode<const W: usize> {
+    /// First, so that whole vectors of them are aligned.
+    pub(crate) children: [NodeRef; W],
     /// Lower corner of the node's box.
     pub(crate) origin: [f32; 3],
     /// Step of each axis, as the exponent bits of a single-precision number. Never 0.
     pub(crate) exponents: [u8; 3],
     /// Places in use.
     pub(crate) count: u8,
-    pub(crate) children: [NodeRef; W],
     /// `bounds[axis][side][child]`, side 0 being the lower one. Unused places have inverted ones.
     pub(crate) bounds: [[[u8; W]; 2]; 3],
 }

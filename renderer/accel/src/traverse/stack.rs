@@ -1,0 +1,167 @@
+//! Children to come back to, nearest on top.
+//!
+//! Distances are kept as *keys*: the bits of a non-negative number order like the number itself, and the
+//! lowest bits give way to the child's place in its node, so that one word tells which and how far. A key
+//! is never above the distance it stands for, so that culling by keys errs to the safe side.
+
+use std::mem::MaybeUninit;
+
+use crate::limits::MAX_DEPTH;
+use crate::tree::layout::{NodeRef, WIDTH_MAX};
+
+/// Most entries: on each level all children but one. Builders keep within the permitted depth.
+const ENTRIES: usize = (*MAX_DEPTH.end() as usize + 1) * (WIDTH_MAX - 1) + 1;
+
+/// Vectors are written whole, with a node's worth of room behind the last entry.
+const ROOM: usize = ENTRIES + WIDTH_MAX;
+
+/// The stack of a closest-hit query: references and keys side by side, so that vectors can be written.
+pub(crate) struct Stack {
+    nodes: [MaybeUninit<NodeRef>; ROOM],
+    keys: [MaybeUninit<i32>; ROOM],
+    top: usize,
+}
+
+/// What lies below every entry: nearer than any distance.
+const BOTTOM: i32 = i32::MIN;
+
+impl Stack {
+    /// The end of the walk alone.
+    #[inline(always)]
+    pub(crate) fn new() -> Self {
+        let mut stack = Self {
+            nodes: [const { MaybeUninit::uninit() }; ROOM],
+            keys: [const { MaybeUninit::uninit() }; ROOM],
+            top: 1,
+        };
+        stack.nodes[0].write(NodeRef::END);
+        stack.keys[0].write(BOTTOM);
+        stack
+    }
+
+    /// Where the next entry's reference and key go, with room for a node's children.
+    ///
+    /// # Panics
+    /// If the tree is deeper than permitted.
+    #[inline(always)]
+    pub(crate) fn free(&mut self) -> (*mut NodeRef, *mut i32) {
+        assert!(self.top <= ENTRIES, "the tree is deeper than permitted");
+        // SAFETY: the place lies within both arrays.
+        unsafe { (self.nodes.as_mut_ptr().add(self.top).cast(), self.keys.as_mut_ptr().add(self.top).cast()) }
+    }
+
+    /// Counts `count` entries in that were written where [`Stack::free`] said.
+    ///
+    /// # Safety
+    /// They were, and they were at most a node's children.
+    #[inline(always)]
+    pub(crate) unsafe fn grow(&mut self, count: usize) {
+        self.top += count;
+    }
+
+    /// Takes off the next entry that begins before `limit`.
+    ///
+    /// # Safety
+    /// Nothing is taken off after [`NodeRef::END`].
+    #[inline(always)]
+    pub(crate) unsafe fn pop_before(&mut self, limit: i32) -> NodeRef {
+        loop {
+            self.top -= 1;
+            // SAFETY: every entry below the top was written, and the lowest one ends the loop.
+            unsafe {
+                if self.keys.get_unchecked(self.top).assume_init() < limit {
+                    return self.nodes.get_unchecked(self.top).assume_init();
+                }
+            }
+        }
+    }
+}
+
+/// The stack of a shadow ray: references alone.
+pub(crate) struct PlainStack {
+    nodes: [MaybeUninit<NodeRef>; ROOM],
+    top: usize,
+}
+
+impl PlainStack {
+    /// The end of the walk alone.
+    #[inline(always)]
+    pub(crate) fn new() -> Self {
+        let mut stack = Self { nodes: [const { MaybeUninit::uninit() }; ROOM], top: 1 };
+        stack.nodes[0].write(NodeRef::END);
+        stack
+    }
+
+    /// Where the next entry goes, with room for a node's children.
+    ///
+    /// # Panics
+    /// If the tree is deeper than permitted.
+    #[inline(always)]
+    pub(crate) fn free(&mut self) -> *mut NodeRef {
+        assert!(self.top <= ENTRIES, "the tree is deeper than permitted");
+        // SAFETY: the place lies within the array.
+        unsafe { self.nodes.as_mut_ptr().add(self.top).cast() }
+    }
+
+    /// Counts `count` entries in that were written where [`PlainStack::free`] said.
+    ///
+    /// # Safety
+    /// They were, and they were at most a node's children.
+    #[inline(always)]
+    pub(crate) unsafe fn grow(&mut self, count: usize) {
+        self.top += count;
+    }
+
+    /// Takes off the top entry.
+    ///
+    /// # Safety
+    /// Nothing is taken off after [`NodeRef::END`].
+    #[inline(always)]
+    pub(crate) unsafe fn pop(&mut self) -> NodeRef {
+        self.top -= 1;
+        // SAFETY: every entry below the top was written, and there is at least the end of the walk.
+        unsafe { self.nodes.get_unchecked(self.top).assume_init() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn entries_behind_the_limit_are_passed_by_and_the_end_never_is() {
+        let mut stack = Stack::new();
+        for (keys, count) in [([9, 4], 2), ([7, 0], 1)] {
+            let (nodes, place) = stack.free();
+            // SAFETY: there is room for a node's children.
+            unsafe {
+                for (offset, key) in keys.into_iter().enumerate() {
+                    *nodes.add(offset) =
+                        NodeRef::from_raw(std::ptr::without_provenance_mut(key as usize * 64));
+                    *place.add(offset) = key;
+                }
+                stack.grow(count);
+            }
+        }
+        // SAFETY: three entries are taken off before the end.
+        unsafe {
+            assert_eq!(stack.pop_before(7).into_raw().addr(), 4 * 64);
+            assert!(stack.pop_before(9).is_end());
+            assert!(PlainStack::new().pop().is_end());
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "deeper than permitted")]
+    fn a_tree_too_deep_is_noticed() {
+        let mut stack = PlainStack::new();
+        loop {
+            let place = stack.free();
+            // SAFETY: there is room for a node's children.
+            unsafe {
+                (0..WIDTH_MAX).for_each(|offset| *place.add(offset) = NodeRef::EMPTY);
+                stack.grow(WIDTH_MAX);
+            }
+        }
+    }
+}
