@@ -10,6 +10,7 @@ pub mod indicators;
 pub mod integrator;
 pub mod limits;
 pub mod measure;
+pub mod recorder;
 pub mod render_options;
 pub mod report;
 pub mod scene;

@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+use treewright_accel::recording::{RayClass, Recording};
+
 const FAILED: i32 = 1;
 const USAGE: i32 = 2;
 const UNREACHABLE: i32 = 3;
@@ -175,4 +177,18 @@ fn help_shows_examples_and_exit_codes() {
         assert!(help.contains(command), "{command}");
         succeeds(folder().path(), &format!("{command} --help"));
     }
+}
+
+#[test]
+fn the_rays_of_a_frame_are_recorded() {
+    let folder = folder();
+    let path = folder.path();
+    let told = succeeds(path, "rays --scene builtin:quick --detail 0.1 --size 24x16 --out quick.rays");
+    assert!(told.contains("384 primary") && told.contains("quick.rays"), "{told}");
+    let file = std::fs::File::open(path.join("quick.rays")).expect("it was written");
+    let recording = Recording::read(std::io::BufReader::new(file)).expect("it can be read");
+    let rays = |class| recording.sets.iter().find(|set| set.class == class).map_or(0, |set| set.rays.len());
+    assert_eq!(rays(RayClass::Primary), 384);
+    assert!(rays(RayClass::FirstBounce) > 0 && rays(RayClass::FirstShadow) > 0);
+    fails("rays --scene builtin:quick --out nowhere/quick.rays", FAILED, &["nowhere/quick.rays"]);
 }

@@ -10,6 +10,7 @@ mod instances;
 pub mod limits;
 pub mod parameters;
 mod prefetch;
+pub mod recording;
 mod structure;
 mod traverse;
 mod tree;

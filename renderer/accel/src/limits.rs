@@ -39,3 +39,6 @@ pub const REINSERTION_PASSES_MAX: u32 = 16;
 
 /// Most instances in one scene.
 pub const INSTANCES_MAX: usize = 1 << 24;
+
+/// Most rays of one class in a recording: half a gigabyte.
+pub const RECORDED_RAYS_MAX: usize = 1 << 24;

@@ -2,7 +2,8 @@
 
 use std::process::ExitCode;
 
-use treewright_accel::BuildError;
+use treewright_accel::recording::RecordingError;
+use treewright_accel::{BuildError, DeviceError};
 use treewright_client::ClientError;
 
 use crate::frame::RendererError;
@@ -65,7 +66,7 @@ macro_rules! failed {
     )*};
 }
 
-failed!(SceneError, ImageFileError, RendererError, BuildError);
+failed!(SceneError, ImageFileError, RendererError, BuildError, DeviceError, RecordingError);
 
 /// Writes a file, or says which and why not.
 pub(super) fn write_file(path: &std::path::Path, bytes: &[u8]) -> Result<(), CliError> {

@@ -8,6 +8,7 @@ mod info;
 mod interrupt;
 mod output;
 mod play;
+mod rays;
 mod server;
 mod tune;
 mod tune_output;
@@ -61,6 +62,8 @@ enum Command {
     Play(Box<play::Arguments>),
     /// Measure acceleration structures against each other.
     Bench(bench::Arguments),
+    /// Record the rays of a frame for the benchmark of the acceleration structures.
+    Rays(rays::Arguments),
     /// Check that all acceleration structures give the same hits and pictures.
     Verify(verify::Arguments),
 }
@@ -87,6 +90,7 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Tune(arguments) => tune::run(arguments),
         Command::Play(arguments) => play::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
+        Command::Rays(arguments) => rays::run(arguments),
         Command::Verify(arguments) => verify::run(arguments),
     }
 }

@@ -1,0 +1,155 @@
+//! How fast are the acceleration structures? Million rays a second and build milliseconds, side by side.
+//!
+//! `cargo bench -p treewright-accel -- --rounds 21 --json rays.json`
+//!
+//! `TREEWRIGHT_RAYS` names recordings (files or folders, separated as in `PATH`) that `treewright-render rays`
+//! has made of real frames; without it, three procedural scenes with rays of their own serve. Every round runs
+//! every structure once on every set of rays, and a ratio is taken within a round, so that a slow spell of the
+//! machine hits both sides. Nothing is timed before its answers have been compared ray by ray with native
+//! Embree's, and those of native Embree with brute force.
+
+mod answers;
+mod contenders;
+mod measure;
+mod peers;
+mod procedural;
+#[path = "../../tests/scenes/mod.rs"]
+mod scenes;
+mod summary;
+
+use std::error::Error;
+use std::ffi::OsStr;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use clap::Parser;
+use treewright_accel::recording::Recording;
+use treewright_accel::{Device, Isa, set_flush_denormals};
+
+use summary::{Results, SceneResults};
+
+/// Names the recordings.
+const RECORDINGS: &str = "TREEWRIGHT_RAYS";
+
+/// Measures acceleration structures on recorded rays.
+#[derive(Debug, Parser)]
+#[command(name = "rays")]
+struct Arguments {
+    /// How often each structure traces each set of rays.
+    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    rounds: u32,
+
+    /// How often each structure is built.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    builds: u32,
+
+    /// Only scenes whose name contains this.
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    scene: String,
+
+    /// Only structures whose name contains this; native medium is always there.
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    structure: String,
+
+    /// Threads that trace: one, all cores, or first one and then all.
+    #[arg(long, value_name = "N", value_enum, default_value = "both")]
+    threads: measure::Threads,
+
+    /// Threads that Embree builds with; 0 is one a core.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    build_threads: usize,
+
+    /// Write everything to a file as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+
+    /// Handed over by cargo.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments = Arguments::parse();
+    set_flush_denormals();
+    let device = Device::open(arguments.build_threads)?;
+    let mut results = Results {
+        embree: device.version(),
+        instruction_set: format!("{:?}", Isa::detect()),
+        build_threads: arguments.build_threads,
+        rounds: arguments.rounds,
+        builds: arguments.builds,
+        scenes: Vec::new(),
+    };
+    for (name, recording) in recordings(&arguments.scene, &device)? {
+        let recording = recording()?;
+        let contenders = contenders::build_all(&device, &recording, &arguments.structure, arguments.builds)?;
+        let expected = answers::check(&name, &recording, &contenders)?;
+        for threads in arguments.threads.counts() {
+            let rows = measure::measure(&recording, &contenders, &expected, threads, arguments.rounds)?;
+            let scene = SceneResults::new(&name, &recording, &expected, threads, rows);
+            println!("{scene}\n");
+            results.scenes.push(scene);
+        }
+    }
+    if results.scenes.is_empty() {
+        return Err(format!("no scene's name contains {:?}", arguments.scene).into());
+    }
+    if let Some(path) = &arguments.json {
+        std::fs::write(path, serde_json::to_string_pretty(&results)?)
+            .map_err(|error| format!("{} cannot be written: {error}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// Reads or makes a recording when its turn comes.
+type Source<'a> = Box<dyn FnOnce() -> Result<Recording, Box<dyn Error>> + 'a>;
+
+/// The scenes to measure, by name.
+fn recordings<'a>(filter: &str, device: &'a Device) -> Result<Vec<(String, Source<'a>)>, Box<dyn Error>> {
+    let mut found: Vec<(String, Source<'a>)> = Vec::new();
+    if let Some(places) = std::env::var_os(RECORDINGS) {
+        for path in files(&places)? {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            found.push((name, Box::new(move || read(&path))));
+        }
+    } else {
+        for scene in procedural::SCENES {
+            found.push((scene.name.to_owned(), Box::new(move || Ok(scene.record(device)?))));
+        }
+    }
+    found.retain(|(name, _)| name.contains(filter));
+    Ok(found)
+}
+
+/// The recordings at some places: files as they are, folders for the files in them that end in `.rays`.
+fn files(places: &OsStr) -> Result<Vec<PathBuf>, Box<dyn Error>> {
+    let mut files = Vec::new();
+    for place in std::env::split_paths(places) {
+        if !place.is_dir() {
+            files.push(place);
+            continue;
+        }
+        let entries = std::fs::read_dir(&place)
+            .map_err(|error| format!("{} cannot be listed: {error}", place.display()))?;
+        for entry in entries {
+            let path = entry?.path();
+            if path.extension().is_some_and(|ending| ending == "rays") {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    if files.is_empty() {
+        return Err(
+            format!("{RECORDINGS} names no recording: make some with `treewright-render rays`").into()
+        );
+    }
+    Ok(files)
+}
+
+fn read(path: &Path) -> Result<Recording, Box<dyn Error>> {
+    let told = |cause: &dyn std::fmt::Display| format!("{}: {cause}", path.display());
+    let file = File::open(path).map_err(|error| told(&error))?;
+    Ok(Recording::read(BufReader::new(file)).map_err(|error| told(&error))?)
+}

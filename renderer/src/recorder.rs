@@ -1,0 +1,195 @@
+//! Records the rays of a frame: an [`Intersector`] in front of another one that writes down what it is asked.
+//!
+//! The path tracer does not know that it is watched, so the rays are those of a real frame, path by path on
+//! one thread. Which class a ray is of follows from the order of a path's questions: its first ray starts at
+//! the camera's eye, every further one is a bounce, and shadow rays belong to the point before them (with them
+//! count last rays of which only matters whether they reach the sky). Rays that
+//! go on behind a thin sheet in the same direction are continuations and left out. At the end the paths are
+//! brought into blocks of 4×4 pixels, the order in which a renderer hands them out in packets.
+
+use std::sync::{Mutex, PoisonError};
+
+use glam::Vec3;
+use treewright_accel::limits::RECORDED_RAYS_MAX;
+use treewright_accel::recording::{RayClass, RaySet, Recording};
+use treewright_accel::{Hit, Intersector, Ray};
+
+use crate::film::Film;
+use crate::integrator::{Prepared, View, render_sample};
+use crate::render_options::RenderOptions;
+use crate::scene::Camera;
+
+/// Edge of the blocks of pixels that paths are ordered by.
+const BLOCK: u32 = 4;
+
+/// Renders one sample a pixel and gives the triangles with the rays it took, [`RECORDED_RAYS_MAX`] a class at
+/// most. Runs on the calling thread's rayon pool, which must have one thread.
+pub fn record<I: Intersector>(
+    prepared: &Prepared,
+    intersector: &I,
+    view: &View,
+    film: &mut Film,
+) -> Recording {
+    let recorder = Recorder {
+        intersector,
+        eye: view.camera.position,
+        log: Mutex::new(Log {
+            asked: Vec::new(),
+            path: 0,
+            depth: 0,
+            last: Vec3::ZERO,
+            last_shadow: Vec3::ZERO,
+        }),
+    };
+    // Path by path: the order of the questions tells their class.
+    render_sample(prepared, &recorder, view, &RenderOptions::default(), prepared.needs, film);
+    let log = recorder.log.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let blocks = blocks(&log.asked, &view.camera, film.width(), film.height());
+    let sets = RayClass::ALL.map(|class| {
+        let mut asked: Vec<&Asked> = log.asked.iter().filter(|asked| asked.class == class).collect();
+        asked.sort_by_key(|asked| blocks[asked.path]);
+        let rays = asked.into_iter().take(RECORDED_RAYS_MAX).map(|asked| asked.ray).collect();
+        RaySet { class, rays }
+    });
+    let sets = sets.into_iter().filter(|set| !set.rays.is_empty()).collect();
+    Recording { triangles: prepared.scene.triangles.clone(), sets }
+}
+
+/// A question about one ray.
+#[derive(Clone, Copy, Debug)]
+struct Asked {
+    class: RayClass,
+    /// Number of the path, from 0.
+    path: usize,
+    ray: Ray,
+}
+
+/// What was asked, and how far the present path has come.
+struct Log {
+    asked: Vec<Asked>,
+    /// Paths begun.
+    path: usize,
+    /// Surfaces the present path was scattered at.
+    depth: u32,
+    /// Direction of the latest ray of the path.
+    last: Vec3,
+    /// Direction of the latest shadow ray.
+    last_shadow: Vec3,
+}
+
+impl Log {
+    fn closest(&mut self, ray: &Ray, eye: Vec3) {
+        let class = if ray.origin == eye {
+            self.path += 1;
+            self.depth = 0;
+            RayClass::Primary
+        } else if ray.direction == self.last || ray.direction == self.last_shadow {
+            return;
+        } else {
+            self.depth += 1;
+            match self.depth {
+                1 => RayClass::FirstBounce,
+                2 => RayClass::SecondBounce,
+                // Like the second: scattered all over.
+                _ => return,
+            }
+        };
+        self.last = ray.direction;
+        self.push(class, ray);
+    }
+
+    fn occluded(&mut self, ray: &Ray) {
+        self.last_shadow = ray.direction;
+        self.push(if self.depth == 0 { RayClass::FirstShadow } else { RayClass::Shadow }, ray);
+    }
+
+    fn push(&mut self, class: RayClass, ray: &Ray) {
+        if ray.is_valid() && self.path > 0 {
+            self.asked.push(Asked { class, path: self.path - 1, ray: *ray });
+        }
+    }
+}
+
+/// Passes every question on and writes it down.
+struct Recorder<'a, I> {
+    intersector: &'a I,
+    eye: Vec3,
+    log: Mutex<Log>,
+}
+
+impl<I: Intersector> Intersector for Recorder<'_, I> {
+    fn closest(&self, ray: &Ray) -> Option<Hit> {
+        self.log.lock().unwrap_or_else(PoisonError::into_inner).closest(ray, self.eye);
+        self.intersector.closest(ray)
+    }
+
+    fn occluded(&self, ray: &Ray) -> bool {
+        self.log.lock().unwrap_or_else(PoisonError::into_inner).occluded(ray);
+        self.intersector.occluded(ray)
+    }
+}
+
+/// Where each path's pixel lies: row and column of its block, then row and column inside it.
+fn blocks(asked: &[Asked], camera: &Camera, width: u32, height: u32) -> Vec<[u32; 4]> {
+    let forward = (camera.target - camera.position).normalize_or(Vec3::NEG_Z);
+    let right = forward.cross(camera.up).try_normalize().unwrap_or_else(|| forward.any_orthonormal_vector());
+    let up = right.cross(forward);
+    let half_height = (camera.vertical_fov_deg.clamp(0.1, 179.0).to_radians() * 0.5).tan();
+    let half_width = half_height * width as f32 / height as f32;
+    let primary = asked.iter().filter(|asked| asked.class == RayClass::Primary);
+    primary
+        .map(|asked| {
+            let depth = asked.ray.direction.dot(forward);
+            let across = 0.5 + 0.5 * asked.ray.direction.dot(right) / (depth * half_width);
+            let down = 0.5 - 0.5 * asked.ray.direction.dot(up) / (depth * half_height);
+            let (x, y) = ((across * width as f32) as u32, (down * height as f32) as u32);
+            [y / BLOCK, x / BLOCK, y % BLOCK, x % BLOCK]
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use treewright_accel::{BuildChoice, Device, NativeOptions, build};
+
+    use super::*;
+    use crate::scene::builtin;
+
+    #[test]
+    fn a_frame_is_recorded_by_class() {
+        let options = builtin::Options { detail: 0.1, ..builtin::Options::default() };
+        let scene = Arc::new(builtin::build("hall", &options).expect("it is built in"));
+        let prepared = Prepared::new(scene.clone());
+        let view = View { camera: scene.cameras[0], seed: 1, bounces: 3 };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
+        let (mut film, mut plain) = (Film::new(24, 16), Film::new(24, 16));
+        let choice = BuildChoice::Native(NativeOptions::default());
+        let device = Device::open(0).expect("Embree is set up");
+        let native = build(&device, &scene.triangles, &choice).expect("it builds");
+        let recording = pool.install(|| record(&prepared, &native, &view, &mut film));
+        let counts = pool.install(|| {
+            render_sample(&prepared, &native, &view, &RenderOptions::default(), prepared.needs, &mut plain)
+        });
+        assert_eq!(film.picture(), plain.picture(), "being watched changes nothing");
+
+        let count =
+            |class| recording.sets.iter().find(|set| set.class == class).map_or(0, |set| set.rays.len());
+        assert_eq!(count(RayClass::Primary), 24 * 16);
+        assert!(count(RayClass::FirstBounce) > 0 && count(RayClass::FirstBounce) <= 24 * 16);
+        assert!(count(RayClass::SecondBounce) <= count(RayClass::FirstBounce));
+        let shadow = (count(RayClass::FirstShadow) + count(RayClass::Shadow)) as u64;
+        // Beside them, at most one last look at the sky a path.
+        assert!((counts.shadow_rays..=counts.shadow_rays + 24 * 16).contains(&shadow), "{shadow}");
+        // Neighbours in the file are neighbours in the picture: the first 16 rays make one block.
+        let primary = &recording.sets[0].rays;
+        let cosine = |ray: &Ray| ray.direction.dot(primary[0].direction);
+        let block = primary[..16].iter().map(cosine).fold(1.0, f32::min);
+        let row = primary[16 * 5..16 * 6].iter().map(cosine).fold(1.0, f32::min);
+        assert!(
+            block > row,
+            "the first 16 rays make a block, those of the last block of the row lie far off"
+        );
+    }
+}
