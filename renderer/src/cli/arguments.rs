@@ -9,7 +9,9 @@ use treewright_client::{Configuration, Indicators};
 
 use super::error::CliError;
 use crate::camera_path::CameraPath;
+use crate::frame::{Renderer, RendererError};
 use crate::indicators::SceneIndicators;
+use crate::integrator::View;
 use crate::limits::{BOUNCES_MAX, SIZE_MAX, THREADS_MAX};
 use crate::scene::{Camera, Scene, builtin, load};
 use crate::space;
@@ -91,6 +93,33 @@ pub(super) struct FrameArguments {
     /// Threads for building and rendering; 0 is one a core.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
     pub(super) threads: usize,
+
+    /// What shading leaves out: all that the scene does not need, or nothing. Pictures are the same.
+    #[arg(long, value_enum, default_value_t = LeaveOut::All)]
+    pub(super) leave_out: LeaveOut,
+}
+
+/// What shading leaves out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum LeaveOut {
+    /// Everything that the scene does not need.
+    All,
+    /// Nothing: the kernel that renders any scene.
+    None,
+}
+
+impl FrameArguments {
+    /// A renderer of a scene.
+    pub(super) fn renderer(&self, scene: &Arc<Scene>) -> Result<Renderer, RendererError> {
+        let mut renderer = Renderer::new(scene.clone(), self.threads)?;
+        renderer.set_leave_out(self.leave_out == LeaveOut::All);
+        Ok(renderer)
+    }
+
+    /// What is rendered from a camera.
+    pub(super) fn view(&self, camera: Camera) -> View {
+        View { camera, seed: self.seed, bounces: self.bounces }
+    }
 }
 
 /// Width and height of a picture.

@@ -9,8 +9,6 @@ use super::arguments::{CameraArguments, FrameArguments, Native, SceneArguments, 
 use super::error::{CliError, write_file};
 use super::interrupt::Interrupt;
 use super::output;
-use crate::frame::Renderer;
-use crate::integrator::View;
 use crate::limits::{CONTENDERS_MAX, ROUNDS_MAX};
 use crate::measure::{Conditions, Contender, Standing, interleaved, standings};
 use crate::render_options::RenderOptions;
@@ -99,9 +97,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
-    let renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
+    let renderer = arguments.frame.renderer(&scene)?;
     let conditions = Conditions {
-        view: View { camera, seed: arguments.frame.seed, bounces: arguments.frame.bounces },
+        view: arguments.frame.view(camera),
         width: arguments.size.width,
         height: arguments.size.height,
         rounds: arguments.rounds,

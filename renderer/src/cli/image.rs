@@ -12,9 +12,8 @@ use super::error::CliError;
 use super::interrupt::Interrupt;
 use super::output;
 use crate::film::Film;
-use crate::frame::Renderer;
 use crate::image_file::{self, Exposure};
-use crate::integrator::{Counts, View};
+use crate::integrator::{Counts, Omission};
 use crate::limits::SAMPLES_MAX;
 use crate::render_options::RenderOptions;
 use crate::statistics::Summary;
@@ -65,6 +64,8 @@ struct Outcome {
     render_ms: Summary,
     mean_luminance: f64,
     counts: Counts,
+    /// What shading leaves out, and why the scene can do without.
+    left_out: Vec<Omission>,
     statistics: Option<treewright_accel::Statistics>,
     out: PathBuf,
 }
@@ -75,9 +76,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let choice = arguments.structure.choice()?;
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
-    let mut renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
+    let mut renderer = arguments.frame.renderer(&scene)?;
     let build_ms = renderer.rebuild(&choice)?;
-    let view = View { camera, seed: arguments.frame.seed, bounces: arguments.frame.bounces };
+    let view = arguments.frame.view(camera);
     let mut film = Film::new(arguments.size.width, arguments.size.height);
     let (mut counts, mut render_ms) = (Counts::default(), Vec::new());
     let interrupt = Interrupt::listen();
@@ -105,6 +106,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         render_ms: Summary::of(&render_ms),
         mean_luminance: picture.mean_luminance(),
         counts,
+        left_out: renderer.needs().omissions(),
         statistics: renderer.structure().map(treewright_accel::Structure::statistics),
         out: arguments.out.clone(),
     };
@@ -119,6 +121,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if counts.bad_samples > 0 {
         println!("{} samples were not numbers and count as black", counts.bad_samples);
     }
+    output::left_out(&outcome.left_out);
     println!("wrote {}", arguments.out.display());
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }

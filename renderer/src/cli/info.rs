@@ -7,7 +7,7 @@ use treewright_client::{Indicators, Space, Value};
 use super::arguments::{CameraArguments, SceneArguments, indicators};
 use super::error::CliError;
 use super::output;
-use crate::integrator::Lights;
+use crate::integrator::{Omission, Prepared};
 use crate::scene::builtin;
 use crate::space::{domain_in_words, table_1};
 
@@ -47,6 +47,8 @@ struct SceneInfo {
     sun: bool,
     bounds_min: [f32; 3],
     bounds_max: [f32; 3],
+    /// What shading leaves out, and why the scene can do without.
+    left_out: Vec<Omission>,
     indicators: Indicators,
     notes: Vec<String>,
 }
@@ -56,6 +58,7 @@ pub(super) fn info(arguments: &InfoArguments) -> Result<(), CliError> {
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
     let bounds = scene.bounds();
+    let prepared = Prepared::new(scene.clone());
     let info = SceneInfo {
         name: scene.name.clone(),
         triangles: scene.triangles.len(),
@@ -64,7 +67,8 @@ pub(super) fn info(arguments: &InfoArguments) -> Result<(), CliError> {
         meshes: scene.meshes.len(),
         materials: scene.materials.len(),
         cameras: scene.cameras.len(),
-        emissive_triangles: Lights::new(&scene).triangle_count(),
+        emissive_triangles: prepared.lights.triangle_count(),
+        left_out: prepared.needs.omissions(),
         sun: scene.sky.sun.is_some(),
         bounds_min: bounds.min.into(),
         bounds_max: bounds.max.into(),
@@ -95,6 +99,7 @@ pub(super) fn info(arguments: &InfoArguments) -> Result<(), CliError> {
         row(&format!("indicator {name}"), format!("{value:.6}"));
     }
     println!("{table}");
+    output::left_out(&info.left_out);
     for note in &info.notes {
         println!("note: {note}");
     }

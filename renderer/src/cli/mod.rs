@@ -6,6 +6,7 @@ mod error;
 mod image;
 mod info;
 mod interrupt;
+mod leave_out;
 mod output;
 mod play;
 mod rays;
@@ -29,6 +30,7 @@ Examples:
   treewright-render tune --scene builtin:hall --iterations 80 --report hall.html
   treewright-render play --scene builtin:hall --frames 50 --compare
   treewright-render bench --scene builtin:city --rounds 15
+  treewright-render leave-out --scene builtin:model
   treewright-render verify --scene bmw.ply --rays 10000
 
 Exit codes:
@@ -64,6 +66,8 @@ enum Command {
     Bench(bench::Arguments),
     /// Record the rays of a frame for the benchmark of the acceleration structures.
     Rays(rays::Arguments),
+    /// Measure what it saves to leave out what a scene does not need.
+    LeaveOut(leave_out::Arguments),
     /// Check that all acceleration structures give the same hits and pictures.
     Verify(verify::Arguments),
 }
@@ -91,6 +95,7 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Play(arguments) => play::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Rays(arguments) => rays::run(arguments),
+        Command::LeaveOut(arguments) => leave_out::run(arguments),
         Command::Verify(arguments) => verify::run(arguments),
     }
 }

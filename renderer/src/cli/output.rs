@@ -5,6 +5,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::error::CliError;
+use crate::integrator::Omission;
 use crate::measure::Standing;
 
 /// Prints a value as indented JSON.
@@ -61,6 +62,13 @@ pub(super) fn standings(standings: &[Standing]) -> Table {
         ]);
     }
     table
+}
+
+/// What shading leaves out on a scene.
+pub(super) fn left_out(omissions: &[Omission]) {
+    for omission in omissions {
+        println!("left out: {}; {}", omission.what, omission.why);
+    }
 }
 
 /// A sign of life on standard error while something takes its time.

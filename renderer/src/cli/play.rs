@@ -105,7 +105,7 @@ struct Results {
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
-    let renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
+    let renderer = arguments.frame.renderer(&scene)?;
     let id = arguments.server.study_id(&scene, arguments.objective, arguments.size);
     let title = format!("{} at {}, {} time", scene.name, arguments.size, arguments.objective.name());
     let title: String = title.chars().take(200).collect();

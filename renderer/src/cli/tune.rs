@@ -18,7 +18,6 @@ use super::{output, tune_output};
 use crate::camera_path::CameraPath;
 use crate::frame::{Renderer, milliseconds};
 use crate::indicators::SceneIndicators;
-use crate::integrator::View;
 use crate::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
 use crate::measure::{Conditions, Contender, Standing, interleaved, standings};
 use crate::render_options::RenderOptions;
@@ -108,7 +107,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
-    let mut renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
+    let mut renderer = arguments.frame.renderer(&scene)?;
     let id = arguments.server.study_id(&scene, arguments.objective, arguments.size);
     let study = open_study(&client, &id, &scene, arguments)?;
     println!(
@@ -123,7 +122,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let interrupt = Interrupt::listen();
     let setting = Setting {
         objective: arguments.objective,
-        view: View { camera, seed: arguments.frame.seed, bounces: arguments.frame.bounces },
+        view: arguments.frame.view(camera),
         width: arguments.size.width,
         height: arguments.size.height,
         frames: arguments.frames,
@@ -262,7 +261,7 @@ struct Judge<'a> {
 impl Judge<'_> {
     fn conditions(&self, camera: Camera) -> Conditions {
         Conditions {
-            view: View { camera, seed: self.arguments.frame.seed, bounces: self.arguments.frame.bounces },
+            view: self.arguments.frame.view(camera),
             width: self.arguments.size.width,
             height: self.arguments.size.height,
             rounds: self.arguments.rounds,

@@ -16,9 +16,8 @@ use super::arguments::{CameraArguments, FrameArguments, Native, SceneArguments, 
 use super::error::CliError;
 use super::output;
 use crate::film::Film;
-use crate::frame::Renderer;
+use crate::integrator::Lens;
 use crate::integrator::random::PathRandom;
-use crate::integrator::{Lens, View};
 use crate::limits::VERIFY_RAYS_MAX;
 use crate::render_options::RenderOptions;
 use crate::scene::{Camera, Scene};
@@ -102,7 +101,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let accelerators = accelerators(&arguments.config)?;
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
-    let renderer = Renderer::new(scene.clone(), arguments.frame.threads)?;
+    let renderer = arguments.frame.renderer(&scene)?;
     let rays = rays(&scene, &camera, arguments.rays, arguments.frame.seed);
     let oracle = renderer.build(&BuildChoice::BruteForce)?.0;
     let bar = if arguments.json {
@@ -121,7 +120,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     });
     bar.finish_and_clear();
 
-    let view = View { camera, seed: arguments.frame.seed, bounces: arguments.frame.bounces };
+    let view = arguments.frame.view(camera);
     let diagonal = scene.bounds().diagonal();
     let mut first_picture = None;
     let mut verdicts = Vec::new();

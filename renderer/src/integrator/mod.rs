@@ -19,6 +19,7 @@ mod path;
 mod prepared;
 pub mod random;
 pub mod sampling;
+mod sheets;
 mod sort;
 mod stages;
 mod surface;

@@ -9,8 +9,9 @@ use rayon::prelude::*;
 use super::bsdf::Bsdf;
 use super::lights::Lights;
 use super::needs::Needs;
+use super::sheets::Sheets;
 use super::surface::Facet;
-use crate::scene::{Material, Scene};
+use crate::scene::{Material, Mesh, Scene};
 
 /// A scene with the tables that shading needs. Independent of the acceleration structure and the camera.
 #[derive(Clone, Debug)]
@@ -25,6 +26,8 @@ pub struct Prepared {
     pub(super) facets: Vec<Facet>,
     /// Those that triangles have, each once.
     pub(super) surfaces: Vec<Shading>,
+    /// Where light can pass through something.
+    pub(super) sheets: Sheets,
 }
 
 /// A material ready for shading.
@@ -54,7 +57,9 @@ impl Prepared {
             instances: scene.instances.is_some(),
         }
         .closed();
-        Self { lights, needs, facets, surfaces, scene }
+        let thin = |mesh: &Mesh| Bsdf::new(&scene.materials[mesh.material as usize]).is_thin();
+        let sheets = Sheets::new(&scene, thin);
+        Self { lights, needs, facets, surfaces, sheets, scene }
     }
 
     /// What a hit triangle is made of. `MANY` is false where all have one material.

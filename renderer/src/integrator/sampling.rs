@@ -169,6 +169,47 @@ mod tests {
         }
     }
 
+    /// Pearson's statistic of counts over cells of equal probability. With n cells it has mean n - 1 and standard
+    /// deviation √(2 (n - 1)).
+    fn chi_square(counts: &[u32]) -> f64 {
+        let expected = f64::from(counts.iter().sum::<u32>()) / counts.len() as f64;
+        counts.iter().map(|&count| (f64::from(count) - expected).powi(2) / expected).sum()
+    }
+
+    /// Samples a shape and counts cells of equal probability on a grid of 8 by 8, as `cell` maps them to the
+    /// unit square.
+    fn fills_its_cells_evenly<T>(sample: impl Fn([f32; 2]) -> T, cell: impl Fn(T) -> [f32; 2]) {
+        let random = PathRandom::new(23, 0, 0);
+        let mut counts = [0_u32; 64];
+        for place in 0..40_000 {
+            let [x, y] = cell(sample(random.pair(place))).map(|at| ((at * 8.0) as usize).min(7));
+            counts[y * 8 + x] += 1;
+        }
+        // Mean 63, deviation 11: this is four deviations and a half above.
+        assert!(chi_square(&counts) < 113.0, "{}", chi_square(&counts));
+    }
+
+    fn azimuth(direction: Vec3) -> f32 {
+        (direction.y.atan2(direction.x) / std::f32::consts::TAU).rem_euclid(1.0)
+    }
+
+    #[test]
+    fn directions_and_points_follow_their_densities() {
+        // Density cos / π: the squared sine is uniform.
+        fills_its_cells_evenly(cosine_hemisphere, |direction| {
+            assert!((direction.length() - 1.0).abs() < 1e-5);
+            [1.0 - direction.z * direction.z, azimuth(direction)]
+        });
+        // Uniform over a cap: the height is uniform (Archimedes).
+        let cos_max = 0.4;
+        fills_its_cells_evenly(
+            |u| uniform_cone(u, cos_max),
+            |direction| [(1.0 - direction.z) / (1.0 - cos_max), azimuth(direction)],
+        );
+        // Uniform over a triangle: the squared distance from the first corner's side is, and the place along it.
+        fills_its_cells_evenly(uniform_triangle, |[v, w]| [(v + w) * (v + w), w / (v + w).max(1e-9)]);
+    }
+
     #[test]
     fn turns_are_sines_and_cosines() {
         for step in 0..1 << 16 {

@@ -329,13 +329,17 @@ pub(super) fn missed(prepared: &Prepared, path: &Path, ray: &Ray) -> Vec3 {
 }
 
 /// Share of light that comes through thin sheets along a shadow ray that something lies in the way of. Should
-/// the nearest hit not be found, what lies there counts as opaque.
+/// the nearest hit not be found, what lies there counts as opaque. Most rays pass no place where a sheet could
+/// be, and then what was met is opaque for certain.
 pub(super) fn through_sheets<I: Intersector>(
     prepared: &Prepared,
     intersector: &I,
     mut ray: Ray,
     counts: &mut Counts,
 ) -> Vec3 {
+    if !prepared.sheets.may_be_met(&ray) {
+        return Vec3::ZERO;
+    }
     let mut seen = Vec3::ONE;
     for passed in 0..=SHEETS_PER_SEGMENT_MAX {
         counts.rays += 1;

@@ -64,6 +64,11 @@ impl Assembler {
         (self.materials.len() - 1) as u32
     }
 
+    /// Makes every material so far the same.
+    pub fn repaint(&mut self, material: Material) {
+        self.materials.fill(sanitized(material));
+    }
+
     /// Adds a sentence about what was left out or made up.
     pub fn note(&mut self, note: impl Into<String>) {
         self.notes.push(note.into());

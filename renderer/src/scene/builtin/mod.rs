@@ -2,13 +2,15 @@
 //!
 //! They cover what makes acceleration structures differ: architecture with large and small triangles side
 //! by side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`, `needles`), one
-//! dense surface (`statue`), wide extent (`city`), and a small one for trials (`quick`).
+//! dense surface (`statue`), wide extent (`city`, and `model`, which asks next to nothing of shading), and a
+//! small one for trials (`quick`).
 
 mod architecture;
 mod city;
 mod courtyard;
 mod gallery;
 mod hall;
+mod model;
 mod needles;
 mod noise;
 mod palette;
@@ -48,7 +50,7 @@ impl Default for Options {
 /// A scene in the list: its name, what it shows, and its generator.
 type Entry = (&'static str, &'static str, fn(&mut Stage) -> Result<Plan, SceneError>);
 
-const SCENES: [Entry; 7] = [
+const SCENES: [Entry; 8] = [
     (
         "hall",
         "columned hall with coffered ceiling, sunlit through high windows; 250,000 triangles",
@@ -59,6 +61,11 @@ const SCENES: [Entry; 7] = [
     ("statue", "finely displaced figure under a dome with an open eye; 1,000,000 triangles", statue::build),
     ("needles", "bundle of long thin triangles turning through the hall; 100,000 triangles", needles::build),
     ("city", "blocks of towers with window frames, lamps, cars and trees; 480,000 triangles", city::build),
+    (
+        "model",
+        "the city as a white model under an overcast sky: one matt material, no lamps; 480,000 triangles",
+        model::build,
+    ),
     (
         "quick",
         "small courtyard with a fountain for tests and demonstrations; 20,000 triangles",

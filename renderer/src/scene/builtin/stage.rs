@@ -66,6 +66,11 @@ impl<'a> Stage<'a> {
         self.assembler.material(material)
     }
 
+    /// Gives all meshes so far this one material.
+    pub(super) fn repaint(&mut self, material: Material) {
+        self.assembler.repaint(material);
+    }
+
     /// Adds what was built as one mesh.
     pub(super) fn add(&mut self, name: &str, material: u32, shapes: &Shapes) -> Result<(), SceneError> {
         self.add_part(name, material, &shapes.part)
