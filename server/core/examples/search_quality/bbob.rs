@@ -29,10 +29,8 @@ fn rotation(dimension: usize, random: &mut impl Rng) -> Matrix {
     for i in 0..dimension {
         for j in 0..i {
             let along: f64 = (0..dimension).map(|k| rows[i][k] * rows[j][k]).sum();
-            for k in 0..dimension {
-                let other = rows[j][k];
-                rows[i][k] -= along * other;
-            }
+            let other = rows[j].clone();
+            rows[i].iter_mut().zip(other).for_each(|(x, other)| *x -= along * other);
         }
         let length = rows[i].iter().map(|x| x * x).sum::<f64>().sqrt();
         rows[i].iter_mut().for_each(|x| *x /= length);

@@ -19,13 +19,15 @@ pub(crate) enum Kind {
     Ratio,
 }
 
+/// A cost without noise; `None` where a configuration cannot be run.
+pub(crate) type Truth = Box<dyn Fn(&Configuration) -> Option<f64> + Send + Sync>;
+
 /// A space with a cost.
 pub(crate) struct Problem {
     pub(crate) name: String,
     pub(crate) kind: Kind,
     pub(crate) space: Space,
-    /// The cost without noise; `None` where it cannot be run.
-    pub(crate) truth: Box<dyn Fn(&Configuration) -> Option<f64> + Send + Sync>,
+    pub(crate) truth: Truth,
     /// Standard deviation of the noise's logarithm.
     pub(crate) noise: f64,
     /// Added to what is measured.
