@@ -10,7 +10,7 @@ use super::device::{Device, EmbreeFailure};
 use super::ffi;
 use super::packets;
 use crate::error::BuildError;
-use crate::geometry::{Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
+use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
 use crate::parameters::{NativeOptions, NativeQuality};
 
 /// A committed Embree scene over shared triangles.
@@ -47,39 +47,11 @@ impl NativeScene {
         options: &NativeOptions,
     ) -> Result<Self, BuildError> {
         let before = device.bytes_held();
-        // SAFETY: the device is valid.
-        let scene = SceneHandle(unsafe { ffi::rtcNewScene(device.handle()) });
-        if scene.0.is_null() {
-            return Err(failure(device));
-        }
-        let mut flags = ffi::RTCSceneFlags::NONE;
-        for (wanted, flag) in [
-            (options.compact, ffi::RTCSceneFlags::COMPACT),
-            (options.dynamic, ffi::RTCSceneFlags::DYNAMIC),
-            (options.robust, ffi::RTCSceneFlags::ROBUST),
-        ] {
-            if wanted {
-                flags |= flag;
-            }
-        }
-        let quality = match options.quality {
-            NativeQuality::Low => ffi::RTCBuildQuality::LOW,
-            NativeQuality::Medium => ffi::RTCBuildQuality::MEDIUM,
-            NativeQuality::High => ffi::RTCBuildQuality::HIGH,
-        };
-        // SAFETY: the scene is valid and not committed yet.
-        unsafe {
-            ffi::rtcSetSceneFlags(scene.0, flags);
-            ffi::rtcSetSceneBuildQuality(scene.0, quality);
-        }
+        let scene = new_scene(device, options)?;
         if !triangles.is_empty() {
             attach(device, &scene, triangles)?;
         }
-        // SAFETY: the scene is valid; the shared arrays are alive.
-        unsafe { ffi::rtcCommitScene(scene.0) };
-        device.check().map_err(BuildError::from)?;
-        let bytes = device.bytes_held().saturating_sub(before);
-        Ok(Self { scene, bytes, _triangles: Arc::clone(triangles), _device: device.clone() })
+        commit(device, scene, triangles, before)
     }
 
     /// Bytes Embree took during the build, by its own memory monitor. A build running at the same time
@@ -89,7 +61,51 @@ impl NativeScene {
     }
 }
 
-fn failure(device: &Device) -> BuildError {
+/// A scene of these options, still empty.
+pub(super) fn new_scene(device: &Device, options: &NativeOptions) -> Result<SceneHandle, BuildError> {
+    // SAFETY: the device is valid.
+    let scene = SceneHandle(unsafe { ffi::rtcNewScene(device.handle()) });
+    if scene.0.is_null() {
+        return Err(failure(device));
+    }
+    let mut flags = ffi::RTCSceneFlags::NONE;
+    for (wanted, flag) in [
+        (options.compact, ffi::RTCSceneFlags::COMPACT),
+        (options.dynamic, ffi::RTCSceneFlags::DYNAMIC),
+        (options.robust, ffi::RTCSceneFlags::ROBUST),
+    ] {
+        if wanted {
+            flags |= flag;
+        }
+    }
+    let quality = match options.quality {
+        NativeQuality::Low => ffi::RTCBuildQuality::LOW,
+        NativeQuality::Medium => ffi::RTCBuildQuality::MEDIUM,
+        NativeQuality::High => ffi::RTCBuildQuality::HIGH,
+    };
+    // SAFETY: the scene is valid and not committed yet.
+    unsafe {
+        ffi::rtcSetSceneFlags(scene.0, flags);
+        ffi::rtcSetSceneBuildQuality(scene.0, quality);
+    }
+    Ok(scene)
+}
+
+/// Commits a scene that reads `triangles`; `before` is what Embree held when its build began.
+pub(super) fn commit(
+    device: &Device,
+    scene: SceneHandle,
+    triangles: &Arc<Triangles>,
+    before: usize,
+) -> Result<NativeScene, BuildError> {
+    // SAFETY: the scene is valid; the shared arrays are alive.
+    unsafe { ffi::rtcCommitScene(scene.0) };
+    device.check().map_err(BuildError::from)?;
+    let bytes = device.bytes_held().saturating_sub(before);
+    Ok(NativeScene { scene, bytes, _triangles: Arc::clone(triangles), _device: device.clone() })
+}
+
+pub(super) fn failure(device: &Device) -> BuildError {
     let failure = device
         .check()
         .err()
@@ -176,7 +192,8 @@ impl Intersector for NativeScene {
             u: hit.u,
             v: hit.v,
             triangle: hit.primitive,
-            instance: NO_INSTANCE,
+            // Without instances Embree leaves its own mark here, which is ours as well.
+            instance: hit.instance,
         })
     }
 

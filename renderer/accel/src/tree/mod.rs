@@ -6,12 +6,15 @@ mod build;
 mod callbacks;
 mod split;
 mod statistics;
+mod top;
+mod two_level;
 mod validate;
 mod walk;
 
 use std::sync::Arc;
 
 pub use statistics::TreeStatistics;
+pub use two_level::TwoLevel;
 pub use validate::TreeFault;
 
 use crate::embree::{Device, ffi};
@@ -62,6 +65,11 @@ impl Tree {
     /// The parameters it was built with.
     pub fn parameters(&self) -> &TreeParameters {
         &self.parameters
+    }
+
+    /// The box around all of it.
+    pub(crate) fn bounds(&self) -> Bounds {
+        self.root.bounds
     }
 
     /// The instruction set its kernels use.
