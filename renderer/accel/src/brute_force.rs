@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use crate::error::BuildError;
 use crate::geometry::{Hit, Intersector, NO_INSTANCE, Ray, Triangles};
 use crate::instances::Instances;
 
@@ -34,6 +35,13 @@ impl BruteForce {
     /// Wraps triangles that stand where instances place them. Corners go to the world in double precision.
     pub fn instanced(triangles: &Arc<Triangles>, instances: &Arc<Instances>) -> Self {
         Self { triangles: Arc::clone(triangles), instances: Some(Arc::clone(instances)) }
+    }
+
+    /// Takes over moved triangles.
+    pub(crate) fn update(&mut self, triangles: &Arc<Triangles>) -> Result<(), BuildError> {
+        BuildError::same_count(self.triangles.len(), triangles.len())?;
+        self.triangles = Arc::clone(triangles);
+        Ok(())
     }
 
     /// Every triangle with its corners in the world and the instance it stands in.

@@ -23,6 +23,7 @@ pub use geometry::{GeometryError, Hit, Intersector, NO_INSTANCE, Packets, Ray, T
 pub use instances::{Instance, InstanceError, Instances};
 pub use parameters::{
     BuildChoice, Collapse, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Quality, TreeParameters,
+    Update,
 };
 pub use prefetch::prefetch;
 pub use structure::{Statistics, Structure, Visitor, build, build_instanced};

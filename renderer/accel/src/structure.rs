@@ -9,7 +9,7 @@ use crate::embree::{Device, NativeInstances, NativeScene};
 use crate::error::BuildError;
 use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
 use crate::instances::Instances;
-use crate::parameters::{BuildChoice, NativeOptions, TreeParameters};
+use crate::parameters::{BuildChoice, NativeOptions, TreeParameters, Update};
 use crate::tree::{Tree, TreeStatistics, TwoLevel};
 
 /// A built acceleration structure. Each variant is an [`Intersector`] of its own; [`Structure::visit`]
@@ -89,6 +89,24 @@ fn native_instead(parameters: &TreeParameters) -> Option<NativeOptions> {
 }
 
 impl Structure {
+    /// Brings the structure up to date with triangles that moved: as many as before, and each with the number it
+    /// had. Two levels update each object in its own space, then place the instances as before. After an error
+    /// the structure holds what it held before, or is refitted; it can be used either way.
+    pub fn update(
+        &mut self,
+        device: &Device,
+        triangles: &Arc<Triangles>,
+        update: Update,
+    ) -> Result<(), BuildError> {
+        match self {
+            Self::Tree(tree) => tree.update(device, triangles, update),
+            Self::Native(native) => native.update(triangles, update),
+            Self::TwoLevel(two_level) => two_level.update(device, triangles, update),
+            Self::NativeInstances(native) => native.update(triangles, update),
+            Self::BruteForce(brute_force) => brute_force.update(triangles),
+        }
+    }
+
     /// Runs `visitor` with the concrete intersector inside, so that its ray loop is compiled without a
     /// choice per ray.
     pub fn visit<V: Visitor>(&self, visitor: V) -> V::Output {

@@ -14,14 +14,14 @@ use std::ffi::{c_char, c_uint, c_void};
 pub(crate) use embree4_sys::{
     RTCBVH, RTCBounds, RTCBufferType, RTCBuildArguments, RTCBuildFlags, RTCBuildPrimitive, RTCBuildQuality,
     RTCCreateLeafFunction, RTCCreateNodeFunction, RTCDevice, RTCDeviceProperty, RTCFeatureFlags, RTCFormat,
-    RTCGeometryType, RTCIntersectArguments, RTCOccludedArguments, RTCRayQueryFlags, RTCScene, RTCSceneFlags,
-    RTCSetNodeBoundsFunction, RTCSetNodeChildrenFunction, RTCThreadLocalAllocator, rtcAttachGeometry,
+    RTCGeometry, RTCGeometryType, RTCIntersectArguments, RTCOccludedArguments, RTCRayQueryFlags, RTCScene,
+    RTCSceneFlags, RTCSetNodeBoundsFunction, RTCSetNodeChildrenFunction, RTCThreadLocalAllocator,
     rtcAttachGeometryByID, rtcBuildBVH, rtcCommitGeometry, rtcCommitScene, rtcGetDeviceProperty,
-    rtcIntersect1, rtcIntersect8, rtcIntersect16, rtcNewBVH, rtcNewDevice, rtcNewGeometry, rtcNewScene,
-    rtcOccluded1, rtcOccluded8, rtcOccluded16, rtcReleaseBVH, rtcReleaseDevice, rtcReleaseGeometry,
-    rtcReleaseScene, rtcSetDeviceMemoryMonitorFunction, rtcSetGeometryInstancedScene,
-    rtcSetGeometryTransform, rtcSetSceneBuildQuality, rtcSetSceneFlags, rtcSetSharedGeometryBuffer,
-    rtcThreadLocalAlloc,
+    rtcGetGeometry, rtcIntersect1, rtcIntersect8, rtcIntersect16, rtcNewBVH, rtcNewDevice, rtcNewGeometry,
+    rtcNewScene, rtcOccluded1, rtcOccluded8, rtcOccluded16, rtcReleaseBVH, rtcReleaseDevice,
+    rtcReleaseGeometry, rtcReleaseScene, rtcSetDeviceMemoryMonitorFunction, rtcSetGeometryBuildQuality,
+    rtcSetGeometryInstancedScene, rtcSetGeometryTransform, rtcSetSceneBuildQuality, rtcSetSceneFlags,
+    rtcSetSharedGeometryBuffer, rtcThreadLocalAlloc,
 };
 
 /// "No geometry was hit."

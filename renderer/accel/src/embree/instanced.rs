@@ -14,7 +14,7 @@ use super::native::{NativeScene, SceneHandle, commit, failure, new_scene};
 use crate::error::BuildError;
 use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
 use crate::instances::Instances;
-use crate::parameters::NativeOptions;
+use crate::parameters::{NativeOptions, Update};
 
 /// Native Embree scenes under a scene of their instances.
 #[derive(Debug)]
@@ -24,6 +24,8 @@ pub struct NativeInstances {
     objects: Vec<NativeScene>,
     /// First triangle of each instance's object.
     first: Vec<u32>,
+    instances: Arc<Instances>,
+    options: NativeOptions,
 }
 
 impl NativeInstances {
@@ -31,26 +33,31 @@ impl NativeInstances {
     pub(crate) fn build(
         device: &Device,
         triangles: &Arc<Triangles>,
-        instances: &Instances,
+        instances: &Arc<Instances>,
         options: &NativeOptions,
     ) -> Result<Self, BuildError> {
         let objects = instances
             .parts(triangles)
             .map(|part| NativeScene::build(device, &Arc::new(part), options))
             .collect::<Result<Vec<_>, _>>()?;
-        let before = device.bytes_held();
-        let scene = new_scene(device, options)?;
-        for (number, instance) in instances.placed().iter().enumerate() {
-            let object = &objects[instance.object as usize];
-            // An instance of nothing has no box that Embree could build with.
-            if !instances.objects()[instance.object as usize].is_empty() {
-                attach(device, &scene, number as u32, object, &instance.to_world)?;
-            }
-        }
-        let top = commit(device, scene, triangles, before)?;
+        let top = place(device, triangles, instances, &objects, options)?;
         let begins =
             |instance: &crate::instances::Instance| instances.objects()[instance.object as usize].start;
-        Ok(Self { top, objects, first: instances.placed().iter().map(begins).collect() })
+        let first = instances.placed().iter().map(begins).collect();
+        Ok(Self { top, objects, first, instances: Arc::clone(instances), options: *options })
+    }
+
+    /// Updates the objects' scenes, then the scene of instances. Where an object's scene was built anew, all are
+    /// placed anew, since instances refer to it.
+    pub(crate) fn update(&mut self, triangles: &Arc<Triangles>, update: Update) -> Result<(), BuildError> {
+        BuildError::same_count(self.top.triangle_count(), triangles.len())?;
+        let instances = Arc::clone(&self.instances);
+        let mut outcome = Ok(());
+        for (object, part) in self.objects.iter_mut().zip(instances.parts(triangles)) {
+            outcome = outcome.and(object.update(&Arc::new(part), update));
+        }
+        self.top = place(self.top.device(), triangles, &instances, &self.objects, &self.options)?;
+        outcome
     }
 
     /// Bytes Embree took during the builds; see [`NativeScene::bytes`].
@@ -63,6 +70,26 @@ impl NativeInstances {
         hit.triangle += self.first[hit.instance as usize];
         hit
     }
+}
+
+/// The scene of instances.
+fn place(
+    device: &Device,
+    triangles: &Arc<Triangles>,
+    instances: &Instances,
+    objects: &[NativeScene],
+    options: &NativeOptions,
+) -> Result<NativeScene, BuildError> {
+    let before = device.bytes_held();
+    let scene = new_scene(device, options)?;
+    for (number, instance) in instances.placed().iter().enumerate() {
+        let object = &objects[instance.object as usize];
+        // An instance of nothing has no box that Embree could build with.
+        if !instances.objects()[instance.object as usize].is_empty() {
+            attach(device, &scene, number as u32, object, &instance.to_world)?;
+        }
+    }
+    commit(device, scene, triangles, before)
 }
 
 fn attach(

@@ -51,6 +51,7 @@ impl Tree {
             isa,
             parameters: *parameters,
             triangles: Arc::clone(triangles),
+            motion: None,
             _memory: memory,
         })
     }

@@ -4,6 +4,8 @@ pub(crate) mod layout;
 
 mod build;
 mod callbacks;
+mod motion;
+mod refit;
 mod split;
 mod statistics;
 mod top;
@@ -31,6 +33,8 @@ pub struct Tree {
     isa: Isa,
     parameters: TreeParameters,
     triangles: Arc<Triangles>,
+    /// What updates remember; nothing of a tree that was never updated.
+    motion: Option<Box<motion::Motion>>,
     /// Owns every node and leaf.
     _memory: Memory,
 }

@@ -15,7 +15,7 @@ use crate::embree::Device;
 use crate::error::BuildError;
 use crate::geometry::{Hit, Intersector, Ray, Triangles};
 use crate::instances::{Instance, Instances};
-use crate::parameters::TreeParameters;
+use crate::parameters::{TreeParameters, Update};
 
 /// Trees of our own under a tree over their instances.
 #[derive(Debug)]
@@ -25,6 +25,8 @@ pub struct TwoLevel {
     /// First triangle of each object.
     first: Vec<u32>,
     instances: Arc<Instances>,
+    /// Triangles of all objects, placed or not.
+    triangles: usize,
     top: Top,
 }
 
@@ -43,7 +45,25 @@ impl TwoLevel {
             .collect::<Result<Vec<_>, _>>()?;
         let first = instances.objects().iter().map(|range| range.start).collect();
         let top = upper_level(&objects, instances);
-        Ok(Self { objects, first, instances: Arc::clone(instances), top })
+        Ok(Self { objects, first, instances: Arc::clone(instances), triangles: triangles.len(), top })
+    }
+
+    /// Updates the objects' trees and builds the upper level anew. Objects that nothing places stay empty.
+    pub(crate) fn update(
+        &mut self,
+        device: &Device,
+        triangles: &Triangles,
+        update: Update,
+    ) -> Result<(), BuildError> {
+        BuildError::same_count(self.triangles, triangles.len())?;
+        let instances = Arc::clone(&self.instances);
+        let mut outcome = Ok(());
+        for (tree, part) in self.objects.iter_mut().zip(instances.parts(triangles)) {
+            // Whatever one says, all must be of the same moment.
+            outcome = outcome.and(tree.update(device, &Arc::new(part), update));
+        }
+        self.top = upper_level(&self.objects, &instances);
+        outcome
     }
 
     /// The objects' trees.
