@@ -92,6 +92,14 @@ impl<Last> SpaceBuilder<Last> {
         self.parameter(name, Domain::Categorical { values: values.into_iter().map(Into::into).collect() })
     }
 
+    /// A parameter that is there as a value, e.g. one of a list. It is checked like those that are written out.
+    #[must_use]
+    pub fn with_parameter(mut self, parameter: Parameter) -> SpaceBuilder {
+        let Parameter { name, domain, default, active_if } = parameter;
+        self.parameters.push(Draft { name, domain, default: Some(default), active_if });
+        self.turn()
+    }
+
     /// Every configuration has `lesser <= greater`.
     #[must_use]
     pub fn less_or_equal(mut self, lesser: &str, greater: &str) -> SpaceBuilder {
@@ -322,6 +330,26 @@ mod tests {
 
     fn problem<L>(builder: SpaceBuilder<L>) -> String {
         builder.build().unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_list_of_parameters_makes_the_same_space() {
+        let written = SpaceBuilder::new()
+            .boolean("deep")
+            .default(true)
+            .integer("depth", 1..=9)
+            .default(3)
+            .active_if("deep", [true])
+            .build()
+            .unwrap();
+        let listed = written
+            .parameters()
+            .iter()
+            .cloned()
+            .fold(SpaceBuilder::new(), |builder, one| builder.with_parameter(one));
+        assert_eq!(listed.build().unwrap(), written);
+        let alone = SpaceBuilder::new().with_parameter(written.parameters()[1].clone());
+        assert!(problem(alone).contains("not an earlier parameter"));
     }
 
     #[test]

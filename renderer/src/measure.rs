@@ -4,23 +4,21 @@
 //! measured interleaved, each round begins with another one, and what is told are ratios within rounds.
 
 use serde::Serialize;
-use treewright_accel::{BuildChoice, Structure};
+use treewright_accel::Structure;
 
 use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer};
 use crate::integrator::View;
-use crate::render_options::RenderOptions;
+use crate::space::Choice;
 use crate::statistics::Summary;
 
-/// A named way to render, to be measured.
+/// A named structure to be measured.
 #[derive(Clone, Debug)]
 pub struct Contender {
     /// For people.
     pub name: String,
-    /// What is built.
-    pub choice: BuildChoice,
-    /// How frames are worked off.
-    pub options: RenderOptions,
+    /// What is built, and how it is rendered with.
+    pub choice: Choice,
 }
 
 /// How contenders are measured.
@@ -34,8 +32,9 @@ pub struct Conditions {
     pub height: u32,
     /// How often each contender is measured.
     pub rounds: u32,
-    /// Build for each frame, as real-time rendering does; otherwise each structure is built once.
-    pub build_each_round: bool,
+    /// How many frames share a build. With 1 each frame builds its own, as real-time rendering does; otherwise
+    /// each structure is built once.
+    pub frames_per_build: u32,
 }
 
 /// The times of one contender.
@@ -60,22 +59,44 @@ pub struct Standing {
     pub build_ms: Summary,
     /// Render times of one sample a pixel.
     pub render_ms: Summary,
-    /// Their sum where each frame is built anew, else the render times.
+    /// A frame with its share of the build.
     pub frame_ms: Summary,
     /// Frame time of the first contender over this one's, pair by pair.
     pub speedup: Summary,
+    /// `frame_ms` round by round, so that anybody can be compared with anybody.
+    pub rounds_ms: Vec<f64>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
 }
 
+impl Standing {
+    /// How many times faster this one is than another, pair by pair.
+    pub fn speedup_over(&self, other: &Standing) -> Summary {
+        Summary::of_ratios(&other.rounds_ms, &self.rounds_ms)
+    }
+}
+
 impl Measured {
-    /// Time of each round's frame.
-    fn frame_ms(&self, build_each_round: bool) -> Vec<f64> {
-        if build_each_round {
-            self.build_ms.iter().zip(&self.render_ms).map(|(build, render)| build + render).collect()
-        } else {
-            self.render_ms.clone()
-        }
+    /// Each frame with its build; a structure that was built once counts for each of its frames.
+    pub fn times(&self) -> Vec<FrameTimes> {
+        let Some(&last) = self.build_ms.last() else {
+            return Vec::new();
+        };
+        let builds = self.build_ms.iter().copied().chain(std::iter::repeat(last));
+        let pairs = builds.zip(&self.render_ms);
+        pairs.map(|(build_ms, &render_ms)| FrameTimes { build_ms, render_ms }).collect()
+    }
+
+    /// Time of each round's frame with its share of the build.
+    fn frame_ms(&self, frames_per_build: u32) -> Vec<f64> {
+        let share = 1.0 / f64::from(frames_per_build);
+        self.times().iter().map(|times| times.build_ms * share + times.render_ms).collect()
+    }
+}
+
+impl Conditions {
+    fn build_each_round(&self) -> bool {
+        self.frames_per_build == 1
     }
 }
 
@@ -91,9 +112,9 @@ pub fn interleaved(
     let mut measured: Vec<Measured> = Vec::new();
     for contender in contenders {
         let mut one = Measured { name: contender.name.clone(), ..Measured::default() };
-        match renderer.build(&contender.choice) {
+        match renderer.build(&contender.choice.build) {
             Ok((structure, build_ms)) => {
-                if !conditions.build_each_round {
+                if !conditions.build_each_round() {
                     one.build_ms.push(build_ms);
                 }
                 structures.push(Some(structure));
@@ -116,9 +137,10 @@ pub fn interleaved(
             let Some(structure) = &mut structures[index] else {
                 continue;
             };
-            match frame(renderer, structure, &contenders[index], conditions, &mut film) {
+            let choice = &contenders[index].choice;
+            match frame(renderer, structure, choice, conditions, &mut film) {
                 Ok(times) if round > 0 => {
-                    if conditions.build_each_round {
+                    if conditions.build_each_round() {
                         measured[index].build_ms.push(times.build_ms);
                     }
                     measured[index].render_ms.push(times.render_ms);
@@ -137,34 +159,34 @@ pub fn interleaved(
 fn frame(
     renderer: &Renderer,
     structure: &mut Structure,
-    contender: &Contender,
+    choice: &Choice,
     conditions: &Conditions,
     film: &mut Film,
 ) -> Result<FrameTimes, String> {
     let mut times = FrameTimes::default();
-    if conditions.build_each_round {
-        (*structure, times.build_ms) =
-            renderer.build(&contender.choice).map_err(|error| error.to_string())?;
+    if conditions.build_each_round() {
+        (*structure, times.build_ms) = renderer.build(&choice.build).map_err(|error| error.to_string())?;
     }
     // The same sample each time, so that every contender is asked the same rays.
     film.clear();
-    times.render_ms = renderer.render_with(structure, &conditions.view, &contender.options, film).0;
+    times.render_ms = renderer.render_with(structure, &conditions.view, &choice.render, film).0;
     Ok(times)
 }
 
 /// Compares everybody with the first contender.
-pub fn standings(measured: &[Measured], build_each_round: bool) -> Vec<Standing> {
-    let first = measured.first().map(|first| first.frame_ms(build_each_round)).unwrap_or_default();
+pub fn standings(measured: &[Measured], frames_per_build: u32) -> Vec<Standing> {
+    let first = measured.first().map(|first| first.frame_ms(frames_per_build)).unwrap_or_default();
     measured
         .iter()
         .map(|one| {
-            let frame_ms = one.frame_ms(build_each_round);
+            let frame_ms = one.frame_ms(frames_per_build);
             Standing {
                 name: one.name.clone(),
                 build_ms: Summary::of(&one.build_ms),
                 render_ms: Summary::of(&one.render_ms),
                 frame_ms: Summary::of(&frame_ms),
                 speedup: Summary::of_ratios(&first, &frame_ms),
+                rounds_ms: frame_ms,
                 failure: one.failure.clone(),
             }
         })
@@ -183,18 +205,17 @@ mod tests {
             render_ms: render_ms.into(),
             failure: None,
         };
-        let measured = [
-            one("default", &[10.0, 10.0, 10.0], &[20.0, 40.0, 30.0]),
-            one("tuned", &[5.0, 5.0, 5.0], &[10.0, 20.0, 15.0]),
-        ];
-        let built_once = standings(&measured, false);
+        let measured =
+            [one("default", &[10.0], &[20.0, 40.0, 30.0]), one("tuned", &[5.0], &[10.0, 20.0, 15.0])];
+        let built_once = standings(&measured, 1000);
         assert_eq!(built_once[0].speedup.median, 1.0);
         assert_eq!(
             built_once[1].speedup,
             Summary { lower_quartile: 2.0, median: 2.0, upper_quartile: 2.0, count: 3 }
         );
-        assert_eq!(built_once[1].frame_ms.median, 15.0);
-        let built_each = standings(&measured, true);
+        assert_eq!(built_once[1].frame_ms.median, 15.005);
+        assert_eq!(built_once[0].speedup_over(&built_once[1]).median, 0.5);
+        let built_each = standings(&measured, 1);
         assert_eq!(built_each[1].frame_ms.median, 20.0);
         assert_eq!(built_each[1].speedup.median, 2.0);
     }

@@ -59,7 +59,9 @@ fn a_picture_is_the_same_for_every_thread_count_and_structure() {
         ("native", "--native high"),
         ("tree", "--config quality=3,branching_factor=8,max_leaf_size=8"),
         ("morton", "--config quality=1,branching_factor=4"),
-        ("compact", "--config compact=true"),
+        ("compact", "--config compact=true --space paper"),
+        ("paths", "--config staged=false"),
+        ("packets", "--config primary=eight_coherent,tile=8,sort=octant,bounce=sixteen"),
     ] {
         let other = picture(name, more);
         let sum = |image: &image::Rgb32FImage| image.iter().map(|&value| f64::from(value)).sum::<f64>();
@@ -82,8 +84,13 @@ fn results_are_json_where_asked_for() {
     assert_eq!(info["indicators"].as_object().map(serde_json::Map::len), Some(17));
     let scenes = parsed(succeeds(path, "scenes --json"));
     assert!(scenes.as_array().is_some_and(|scenes| scenes.len() >= 6));
-    let space = parsed(succeeds(path, "spaces --json"));
+    let space = parsed(succeeds(path, "spaces --space paper --json"));
     assert_eq!(space["parameters"].as_array().map(Vec::len), Some(11));
+    let space = parsed(succeeds(path, "spaces --json"));
+    let parameters = space["parameters"].as_array().expect("a list");
+    assert_eq!((parameters[0]["name"].as_str(), space["name"].as_str()), (Some("backend"), Some("full")));
+    assert!(parameters.iter().all(|one| one["about"].as_str().is_some_and(|about| !about.is_empty())));
+    assert_eq!(space["default"]["backend"], "native");
 }
 
 #[test]
@@ -95,17 +102,17 @@ fn accelerators_are_measured_and_verified() {
     let verified: serde_json::Value = serde_json::from_str(&verified).expect("it is JSON");
     assert_eq!(verified["agrees"], true);
     assert!(verified["oracle_hits"].as_u64() > Some(100));
-    assert!(verified["accelerators"].as_array().is_some_and(|all| all.len() == 9));
+    assert!(verified["accelerators"].as_array().is_some_and(|all| all.len() == 15));
     let table = succeeds(
         path,
         "bench --scene builtin:quick --detail 0.1 --rounds 2 --size 24x16 --config quality=1 --json b.json",
     );
-    assert!(table.contains("native medium") && table.contains("quality=1"));
+    assert!(table.contains("native Embree default") && table.contains("quality=1"));
     let bench: serde_json::Value =
         serde_json::from_slice(&std::fs::read(path.join("b.json")).expect("it was written"))
             .expect("it is JSON");
-    assert_eq!(bench["standings"].as_array().map(Vec::len), Some(5));
-    assert_eq!(bench["standings"][4]["render_ms"]["count"], 2);
+    assert_eq!(bench["standings"].as_array().map(Vec::len), Some(6));
+    assert_eq!(bench["standings"][5]["render_ms"]["count"], 2);
 }
 
 #[test]
@@ -135,6 +142,9 @@ fn wrong_command_lines_are_explained() {
         ("--spp 0", "--spp"),
         ("--config colour=blue", "colour"),
         ("--config quality=9", "1 to 3"),
+        ("--config backend=native,quality=2", "it needs backend = tunable"),
+        ("--config compact=true", "--space full"),
+        ("--space paper --robust", "--config robust=true"),
         ("--config quality", "name=value"),
         ("--config min_leaf_size=9,max_leaf_size=3", "min_leaf_size"),
         ("--native fastest", "low, medium, high"),

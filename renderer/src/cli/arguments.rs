@@ -14,7 +14,8 @@ use crate::indicators::SceneIndicators;
 use crate::integrator::View;
 use crate::limits::{BOUNCES_MAX, SIZE_MAX, THREADS_MAX};
 use crate::scene::{Camera, Scene, builtin, load};
-use crate::space;
+use crate::space::{self, Choice, Premises, Preset, TuningSpace};
+use crate::tuning::objective::Objective;
 
 /// Prefix of the names of built-in scenes.
 const BUILTIN: &str = "builtin:";
@@ -33,10 +34,6 @@ pub(super) struct SceneArguments {
     /// Moment of an animated built-in scene; 0 to 1 is one round.
     #[arg(long, value_name = "T", default_value_t = 0.0, allow_negative_numbers = true)]
     pub(super) time: f32,
-
-    /// Copy what instances place, instead of tracing rays through instances.
-    #[arg(long)]
-    pub(super) flatten: bool,
 }
 
 impl SceneArguments {
@@ -50,7 +47,7 @@ impl SceneArguments {
             }
             None => load(&self.scene)?,
         };
-        Ok(Arc::new(if self.flatten { scene.flattened()? } else { scene }))
+        Ok(Arc::new(scene))
     }
 }
 
@@ -165,22 +162,66 @@ pub(super) enum Native {
 }
 
 impl Native {
-    /// The build choice.
-    pub(super) fn choice(self) -> BuildChoice {
-        let quality = match self {
+    /// Embree's quality of that name.
+    pub(super) fn quality(self) -> NativeQuality {
+        match self {
             Self::Low => NativeQuality::Low,
             Self::Medium => NativeQuality::Medium,
             Self::High => NativeQuality::High,
-        };
-        BuildChoice::Native(NativeOptions { quality, ..NativeOptions::default() })
+        }
     }
 }
 
-/// Which acceleration structure.
+/// Which parameters configurations are of.
+#[derive(Args, Clone, Copy, Debug)]
+pub(super) struct SpaceArguments {
+    /// Parameters of configurations: `full` is native Embree, the tunable tree and how rays are grouped; `paper`
+    /// is the eleven of Table 1 (see `treewright-render spaces`).
+    #[arg(long, value_enum, default_value_t = Preset::Full)]
+    pub(super) space: Preset,
+
+    /// Watertight intersection at edges, at some cost. It is never tuned: it decides which hits are found. (In
+    /// the paper's space it is one of the parameters.)
+    #[arg(long)]
+    pub(super) robust: bool,
+}
+
+impl SpaceArguments {
+    /// The space for a scene, with only what the scene can use.
+    pub(super) fn of(
+        &self,
+        scene: &Scene,
+        objective: Objective,
+        threads: usize,
+    ) -> Result<TuningSpace, CliError> {
+        self.checked(Premises::of(scene, objective.builds_each_frame(), self.robust, threads))
+    }
+
+    /// The space with every parameter there is, to read configurations with.
+    pub(super) fn whole(&self, objective: Objective, threads: usize) -> Result<TuningSpace, CliError> {
+        let builds_each_frame = objective.builds_each_frame();
+        self.checked(Premises { builds_each_frame, robust: self.robust, threads, ..Premises::all() })
+    }
+
+    fn checked(&self, premises: Premises) -> Result<TuningSpace, CliError> {
+        if self.robust && self.space == Preset::Paper {
+            return Err(CliError::Usage(
+                "--robust goes with the full space; in --space paper it is a parameter: --config robust=true"
+                    .to_owned(),
+            ));
+        }
+        Ok(TuningSpace::new(self.space, &premises))
+    }
+}
+
+/// Which acceleration structure, and how it is rendered with.
 #[derive(Args, Clone, Debug)]
 pub(super) struct StructureArguments {
-    /// Parameters of the tree, for example `quality=3,branching_factor=8`; what is left out keeps its
-    /// recommended value (see `treewright-render spaces`).
+    #[command(flatten)]
+    pub(super) space: SpaceArguments,
+
+    /// Parameters, for example `quality=3,branching_factor=8`; what is left out keeps its recommended value
+    /// (see `treewright-render spaces`).
     #[arg(long, value_name = "NAME=VALUE,…", conflicts_with_all = ["config_file", "native"])]
     pub(super) config: Option<String>,
 
@@ -188,28 +229,31 @@ pub(super) struct StructureArguments {
     #[arg(long, value_name = "FILE", conflicts_with = "native")]
     pub(super) config_file: Option<PathBuf>,
 
-    /// Embree's own structure instead of the tunable tree.
+    /// Embree's own structure, path by path with single rays.
     #[arg(long, value_enum)]
     pub(super) native: Option<Native>,
 }
 
 impl StructureArguments {
-    /// What to build: the recommended default when nothing is said.
-    pub(super) fn choice(&self) -> Result<BuildChoice, CliError> {
+    /// What to build and how to render: the space's default when nothing is said.
+    pub(super) fn choice(&self, threads: usize) -> Result<Choice, CliError> {
+        let space = self.space.whole(Objective::Render, threads)?;
         if let Some(native) = self.native {
-            return Ok(native.choice());
+            let robust = self.space.robust;
+            let options = NativeOptions { quality: native.quality(), robust, ..NativeOptions::default() };
+            return Ok(BuildChoice::Native(options).into());
         }
         let configuration = match (&self.config, &self.config_file) {
             (Some(text), _) => space::parse(text)?,
             (None, Some(path)) => read_configuration(path)?,
             (None, None) => Configuration::new(),
         };
-        Ok(space::build_choice(&configuration)?)
+        Ok(space.choice(&configuration)?)
     }
 }
 
 /// Reads a configuration from JSON: an object of parameters, or an object that holds one as `configuration`.
-fn read_configuration(path: &std::path::Path) -> Result<Configuration, CliError> {
+pub(super) fn read_configuration(path: &std::path::Path) -> Result<Configuration, CliError> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| CliError::Failed(format!("{} cannot be read: {error}", path.display())))?;
     let wrong = |cause: String| {

@@ -5,14 +5,15 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use super::arguments::{CameraArguments, FrameArguments, Native, SceneArguments, Size};
+use super::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments};
 use super::error::{CliError, write_file};
 use super::interrupt::Interrupt;
 use super::output;
 use crate::limits::{CONTENDERS_MAX, ROUNDS_MAX};
-use crate::measure::{Conditions, Contender, Standing, interleaved, standings};
-use crate::render_options::RenderOptions;
+use crate::measure::{Conditions, Standing, interleaved, standings};
 use crate::space;
+use crate::tuning::objective::Objective;
+use crate::tuning::verdict::{contender, peers};
 
 /// Arguments of `bench`.
 #[derive(Args, Clone, Debug)]
@@ -24,6 +25,9 @@ pub(super) struct Arguments {
     #[command(flatten)]
     frame: FrameArguments,
 
+    #[command(flatten)]
+    space: SpaceArguments,
+
     /// A further configuration, as for `image`; may be given several times.
     #[arg(long, value_name = "NAME=VALUE,…")]
     config: Vec<String>,
@@ -33,12 +37,12 @@ pub(super) struct Arguments {
     size: Size,
 
     /// How often each structure is measured.
-    #[arg(long, value_name = "N", default_value_t = 9, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
+    #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
-    /// Build for each frame, as real-time rendering does.
-    #[arg(long)]
-    realtime: bool,
+    /// What a frame is: with a thousandth of its build (`render`), or with a whole one (`total`).
+    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    objective: Objective,
 
     /// Write the results to a file as JSON.
     #[arg(long, value_name = "FILE")]
@@ -53,41 +57,17 @@ struct Results<'a> {
     size: [u32; 2],
     threads: usize,
     rounds: u32,
-    build_each_round: bool,
+    objective: Objective,
     standings: &'a [Standing],
 }
 
 /// Measures and prints.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    let space = space::table_1();
-    let mut contenders = vec![
-        Contender {
-            name: "default".into(),
-            choice: space::build_choice(&space.default_configuration())?,
-            options: RenderOptions::default(),
-        },
-        Contender {
-            name: "native low".into(),
-            choice: Native::Low.choice(),
-            options: RenderOptions::default(),
-        },
-        Contender {
-            name: "native medium".into(),
-            choice: Native::Medium.choice(),
-            options: RenderOptions::default(),
-        },
-        Contender {
-            name: "native high".into(),
-            choice: Native::High.choice(),
-            options: RenderOptions::default(),
-        },
-    ];
+    let scene = arguments.scene.load()?;
+    let mut contenders = peers(&arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?);
+    let space = arguments.space.whole(arguments.objective, arguments.frame.threads)?;
     for text in &arguments.config {
-        contenders.push(Contender {
-            name: text.clone(),
-            choice: space::build_choice(&space::parse(text)?)?,
-            options: RenderOptions::default(),
-        });
+        contenders.push(contender(text, &space, &space::parse(text)?)?);
     }
     if contenders.len() > CONTENDERS_MAX {
         return Err(CliError::Usage(format!(
@@ -95,7 +75,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             contenders.len()
         )));
     }
-    let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
     let renderer = arguments.frame.renderer(&scene)?;
     let conditions = Conditions {
@@ -103,7 +82,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         width: arguments.size.width,
         height: arguments.size.height,
         rounds: arguments.rounds,
-        build_each_round: arguments.realtime,
+        frames_per_build: arguments.objective.frames_per_build(),
     };
     let interrupt = Interrupt::listen();
     let bar = output::bar(u64::from(arguments.rounds) + 1, "rounds");
@@ -112,7 +91,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         !interrupt.requested()
     });
     bar.finish_and_clear();
-    let standings = standings(&measured, arguments.realtime);
+    let standings = standings(&measured, arguments.objective.frames_per_build());
     println!(
         "{}: {} triangles, {}, {} threads, {} rounds\n",
         scene.name,
@@ -129,7 +108,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             size: [arguments.size.width, arguments.size.height],
             threads: renderer.threads(),
             rounds: arguments.rounds,
-            build_each_round: arguments.realtime,
+            objective: arguments.objective,
             standings: &standings,
         };
         write_file(path, output::to_json(&results)?.as_bytes())?;

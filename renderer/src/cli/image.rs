@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::Args;
 use indicatif::ProgressBar;
 use serde::Serialize;
-use treewright_accel::BuildChoice;
 
 use super::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, StructureArguments};
 use super::error::CliError;
@@ -15,7 +14,7 @@ use crate::film::Film;
 use crate::image_file::{self, Exposure};
 use crate::integrator::{Counts, Omission};
 use crate::limits::SAMPLES_MAX;
-use crate::render_options::RenderOptions;
+use crate::space::Choice;
 use crate::statistics::Summary;
 
 /// Arguments of `image`.
@@ -56,7 +55,7 @@ pub(super) struct Arguments {
 struct Outcome {
     scene: String,
     triangles: usize,
-    choice: BuildChoice,
+    choice: Choice,
     samples: u32,
     threads: usize,
     build_ms: f64,
@@ -73,11 +72,11 @@ struct Outcome {
 /// Renders the picture.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     image_file::check_path(&arguments.out)?;
-    let choice = arguments.structure.choice()?;
+    let choice = arguments.structure.choice(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
     let mut renderer = arguments.frame.renderer(&scene)?;
-    let build_ms = renderer.rebuild(&choice)?;
+    let build_ms = renderer.rebuild(&choice.build)?;
     let view = arguments.frame.view(camera);
     let mut film = Film::new(arguments.size.width, arguments.size.height);
     let (mut counts, mut render_ms) = (Counts::default(), Vec::new());
@@ -85,8 +84,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let bar =
         if arguments.json { ProgressBar::hidden() } else { output::bar(u64::from(arguments.spp), "samples") };
     while film.samples() < arguments.spp && !interrupt.requested() {
-        if let Some((sample_ms, sample_counts)) = renderer.render(&view, &RenderOptions::default(), &mut film)
-        {
+        if let Some((sample_ms, sample_counts)) = renderer.render(&view, &choice.render, &mut film) {
             render_ms.push(sample_ms);
             counts += sample_counts;
         }

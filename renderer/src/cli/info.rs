@@ -2,14 +2,15 @@
 
 use clap::Args;
 use serde::Serialize;
-use treewright_client::{Indicators, Space, Value};
+use treewright_client::{Configuration, Constraint, Indicators, Value};
 
-use super::arguments::{CameraArguments, SceneArguments, indicators};
+use super::arguments::{CameraArguments, SceneArguments, SpaceArguments, indicators};
 use super::error::CliError;
 use super::output;
 use crate::integrator::{Omission, Prepared};
 use crate::scene::builtin;
-use crate::space::{domain_in_words, table_1};
+use crate::space::{Explained, Preset, domain_in_words};
+use crate::tuning::objective::Objective;
 
 /// Arguments of `info`.
 #[derive(Args, Clone, Debug)]
@@ -23,12 +24,37 @@ pub(super) struct InfoArguments {
     json: bool,
 }
 
-/// Arguments of `scenes` and `spaces`.
+/// Arguments of `scenes`.
 #[derive(Args, Clone, Debug)]
 pub(super) struct ListArguments {
     /// Print JSON.
     #[arg(long)]
     json: bool,
+}
+
+/// Arguments of `spaces`.
+#[derive(Args, Clone, Debug)]
+pub(super) struct SpacesArguments {
+    #[command(flatten)]
+    space: SpaceArguments,
+    /// Show what there is for this scene only; everything when left out.
+    #[arg(long, value_name = "PATH|builtin:NAME")]
+    scene: Option<String>,
+    /// What is to be minimised, which decides where a search begins.
+    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    objective: Objective,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `spaces --json` prints.
+#[derive(Debug, Serialize)]
+struct SpaceInfo<'a> {
+    name: &'static str,
+    parameters: Vec<Explained>,
+    constraints: &'a [Constraint],
+    default: Configuration,
 }
 
 /// What `info --json` prints.
@@ -126,29 +152,64 @@ pub(super) fn scenes(arguments: &ListArguments) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Shows the parameter space.
-pub(super) fn spaces(arguments: &ListArguments) -> Result<(), CliError> {
-    let space: Space = table_1();
+/// Shows a parameter space.
+pub(super) fn spaces(arguments: &SpacesArguments) -> Result<(), CliError> {
+    let space = match &arguments.scene {
+        Some(name) => {
+            let scene = SceneArguments { scene: name.clone(), detail: 1.0, time: 0.0 }.load()?;
+            arguments.space.of(&scene, arguments.objective, 0)?
+        }
+        None => arguments.space.whole(arguments.objective, 0)?,
+    };
+    let parameters: Vec<Explained> = space.explained().collect();
     if arguments.json {
-        return output::json(&space);
+        return output::json(&SpaceInfo {
+            name: space.preset().name(),
+            parameters,
+            constraints: space.space().constraints(),
+            default: space.default_configuration(),
+        });
     }
-    println!("The eleven parameters of the paper's Table 1; without a value each keeps its default.\n");
-    let mut table = output::table(&["parameter", "default", "may be", "only while"]);
-    for parameter in space.parameters() {
+    println!("{}\n", about(space.preset()));
+    let mut table = output::table(&["parameter", "default", "may be", "only while", "what it does"]);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(comfy_table::CellAlignment::Left);
+    }
+    for Explained { parameter, about } in parameters {
         let condition = parameter.active_if.as_ref().map_or_else(String::new, |condition| {
             let values: Vec<String> = condition.any_of.iter().map(Value::to_string).collect();
             format!("{} = {}", condition.parameter, values.join(" or "))
         });
         table.add_row([
-            parameter.name.clone(),
+            parameter.name,
             parameter.default.to_string(),
             domain_in_words(&parameter.domain),
             condition,
+            about.to_owned(),
         ]);
     }
     println!("{table}");
-    for constraint in space.constraints() {
+    for constraint in space.space().constraints() {
         println!("{} must not be above {}", constraint.lesser, constraint.greater);
     }
+    if space.preset() == Preset::Full {
+        println!("{NOT_TUNED}");
+    }
     Ok(())
+}
+
+/// What the full space leaves to the user.
+const NOT_TUNED: &str = "Watertight intersection is not among them: it decides which hits are found at edges, which no stopwatch \
+    can judge. Ask for it with --robust.";
+
+fn about(preset: Preset) -> &'static str {
+    match preset {
+        Preset::Full => {
+            "The full space: native Embree, the tunable tree, and how rays are grouped. Without a value each parameter \
+             keeps its default; a value takes along what it needs (quality=2 means backend=tunable)."
+        }
+        Preset::Paper => {
+            "The eleven parameters of the paper's Table 1. Without a value each keeps its default."
+        }
+    }
 }

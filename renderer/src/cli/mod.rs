@@ -57,7 +57,7 @@ enum Command {
     /// List the built-in scenes.
     Scenes(info::ListArguments),
     /// Show the parameters that can be tuned.
-    Spaces(info::ListArguments),
+    Spaces(info::SpacesArguments),
     /// Tune the acceleration structure with the daemon's help while frames are rendered.
     Tune(Box<tune::Arguments>),
     /// Fly along the camera path with the daemon's answers, frame by frame.

@@ -14,7 +14,7 @@ use treewright_client::{
     Configuration, Finished, Indicators, Mode, Outcome, Policy, PolicyChange, Source, Stats,
 };
 
-use super::arguments::{FrameArguments, SceneArguments, Size, unit_interval};
+use super::arguments::{FrameArguments, SceneArguments, Size, SpaceArguments, unit_interval};
 use super::error::{CliError, write_file};
 use super::interrupt::Interrupt;
 use super::output;
@@ -25,11 +25,11 @@ use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::indicators::SceneIndicators;
 use crate::integrator::View;
 use crate::limits::ITERATIONS_MAX;
-use crate::render_options::RenderOptions;
-use crate::space;
+use crate::space::{Choice, TuningSpace};
 use crate::statistics::Summary;
 use crate::tuning::objective::{Objective, specification};
 use crate::tuning::search::measurements;
+use crate::tuning::verdict;
 
 /// Arguments of `play`.
 #[derive(Args, Clone, Debug)]
@@ -41,7 +41,10 @@ pub(super) struct Arguments {
     #[command(flatten)]
     frame: FrameArguments,
 
-    /// What to minimise; together with scene and size it names the study.
+    #[command(flatten)]
+    space: SpaceArguments,
+
+    /// What to minimise; together with scene, size and space it names the study.
     #[arg(long, value_enum, default_value_t = Objective::Render)]
     objective: Objective,
 
@@ -65,7 +68,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "P", value_parser = unit_interval)]
     epsilon: Option<f32>,
 
-    /// Also render each frame with the recommended default, and tell the difference.
+    /// Also render each frame with native Embree's default (in the paper's space: with its recommended default),
+    /// and tell the difference.
     #[arg(long)]
     compare: bool,
 
@@ -87,7 +91,7 @@ struct Frame {
     rebuilt: bool,
     times: Option<FrameTimes>,
     waiting_ms: f64,
-    /// The same frame with the recommended default.
+    /// The same frame with the baseline.
     default_times: Option<FrameTimes>,
 }
 
@@ -97,6 +101,8 @@ struct Results {
     scene: String,
     study: String,
     objective: Objective,
+    /// Name of what frames are compared with.
+    baseline: String,
     frames: Vec<Frame>,
     client: Stats,
 }
@@ -106,21 +112,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let renderer = arguments.frame.renderer(&scene)?;
-    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size);
+    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size, arguments.space);
+    let space = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
     let title = format!("{} at {}, {} time", scene.name, arguments.size, arguments.objective.name());
     let title: String = title.chars().take(200).collect();
-    let study = client
-        .study(&id, specification(&title, arguments.objective, Policy::new(), arguments.frame.seed)?)?;
+    let specification =
+        specification(&space, &title, arguments.objective, Policy::new(), arguments.frame.seed)?;
+    let study = client.study(&id, specification)?;
     if let Some(epsilon) = arguments.epsilon {
         client.update_policy(&id, &PolicyChange::set(Policy::new().epsilon(f64::from(epsilon))))?;
     }
     println!("Flying through {} in {} frames, study {id}\n", scene.name, arguments.frames);
     println!(
         "frame   path  mode        build ms  render ms{}  waited ms",
-        if arguments.compare { "  default ms  speed-up" } else { "" }
+        if arguments.compare { "  baseline ms  speed-up" } else { "" }
     );
 
-    let mut flight = Flight::new(renderer, arguments)?;
+    let baseline = verdict::baseline(space.preset());
+    let mut flight = Flight::new(renderer, space, baseline.choice, arguments)?;
     let (path, scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
     let interrupt = Interrupt::listen();
     let mut tuner = study.tuner();
@@ -160,12 +169,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if let Err(error) = client.flush(std::time::Duration::from_secs(10)) {
         println!("note: {error}");
     }
-    summarise(&frames, arguments.objective);
+    summarise(&frames, arguments.objective, &baseline.name);
     if let Some(path) = &arguments.json {
         let results = Results {
             scene: scene.name.clone(),
             study: id,
             objective: arguments.objective,
+            baseline: baseline.name,
             frames,
             client: client.stats(),
         };
@@ -177,75 +187,97 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
 /// What moves on from frame to frame.
 struct Flight {
     renderer: Renderer,
+    space: TuningSpace,
     view: View,
     film: Film,
     each_frame: bool,
-    /// What the kept structure was built with, and how long that took.
-    kept: Option<(Configuration, f64)>,
-    /// The structure of the recommended default, where it is compared with.
-    default: Option<(Structure, f64)>,
+    kept: Option<Kept>,
+    /// What frames are compared with.
+    baseline: Choice,
+    /// Its structure, where they are, and how long that took to build.
+    compared: Option<(Structure, f64)>,
+}
+
+/// What the kept structure was built with, and how long that took.
+struct Kept {
+    choice: Choice,
+    build_ms: f64,
 }
 
 impl Flight {
-    fn new(renderer: Renderer, arguments: &Arguments) -> Result<Self, CliError> {
-        let default = space::build_choice(&space::table_1().default_configuration())?;
+    fn new(
+        renderer: Renderer,
+        space: TuningSpace,
+        baseline: Choice,
+        arguments: &Arguments,
+    ) -> Result<Self, CliError> {
         let view = View {
             camera: renderer.scene().cameras[0],
             seed: arguments.frame.seed,
             bounces: arguments.frame.bounces,
         };
         let mut film = Film::new(arguments.size.width, arguments.size.height);
-        let built = renderer.build(&default)?;
+        let built = renderer.build(&baseline.build)?;
         // Warms threads, caches and clocks.
-        renderer.render_with(&built.0, &view, &RenderOptions::default(), &mut film);
+        renderer.render_with(&built.0, &view, &baseline.render, &mut film);
         let each_frame = arguments.objective.builds_each_frame();
-        Ok(Self { renderer, view, film, each_frame, kept: None, default: arguments.compare.then_some(built) })
+        let compared = arguments.compare.then_some(built);
+        Ok(Self { renderer, space, view, film, each_frame, kept: None, baseline, compared })
     }
 
     /// Builds if needed and renders. After a failed build the frame is shown with the structure before it.
     fn frame(&mut self, configuration: &Configuration) -> (Outcome, Option<FrameTimes>, bool) {
-        let kept = self.kept.as_ref().filter(|(known, _)| known == configuration && !self.each_frame);
-        let (build_ms, rebuilt) = match kept {
-            Some((_, build_ms)) => (*build_ms, false),
-            None => match self.build(configuration) {
-                Ok(build_ms) => (build_ms, true),
-                Err(outcome) => {
-                    self.film.clear();
-                    self.renderer.render(&self.view, &RenderOptions::default(), &mut self.film);
-                    return (outcome, None, false);
-                }
-            },
+        let rebuilt = match self.make_ready(configuration) {
+            Ok(rebuilt) => rebuilt,
+            Err(outcome) => {
+                self.render();
+                return (outcome, None, false);
+            }
         };
-        self.film.clear();
-        match self.renderer.render(&self.view, &RenderOptions::default(), &mut self.film) {
-            Some((render_ms, _)) => (Outcome::Ok, Some(FrameTimes { build_ms, render_ms }), rebuilt),
+        match self.render() {
+            Some(times) => (Outcome::Ok, Some(times), rebuilt),
             None => (Outcome::failed("no structure was built"), None, rebuilt),
         }
     }
 
-    fn build(&mut self, configuration: &Configuration) -> Result<f64, Outcome> {
-        let choice =
-            space::build_choice(configuration).map_err(|error| Outcome::failed(error.to_string()))?;
-        let build_ms = self.renderer.rebuild(&choice).map_err(|error| match error.is_infeasible() {
+    /// Builds unless what is kept serves, and tells whether it did. Configurations that differ only in how they
+    /// render share a structure where frames do.
+    fn make_ready(&mut self, configuration: &Configuration) -> Result<bool, Outcome> {
+        let choice = self.space.choice(configuration).map_err(|error| Outcome::failed(error.to_string()))?;
+        if let Some(kept) = &mut self.kept
+            && kept.choice.build == choice.build
+            && !self.each_frame
+        {
+            kept.choice = choice;
+            return Ok(false);
+        }
+        let build_ms = self.renderer.rebuild(&choice.build).map_err(|error| match error.is_infeasible() {
             true => Outcome::infeasible(error.to_string()),
             false => Outcome::failed(error.to_string()),
         })?;
-        self.kept = Some((configuration.clone(), build_ms));
-        Ok(build_ms)
+        self.kept = Some(Kept { choice, build_ms });
+        Ok(true)
     }
 
-    /// The same view with the recommended default.
+    /// A frame with what is kept. `None` before the first build that succeeds.
+    fn render(&mut self) -> Option<FrameTimes> {
+        let Kept { choice, build_ms } = self.kept.as_ref()?;
+        self.film.clear();
+        let (render_ms, _) = self.renderer.render(&self.view, &choice.render, &mut self.film)?;
+        Some(FrameTimes { build_ms: *build_ms, render_ms })
+    }
+
+    /// The same view with the baseline.
     fn default_frame(&mut self) -> Option<FrameTimes> {
-        let (structure, build_ms) = self.default.as_mut()?;
+        let (structure, build_ms) = self.compared.as_mut()?;
         if self.each_frame
-            && let Ok(choice) = space::build_choice(&space::table_1().default_configuration())
-            && let Ok(built) = self.renderer.build(&choice)
+            && let Ok(built) = self.renderer.build(&self.baseline.build)
         {
             (*structure, *build_ms) = built;
         }
         self.film.clear();
         let (render_ms, _) =
-            self.renderer.render_with(structure, &self.view, &RenderOptions::default(), &mut self.film);
+            self.renderer.render_with(structure, &self.view, &self.baseline.render, &mut self.film);
         Some(FrameTimes { build_ms: *build_ms, render_ms })
     }
 }
@@ -270,7 +302,7 @@ fn print(frame: &Frame, objective: Objective) {
     let build = if frame.rebuilt { format!("{:9.1}", times.build_ms) } else { format!("{:>9}", "kept") };
     let compared = frame.default_times.map_or_else(String::new, |default| {
         let (default_ms, own_ms) = (objective.cost(default), objective.cost(times));
-        format!("  {default_ms:10.1}  {:6.2} ×", default_ms / own_ms)
+        format!("  {default_ms:11.1}  {:6.2} ×", default_ms / own_ms)
     });
     println!(
         "{:5}  {:.3}  {mode:10} {build}  {:9.1}{compared}  {:9.2}",
@@ -281,7 +313,7 @@ fn print(frame: &Frame, objective: Objective) {
     );
 }
 
-fn summarise(frames: &[Frame], objective: Objective) {
+fn summarise(frames: &[Frame], objective: Objective, baseline: &str) {
     let exploited: Vec<&Frame> =
         frames.iter().filter(|frame| frame.mode == Mode::Exploit && frame.source == Source::Daemon).collect();
     let waiting: Vec<f64> = frames.iter().map(|frame| frame.waiting_ms).collect();
@@ -298,7 +330,7 @@ fn summarise(frames: &[Frame], objective: Objective) {
     if !pairs.is_empty() {
         let speedup = Summary::of(&pairs);
         println!(
-            "predicted frames ran at {:.2} × the recommended default's speed (median; middle half {:.2} – {:.2}), without a search for these views",
+            "predicted frames ran at {:.2} × the speed of the {baseline} (median; middle half {:.2} – {:.2}), without a search for these views",
             speedup.median, speedup.lower_quartile, speedup.upper_quartile,
         );
     }

@@ -6,7 +6,7 @@ use clap::Args;
 use treewright_client::blocking::Client;
 use treewright_client::{Fingerprint, Options};
 
-use super::arguments::Size;
+use super::arguments::{Size, SpaceArguments};
 use super::error::CliError;
 use crate::scene::Scene;
 use crate::tuning::objective::{Objective, study_id};
@@ -18,7 +18,7 @@ pub(super) struct ServerArguments {
     #[arg(long, value_name = "URL", env = "TREEWRIGHT_SERVER", default_value = "http://127.0.0.1:50611")]
     pub(super) server: String,
 
-    /// Id of the study; made of scene, objective and size when left out.
+    /// Id of the study; made of scene, objective, size and space when left out.
     #[arg(long, value_name = "ID")]
     pub(super) study: Option<String>,
 
@@ -42,7 +42,14 @@ impl ServerArguments {
     }
 
     /// The study's id.
-    pub(super) fn study_id(&self, scene: &Scene, objective: Objective, size: Size) -> String {
-        self.study.clone().unwrap_or_else(|| study_id(&scene.name, objective, size))
+    pub(super) fn study_id(
+        &self,
+        scene: &Scene,
+        objective: Objective,
+        size: Size,
+        space: SpaceArguments,
+    ) -> String {
+        let made = || study_id(&scene.name, objective, size, space.space, space.robust);
+        self.study.clone().unwrap_or_else(made)
     }
 }

@@ -6,10 +6,11 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use treewright_client::blocking::{Client, Study};
-use treewright_client::{Configuration, Fingerprint, Mode, Policy, PolicyChange, Source};
+use treewright_client::{Configuration, Fingerprint, Policy, PolicyChange, Source};
 
 use super::arguments::{
-    CameraArguments, FrameArguments, Native, SceneArguments, Size, indicators, unit_interval,
+    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, indicators, read_configuration,
+    unit_interval,
 };
 use super::error::{CliError, write_file};
 use super::interrupt::Interrupt;
@@ -20,14 +21,14 @@ use crate::frame::{Renderer, milliseconds};
 use crate::indicators::SceneIndicators;
 use crate::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
 use crate::measure::{Conditions, Contender, Standing, interleaved, standings};
-use crate::render_options::RenderOptions;
 use crate::report;
 use crate::scene::{Camera, Scene};
-use crate::space;
+use crate::space::TuningSpace;
 use crate::tuning::objective::{Objective, specification};
 use crate::tuning::results::{Overhead, Prediction, Results, SceneFacts};
+use crate::tuning::run_off::{FINALISTS, leaders, run_off};
 use crate::tuning::search::{self, Drift, Found, Setting};
-use crate::tuning::verdict::{self, DEFAULT, NATIVE_HIGH, NATIVE_MEDIUM, PREDICTED, TUNED};
+use crate::tuning::verdict::{self, PAPER_TUNED, PREDICTED, TUNED};
 
 /// How far along the camera path the fresh camera stands that the predictor is asked for.
 const FRESH_STEP: f32 = 0.2;
@@ -50,7 +51,10 @@ pub(super) struct Arguments {
     #[command(flatten)]
     frame: FrameArguments,
 
-    /// What to minimise: the render time of a structure that is kept, or build and render time together.
+    #[command(flatten)]
+    space: SpaceArguments,
+
+    /// What to minimise: the render time with a thousandth of the build, or build and render time together.
     #[arg(long, value_enum, default_value_t = Objective::Render)]
     objective: Objective,
 
@@ -67,8 +71,16 @@ pub(super) struct Arguments {
     size: Size,
 
     /// Paired rounds in which the winner is measured again.
-    #[arg(long, value_name = "N", default_value_t = 9, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
+    #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
+
+    /// A further configuration of the same space that takes part in the run-off, as JSON; may be given several times.
+    #[arg(long, value_name = "FILE")]
+    candidate: Vec<PathBuf>,
+
+    /// A configuration of the paper's space to be measured beside the winner, as JSON.
+    #[arg(long, value_name = "FILE")]
+    paper_config_file: Option<PathBuf>,
 
     /// Probability of exploring in a new state while this command runs.
     #[arg(long, value_name = "P", default_value_t = 1.0, value_parser = unit_interval)]
@@ -104,24 +116,32 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             )));
         }
     }
+    let candidates = arguments.candidate.iter().map(|path| read_configuration(path));
+    let candidates = candidates.collect::<Result<Vec<_>, _>>()?;
+    let paper = arguments.paper_config_file.as_deref().map(read_configuration).transpose()?;
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
+    let space = Arc::new(arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?);
     let camera = arguments.camera.find(&scene)?;
     let mut renderer = arguments.frame.renderer(&scene)?;
-    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size);
-    let study = open_study(&client, &id, &scene, arguments)?;
+    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size, arguments.space);
+    let study = open_study(&client, &id, &scene, &space, arguments)?;
     println!(
-        "Tuning {} ({} triangles) at {} for {} time, {} iterations, study {id}",
+        "Tuning {} ({} triangles) at {} for {} time in the {} space, {} iterations, study {id}",
         scene.name,
         scene.triangles.len(),
         arguments.size,
         arguments.objective.name(),
+        space.preset().name(),
         arguments.iterations,
     );
 
     let interrupt = Interrupt::listen();
+    let baseline = verdict::baseline(space.preset());
     let setting = Setting {
         objective: arguments.objective,
+        space: Arc::clone(&space),
+        baseline: baseline.choice,
         view: arguments.frame.view(camera),
         width: arguments.size.width,
         height: arguments.size.height,
@@ -145,11 +165,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         notes.push(format!("the study's policy was left as it was during the search: {error}"));
     }
 
-    let judge = Judge { renderer: &renderer, study: &study, arguments, interrupt };
+    let judge = Judge { renderer: &renderer, study: &study, space: &space, arguments, interrupt };
     let conditions = judge.conditions(camera);
     let spinner = output::spinner("measuring the best configurations again");
-    let tuned = verdict::winner(&renderer, &found.trials, &conditions, || !interrupt.requested())?;
-    let standings = judge.standings(&tuned, &conditions)?;
+    let tuned = judge.winner(&found, candidates, &conditions)?;
+    let standings = judge.standings(&tuned, paper.as_ref(), &conditions)?;
     spinner.set_message("asking the predictor for another camera");
     let prediction = judge.prediction(&scene).unwrap_or_else(|error| {
         notes.push(format!("the predictor could not be asked: {error}"));
@@ -157,11 +177,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     });
     spinner.finish_and_clear();
 
-    let break_even = verdict::break_even(&found, arguments.objective, arguments.frames, &standings);
+    let break_even =
+        verdict::break_even(&found, arguments.objective, arguments.frames, &standings, &baseline.name);
     let results = Results {
         scene: facts(&scene),
         size: [arguments.size.width, arguments.size.height],
         objective: arguments.objective,
+        space: space.preset(),
+        parameters: space.explained().collect(),
+        start: space.default_configuration(),
+        baseline: baseline.name,
         server: client.url().to_owned(),
         study: id,
         machine: Fingerprint::detect().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
@@ -192,11 +217,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
 }
 
 /// Creates or finds the study and lets it explore: the search gets room for the trials to come.
-fn open_study(client: &Client, id: &str, scene: &Scene, arguments: &Arguments) -> Result<Study, CliError> {
+fn open_study(
+    client: &Client,
+    id: &str,
+    scene: &Scene,
+    space: &TuningSpace,
+    arguments: &Arguments,
+) -> Result<Study, CliError> {
     let title = format!("{} at {}, {} time", scene.name, arguments.size, arguments.objective.name());
     let title: String = title.chars().take(200).collect();
     let policy = Policy::new().epsilon(f64::from(arguments.epsilon)).trials_per_state(arguments.iterations);
-    let spec = specification(&title, arguments.objective, policy.clone(), arguments.frame.seed)?;
+    let spec = specification(space, &title, arguments.objective, policy.clone(), arguments.frame.seed)?;
     let study = client.study(id, spec)?;
     let done = study.record()?.statistics.completed_trials;
     let room = u32::try_from(done).unwrap_or(0).saturating_add(arguments.iterations).min(ITERATIONS_MAX);
@@ -218,13 +249,10 @@ fn search(
 ) -> Result<Found, CliError> {
     let bar = output::bar(u64::from(iterations), "trials");
     let mut tuner = study.tuner();
-    let (mut default, mut best): (Option<f64>, Option<f64>) = (None, None);
+    let mut best: Option<f64> = None;
     let mut away = false;
     let found = search::run(renderer, &mut tuner, setting, iterations, drift, |iteration| {
         if let Some(cost) = iteration.cost {
-            if iteration.mode == Mode::Default && default.is_none() {
-                default = Some(cost);
-            }
             best = Some(best.map_or(cost, |best| best.min(cost)));
         }
         let now_away = iteration.source != Source::Daemon;
@@ -238,11 +266,8 @@ fn search(
             });
             away = now_away;
         }
-        let faster =
-            default.zip(best).map(|(default, best)| format!(", {:.2} × the default's speed", default / best));
-        let best =
-            best.map_or_else(|| "nothing could be built yet".to_owned(), |best| format!("best {best:.1} ms"));
-        bar.set_message(best + &faster.unwrap_or_default());
+        let best = best.map(|best| format!("best {best:.1} ms"));
+        bar.set_message(best.unwrap_or_else(|| "nothing could be built yet".to_owned()));
         bar.inc(1);
         !interrupt.requested()
     })?;
@@ -254,6 +279,7 @@ fn search(
 struct Judge<'a> {
     renderer: &'a Renderer,
     study: &'a Study,
+    space: &'a TuningSpace,
     arguments: &'a Arguments,
     interrupt: Interrupt,
 }
@@ -265,31 +291,47 @@ impl Judge<'_> {
             width: self.arguments.size.width,
             height: self.arguments.size.height,
             rounds: self.arguments.rounds,
-            build_each_round: self.arguments.objective.builds_each_frame(),
+            frames_per_build: self.arguments.objective.frames_per_build(),
         }
     }
 
     fn measure(&self, contenders: &[Contender], conditions: &Conditions) -> Vec<Standing> {
         let measured = interleaved(self.renderer, contenders, conditions, || !self.interrupt.requested());
-        standings(&measured, conditions.build_each_round)
+        standings(&measured, conditions.frames_per_build)
     }
 
-    /// Default, Embree's own structures, and the winner, in fresh rounds.
-    fn standings(&self, tuned: &Configuration, conditions: &Conditions) -> Result<Vec<Standing>, CliError> {
-        let contenders = [
-            verdict::contender(DEFAULT, &space::table_1().default_configuration())?,
-            Contender {
-                name: NATIVE_MEDIUM.into(),
-                choice: Native::Medium.choice(),
-                options: RenderOptions::default(),
-            },
-            Contender {
-                name: NATIVE_HIGH.into(),
-                choice: Native::High.choice(),
-                options: RenderOptions::default(),
-            },
-            verdict::contender(TUNED, tuned)?,
-        ];
+    /// The best of the search in a run-off, together with where it began and what the user brought along.
+    fn winner(
+        &self,
+        found: &Found,
+        candidates: Vec<Configuration>,
+        conditions: &Conditions,
+    ) -> Result<Configuration, CliError> {
+        let mut finalists = leaders(&found.trials, FINALISTS);
+        for candidate in candidates.iter().chain([&self.space.default_configuration()]) {
+            let candidate = self.space.complete(candidate)?;
+            if !finalists.contains(&candidate) {
+                finalists.push(candidate);
+            }
+        }
+        let order =
+            run_off(self.renderer, self.space, finalists, conditions, || !self.interrupt.requested())?;
+        let winner = order.into_iter().next().map(|first| first.configuration);
+        Ok(winner.unwrap_or_else(|| self.space.default_configuration()))
+    }
+
+    /// Everybody that matters, and the winner, in fresh rounds.
+    fn standings(
+        &self,
+        tuned: &Configuration,
+        paper: Option<&Configuration>,
+        conditions: &Conditions,
+    ) -> Result<Vec<Standing>, CliError> {
+        let mut contenders = verdict::peers(self.space);
+        if let Some(paper) = paper {
+            contenders.push(verdict::contender(PAPER_TUNED, &TuningSpace::paper(), paper)?);
+        }
+        contenders.push(verdict::contender(TUNED, self.space, tuned)?);
         Ok(self.measure(&contenders, conditions))
     }
 
@@ -307,8 +349,8 @@ impl Judge<'_> {
         let answer = self.study.predict(&indicators(scene, &camera))?;
         let answer_ms = milliseconds(begin);
         let contenders = [
-            verdict::contender(DEFAULT, &space::table_1().default_configuration())?,
-            verdict::contender(PREDICTED, &answer.configuration)?,
+            verdict::baseline(self.space.preset()),
+            verdict::contender(PREDICTED, self.space, &answer.configuration)?,
         ];
         Ok(Some(Prediction {
             camera_at,

@@ -1,47 +1,39 @@
 //! What `tune` prints at the end: the table, and a few sentences that explain it.
 
+use comfy_table::Table;
+
 use super::output;
 use crate::measure::Standing;
+use crate::statistics::Summary;
 use crate::tuning::results::Results;
-use crate::tuning::verdict::PREDICTED;
+use crate::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT};
 
 /// Prints the results for people.
 pub(super) fn print(results: &Results) {
-    let per_frame = if results.objective.builds_each_frame() { "build + render ms" } else { "render ms" };
+    let per_frame = if results.objective.builds_each_frame() { "build + render ms" } else { "frame ms" };
     let mut table = output::table(&[
         "structure",
         "build ms",
         per_frame,
         "quartiles",
-        "speed-up over the default",
+        "over paper default",
+        "over native default",
         "quartiles",
     ]);
-    let mut row = |name: &str, standing: &Standing| match &standing.failure {
-        Some(failure) => {
-            table.add_row([name.to_owned(), failure.clone()]);
-        }
-        None => {
-            table.add_row([
-                name.to_owned(),
-                format!("{:.1}", standing.build_ms.median),
-                format!("{:.1}", standing.frame_ms.median),
-                format!("{:.1} – {:.1}", standing.frame_ms.lower_quartile, standing.frame_ms.upper_quartile),
-                format!("{:.2} ×", standing.speedup.median),
-                format!("{:.2} – {:.2}", standing.speedup.lower_quartile, standing.speedup.upper_quartile),
-            ]);
-        }
-    };
     for standing in &results.standings {
-        row(&standing.name, standing);
+        add(
+            &mut table,
+            &standing.name,
+            standing,
+            results.standing(PAPER_DEFAULT),
+            results.standing(NATIVE_DEFAULT),
+        );
     }
     if let Some(prediction) = &results.prediction {
+        let find = |name: &str| prediction.standings.iter().find(|one| one.name == name);
         for standing in &prediction.standings {
-            let name = if standing.name == PREDICTED {
-                "first prediction, fresh camera"
-            } else {
-                "recommended default, fresh camera"
-            };
-            row(name, standing);
+            let name = format!("{}, fresh camera", standing.name);
+            add(&mut table, &name, standing, find(PAPER_DEFAULT), find(NATIVE_DEFAULT));
         }
     }
     println!("\n{table}");
@@ -61,10 +53,16 @@ pub(super) fn print(results: &Results) {
     );
     match results.break_even_frame {
         Some(frame) => {
-            println!("break-even: after {frame} frames the whole search has paid for itself")
+            println!(
+                "break-even: after {frame} frames the whole search has paid for itself against the {}",
+                results.baseline
+            )
         }
         None => {
-            println!("break-even: never, since the tuned structure is not faster than the default")
+            println!(
+                "break-even: never, since the tuned structure is not faster than the {}",
+                results.baseline
+            )
         }
     }
     let failed = results.trials.iter().filter(|trial| trial.times.is_none()).count();
@@ -84,4 +82,25 @@ pub(super) fn print(results: &Results) {
     for note in results.notes.iter().chain(&results.scene.notes) {
         println!("note: {note}");
     }
+}
+
+/// A line of the table: a standing, and how it compares with two others of the same rounds.
+fn add(table: &mut Table, name: &str, one: &Standing, paper: Option<&Standing>, native: Option<&Standing>) {
+    if let Some(failure) = &one.failure {
+        table.add_row([name.to_owned(), failure.clone()]);
+        return;
+    }
+    let over = |other: Option<&Standing>| other.map(|other| one.speedup_over(other));
+    let times =
+        |ratio: Option<Summary>| ratio.map_or_else(String::new, |ratio| format!("{:.2} ×", ratio.median));
+    let spread = |ratio: Summary| format!("{:.2} – {:.2}", ratio.lower_quartile, ratio.upper_quartile);
+    table.add_row([
+        name.to_owned(),
+        format!("{:.1}", one.build_ms.median),
+        format!("{:.1}", one.frame_ms.median),
+        format!("{:.1} – {:.1}", one.frame_ms.lower_quartile, one.frame_ms.upper_quartile),
+        times(over(paper)),
+        times(over(native)),
+        over(native).map_or_else(String::new, spread),
+    ]);
 }

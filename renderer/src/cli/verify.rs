@@ -10,18 +10,18 @@ use clap::Args;
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::Serialize;
-use treewright_accel::{BuildChoice, Hit, Intersector, Ray, Visitor};
+use treewright_accel::{BuildChoice, Hit, Intersector, NativeQuality, Ray, Visitor};
 
-use super::arguments::{CameraArguments, FrameArguments, Native, SceneArguments, Size};
+use super::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments};
 use super::error::CliError;
 use super::output;
 use crate::film::Film;
 use crate::integrator::Lens;
 use crate::integrator::random::PathRandom;
 use crate::limits::VERIFY_RAYS_MAX;
-use crate::render_options::RenderOptions;
 use crate::scene::{Camera, Scene};
-use crate::space;
+use crate::space::{self, Choice, Premises, Preset, TuningSpace};
+use crate::tuning::objective::Objective;
 
 /// Two distances agree when they differ by at most this share of the larger one, or of the scene's diagonal
 /// where both are small: single precision through different formulas.
@@ -37,6 +37,19 @@ const DISAGREEING_RAYS_MAX: f64 = 1e-3;
 /// Largest mean relative difference of two pictures.
 const PICTURE_DIFFERENCE_MAX: f64 = 1e-3;
 
+/// A spread of the full space: both back ends, every node width, builder, order, format, and packets.
+const SPREAD: [&str; 9] = [
+    "native_quality=high",
+    "native_compact=true,tile=8,tile_order=morton",
+    "primary=eight_coherent,first_shadow=sixteen,bounce=sixteen,shadow=eight,sort=octant_morton",
+    "quality=1,branching_factor=2,max_depth=64",
+    "quality=2,staged=false",
+    "quality=3,branching_factor=4,max_leaf_size=8,split_budget=2",
+    "block_width=8,order=depth_first",
+    "collapse=optimal,reinsertion_passes=2,order=van_emde_boas",
+    "node_width=16,format=quantised,order=treelets,block_width=8",
+];
+
 /// Arguments of `verify`.
 #[derive(Args, Clone, Debug)]
 pub(super) struct Arguments {
@@ -46,6 +59,9 @@ pub(super) struct Arguments {
     camera: CameraArguments,
     #[command(flatten)]
     frame: FrameArguments,
+
+    #[command(flatten)]
+    space: SpaceArguments,
 
     /// A further configuration, as for `image`; may be given several times.
     #[arg(long, value_name = "NAME=VALUE,…")]
@@ -89,8 +105,7 @@ struct Verdict {
 #[derive(Debug, Serialize)]
 struct Results {
     scene: String,
-    /// As rays meet them.
-    triangles: u64,
+    triangles: usize,
     rays: usize,
     oracle_hits: usize,
     accelerators: Vec<Verdict>,
@@ -99,7 +114,7 @@ struct Results {
 
 /// Verifies and prints; fails when anything disagrees.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    let accelerators = accelerators(&arguments.config)?;
+    let accelerators = accelerators(arguments.space, &arguments.config, arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let camera = arguments.camera.find(&scene)?;
     let renderer = arguments.frame.renderer(&scene)?;
@@ -126,7 +141,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let mut first_picture = None;
     let mut verdicts = Vec::new();
     for (name, choice) in accelerators {
-        let structure = match renderer.build(&choice) {
+        let structure = match renderer.build(&choice.build) {
             Ok((structure, _)) => structure,
             // A depth limit is a finding of the tuner and says nothing about hits.
             Err(error) => {
@@ -141,8 +156,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let mut film = Film::new(arguments.size.width, arguments.size.height);
         let mut picture_hits = 0;
         for _ in 0..arguments.spp {
-            picture_hits +=
-                renderer.render_with(&structure, &view, &RenderOptions::default(), &mut film).1.hits;
+            picture_hits += renderer.render_with(&structure, &view, &choice.render, &mut film).1.hits;
         }
         let picture = film.picture();
         let picture_difference =
@@ -166,7 +180,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
     let results = Results {
         scene: scene.name.clone(),
-        triangles: scene.placed().count(),
+        triangles: scene.triangles.len(),
         rays: rays.len(),
         oracle_hits: answers.iter().filter(|answer| answer.closest.is_some()).count(),
         agrees: verdicts.iter().all(|verdict| verdict.agrees),
@@ -229,21 +243,29 @@ fn print(results: &Results, json: bool) -> Result<(), CliError> {
     }
 }
 
-/// The structures that are compared: native ones and a spread of the tunable space.
-fn accelerators(more: &[String]) -> Result<Vec<(String, BuildChoice)>, CliError> {
-    let mut all: Vec<(String, BuildChoice)> = [Native::Medium, Native::Low, Native::High]
-        .map(|native| (format!("native {native:?}").to_lowercase(), native.choice()))
-        .into();
-    let spread = [
-        "quality=2",
-        "quality=1,branching_factor=8,max_depth=64",
-        "quality=2,branching_factor=8,sah_block_size=4,min_leaf_size=4,max_leaf_size=28",
-        "quality=3,branching_factor=4,max_leaf_size=8",
-        "quality=3,branching_factor=8,robust=true,static=true",
-        "compact=true",
+/// What is compared: native structures, and a spread of the tunable ones and of ways to render.
+fn accelerators(
+    space: SpaceArguments,
+    more: &[String],
+    threads: usize,
+) -> Result<Vec<(String, Choice)>, CliError> {
+    let mut all = vec![
+        ("native medium".to_owned(), Choice::native(NativeQuality::Medium)),
+        ("native low".to_owned(), Choice::native(NativeQuality::Low)),
+        ("native high".to_owned(), Choice::native(NativeQuality::High)),
+        ("paper default".to_owned(), Choice::paper_default()),
     ];
-    for text in spread.into_iter().chain(more.iter().map(String::as_str)) {
-        all.push((text.to_owned(), space::build_choice(&space::parse(text)?)?));
+    let full = TuningSpace::new(Preset::Full, &Premises::all());
+    for text in SPREAD {
+        all.push((text.to_owned(), full.choice(&space::parse(text)?)?));
+    }
+    let robust = TuningSpace::new(Preset::Full, &Premises { robust: true, ..Premises::all() });
+    for text in ["backend=native", "backend=tunable"] {
+        all.push((format!("robust, {text}"), robust.choice(&space::parse(text)?)?));
+    }
+    let space = space.whole(Objective::Render, threads)?;
+    for text in more {
+        all.push((text.clone(), space.choice(&space::parse(text)?)?));
     }
     Ok(all)
 }
@@ -296,11 +318,8 @@ fn same_hit(a: Option<Hit>, b: Option<Hit>, diagonal: f32) -> bool {
         (None, None) => true,
         (Some(a), Some(b)) => {
             let larger = a.t.max(b.t).max(diagonal * f32::EPSILON);
-            let tolerance = if (a.triangle, a.instance) == (b.triangle, b.instance) {
-                SAME_TRIANGLE_TOLERANCE
-            } else {
-                DISTANCE_TOLERANCE
-            };
+            let tolerance =
+                if a.triangle == b.triangle { SAME_TRIANGLE_TOLERANCE } else { DISTANCE_TOLERANCE };
             (a.t - b.t).abs() <= tolerance * larger
         }
         _ => false,
@@ -327,7 +346,10 @@ mod tests {
 
     #[test]
     fn every_structure_of_the_spread_is_sound() {
-        assert!(accelerators(&[]).is_ok_and(|all| all.len() == 9));
-        assert!(accelerators(&["colour=1".to_owned()]).is_err());
+        let full = SpaceArguments { space: Preset::Full, robust: false };
+        assert!(accelerators(full, &[], 1).is_ok_and(|all| all.len() == 4 + SPREAD.len() + 2));
+        assert!(accelerators(full, &["colour=1".to_owned()], 1).is_err());
+        let paper = SpaceArguments { space: Preset::Paper, ..full };
+        assert!(accelerators(paper, &["compact=true".to_owned()], 1).is_ok());
     }
 }

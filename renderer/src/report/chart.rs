@@ -1,6 +1,6 @@
 //! The tuning curve, after the paper's Figure 11: what each trial took, the best that was found, and what
-//! the predictor reached without a search. All relative to the recommended default, so that the two
-//! cameras can share one axis.
+//! the predictor reached without a search. All relative to the baseline, so that the two cameras
+//! can share one axis.
 
 use plotters::prelude::*;
 
@@ -10,7 +10,7 @@ use crate::tuning::results::Results;
 const WIDTH: u32 = 900;
 const HEIGHT: u32 = 430;
 
-/// Trials slower than this many times the default are drawn at the upper edge.
+/// Trials slower than this many times the baseline are drawn at the upper edge.
 const CAP: f64 = 3.0;
 
 // Placeholders, replaced by the page's own colours so that the curve follows its light or dark theme.
@@ -69,7 +69,7 @@ fn draw(results: &Results, svg: &mut String) -> Result<(), Box<dyn std::error::E
         .axis_style(INK.stroke_width(1))
         .label_style(("sans-serif", 15).into_font().color(&INK))
         .x_desc("trial of the search")
-        .y_desc("frame time, default = 1")
+        .y_desc(format!("frame time, {} = 1", results.baseline))
         .x_label_formatter(&|x| format!("{x:.0}"))
         .y_label_formatter(&|y| format!("{y:.1}"))
         .y_labels(8)

@@ -13,11 +13,10 @@ use base64::engine::general_purpose::STANDARD;
 use crate::film::{Film, Picture};
 use crate::frame::Renderer;
 use crate::image_file::{Exposure, ImageFileError, png_bytes};
-use crate::render_options::RenderOptions;
-use crate::space::{self, ConfigurationError};
+use crate::space::{Choice, ConfigurationError};
 use crate::tuning::results::Results;
 use crate::tuning::search::Setting;
-use crate::tuning::verdict::{DEFAULT, TUNED};
+use crate::tuning::verdict::{TUNED, baseline};
 use parts::{ConfigurationRow, StandingRow};
 
 /// Samples a pixel of the report's two pictures.
@@ -55,9 +54,11 @@ struct Page<'a> {
     frame_kind: &'a str,
     default_image: String,
     tuned_image: String,
+    baseline: &'a str,
     default_ms: String,
     tuned_ms: String,
     difference: String,
+    what_was_tuned: &'static str,
     samples: u32,
     standings: Vec<StandingRow>,
     chart: String,
@@ -75,20 +76,16 @@ struct Page<'a> {
 
 /// Puts the report together. Renders the two pictures, which takes some seconds.
 pub fn html(renderer: &Renderer, setting: &Setting, results: &Results) -> Result<String, ReportError> {
-    let default = picture(renderer, setting, &space::table_1().default_configuration())?;
-    let tuned = picture(renderer, setting, &results.tuned)?;
+    let default = picture(renderer, setting, &baseline(results.space).choice)?;
+    let tuned = picture(renderer, setting, &setting.space.choice(&results.tuned)?)?;
     page(results, &default, &tuned)
 }
 
-fn picture(
-    renderer: &Renderer,
-    setting: &Setting,
-    configuration: &treewright_client::Configuration,
-) -> Result<Picture, ReportError> {
-    let (structure, _) = renderer.build(&space::build_choice(configuration)?)?;
+fn picture(renderer: &Renderer, setting: &Setting, choice: &Choice) -> Result<Picture, ReportError> {
+    let (structure, _) = renderer.build(&choice.build)?;
     let mut film = Film::new(setting.width, setting.height);
     for _ in 0..PICTURE_SAMPLES {
-        renderer.render_with(&structure, &setting.view, &RenderOptions::default(), &mut film);
+        renderer.render_with(&structure, &setting.view, &choice.render, &mut film);
     }
     Ok(film.picture())
 }
@@ -104,7 +101,9 @@ fn page(results: &Results, default: &Picture, tuned: &Picture) -> Result<String,
         frame_kind: if results.objective.builds_each_frame() { "build and render" } else { "render" },
         default_image: data_url(default)?,
         tuned_image: data_url(tuned)?,
-        default_ms: format!("{:.1}", frame_ms(DEFAULT)),
+        baseline: &results.baseline,
+        what_was_tuned: parts::what_was_tuned(results),
+        default_ms: format!("{:.1}", frame_ms(&results.baseline)),
         tuned_ms: format!("{:.1}", frame_ms(TUNED)),
         difference: format!("{:.4}", default.mean_relative_difference(tuned) * 100.0),
         samples: PICTURE_SAMPLES,

@@ -2,9 +2,9 @@
 
 use treewright_client::{Configuration, Value};
 
-use crate::space;
+use crate::space::{Explained, Preset};
 use crate::tuning::results::Results;
-use crate::tuning::verdict::{DEFAULT, NATIVE_MEDIUM, PREDICTED, TUNED};
+use crate::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, TUNED};
 
 /// A speed-up below this is not told as one: frames vary more than that.
 const WORTH_TELLING: f64 = 1.03;
@@ -39,28 +39,29 @@ pub(super) fn headline(results: &Results) -> String {
         true => ("is built and rendered", "tuned structure"),
     };
     if speedup >= WORTH_TELLING {
-        format!("The {subject} {verb} {speedup:.2}× faster than the recommended default.")
+        format!("The {subject} {verb} {speedup:.2}× faster than {}.", the(&results.baseline))
     } else {
-        "Here the recommended default is as good as anything the search found.".to_owned()
+        format!("Here {} is as good as anything the search found.", the(&results.baseline))
+    }
+}
+
+/// A standing's name inside a sentence.
+fn the(name: &str) -> String {
+    match name {
+        PAPER_DEFAULT => "the recommended default".to_owned(),
+        NATIVE_DEFAULT => "native Embree".to_owned(),
+        other => format!("the {other}"),
     }
 }
 
 pub(super) fn explanation(results: &Results) -> String {
-    let native = results
-        .standing(NATIVE_MEDIUM)
-        .zip(results.standing(TUNED))
-        .map(|(native, tuned)| native.frame_ms.median / tuned.frame_ms.median);
-    let native = match native {
-        Some(ratio) if ratio.is_finite() && ratio >= WORTH_TELLING => {
-            format!(" Against Embree's own built-in structure it is {ratio:.2}× as fast.")
-        }
-        Some(ratio) if ratio.is_finite() => {
-            format!(" Embree's own built-in structure takes {ratio:.2}× the tuned one's time.")
-        }
-        _ => String::new(),
-    };
+    let other = [PAPER_DEFAULT, NATIVE_DEFAULT].into_iter().find(|name| *name != results.baseline);
+    let ratio = other.and_then(|name| Some((name, results.speedup_over(name)?)));
+    let other = ratio.map_or_else(String::new, |(name, ratio)| {
+        format!(" Its speed is {ratio:.2} times that of {}.", the(name))
+    });
     let frames = results.standing(TUNED).map_or(0, |standing| standing.frame_ms.count);
-    format!("Medians of {frames} paired frames, measured again after the search.{native}")
+    format!("Medians of {frames} paired frames, measured again after the search.{other}")
 }
 
 pub(super) fn standings(results: &Results) -> Vec<StandingRow> {
@@ -79,7 +80,10 @@ pub(super) fn standings(results: &Results) -> Vec<StandingRow> {
                 "{:.1} – {:.1}",
                 standing.frame_ms.lower_quartile, standing.frame_ms.upper_quartile
             ),
-            speedup: format!("{:.2}×", standing.speedup.median),
+            speedup: match results.standing(&results.baseline) {
+                Some(baseline) => format!("{:.2}×", standing.speedup_over(baseline).median),
+                None => String::new(),
+            },
             bar: (100.0 * standing.frame_ms.median / slowest).round().clamp(0.0, 100.0) as u32,
             winner: standing.name == TUNED,
         })
@@ -102,9 +106,9 @@ pub(super) fn prediction(results: &Results) -> Option<String> {
     results.prediction.as_ref().map(|prediction| {
         let speedup = prediction.speedup();
         let verdict = if speedup >= WORTH_TELLING {
-            format!("With it, that view renders {speedup:.2}× faster than with the recommended default")
+            format!("With it, that view renders {speedup:.2}× faster than with {}", the(&results.baseline))
         } else {
-            format!("With it, that view runs at {speedup:.2}× the recommended default's speed")
+            format!("With it, that view runs at {speedup:.2}× the speed of {}", the(&results.baseline))
         };
         format!(
             "Then the camera moved to a place that was never tuned. The service answered in {:.1} ms from what it had learned. {verdict}, \
@@ -128,13 +132,14 @@ pub(super) fn break_even(results: &Results) -> String {
     match results.break_even_frame {
         Some(frame) => format!(
             "The search spent {:.1} s, slow trials and all builds included. After {frame} frames it has paid for itself: \
-             from then on, tuning and rendering together took less time than rendering with the default from the start.",
+             from then on, tuning and rendering together took less time than rendering with {} from the start.",
             results.break_even.tuning_ms / 1000.0,
+            the(&results.baseline),
         ),
-        None => {
-            "The tuned structure is not faster than the default, so the search does not pay for itself here."
-                .to_owned()
-        }
+        None => format!(
+            "The tuned structure is not faster than {}, so the search does not pay for itself here.",
+            the(&results.baseline)
+        ),
     }
 }
 
@@ -144,25 +149,40 @@ pub(super) fn machine(results: &Results) -> String {
     format!("{cpu}, {} threads, {}", machine.threads, machine.isa)
 }
 
+/// How many there are and of what kind, after "is controlled by".
+pub(super) fn what_was_tuned(results: &Results) -> &'static str {
+    match results.space {
+        Preset::Paper => "How that tree is built is controlled by eleven numbers and switches.",
+        Preset::Full => {
+            "Embree, a widely used library, brings one ready-made; another can be built to measure. How it is built, how it lies \
+             in memory and in which groups rays are sent through it is controlled by some two dozen numbers and switches."
+        }
+    }
+}
+
 pub(super) fn configurations(results: &Results) -> Vec<ConfigurationRow> {
-    let space = space::table_1();
-    let default = space.default_configuration();
+    let default = &results.start;
     let predicted = results.prediction.as_ref().map(|prediction| &prediction.configuration);
     let text = |configuration: Option<&Configuration>, name: &str| {
         configuration.map_or_else(String::new, |configuration| {
             configuration.get(name).map_or_else(|| "no effect".to_owned(), value_in_words)
         })
     };
-    space
-        .parameters()
+    // What is inactive everywhere tells nobody anything.
+    let matters = |name: &str| {
+        [Some(default), Some(&results.tuned), predicted].iter().flatten().any(|one| one.get(name).is_some())
+    };
+    results
+        .parameters
         .iter()
-        .map(|parameter| {
+        .filter(|one| matters(&one.parameter.name))
+        .map(|Explained { parameter, about }| {
             let name = parameter.name.as_str();
             let changed = |configuration: &Configuration| configuration.get(name) != default.get(name);
             ConfigurationRow {
                 name: name.to_owned(),
-                about: about(name),
-                default: text(Some(&default), name),
+                about,
+                default: text(Some(default), name),
                 tuned: text(Some(&results.tuned), name),
                 tuned_changed: changed(&results.tuned),
                 predicted: text(predicted, name),
@@ -170,24 +190,6 @@ pub(super) fn configurations(results: &Results) -> Vec<ConfigurationRow> {
             }
         })
         .collect()
-}
-
-/// What a parameter does, in plain words.
-fn about(parameter: &str) -> &'static str {
-    match parameter {
-        "quality" => "how carefully the tree is built: 1 fast, 2 careful, 3 careful and splitting triangles",
-        "branching_factor" => "how many boxes each box holds",
-        "max_depth" => "how deep boxes may be nested",
-        "sah_block_size" => "triangles are counted in groups of this many",
-        "min_leaf_size" => "fewest triangles in an innermost box",
-        "max_leaf_size" => "most triangles in an innermost box",
-        "traversal_cost" => "what the builder believes a box test costs",
-        "intersection_cost" => "what the builder believes a triangle test costs",
-        "static" => "promise that the geometry will not change",
-        "compact" => "use Embree's memory-saving structure instead",
-        "robust" => "watertight tests at edges, at some cost",
-        _ => "",
-    }
 }
 
 fn value_in_words(value: &Value) -> String {
@@ -221,5 +223,6 @@ pub(super) fn roofline(results: &Results) -> f64 {
 pub(super) fn predicted(results: &Results) -> Option<f64> {
     let prediction = results.prediction.as_ref()?;
     let names: Vec<&str> = prediction.standings.iter().map(|standing| standing.name.as_str()).collect();
-    (names == [DEFAULT, PREDICTED]).then(|| 1.0 / prediction.speedup().max(f64::MIN_POSITIVE))
+    (names == [results.baseline.as_str(), PREDICTED])
+        .then(|| 1.0 / prediction.speedup().max(f64::MIN_POSITIVE))
 }

@@ -6,11 +6,12 @@ use treewright_client::{Configuration, Fingerprint, Indicators, Mode, Outcome, S
 use super::*;
 use crate::frame::FrameTimes;
 use crate::measure::{Measured, standings};
+use crate::space::{Preset, TuningSpace};
 use crate::statistics::BreakEven;
 use crate::tuning::objective::Objective;
 use crate::tuning::results::{Overhead, Prediction, SceneFacts};
 use crate::tuning::search::Iteration;
-use crate::tuning::verdict::{NATIVE_MEDIUM, PREDICTED};
+use crate::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED};
 
 fn iteration(number: u32, render_ms: Option<f64>) -> Iteration {
     Iteration {
@@ -37,7 +38,9 @@ fn results(tuned_ms: f64, scene: &str) -> Results {
         render_ms: vec![render_ms; 9],
         failure: None,
     };
-    let side_by_side = [measured(DEFAULT, 100.0), measured(NATIVE_MEDIUM, 55.0), measured(TUNED, tuned_ms)];
+    let side_by_side =
+        [measured(PAPER_DEFAULT, 100.0), measured(NATIVE_DEFAULT, 55.0), measured(TUNED, tuned_ms)];
+    let space = TuningSpace::paper();
     let trials = vec![
         iteration(1, Some(100.0)),
         iteration(2, None),
@@ -61,6 +64,10 @@ fn results(tuned_ms: f64, scene: &str) -> Results {
         },
         size: [320, 240],
         objective: Objective::Render,
+        space: Preset::Paper,
+        parameters: space.explained().collect(),
+        start: space.default_configuration(),
+        baseline: PAPER_DEFAULT.into(),
         server: "http://127.0.0.1:1".into(),
         study: "test-render".into(),
         machine: Fingerprint {
@@ -74,14 +81,14 @@ fn results(tuned_ms: f64, scene: &str) -> Results {
         trials,
         reference_ms: 100.0,
         tuned: Configuration::new().with("quality", 3).with("branching_factor", 8).with("compact", false),
-        standings: standings(&side_by_side, false),
+        standings: standings(&side_by_side, 1000),
         prediction: Some(Prediction {
             camera_at: 0.2,
             mode: Mode::Exploit,
             reason: "nearest state".into(),
             configuration: Configuration::new().with("quality", 1),
             answer_ms: 0.8,
-            standings: standings(&[measured(DEFAULT, 100.0), measured(PREDICTED, 60.0)], false),
+            standings: standings(&[measured(PAPER_DEFAULT, 100.0), measured(PREDICTED, 60.0)], 1000),
         }),
         break_even,
         break_even_frame: break_even.frame(),
@@ -101,6 +108,7 @@ fn the_page_says_what_was_measured() {
         html.contains("The tuned structure renders this scene 2.00× faster than the recommended default.")
     );
     assert!(html.contains("1\u{2009}234\u{2009}567 triangles") && html.contains("Test One, 2 threads"));
+    assert!(html.contains("Its speed is 1.10 times that of native Embree."));
     assert!(html.contains("<mark>8</mark>"), "a changed parameter is marked");
     assert!(html.contains("1.67× faster"), "the prediction's speed-up");
     assert!(

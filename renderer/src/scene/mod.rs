@@ -7,7 +7,6 @@ pub mod assemble;
 mod bounds;
 pub mod builtin;
 mod error;
-mod flatten;
 pub mod framing;
 mod gltf_extras;
 mod gltf_file;
@@ -19,7 +18,6 @@ mod load;
 mod load_tests;
 mod obj_file;
 mod obj_text;
-mod objects;
 pub mod part;
 pub mod placed;
 mod ply_file;
@@ -62,6 +60,15 @@ pub struct Scene {
     pub path_keys: Vec<Camera>,
     /// What the loader had to leave out or make up, one sentence each.
     pub notes: Vec<String>,
+}
+
+impl Scene {
+    /// Whether there are lights that shadow rays are sent to: a sun, or surfaces that shine.
+    pub fn has_sampled_lights(&self) -> bool {
+        let shines = |light: Vec3| light.max_element() > 0.0;
+        let sun = self.sky.sun.is_some_and(|sun| shines(sun.irradiance));
+        sun || self.meshes.iter().any(|mesh| shines(self.materials[mesh.material as usize].emission))
+    }
 }
 
 /// A run of triangles with one material.

@@ -4,10 +4,12 @@
 //! |---|---|
 //! | `objective` | what is minimised, and the study that says so |
 //! | `search` | the loop itself, frame by frame |
-//! | `verdict` | measures the winner again, against the default and Embree's own structures |
+//! | `run_off` | the best few of a search against each other |
+//! | `verdict` | whom the winner is compared with, and when tuning pays off |
 //! | `results` | everything a run found out, for JSON and the report |
 
 pub mod objective;
 pub mod results;
+pub mod run_off;
 pub mod search;
 pub mod verdict;

@@ -6,13 +6,16 @@ use treewright_client::{ClientError, Policy, Scale, StudySpec};
 
 use crate::frame::FrameTimes;
 use crate::indicators::{IndicatorScale, SCHEMA};
-use crate::space;
+use crate::space::{Preset, TuningSpace};
 
 /// Name of the measurement of a build, in milliseconds.
 pub const BUILD_MS: &str = "build_ms";
 
 /// Name of the measurement of a frame, in milliseconds.
 pub const RENDER_MS: &str = "render_ms";
+
+/// How many frames share a build in progressive rendering.
+const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
 
 /// Longest study id that the service takes.
 const STUDY_ID_MAX: usize = 64;
@@ -21,7 +24,7 @@ const STUDY_ID_MAX: usize = 64;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Objective {
-    /// Progressive rendering: the structure is built once, so only the render time counts.
+    /// Progressive rendering: a structure serves a thousand frames, so a frame pays for a thousandth of its build.
     Render,
     /// Real-time rendering: the structure is built for each frame, so build and render time count.
     Total,
@@ -30,9 +33,14 @@ pub enum Objective {
 impl Objective {
     /// The scalar that is minimised.
     pub fn cost(self, times: FrameTimes) -> f64 {
+        times.build_ms / f64::from(self.frames_per_build()) + times.render_ms
+    }
+
+    /// How many frames share a build.
+    pub fn frames_per_build(self) -> u32 {
         match self {
-            Self::Render => times.render_ms,
-            Self::Total => times.build_ms + times.render_ms,
+            Self::Render => PROGRESSIVE_FRAMES_PER_BUILD,
+            Self::Total => 1,
         }
     }
 
@@ -50,14 +58,15 @@ impl Objective {
     }
 }
 
-/// The study of a scene: Table 1's space, Table 2's indicators, this objective.
+/// The study of a scene: this space, Table 2's indicators, this objective.
 pub fn specification(
+    space: &TuningSpace,
     title: &str,
     objective: Objective,
     policy: Policy,
     seed: u64,
 ) -> Result<StudySpec, ClientError> {
-    let mut builder = StudySpec::builder(space::table_1()).display_name(title).policy(policy).seed(seed);
+    let mut builder = StudySpec::builder(space.space().clone()).display_name(title).policy(policy).seed(seed);
     for indicator in &SCHEMA {
         let scale = match indicator.scale {
             IndicatorScale::Linear => Scale::Linear,
@@ -65,15 +74,18 @@ pub fn specification(
         };
         builder = builder.indicator(indicator.name, indicator.min..=indicator.max, scale);
     }
-    builder = match objective {
-        Objective::Render => builder.minimise(RENDER_MS, 1.0),
-        Objective::Total => builder.minimise(BUILD_MS, 1.0).minimise(RENDER_MS, 1.0),
-    };
-    builder.build()
+    let build_weight = 1.0 / f64::from(objective.frames_per_build());
+    builder.minimise(BUILD_MS, build_weight).minimise(RENDER_MS, 1.0).build()
 }
 
 /// An id of the letters the service takes, made of what tells studies apart.
-pub fn study_id(scene: &str, objective: Objective, size: impl std::fmt::Display) -> String {
+pub fn study_id(
+    scene: &str,
+    objective: Objective,
+    size: impl std::fmt::Display,
+    preset: Preset,
+    robust: bool,
+) -> String {
     let scene: String = scene
         .to_lowercase()
         .chars()
@@ -81,7 +93,8 @@ pub fn study_id(scene: &str, objective: Objective, size: impl std::fmt::Display)
             if letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_' { letter } else { '-' }
         })
         .collect();
-    let end = format!("-{}-{size}-table1", objective.name());
+    let robust = if robust { "-robust" } else { "" };
+    let end = format!("-{}-{size}-{}{robust}", objective.name(), preset.name());
     let mut id = if scene.starts_with(|letter: char| letter.is_ascii_lowercase()) {
         scene
     } else {
@@ -98,32 +111,34 @@ mod tests {
 
     #[test]
     fn ids_follow_the_contract() {
+        let id = |name: &str, objective, size| study_id(name, objective, size, Preset::Full, false);
         assert_eq!(
-            study_id("Sponza Atrium.v2", Objective::Render, "320x240"),
-            "sponza-atrium-v2-render-320x240-table1"
+            id("Sponza Atrium.v2", Objective::Render, "320x240"),
+            "sponza-atrium-v2-render-320x240-full"
         );
-        assert_eq!(study_id("7even", Objective::Total, "8x8"), "scene-7even-total-8x8-table1");
+        assert_eq!(id("7even", Objective::Total, "8x8"), "scene-7even-total-8x8-full");
         for name in ["", "ÄÖ", &"x".repeat(500)] {
-            let id = study_id(name, Objective::Total, "16384x16384");
+            let id = study_id(name, Objective::Total, "16384x16384", Preset::Paper, true);
             assert!(
                 id.len() <= STUDY_ID_MAX && id.starts_with(|letter: char| letter.is_ascii_lowercase()),
                 "{id}"
             );
-            assert!(id.ends_with("-total-16384x16384-table1"));
+            assert!(id.ends_with("-total-16384x16384-paper-robust"));
         }
-        assert_ne!(study_id("a", Objective::Render, "8x8"), study_id("a", Objective::Total, "8x8"));
+        assert_ne!(id("a", Objective::Render, "8x8"), id("a", Objective::Total, "8x8"));
     }
 
     #[test]
     fn costs_are_what_the_study_minimises() {
         let times = FrameTimes { build_ms: 30.0, render_ms: 12.0 };
-        for (objective, cost) in [(Objective::Render, 12.0), (Objective::Total, 42.0)] {
-            let spec = specification("test", objective, Policy::new(), 1).expect("it is sound");
+        for (objective, cost) in [(Objective::Render, 12.03), (Objective::Total, 42.0)] {
+            let spec = specification(&TuningSpace::paper(), "test", objective, Policy::new(), 1);
+            let spec = spec.expect("it is sound");
             let measured = |metric: &str| {
                 if metric == BUILD_MS { times.build_ms } else { times.render_ms }
             };
             let sum: f64 = spec.objective().iter().map(|term| term.weight * measured(&term.metric)).sum();
-            assert_eq!((objective.cost(times), sum), (cost, cost));
+            assert!((objective.cost(times) - cost).abs() < 1e-9 && (sum - cost).abs() < 1e-9);
             assert_eq!(spec.indicators().len(), 17);
         }
     }

@@ -6,6 +6,7 @@ use treewright_client::{Configuration, Fingerprint, Indicators, Mode, Stats};
 use super::objective::Objective;
 use super::search::Iteration;
 use crate::measure::Standing;
+use crate::space::{Explained, Preset};
 use crate::statistics::{BreakEven, Summary, quantile};
 
 /// A finished run.
@@ -17,6 +18,12 @@ pub struct Results {
     pub size: [u32; 2],
     /// What was minimised.
     pub objective: Objective,
+    /// Name of the space that was tuned.
+    pub space: Preset,
+    /// Its parameters, each with what it does.
+    pub parameters: Vec<Explained>,
+    /// Its recommended configuration, where the search began.
+    pub start: Configuration,
     /// Where the service is, and the study's id there.
     pub server: String,
     /// The study's id.
@@ -27,11 +34,14 @@ pub struct Results {
     pub indicators: Indicators,
     /// Every trial of the search.
     pub trials: Vec<Iteration>,
-    /// The default's cost while the search ran: what the trials' costs are compared with.
+    /// Name of the standing that the run is compared with: the paper's default in its own space, else native
+    /// Embree's.
+    pub baseline: String,
+    /// The baseline's cost while the search ran: what the trials' costs are compared with.
     pub reference_ms: f64,
     /// The winner.
     pub tuned: Configuration,
-    /// The recommended default, Embree's own structures and the winner, measured again side by side.
+    /// The paper's default, Embree's own structures and the winner, measured again side by side.
     pub standings: Vec<Standing>,
     /// The predictor's answer for a camera that was never tuned.
     pub prediction: Option<Prediction>,
@@ -73,12 +83,12 @@ pub struct Prediction {
     pub configuration: Configuration,
     /// How long the answer took.
     pub answer_ms: f64,
-    /// The default and the prediction, measured side by side.
+    /// The baseline and the prediction, measured side by side.
     pub standings: Vec<Standing>,
 }
 
 impl Prediction {
-    /// How many times faster than the default the predicted configuration is.
+    /// How many times faster than the baseline the predicted configuration is.
     pub fn speedup(&self) -> f64 {
         self.standings.last().map_or(1.0, |standing| standing.speedup.median)
     }
@@ -119,8 +129,14 @@ impl Results {
         self.standings.iter().find(|standing| standing.name == name)
     }
 
-    /// How many times faster than the default the winner is, median of pairs.
+    /// How many times faster than the baseline the winner is, median of pairs.
     pub fn speedup(&self) -> f64 {
-        self.standing(super::verdict::TUNED).map_or(1.0, |standing| standing.speedup.median)
+        self.speedup_over(&self.baseline).unwrap_or(1.0)
+    }
+
+    /// How many times faster the winner is than another, median of pairs. `None` where one was not measured.
+    pub fn speedup_over(&self, name: &str) -> Option<f64> {
+        let speedup = self.standing(super::verdict::TUNED)?.speedup_over(self.standing(name)?);
+        (speedup.count > 0).then_some(speedup.median)
     }
 }

@@ -3,6 +3,7 @@
 //! A build that fails is an outcome like any other, and the frame is skipped; a daemon that is away costs
 //! one deadline at most, and the frame is rendered with the last good configuration.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use serde::Serialize;
@@ -17,8 +18,7 @@ use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::indicators::SceneIndicators;
 use crate::integrator::View;
-use crate::render_options::RenderOptions;
-use crate::space;
+use crate::space::{Choice, TuningSpace};
 use crate::statistics::Summary;
 
 /// What happened in one frame of the search.
@@ -57,6 +57,10 @@ pub struct Iteration {
 pub struct Setting {
     /// What is minimised.
     pub objective: Objective,
+    /// What is tuned.
+    pub space: Arc<TuningSpace>,
+    /// What trials are compared with while the search runs.
+    pub baseline: Choice,
     /// What is rendered.
     pub view: View,
     /// Pixels across.
@@ -97,12 +101,12 @@ impl Drift {
 pub struct Found {
     /// Every frame.
     pub trials: Vec<Iteration>,
-    /// Median cost of the recommended default in frames before and after the search, which nobody was told of.
+    /// Median cost of the baseline in frames before and after the search, which nobody was told of.
     /// The machine's speed may drift until winners are measured again; within the search it is compared with this.
     pub reference_ms: f64,
 }
 
-/// Frames of the recommended default before the search, and again after it.
+/// Frames of the baseline before the search, and again after it.
 const REFERENCE_FRAMES: usize = 3;
 
 /// Runs so many iterations, fewer if `told` says no after one of them. The last report is on its way when
@@ -117,7 +121,7 @@ pub fn run(
 ) -> Result<Found, ClientError> {
     let mut film = Film::new(setting.width, setting.height);
     // The first frame of a process is slower than all others: memory is touched for the first time, threads
-    // start, clocks rise. It would be the default's, so some are rendered before anything counts.
+    // start, clocks rise. So some are rendered before anything counts.
     reference(renderer, setting, &mut film);
     let mut references = reference(renderer, setting, &mut film);
     let mut all = Vec::new();
@@ -151,11 +155,10 @@ pub fn run(
     Ok(Found { trials: all, reference_ms: Summary::of(&references).median })
 }
 
-/// Costs of some frames of the recommended default.
+/// Costs of some frames of the baseline.
 fn reference(renderer: &mut Renderer, setting: &Setting, film: &mut Film) -> Vec<f64> {
-    let default = space::table_1().default_configuration();
     (0..REFERENCE_FRAMES)
-        .filter_map(|_| frame(renderer, &default, setting, film).1)
+        .filter_map(|_| run_choice(renderer, &setting.baseline, setting, film).1)
         .map(|times| setting.objective.cost(times))
         .collect()
 }
@@ -167,11 +170,19 @@ pub fn frame(
     setting: &Setting,
     film: &mut Film,
 ) -> (Outcome, Option<FrameTimes>) {
-    let choice = match space::build_choice(configuration) {
-        Ok(choice) => choice,
-        Err(error) => return (Outcome::failed(error.to_string()), None),
-    };
-    let build_ms = match renderer.rebuild(&choice) {
+    match setting.space.choice(configuration) {
+        Ok(choice) => run_choice(renderer, &choice, setting, film),
+        Err(error) => (Outcome::failed(error.to_string()), None),
+    }
+}
+
+fn run_choice(
+    renderer: &mut Renderer,
+    choice: &Choice,
+    setting: &Setting,
+    film: &mut Film,
+) -> (Outcome, Option<FrameTimes>) {
+    let build_ms = match renderer.rebuild(&choice.build) {
         Ok(build_ms) => build_ms,
         Err(error) if error.is_infeasible() => {
             return (Outcome::infeasible(error.to_string()), None);
@@ -181,7 +192,7 @@ pub fn frame(
     let mut render_ms = Vec::new();
     for _ in 0..setting.frames {
         film.clear();
-        match renderer.render(&setting.view, &RenderOptions::default(), film) {
+        match renderer.render(&setting.view, &choice.render, film) {
             Some((frame_ms, _)) => render_ms.push(frame_ms),
             None => return (Outcome::failed("no structure was built"), None),
         }

@@ -2,10 +2,8 @@
 
 pub(crate) mod device;
 pub(crate) mod ffi;
-pub(crate) mod instanced;
-mod native;
+pub(crate) mod native;
 mod packets;
 
 pub use device::{Device, DeviceError};
-pub use instanced::NativeInstances;
 pub use native::NativeScene;

@@ -51,7 +51,6 @@ impl Tree {
             isa,
             parameters: *parameters,
             triangles: Arc::clone(triangles),
-            motion: None,
             _memory: memory,
         })
     }

@@ -4,19 +4,14 @@ pub(crate) mod layout;
 
 mod build;
 mod callbacks;
-mod motion;
-mod refit;
 mod split;
 mod statistics;
-mod top;
-mod two_level;
 mod validate;
 mod walk;
 
 use std::sync::Arc;
 
 pub use statistics::TreeStatistics;
-pub use two_level::TwoLevel;
 pub use validate::TreeFault;
 
 use crate::embree::{Device, ffi};
@@ -33,8 +28,6 @@ pub struct Tree {
     isa: Isa,
     parameters: TreeParameters,
     triangles: Arc<Triangles>,
-    /// What updates remember; nothing of a tree that was never updated.
-    motion: Option<Box<motion::Motion>>,
     /// Owns every node and leaf.
     _memory: Memory,
 }
@@ -69,11 +62,6 @@ impl Tree {
     /// The parameters it was built with.
     pub fn parameters(&self) -> &TreeParameters {
         &self.parameters
-    }
-
-    /// The box around all of it.
-    pub(crate) fn bounds(&self) -> Bounds {
-        self.root.bounds
     }
 
     /// The instruction set its kernels use.

@@ -1,0 +1,153 @@
+//! A configuration as work for the renderer.
+
+use serde::de::value::{Error, StrDeserializer};
+use serde::{Deserialize, Serialize};
+use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Quality, TreeParameters};
+use treewright_client::{Configuration, Value};
+
+use super::Backend;
+use crate::render_options::RenderOptions;
+
+/// What to build, and how to render with it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Choice {
+    /// The acceleration structure.
+    pub build: BuildChoice,
+    /// How pixels are grouped and rays are traced.
+    pub render: RenderOptions,
+}
+
+impl From<BuildChoice> for Choice {
+    /// Rendered as a simple renderer does: path by path, ray by ray.
+    fn from(build: BuildChoice) -> Self {
+        Self { build, render: RenderOptions::default() }
+    }
+}
+
+impl Choice {
+    /// The paper's recommended default.
+    pub fn paper_default() -> Self {
+        BuildChoice::Tree(TreeParameters::default()).into()
+    }
+
+    /// Embree's own structure, used the way its tutorials do.
+    pub fn native(quality: NativeQuality) -> Self {
+        BuildChoice::Native(NativeOptions { quality, ..NativeOptions::default() }).into()
+    }
+}
+
+/// A complete configuration of Table 1.
+pub(super) fn of_paper(complete: &Configuration) -> Choice {
+    let values = Values(complete);
+    let mut tree = values.table_1(&TreeParameters::default());
+    tree.static_scene = values.boolean("static");
+    tree.compact = values.boolean("compact");
+    tree.robust = values.boolean("robust");
+    BuildChoice::Tree(tree).into()
+}
+
+/// A complete configuration of the full space.
+pub(super) fn of_full(complete: &Configuration, robust: bool, threads: usize) -> Choice {
+    let values = Values(complete);
+    let tunable = values.text("backend") == Some(Backend::Tunable.name());
+    let build = if tunable { BuildChoice::Tree(values.tree(robust)) } else { values.native(robust) };
+    Choice { build, render: values.rendering(threads) }
+}
+
+/// Reads values; what is not there is inactive and keeps the default of where it goes.
+struct Values<'a>(&'a Configuration);
+
+impl Values<'_> {
+    fn native(&self, robust: bool) -> BuildChoice {
+        let default = NativeOptions::default();
+        BuildChoice::Native(NativeOptions {
+            quality: self.word("native_quality", default.quality),
+            compact: self.boolean("native_compact"),
+            dynamic: self.boolean("native_dynamic"),
+            robust,
+        })
+    }
+
+    fn tree(&self, robust: bool) -> TreeParameters {
+        let default = TreeParameters::default();
+        let table_1 = self.table_1(&default);
+        TreeParameters {
+            robust,
+            branching_factor: self.whole("node_width", table_1.branching_factor),
+            block_width: self.whole("block_width", default.block_width),
+            collapse: self.word("collapse", default.collapse),
+            reinsertion_passes: self.whole("reinsertion_passes", default.reinsertion_passes),
+            order: self.word("order", default.order),
+            format: self.word("format", default.format),
+            split_budget: self.number("split_budget", default.split_budget),
+            ..table_1
+        }
+    }
+
+    /// What both spaces spell alike.
+    fn table_1(&self, default: &TreeParameters) -> TreeParameters {
+        TreeParameters {
+            quality: match self.whole("quality", 2) {
+                1 => Quality::Morton,
+                3 => Quality::SahSplit,
+                _ => Quality::Sah,
+            },
+            branching_factor: self.whole("branching_factor", default.branching_factor),
+            max_depth: self.whole("max_depth", default.max_depth),
+            sah_block_size: self.whole("sah_block_size", default.sah_block_size),
+            min_leaf_size: self.whole("min_leaf_size", default.min_leaf_size),
+            max_leaf_size: self.whole("max_leaf_size", default.max_leaf_size),
+            traversal_cost: self.number("traversal_cost", default.traversal_cost),
+            intersection_cost: self.number("intersection_cost", default.intersection_cost),
+            ..*default
+        }
+    }
+
+    /// `threads` is how many there are.
+    fn rendering(&self, threads: usize) -> RenderOptions {
+        let default = RenderOptions::default();
+        let half = u32::try_from(threads / 2).unwrap_or(u32::MAX).max(1);
+        RenderOptions {
+            staged: self.boolean("staged"),
+            tile: self.whole("tile", default.tile),
+            tile_order: self.word("tile_order", default.tile_order),
+            primary: self.word("primary", default.primary),
+            first_shadow: self.word("first_shadow", default.first_shadow),
+            bounce: self.word("bounce", default.bounce),
+            shadow: self.word("shadow", default.shadow),
+            sort: self.word("sort", default.sort),
+            threads: if self.text("threads") == Some("half") { half } else { default.threads },
+        }
+    }
+
+    fn text(&self, name: &str) -> Option<&str> {
+        match self.0.get(name) {
+            Some(Value::Text(text)) => Some(text),
+            _ => None,
+        }
+    }
+
+    /// A value of an enum, by the name it has in JSON.
+    fn word<T: for<'de> Deserialize<'de>>(&self, name: &str, default: T) -> T {
+        let read = |text| T::deserialize(StrDeserializer::<Error>::new(text));
+        self.text(name).and_then(|text| read(text).ok()).unwrap_or(default)
+    }
+
+    fn whole(&self, name: &str, default: u32) -> u32 {
+        match self.0.get(name) {
+            Some(Value::Integer(value)) => u32::try_from(*value).unwrap_or(default),
+            _ => default,
+        }
+    }
+
+    fn number(&self, name: &str, default: f32) -> f32 {
+        match self.0.get(name) {
+            Some(Value::Float(value)) => *value as f32,
+            _ => default,
+        }
+    }
+
+    fn boolean(&self, name: &str) -> bool {
+        matches!(self.0.get(name), Some(Value::Boolean(true)))
+    }
+}

@@ -1,0 +1,151 @@
+//! The full space: two back ends, and what a renderer can turn besides its tree.
+//!
+//! `backend` is itself a parameter. Native Embree has its build quality and flags; the tunable tree has what is
+//! left of Table 1 and what makes a tree fast beyond the paper; both share how pixels are grouped and how each
+//! class of rays is traced. A parameter that cannot act is inactive, or not there at all:
+//!
+//! * `robust` decides which hits are found at edges. That is a question of correctness, which is the user's to
+//!   answer (`--robust`) and not the stopwatch's. Embree's quality high falls back to medium with it.
+//! * `compact` of Table 1 is native Embree's compact scene, here `native_compact`; Embree's quality high is
+//!   plain SAH with it.
+//! * Of Table 1's two costs only the ratio acts: `traversal_cost` counts in triangle tests.
+//! * Table 1's `static` sets a builder flag that a tree built once does not feel.
+//! * Trees shallower than 24 levels were never among the good ones, and every tenth of them cannot be built.
+//! * Coherent packets for scattered rays halve their speed, packets of another kind for camera rays gain
+//!   nothing (both measured on three scenes): these values are left out.
+//! * Only the best grouping of a finished tree makes nodes of sixteen, and only wide nodes gain from bytes: so it
+//!   has a parameter of its own for the width, and with it the format.
+//! * A scene without lights that are sampled has no shadow rays, and no parameters for them.
+//!
+//! The default is the best configuration known by hand, so that a search starts strong: Embree's own structure,
+//! tiles in stages, and packets of sixteen for camera rays and their shadow rays.
+
+use super::explained::{Explained, boolean, choice, float, integer};
+use super::{Backend, Premises};
+
+/// The parameters, those of the builds first.
+pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
+    let mut all = vec![choice(
+        "backend",
+        [Backend::Native.name(), Backend::Tunable.name()],
+        Backend::Native.name(),
+        "whose tree: Embree's own ready-made one, or the tunable one",
+    )];
+    all.extend(native(premises));
+    all.extend(tunable(premises));
+    all.extend(rendering(premises));
+    all
+}
+
+fn native(premises: &Premises) -> Vec<Explained> {
+    let native = |one: Explained| one.only_while("backend", [Backend::Native.name()]);
+    let levels: &[&str] = if premises.robust { &["low", "medium"] } else { &["low", "medium", "high"] };
+    let default = match (premises.builds_each_frame, premises.robust) {
+        (true, _) => "low",
+        (false, true) => "medium",
+        (false, false) => "high",
+    };
+    vec![
+        native(choice(
+            "native_quality",
+            levels.iter().copied(),
+            default,
+            "how carefully Embree builds: low by Morton codes, medium by the surface area heuristic, high also splits triangles",
+        )),
+        boolean("native_compact", false, "Embree's memory-saving layout")
+            .only_while("native_quality", ["low", "medium"]),
+        native(boolean("native_dynamic", false, "tell Embree that the geometry will change")),
+    ]
+}
+
+fn tunable(premises: &Premises) -> Vec<Explained> {
+    let tunable = |one: Explained| one.only_while("backend", [Backend::Tunable.name()]);
+    let sah = |one: Explained| one.only_while("quality", [2, 3]);
+    let quality = if premises.builds_each_frame { 1 } else { 3 };
+    vec![
+        tunable(integer(
+            "quality",
+            1..=3,
+            quality,
+            "how carefully the tree is built: 1 fast, 2 careful, 3 careful and splitting triangles",
+        )),
+        tunable(choice(
+            "collapse",
+            ["builder", "optimal"],
+            "builder",
+            "who makes the wide boxes: the builder as it goes, or the best grouping of a finished tree",
+        )),
+        choice("branching_factor", [2, 4, 8], 8, "how many boxes each box holds")
+            .only_while("collapse", ["builder"]),
+        choice("node_width", [2, 4, 8, 16], 8, "how many boxes each box holds")
+            .only_while("collapse", ["optimal"]),
+        choice("format", ["full", "quantised"], "full", "whether boxes are kept in full or in bytes")
+            .only_while("node_width", [8, 16]),
+        integer(
+            "reinsertion_passes",
+            0..=16,
+            4,
+            "how often the finished tree is improved by moving branches",
+        )
+        .only_while("collapse", ["optimal"]),
+        tunable(integer("max_depth", 24..=64, 64, "how deep boxes may be nested")),
+        sah(choice(
+            "sah_block_size",
+            [1, 2, 4, 8, 16, 32],
+            4,
+            "the builder counts triangles in groups of this many",
+        )),
+        tunable(integer("min_leaf_size", 1..=32, 4, "fewest triangles in an innermost box").log()),
+        tunable(integer("max_leaf_size", 1..=32, 28, "most triangles in an innermost box").log()),
+        sah(float("traversal_cost", 0.1..=10.0, 1.0, "what a box test costs, in triangle tests").log()),
+        float("split_budget", 1.0..=2.0, 1.2, "how many references triangles may be split into, on average")
+            .only_while("quality", [3]),
+        tunable(choice("block_width", [4, 8], 4, "how many triangles are tested at once")),
+        tunable(choice(
+            "order",
+            ["builder", "depth_first", "van_emde_boas", "treelets"],
+            "builder",
+            "how boxes lie in memory",
+        )),
+    ]
+}
+
+fn rendering(premises: &Premises) -> Vec<Explained> {
+    let staged = |one: Explained| one.only_while("staged", [true]);
+    let mut all = vec![
+        boolean(
+            "staged",
+            true,
+            "all camera rays of a tile, then all their shadow rays, and so on; otherwise path by path",
+        ),
+        choice("threads", ["all", "half"], "all", "how many of the render threads work on a frame"),
+        choice("tile", [8, 16, 32, 64], 16, "edge of a tile in pixels"),
+        choice("tile_order", ["rows", "morton"], "rows", "in which order tiles are begun"),
+        staged(choice(
+            "primary",
+            ["single", "eight_coherent", "sixteen_coherent"],
+            "sixteen_coherent",
+            "rays from the camera: one by one or in packets",
+        )),
+    ];
+    if premises.shadow_rays {
+        all.push(staged(choice(
+            "first_shadow",
+            ["single", "eight", "sixteen", "eight_coherent", "sixteen_coherent"],
+            "sixteen_coherent",
+            "shadow rays of the points the camera sees",
+        )));
+    }
+    all.push(staged(choice("bounce", ["single", "eight", "sixteen"], "single", "rays after a bounce")));
+    if premises.shadow_rays {
+        let shadow = choice("shadow", ["single", "eight", "sixteen"], "single", "shadow rays after a bounce");
+        all.push(staged(shadow));
+    }
+    all.push(staged(choice(
+        "sort",
+        ["none", "octant", "octant_morton"],
+        "none",
+        "how rays after a bounce are ordered inside a tile",
+    )));
+    all
+}

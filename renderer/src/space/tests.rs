@@ -1,0 +1,226 @@
+//! Both spaces: defaults, every value's way into the renderer, and mistakes.
+
+use treewright_accel::{
+    BuildChoice, Collapse, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Packets, Quality,
+    TreeParameters,
+};
+
+use super::*;
+use crate::render_options::{RenderOptions, Sort, TileOrder};
+
+fn full() -> TuningSpace {
+    TuningSpace::new(Preset::Full, &Premises::all())
+}
+
+fn spaces() -> [TuningSpace; 4] {
+    let all = Premises::all();
+    [
+        TuningSpace::paper(),
+        full(),
+        TuningSpace::new(Preset::Full, &Premises { builds_each_frame: true, robust: true, ..all }),
+        TuningSpace::new(Preset::Full, &Premises { shadow_rays: false, ..all }),
+    ]
+}
+
+fn choice(space: &TuningSpace, text: &str) -> Result<Choice, ConfigurationError> {
+    space.choice(&parse(text)?)
+}
+
+fn tree(space: &TuningSpace, text: &str) -> TreeParameters {
+    match choice(space, text).map(|choice| choice.build) {
+        Ok(BuildChoice::Tree(parameters)) => parameters,
+        other => panic!("{text} gave {other:?}"),
+    }
+}
+
+fn problem(space: &TuningSpace, text: &str) -> String {
+    choice(space, text).expect_err("it is refused").to_string()
+}
+
+#[test]
+fn the_papers_default_is_that_of_table_1() {
+    let paper = TuningSpace::paper();
+    assert_eq!(paper.default_configuration().len(), 11);
+    assert_eq!(paper.choice(&paper.default_configuration()), Ok(Choice::paper_default()));
+    assert_eq!(choice(&paper, ""), Ok(Choice::paper_default()));
+}
+
+#[test]
+fn the_full_default_is_the_best_known_by_hand() {
+    let by_hand = RenderOptions {
+        staged: true,
+        primary: Packets::SixteenCoherent,
+        first_shadow: Packets::SixteenCoherent,
+        ..RenderOptions::default()
+    };
+    let native = |quality, robust| Choice {
+        build: BuildChoice::Native(NativeOptions { quality, robust, ..NativeOptions::default() }),
+        render: by_hand,
+    };
+    assert_eq!(choice(&full(), ""), Ok(native(NativeQuality::High, false)));
+    let robust = Premises { robust: true, ..Premises::all() };
+    let robust = TuningSpace::new(Preset::Full, &robust);
+    assert_eq!(choice(&robust, ""), Ok(native(NativeQuality::Medium, true)));
+    assert!(tree(&robust, "backend=tunable").robust);
+    assert!(problem(&robust, "native_quality=high").contains("one of low, medium"));
+}
+
+#[test]
+fn every_value_of_table_1_arrives() {
+    let paper = TuningSpace::paper();
+    let text = "quality=3, branching_factor=8, max_depth=40, sah_block_size=4, min_leaf_size=2, max_leaf_size=9, \
+                traversal_cost=2, intersection_cost=0.5, static=true, robust=true";
+    let expected = TreeParameters {
+        quality: Quality::SahSplit,
+        branching_factor: 8,
+        max_depth: 40,
+        sah_block_size: 4,
+        min_leaf_size: 2,
+        max_leaf_size: 9,
+        traversal_cost: 2.0,
+        intersection_cost: 0.5,
+        static_scene: true,
+        robust: true,
+        ..TreeParameters::default()
+    };
+    assert_eq!(tree(&paper, text), expected);
+    let compact = tree(&paper, "compact=true,robust=true");
+    assert!(compact.compact && compact.robust);
+}
+
+#[test]
+fn every_value_of_the_full_space_arrives() {
+    let full = full();
+    let text = "quality=3,node_width=16,max_depth=40,sah_block_size=8,min_leaf_size=2,max_leaf_size=9,traversal_cost=2,\
+                split_budget=1.5,block_width=8,collapse=optimal,reinsertion_passes=7,order=treelets,format=quantised";
+    let expected = TreeParameters {
+        quality: Quality::SahSplit,
+        branching_factor: 16,
+        max_depth: 40,
+        sah_block_size: 8,
+        min_leaf_size: 2,
+        max_leaf_size: 9,
+        traversal_cost: 2.0,
+        split_budget: 1.5,
+        block_width: 8,
+        collapse: Collapse::Optimal,
+        reinsertion_passes: 7,
+        order: NodeOrder::Treelets,
+        format: NodeFormat::Quantised,
+        ..TreeParameters::default()
+    };
+    assert_eq!(tree(&full, text), expected);
+    let native = choice(&full, "native_quality=low,native_compact=true,native_dynamic=true");
+    let options = NativeOptions { quality: NativeQuality::Low, compact: true, dynamic: true, robust: false };
+    assert_eq!(native.map(|choice| choice.build), Ok(BuildChoice::Native(options)));
+    let text = "threads=half,tile=64,tile_order=morton,primary=eight_coherent,first_shadow=sixteen,bounce=eight,shadow=sixteen,sort=octant_morton";
+    let render = RenderOptions {
+        staged: true,
+        tile: 64,
+        tile_order: TileOrder::Morton,
+        primary: Packets::EightCoherent,
+        first_shadow: Packets::Sixteen,
+        bounce: Packets::Eight,
+        shadow: Packets::Sixteen,
+        sort: Sort::OctantMorton,
+        threads: 3,
+    };
+    let full = TuningSpace::new(Preset::Full, &Premises { threads: 6, ..Premises::all() });
+    assert_eq!(choice(&full, text).map(|choice| choice.render), Ok(render));
+    assert_eq!(choice(&full, "staged=false").map(|choice| choice.render), Ok(RenderOptions::default()));
+}
+
+/// Both ends of a range, and every value of a list.
+fn ends(domain: &Domain) -> Vec<Value> {
+    match domain {
+        Domain::Integer { min, max, .. } => vec![Value::from(*min), Value::from(*max)],
+        Domain::Float { min, max, .. } => vec![Value::from(*min), Value::from(*max)],
+        Domain::Categorical { values } => values.clone(),
+        Domain::Boolean => vec![Value::from(false), Value::from(true)],
+    }
+}
+
+#[test]
+fn every_end_of_every_domain_is_accepted_and_makes_a_difference() {
+    for space in spaces() {
+        for Explained { parameter, about } in space.explained() {
+            assert!(!about.is_empty() && !about.ends_with('.'), "{}", parameter.name);
+            let mut seen: Vec<String> = Vec::new();
+            for value in ends(&parameter.domain) {
+                let text = format!("{}={value}", parameter.name);
+                let choice = choice(&space, &text);
+                let choice = choice.unwrap_or_else(|error| panic!("{text}: {error}"));
+                if let BuildChoice::Tree(tree) = &choice.build {
+                    assert_eq!(tree.check(), Ok(()), "{text}");
+                }
+                seen.push(format!("{choice:?}"));
+            }
+            let count = seen.len();
+            seen.sort();
+            seen.dedup();
+            // Two values that give the same work would be one parameter too many, or a misspelt word.
+            assert_eq!(seen.len(), count, "{}", parameter.name);
+        }
+    }
+}
+
+#[test]
+fn a_value_takes_along_what_it_needs() {
+    let full = full();
+    let get = |text: &str, name: &str| {
+        let complete = full.complete(&parse(text).expect("it reads")).expect("it is sound");
+        complete.get(name).cloned()
+    };
+    assert_eq!(get("quality=2", "backend"), Some("tunable".into()));
+    assert_eq!(get("reinsertion_passes=2", "collapse"), Some("optimal".into()));
+    assert_eq!(get("reinsertion_passes=2", "backend"), Some("tunable".into()));
+    assert_eq!(get("native_compact=true", "native_quality"), Some("low".into()));
+    assert_eq!(get("sah_block_size=2", "quality"), Some(Value::from(3)), "the default where it fits");
+    assert_eq!(get("primary=single", "staged"), Some(true.into()));
+    assert_eq!(get("format=quantised", "node_width"), Some(Value::from(8)));
+    assert_eq!(get("node_width=16", "collapse"), Some("optimal".into()));
+    assert!(problem(&full, "node_width=4,branching_factor=2").contains("it needs collapse = builder"));
+    assert_eq!(get("max_leaf_size=2", "min_leaf_size"), Some(Value::from(2)), "it gives way");
+    assert!(problem(&full, "backend=native,quality=2").contains("it needs backend = tunable"));
+    assert!(problem(&full, "staged=false,sort=octant").contains("it needs staged = true"));
+}
+
+#[test]
+fn what_a_scene_cannot_use_is_not_there() {
+    let dark = TuningSpace::new(Preset::Full, &Premises { shadow_rays: false, ..Premises::all() });
+    let names = |space: &TuningSpace| -> Vec<String> {
+        space.space().parameters().iter().map(|parameter| parameter.name.clone()).collect()
+    };
+    let missing: Vec<String> =
+        names(&full()).into_iter().filter(|name| !names(&dark).contains(name)).collect();
+    assert_eq!(missing, ["first_shadow", "shadow"]);
+    assert!(problem(&dark, "shadow=eight").contains("no parameter \"shadow\" in --space full"));
+}
+
+#[test]
+fn mistakes_are_named() {
+    let paper = TuningSpace::paper();
+    let problem = |text: &str| problem(&paper, text);
+    assert!(
+        problem("colour=blue").contains("\"colour\"") && problem("colour=blue").contains("max_leaf_size")
+    );
+    assert!(problem("quality").contains("\"quality\" is not of the form"));
+    assert!(problem("quality=9").contains("from 1 to 3"));
+    assert!(problem("quality=fast").contains("cannot be fast"));
+    assert!(problem("branching_factor=3").contains("one of 2, 4, 8"));
+    assert!(problem("intersection_cost=0").contains("from 0.1 to 10"));
+    assert!(
+        problem("min_leaf_size=9,max_leaf_size=3")
+            .contains("min_leaf_size (9) must not be above max_leaf_size (3)")
+    );
+    assert!(problem("compact=true,quality=3").contains("it needs compact = false"));
+    assert!(problem("quality=1,sah_block_size=4").contains("it needs quality = 2 or 3"));
+}
+
+#[test]
+fn inactive_parameters_are_left_out() {
+    let paper = TuningSpace::paper();
+    let complete = |text: &str| paper.complete(&parse(text).expect("it reads")).expect("it is sound");
+    assert_eq!(complete("quality=1").len(), 8);
+    assert_eq!(complete("compact=true"), Configuration::new().with("compact", true).with("robust", false));
+}
