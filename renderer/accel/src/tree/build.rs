@@ -13,7 +13,7 @@ use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
 
-use super::callbacks::{Context, create_leaf, create_node, set_bounds, set_children, split_primitive};
+use super::callbacks::{Context, create_leaf, create_node, set_bounds, set_children, split_callback};
 use super::layout::{Block, Bounds, NodeRef, TreeNode, for_block, for_node};
 use super::{Memory, Root, Tree};
 use crate::embree::{Device, ffi};
@@ -98,7 +98,7 @@ fn grow(
         setNodeChildren: children,
         setNodeBounds: bounds,
         createLeaf: leaf,
-        splitPrimitive: Some(split_primitive),
+        splitPrimitive: split_callback(Isa::detect()),
         buildProgress: None,
         userPtr: (&raw const context).cast_mut().cast(),
     };

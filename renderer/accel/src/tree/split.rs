@@ -15,19 +15,17 @@ pub(crate) struct Piece {
 }
 
 impl Piece {
-    const NOTHING: Self = Self { lower: Vec3A::INFINITY, upper: Vec3A::NEG_INFINITY };
-
-    #[inline]
+    #[inline(always)]
     fn at(corner: Vec3A) -> Self {
         Self { lower: corner, upper: corner }
     }
 
-    #[inline]
+    #[inline(always)]
     fn union(self, other: Self) -> Self {
         Self { lower: self.lower.min(other.lower), upper: self.upper.max(other.upper) }
     }
 
-    #[inline]
+    #[inline(always)]
     fn within(self, other: &Self) -> Self {
         Self { lower: self.lower.max(other.lower), upper: self.upper.min(other.upper) }
     }
@@ -36,59 +34,70 @@ impl Piece {
 const AXES: [BVec3A; 3] =
     [BVec3A::new(true, false, false), BVec3A::new(false, true, false), BVec3A::new(false, false, true)];
 
-/// The corner that is alone and the other two, by which corners lie below the plane (one bit each).
-const ALONE: [[usize; 3]; 8] =
-    [[0, 1, 2], [0, 1, 2], [1, 2, 0], [2, 0, 1], [2, 0, 1], [1, 2, 0], [0, 1, 2], [0, 1, 2]];
+/// A corner, and its coordinate along the axis of the cut in every lane.
+#[derive(Clone, Copy)]
+struct Along {
+    corner: Vec3A,
+    at: Vec3A,
+}
+
+impl Along {
+    #[inline(always)]
+    fn select(mask: BVec3A, yes: Self, no: Self) -> Self {
+        Self { corner: Vec3A::select(mask, yes.corner, no.corner), at: Vec3A::select(mask, yes.at, no.at) }
+    }
+
+    #[inline(always)]
+    fn sorted(self, other: Self) -> (Self, Self) {
+        let swapped = other.at.cmplt(self.at);
+        (Self::select(swapped, other, self), Self::select(swapped, self, other))
+    }
+
+    /// Where the edge to a corner further up meets the plane, or the nearer end if it does not.
+    #[inline(always)]
+    fn crossing(self, up: Self, plane: Vec3A) -> Vec3A {
+        // Both ends on the plane give NaN here, of which the minimum makes 1.
+        let share = ((plane - self.at) / (up.at - self.at)).min(Vec3A::ONE).max(Vec3A::ZERO);
+        self.corner + (up.corner - self.corner) * share
+    }
+}
 
 /// Boxes of the parts of a triangle on the lower and the upper side of the plane `dimension = position`,
 /// both inside `within`, the box of the piece being cut. A side without any part gets an inverted box,
 /// which tells the builder to leave the piece whole.
-pub(crate) fn split(corners: &[Vec3A; 3], within: &Piece, dimension: usize, position: f32) -> (Piece, Piece) {
-    let below = |corner: usize| usize::from(corners[corner][dimension] < position);
-    // One corner lies alone on its side. Which one is as good as random, so it is looked up: a table costs
-    // less than a mispredicted branch.
-    let sides = below(0) | below(1) << 1 | below(2) << 2;
-    if sides == 0 || sides == 0b111 {
-        return beside(corners, within, dimension, position);
-    }
-    let [lone, second, third] = ALONE[sides];
-    let lone_is_above = 1 - below(lone);
-    let cut = crossing(corners, (lone, second), dimension, position).union(crossing(
-        corners,
-        (lone, third),
-        dimension,
-        position,
-    ));
-    let of_lone = cut.union(Piece::at(corners[lone]));
-    let of_pair = cut.union(Piece::at(corners[second])).union(Piece::at(corners[third]));
-    let halves = [of_lone, of_pair];
-    let (mut left, mut right) = (halves[lone_is_above], halves[1 - lone_is_above]);
-    // The slack of the crossings is not needed on the axis of the cut.
+///
+/// A builder asks this tens of millions of times, and the answers of its comparisons are as good as random:
+/// every choice is a selection between two values, none is a jump.
+#[inline(always)]
+pub(crate) fn split(corners: [&Vec3A; 3], within: &Piece, dimension: usize, position: f32) -> (Piece, Piece) {
+    let [a, b, c] =
+        corners.map(|corner| Along { corner: *corner, at: Vec3A::splat(corner.as_ref()[dimension]) });
+    let (a, b) = a.sorted(b);
+    let (b, high) = b.sorted(c);
+    let (low, middle) = a.sorted(b);
     let plane = Vec3A::splat(position);
-    left.upper = Vec3A::select(AXES[dimension], plane, left.upper);
-    right.lower = Vec3A::select(AXES[dimension], plane, right.lower);
-    (left.within(within), right.within(within))
-}
-
-/// Where an edge meets the plane, widened by the rounding of the interpolation, since a box too small by
-/// one unit would let rays through. The edge must not be parallel to the plane.
-#[inline]
-fn crossing(corners: &[Vec3A; 3], (from, to): (usize, usize), dimension: usize, position: f32) -> Piece {
-    let (from, to) = (corners[from], corners[to]);
-    let share = (position - from[dimension]) / (to[dimension] - from[dimension]);
-    let at = from + (to - from) * share;
-    let slack = from.abs().max(to.abs()) * (4.0 * f32::EPSILON);
-    Piece { lower: at - slack, upper: at + slack }
-}
-
-/// The plane only touches the triangle, or misses it.
-#[cold]
-fn beside(corners: &[Vec3A; 3], within: &Piece, dimension: usize, position: f32) -> (Piece, Piece) {
-    let side = |belongs: fn(&f32, &f32) -> bool| {
-        let mine = corners.iter().filter(|corner| belongs(&corner[dimension], &position));
-        mine.fold(Piece::NOTHING, |piece, &corner| piece.union(Piece::at(corner))).within(within)
+    // The plane cuts the long edge, and one of the two short ones.
+    let middle_is_above = plane.cmplt(middle.at);
+    let from = Along::select(middle_is_above, low, middle);
+    let to = Along::select(middle_is_above, middle, high);
+    let (one, other) = (low.crossing(high, plane), from.crossing(to, plane));
+    // A box too small by one unit would let rays through: it is widened by the rounding of the crossings.
+    let reach = low.corner.abs().max(middle.corner.abs()).max(high.corner.abs());
+    let slack = reach * (4.0 * f32::EPSILON);
+    let cut = Piece { lower: one.min(other) - slack, upper: one.max(other) + slack };
+    let left = cut.union(Piece::at(low.corner)).union(Piece::at(from.corner));
+    let right = cut.union(Piece::at(high.corner)).union(Piece::at(to.corner));
+    // Along the axis itself no slack is needed; a plane beside the triangle inverts one of the boxes.
+    let axis = AXES[dimension];
+    let left = Piece {
+        lower: Vec3A::select(axis, low.at, left.lower),
+        upper: Vec3A::select(axis, plane, left.upper),
     };
-    (side(f32::le), side(f32::ge))
+    let right = Piece {
+        lower: Vec3A::select(axis, plane, right.lower),
+        upper: Vec3A::select(axis, high.at, right.upper),
+    };
+    (left.within(within), right.within(within))
 }
 
 #[cfg(test)]
@@ -98,7 +107,7 @@ mod tests {
     use super::*;
 
     fn whole(corners: &[Vec3A; 3]) -> Piece {
-        corners.iter().fold(Piece::NOTHING, |piece, &corner| piece.union(Piece::at(corner)))
+        corners.map(Piece::at).into_iter().reduce(Piece::union).expect("three corners")
     }
 
     fn corner() -> impl Strategy<Value = Vec3A> {
@@ -108,7 +117,7 @@ mod tests {
     #[test]
     fn a_plane_beside_the_triangle_leaves_one_side_empty() {
         let corners = [Vec3A::ZERO, Vec3A::X, Vec3A::Y];
-        let (left, right) = split(&corners, &whole(&corners), 0, 2.0);
+        let (left, right) = split(corners.each_ref(), &whole(&corners), 0, 2.0);
         assert_eq!(left, whole(&corners));
         assert!(right.lower[0] > right.upper[0]);
     }
@@ -116,7 +125,7 @@ mod tests {
     #[test]
     fn halves_of_a_right_triangle_are_tight() {
         let corners = [Vec3A::ZERO, Vec3A::X, Vec3A::Y];
-        let (left, right) = split(&corners, &whole(&corners), 0, 0.5);
+        let (left, right) = split(corners.each_ref(), &whole(&corners), 0, 0.5);
         assert_eq!(left.upper, Vec3A::new(0.5, 1.0, 0.0));
         assert_eq!(right.lower, Vec3A::new(0.5, 0.0, 0.0));
         assert!((right.upper[1] - 0.5).abs() < 1e-5, "the right half is only half as high: {right:?}");
@@ -130,7 +139,7 @@ mod tests {
             let corners = [a, b, c];
             let whole = whole(&corners);
             let position = whole.lower[dimension] + (whole.upper[dimension] - whole.lower[dimension]) * share;
-            let (left, right) = split(&corners, &whole, dimension, position);
+            let (left, right) = split(corners.each_ref(), &whole, dimension, position);
             let (u, v) = (i as f32 / 31.0, j as f32 / 31.0);
             let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
             let inside = a + (b - a) * u + (c - a) * v;
