@@ -29,6 +29,8 @@ pub enum Quality {
 /// |---|---|
 /// | `compact` | all others but `robust`: the tree is Embree's own |
 /// | `quality` is [`Quality::Morton`] | `sah_block_size`, `traversal_cost`, `intersection_cost` (paper, section 3.2); `max_leaf_size` acts only near the depth limit |
+/// | `quality` is not [`Quality::SahSplit`] | `split_budget` |
+/// | `collapse` is [`Collapse::Builder`] | `reinsertion_passes` |
 /// | `branching_factor` is 2 or 4 | `format`: such nodes would not take fewer cache lines, so they are always full |
 /// | always | of the two costs only their ratio acts; `static_scene` sets a builder flag that a tree built once and never updated does not feel (paper, section 4.1, finds the same of the last three) |
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -86,7 +88,7 @@ pub enum Collapse {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NodeOrder {
-    /// As the builder's threads made them.
+    /// As the builder's threads made them; with [`Collapse::Optimal`], where no builder makes them, level by level.
     #[default]
     Builder,
     /// Depth first, the child of largest surface first.

@@ -6,7 +6,7 @@ use glam::{Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
     BruteForce, BuildChoice, Collapse, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality,
-    NodeFormat, Quality, Ray, Structure, Tree, TreeParameters, Triangles, build,
+    NodeFormat, NodeOrder, Quality, Ray, Structure, Tree, TreeParameters, Triangles, build,
 };
 
 mod scenes;
@@ -34,6 +34,43 @@ fn parameters() -> Vec<TreeParameters> {
                     ..TreeParameters::default()
                 });
             }
+        }
+    }
+    // The optimal collapse of every width and builder, with more and less reinsertion, in every order.
+    let orders = [NodeOrder::Builder, NodeOrder::DepthFirst, NodeOrder::VanEmdeBoas, NodeOrder::Treelets];
+    let mut number = 0;
+    for branching_factor in [2, 4, 8, 16] {
+        for quality in [Quality::Morton, Quality::Sah, Quality::SahSplit] {
+            for order in orders {
+                number += 1;
+                all.push(TreeParameters {
+                    quality,
+                    branching_factor,
+                    collapse: Collapse::Optimal,
+                    reinsertion_passes: [0, 1, 5][number % 3],
+                    order,
+                    format: if number % 2 == 0 { NodeFormat::Full } else { NodeFormat::Quantised },
+                    block_width: if number % 5 < 3 { 4 } else { 8 },
+                    max_depth: 64,
+                    min_leaf_size: 1 + number as u32 % 3,
+                    max_leaf_size: 12,
+                    sah_block_size: 4,
+                    robust: number % 4 == 0,
+                    ..TreeParameters::default()
+                });
+            }
+        }
+    }
+    // The builder's own tree in every other order.
+    for order in &orders[1..] {
+        for branching_factor in [2, 4, 8] {
+            all.push(TreeParameters {
+                quality: Quality::SahSplit,
+                branching_factor,
+                order: *order,
+                max_depth: 64,
+                ..TreeParameters::default()
+            });
         }
     }
     for branching_factor in [2, 4, 8] {

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use proptest::prelude::*;
 use treewright_accel::{
-    BruteForce, BuildChoice, BuildError, Device, Hit, Intersector, NodeFormat, Quality, Ray, Structure,
-    TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, BuildError, Collapse, Device, Hit, Intersector, NodeFormat, NodeOrder, Quality,
+    Ray, Structure, TreeParameters, Triangles, build,
 };
 
 mod scenes;
@@ -14,11 +14,14 @@ fn device() -> Device {
     Device::open(0).expect("Embree is set up")
 }
 
-/// Any configuration of the trees that Embree's builder makes at once.
+const ORDERS: [NodeOrder; 4] =
+    [NodeOrder::Builder, NodeOrder::DepthFirst, NodeOrder::VanEmdeBoas, NodeOrder::Treelets];
+
+/// Any configuration of our own trees.
 fn configuration() -> impl Strategy<Value = TreeParameters> {
     let shape = (
         prop::sample::select(vec![Quality::Morton, Quality::Sah, Quality::SahSplit]),
-        prop::sample::select(vec![2u32, 4, 8]),
+        prop::sample::select(vec![2u32, 4, 8, 16]),
         9u32..=64,
         prop::sample::select(vec![1u32, 2, 4, 8, 16, 32]),
         (1u32..=32).prop_flat_map(|max| (1..=max, Just(max))),
@@ -27,12 +30,16 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
     let layout = (
         prop::sample::select(vec![4u32, 8]),
         prop::sample::select(vec![NodeFormat::Full, NodeFormat::Quantised]),
+        prop::sample::select(vec![Collapse::Builder, Collapse::Optimal]),
+        0u32..=16,
+        prop::sample::select(ORDERS.to_vec()),
+        1.0f32..=2.0,
     );
     (shape, rest, layout).prop_map(
         |(
             (quality, branching_factor, max_depth, sah_block_size, (min_leaf_size, max_leaf_size)),
             rest,
-            (block_width, format),
+            (block_width, format, collapse, reinsertion_passes, order, split_budget),
         )| {
             let (traversal_cost, intersection_cost, static_scene, compact, robust) = rest;
             TreeParameters {
@@ -48,8 +55,12 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
                 compact,
                 robust,
                 block_width,
+                // Only the optimal collapse makes nodes of sixteen.
+                collapse: if branching_factor == 16 { Collapse::Optimal } else { collapse },
+                reinsertion_passes,
+                order,
                 format,
-                ..TreeParameters::default()
+                split_budget,
             }
         },
     )

@@ -1,29 +1,29 @@
-//! From parameters to a tree: one call of `rtcBuildBVH`.
+//! From parameters to a tree.
 //!
-//! What Embree makes of the parameters (seen in its builders):
-//! * a set of at most `min_leaf_size` triangles becomes a leaf at once; leaves smaller than that arise all
-//!   the same, when a larger set is split;
-//! * no leaf exceeds `max_leaf_size`; the SAH builders make a leaf of a set between the two limits when
-//!   the heuristic says so, the Morton builder only where it nears the depth limit;
-//! * eight levels above `max_depth` the heuristic stops and sets are halved until they fit a leaf; a
-//!   branch that would still pass the limit fails the build.
+//! | `collapse` | `order` | what happens |
+//! |---|---|---|
+//! | builder | builder | Embree's builder makes nodes and leaves in their final form, in its own memory |
+//! | builder | any other | it makes a sketch, which is then written in that order to memory of ours |
+//! | optimal | any | it makes a binary sketch of single triangles; that is optimised, collapsed and written |
 
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
-use rayon::prelude::*;
-
-use super::callbacks::{Context, create_leaf, create_node, set_bounds, set_children, split_callback};
+use super::binary::BinaryTree;
+use super::callbacks;
+use super::collapse::collapse;
+use super::grow::{Callbacks, EmbreeMemory, grow};
 use super::layout::{Block, Bounds, NodeRef, TreeNode, for_block, for_node};
+use super::plan::Plan;
+use super::reinsertion::optimise;
+use super::sketch::{self, SketchRef, Sketched};
+use super::write::write;
 use super::{Memory, Root, Tree};
-use crate::embree::{Device, ffi};
+use crate::embree::Device;
 use crate::error::BuildError;
 use crate::geometry::Triangles;
-use crate::parameters::{Quality, TreeParameters};
+use crate::limits::MAX_DEPTH;
+use crate::parameters::{Collapse, NodeOrder, TreeParameters};
 use crate::traverse::{Isa, Kernels};
-
-/// Fewest triangles that are worth a task of their own while references are made.
-const REFERENCES_PER_TASK: usize = 16_384;
 
 impl Tree {
     /// Checks the parameters and builds.
@@ -36,12 +36,19 @@ impl Tree {
         let isa = Isa::detect();
         let kernels = Kernels::select(isa, parameters)
             .expect("the parameters were checked and the instruction set detected");
-        // SAFETY: the device is valid.
-        let memory = Memory { handle: unsafe { ffi::rtcNewBVH(device.handle()) }, _device: device.clone() };
-        device.check()?;
-        let node = match triangles.is_empty() {
-            true => NodeRef::EMPTY,
-            false => grow(device, &memory, triangles, parameters)?,
+        let (memory, node) = if triangles.is_empty() {
+            (Memory::None, NodeRef::EMPTY)
+        } else if parameters.collapse == Collapse::Builder && parameters.order == NodeOrder::Builder {
+            let (memory, node) = build_in_place(device, triangles, parameters)?;
+            (Memory::Embree(memory), node)
+        } else {
+            let plan = plan(device, triangles, parameters)?;
+            if plan.depth > parameters.max_depth {
+                return Err(BuildError::DepthLimit { max_depth: parameters.max_depth });
+            }
+            let (arena, node) = for_node!(parameters, N => for_block!(parameters, B =>
+                write::<N, B>(&plan, parameters.order, triangles, parameters.robust)))?;
+            (Memory::Own(arena), node)
         };
         let bounds = root_bounds(node, parameters, triangles);
         let root = Root { node, bounds };
@@ -56,125 +63,106 @@ impl Tree {
     }
 }
 
-/// Runs the builder and gives the root.
-fn grow(
+/// Lets Embree make the final nodes and leaves.
+fn build_in_place(
     device: &Device,
-    memory: &Memory,
     triangles: &Triangles,
     parameters: &TreeParameters,
-) -> Result<NodeRef, BuildError> {
-    let mut primitives = references(triangles, parameters)?;
-    let context = Context::new(triangles, parameters.robust);
-    let (create, children, bounds) = for_node!(parameters, N => node_callbacks::<N>());
-    let leaf: ffi::RTCCreateLeafFunction = for_block!(parameters, B => Some(create_leaf::<B>));
-    let arguments = ffi::RTCBuildArguments {
-        byteSize: size_of::<ffi::RTCBuildArguments>(),
-        buildQuality: match parameters.quality {
-            Quality::Morton => ffi::RTCBuildQuality::LOW,
-            Quality::Sah => ffi::RTCBuildQuality::MEDIUM,
-            Quality::SahSplit => ffi::RTCBuildQuality::HIGH,
-        },
-        buildFlags: if parameters.static_scene {
-            ffi::RTCBuildFlags::NONE
-        } else {
-            ffi::RTCBuildFlags::DYNAMIC
-        },
-        // The Morton builder keeps a node's children in a fixed array of eight.
-        maxBranchingFactor: match parameters.quality {
-            Quality::Morton => parameters.branching_factor.min(8),
-            Quality::Sah | Quality::SahSplit => parameters.branching_factor,
-        },
-        maxDepth: parameters.max_depth,
-        sahBlockSize: parameters.sah_block_size,
-        minLeafSize: parameters.min_leaf_size,
-        maxLeafSize: parameters.max_leaf_size,
-        traversalCost: parameters.traversal_cost,
-        intersectionCost: parameters.intersection_cost,
-        bvh: memory.handle,
-        primitives: primitives.as_mut_ptr(),
-        primitiveCount: primitives.len(),
-        primitiveArrayCapacity: primitives.capacity(),
-        createNode: create,
-        setNodeChildren: children,
-        setNodeBounds: bounds,
-        createLeaf: leaf,
-        splitPrimitive: split_callback(Isa::detect()),
-        buildProgress: None,
-        userPtr: (&raw const context).cast_mut().cast(),
-    };
-    // SAFETY: the arguments are valid and checked to lie where the builders are well behaved; the
-    // callbacks fit the width; context and primitives outlive the call.
-    let root = unsafe { ffi::rtcBuildBVH(&raw const arguments) };
-    let outcome = device.check();
-    if context.panicked.load(Ordering::Relaxed) {
-        return Err(BuildError::CallbackPanicked);
-    }
-    if context.out_of_memory.load(Ordering::Relaxed) {
-        return Err(BuildError::OutOfMemory);
-    }
-    match outcome {
-        Err(failure) if failure.is_depth_limit() => {
-            Err(BuildError::DepthLimit { max_depth: parameters.max_depth })
+) -> Result<(EmbreeMemory, NodeRef), BuildError> {
+    fn of_nodes<N: TreeNode, const B: usize>() -> Callbacks {
+        Callbacks {
+            create_node: Some(callbacks::create_node::<N>),
+            set_children: Some(callbacks::set_children::<N>),
+            set_bounds: Some(callbacks::set_bounds::<N>),
+            create_leaf: Some(callbacks::create_leaf::<B>),
         }
-        Err(failure) => Err(failure.into()),
-        Ok(()) if root.is_null() => Err(BuildError::Embree {
-            code: ffi::ERROR_UNKNOWN,
-            message: "the builder gave no root and no reason".into(),
-        }),
-        Ok(()) => Ok(NodeRef::from_raw(root)),
     }
+    let callbacks = for_node!(parameters, N => for_block!(parameters, B => of_nodes::<N, B>()));
+    let memory = EmbreeMemory::new(device)?;
+    // SAFETY: the callbacks are of the width of these parameters' nodes.
+    let root = unsafe { grow(&memory, triangles, parameters, &callbacks)? };
+    Ok((memory, NodeRef::from_raw(root)))
 }
 
-/// Embree's names for what makes and fills a node.
-type NodeCallbacks =
-    (ffi::RTCCreateNodeFunction, ffi::RTCSetNodeChildrenFunction, ffi::RTCSetNodeBoundsFunction);
-
-fn node_callbacks<N: TreeNode>() -> NodeCallbacks {
-    (Some(create_node::<N>), Some(set_children::<N>), Some(set_bounds::<N>))
+/// Lets Embree sketch the tree, or the binary tree that it is collapsed from.
+fn plan(device: &Device, triangles: &Triangles, parameters: &TreeParameters) -> Result<Plan, BuildError> {
+    fn in_full<const W: usize>(
+        device: &Device,
+        triangles: &Triangles,
+        parameters: &TreeParameters,
+    ) -> Result<Plan, BuildError> {
+        let (_memory, root, bounds) = sketch_tree::<W>(device, triangles, parameters)?;
+        // SAFETY: it was just built with this width, and its memory lives until the plan is made.
+        Ok(unsafe { Plan::from_sketch::<W>(root, bounds) })
+    }
+    if parameters.collapse == Collapse::Builder {
+        return match parameters.branching_factor {
+            2 => in_full::<2>(device, triangles, parameters),
+            4 => in_full::<4>(device, triangles, parameters),
+            _ => in_full::<8>(device, triangles, parameters),
+        };
+    }
+    // The limit of depth is that of the wide tree, which is far shallower.
+    let binary = TreeParameters {
+        branching_factor: 2,
+        max_depth: *MAX_DEPTH.end(),
+        min_leaf_size: 1,
+        max_leaf_size: 1,
+        sah_block_size: 1,
+        ..*parameters
+    };
+    let (memory, root, bounds) = sketch_tree::<2>(device, triangles, &binary)?;
+    // SAFETY: it was just built with width 2 and single triangles, and its memory lives.
+    let mut tree = unsafe { BinaryTree::from_sketch(root, bounds) };
+    drop(memory);
+    optimise(&mut tree, parameters.reinsertion_passes);
+    Ok(match parameters.branching_factor {
+        2 => collapse::<2>(&tree, parameters),
+        4 => collapse::<4>(&tree, parameters),
+        8 => collapse::<8>(&tree, parameters),
+        _ => collapse::<16>(&tree, parameters),
+    })
 }
 
-/// One box a triangle, with spare room behind them where the builder splits. The coordinates are finite
-/// by the invariant of [`Triangles`]; a NaN here would spoil other triangles' nodes without an error.
-fn references(
+/// A sketch of width `W`, which is the branching factor, and the box around it.
+fn sketch_tree<const W: usize>(
+    device: &Device,
     triangles: &Triangles,
     parameters: &TreeParameters,
-) -> Result<Vec<ffi::RTCBuildPrimitive>, BuildError> {
-    let count = triangles.len();
-    let capacity = match parameters.quality {
-        Quality::SahSplit => (count as f64 * f64::from(parameters.split_budget)).ceil() as usize,
-        Quality::Morton | Quality::Sah => count,
+) -> Result<(EmbreeMemory, SketchRef, Bounds), BuildError> {
+    let callbacks = Callbacks {
+        create_node: Some(sketch::create_node::<W>),
+        set_children: Some(sketch::set_children::<W>),
+        set_bounds: Some(sketch::set_bounds::<W>),
+        create_leaf: Some(sketch::create_leaf),
     };
-    let mut primitives = Vec::new();
-    primitives.try_reserve_exact(capacity).map_err(|_| BuildError::OutOfMemory)?;
-    (0..count)
-        .into_par_iter()
-        .with_min_len(REFERENCES_PER_TASK)
-        .map(|triangle| {
-            let Bounds { lower, upper } = Bounds::of_corners(&triangles.corners(triangle));
-            ffi::RTCBuildPrimitive {
-                lower_x: lower[0],
-                lower_y: lower[1],
-                lower_z: lower[2],
-                geomID: 0,
-                upper_x: upper[0],
-                upper_y: upper[1],
-                upper_z: upper[2],
-                primID: triangle as u32,
-            }
-        })
-        .collect_into_vec(&mut primitives);
-    Ok(primitives)
+    let memory = EmbreeMemory::new(device)?;
+    // SAFETY: the callbacks are of this width.
+    let root = SketchRef::from_raw(unsafe { grow(&memory, triangles, parameters, &callbacks)? });
+    let of_triangles = |numbers: &[u32]| {
+        numbers
+            .iter()
+            .map(|&number| Bounds::of_corners(&triangles.corners(number as usize)))
+            .fold(Bounds::EMPTY, Bounds::union)
+    };
+    // SAFETY: the build succeeded, and its memory lives.
+    let bounds = match unsafe { root.follow::<W>() } {
+        Sketched::Node(node) => node.children().map(|(bounds, _)| bounds).fold(Bounds::EMPTY, Bounds::union),
+        Sketched::Single(number) => of_triangles(&[number]),
+        Sketched::Several(numbers) => of_triangles(numbers),
+    };
+    Ok((memory, root, bounds))
 }
 
 /// Box of the whole tree, from the root alone.
 fn root_bounds(node: NodeRef, parameters: &TreeParameters, triangles: &Triangles) -> Bounds {
     fn of_children<N: TreeNode>(node: NodeRef) -> Bounds {
-        // SAFETY: the builder made this node of the kind `N`, and its memory lives.
+        // SAFETY: the builder, or `write`, made this node of the kind `N`, and its memory lives.
         let node = unsafe { node.node::<N>() };
         (0..node.count()).map(|child| node.child_bounds(child)).fold(Bounds::EMPTY, Bounds::union)
     }
     fn of_blocks<const B: usize>(node: NodeRef, triangles: &Triangles) -> Bounds {
-        // SAFETY: the builder made this leaf of blocks of width `B`, and its memory lives.
+        // SAFETY: they made this leaf of blocks of width `B`, and its memory lives.
         let blocks = unsafe { node.blocks::<B>() };
         let numbers = blocks.iter().flat_map(Block::numbers);
         numbers

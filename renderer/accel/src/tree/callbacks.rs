@@ -47,7 +47,11 @@ impl<'a> Context<'a> {
     ///
     /// # Safety
     /// `allocator` is the one the builder handed to the running callback.
-    unsafe fn allocate<T>(&self, allocator: ffi::RTCThreadLocalAllocator, count: usize) -> Option<*mut T> {
+    pub(super) unsafe fn allocate<T>(
+        &self,
+        allocator: ffi::RTCThreadLocalAllocator,
+        count: usize,
+    ) -> Option<*mut T> {
         // SAFETY: the caller vouches for the allocator; Embree takes alignments up to 64.
         let room = unsafe { ffi::rtcThreadLocalAlloc(allocator, count * size_of::<T>(), align_of::<T>()) };
         if room.is_null() {
@@ -62,7 +66,7 @@ impl<'a> Context<'a> {
 ///
 /// # Safety
 /// `user` is the `Context` of the running build.
-unsafe fn guarded<T>(user: *mut c_void, otherwise: T, body: impl FnOnce(&Context<'_>) -> T) -> T {
+pub(super) unsafe fn guarded<T>(user: *mut c_void, otherwise: T, body: impl FnOnce(&Context<'_>) -> T) -> T {
     // SAFETY: the caller vouches for it.
     let context = unsafe { &*user.cast::<Context<'_>>() };
     catch_unwind(AssertUnwindSafe(|| body(context))).unwrap_or_else(|_| {
@@ -218,7 +222,7 @@ pub(crate) fn split_callback(isa: Isa) -> ffi::RTCSplitPrimitiveFunction {
     }
 }
 
-fn from_embree(bounds: &ffi::RTCBounds) -> Bounds {
+pub(super) fn from_embree(bounds: &ffi::RTCBounds) -> Bounds {
     Bounds {
         lower: [bounds.lower_x, bounds.lower_y, bounds.lower_z],
         upper: [bounds.upper_x, bounds.upper_y, bounds.upper_z],

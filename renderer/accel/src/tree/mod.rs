@@ -1,23 +1,34 @@
-//! The tunable tree: built by Embree's `rtcBuildBVH`, kept in our own layout, walked by our own kernels.
+//! The tunable tree: built by Embree's `rtcBuildBVH`, kept in our own layout, walked by our own kernels; on the way
+//! it can be optimised, collapsed to wide nodes of least cost, and put into an order that caches like.
 
 pub(crate) mod layout;
 
+mod arena;
+mod binary;
 mod build;
 mod callbacks;
+mod collapse;
+mod grow;
+mod order;
+mod plan;
+mod reinsertion;
+mod sketch;
 mod split;
 mod statistics;
 mod validate;
 mod walk;
+mod write;
 
 use std::sync::Arc;
 
 pub use statistics::TreeStatistics;
 pub use validate::TreeFault;
 
-use crate::embree::{Device, ffi};
 use crate::geometry::{Hit, Intersector, Ray, Triangles};
 use crate::parameters::TreeParameters;
 use crate::traverse::{Isa, Kernels};
+use arena::Arena;
+use grow::EmbreeMemory;
 use layout::{Bounds, NodeRef};
 
 /// A tree over triangles, with the kernels that fit it and this machine.
@@ -39,21 +50,19 @@ pub(crate) struct Root {
     pub(crate) bounds: Bounds,
 }
 
-/// Embree's `RTCBVH`: the memory of the tree. The device outlives it.
+/// Who owns the nodes and leaves. It is only held, to be dropped with the tree.
 #[derive(Debug)]
-struct Memory {
-    handle: ffi::RTCBVH,
-    _device: Device,
+#[allow(dead_code, reason = "held for the memory alone")]
+enum Memory {
+    /// There are none.
+    None,
+    /// Embree, whose builder made them.
+    Embree(EmbreeMemory),
+    /// We.
+    Own(Arena),
 }
 
-impl Drop for Memory {
-    fn drop(&mut self) {
-        // SAFETY: the handle is valid and ours, and no reference into its nodes outlives the tree.
-        unsafe { ffi::rtcReleaseBVH(self.handle) };
-    }
-}
-
-// SAFETY: after the build nobody writes to the nodes, and Embree allows release from any thread.
+// SAFETY: after the build nobody writes to the nodes, and Embree allows release from any thread; so does the allocator.
 unsafe impl Send for Tree {}
 // SAFETY: as above.
 unsafe impl Sync for Tree {}

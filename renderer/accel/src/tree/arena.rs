@@ -1,0 +1,57 @@
+//! Memory of a finished tree: one block, in which nodes and leaves lie in the order they are wanted.
+
+use std::alloc::{Layout, alloc_zeroed, dealloc};
+use std::ptr::NonNull;
+
+use crate::error::BuildError;
+
+/// Cache lines: nodes start on one.
+const LINE: usize = 64;
+
+/// A huge page. Blocks of at least this size start on one and ask the kernel for them: a ray touches nodes all
+/// over the tree, and with small pages most of them would also miss the page table cache.
+const HUGE_PAGE: usize = 2 << 20;
+
+/// One block of memory, zeroed, aligned to cache lines.
+#[derive(Debug)]
+pub(super) struct Arena {
+    start: NonNull<u8>,
+    layout: Layout,
+}
+
+impl Arena {
+    /// Takes at least `bytes` of memory, more than none.
+    pub(super) fn new(bytes: usize) -> Result<Self, BuildError> {
+        let (size, align) = match bytes {
+            0..HUGE_PAGE => (bytes.max(LINE), LINE),
+            _ => (bytes.next_multiple_of(HUGE_PAGE), HUGE_PAGE),
+        };
+        let layout = Layout::from_size_align(size, align).map_err(|_| BuildError::OutOfMemory)?;
+        // SAFETY: the size is not zero.
+        let start = NonNull::new(unsafe { alloc_zeroed(layout) }).ok_or(BuildError::OutOfMemory)?;
+        if align == HUGE_PAGE {
+            // Only a wish: whether it is granted changes nothing but speed.
+            // SAFETY: the range is ours.
+            #[cfg(target_os = "linux")]
+            let _ = unsafe { libc::madvise(start.as_ptr().cast(), size, libc::MADV_HUGEPAGE) };
+        }
+        Ok(Self { start, layout })
+    }
+
+    /// The first byte.
+    pub(super) fn start(&self) -> *mut u8 {
+        self.start.as_ptr()
+    }
+}
+
+impl Drop for Arena {
+    fn drop(&mut self) {
+        // SAFETY: allocated with this layout, and ours.
+        unsafe { dealloc(self.start.as_ptr(), self.layout) };
+    }
+}
+
+// SAFETY: it only owns memory; who may look into it from which thread is the tree's affair.
+unsafe impl Send for Arena {}
+// SAFETY: as above.
+unsafe impl Sync for Arena {}

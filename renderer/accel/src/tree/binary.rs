@@ -1,0 +1,267 @@
+//! A binary tree over single triangles in two arrays, as the optimiser and the collapse want it.
+//!
+//! Node 0 is the root. The two children of a node lie side by side at an even number and the odd one behind it,
+//! so that both come with one cache line and a node finds its sibling without being told. Number 1 is unused.
+
+use glam::Vec3A;
+
+use super::layout::Bounds;
+use super::sketch::{SketchRef, Sketched};
+
+/// A node or leaf with its box.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(32))]
+pub(super) struct BinaryNode {
+    lower: [f32; 3],
+    /// First of its children, or a triangle number and [`LEAF_BIT`].
+    link: u32,
+    upper: [f32; 3],
+    /// Leaves below; 1 for a leaf.
+    leaves: u32,
+}
+
+const LEAF_BIT: u32 = 1 << 31;
+
+/// Half the surface area of a box.
+#[inline(always)]
+pub(super) fn half_area(lower: Vec3A, upper: Vec3A) -> f32 {
+    let extent = upper - lower;
+    extent.x * extent.y + extent.y * extent.z + extent.z * extent.x
+}
+
+impl BinaryNode {
+    const UNUSED: Self = Self { lower: [0.0; 3], link: LEAF_BIT, upper: [0.0; 3], leaves: 0 };
+
+    pub(super) fn leaf(bounds: Bounds, triangle: u32) -> Self {
+        Self { lower: bounds.lower, link: triangle | LEAF_BIT, upper: bounds.upper, leaves: 1 }
+    }
+
+    pub(super) fn inner(bounds: Bounds, first_child: usize, leaves: u32) -> Self {
+        Self { lower: bounds.lower, link: first_child as u32, upper: bounds.upper, leaves }
+    }
+
+    #[inline(always)]
+    pub(super) fn lower(&self) -> Vec3A {
+        Vec3A::from_array(self.lower)
+    }
+
+    #[inline(always)]
+    pub(super) fn upper(&self) -> Vec3A {
+        Vec3A::from_array(self.upper)
+    }
+
+    pub(super) fn bounds(&self) -> Bounds {
+        Bounds { lower: self.lower, upper: self.upper }
+    }
+
+    pub(super) fn set_bounds(&mut self, bounds: Bounds) {
+        (self.lower, self.upper) = (bounds.lower, bounds.upper);
+    }
+
+    /// The first of its two children, or `None` for a leaf.
+    #[inline(always)]
+    pub(super) fn first_child(&self) -> Option<usize> {
+        (self.link & LEAF_BIT == 0).then_some(self.link as usize)
+    }
+
+    /// Its triangle, if it is a leaf.
+    pub(super) fn triangle(&self) -> u32 {
+        self.link & !LEAF_BIT
+    }
+
+    pub(super) fn leaves(&self) -> u32 {
+        self.leaves
+    }
+}
+
+/// The tree.
+#[derive(Clone, Debug)]
+pub(super) struct BinaryTree {
+    pub(super) nodes: Vec<BinaryNode>,
+    /// Parent of each pair of siblings, by half the number of the first.
+    pub(super) parents: Vec<u32>,
+}
+
+/// Fewest leaves of a subtree that is worth a task of its own.
+const LEAVES_PER_TASK: u32 = 4096;
+
+impl BinaryTree {
+    /// Copies a sketch of single-triangle leaves, depth first: the nodes below a node follow its children.
+    ///
+    /// # Safety
+    /// `root` is the root of a finished build of width 2 with at most one triangle a leaf, whose memory lives.
+    pub(super) unsafe fn from_sketch(root: SketchRef, bounds: Bounds) -> Self {
+        // SAFETY: the caller vouches for it.
+        let leaves = unsafe { root.counts::<2>() }.leaves;
+        let mut nodes = vec![BinaryNode::UNUSED; 2 * leaves as usize];
+        let mut parents = vec![0; leaves as usize];
+        let (top, below) = nodes.split_at_mut(2);
+        // SAFETY: as above; below a node of so many leaves there are twice as many nodes, less two.
+        top[0] = unsafe { copy(root, bounds, 0, below, 2, &mut parents[1..]) };
+        Self { nodes, parents }
+    }
+
+    pub(super) fn root(&self) -> &BinaryNode {
+        &self.nodes[0]
+    }
+
+    /// Parent of any node but the root.
+    #[inline(always)]
+    pub(super) fn parent(&self, node: usize) -> usize {
+        self.parents[node / 2] as usize
+    }
+
+    /// Sum of the areas of inner nodes: the part of the tree's cost that its shape decides.
+    #[cfg(test)]
+    pub(super) fn inner_area(&self) -> f64 {
+        let inner = self.nodes.iter().filter(|node| node.first_child().is_some());
+        inner.map(|node| node.bounds().half_area()).sum()
+    }
+
+    /// Numbers the nodes depth first again and counts leaves anew, after nodes were moved about.
+    pub(super) fn renumber(&mut self) {
+        let mut nodes = vec![BinaryNode::UNUSED; self.nodes.len()];
+        let mut parents = vec![0; self.parents.len()];
+        nodes[0] = self.nodes[0];
+        let mut next = 2;
+        // Nodes that still name their children by the old numbers.
+        let mut stack = vec![0];
+        while let Some(number) = stack.pop() {
+            let Some(old) = nodes[number].first_child() else {
+                continue;
+            };
+            let new = next;
+            next += 2;
+            nodes[new] = self.nodes[old];
+            nodes[new + 1] = self.nodes[old + 1];
+            nodes[number].link = new as u32;
+            parents[new / 2] = number as u32;
+            stack.extend([new + 1, new]);
+        }
+        for number in (0..nodes.len()).rev() {
+            if let Some(first) = nodes[number].first_child() {
+                nodes[number].leaves = nodes[first].leaves + nodes[first + 1].leaves;
+            }
+        }
+        *self = Self { nodes, parents };
+    }
+}
+
+/// Copies what `sketch` refers to. What is below it goes into `below`, the first place of which has the number
+/// `first`; `node` is the number its own copy will have. Recursion is as deep as the builder's tree.
+///
+/// # Safety
+/// As for [`BinaryTree::from_sketch`].
+unsafe fn copy(
+    sketch: SketchRef,
+    bounds: Bounds,
+    node: usize,
+    below: &mut [BinaryNode],
+    first: usize,
+    parents: &mut [u32],
+) -> BinaryNode {
+    // SAFETY: here and below the caller vouches for it.
+    let children = match unsafe { sketch.follow::<2>() } {
+        Sketched::Single(triangle) => return BinaryNode::leaf(bounds, triangle),
+        Sketched::Several(triangles) => return BinaryNode::leaf(bounds, triangles[0]),
+        Sketched::Node(children) => children,
+    };
+    let mut children = children.children();
+    let (Some((left_bounds, left)), Some((right_bounds, right))) = (children.next(), children.next()) else {
+        unreachable!("the builder makes nodes of two children");
+    };
+    // SAFETY: as above.
+    let leaves_left = unsafe { left.counts::<2>() }.leaves as usize;
+    // SAFETY: as above.
+    let leaves_right = unsafe { right.counts::<2>() }.leaves as usize;
+    let (pair, below) = below.split_at_mut(2);
+    let (below_left, below_right) = below.split_at_mut(2 * (leaves_left - 1));
+    let (own, parents) = parents.split_at_mut(1);
+    let (parents_left, parents_right) = parents.split_at_mut(leaves_left - 1);
+    own[0] = node as u32;
+    let first_right = first + 2 + below_left.len();
+    // SAFETY: as above, for both.
+    let mut copy_left = || unsafe { copy(left, left_bounds, first, below_left, first + 2, parents_left) };
+    let mut copy_right =
+        || unsafe { copy(right, right_bounds, first + 1, below_right, first_right, parents_right) };
+    let leaves = (leaves_left + leaves_right) as u32;
+    let (left, right) = match leaves {
+        0..LEAVES_PER_TASK => (copy_left(), copy_right()),
+        _ => rayon::join(copy_left, copy_right),
+    };
+    (pair[0], pair[1]) = (left, right);
+    BinaryNode::inner(bounds, first, leaves)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// A tree over boxes that halves their list again and again, so a bad one.
+    pub(crate) fn halved(leaves: &[Bounds]) -> BinaryTree {
+        fn fill(tree: &mut BinaryTree, number: usize, leaves: &[(u32, Bounds)]) {
+            let bounds = leaves.iter().map(|leaf| leaf.1).fold(Bounds::EMPTY, Bounds::union);
+            if let [(triangle, bounds)] = leaves {
+                tree.nodes[number] = BinaryNode::leaf(*bounds, *triangle);
+                return;
+            }
+            let first = tree.nodes.len();
+            tree.nodes.extend([BinaryNode::UNUSED; 2]);
+            tree.parents.push(number as u32);
+            tree.nodes[number] = BinaryNode::inner(bounds, first, leaves.len() as u32);
+            let (left, right) = leaves.split_at(leaves.len() / 2);
+            fill(tree, first, left);
+            fill(tree, first + 1, right);
+        }
+        let leaves: Vec<(u32, Bounds)> = (0..).zip(leaves.iter().copied()).collect();
+        let mut tree = BinaryTree { nodes: vec![BinaryNode::UNUSED; 2], parents: vec![0] };
+        fill(&mut tree, 0, &leaves);
+        tree
+    }
+
+    /// Boxes of all kinds: large, small, flat, coincident.
+    pub(crate) fn boxes() -> impl Strategy<Value = Vec<Bounds>> {
+        let one = (prop::array::uniform3(-8i8..8), prop::array::uniform3(0u8..5), 0.0f32..2.0).prop_map(
+            |(lower, extent, fraction)| {
+                let lower = lower.map(f32::from);
+                let upper = [0, 1, 2].map(|axis| lower[axis] + f32::from(extent[axis]) * fraction);
+                Bounds { lower, upper }
+            },
+        );
+        prop::collection::vec(one, 1..120)
+    }
+
+    /// Every leaf is there once and unchanged, every box fits its children exactly, numbers and counts agree.
+    pub(crate) fn check(tree: &BinaryTree, leaves: &[Bounds]) {
+        let mut found = vec![0; leaves.len()];
+        let mut stack = vec![0];
+        while let Some(number) = stack.pop() {
+            let node = &tree.nodes[number];
+            let Some(first) = node.first_child() else {
+                found[node.triangle() as usize] += 1;
+                assert_eq!(node.bounds(), leaves[node.triangle() as usize]);
+                continue;
+            };
+            let (left, right) = (&tree.nodes[first], &tree.nodes[first + 1]);
+            assert_eq!(node.bounds(), left.bounds().union(right.bounds()));
+            assert_eq!(node.leaves(), left.leaves() + right.leaves());
+            assert_eq!(tree.parent(first), number);
+            assert!(first > number, "children follow their parents");
+            stack.extend([first, first + 1]);
+        }
+        assert!(found.iter().all(|&times| times == 1), "{found:?}");
+    }
+
+    proptest! {
+        #[test]
+        fn renumbering_changes_nothing_but_numbers(leaves in boxes()) {
+            let mut tree = halved(&leaves);
+            let area = tree.inner_area();
+            tree.renumber();
+            check(&tree, &leaves);
+            prop_assert!((tree.inner_area() - area).abs() <= 1e-9 * area);
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! A wide tree by numbers, before it gets a layout and a place in memory.
+
+use super::layout::Bounds;
+use super::sketch::{SketchRef, Sketched};
+
+/// A node or a leaf of a [`Plan`], by number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Link(u32);
+
+const LEAF_BIT: u32 = 1 << 31;
+
+/// What a [`Link`] names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Named {
+    Node(usize),
+    Leaf(usize),
+}
+
+impl Link {
+    pub(super) fn node(number: usize) -> Self {
+        Self(number as u32)
+    }
+
+    pub(super) fn leaf(number: usize) -> Self {
+        Self(number as u32 | LEAF_BIT)
+    }
+
+    pub(super) fn named(self) -> Named {
+        match self.0 & LEAF_BIT {
+            0 => Named::Node(self.0 as usize),
+            _ => Named::Leaf((self.0 & !LEAF_BIT) as usize),
+        }
+    }
+}
+
+/// A child and its box.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Child {
+    pub(super) bounds: Bounds,
+    pub(super) link: Link,
+}
+
+/// A run of entries in one of the plan's arrays.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    first: u32,
+    count: u32,
+}
+
+impl Run {
+    fn of<T>(self, all: &[T]) -> &[T] {
+        &all[self.first as usize..][..self.count as usize]
+    }
+}
+
+/// The tree: nodes are runs of children, leaves are runs of triangle numbers. Nodes are numbered level by level.
+#[derive(Debug)]
+pub(super) struct Plan {
+    pub(super) root: Child,
+    nodes: Vec<Run>,
+    children: Vec<Child>,
+    leaves: Vec<Run>,
+    references: Vec<u32>,
+    /// Levels below the root.
+    pub(super) depth: u32,
+}
+
+impl Plan {
+    /// The tree as the builder sketched it.
+    ///
+    /// # Safety
+    /// `root` is the root of a finished build of width `W`, whose memory lives.
+    pub(super) unsafe fn from_sketch<const W: usize>(root: SketchRef, bounds: Bounds) -> Self {
+        // SAFETY: here and below the caller vouches for it.
+        let counts = unsafe { root.counts::<W>() };
+        let mut plan =
+            Self::with_capacity(counts.nodes as usize, counts.leaves as usize, counts.references as usize);
+        plan.grow((bounds, root), |plan, sketch, found| {
+            // SAFETY: as above.
+            match unsafe { sketch.follow::<W>() } {
+                Sketched::Node(node) => {
+                    found.extend(node.children());
+                    None
+                }
+                Sketched::Single(number) => Some(plan.add_leaf([number])),
+                Sketched::Several(numbers) => Some(plan.add_leaf(numbers.iter().copied())),
+            }
+        });
+        plan
+    }
+
+    /// An empty plan with room for so many.
+    pub(super) fn with_capacity(nodes: usize, leaves: usize, references: usize) -> Self {
+        Self {
+            root: Child { bounds: Bounds::EMPTY, link: Link::leaf(0) },
+            nodes: Vec::with_capacity(nodes),
+            children: Vec::with_capacity(nodes + leaves),
+            leaves: Vec::with_capacity(leaves),
+            references: Vec::with_capacity(references),
+            depth: 0,
+        }
+    }
+
+    /// Grows the tree level by level from `root`. `open` either adds a leaf for what it is given and returns it, or
+    /// lists the children of a node. The largest children come first: shadow rays begin at the other end, with
+    /// those that are soon done with.
+    pub(super) fn grow<T: Copy>(
+        &mut self,
+        root: (Bounds, T),
+        mut open: impl FnMut(&mut Self, T, &mut Vec<(Bounds, T)>) -> Option<Link>,
+    ) {
+        self.root.bounds = root.0;
+        let mut found = Vec::new();
+        // What to open, and where among the children its link belongs; the root's has a place of its own.
+        let mut level = vec![(root.1, None::<usize>)];
+        let mut next = Vec::new();
+        loop {
+            for (item, place) in level.drain(..) {
+                found.clear();
+                let link = open(self, item, &mut found).unwrap_or_else(|| {
+                    found.sort_by(|a, b| b.0.half_area().total_cmp(&a.0.half_area()));
+                    self.nodes.push(Run { first: self.children.len() as u32, count: found.len() as u32 });
+                    for &(bounds, child) in &found {
+                        next.push((child, Some(self.children.len())));
+                        self.children.push(Child { bounds, link: Link::leaf(0) });
+                    }
+                    Link::node(self.nodes.len() - 1)
+                });
+                match place {
+                    Some(place) => self.children[place].link = link,
+                    None => self.root.link = link,
+                }
+            }
+            if next.is_empty() {
+                return;
+            }
+            self.depth += 1;
+            std::mem::swap(&mut level, &mut next);
+        }
+    }
+
+    /// Adds a leaf of these triangles. Those that splits have brought in twice are kept once.
+    pub(super) fn add_leaf(&mut self, triangles: impl IntoIterator<Item = u32>) -> Link {
+        let first = self.references.len();
+        for triangle in triangles {
+            if !self.references[first..].contains(&triangle) {
+                self.references.push(triangle);
+            }
+        }
+        self.leaves.push(Run { first: first as u32, count: (self.references.len() - first) as u32 });
+        Link::leaf(self.leaves.len() - 1)
+    }
+
+    /// Number of inner nodes.
+    pub(super) fn nodes(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// Number of leaves.
+    pub(super) fn leaves(&self) -> usize {
+        self.leaves.len()
+    }
+
+    /// The children of a node, largest first.
+    pub(super) fn children(&self, node: usize) -> &[Child] {
+        self.nodes[node].of(&self.children)
+    }
+
+    /// The triangles of a leaf.
+    pub(super) fn triangles(&self, leaf: usize) -> &[u32] {
+        self.leaves[leaf].of(&self.references)
+    }
+}
