@@ -7,16 +7,15 @@
 use clap::Args;
 use indicatif::ProgressBar;
 use serde::Serialize;
-use treewright_accel::{BuildChoice, NativeOptions, Packets};
 
-use super::arguments::{CameraArguments, FrameArguments, SceneArguments, Size};
+use super::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, StructureArguments};
 use super::error::CliError;
 use super::interrupt::Interrupt;
 use super::output;
 use crate::film::{Film, Picture};
 use crate::integrator::Needs;
 use crate::limits::ROUNDS_MAX;
-use crate::render_options::RenderOptions;
+use crate::space::Choice;
 use crate::statistics::Summary;
 
 /// Arguments of `leave-out`.
@@ -27,6 +26,8 @@ pub(super) struct Arguments {
     #[command(flatten)]
     camera: CameraArguments,
     #[command(flatten)]
+    structure: StructureArguments,
+    #[command(flatten)]
     frame: FrameArguments,
 
     /// Pixels across and down.
@@ -36,10 +37,6 @@ pub(super) struct Arguments {
     /// How often each variant is measured.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
-
-    /// Path by path instead of in stages with packets.
-    #[arg(long)]
-    path_by_path: bool,
 
     /// Print JSON.
     #[arg(long)]
@@ -54,8 +51,7 @@ struct Results {
     size: [u32; 2],
     threads: usize,
     rounds: u32,
-    /// How frames are worked off, on Embree's own default structure.
-    options: RenderOptions,
+    choice: Choice,
     needs: Needs,
     /// Of the kernel that leaves out all it can.
     render_ms: Summary,
@@ -92,20 +88,11 @@ impl Variant {
 
 /// Measures and prints; fails when a picture changes.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    let choice = arguments.structure.choice(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let view = arguments.frame.view(arguments.camera.find(&scene)?);
     let renderer = arguments.frame.renderer(&scene)?;
-    let (structure, _) = renderer.build(&BuildChoice::Native(NativeOptions::default()))?;
-    let options = if arguments.path_by_path {
-        RenderOptions::default()
-    } else {
-        RenderOptions {
-            staged: true,
-            primary: Packets::SixteenCoherent,
-            first_shadow: Packets::SixteenCoherent,
-            ..RenderOptions::default()
-        }
-    };
+    let (structure, _) = renderer.build(&choice.build)?;
     let least = renderer.needs();
     let mut variants = vec![Variant::new("", "", least)];
     variants.extend(least.omissions().iter().map(|one| Variant::new(one.what, one.why, one.put_back)));
@@ -124,7 +111,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             let variant = &mut variants[index];
             film.clear();
             let (render_ms, _) =
-                renderer.render_needing(variant.needs, &structure, &view, &options, &mut film);
+                renderer.render_needing(variant.needs, &structure, &view, &choice.render, &mut film);
             // The first round warms caches and clocks and shows the pictures.
             if round == 0 {
                 variant.picture = Some(film.picture());
@@ -144,7 +131,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         size: [arguments.size.width, arguments.size.height],
         threads: renderer.threads(),
         rounds: arguments.rounds,
-        options,
+        choice,
         needs: least,
         render_ms: Summary::of(&first.render_ms),
         put_back: others

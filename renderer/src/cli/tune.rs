@@ -180,7 +180,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let break_even =
         verdict::break_even(&found, arguments.objective, arguments.frames, &standings, &baseline.name);
     let results = Results {
-        scene: facts(&scene),
+        scene: facts(&scene, &renderer),
         size: [arguments.size.width, arguments.size.height],
         objective: arguments.objective,
         space: space.preset(),
@@ -364,11 +364,12 @@ impl Judge<'_> {
 }
 
 /// What describes a scene to people.
-fn facts(scene: &Scene) -> SceneFacts {
+fn facts(scene: &Scene, renderer: &Renderer) -> SceneFacts {
     SceneFacts {
         name: scene.name.clone(),
         triangles: scene.triangles.len(),
         meshes: scene.meshes.len(),
+        left_out: renderer.needs().omissions(),
         notes: scene.notes.clone(),
     }
 }

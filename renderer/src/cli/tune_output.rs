@@ -79,6 +79,7 @@ pub(super) fn print(results: &Results) {
             client.fallbacks, client.dropped, client.refused,
         );
     }
+    output::left_out(&results.scene.left_out);
     for note in results.notes.iter().chain(&results.scene.notes) {
         println!("note: {note}");
     }

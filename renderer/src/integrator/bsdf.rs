@@ -49,8 +49,10 @@ pub struct Seen<'a, const THIN: bool> {
     /// What the layer leaves to the parts below it.
     below: Vec3,
     shares: Shares,
-    /// Smith's root of the view's cosine, `sqrt(α² + (1 - α²) cos²)`.
+    /// Smith's root of the view's cosine, `sqrt(α² + (1 - α²) cos²)`, and `0.5 / (cos + root)`: masking over four
+    /// cosines.
     root: f32,
+    masking: f32,
 }
 
 /// What kind of event a sample is.
@@ -164,7 +166,8 @@ impl Bsdf {
             Shares { reflect: 0.0, diffuse: 1.0, through: 0.0 }
         };
         let root = self.alpha.map_or(0.0, |alpha| smith_root(alpha, view.z));
-        Some(Seen { bsdf: self, view, below, shares, root })
+        let masking = 0.5 / (view.z + root);
+        Some(Seen { bsdf: self, view, below, shares, root, masking })
     }
 }
 
@@ -195,9 +198,11 @@ impl<const THIN: bool> Seen<'_, THIN> {
         let spread = square * half.z * half.z + half.x * half.x + half.y * half.y;
         let density = square * length_squared * length_squared / (PI * spread * spread);
         let shadowing = 0.5 * light.z / (light.z * self.root + view.z * smith_root(alpha, light.z));
-        let masking = 0.5 / (view.z + self.root);
         let fresnel = bsdf.fresnel(0.5 * length_squared.sqrt());
-        (diffuse + fresnel * (density * shadowing), diffuse_pdf + self.shares.reflect * density * masking)
+        (
+            diffuse + fresnel * (density * shadowing),
+            diffuse_pdf + self.shares.reflect * density * self.masking,
+        )
     }
 
     /// Whether a choice in [0, 1) means that light passes straight through; with what weight.

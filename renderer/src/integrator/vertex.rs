@@ -214,7 +214,9 @@ impl Context<'_> {
         }
         // After the last bounce the surface's own sampling does not follow, so nothing is shared.
         let other = if self.last { 0.0 } else { pdf };
-        let weight = power_heuristic(light.pdf, other) / light.pdf;
+        // The power heuristic over the density, with one division less.
+        let ratio = other / light.pdf;
+        let weight = 1.0 / (light.pdf * (1.0 + ratio * ratio));
         *shadow = Shadow {
             ray: Ray {
                 origin: self.surface.start(light.direction),

@@ -5,6 +5,7 @@ use treewright_client::{Configuration, Fingerprint, Indicators, Mode, Stats};
 
 use super::objective::Objective;
 use super::search::Iteration;
+use crate::integrator::Omission;
 use crate::measure::Standing;
 use crate::space::{Explained, Preset};
 use crate::statistics::{BreakEven, Summary, quantile};
@@ -66,6 +67,8 @@ pub struct SceneFacts {
     pub triangles: usize,
     /// Meshes.
     pub meshes: usize,
+    /// What shading leaves out, and why the scene can do without.
+    pub left_out: Vec<Omission>,
     /// What the loader left out or made up.
     pub notes: Vec<String>,
 }
