@@ -8,12 +8,16 @@ use crate::{ClientError, Configuration};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SearchMethod {
+    /// Whatever suits the space, the budget and what was measured so far.
+    Auto,
     /// Latin hypercube start, then a stochastic Nelder-Mead after Chang (paper section 6).
     NelderMead,
     /// Latin hypercube designs, one after the other.
     LatinHypercube,
     /// Independent uniform samples.
     Random,
+    /// Gaussian processes and expected improvement: strong at 20 to 80 trials in mixed, conditional spaces.
+    Model,
 }
 
 /// What answers when the service exploits.
@@ -31,7 +35,7 @@ pub enum PredictorMethod {
 pub struct Policy {
     /// Probability of exploring when a client's state changes, 0 to 1. Default 0.2.
     pub epsilon: Option<f64>,
-    /// Search inside a state. Default Nelder-Mead.
+    /// Search inside a state. Default [`SearchMethod::Auto`].
     pub search: Option<SearchMethod>,
     /// Predictor that answers when exploiting. Default nearest neighbour.
     pub predictor: Option<PredictorMethod>,

@@ -64,6 +64,8 @@ pub(crate) fn policy_to_wire(policy: &Policy) -> v1::Policy {
         SearchMethod::NelderMead => v1::SearchMethod::NelderMead,
         SearchMethod::LatinHypercube => v1::SearchMethod::LatinHypercube,
         SearchMethod::Random => v1::SearchMethod::Random,
+        SearchMethod::Model => v1::SearchMethod::Model,
+        SearchMethod::Auto => v1::SearchMethod::Auto,
     });
     let predictor = policy.predictor.map_or(v1::PredictorMethod::Unspecified, |predictor| match predictor {
         PredictorMethod::NearestNeighbour => v1::PredictorMethod::NearestNeighbour,
@@ -87,6 +89,8 @@ fn policy_from_wire(policy: v1::Policy) -> Result<Policy, Problem> {
         Ok(v1::SearchMethod::NelderMead) => Some(SearchMethod::NelderMead),
         Ok(v1::SearchMethod::LatinHypercube) => Some(SearchMethod::LatinHypercube),
         Ok(v1::SearchMethod::Random) => Some(SearchMethod::Random),
+        Ok(v1::SearchMethod::Model) => Some(SearchMethod::Model),
+        Ok(v1::SearchMethod::Auto) => Some(SearchMethod::Auto),
         Err(_) => return Err(format!("an unknown search method ({})", policy.search)),
     };
     let predictor = match v1::PredictorMethod::try_from(policy.predictor) {

@@ -11,22 +11,28 @@ use crate::space::{Space, SpaceError};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SearchMethod {
-    /// Latin hypercube start, then a stochastic Nelder-Mead after Chang (2012) (paper section 6).
+    /// Whatever suits the space, the budget and what was measured so far; see [`crate::search::auto`].
     #[default]
+    Auto,
+    /// Latin hypercube start, then a stochastic Nelder-Mead after Chang (2012) (paper section 6).
     NelderMead,
     /// Latin hypercube designs, one after the other.
     LatinHypercube,
     /// Independent uniform samples.
     Random,
+    /// Gaussian processes and expected improvement; see [`crate::search::model`].
+    Model,
 }
 
 impl SearchMethod {
     /// The name that reasons carry.
     pub fn name(self) -> &'static str {
         match self {
+            SearchMethod::Auto => "auto",
             SearchMethod::NelderMead => "nelder_mead",
             SearchMethod::LatinHypercube => "latin_hypercube",
             SearchMethod::Random => "random",
+            SearchMethod::Model => "model",
         }
     }
 }

@@ -26,6 +26,8 @@ pub fn policy(field: &str, wire: v1::Policy) -> Result<RawPolicy, Error> {
             Ok(v1::SearchMethod::NelderMead) => SearchMethod::NelderMead,
             Ok(v1::SearchMethod::LatinHypercube) => SearchMethod::LatinHypercube,
             Ok(v1::SearchMethod::Random) => SearchMethod::Random,
+            Ok(v1::SearchMethod::Model) => SearchMethod::Model,
+            Ok(v1::SearchMethod::Auto) => SearchMethod::Auto,
             Err(_) => return Err(unknown(&format!("{field}.search"), wire.search)),
         },
         predictor: match v1::PredictorMethod::try_from(wire.predictor) {

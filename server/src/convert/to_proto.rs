@@ -125,6 +125,8 @@ fn policy(policy: &Policy) -> v1::Policy {
             SearchMethod::NelderMead => v1::SearchMethod::NelderMead,
             SearchMethod::LatinHypercube => v1::SearchMethod::LatinHypercube,
             SearchMethod::Random => v1::SearchMethod::Random,
+            SearchMethod::Model => v1::SearchMethod::Model,
+            SearchMethod::Auto => v1::SearchMethod::Auto,
         }
         .into(),
         predictor: match policy.predictor {

@@ -163,9 +163,11 @@ pub(crate) struct Policy {
 /// Searches, as they are written on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub(crate) enum Search {
+    Auto,
     NelderMead,
     LatinHypercube,
     Random,
+    Model,
 }
 
 /// Predictors, as they are written on the command line.
@@ -178,9 +180,11 @@ pub(crate) enum Predictor {
 impl From<Search> for SearchMethod {
     fn from(search: Search) -> Self {
         match search {
+            Search::Auto => Self::Auto,
             Search::NelderMead => Self::NelderMead,
             Search::LatinHypercube => Self::LatinHypercube,
             Search::Random => Self::Random,
+            Search::Model => Self::Model,
         }
     }
 }

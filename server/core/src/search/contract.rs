@@ -6,13 +6,18 @@ use proptest::prelude::*;
 
 use super::*;
 
-const METHODS: [SearchMethod; 3] =
-    [SearchMethod::NelderMead, SearchMethod::LatinHypercube, SearchMethod::Random];
+const METHODS: [SearchMethod; 5] = [
+    SearchMethod::Auto,
+    SearchMethod::NelderMead,
+    SearchMethod::LatinHypercube,
+    SearchMethod::Random,
+    SearchMethod::Model,
+];
 
 fn setup(seed: u64, dimension: usize, budget: u32) -> SearchSetup {
     // Choices among other axes, so that both kinds of step are met; the last axis is none.
     let levels = [2, 0, 0, 3].into_iter().cycle().take(dimension - 1).collect();
-    SearchSetup { seed, state_id: 7, start: vec![0.25; dimension], budget, levels }
+    SearchSetup { seed, state_id: 7, start: vec![0.25; dimension], budget, levels, layout: Layout::default() }
 }
 
 fn bowl(x: &[f64]) -> f64 {
@@ -44,7 +49,7 @@ proptest! {
 
     #[test]
     fn points_lie_in_the_cube_and_begin_with_the_default(
-        seed: u64, dimension in 1usize..40, budget in 1u32..200, method in 0usize..3,
+        seed: u64, dimension in 1usize..40, budget in 1u32..200, method in 0usize..METHODS.len(),
     ) {
         let mut search = AnySearch::new(METHODS[method], setup(seed, dimension, budget));
         let points = run(&mut search, 150, 1.0);
@@ -59,7 +64,7 @@ proptest! {
     }
 
     #[test]
-    fn a_stored_search_goes_on_as_if_it_had_never_stopped(seed: u64, stop in 0usize..100, method in 0usize..3) {
+    fn a_stored_search_goes_on_as_if_it_had_never_stopped(seed: u64, stop in 0usize..100, method in 0usize..METHODS.len()) {
         let mut search = AnySearch::new(METHODS[method], setup(seed, 5, 60));
         run(&mut search, stop, 1.0);
         let out = search.ask();
@@ -74,7 +79,7 @@ proptest! {
     }
 
     #[test]
-    fn points_do_not_depend_on_the_unit_of_the_cost(seed: u64, scale in 1e-3f64..1e3, method in 0usize..3) {
+    fn points_do_not_depend_on_the_unit_of_the_cost(seed: u64, scale in 1e-3f64..1e3, method in 0usize..METHODS.len()) {
         let mut plain = AnySearch::new(METHODS[method], setup(seed, 4, 80));
         let mut scaled = plain.clone();
         prop_assert_eq!(run(&mut plain, 100, 1.0), run(&mut scaled, 100, scale));

@@ -42,6 +42,16 @@ impl Flight {
         }
     }
 
+    /// How many points were ever launched.
+    pub(super) fn launched(&self) -> u64 {
+        self.next_id
+    }
+
+    /// The points that are out.
+    pub(super) fn points(&self) -> impl Iterator<Item = &Point> {
+        self.out.values()
+    }
+
     /// Whether no point is out or waiting to go out again.
     pub(super) fn is_empty(&self) -> bool {
         self.out.is_empty() && self.back.is_empty()

@@ -98,7 +98,7 @@ fn tune(method: SearchMethod, seed: u64, budget: u32, knows_choices: bool) -> f6
     let space = table_1();
     let start = space.encode(&space.default_configuration());
     let levels = if knows_choices { levels(&space) } else { Vec::new() };
-    let setup = SearchSetup { seed, state_id: 1, start, budget, levels };
+    let setup = SearchSetup { seed, state_id: 1, start, budget, levels, layout: Layout::default() };
     let mut search = AnySearch::new(method, setup);
     let mut noise = stream(seed, Purpose::Unseen, 1, 0);
     let mut known: BTreeMap<Configuration, Verdict> = BTreeMap::new();
@@ -162,8 +162,14 @@ fn a_space_of_choices_alone_is_searched_to_its_best() {
     let start = vec![0.25, 0.25, 1.0 / 6.0];
     let levels = vec![2, 2, 3];
     for seed in 0..20 {
-        let setup =
-            SearchSetup { seed, state_id: 1, start: start.clone(), budget: 12, levels: levels.clone() };
+        let setup = SearchSetup {
+            seed,
+            state_id: 1,
+            start: start.clone(),
+            budget: 12,
+            levels: levels.clone(),
+            layout: Layout::default(),
+        };
         let mut search = AnySearch::new(SearchMethod::NelderMead, setup);
         let mut known = BTreeMap::new();
         for _ in 0..200 {

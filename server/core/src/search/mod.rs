@@ -5,9 +5,12 @@
 //! same points. Points that are out (asked and not told) are part of the state; a point whose client went
 //! away is withdrawn and asked again.
 
+pub mod auto;
 mod flight;
 pub mod latin_hypercube;
+mod layout;
 mod levels;
+pub mod model;
 pub mod nelder_mead;
 pub mod random;
 
@@ -16,8 +19,11 @@ use std::cmp::Ordering;
 use serde::{Deserialize, Serialize};
 
 use crate::policy::SearchMethod;
+pub use auto::AutoSearch;
 pub use latin_hypercube::LatinHypercubeSearch;
+pub use layout::Layout;
 pub use levels::levels;
+pub use model::ModelSearch;
 pub use nelder_mead::NelderMead;
 pub use random::RandomSearch;
 
@@ -52,6 +58,10 @@ pub enum Step {
     RandomSearch,
     /// A vertex of a new simplex around the best point.
     Restart,
+    /// The point that a model expects most of.
+    Model,
+    /// A configuration that was measured before and looks best: once more, to tell luck from merit.
+    Replicate,
 }
 
 impl Step {
@@ -66,6 +76,8 @@ impl Step {
             Step::Switch => "switch",
             Step::RandomSearch => "random_search",
             Step::Restart => "restart",
+            Step::Model => "model",
+            Step::Replicate => "replicate",
         }
     }
 }
@@ -128,6 +140,11 @@ pub trait Search {
 
     /// Takes a point back whose client went away; it is the next to be asked, under the same id.
     fn withdraw(&mut self, id: u64);
+
+    /// How many of the answers were to [`Step::Replicate`], and so added no configuration.
+    fn repeats(&self) -> u64 {
+        0
+    }
 }
 
 /// What a search is made from.
@@ -146,6 +163,9 @@ pub struct SearchSetup {
     /// as 0, and so do searches that were stored before this was known.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub levels: Vec<u32>,
+    /// What each axis stands for, for searches with a model. May be empty.
+    #[serde(default, skip_serializing_if = "Layout::is_empty")]
+    pub layout: Layout,
 }
 
 impl SearchSetup {
@@ -168,6 +188,10 @@ pub enum AnySearch {
     LatinHypercube(LatinHypercubeSearch),
     /// See [`random`].
     Random(RandomSearch),
+    /// See [`model`].
+    Model(ModelSearch),
+    /// See [`auto`].
+    Auto(AutoSearch),
 }
 
 impl AnySearch {
@@ -177,6 +201,8 @@ impl AnySearch {
             SearchMethod::NelderMead => AnySearch::NelderMead(NelderMead::new(setup)),
             SearchMethod::LatinHypercube => AnySearch::LatinHypercube(LatinHypercubeSearch::new(setup)),
             SearchMethod::Random => AnySearch::Random(RandomSearch::new(setup)),
+            SearchMethod::Model => AnySearch::Model(ModelSearch::new(setup)),
+            SearchMethod::Auto => AnySearch::Auto(AutoSearch::new(setup)),
         }
     }
 
@@ -186,6 +212,8 @@ impl AnySearch {
             AnySearch::NelderMead(_) => SearchMethod::NelderMead,
             AnySearch::LatinHypercube(_) => SearchMethod::LatinHypercube,
             AnySearch::Random(_) => SearchMethod::Random,
+            AnySearch::Model(_) => SearchMethod::Model,
+            AnySearch::Auto(_) => SearchMethod::Auto,
         }
     }
 
@@ -194,6 +222,8 @@ impl AnySearch {
             AnySearch::NelderMead(search) => search,
             AnySearch::LatinHypercube(search) => search,
             AnySearch::Random(search) => search,
+            AnySearch::Model(search) => search,
+            AnySearch::Auto(search) => search,
         }
     }
 }
@@ -209,6 +239,14 @@ impl Search for AnySearch {
 
     fn withdraw(&mut self, id: u64) {
         self.inner().withdraw(id);
+    }
+
+    fn repeats(&self) -> u64 {
+        match self {
+            AnySearch::Model(search) => search.repeats(),
+            AnySearch::Auto(search) => search.repeats(),
+            _ => 0,
+        }
     }
 }
 

@@ -13,7 +13,14 @@ use crate::value::Value;
 
 /// Best noise-free cost among `budget` points, where each measurement is off by up to 5 %.
 fn best_on_quadratic(method: SearchMethod, seed: u64, dimension: usize, budget: u32) -> f64 {
-    let setup = SearchSetup { seed, state_id: 1, start: vec![0.9; dimension], budget, levels: Vec::new() };
+    let setup = SearchSetup {
+        seed,
+        state_id: 1,
+        start: vec![0.9; dimension],
+        budget,
+        levels: Vec::new(),
+        layout: Layout::default(),
+    };
     let mut search = AnySearch::new(method, setup);
     let mut noise = ChaCha8Rng::seed_from_u64(seed);
     // A bowl 10 high at its bottom, off the centre and with axes of unequal weight.
@@ -107,8 +114,10 @@ fn tree_cost(configuration: &crate::configuration::Configuration) -> Option<f64>
 fn tune_tree(method: SearchMethod, seed: u64, budget: u32) -> (f64, usize) {
     let space = tree_space();
     let start = space.encode(&space.default_configuration());
-    let mut search =
-        AnySearch::new(method, SearchSetup { seed, state_id: 1, start, budget, levels: levels(&space) });
+    let mut search = AnySearch::new(
+        method,
+        SearchSetup { seed, state_id: 1, start, budget, levels: levels(&space), layout: Layout::of(&space) },
+    );
     let mut known = BTreeMap::new();
     let (mut best, mut in_a_row, mut most) = (f64::INFINITY, 0, 0);
     while known.len() < budget as usize {
@@ -140,7 +149,14 @@ fn plateaus_and_infeasible_regions_do_not_stall_the_simplex() {
 
 #[test]
 fn a_search_that_only_meets_infeasible_points_looks_everywhere() {
-    let setup = SearchSetup { seed: 5, state_id: 1, start: vec![0.5; 4], budget: 80, levels: Vec::new() };
+    let setup = SearchSetup {
+        seed: 5,
+        state_id: 1,
+        start: vec![0.5; 4],
+        budget: 80,
+        levels: Vec::new(),
+        layout: Layout::default(),
+    };
     let mut search = AnySearch::new(SearchMethod::NelderMead, setup);
     let mut reached = [[false; 4]; 4];
     for _ in 0..120 {

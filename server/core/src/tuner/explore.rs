@@ -5,7 +5,7 @@ use rand::RngExt;
 use crate::configuration::Configuration;
 use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
 use crate::randomness::{Purpose, stream};
-use crate::search::{AnySearch, Feedback, Point, Search, SearchSetup, Step, levels};
+use crate::search::{AnySearch, Feedback, Layout, Point, Search, SearchSetup, Step, levels};
 use crate::trial::{Mode, Reason};
 use crate::tuner::{Exploration, Prediction, Tuner, Work};
 
@@ -60,6 +60,7 @@ impl Tuner {
             start: self.spec.space.encode(self.spec.space.default_ref()),
             budget: self.spec.policy.trials_per_state,
             levels: levels(&self.spec.space),
+            layout: Layout::of(&self.spec.space),
         };
         self.work[state].exploration = Some(Exploration::new(AnySearch::new(method, setup)));
         self.states[state].explored = true;
@@ -74,7 +75,8 @@ impl Tuner {
         let Work { exploration: Some(Exploration { search, open }), running } = &mut work[state] else {
             return Walk::Wait;
         };
-        let spent = knowledge.tried() + open.len() >= policy.trials_per_state as usize;
+        let spent =
+            knowledge.tried() + search.repeats() as usize + open.len() >= policy.trials_per_state as usize;
         let mut held = Vec::new();
         let mut walk = Walk::OnlyKnown;
         for _ in 0..KNOWN_POINTS_PER_SUGGESTION_MAX {
@@ -87,12 +89,17 @@ impl Tuner {
                 Step::Default => space.default_configuration(),
                 _ => space.decode(&point.x),
             };
-            if let Some(verdict) = knowledge.settled(&configuration, policy.replicates) {
+            let settled = match point.step {
+                // The search knows it and wants to know it better.
+                Step::Replicate => None,
+                _ => knowledge.settled(&configuration, policy.replicates),
+            };
+            if let Some(verdict) = settled {
                 search.tell(point.id, Feedback { verdict, fresh: false });
             } else if running.contains_key(&configuration) {
                 held.push(point.id);
                 walk = Walk::Wait;
-            } else if spent && !knowledge.is_tried(&configuration) {
+            } else if spent && (point.step == Step::Replicate || !knowledge.is_tried(&configuration)) {
                 held.push(point.id);
                 walk = Walk::Wait;
                 break;

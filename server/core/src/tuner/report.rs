@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::predict::{Lesson, Predictor};
-use crate::search::{Feedback, Verdict};
+use crate::search::{Feedback, Step, Verdict};
 use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::{Change, Tuner, TunerError, checks, place};
 
@@ -36,6 +36,7 @@ impl Tuner {
             Outcome::Aborted { lower_bound } => Some(*lower_bound + 0.0),
             Outcome::Infeasible { .. } | Outcome::Failed { .. } => None,
         };
+        let outcome_is_ok = outcome == Outcome::Ok;
         let completed = Trial {
             late: trial.state == TrialState::Expired || now_ms > trial.lease_expire_ms,
             state: TrialState::Completed,
@@ -51,8 +52,13 @@ impl Tuner {
         let state = place(completed.state_id);
         let settled =
             self.states[state].knowledge.settled(&completed.configuration, self.spec.policy.replicates);
+        let verdict = match completed.cost {
+            // The search keeps the mean of what it has measured again itself.
+            Some(cost) if is_replicate(&completed) && outcome_is_ok => Some(Verdict::Cost(cost)),
+            _ => settled,
+        };
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
-        if self.release(&completed, settled.map(|verdict| Feedback { verdict, fresh: true })) {
+        if self.release(&completed, verdict.map(|verdict| Feedback { verdict, fresh: true })) {
             change.states.push(self.state_record(state));
         }
         Ok((completed, change))
@@ -161,4 +167,9 @@ impl Tuner {
         let states = 1..=self.states.len() as u64;
         trial.number <= self.last_trial && states.contains(&trial.state_id)
     }
+}
+
+/// Whether the trial measured a configuration again that its search had measured before.
+fn is_replicate(trial: &Trial) -> bool {
+    trial.reason.step == Step::Replicate.name()
 }

@@ -21,6 +21,27 @@ fn exploring_begins_with_the_default_and_never_samples_a_pair_twice() {
 }
 
 #[test]
+fn a_search_may_measure_its_best_again_within_the_budget() {
+    let mut tuner = tuner(Policy { search: SearchMethod::Auto, ..explore_always() });
+    let mut known = BTreeSet::new();
+    let mut repeats = 0;
+    for number in 0..30u32 {
+        let trial = suggest(&mut tuner, "a", 0.5, 0.5);
+        let again = !known.insert(trial.configuration.clone());
+        assert_eq!(again, trial.reason.step == "replicate", "{trial:?}");
+        repeats += u32::from(again);
+        // Noise of a fifth, so that rivals are close.
+        let cost = cost(&trial) * (0.9 + 0.2 * f64::from(number * 7 % 11) / 10.0);
+        let (reported, _) = tuner.report(&trial, measured(cost), Outcome::Ok, 1).expect("a valid report");
+        assert_eq!(reported.state, TrialState::Completed);
+    }
+    assert!((1..=5).contains(&repeats), "{repeats} repeats");
+    let best = tuner.best(None).expect("valid").expect("measured");
+    let next = suggest(&mut tuner, "a", 0.5, 0.5);
+    assert_eq!((next.mode, &next.configuration), (Mode::Exploit, &best.configuration));
+}
+
+#[test]
 fn replicates_measure_each_configuration_as_often_as_asked() {
     let mut tuner = tuner(Policy { replicates: 3, trials_per_state: 10, ..explore_always() });
     let trials = run(&mut tuner, "a", 0.5, 0.5, 30);
@@ -36,12 +57,15 @@ fn replicates_measure_each_configuration_as_often_as_asked() {
 #[test]
 fn clients_share_a_search_without_sharing_a_point_and_nobody_waits() {
     let mut tuner = tuner(explore_always());
-    let mut seen = BTreeSet::new();
+    let (mut seen, mut repeats) = (BTreeSet::new(), 0);
     for round in 0..40 {
         let trials: Vec<Trial> = (0..5).map(|c| suggest(&mut tuner, &format!("c{c}"), 0.5, 0.5)).collect();
         for trial in &trials {
             let explores = matches!(trial.mode, Mode::Explore | Mode::Default);
-            if explores && trial.reason.source != "default" {
+            if trial.reason.step == "replicate" {
+                assert!(seen.contains(&trial.configuration), "round {round}");
+                repeats += 1;
+            } else if explores && trial.reason.source != "default" {
                 assert!(seen.insert(trial.configuration.clone()), "round {round} hands out a pair twice");
             } else {
                 assert_eq!(trial.mode, Mode::Exploit);
@@ -51,7 +75,7 @@ fn clients_share_a_search_without_sharing_a_point_and_nobody_waits() {
             finish(&mut tuner, &trial, Outcome::Ok);
         }
     }
-    assert_eq!(seen.len(), 30);
+    assert_eq!(seen.len() + repeats, 30, "{repeats} repeats");
 }
 
 #[test]
@@ -123,7 +147,7 @@ fn a_space_that_is_used_up_ends_the_search_early() {
 #[test]
 fn exploring_pays_off() {
     let mut costs = vec![];
-    for search in [SearchMethod::NelderMead, SearchMethod::Random] {
+    for search in [SearchMethod::Auto, SearchMethod::NelderMead, SearchMethod::Random] {
         let mut all: Vec<f64> = (0..31)
             .map(|seed| {
                 let policy = Policy { search, trials_per_state: 80, ..explore_always() };
@@ -138,5 +162,6 @@ fn exploring_pays_off() {
         all.sort_by(f64::total_cmp);
         costs.push(all[15]);
     }
-    assert!(costs[0] < 13.5 && costs[0] + 1.0 < costs[1], "medians {costs:?}");
+    let random = costs[2];
+    assert!(costs[..2].iter().all(|cost| *cost < 13.5 && cost + 1.0 < random), "medians {costs:?}");
 }

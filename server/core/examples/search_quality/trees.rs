@@ -1,0 +1,191 @@
+//! A model of the renderer's whole space: two back ends with parameters of their own, ray packets, tiles.
+//! Factors of the parameters multiply, some only together; a seventh cannot be built; frames vary by 7 %.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use treewright_core::configuration::Configuration;
+use treewright_core::space::{Condition, Constraint, Domain, Parameter, Scale, Space};
+use treewright_core::value::Value;
+
+use crate::problem::{Kind, Problem};
+
+fn text(values: &[&str]) -> Vec<Value> {
+    values.iter().map(|value| Value::Text((*value).into())).collect()
+}
+
+fn space() -> Space {
+    let while_in = |other: &str, any_of: Vec<Value>| Some(Condition { parameter: other.into(), any_of });
+    let custom = || while_in("backend", text(&["custom"]));
+    let embree = || while_in("backend", text(&["embree"]));
+    let native = || while_in("backend", text(&["native"]));
+    let sah = || while_in("quality", vec![Value::Integer(2), Value::Integer(3)]);
+    let on = |name: &str| while_in(name, vec![Value::Boolean(true)]);
+    let p =
+        |name: &str, domain, default, active_if| Parameter { name: name.into(), domain, default, active_if };
+    let integer = |name: &str, min, max, default, scale, active_if| {
+        p(name, Domain::Integer { min, max, scale }, Value::Integer(default), active_if)
+    };
+    let choice = |name: &str, values: &[i64], default, active_if| {
+        let values = values.iter().copied().map(Value::Integer).collect();
+        p(name, Domain::Categorical { values }, Value::Integer(default), active_if)
+    };
+    let named = |name: &str, values: &[&str], default: &str, active_if| {
+        p(name, Domain::Categorical { values: text(values) }, Value::Text(default.into()), active_if)
+    };
+    let float = |name: &str, min, max, default, active_if| {
+        p(name, Domain::Float { min, max, scale: Scale::Log }, Value::Float(default), active_if)
+    };
+    let switch = |name: &str, active_if| p(name, Domain::Boolean, Value::Boolean(false), active_if);
+    let (linear, log) = (Scale::Linear, Scale::Log);
+    let parameters = vec![
+        named("backend", &["embree", "custom", "native"], "embree", None),
+        integer("embree_quality", 1, 3, 2, linear, embree()),
+        switch("embree_compact", embree()),
+        switch("embree_robust", embree()),
+        switch("embree_dynamic", embree()),
+        integer("quality", 1, 3, 2, linear, custom()),
+        choice("branching_factor", &[2, 4, 8], 2, custom()),
+        integer("max_depth", 9, 64, 32, linear, custom()),
+        choice("sah_block_size", &[1, 2, 4, 8, 16, 32], 1, sah()),
+        integer("min_leaf_size", 1, 32, 1, log, custom()),
+        integer("max_leaf_size", 1, 32, 32, log, custom()),
+        float("traversal_cost", 0.1, 10.0, 1.0, sah()),
+        float("intersection_cost", 0.1, 10.0, 1.0, sah()),
+        switch("split", sah()),
+        float("split_budget", 1.0, 4.0, 1.2, on("split")),
+        choice("width", &[4, 8, 16], 8, native()),
+        named("layout", &["full", "quantised", "compressed"], "full", native()),
+        named("builder", &["binned", "sweep", "locally_ordered"], "binned", native()),
+        integer("bins", 4, 64, 16, log, native()),
+        named("reorder", &["none", "depth_first", "van_emde_boas"], "none", native()),
+        integer("treelet", 3, 12, 7, linear, native()),
+        choice("packet_primary", &[1, 4, 8, 16], 1, None),
+        choice("packet_shadow", &[1, 4, 8, 16], 1, None),
+        choice("packet_bounce", &[1, 4, 8, 16], 1, None),
+        choice("tile", &[4, 8, 16, 32, 64, 128], 16, None),
+        named("order", &["rows", "morton", "hilbert"], "rows", None),
+        switch("sort_rays", None),
+        integer("sort_bits", 4, 24, 12, linear, on("sort_rays")),
+    ];
+    let order = Constraint { lesser: "min_leaf_size".into(), greater: "max_leaf_size".into() };
+    Space::new(parameters, vec![order]).expect("a valid space")
+}
+
+/// What differs from scene to scene.
+struct Scene {
+    weights: Vec<f64>,
+}
+
+impl Scene {
+    fn slowdown(&self, configuration: &Configuration) -> Option<f64> {
+        let number = |name: &str| configuration.get(name).and_then(Value::as_number);
+        let of = |name: &str| number(name).unwrap_or(0.0);
+        let is = |name: &str| configuration.get(name) == Some(&Value::Boolean(true));
+        let named = |name: &str, value: &str| configuration.get(name) == Some(&Value::Text(value.into()));
+        let w = |index: usize| self.weights[index % self.weights.len()];
+        let mut factor = 1.0;
+        let incoherent = if is("sort_rays") { 0.4 } else { 1.0 };
+        if named("backend", "embree") {
+            factor *= 1.12 + 0.1 * w(0);
+            factor *= [1.25, 1.06, 1.0][of("embree_quality") as usize - 1];
+            factor *= if is("embree_compact") { 1.0 + 0.2 * w(1) } else { 1.0 };
+            factor *= if is("embree_robust") { 1.08 } else { 1.0 };
+            factor *= if is("embree_dynamic") { 1.15 } else { 1.0 };
+        } else if named("backend", "custom") {
+            let (quality, branching, depth) = (of("quality"), of("branching_factor"), of("max_depth"));
+            let morton = quality < 1.5;
+            if depth < 11.0 || (branching < 3.0 && (morton || depth < 21.0)) || (morton && depth < 14.0) {
+                return None;
+            }
+            factor *= [1.3, 1.05, 1.0][quality as usize - 1] * [1.9, 1.2, 1.0][branching.log2() as usize - 1];
+            factor *= if depth < 13.0 { 2.2 } else { 1.0 + 0.1 * ((32.0 - depth).max(0.0) / 20.0) };
+            factor *= 1.0 + 0.35 * ((of("max_leaf_size").log2() - 2.0 - 2.0 * w(2)) / 3.0).powi(2);
+            factor *= 1.0 + 0.3 * (of("min_leaf_size").log2() / 5.0).powi(2);
+            if !morton {
+                factor *= 1.0 + 0.12 * ((of("sah_block_size").log2() - 3.0 * w(3)) / 3.0).powi(2);
+                let ratio = (of("traversal_cost") / of("intersection_cost")).log2();
+                factor *= 1.0 + 0.2 * ((ratio + 2.0 - 3.0 * w(4)) / 4.0).powi(2).min(1.0);
+                if is("split") {
+                    if of("split_budget") > 3.3 {
+                        return None;
+                    }
+                    factor *= 1.12 - 0.25 * w(5) * (1.0 - (of("split_budget").log2() - 0.7).powi(2));
+                }
+            }
+        } else {
+            let width = of("width");
+            if named("layout", "compressed") && width < 5.0
+                || named("builder", "sweep") && of("treelet") > 10.0
+            {
+                return None;
+            }
+            factor *= 0.95;
+            factor *= 1.0 + 0.1 * (width.log2() - 2.0 - 2.0 * w(6)).abs();
+            factor *= if named("layout", "full") {
+                1.08
+            } else if named("layout", "quantised") {
+                1.0
+            } else {
+                1.1 - 0.12 * (width.log2() - 2.0) / 2.0
+            };
+            factor *= if named("builder", "binned") {
+                1.06
+            } else if named("builder", "sweep") {
+                1.0
+            } else {
+                1.15 - 0.13 * ((of("treelet") - 3.0) / 9.0)
+            };
+            if named("builder", "binned") {
+                factor *= 1.0 + 0.1 * (2.0 - 0.4 * of("bins").log2()).max(0.0);
+            }
+            factor *= if named("reorder", "none") {
+                1.08
+            } else if named("reorder", "depth_first") {
+                1.03
+            } else {
+                1.0 + 0.02 * (of("treelet") - 5.0 - 3.0 * w(7)).abs()
+            };
+            if of("packet_bounce") > 12.0 && width < 5.0 {
+                return None;
+            }
+        }
+        let native = named("backend", "native");
+        factor *=
+            1.0 + 0.08 * (of("packet_primary").log2() - if native { 4.0 } else { 3.0 * w(8) }).abs() / 2.0;
+        factor *= 1.0 + 0.1 * (of("packet_shadow").log2() - 2.0 - 2.0 * w(9)).abs() / 2.0;
+        factor *= 1.0 + 0.12 * incoherent * of("packet_bounce").log2() / 2.0;
+        factor *= 1.0 + 0.05 * (of("tile").log2() - 4.0 - w(10)).powi(2) / 2.0;
+        factor *= if named("order", "rows") {
+            1.0 + 0.04 * (of("tile").log2() - 3.0).max(0.0)
+        } else if named("order", "morton") {
+            1.0
+        } else {
+            1.005
+        };
+        if is("sort_rays") {
+            factor *= 1.1 - 0.25 * w(11) + 0.01 * (of("sort_bits") - 8.0 - 8.0 * w(12)).abs();
+            if of("sort_bits") > 22.0 {
+                return None;
+            }
+        }
+        Some(factor)
+    }
+}
+
+/// One scene of the whole space.
+pub(crate) fn problem(seed: u64) -> Problem {
+    let mut random = ChaCha8Rng::seed_from_u64(seed * 13 + 1);
+    let scene = Scene { weights: (0..13).map(|_| random.random()).collect() };
+    let space = space();
+    let optimum = crate::best_of(&space, |c| scene.slowdown(c), &mut random);
+    let truth = move |configuration: &Configuration| scene.slowdown(configuration);
+    Problem {
+        name: "trees".into(),
+        kind: Kind::Ratio,
+        space,
+        truth: Box::new(truth),
+        noise: 0.07,
+        offset: 0.0,
+        optimum,
+    }
+}

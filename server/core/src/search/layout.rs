@@ -1,0 +1,355 @@
+//! What a model needs to know of a space: which axes are ordered, which are choices, and when they count.
+//!
+//! A point of the cube and the configuration it stands for are not one to one: cells of integers, inactive
+//! parameters and folded constraints make many points one configuration. A model that sees the cube learns
+//! the same thing again and again; a [`Layout`] gives it the configuration instead, without names and
+//! without text: [`Layout::canonical`] is `encode(decode(point))` of the space, some hundred times faster.
+
+use serde::{Deserialize, Serialize};
+
+use crate::space::{Domain, Space};
+use crate::value::Value;
+
+/// What an axis of the cube stands for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Kind {
+    /// Integers and floats, mapped as the space maps them.
+    Number(Domain),
+    /// Values in equal cells. `ranks` holds the place of each cell's value among all by size, where the
+    /// values are numbers; it is empty where they have no order.
+    Choice { levels: u32, ranks: Vec<u32> },
+}
+
+/// When an axis counts: while its `parent` is active and stands at one of the levels.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Gate {
+    parent: usize,
+    any_of: Vec<i64>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Axis {
+    kind: Kind,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gate: Option<Gate>,
+}
+
+/// The axes of a space, in order. Empty where nothing is known: every axis is a number then.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Layout {
+    axes: Vec<Axis>,
+    /// Pairs of axes whose values must not fall: `(lesser, greater)`.
+    order: Vec<(usize, usize)>,
+    /// Where inactive axes sit.
+    default: Vec<f64>,
+}
+
+/// How two values of an axis compare.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Metric {
+    /// By their difference.
+    Ordered,
+    /// By being equal or not.
+    Unordered,
+}
+
+/// The value of an axis that is inactive, among [`Layout::features`].
+pub(super) const INACTIVE: f64 = -1.0;
+
+/// Most cells that are counted; finer axes pass for continuous.
+const CELLS_MAX: u64 = 1 << 16;
+
+impl Layout {
+    /// The layout of a space.
+    pub fn of(space: &Space) -> Self {
+        let parameters = space.parameters();
+        let place = |name: &String| parameters.iter().position(|parameter| &parameter.name == name);
+        let axes = parameters.iter().map(|parameter| {
+            let gate = parameter.active_if.as_ref().and_then(|condition| {
+                let parent = place(&condition.parameter)?;
+                let domain = &parameters[parent].domain;
+                Some(Gate {
+                    parent,
+                    any_of: condition.any_of.iter().map(|value| level_of(domain, value)).collect(),
+                })
+            });
+            Axis { kind: Kind::of(&parameter.domain), gate }
+        });
+        let order = space.constraints().iter();
+        Layout {
+            axes: axes.collect(),
+            order: order.filter_map(|pair| Some((place(&pair.lesser)?, place(&pair.greater)?))).collect(),
+            default: space.encode(space.default_ref()),
+        }
+    }
+
+    /// Axes that count as numbers in 0..1, for a search that knows no more than their number and, for
+    /// choices of equal shares, the count of their values.
+    pub(super) fn plain(default: Vec<f64>, levels: &[u32]) -> Self {
+        let axis = |index: usize| {
+            let kind = match levels.get(index).copied().unwrap_or(0) {
+                0 => Kind::Number(Domain::Float { min: 0.0, max: 1.0, scale: Default::default() }),
+                levels => Kind::Choice { levels, ranks: (0..levels).collect() },
+            };
+            Axis { kind, gate: None }
+        };
+        Layout { axes: (0..default.len()).map(axis).collect(), order: Vec::new(), default }
+    }
+
+    /// Whether nothing is known.
+    pub(super) fn is_empty(&self) -> bool {
+        self.axes.is_empty()
+    }
+
+    /// How the values of each axis compare.
+    pub(super) fn metrics(&self) -> Vec<Metric> {
+        let metric = |axis: &Axis| match &axis.kind {
+            Kind::Choice { ranks, .. } if ranks.is_empty() => Metric::Unordered,
+            _ => Metric::Ordered,
+        };
+        self.axes.iter().map(metric).collect()
+    }
+
+    /// How many values an axis has; 0 for a continuous one.
+    pub(super) fn cells(&self, axis: usize) -> u32 {
+        match &self.axes[axis].kind {
+            Kind::Choice { levels, .. } => *levels,
+            Kind::Number(Domain::Integer { min, max, .. }) if max.abs_diff(*min) < CELLS_MAX => {
+                max.abs_diff(*min) as u32 + 1
+            }
+            Kind::Number(_) => 0,
+        }
+    }
+
+    /// The coordinate of the value that is the `rank`th by size (by listing where there is no order).
+    pub(super) fn at_rank(&self, axis: usize, rank: u32) -> f64 {
+        match &self.axes[axis].kind {
+            Kind::Choice { levels, ranks } => {
+                let cell = ranks.iter().position(|&other| other == rank).map_or(rank, |cell| cell as u32);
+                (f64::from(cell) + 0.5) / f64::from(*levels)
+            }
+            Kind::Number(Domain::Integer { min, scale, max }) => {
+                let domain = Domain::Integer { min: *min, max: *max, scale: *scale };
+                domain.encode(&Value::Integer(min + i64::from(rank)))
+            }
+            Kind::Number(_) => 0.5,
+        }
+    }
+
+    /// The rank of the value at a canonical coordinate.
+    pub(super) fn rank(&self, axis: usize, x: f64) -> u32 {
+        match &self.axes[axis].kind {
+            Kind::Choice { levels, ranks } => {
+                let cell = cell(x, *levels);
+                ranks.get(cell as usize).copied().unwrap_or(cell)
+            }
+            Kind::Number(domain @ Domain::Integer { min, .. }) => match domain.decode(x) {
+                Value::Integer(integer) => (integer - min) as u32,
+                _ => 0,
+            },
+            Kind::Number(_) => 0,
+        }
+    }
+
+    /// Which axes count at a point whose parents are canonical.
+    pub(super) fn active(&self, x: &[f64]) -> Vec<bool> {
+        let mut active = vec![true; x.len()];
+        for (index, axis) in self.axes.iter().enumerate() {
+            if let Some(Gate { parent, any_of }) = &axis.gate {
+                active[index] = active[*parent] && any_of.contains(&self.axes[*parent].level(x[*parent]));
+            }
+        }
+        active
+    }
+
+    /// Moves a point to where its configuration is encoded: cells to their middles, folded constraints
+    /// unfolded, inactive axes to their defaults. Where a constraint can only be repaired by narrowing
+    /// ranges the point is left where it is.
+    pub(super) fn canonical(&self, x: &mut [f64]) -> Vec<bool> {
+        for (x, axis) in x.iter_mut().zip(&self.axes) {
+            *x = axis.snap(*x);
+        }
+        let mut active = self.active(x);
+        for _ in 0..self.order.len() {
+            let mut moved = false;
+            for &(lesser, greater) in &self.order {
+                moved |= active[lesser] && active[greater] && self.unfold(x, lesser, greater);
+            }
+            if !moved {
+                break;
+            }
+            active = self.active(x);
+        }
+        for (index, is_active) in active.iter().enumerate() {
+            if !is_active {
+                x[index] = self.default[index];
+            }
+        }
+        active
+    }
+
+    fn unfold(&self, x: &mut [f64], lesser: usize, greater: usize) -> bool {
+        let (Kind::Number(a), Kind::Number(b)) = (&self.axes[lesser].kind, &self.axes[greater].kind) else {
+            return false;
+        };
+        let (low, high) = (a.decode(x[lesser]), b.decode(x[greater]));
+        if low.as_number() <= high.as_number() || !a.contains(&high) || !b.contains(&low) {
+            return false;
+        }
+        (x[lesser], x[greater]) = (a.encode(&high), b.encode(&low));
+        true
+    }
+
+    /// What a model sees of a canonical point: the place of each value by size in 0..1, the cell of a
+    /// choice without order, [`INACTIVE`] where the axis does not count.
+    pub(super) fn features(&self, x: &[f64], active: &[bool]) -> Vec<f64> {
+        let feature = |index: usize| match &self.axes[index].kind {
+            _ if !active[index] => INACTIVE,
+            Kind::Number(_) => x[index],
+            Kind::Choice { levels, ranks } if ranks.is_empty() => f64::from(cell(x[index], *levels)),
+            Kind::Choice { levels, ranks } => {
+                (f64::from(ranks[cell(x[index], *levels) as usize]) + 0.5) / f64::from(*levels)
+            }
+        };
+        (0..x.len()).map(feature).collect()
+    }
+}
+
+impl Kind {
+    fn of(domain: &Domain) -> Self {
+        match domain {
+            Domain::Boolean => Kind::Choice { levels: 2, ranks: vec![0, 1] },
+            Domain::Categorical { values } => {
+                let by_size = |a: &usize, b: &usize| values[*a].cmp(&values[*b]);
+                let mut sorted: Vec<usize> = (0..values.len()).collect();
+                sorted.sort_by(by_size);
+                let numbers = values.iter().all(|value| value.as_number().is_some());
+                let rank = |cell: usize| sorted.iter().position(|&other| other == cell).unwrap_or(0) as u32;
+                let ranks = if numbers { (0..values.len()).map(rank).collect() } else { Vec::new() };
+                Kind::Choice { levels: values.len() as u32, ranks }
+            }
+            number => Kind::Number(number.clone()),
+        }
+    }
+}
+
+impl Axis {
+    fn snap(&self, x: f64) -> f64 {
+        match &self.kind {
+            Kind::Number(domain @ Domain::Integer { .. }) => domain.encode(&domain.decode(x)),
+            Kind::Number(Domain::Float { min, max, .. }) if min == max => 0.5,
+            Kind::Number(_) => x.clamp(0.0, 1.0),
+            Kind::Choice { levels, .. } => (f64::from(cell(x, *levels)) + 0.5) / f64::from(*levels),
+        }
+    }
+
+    fn level(&self, x: f64) -> i64 {
+        match &self.kind {
+            Kind::Number(domain) => level_of(domain, &domain.decode(x)),
+            Kind::Choice { levels, .. } => i64::from(cell(x, *levels)),
+        }
+    }
+}
+
+/// A number for a value of a domain, different for different values.
+fn level_of(domain: &Domain, value: &Value) -> i64 {
+    match (domain, value) {
+        (Domain::Categorical { values }, value) => {
+            values.iter().position(|other| other == value).map_or(-1, |cell| cell as i64)
+        }
+        (_, Value::Integer(integer)) => *integer,
+        (_, Value::Float(float)) => float.to_bits() as i64,
+        (_, Value::Boolean(boolean)) => i64::from(*boolean),
+        (_, Value::Text(_)) => -1,
+    }
+}
+
+fn cell(x: f64, levels: u32) -> u32 {
+    ((x * f64::from(levels)) as u32).min(levels - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::space::{Condition, Constraint, Parameter, Scale};
+
+    fn space() -> Space {
+        let p = |name: &str, domain, default, active_if: Option<(&str, Vec<Value>)>| Parameter {
+            name: name.into(),
+            domain,
+            default,
+            active_if: active_if.map(|(parameter, any_of)| Condition { parameter: parameter.into(), any_of }),
+        };
+        let texts =
+            |values: &[&str]| values.iter().map(|value| Value::Text((*value).into())).collect::<Vec<_>>();
+        let integer = |min, max, scale| Domain::Integer { min, max, scale };
+        let custom = || Some(("backend", texts(&["custom", "other"])));
+        let widths = Domain::Categorical { values: [8, 2, 4].map(Value::Integer).to_vec() };
+        let parameters = vec![
+            p(
+                "backend",
+                Domain::Categorical { values: texts(&["a", "custom", "other"]) },
+                Value::Text("a".into()),
+                None,
+            ),
+            p("quality", integer(1, 3, Scale::Linear), Value::Integer(2), custom()),
+            p("width", widths, Value::Integer(2), custom()),
+            p("least", integer(1, 32, Scale::Log), Value::Integer(1), custom()),
+            p("most", integer(1, 32, Scale::Log), Value::Integer(32), custom()),
+            p(
+                "cost",
+                Domain::Float { min: 0.1, max: 10.0, scale: Scale::Log },
+                Value::Float(1.0),
+                Some(("quality", vec![Value::Integer(3)])),
+            ),
+            p("robust", Domain::Boolean, Value::Boolean(false), None),
+            p(
+                "bits",
+                integer(4, 24, Scale::Linear),
+                Value::Integer(12),
+                Some(("robust", vec![Value::Boolean(true)])),
+            ),
+        ];
+        let order = Constraint { lesser: "least".into(), greater: "most".into() };
+        Space::new(parameters, vec![order]).expect("a valid space")
+    }
+
+    proptest! {
+        #![proptest_config(crate::testing::cases(512))]
+
+        #[test]
+        fn the_canonical_point_is_that_of_the_configuration(x in prop::collection::vec(0.0f64..=1.0, 8)) {
+            let space = space();
+            let layout = Layout::of(&space);
+            let configuration = space.decode(&x);
+            let mut point = x;
+            let active = layout.canonical(&mut point);
+            for (index, (own, theirs)) in point.iter().zip(space.encode(&configuration)).enumerate() {
+                // Floats are decoded to twelve digits.
+                prop_assert!((own - theirs).abs() < 1e-9, "axis {}: {} and {}", index, own, theirs);
+                let name = &space.parameters()[index].name;
+                prop_assert_eq!(active[index], configuration.get(name).is_some());
+                if layout.cells(index) > 0 && active[index] {
+                    let back = layout.at_rank(index, layout.rank(index, *own));
+                    prop_assert!((back - own).abs() < 1e-12, "axis {}", index);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn features_order_numbers_by_size_and_mark_what_is_inactive() {
+        let layout = Layout::of(&space());
+        let mut x = vec![0.5, 0.5, 0.1, 0.0, 1.0, 0.5, 0.0, 0.5];
+        let active = layout.canonical(&mut x);
+        let features = layout.features(&x, &active);
+        assert_eq!(layout.metrics()[0], Metric::Unordered);
+        assert_eq!(features[0], 1.0);
+        // The first cell holds 8, the largest of the three.
+        assert_eq!((x[2], features[2]), (1.0 / 6.0, 2.5 / 3.0));
+        assert_eq!((features[5], features[7]), (INACTIVE, INACTIVE));
+    }
+}

@@ -1,0 +1,155 @@
+//! The little linear algebra that a Gaussian process needs: symmetric positive definite matrices, dense,
+//! of at most a few hundred rows.
+
+/// A symmetric positive definite matrix as its lower Cholesky factor, row after row, full rows.
+pub(super) struct Factor {
+    size: usize,
+    rows: Vec<f64>,
+}
+
+/// Added to the diagonal, relative to its largest entry, when a factorisation fails; tenfold each time.
+const JITTER: f64 = 1e-10;
+
+impl Factor {
+    /// Factorises `matrix` (`size` by `size`, lower triangle used). Where rounding has made it indefinite
+    /// the diagonal is raised until it is not; `None` only for entries that are not finite.
+    pub(super) fn of(matrix: &[f64], size: usize) -> Option<Factor> {
+        let largest = (0..size).map(|i| matrix[i * size + i]).fold(0.0, f64::max);
+        let mut jitter = 0.0;
+        for _ in 0..10 {
+            let mut rows = matrix.to_vec();
+            (0..size).for_each(|i| rows[i * size + i] += jitter);
+            if factorise(&mut rows, size) {
+                return Some(Factor { size, rows });
+            }
+            jitter = if jitter == 0.0 { JITTER * largest } else { 10.0 * jitter };
+        }
+        None
+    }
+
+    fn row(&self, i: usize) -> &[f64] {
+        &self.rows[i * self.size..i * self.size + i + 1]
+    }
+
+    /// Half the logarithm of the determinant.
+    pub(super) fn half_log_determinant(&self) -> f64 {
+        (0..self.size).map(|i| self.row(i)[i].ln()).sum()
+    }
+
+    /// Solves `L y = b` in place.
+    pub(super) fn forward(&self, b: &mut [f64]) {
+        for i in 0..self.size {
+            let row = self.row(i);
+            b[i] = (b[i] - dot(&row[..i], &b[..i])) / row[i];
+        }
+    }
+
+    /// The inverse of the matrix, full.
+    pub(super) fn inverse(&self) -> Vec<f64> {
+        let n = self.size;
+        // Row j of `columns` is column j of the inverse factor: zero before j.
+        let mut columns = vec![0.0; n * n];
+        for j in 0..n {
+            let column = &mut columns[j * n..(j + 1) * n];
+            column[j] = 1.0 / self.row(j)[j];
+            for i in j + 1..n {
+                let row = self.row(i);
+                column[i] = -dot(&row[j..i], &column[j..i]) / row[i];
+            }
+        }
+        let mut inverse = vec![0.0; n * n];
+        for i in 0..n {
+            for j in 0..=i {
+                // Both columns are zero before the later one begins.
+                let sum = dot(&columns[i * n + i..(i + 1) * n], &columns[j * n + i..(j + 1) * n]);
+                inverse[i * n + j] = sum;
+                inverse[j * n + i] = sum;
+            }
+        }
+        inverse
+    }
+}
+
+fn factorise(a: &mut [f64], n: usize) -> bool {
+    for i in 0..n {
+        let (above, rest) = a.split_at_mut(i * n);
+        let row = &mut rest[..n];
+        for j in 0..i {
+            let other = &above[j * n..j * n + j + 1];
+            row[j] = (row[j] - dot(&row[..j], &other[..j])) / other[j];
+        }
+        let pivot = row[i] - dot(&row[..i], &row[..i]);
+        // A pivot of rounding errors alone is no pivot.
+        if !pivot.is_finite() || pivot <= 1e-14 * row[i].abs() {
+            return false;
+        }
+        row[i] = pivot.sqrt();
+    }
+    true
+}
+
+/// The scalar product, in four partial sums: the order of summation is fixed, and the loop vectorises.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 8];
+    let (chunks, others) = (a.chunks_exact(8), b.chunks_exact(8));
+    let tail: f64 = chunks.remainder().iter().zip(others.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in chunks.zip(others) {
+        for lane in 0..8 {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    sums.iter().sum::<f64>() + tail
+}
+
+/// `v' M v` for a symmetric full matrix.
+pub(super) fn quadratic(matrix: &[f64], v: &[f64]) -> f64 {
+    let n = v.len();
+    // Twice the lower triangle less the diagonal halves the work.
+    let half = |i: usize| {
+        let row = &matrix[i * n..i * n + i + 1];
+        v[i] * (2.0 * dot(&row[..i], &v[..i]) + row[i] * v[i])
+    };
+    (0..n).map(half).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A matrix of correlations that fall off with the distance of rows.
+    fn correlations(n: usize, length: f64) -> Vec<f64> {
+        let entry = |k: usize| {
+            let apart = (k / n) as f64 - (k % n) as f64;
+            (-(apart / length).powi(2)).exp()
+        };
+        (0..n * n).map(entry).collect()
+    }
+
+    #[test]
+    fn the_inverse_times_the_matrix_is_the_identity() {
+        for n in [1, 2, 7, 40] {
+            let matrix = correlations(n, 1.0);
+            let factor = Factor::of(&matrix, n).expect("positive definite");
+            let inverse = factor.inverse();
+            for i in 0..n {
+                for j in 0..n {
+                    let entry: f64 = (0..n).map(|k| matrix[i * n + k] * inverse[k * n + j]).sum();
+                    assert!((entry - f64::from(u8::from(i == j))).abs() < 1e-8, "{n}: {i}, {j}");
+                }
+            }
+            let v: Vec<f64> = (0..n).map(|i| (i as f64).sin() + 0.1).collect();
+            let mut solved = v.clone();
+            factor.forward(&mut solved);
+            let (direct, by_factor) = (quadratic(&inverse, &v), dot(&solved, &solved));
+            assert!((direct - by_factor).abs() < 1e-6 * by_factor);
+        }
+    }
+
+    #[test]
+    fn a_singular_matrix_is_raised_until_it_has_a_factor() {
+        let factor = Factor::of(&vec![1.0; 900], 30).expect("raised");
+        assert!(factor.half_log_determinant().is_finite());
+        assert!(Factor::of(&correlations(60, 50.0), 60).is_some());
+        assert!(Factor::of(&[f64::NAN], 1).is_none());
+    }
+}

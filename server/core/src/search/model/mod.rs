@@ -1,0 +1,359 @@
+//! A model-based search for few, dear and noisy measurements of mixed, conditional spaces.
+//!
+//! The frame is that of Jones, Schonlau and Welch, "Efficient global optimization of expensive black-box
+//! functions" (Journal of Global Optimization 13, 1998): a small design, then again and again a
+//! [Gaussian process](process) is fitted to all that was measured, and the point of highest expected
+//! improvement is measured next. What was added, and from where:
+//! - *Mixed, conditional spaces.* The model sees configurations, not points of the cube (see
+//!   [`Layout`]), and the improvement is climbed by changing one parameter at a time from the best known
+//!   configurations, as in SMAC (Hutter, Hoos and Leyton-Brown, LION 5, 2011; Lindauer et al., JMLR 23, 2022).
+//! - *Infeasible regions.* A second process predicts whether a point can be run at all; the expected
+//!   improvement is multiplied by that probability, as in BaCO (Hellsten et al., ASPLOS 2024).
+//! - *Noise.* Improvement is counted against the model's best mean, not the luckiest sample, and the
+//!   uncertainty that counts is that of the mean, noise left out. A newcomer that looks best is measured
+//!   again before it is believed.
+//! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see [`warp`]).
+//! - *Several clients.* Points that are out count as measured, at what the model expects of them (the
+//!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010).
+
+mod acquire;
+mod matrix;
+mod process;
+mod warp;
+
+use std::collections::VecDeque;
+
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::randomness::{Purpose, stream};
+use crate::search::flight::Flight;
+use crate::search::latin_hypercube::design;
+use crate::search::layout::Layout;
+use crate::search::{Feedback, Point, Search, SearchSetup, Step, Verdict};
+use acquire::{Acquisition, Known};
+use process::{Hyper, Process, Sample};
+use warp::Warp;
+
+/// Steps of a canonical coordinate that are told apart.
+const GRID: f64 = (1u32 << 24) as f64;
+/// Most points that a model is fitted to.
+const FITTED_MAX: usize = 96;
+/// Most points that are kept.
+const KEPT_MAX: usize = 1024;
+/// Rounds of ascent of the first fit, and of every later one until there are so many points. From then on a
+/// point is worth one step.
+const ROUNDS_FIRST: usize = 30;
+const ROUNDS: usize = 4;
+const ROUNDS_UNTIL: usize = 32;
+/// At most this share of the measurements goes to measuring the best again, and at most so many to one.
+const REPEAT_SHARE: f64 = 0.15;
+const REPEATS_MAX: f64 = 5.0;
+
+/// A configuration that was measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Seen {
+    /// Canonical coordinates, in steps of the grid.
+    x: Vec<u32>,
+    found: Found,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Found {
+    /// Mean of so many measurements.
+    Cost {
+        mean: f64,
+        count: u32,
+    },
+    AtLeast(f64),
+    Infeasible,
+}
+
+/// The search. See the head of this module.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelSearch {
+    setup: SearchSetup,
+    flight: Flight,
+    /// What is left of the design.
+    queue: VecDeque<Vec<f64>>,
+    seen: Vec<Seen>,
+    cost: Hyper,
+    failure: Hyper,
+    /// Measurements at the last fit.
+    fitted: u64,
+    /// Measurements so far.
+    told: u64,
+    /// Random streams used so far.
+    draws: u64,
+    /// Replicates, and the sum of the squares of their relative deviations from the means before.
+    scatter: (u64, f64),
+}
+
+/// A configuration that was seen, as the models see it.
+struct Place {
+    x: Vec<f64>,
+    features: Vec<f64>,
+    found: Found,
+}
+
+impl ModelSearch {
+    /// A fresh search: the default configuration, then a Latin hypercube.
+    pub fn new(mut setup: SearchSetup) -> Self {
+        if setup.layout.is_empty() {
+            setup.layout = Layout::plain(setup.start.clone(), &setup.levels);
+        }
+        let dimension = setup.dimension();
+        let mut search = ModelSearch {
+            flight: Flight::default(),
+            queue: VecDeque::new(),
+            seen: Vec::new(),
+            cost: Hyper::new(dimension),
+            failure: Hyper::new(dimension),
+            fitted: 0,
+            told: 0,
+            draws: 0,
+            scatter: (0, 0.0),
+            setup,
+        };
+        let count = (dimension + 2).clamp(4, (search.setup.budget as usize / 8).max(4));
+        search.queue = design(count - 1, dimension, &mut search.random()).into();
+        search
+    }
+
+    fn random(&mut self) -> ChaCha8Rng {
+        self.draws += 1;
+        stream(self.setup.seed, Purpose::Search, self.setup.state_id, self.draws)
+    }
+
+    /// Sends a point out from where it can be found again: its configuration's place, on the grid. The
+    /// default goes out as it was given.
+    fn launch(&mut self, mut x: Vec<f64>, step: Step) -> Point {
+        self.setup.layout.canonical(&mut x);
+        let grid = steps(&x);
+        let x = if grid == self.grid(&self.setup.start).0 {
+            self.setup.start.clone()
+        } else {
+            grid.iter().map(|&x| f64::from(x) / GRID).collect()
+        };
+        self.flight.launch(x, step)
+    }
+
+    /// Canonical coordinates of a point in steps of the grid, and its features.
+    fn grid(&self, x: &[f64]) -> (Vec<u32>, Vec<f64>) {
+        let mut x = x.to_vec();
+        let active = self.setup.layout.canonical(&mut x);
+        let features = self.setup.layout.features(&x, &active);
+        (steps(&x), features)
+    }
+
+    /// A configuration that was seen, as the models see it.
+    fn place(&self, index: usize) -> Place {
+        let mut x: Vec<f64> = self.seen[index].x.iter().map(|&x| f64::from(x) / GRID).collect();
+        let active = self.setup.layout.canonical(&mut x);
+        Place { features: self.setup.layout.features(&x, &active), x, found: self.seen[index].found }
+    }
+
+    /// What the models are fitted to: everything, or the best and the latest.
+    fn chosen(&self) -> Vec<usize> {
+        let n = self.seen.len();
+        if n <= FITTED_MAX {
+            return (0..n).collect();
+        }
+        let mut by_cost: Vec<usize> = (0..n).collect();
+        by_cost.sort_by(|&a, &b| self.seen[a].found.rank().total_cmp(&self.seen[b].found.rank()));
+        let mut chosen = vec![false; n];
+        by_cost[..FITTED_MAX / 2].iter().for_each(|&index| chosen[index] = true);
+        let mut left = FITTED_MAX - FITTED_MAX / 2;
+        for index in (0..n).rev() {
+            if left > 0 && !chosen[index] {
+                chosen[index] = true;
+                left -= 1;
+            }
+        }
+        (0..n).filter(|&index| chosen[index]).collect()
+    }
+
+    /// The next point by the models; `None` while there is nothing to model.
+    fn propose(&mut self) -> Option<(Vec<f64>, Step)> {
+        let chosen = self.chosen();
+        let places: Vec<Place> = chosen.iter().map(|&index| self.place(index)).collect();
+        if places.is_empty() {
+            return None;
+        }
+        let measured: Vec<&Place> = places.iter().filter(|place| place.found != Found::Infeasible).collect();
+        let rounds = match (self.fitted, places.len()) {
+            (0, _) => ROUNDS_FIRST,
+            (_, ..ROUNDS_UNTIL) => ROUNDS,
+            _ => 0,
+        };
+        let learn = self.told > self.fitted;
+        let rounds = if learn { rounds } else { 0 };
+        self.fitted = self.told;
+        let failure =
+            if measured.len() < places.len() { self.failures(&places, rounds, learn) } else { None };
+        let cost = if measured.len() < 2 { None } else { self.costs(&measured, rounds, learn) };
+        let (cost, noise) = cost.map_or((None, 0.0), |(cost, noise)| (Some(cost), noise));
+        if let Some(again) = self.doubtful(&measured, noise) {
+            return Some((again, Step::Replicate));
+        }
+        let believed = |place: &Place| cost.as_ref().map_or(0.0, |cost| cost.at(&place.features).mean);
+        let known = measured.iter().map(|place| Known { x: place.x.clone(), believed: believed(place) });
+        let known: Vec<Known> = known.collect();
+        let mut random = self.random();
+        let acquisition = Acquisition {
+            layout: &self.setup.layout,
+            cost: cost.as_ref(),
+            failure: failure.as_ref(),
+            dimension: self.setup.dimension(),
+        };
+        let out: Vec<Vec<u32>> = self.flight.points().map(|point| self.grid(&point.x).0).collect();
+        let taken = |x: &[f64]| {
+            let x = steps(x);
+            out.contains(&x) || self.seen.iter().any(|seen| seen.x == x)
+        };
+        acquisition.best(&known, &mut random, taken).map(|x| (x, Step::Model))
+    }
+
+    /// Fits the model of failure: 1 for what could not be run, 0 for all else.
+    fn failures(&mut self, places: &[Place], rounds: usize, learn: bool) -> Option<Process> {
+        let points: Vec<&[f64]> = places.iter().map(|place| place.features.as_slice()).collect();
+        let failed = |place: &Place| f64::from(u8::from(place.found == Found::Infeasible));
+        let labels: Vec<f64> = places.iter().map(failed).collect();
+        let sample = Sample::new(self.setup.layout.metrics(), &points, vec![1.0; points.len()]);
+        let fit = Process::fit(sample, &[(labels, 0.0)], &mut self.failure, rounds, learn);
+        fit.map(|(process, _)| process)
+    }
+
+    /// Fits the model of cost, and estimates the relative deviation of a measurement of the best.
+    fn costs(&mut self, measured: &[&Place], rounds: usize, learn: bool) -> Option<(Process, f64)> {
+        let metrics = self.setup.layout.metrics();
+        let costs: Vec<f64> = measured.iter().map(|place| place.found.cost()).collect();
+        let mut counts: Vec<f64> = measured.iter().map(|place| place.found.count()).collect();
+        let mut points: Vec<&[f64]> = measured.iter().map(|place| place.features.as_slice()).collect();
+        let views = Warp::new(&costs).views();
+        let sample = Sample::new(metrics.clone(), &points, counts.clone());
+        let (process, view) = Process::fit(sample, &views, &mut self.cost, rounds, learn)?;
+        let noise = Warp::new(&costs).relative(view, process.noise().sqrt());
+        // Points that are out count as measured at what is expected of them.
+        let out: Vec<Vec<f64>> = self.flight.points().map(|point| self.grid(&point.x).1).collect();
+        if out.is_empty() {
+            return Some((process, noise));
+        }
+        let mut values = views[view].0.clone();
+        values.extend(out.iter().map(|features| process.at(features).mean));
+        counts.extend(out.iter().map(|_| 1.0));
+        points.extend(out.iter().map(Vec::as_slice));
+        let sample = Sample::new(metrics, &points, counts);
+        let (process, _) = Process::fit(sample, &[(values, 0.0)], &mut self.cost, 0, false)?;
+        Some((process, noise))
+    }
+
+    /// The configuration that measured best, if rivals are so close that it may have been luck. `noise` is
+    /// the model's guess at the relative deviation of a measurement; it takes what the cost surface is too
+    /// rough for it for noise, so that what replicates themselves say soon outweighs it.
+    fn doubtful(&self, measured: &[&Place], noise: f64) -> Option<Vec<f64>> {
+        let (repeats, squares) = self.scatter;
+        let deviation = ((squares + noise * noise) / (repeats as f64 + 1.0)).sqrt();
+        let leader = measured.iter().min_by(|a, b| a.found.cost().total_cmp(&b.found.cost()))?;
+        let (least, count) = (leader.found.cost(), leader.found.count());
+        let reach = least.abs() * deviation;
+        let close = |place: &&&Place| place.found.cost() - least <= reach;
+        let rivals = measured.iter().filter(close).count() - 1;
+        let grid = steps(&leader.x);
+        let is_out = self.flight.points().any(|point| self.grid(&point.x).0 == grid);
+        let affordable = REPEAT_SHARE * self.told as f64 >= repeats as f64 + 1.0;
+        (rivals > 0 && count < REPEATS_MAX && affordable && !is_out && reach > 0.0).then(|| leader.x.clone())
+    }
+}
+
+/// Canonical coordinates in steps of the grid.
+fn steps(x: &[f64]) -> Vec<u32> {
+    x.iter().map(|x| (x * GRID).round() as u32).collect()
+}
+
+impl Found {
+    fn cost(self) -> f64 {
+        match self {
+            Found::Cost { mean, .. } => mean,
+            Found::AtLeast(bound) => bound,
+            Found::Infeasible => f64::INFINITY,
+        }
+    }
+
+    fn count(self) -> f64 {
+        match self {
+            Found::Cost { count, .. } => f64::from(count),
+            _ => 1.0,
+        }
+    }
+
+    fn rank(self) -> f64 {
+        self.cost()
+    }
+}
+
+impl Search for ModelSearch {
+    fn ask(&mut self) -> Option<Point> {
+        if let Some(point) = self.flight.relaunch() {
+            return Some(point);
+        }
+        if self.flight.launched() == 0 {
+            return Some(self.flight.launch(self.setup.start.clone(), Step::Default));
+        }
+        if let Some(x) = self.queue.pop_front() {
+            return Some(self.launch(x, Step::LatinHypercube));
+        }
+        if let Some((x, step)) = self.propose() {
+            return Some(self.launch(x, step));
+        }
+        let mut random = self.random();
+        let x = acquire::anywhere(self.setup.dimension(), &mut random);
+        Some(self.launch(x, Step::RandomSearch))
+    }
+
+    fn tell(&mut self, id: u64, feedback: Feedback) {
+        let Some(point) = self.flight.land(id) else {
+            return;
+        };
+        let (x, _) = self.grid(&point.x);
+        let known = self.seen.iter().position(|seen| seen.x == x);
+        if point.step == Step::Replicate {
+            self.scatter.0 += 1;
+        }
+        let found = match feedback.verdict {
+            Verdict::Cost(cost) => Found::Cost { mean: cost, count: 1 },
+            Verdict::AtLeast(bound) => Found::AtLeast(bound),
+            Verdict::Infeasible => Found::Infeasible,
+        };
+        match known.map(|index| &mut self.seen[index].found) {
+            None => self.seen.push(Seen { x, found }),
+            Some(_) if !feedback.fresh => return,
+            Some(Found::Cost { mean, count }) => {
+                if let Found::Cost { mean: cost, .. } = found {
+                    let before = f64::from(*count);
+                    if *mean != 0.0 {
+                        self.scatter.1 += (cost / *mean - 1.0).powi(2).min(1.0) * before / (before + 1.0);
+                    }
+                    *count += 1;
+                    *mean += (cost - *mean) / f64::from(*count);
+                }
+            }
+            Some(old) => *old = found,
+        }
+        self.told += 1;
+        if self.seen.len() > KEPT_MAX {
+            let worst = (0..self.seen.len() / 2)
+                .max_by(|&a, &b| self.seen[a].found.rank().total_cmp(&self.seen[b].found.rank()));
+            worst.map(|index| self.seen.remove(index));
+        }
+    }
+
+    fn withdraw(&mut self, id: u64) {
+        self.flight.withdraw(id);
+    }
+
+    fn repeats(&self) -> u64 {
+        self.scatter.0
+    }
+}

@@ -1,0 +1,320 @@
+//! Gaussian process regression over features of mixed kind.
+//!
+//! Source: Rasmussen and Williams, "Gaussian Processes for Machine Learning", 2006, chapters 2, 4 and 5.
+//! The covariance is Matérn 5/2 of one weighted distance with a length for each axis. Axes without order
+//! count as 0 or 1 apart, as if one-hot coded; an axis that is active in one of two points only is as far
+//! apart as a point beside the axis is from a point on it, which keeps the distance Euclidean (after Hutter
+//! and Osborne, "A kernel for hierarchical parameter spaces", 2013). Lengths, noise and scale are those of
+//! highest posterior density; the prior on lengths grows with the root of the dimension (Hvarfner, Hellsten
+//! and Nardi, "Vanilla Bayesian optimization performs great in high dimensions", ICML 2024), so that a few
+//! points do not look unrelated in many dimensions. They are climbed to by iRprop (Igel and Hüsken 2000),
+//! which needs signs of gradients only and goes on where it stood when points are added.
+
+use serde::{Deserialize, Serialize};
+
+use super::matrix::{Factor, dot, quadratic};
+use crate::search::layout::{INACTIVE, Metric};
+
+/// What is learnt of the covariance. The scale of the values is not among it: it has a closed form.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Hyper {
+    /// Logarithms: of each axis' weight (the inverse square of its length), then of the noise's variance
+    /// as a share of the values'.
+    log: Vec<f64>,
+    /// Step sizes of the ascent.
+    steps: Vec<f64>,
+    /// Signs of the last gradient.
+    signs: Vec<i8>,
+}
+
+/// The prior: the middle of a length, in roots of the dimension, and the spread of its logarithm; the same of
+/// the noise's variance.
+const LENGTH_MEAN: f64 = 0.5;
+const LENGTH_SPREAD: f64 = 1.0;
+const NOISE_MEAN: f64 = 0.02;
+const NOISE_SPREAD: f64 = 1.5;
+const STEP_START: f64 = 0.3;
+const STEP_MIN: f64 = 0.01;
+const STEP_MAX: f64 = 1.0;
+/// The noise's share of the variance stays within this.
+const NOISE_RANGE: [f64; 2] = [1e-6, 4.0];
+
+impl Hyper {
+    /// The middle of the prior.
+    pub(super) fn new(dimension: usize) -> Self {
+        let mut log = vec![Self::weight_mean(dimension); dimension];
+        log.push(NOISE_MEAN.ln());
+        Hyper { steps: vec![STEP_START; log.len()], signs: vec![0; log.len()], log }
+    }
+
+    fn weight_mean(dimension: usize) -> f64 {
+        -2.0 * LENGTH_MEAN.ln() - (dimension.max(1) as f64).ln()
+    }
+
+    fn dimension(&self) -> usize {
+        self.log.len() - 1
+    }
+
+    fn noise(&self) -> f64 {
+        self.log[self.dimension()].exp()
+    }
+
+    /// One step of the ascent along the gradient of the log posterior density.
+    fn climb(&mut self, gradient: &[f64]) {
+        let weight_mean = Self::weight_mean(self.dimension());
+        let (noise_prior, weight_prior) =
+            ((NOISE_MEAN.ln(), NOISE_SPREAD), (weight_mean, 2.0 * LENGTH_SPREAD));
+        for (index, &likelihood) in gradient.iter().enumerate() {
+            let is_noise = index == self.dimension();
+            let (mean, spread) = if is_noise { noise_prior } else { weight_prior };
+            let slope = likelihood - (self.log[index] - mean) / (spread * spread);
+            let sign = if slope > 0.0 {
+                1
+            } else if slope < 0.0 {
+                -1
+            } else {
+                0
+            };
+            let turned = sign * self.signs[index];
+            if turned > 0 {
+                self.steps[index] = (1.2 * self.steps[index]).min(STEP_MAX);
+            } else if turned < 0 {
+                self.steps[index] = (0.5 * self.steps[index]).max(STEP_MIN);
+            }
+            self.signs[index] = if turned < 0 { 0 } else { sign };
+            self.log[index] += f64::from(self.signs[index]) * self.steps[index];
+        }
+        let noise = self.dimension();
+        self.log[noise] = self.log[noise].clamp(NOISE_RANGE[0].ln(), NOISE_RANGE[1].ln());
+    }
+}
+
+/// The points a process is fitted to.
+pub(super) struct Sample {
+    pub(super) metrics: Vec<Metric>,
+    /// Features, axis by axis: all points of the first axis, then of the second.
+    columns: Vec<Vec<f64>>,
+    /// How many measurements stand behind each point.
+    counts: Vec<f64>,
+    /// Squared distances along each axis of each pair of points `p > q`, pair by pair.
+    apart: Vec<f64>,
+}
+
+impl Sample {
+    /// `points` are features, one value for each metric; `counts` at least 1.
+    pub(super) fn new(metrics: Vec<Metric>, points: &[&[f64]], counts: Vec<f64>) -> Self {
+        let columns: Vec<Vec<f64>> =
+            (0..metrics.len()).map(|axis| points.iter().map(|point| point[axis]).collect()).collect();
+        let mut apart = Vec::with_capacity(points.len() * points.len() / 2 * metrics.len());
+        for (p, a) in points.iter().enumerate() {
+            for b in &points[..p] {
+                apart.extend(
+                    metrics.iter().zip(a.iter().zip(*b)).map(|(&metric, (&a, &b))| apart_on(metric, a, b)),
+                );
+            }
+        }
+        Sample { metrics, columns, counts, apart }
+    }
+
+    fn len(&self) -> usize {
+        self.counts.len()
+    }
+
+    /// The correlations of all points and, below the diagonal, their slopes by the squared distance; noise
+    /// on the diagonal.
+    fn correlations(&self, hyper: &Hyper) -> (Vec<f64>, Vec<f64>) {
+        let (n, dimension) = (self.len(), self.metrics.len());
+        let weights: Vec<f64> = hyper.log[..dimension].iter().map(|log| log.exp()).collect();
+        let (mut matrix, mut slopes) = (vec![0.0; n * n], vec![0.0; n * n]);
+        let mut pairs = self.apart.chunks_exact(dimension.max(1));
+        for p in 0..n {
+            for q in 0..p {
+                let squared = pairs.next().map_or(0.0, |apart| dot(&weights, apart));
+                (matrix[p * n + q], slopes[p * n + q]) = matern(squared);
+            }
+            matrix[p * n + p] = 1.0 + hyper.noise() / self.counts[p];
+        }
+        (matrix, slopes)
+    }
+}
+
+/// Matérn 5/2 of a squared distance, and its slope.
+fn matern(squared: f64) -> (f64, f64) {
+    let a = (5.0 * squared).sqrt();
+    let decay = libm::exp(-a);
+    ((1.0 + a + a * a / 3.0) * decay, -5.0 / 6.0 * (1.0 + a) * decay)
+}
+
+fn apart_on(metric: Metric, a: f64, b: f64) -> f64 {
+    match metric {
+        _ if a == b => 0.0,
+        Metric::Unordered => 1.0,
+        // A point beside the axis, half its length away from its middle.
+        Metric::Ordered if a == INACTIVE || b == INACTIVE => (a.max(b) - 0.5).powi(2) + 0.25,
+        Metric::Ordered => (a - b) * (a - b),
+    }
+}
+
+/// A fitted process.
+pub(super) struct Process {
+    sample: Sample,
+    weights: Vec<f64>,
+    /// Inverse of the correlations with noise.
+    inverse: Vec<f64>,
+    /// Inverse times the values less their mean.
+    alpha: Vec<f64>,
+    mean: f64,
+    /// Variance of the values, without noise.
+    variance: f64,
+    noise: f64,
+}
+
+/// What a process says of a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Belief {
+    pub(super) mean: f64,
+    /// Standard deviation, noise left out.
+    pub(super) deviation: f64,
+}
+
+/// The part of a likelihood that depends on the values: mean, variance and the log density.
+struct Profile {
+    mean: f64,
+    variance: f64,
+    log_density: f64,
+}
+
+fn profile(factor: &Factor, values: &[f64]) -> Profile {
+    let n = values.len() as f64;
+    let (mut ones, mut y) = (vec![1.0; values.len()], values.to_vec());
+    factor.forward(&mut ones);
+    factor.forward(&mut y);
+    let mean = dot(&ones, &y) / dot(&ones, &ones);
+    let squares: f64 = ones.iter().zip(&y).map(|(one, y)| (y - mean * one).powi(2)).sum();
+    // The prior of one more value of variance one keeps few points from pinning it to zero.
+    let variance = (squares + VARIANCE_PRIOR) / (n + 1.0);
+    Profile { mean, variance, log_density: -0.5 * (n + 1.0) * variance.ln() - factor.half_log_determinant() }
+}
+
+/// What the prior adds to the sum of squares: values are of order one, or all alike.
+const VARIANCE_PRIOR: f64 = 1e-3;
+
+impl Process {
+    /// Fits the covariance in `rounds` steps of ascent from `hyper`, which is left where they end, or with
+    /// `learn` one step further, for the next fit. `views`
+    /// are the values seen through several transformations, each with the logarithm of its Jacobian: the
+    /// likeliest is taken, by its index. `None` when numbers are not finite.
+    pub(super) fn fit(
+        sample: Sample,
+        views: &[(Vec<f64>, f64)],
+        hyper: &mut Hyper,
+        rounds: usize,
+        learn: bool,
+    ) -> Option<(Process, usize)> {
+        let mut chosen = None;
+        for round in 0..=rounds {
+            let (matrix, slopes) = sample.correlations(hyper);
+            let factor = Factor::of(&matrix, sample.len())?;
+            let profiles: Vec<Profile> = views.iter().map(|(values, _)| profile(&factor, values)).collect();
+            let density = |view: &usize| profiles[*view].log_density + views[*view].1;
+            let view =
+                *chosen.get_or_insert((0..views.len()).max_by(|a, b| density(a).total_cmp(&density(b)))?);
+            let Profile { mean, variance, .. } = profiles[view];
+            let residuals: Vec<f64> = views[view].0.iter().map(|value| value - mean).collect();
+            let inverse = factor.inverse();
+            let n = sample.len();
+            let alpha: Vec<f64> = (0..n).map(|p| dot(&inverse[p * n..(p + 1) * n], &residuals)).collect();
+            let climb = if round < rounds || learn {
+                gradient(&sample, hyper, &slopes, &inverse, &alpha, variance)
+            } else {
+                Vec::new()
+            };
+            if round == rounds {
+                let weights = hyper.log[..sample.metrics.len()].iter().map(|log| log.exp()).collect();
+                let noise = hyper.noise() * variance;
+                if learn {
+                    hyper.climb(&climb);
+                }
+                return Some((Process { sample, weights, inverse, alpha, mean, variance, noise }, view));
+            }
+            hyper.climb(&climb);
+        }
+        None
+    }
+
+    /// Variance of a single measurement around its mean.
+    pub(super) fn noise(&self) -> f64 {
+        self.noise
+    }
+
+    /// The squared weighted distances to all points of the sample.
+    fn distances(&self, point: &[f64]) -> Vec<f64> {
+        let mut squared = vec![0.0; self.sample.len()];
+        for (axis, column) in self.sample.columns.iter().enumerate() {
+            let (x, weight, metric) = (point[axis], self.weights[axis], self.sample.metrics[axis]);
+            if metric == Metric::Ordered && x != INACTIVE {
+                for (sum, &other) in squared.iter_mut().zip(column) {
+                    let beside = (x - 0.5) * (x - 0.5) + 0.25;
+                    *sum += weight * if other == INACTIVE { beside } else { (x - other) * (x - other) };
+                }
+            } else {
+                for (sum, &other) in squared.iter_mut().zip(column) {
+                    *sum += weight * apart_on(metric, x, other);
+                }
+            }
+        }
+        squared
+    }
+
+    /// The correlations of features with all points of the sample.
+    pub(super) fn nearness(&self, point: &[f64]) -> Vec<f64> {
+        let mut correlations = self.distances(point);
+        correlations.iter_mut().for_each(|squared| *squared = matern(*squared).0);
+        correlations
+    }
+
+    pub(super) fn mean(&self, nearness: &[f64]) -> f64 {
+        self.mean + dot(nearness, &self.alpha)
+    }
+
+    pub(super) fn deviation(&self, nearness: &[f64]) -> f64 {
+        (self.variance * (1.0 - quadratic(&self.inverse, nearness)).max(1e-12)).sqrt()
+    }
+
+    pub(super) fn deviation_max(&self) -> f64 {
+        self.variance.sqrt()
+    }
+
+    /// What the process says of features.
+    pub(super) fn at(&self, point: &[f64]) -> Belief {
+        let nearness = self.nearness(point);
+        Belief { mean: self.mean(&nearness), deviation: self.deviation(&nearness) }
+    }
+}
+
+/// The gradient of the log likelihood by the logarithms of weights and noise.
+fn gradient(
+    sample: &Sample,
+    hyper: &Hyper,
+    slopes: &[f64],
+    inverse: &[f64],
+    alpha: &[f64],
+    variance: f64,
+) -> Vec<f64> {
+    let (n, dimension) = (sample.len(), sample.metrics.len());
+    let pull = |p: usize, q: usize| alpha[p] * alpha[q] / variance - inverse[p * n + q];
+    let mut gradient = vec![0.0; dimension + 1];
+    let mut pairs = sample.apart.chunks_exact(dimension.max(1));
+    for p in 0..n {
+        for q in 0..p {
+            let Some(apart) = pairs.next() else { break };
+            let factor = pull(p, q) * slopes[p * n + q];
+            gradient.iter_mut().zip(apart).for_each(|(sum, apart)| *sum += factor * apart);
+        }
+    }
+    for (sum, log) in gradient.iter_mut().zip(&hyper.log[..dimension]) {
+        *sum *= log.exp();
+    }
+    gradient[dimension] = 0.5 * hyper.noise() * (0..n).map(|p| pull(p, p) / sample.counts[p]).sum::<f64>();
+    gradient
+}

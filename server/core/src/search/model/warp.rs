@@ -1,0 +1,56 @@
+//! Costs as the model sees them: through a logarithm whose origin is chosen by likelihood.
+//!
+//! Costs may span magnitudes (a log makes of them something a stationary model can follow) or differ by a
+//! few percent (any transformation is as good as none), and measurement noise grows with the cost. So the
+//! model looks at `ln(cost - least + shift)` for several shifts and keeps the likeliest, the Jacobian of
+//! the transformation counted (Box and Cox, "An analysis of transformations", JRSS B 26, 1964). All is
+//! relative to the costs themselves and rounded, so that the unit of the cost does not matter.
+
+/// Shifts, in distances of the median cost from the least.
+const SHIFTS: [f64; 4] = [0.01, 0.1, 0.5, 3.0];
+/// Costs are rounded to so many steps per unit of their spread, lest rounding errors of a change of unit
+/// get through to the points.
+const STEPS: f64 = (1u64 << 40) as f64;
+/// Costs count as no further from the least than this, in distances of the median.
+const FAR: f64 = 1e6;
+
+/// Costs relative to the least and the median.
+pub(super) struct Warp {
+    relative: Vec<f64>,
+    least: f64,
+    spread: f64,
+}
+
+impl Warp {
+    /// `costs` are finite, one at least.
+    pub(super) fn new(costs: &[f64]) -> Self {
+        let mut sorted = costs.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let least = sorted[0];
+        // Halves keep the difference of very large numbers finite.
+        let above = |cost: f64| cost / 2.0 - least / 2.0;
+        let higher: Vec<f64> = sorted.iter().map(|&cost| above(cost)).filter(|above| *above > 0.0).collect();
+        let spread = higher.get(higher.len() / 2).copied().unwrap_or(1.0);
+        let relative = |&cost: &f64| ((above(cost) / spread).min(FAR) * STEPS).round() / STEPS;
+        Warp { relative: costs.iter().map(relative).collect(), least, spread: 2.0 * spread }
+    }
+
+    /// The costs through each transformation, with the logarithm of its Jacobian.
+    pub(super) fn views(&self) -> Vec<(Vec<f64>, f64)> {
+        let view = |shift: &f64| {
+            let values: Vec<f64> = self.relative.iter().map(|cost| (cost + shift).ln()).collect();
+            let jacobian = -values.iter().sum::<f64>();
+            (values, jacobian)
+        };
+        SHIFTS.iter().map(view).collect()
+    }
+
+    /// What a deviation in a view amounts to at the least cost, as a share of that cost.
+    pub(super) fn relative(&self, view: usize, deviation: f64) -> f64 {
+        if self.least == 0.0 {
+            0.0
+        } else {
+            (deviation * SHIFTS[view] * self.spread / self.least).abs().min(1.0)
+        }
+    }
+}
