@@ -7,7 +7,7 @@ use treewright_core::configuration::Configuration;
 use treewright_core::space::{Domain, Parameter, Scale, Space};
 use treewright_core::value::Value;
 
-use crate::problem::{Kind, Problem};
+use crate::problem::{Kind, Problem, normal};
 
 /// Names and values of the parameters.
 type Grid = Vec<(&'static str, Vec<i64>)>;
@@ -207,4 +207,51 @@ pub(crate) fn problem(name: &str, seed: u64, counted: bool, noise: f64) -> Probl
     let optimum = crate::best_of(&space, &truth, random);
     let name = format!("{name}{}", if counted { "-n" } else { "" });
     Problem { name, kind: Kind::Ratio, space, truth: Box::new(truth), noise, offset: 0.0, optimum }
+}
+
+/// A random landscape: each value of seven choices has an effect of its own, six pairs interact, and four axes
+/// share a resource that three quarters of the grid exceed.
+pub(crate) fn random_effects(seed: u64) -> Problem {
+    let random = &mut ChaCha8Rng::seed_from_u64(seed + 900);
+    let levels: Vec<usize> = (0..7).map(|_| random.random_range(2..9)).collect();
+    let table = |count: usize, deviation: f64, random: &mut ChaCha8Rng| -> Vec<f64> {
+        (0..count).map(|_| deviation * normal(random)).collect()
+    };
+    let single: Vec<Vec<f64>> = levels.iter().map(|&count| table(count, 0.25, random)).collect();
+    let mut pairs = Vec::new();
+    for _ in 0..6 {
+        let a = random.random_range(0..7);
+        let b = (a + random.random_range(1..7)) % 7;
+        pairs.push((a, b, table(levels[a] * levels[b], 0.2, random)));
+    }
+    let mut axes: Vec<usize> = (0..7).collect();
+    for last in (1..7).rev() {
+        axes.swap(last, random.random_range(0..=last));
+    }
+    let needs: Vec<(usize, f64)> =
+        axes[..4].iter().map(|&axis| (axis, 0.5 + random.random::<f64>())).collect();
+    let parameters = levels.iter().enumerate().map(|(axis, &count)| Parameter {
+        name: format!("p{axis}"),
+        domain: Domain::Categorical { values: (0..count).map(|step| Value::Integer(1 << step)).collect() },
+        default: Value::Integer(1),
+        active_if: None,
+    });
+    let space = Space::new(parameters.collect(), Vec::new()).expect("a valid space");
+    let bound = 0.36 * needs.iter().map(|need| need.1).sum::<f64>();
+    let truth = move |configuration: &Configuration| {
+        let place = |axis: usize| match configuration.get(&format!("p{axis}")) {
+            Some(Value::Integer(integer)) => integer.trailing_zeros() as usize,
+            _ => 0,
+        };
+        let need: f64 = needs
+            .iter()
+            .map(|&(axis, need)| need * place(axis) as f64 / (levels[axis] - 1).max(1) as f64)
+            .sum();
+        let alone: f64 = single.iter().enumerate().map(|(axis, effect)| effect[place(axis)]).sum();
+        let both: f64 = pairs.iter().map(|(a, b, table)| table[place(*a) * levels[*b] + place(*b)]).sum();
+        (need <= bound).then(|| (alone + both).exp())
+    };
+    let optimum = crate::best_of(&space, &truth, random);
+    let name = "random effects".into();
+    Problem { name, kind: Kind::Ratio, space, truth: Box::new(truth), noise: 0.05, offset: 0.0, optimum }
 }

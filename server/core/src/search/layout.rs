@@ -102,13 +102,14 @@ impl Layout {
         self.axes.is_empty()
     }
 
-    /// How the values of each axis compare.
+    /// How the values of each feature compare.
     pub(super) fn metrics(&self) -> Vec<Metric> {
         let metric = |axis: &Axis| match &axis.kind {
             Kind::Choice { ranks, .. } if ranks.is_empty() => Metric::Unordered,
             _ => Metric::Ordered,
         };
-        self.axes.iter().map(metric).collect()
+        let twice = self.axes.iter().filter(|axis| axis.is_seen_twice()).map(|_| Metric::Unordered);
+        self.axes.iter().map(metric).chain(twice).collect()
     }
 
     /// How many values an axis has; 0 for a continuous one.
@@ -202,7 +203,9 @@ impl Layout {
     }
 
     /// What a model sees of a canonical point: the place of each value by size in 0..1, the cell of a
-    /// choice without order, [`INACTIVE`] where the axis does not count.
+    /// choice without order, [`INACTIVE`] where the axis does not count. Choices among more than two numbers
+    /// are seen twice, by size and by cell: values such as block sizes follow their order in part only, and
+    /// the model weighs the two.
     pub(super) fn features(&self, x: &[f64], active: &[bool]) -> Vec<f64> {
         let feature = |index: usize| match &self.axes[index].kind {
             _ if !active[index] => INACTIVE,
@@ -212,7 +215,14 @@ impl Layout {
                 (f64::from(ranks[cell(x[index], *levels) as usize]) + 0.5) / f64::from(*levels)
             }
         };
-        (0..x.len()).map(feature).collect()
+        let cell_of = |(index, axis): (usize, &Axis)| match &axis.kind {
+            _ if !axis.is_seen_twice() => None,
+            _ if !active[index] => Some(INACTIVE),
+            Kind::Choice { levels, .. } => Some(f64::from(cell(x[index], *levels))),
+            Kind::Number(_) => None,
+        };
+        let twice = self.axes.iter().enumerate().filter_map(cell_of);
+        (0..x.len()).map(feature).chain(twice).collect()
     }
 }
 
@@ -235,6 +245,10 @@ impl Kind {
 }
 
 impl Axis {
+    fn is_seen_twice(&self) -> bool {
+        matches!(&self.kind, Kind::Choice { ranks, .. } if ranks.len() > 2)
+    }
+
     fn snap(&self, x: f64) -> f64 {
         match &self.kind {
             Kind::Number(domain @ Domain::Integer { .. }) => domain.encode(&domain.decode(x)),

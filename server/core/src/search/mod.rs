@@ -256,3 +256,5 @@ mod contract;
 mod mixed;
 #[cfg(test)]
 mod quality;
+#[cfg(test)]
+mod stiff;

@@ -40,14 +40,14 @@ const GRID: f64 = (1u32 << 24) as f64;
 /// Most points that a model is fitted to.
 const FITTED_MAX: usize = 96;
 /// Most points that are kept.
-const KEPT_MAX: usize = 1024;
+const KEPT_MAX: usize = 512;
 /// Rounds of ascent of the first fit, and of every later one until there are so many points. From then on a
 /// point is worth one step.
 const ROUNDS_FIRST: usize = 30;
 const ROUNDS: usize = 4;
 const ROUNDS_UNTIL: usize = 32;
 /// At most this share of the measurements goes to measuring the best again, and at most so many to one.
-const REPEAT_SHARE: f64 = 0.15;
+const REPEAT_SHARE: f64 = 0.08;
 const REPEATS_MAX: f64 = 5.0;
 
 /// A configuration that was measured.
@@ -103,13 +103,13 @@ impl ModelSearch {
         if setup.layout.is_empty() {
             setup.layout = Layout::plain(setup.start.clone(), &setup.levels);
         }
-        let dimension = setup.dimension();
+        let (dimension, features) = (setup.dimension(), setup.layout.metrics().len());
         let mut search = ModelSearch {
             flight: Flight::default(),
             queue: VecDeque::new(),
             seen: Vec::new(),
-            cost: Hyper::new(dimension),
-            failure: Hyper::new(dimension),
+            cost: Hyper::new(features),
+            failure: Hyper::new(features),
             fitted: 0,
             told: 0,
             draws: 0,
@@ -336,7 +336,8 @@ impl Search for ModelSearch {
                         self.scatter.1 += (cost / *mean - 1.0).powi(2).min(1.0) * before / (before + 1.0);
                     }
                     *count += 1;
-                    *mean += (cost - *mean) / f64::from(*count);
+                    // Divided before they are subtracted: the difference of large costs may overflow.
+                    *mean += cost / f64::from(*count) - *mean / f64::from(*count);
                 }
             }
             Some(old) => *old = found,

@@ -1,0 +1,159 @@
+//! Stiff and extreme problems: every search goes on, stays inside the cube, and does what can be done.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+
+const METHODS: [SearchMethod; 5] = [
+    SearchMethod::Auto,
+    SearchMethod::NelderMead,
+    SearchMethod::LatinHypercube,
+    SearchMethod::Random,
+    SearchMethod::Model,
+];
+
+fn setup(dimension: usize, budget: u32, levels: Vec<u32>) -> SearchSetup {
+    SearchSetup {
+        seed: 11,
+        state_id: 1,
+        start: vec![0.75; dimension],
+        budget,
+        levels,
+        layout: Layout::default(),
+    }
+}
+
+/// Asks and tells, checks every point, and gives back the best cost of a measured point.
+fn run(method: SearchMethod, setup: SearchSetup, mut cost: impl FnMut(&[f64]) -> Verdict) -> f64 {
+    let (dimension, budget) = (setup.dimension(), setup.budget);
+    let mut search = AnySearch::new(method, setup);
+    let mut best = f64::INFINITY;
+    for _ in 0..budget {
+        let point = search.ask().expect("nothing is out");
+        assert_eq!(point.x.len(), dimension);
+        assert!(point.x.iter().all(|x| (0.0..=1.0).contains(x)), "{method:?}: {:?}", point.x);
+        let verdict = cost(&point.x);
+        if let Verdict::Cost(cost) = verdict {
+            best = best.min(cost);
+        }
+        search.tell(point.id, Feedback { verdict, fresh: true });
+    }
+    best
+}
+
+fn ellipsoid(x: &[f64], condition: f64) -> f64 {
+    let last = (x.len() - 1) as f64;
+    let term = |(axis, x): (usize, &f64)| condition.powf(axis as f64 / last) * (x - 0.4).powi(2);
+    x.iter().enumerate().map(term).sum()
+}
+
+/// McKinnon's function, on which the plain simplex method contracts to a point that is no minimum (SIAM
+/// Journal on Optimization 9, 1998), over -1.5 to 1.5. Its minimum is -0.25.
+fn mckinnon(x: &[f64]) -> f64 {
+    let (a, b) = (3.0 * x[0] - 1.5, 3.0 * x[1] - 1.5);
+    let weight = if a <= 0.0 { 360.0 } else { 6.0 };
+    weight * a * a + b + b * b
+}
+
+#[test]
+fn where_nothing_can_be_run_every_search_goes_on() {
+    for method in METHODS {
+        assert_eq!(run(method, setup(6, 60, vec![2, 0, 5]), |_| Verdict::Infeasible), f64::INFINITY);
+    }
+}
+
+#[test]
+fn spaces_of_one_point_and_of_a_few_are_asked_again_and_again() {
+    for method in METHODS {
+        assert_eq!(run(method, setup(1, 30, vec![1]), |_| Verdict::Cost(2.0)), 2.0);
+        let cost = |x: &[f64]| Verdict::Cost(f64::from(u8::from(x[0] < 0.5) + u8::from(x[1] < 0.5)));
+        assert_eq!(run(method, setup(2, 30, vec![2, 2]), cost), 0.0, "{method:?}");
+    }
+}
+
+#[test]
+fn plateaus_and_extreme_costs_leave_every_point_in_the_cube() {
+    for method in METHODS {
+        for cost in [0.0, f64::MIN_POSITIVE / 4.0, 1e-300, -3.0, 1e300, f64::MAX] {
+            run(method, setup(3, 40, Vec::new()), |_| Verdict::Cost(cost));
+        }
+        // From a billionth to a million, with the largest doubles among them, and of either sign.
+        let spanning = |x: &[f64]| match x[0] {
+            x if x > 0.99 => Verdict::Cost(f64::MAX),
+            x if x < 0.01 => Verdict::AtLeast(f64::MAX / 2.0),
+            x => Verdict::Cost(1e-9 * 1e15f64.powf(x)),
+        };
+        assert!(run(method, setup(2, 60, Vec::new()), spanning) < 1e-3, "{method:?}");
+        let signed = |x: &[f64]| Verdict::Cost(if x[0] > 0.5 { f64::MAX } else { -f64::MAX * x[1] });
+        run(method, setup(2, 60, Vec::new()), signed);
+    }
+}
+
+#[test]
+fn directions_that_do_not_matter_and_a_hundred_dimensions_do_no_harm() {
+    for method in [SearchMethod::Auto, SearchMethod::NelderMead] {
+        let two = |x: &[f64]| Verdict::Cost(1.0 + (x[3] - 0.3).powi(2) + (x[7] - 0.6).powi(2));
+        assert!(run(method, setup(10, 80, Vec::new()), two) < 1.05, "{method:?}");
+        let bowl = |x: &[f64]| Verdict::Cost(ellipsoid(x, 1.0));
+        let default = ellipsoid(&[0.75; 100], 1.0);
+        assert!(run(method, setup(100, 40, Vec::new()), bowl) <= default, "{method:?}");
+    }
+}
+
+#[test]
+fn the_model_finds_its_way_where_a_plain_simplex_stalls() {
+    let methods = [SearchMethod::Auto, SearchMethod::Model];
+    for method in methods {
+        let stall = run(method, setup(2, 80, Vec::new()), |x| Verdict::Cost(mckinnon(x)));
+        assert!(stall < -0.15, "{method:?}: {stall}");
+        let rosenbrock = |x: &[f64]| {
+            let (a, b) = (4.0 * x[0] - 2.5, 4.0 * x[1] - 2.5);
+            Verdict::Cost(100.0 * (a * a - b).powi(2) + (1.0 - a).powi(2))
+        };
+        let valley = run(method, setup(2, 80, Vec::new()), rosenbrock);
+        assert!(valley < 1.0, "{method:?}: {valley}");
+        let narrow = run(method, setup(5, 80, Vec::new()), |x| Verdict::Cost(ellipsoid(x, 1e12)));
+        assert!(narrow < 1e-3 * ellipsoid(&[0.75; 5], 1e12), "{method:?}: {narrow}");
+    }
+}
+
+#[test]
+fn noise_as_large_as_the_signal_does_not_mislead_for_ever() {
+    for method in [SearchMethod::Auto, SearchMethod::Model] {
+        let mut ends: Vec<f64> = (0..9)
+            .map(|seed| {
+                let mut noise = ChaCha8Rng::seed_from_u64(seed);
+                let mut search = AnySearch::new(method, SearchSetup { seed, ..setup(3, 80, Vec::new()) });
+                let mut tail = 0.0;
+                for trial in 0..80 {
+                    let point = search.ask().expect("nothing is out");
+                    let truth = 1.0 + ellipsoid(&point.x, 1.0);
+                    tail += if trial >= 60 { truth / 20.0 } else { 0.0 };
+                    let cost = truth * (0.5 + noise.random::<f64>());
+                    search.tell(point.id, Feedback { verdict: Verdict::Cost(cost), fresh: true });
+                }
+                tail
+            })
+            .collect();
+        ends.sort_by(f64::total_cmp);
+        // The default costs 1.37, a random point 1.28 on average.
+        assert!(ends[4] < 1.25, "{method:?}: {ends:?}");
+    }
+}
+
+#[test]
+fn the_kept_state_of_a_model_is_bounded() {
+    let mut search = AnySearch::new(SearchMethod::Model, setup(2, 10_000, vec![0, 3]));
+    let mut sizes = Vec::new();
+    for trial in 0..640 {
+        // Points come from the tail of a cheap search: what counts here is what is kept.
+        let point = search.ask().expect("nothing is out");
+        let cost = 1.0 + (trial % 17) as f64;
+        search.tell(point.id, Feedback { verdict: Verdict::Cost(cost), fresh: true });
+        if trial % 20 == 19 {
+            sizes.push(serde_json::to_string(&search).expect("plain data").len());
+        }
+    }
+    assert!(sizes[31] < sizes[26] + sizes[26] / 20, "{sizes:?}");
+}
