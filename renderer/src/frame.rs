@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 use treewright_accel::{
-    BuildChoice, BuildError, Device, DeviceError, Intersector, Structure, Visitor, build,
+    BuildChoice, BuildError, Device, DeviceError, Intersector, Structure, Visitor, build, build_instanced,
 };
 
 use crate::film::Film;
@@ -101,7 +101,11 @@ impl Renderer {
     /// Builds a structure without keeping it, and says how long it took. For comparing many.
     pub fn build(&self, choice: &BuildChoice) -> Result<(Structure, f64), BuildError> {
         let begin = Instant::now();
-        let structure = self.pool.install(|| build(&self.device, &self.prepared.scene.triangles, choice))?;
+        let scene = &self.prepared.scene;
+        let structure = self.pool.install(|| match &scene.instances {
+            Some(instances) => build_instanced(&self.device, &scene.triangles, instances, choice),
+            None => build(&self.device, &scene.triangles, choice),
+        })?;
         Ok((structure, milliseconds(begin)))
     }
 

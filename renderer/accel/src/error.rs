@@ -24,6 +24,14 @@ pub enum BuildError {
         /// The limit.
         max_depth: u32,
     },
+    /// A structure was asked to follow triangles that are not its own.
+    #[error("the structure has {before} triangles and cannot be updated to {now}: build it anew")]
+    OtherTriangles {
+        /// Triangles it has.
+        before: usize,
+        /// Triangles it was given.
+        now: usize,
+    },
     /// Memory ran out.
     #[error("memory ran out while the structure was built")]
     OutOfMemory,
@@ -41,6 +49,11 @@ pub enum BuildError {
 }
 
 impl BuildError {
+    /// Refuses triangles of another number.
+    pub(crate) fn same_count(before: usize, now: usize) -> Result<(), Self> {
+        if before == now { Ok(()) } else { Err(Self::OtherTriangles { before, now }) }
+    }
+
     /// Whether this configuration cannot work for this scene on this machine, so that a tuner should try
     /// another one. Everything else is a mistake of the caller or a defect.
     pub fn is_infeasible(&self) -> bool {

@@ -52,26 +52,32 @@ pub enum GeometryError {
 impl Triangles {
     /// Checks and takes over the arrays. Only vertices that a triangle names must be finite.
     pub fn new(positions: Vec<Vec3A>, indices: Vec<[u32; 3]>) -> Result<Self, GeometryError> {
-        if indices.len() > TRIANGLES_MAX {
-            return Err(GeometryError::TooMany { count: indices.len() });
-        }
-        for (triangle, corners) in indices.iter().enumerate() {
-            for &vertex in corners {
-                let Some(position) = positions.get(vertex as usize) else {
-                    return Err(GeometryError::IndexOutOfRange {
-                        triangle,
-                        vertex,
-                        vertices: positions.len(),
-                    });
-                };
-                // NaN fails the comparison and is refused with the rest.
-                if !position.abs().cmple(Vec3A::splat(COORDINATE_MAX)).all() {
-                    return Err(GeometryError::BadCoordinate { vertex: vertex as usize });
-                }
-            }
-        }
+        check(&positions, &indices)?;
         let range = 0..indices.len();
         Ok(Self { positions: Arc::new(positions), indices: Arc::new(indices), range })
+    }
+
+    /// The same triangles with their vertices elsewhere.
+    pub fn moved(&self, positions: Vec<Vec3A>) -> Result<Self, GeometryError> {
+        check(&positions, self.indices())?;
+        Ok(Self {
+            positions: Arc::new(positions),
+            indices: Arc::clone(&self.indices),
+            range: self.range.clone(),
+        })
+    }
+
+    /// Some of these triangles, numbered in the order given, over the same vertices.
+    pub(crate) fn subset(&self, numbers: &[u32]) -> Self {
+        let indices: Vec<_> = numbers.iter().map(|&number| self.indices()[number as usize]).collect();
+        let range = 0..indices.len();
+        Self { positions: Arc::clone(&self.positions), indices: Arc::new(indices), range }
+    }
+
+    /// Whether both are made of the same vertices' numbers.
+    pub(crate) fn same_indices(&self, other: &Self) -> bool {
+        (Arc::ptr_eq(&self.indices, &other.indices) && self.range == other.range)
+            || self.indices() == other.indices()
     }
 
     /// A run of these triangles, numbered from 0 again, over the same vertices.
@@ -109,6 +115,25 @@ impl Triangles {
     pub fn corners(&self, triangle: usize) -> [Vec3A; 3] {
         self.indices()[triangle].map(|vertex| self.positions[vertex as usize])
     }
+}
+
+/// Indices in range, coordinates finite and not too large.
+fn check(positions: &[Vec3A], indices: &[[u32; 3]]) -> Result<(), GeometryError> {
+    if indices.len() > TRIANGLES_MAX {
+        return Err(GeometryError::TooMany { count: indices.len() });
+    }
+    for (triangle, corners) in indices.iter().enumerate() {
+        for &vertex in corners {
+            let Some(position) = positions.get(vertex as usize) else {
+                return Err(GeometryError::IndexOutOfRange { triangle, vertex, vertices: positions.len() });
+            };
+            // NaN fails the comparison and is refused with the rest.
+            if !position.abs().cmple(Vec3A::splat(COORDINATE_MAX)).all() {
+                return Err(GeometryError::BadCoordinate { vertex: vertex as usize });
+            }
+        }
+    }
+    Ok(())
 }
 
 /// A ray segment: `origin + t * direction` for `t_min < t < t_max`. The direction need not be normalised.

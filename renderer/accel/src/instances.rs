@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use glam::Affine3A;
 
+use crate::geometry::Triangles;
 use crate::limits::INSTANCES_MAX;
 
 /// Objects and their instances over one set of triangles. Immutable and checked once.
@@ -105,6 +106,18 @@ impl Instances {
     /// The instances, by number.
     pub fn placed(&self) -> &[Instance] {
         &self.placed
+    }
+
+    /// The triangles of each object, numbered from 0 again; none for an object that nothing places.
+    pub(crate) fn parts<'a>(&'a self, triangles: &'a Triangles) -> impl Iterator<Item = Triangles> + 'a {
+        let mut is_placed = vec![false; self.objects.len()];
+        for instance in &self.placed {
+            is_placed[instance.object as usize] = true;
+        }
+        self.objects.iter().zip(is_placed).map(|(range, is_placed)| {
+            let end = if is_placed { range.end } else { range.start };
+            triangles.part(range.start as usize..end as usize)
+        })
     }
 
     /// Triangles as a ray meets them: those of every instance counted.

@@ -17,14 +17,15 @@ mod tree;
 
 pub use brute_force::BruteForce;
 pub use denormals::set_flush_denormals;
-pub use embree::{Device, DeviceError, NativeScene};
+pub use embree::{Device, DeviceError, NativeInstances, NativeScene};
 pub use error::BuildError;
 pub use geometry::{GeometryError, Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
 pub use instances::{Instance, InstanceError, Instances};
 pub use parameters::{
     BuildChoice, Collapse, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Quality, TreeParameters,
+    Update,
 };
 pub use prefetch::prefetch;
-pub use structure::{Statistics, Structure, Visitor, build};
+pub use structure::{Statistics, Structure, Visitor, build, build_instanced};
 pub use traverse::Isa;
-pub use tree::{Tree, TreeFault, TreeStatistics};
+pub use tree::{Tree, TreeFault, TreeStatistics, TwoLevel};

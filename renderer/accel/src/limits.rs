@@ -42,3 +42,6 @@ pub const INSTANCES_MAX: usize = 1 << 24;
 
 /// Most rays of one class in a recording: half a gigabyte.
 pub const RECORDED_RAYS_MAX: usize = 1 << 24;
+
+/// Permitted `rebuild_threshold`.
+pub const REBUILD_THRESHOLD_RANGE: std::ops::RangeInclusive<f32> = 1.0..=4.0;

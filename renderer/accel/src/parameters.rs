@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::BuildError;
 use crate::limits::{
-    COST_MAX, LEAF_SIZE_MAX, MAX_DEPTH, REINSERTION_PASSES_MAX, SAH_BLOCK_SIZE_MAX, SPLIT_BUDGET,
-    SPLIT_BUDGET_RANGE,
+    COST_MAX, LEAF_SIZE_MAX, MAX_DEPTH, REBUILD_THRESHOLD_RANGE, REINSERTION_PASSES_MAX, SAH_BLOCK_SIZE_MAX,
+    SPLIT_BUDGET, SPLIT_BUDGET_RANGE,
 };
 
 /// Builder of the tunable tree (Table 1 `quality` 1, 2, 3).
@@ -212,6 +212,45 @@ pub struct NativeOptions {
     pub dynamic: bool,
     /// `RTC_SCENE_FLAG_ROBUST`.
     pub robust: bool,
+}
+
+/// How a structure follows triangles that moved.
+///
+/// For a tuning space: `update` is one of three choices, and `rebuild_threshold` acts with the partial one only.
+/// Native scenes know no partial update and refit instead. Neither acts in a static scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Update {
+    /// It is built anew.
+    #[default]
+    Rebuild,
+    /// What is together stays together; boxes follow.
+    Refit,
+    /// As [`Update::Refit`], then those parts are built anew whose cost by the surface area heuristic has grown
+    /// too much since they were built.
+    Partial {
+        /// How many times the cost may be that of the last build: 1 to 4.
+        rebuild_threshold: f32,
+    },
+}
+
+impl Update {
+    /// A threshold to begin with.
+    pub const REBUILD_THRESHOLD: f32 = 1.3;
+
+    /// Checks that the threshold, where there is one, lies in its range.
+    pub fn check(&self) -> Result<(), BuildError> {
+        match *self {
+            Self::Partial { rebuild_threshold } if !REBUILD_THRESHOLD_RANGE.contains(&rebuild_threshold) => {
+                Err(BuildError::InvalidParameters {
+                    parameter: "rebuild_threshold",
+                    value: rebuild_threshold.to_string(),
+                    rule: "it must be 1 to 4",
+                })
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Which structure to build, and how.

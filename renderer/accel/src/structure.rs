@@ -5,11 +5,12 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use crate::brute_force::BruteForce;
-use crate::embree::{Device, NativeScene};
+use crate::embree::{Device, NativeInstances, NativeScene};
 use crate::error::BuildError;
 use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
-use crate::parameters::{BuildChoice, NativeOptions};
-use crate::tree::{Tree, TreeStatistics};
+use crate::instances::Instances;
+use crate::parameters::{BuildChoice, NativeOptions, TreeParameters, Update};
+use crate::tree::{Tree, TreeStatistics, TwoLevel};
 
 /// A built acceleration structure. Each variant is an [`Intersector`] of its own; [`Structure::visit`]
 /// runs code that is compiled once per variant.
@@ -19,6 +20,10 @@ pub enum Structure {
     Tree(Tree),
     /// A native Embree scene.
     Native(NativeScene),
+    /// Tunable trees under their instances.
+    TwoLevel(TwoLevel),
+    /// Native Embree scenes under their instances.
+    NativeInstances(NativeInstances),
     /// No structure.
     BruteForce(BruteForce),
 }
@@ -47,27 +52,69 @@ pub fn build(
     choice: &BuildChoice,
 ) -> Result<Structure, BuildError> {
     match choice {
-        BuildChoice::Tree(parameters) => {
-            if parameters.compact {
-                let options =
-                    NativeOptions { compact: true, robust: parameters.robust, ..NativeOptions::default() };
-                NativeScene::build(device, triangles, &options).map(Structure::Native)
-            } else {
-                Tree::build(device, triangles, parameters).map(Structure::Tree)
-            }
-        }
+        BuildChoice::Tree(parameters) => match native_instead(parameters) {
+            Some(options) => NativeScene::build(device, triangles, &options).map(Structure::Native),
+            None => Tree::build(device, triangles, parameters).map(Structure::Tree),
+        },
         BuildChoice::Native(options) => NativeScene::build(device, triangles, options).map(Structure::Native),
         BuildChoice::BruteForce => Ok(Structure::BruteForce(BruteForce::new(triangles))),
     }
 }
 
+/// Builds a structure of two levels: `choice` for each object, and a tree over the instances. Triangles that no
+/// instance places are not met.
+pub fn build_instanced(
+    device: &Device,
+    triangles: &Arc<Triangles>,
+    instances: &Arc<Instances>,
+    choice: &BuildChoice,
+) -> Result<Structure, BuildError> {
+    let native = |options: &NativeOptions| {
+        NativeInstances::build(device, triangles, instances, options).map(Structure::NativeInstances)
+    };
+    match choice {
+        BuildChoice::Tree(parameters) => match native_instead(parameters) {
+            Some(options) => native(&options),
+            None => TwoLevel::build(device, triangles, instances, parameters).map(Structure::TwoLevel),
+        },
+        BuildChoice::Native(options) => native(options),
+        BuildChoice::BruteForce => Ok(Structure::BruteForce(BruteForce::instanced(triangles, instances))),
+    }
+}
+
+/// The paper's `compact` is Embree's own compact scene.
+fn native_instead(parameters: &TreeParameters) -> Option<NativeOptions> {
+    let options = NativeOptions { compact: true, robust: parameters.robust, ..NativeOptions::default() };
+    parameters.compact.then_some(options)
+}
+
 impl Structure {
+    /// Brings the structure up to date with triangles that moved: as many as before, and each with the number it
+    /// had. Two levels update each object in its own space, then place the instances as before. After an error
+    /// the structure holds what it held before, or is refitted; it can be used either way.
+    pub fn update(
+        &mut self,
+        device: &Device,
+        triangles: &Arc<Triangles>,
+        update: Update,
+    ) -> Result<(), BuildError> {
+        match self {
+            Self::Tree(tree) => tree.update(device, triangles, update),
+            Self::Native(native) => native.update(triangles, update),
+            Self::TwoLevel(two_level) => two_level.update(device, triangles, update),
+            Self::NativeInstances(native) => native.update(triangles, update),
+            Self::BruteForce(brute_force) => brute_force.update(triangles),
+        }
+    }
+
     /// Runs `visitor` with the concrete intersector inside, so that its ray loop is compiled without a
     /// choice per ray.
     pub fn visit<V: Visitor>(&self, visitor: V) -> V::Output {
         match self {
             Self::Tree(tree) => visitor.visit(tree),
             Self::Native(native) => visitor.visit(native),
+            Self::TwoLevel(two_level) => visitor.visit(two_level),
+            Self::NativeInstances(native) => visitor.visit(native),
             Self::BruteForce(brute_force) => visitor.visit(brute_force),
         }
     }
@@ -79,7 +126,12 @@ impl Structure {
                 let shape = tree.statistics();
                 Statistics { bytes: shape.bytes, tree: Some(shape) }
             }
+            Self::TwoLevel(two_level) => {
+                let shape = two_level.statistics();
+                Statistics { bytes: shape.bytes, tree: Some(shape) }
+            }
             Self::Native(native) => Statistics { bytes: native.bytes(), tree: None },
+            Self::NativeInstances(native) => Statistics { bytes: native.bytes(), tree: None },
             Self::BruteForce(_) => Statistics { bytes: 0, tree: None },
         }
     }
@@ -90,6 +142,8 @@ impl Intersector for Structure {
         match self {
             Self::Tree(tree) => tree.closest(ray),
             Self::Native(native) => native.closest(ray),
+            Self::TwoLevel(two_level) => two_level.closest(ray),
+            Self::NativeInstances(native) => native.closest(ray),
             Self::BruteForce(brute_force) => brute_force.closest(ray),
         }
     }
@@ -98,6 +152,8 @@ impl Intersector for Structure {
         match self {
             Self::Tree(tree) => tree.occluded(ray),
             Self::Native(native) => native.occluded(ray),
+            Self::TwoLevel(two_level) => two_level.occluded(ray),
+            Self::NativeInstances(native) => native.occluded(ray),
             Self::BruteForce(brute_force) => brute_force.occluded(ray),
         }
     }
@@ -106,6 +162,8 @@ impl Intersector for Structure {
         match self {
             Self::Tree(tree) => tree.closest_each(packets, rays, hits),
             Self::Native(native) => native.closest_each(packets, rays, hits),
+            Self::TwoLevel(two_level) => two_level.closest_each(packets, rays, hits),
+            Self::NativeInstances(native) => native.closest_each(packets, rays, hits),
             Self::BruteForce(brute_force) => brute_force.closest_each(packets, rays, hits),
         }
     }
@@ -114,6 +172,8 @@ impl Intersector for Structure {
         match self {
             Self::Tree(tree) => tree.occluded_each(packets, rays, occluded),
             Self::Native(native) => native.occluded_each(packets, rays, occluded),
+            Self::TwoLevel(two_level) => two_level.occluded_each(packets, rays, occluded),
+            Self::NativeInstances(native) => native.occluded_each(packets, rays, occluded),
             Self::BruteForce(brute_force) => brute_force.occluded_each(packets, rays, occluded),
         }
     }

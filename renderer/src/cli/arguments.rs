@@ -34,6 +34,10 @@ pub(super) struct SceneArguments {
     /// Moment of an animated built-in scene; 0 to 1 is one round.
     #[arg(long, value_name = "T", default_value_t = 0.0, allow_negative_numbers = true)]
     pub(super) time: f32,
+
+    /// Copy what instances place, instead of tracing rays through instances.
+    #[arg(long)]
+    pub(super) flatten: bool,
 }
 
 impl SceneArguments {
@@ -47,7 +51,7 @@ impl SceneArguments {
             }
             None => load(&self.scene)?,
         };
-        Ok(Arc::new(scene))
+        Ok(Arc::new(if self.flatten { scene.flattened()? } else { scene }))
     }
 }
 

@@ -62,7 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     };
     let scene = arguments.scene.load()?;
     if scene.instances.is_some() {
-        let cause = "its triangles are placed by instances, and a recording holds plain triangles only";
+        let cause = "its triangles are placed by instances, and a recording holds plain triangles only: try --flatten";
         return Err(CliError::Failed(format!("the rays of {} cannot be recorded: {cause}", scene.name)));
     }
     let camera = arguments.camera.find(&scene)?;

@@ -105,7 +105,8 @@ struct Verdict {
 #[derive(Debug, Serialize)]
 struct Results {
     scene: String,
-    triangles: usize,
+    /// As rays meet them.
+    triangles: u64,
     rays: usize,
     oracle_hits: usize,
     accelerators: Vec<Verdict>,
@@ -180,7 +181,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
     let results = Results {
         scene: scene.name.clone(),
-        triangles: scene.triangles.len(),
+        triangles: scene.placed().count(),
         rays: rays.len(),
         oracle_hits: answers.iter().filter(|answer| answer.closest.is_some()).count(),
         agrees: verdicts.iter().all(|verdict| verdict.agrees),
@@ -318,8 +319,11 @@ fn same_hit(a: Option<Hit>, b: Option<Hit>, diagonal: f32) -> bool {
         (None, None) => true,
         (Some(a), Some(b)) => {
             let larger = a.t.max(b.t).max(diagonal * f32::EPSILON);
-            let tolerance =
-                if a.triangle == b.triangle { SAME_TRIANGLE_TOLERANCE } else { DISTANCE_TOLERANCE };
+            let tolerance = if (a.triangle, a.instance) == (b.triangle, b.instance) {
+                SAME_TRIANGLE_TOLERANCE
+            } else {
+                DISTANCE_TOLERANCE
+            };
             (a.t - b.t).abs() <= tolerance * larger
         }
         _ => false,

@@ -4,13 +4,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::{Vec3, Vec3A};
+use glam::{Affine3A, Vec3, Vec3A};
 use treewright_accel::limits::{COORDINATE_MAX, TRIANGLES_MAX};
 use treewright_accel::{GeometryError, Triangles};
 
 use super::bounds::Bounds;
 use super::framing::{self, View};
 use super::limits::{CAMERAS_MAX, MESHES_MAX, VERTICES_MAX};
+use super::objects::Objects;
 use super::part::Part;
 use super::{Camera, Material, Mesh, Placed, Scene, SceneError, Sky};
 
@@ -30,6 +31,9 @@ pub struct Assembler {
     materials: Vec<Material>,
     notes: Vec<String>,
     dropped: usize,
+    objects: Objects,
+    /// The box around everything outside objects.
+    world: Bounds,
 }
 
 /// What lights a scene from outside.
@@ -55,6 +59,8 @@ impl Assembler {
             materials: Vec::new(),
             notes: Vec::new(),
             dropped: 0,
+            objects: Objects::default(),
+            world: Bounds::NOTHING,
         }
     }
 
@@ -74,7 +80,24 @@ impl Assembler {
         self.notes.push(note.into());
     }
 
-    /// Adds a mesh in world space. Triangles whose winding contradicts their normals are turned round: front
+    /// Begins an object that is placed by [`Assembler::place`]: meshes added from here on are in its space and
+    /// part of it, until [`Assembler::end_object`].
+    pub fn begin_object(&mut self) {
+        self.objects.begin(self.indices.len() as u32, self.positions.len());
+    }
+
+    /// Ends the object and returns its number.
+    pub fn end_object(&mut self) -> u32 {
+        self.objects.end(self.indices.len() as u32, &self.positions)
+    }
+
+    /// Places an object in the world. Transformations that cannot be inverted or lead too far out are left
+    /// out and counted.
+    pub fn place(&mut self, object: u32, to_world: Affine3A) {
+        self.objects.place(object, to_world);
+    }
+
+    /// Adds a mesh in world space or, inside an object, in the object's. Triangles whose winding contradicts their normals are turned round: front
     /// sides are those that the normals point away from. Triangles with a corner that is not finite or too far out are dropped
     /// and counted; a mesh without triangles leaves no trace.
     pub fn mesh(&mut self, name: impl Into<String>, material: u32, part: &Part) -> Result<(), SceneError> {
@@ -108,6 +131,10 @@ impl Assembler {
                 if renumbered[vertex] == UNUSED {
                     renumbered[vertex] = self.positions.len() as u32;
                     self.positions.push(part.positions[vertex].into());
+                    if !self.objects.is_open() {
+                        let at = part.positions[vertex];
+                        self.world = self.world.union(&Bounds { min: at, max: at });
+                    }
                     let normal =
                         if has_normals { part.normals[vertex].normalize_or_zero() } else { Vec3::ZERO };
                     self.normals.push(if has_normals && normal == Vec3::ZERO {
@@ -134,15 +161,10 @@ impl Assembler {
         Ok(())
     }
 
-    /// The box around what was added so far.
+    /// The box around what was added and placed so far.
     pub fn bounds(&self) -> Bounds {
-        let mut bounds = Bounds { min: Vec3::ZERO, max: Vec3::ZERO };
-        if let Some(first) = self.positions.first() {
-            let (min, max) =
-                self.positions.iter().fold((*first, *first), |(min, max), p| (min.min(*p), max.max(*p)));
-            bounds = Bounds { min: min.into(), max: max.into() };
-        }
-        bounds
+        let bounds = self.objects.placed_boxes().fold(self.world, |all, one| all.union(&one));
+        if bounds.min.x > bounds.max.x { Bounds { min: Vec3::ZERO, max: Vec3::ZERO } } else { bounds }
     }
 
     /// The finished scene. `views` are the source's cameras; without any, one is made up.
@@ -173,21 +195,26 @@ impl Assembler {
         if flat > 0 {
             self.notes.push(format!("Kept {flat} triangles without area; no ray meets them."));
         }
-        let bounds = Bounds::of(&triangles);
+        let instances = self
+            .objects
+            .finish(triangles.len(), &mut self.notes)
+            .map_err(|placed| SceneError::TooManyPlaced { path: self.origin.clone(), placed })?;
+        let placed = Placed::new(&triangles, instances.as_ref());
+        let bounds = placed.bounds();
         if views.len() > CAMERAS_MAX {
             self.notes.push(format!("Took the first {CAMERAS_MAX} of {} cameras.", views.len()));
             views.truncate(CAMERAS_MAX);
         }
         let mut cameras: Vec<Camera> = views.iter().filter_map(|view| view.aim(&bounds)).collect();
         if cameras.is_empty() {
-            let (camera, what) = framing::made_up(&Placed::flat(&triangles), &bounds);
+            let (camera, what) = framing::made_up(&placed, &bounds);
             cameras.push(camera);
             self.notes.push(format!("The scene has no camera; {what}"));
         }
         Ok(Scene {
             name: self.name,
             triangles: Arc::new(triangles),
-            instances: None,
+            instances: instances.map(Arc::new),
             normals: self.normals,
             meshes: self.meshes,
             materials: self.materials,

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use treewright_accel::GeometryError;
+use treewright_accel::limits::INSTANCES_MAX;
 
-use super::limits::{DETAIL_RANGE, FILE_BYTES_MAX, MESHES_MAX, VERTICES_MAX};
+use super::limits::{DETAIL_RANGE, FILE_BYTES_MAX, MESHES_MAX, PLACED_TRIANGLES_MAX, VERTICES_MAX};
 
 /// Why there is no scene. Each message names the file, the cause and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -82,6 +83,14 @@ pub enum SceneError {
     TooMany {
         /// The file.
         path: PathBuf,
+    },
+    /// Instances place more triangles than the limits.
+    #[error("{} places {placed} triangles, more than the limit of {PLACED_TRIANGLES_MAX}, or more than {INSTANCES_MAX} instances; simplify the scene", path.display())]
+    TooManyPlaced {
+        /// The file.
+        path: PathBuf,
+        /// Triangles of all instances.
+        placed: u64,
     },
     /// No built-in scene has this name.
     #[error("there is no built-in scene \"{name}\"; choose one of {known}")]

@@ -1,20 +1,20 @@
-//! Reads glTF 2.0, as text or binary: nodes with their transforms, meshes shared by several nodes
-//! (flattened into copies), metallic-roughness materials with the emissive strength, transmission and index
+//! Reads glTF 2.0, as text or binary: nodes with their transforms, meshes shared by several nodes (copied, or
+//! instances where [`INSTANCING_SAVES_MIN`] says so), metallic-roughness materials with the emissive strength, transmission and index
 //! of refraction extensions, cameras, and punctual lights. Lengths are metres and stay so.
 
 use std::path::Path;
 
-use glam::{Mat4, Vec3};
+use glam::{Affine3A, Mat4, Vec3};
 use gltf::camera::Projection;
 use gltf::khr_lights_punctual::Kind;
-use gltf::{Document, Gltf, Node};
+use gltf::{Document, Gltf, Mesh, Node};
 
 use super::assemble::{Assembler, Lighting};
 use super::framing::View;
 use super::gltf_extras;
 use super::gltf_geometry::{self, Buffers};
 use super::gltf_material::{self, Materials};
-use super::limits::NODE_DEPTH_MAX;
+use super::limits::{INSTANCING_SAVES_MIN, NODE_DEPTH_MAX};
 use super::load::stem;
 use super::shapes::Shapes;
 use super::{Material, Scene, SceneError, Sky, Sun};
@@ -60,9 +60,11 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
         sky: None,
         glows: Vec::new(),
         ignored_primitives: 0,
+        instanced: shared_meshes(&document),
         malformed: &malformed,
     };
     walk.scene(&document)?;
+    walk.objects(&document)?;
     walk.finish(&document)
 }
 
@@ -95,6 +97,24 @@ fn told(error: &gltf::Error) -> String {
     }
 }
 
+/// An empty list for each mesh that is to become an object: those that several nodes name, if that saves
+/// enough triangles in all.
+fn shared_meshes(document: &Document) -> Vec<Option<Vec<Affine3A>>> {
+    let mut uses = vec![0u64; document.meshes().len()];
+    for mesh in document.nodes().filter_map(|node| node.mesh()) {
+        uses[mesh.index()] += 1;
+    }
+    let saved: u64 = document
+        .meshes()
+        .map(|mesh| {
+            let triangles: u64 =
+                mesh.primitives().map(|primitive| gltf_geometry::triangle_count(&primitive)).sum();
+            triangles * uses[mesh.index()].saturating_sub(1)
+        })
+        .sum();
+    uses.into_iter().map(|uses| (uses > 1 && saved > INSTANCING_SAVES_MIN).then(Vec::new)).collect()
+}
+
 /// A point or spot light, to become a small glowing sphere once the scene's size is known.
 struct Glow {
     position: Vec3,
@@ -110,6 +130,8 @@ struct Walk<'a> {
     sky: Option<Sky>,
     glows: Vec<Glow>,
     ignored_primitives: usize,
+    /// By mesh: where it stands, for one that becomes an object with instances.
+    instanced: Vec<Option<Vec<Affine3A>>>,
     malformed: &'a dyn Fn(String) -> SceneError,
 }
 
@@ -178,18 +200,46 @@ impl Walk<'_> {
         if node.skin().is_some() || mesh.weights().is_some() {
             self.assembler.note("Skinned or morphed meshes are taken in their rest pose.");
         }
-        let name =
-            mesh.name().or(node.name()).map_or_else(|| format!("mesh {}", mesh.index()), str::to_owned);
+        if let Some(places) = &mut self.instanced[mesh.index()]
+            && to_world.determinant() != 0.0
+        {
+            places.push(Affine3A::from_mat4(*to_world));
+            return Ok(());
+        }
+        let name = mesh.name().or(node.name()).map(str::to_owned);
+        self.mesh(&mesh, name, Some(to_world))
+    }
+
+    /// Adds a mesh in the world, or as it is to the object that is being made.
+    fn mesh(&mut self, mesh: &Mesh, name: Option<String>, to_world: Option<&Mat4>) -> Result<(), SceneError> {
+        let name = name.unwrap_or_else(|| format!("mesh {}", mesh.index()));
         for primitive in mesh.primitives() {
             let place = |cause: String| (self.malformed)(format!("mesh \"{name}\": {cause}"));
             match gltf_geometry::read(&primitive, self.buffers).map_err(place)? {
                 Some(mut part) => {
-                    part.transform(to_world);
+                    if let Some(to_world) = to_world {
+                        part.transform(to_world);
+                    }
                     let material = self.materials.of(&primitive.material(), &mut self.assembler);
                     self.assembler.mesh(name.clone(), material, &part)?;
                 }
                 None => self.ignored_primitives += 1,
             }
+        }
+        Ok(())
+    }
+
+    /// Makes objects of the meshes that were set aside, and places them.
+    fn objects(&mut self, document: &Document) -> Result<(), SceneError> {
+        let set_aside = std::mem::take(&mut self.instanced);
+        for (mesh, places) in document.meshes().zip(set_aside) {
+            let Some(places) = places.filter(|places| !places.is_empty()) else {
+                continue;
+            };
+            self.assembler.begin_object();
+            self.mesh(&mesh, mesh.name().map(str::to_owned), None)?;
+            let object = self.assembler.end_object();
+            places.into_iter().for_each(|to_world| self.assembler.place(object, to_world));
         }
         Ok(())
     }

@@ -61,6 +61,17 @@ pub(super) fn read(primitive: &Primitive, buffers: &Buffers) -> Result<Option<Pa
     Ok(Some(part))
 }
 
+/// How many triangles a primitive has, about: what its accessors say, unread.
+pub(super) fn triangle_count(primitive: &Primitive) -> u64 {
+    let positions = primitive.get(&Semantic::Positions).map_or(0, |positions| positions.count());
+    let corners = primitive.indices().map_or(positions, |indices| indices.count()) as u64;
+    match primitive.mode() {
+        Mode::Triangles => corners / 3,
+        Mode::TriangleStrip | Mode::TriangleFan => corners.saturating_sub(2),
+        _ => 0,
+    }
+}
+
 /// What positions and normals are made of.
 const VECTORS: (Dimensions, &[DataType]) = (Dimensions::Vec3, &[DataType::F32]);
 /// What indices are made of.

@@ -11,13 +11,21 @@ pub const VERTICES_MAX: usize = 1 << 29;
 /// Most meshes of a scene after instances are flattened.
 pub const MESHES_MAX: usize = 1 << 20;
 
+/// Most triangles that the instances of a scene place: indicators look at each of them once, for some seconds.
+pub const PLACED_TRIANGLES_MAX: u64 = 1 << 30;
+
+/// Meshes of a glTF file that several nodes name become instances when that saves more triangles than this;
+/// below it the scene is flattened, for a tree of one level is walked faster.
+pub const INSTANCING_SAVES_MIN: u64 = 1_000_000;
+
 /// Deepest nesting of nodes in a glTF file.
 pub const NODE_DEPTH_MAX: usize = 256;
 
 /// Most cameras taken from a file; a file with more is usually an animation exported frame by frame.
 pub const CAMERAS_MAX: usize = 256;
 
-/// Range of the `detail` of a built-in scene. At the upper end the largest scene has some 8 million triangles.
+/// Range of the `detail` of a built-in scene. At the upper end the largest scene has some 8 million
+/// triangles, and the one of instances places 80 million.
 pub const DETAIL_RANGE: std::ops::RangeInclusive<f32> = 0.001..=8.0;
 
 /// Most positions sampled along a camera path at once.

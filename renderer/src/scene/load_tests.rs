@@ -89,6 +89,38 @@ fn gltf_nodes_share_meshes_and_carry_transforms() {
     assert_eq!(scene.cameras.len(), 1);
 }
 
+/// A mesh of 600 triangles and so many nodes that show it, each a step to the right of the one before.
+fn many_nodes(nodes: usize) -> Scene {
+    let (mut document, mut data) = triangle_document();
+    data.truncate(36);
+    data.extend([0_u16, 1, 2].repeat(600).iter().flat_map(|index| index.to_le_bytes()));
+    document["accessors"][1]["count"] = json!(1800);
+    document["bufferViews"][1]["byteLength"] = json!(3600);
+    document["buffers"][0]["byteLength"] = json!(data.len());
+    let node = |number: usize| json!({"mesh": 0, "translation": [2 * number, 0, 0]});
+    let mut all: Vec<Value> = (0..nodes).map(node).collect();
+    // One that is flattened cannot be an instance.
+    all.push(json!({"mesh": 0, "scale": [0, 1, 1]}));
+    document["scenes"][0]["nodes"] = (0..all.len()).collect();
+    document["nodes"] = Value::Array(all);
+    load_bytes("many.glb", &glb(&document, &data)).unwrap()
+}
+
+#[test]
+fn gltf_meshes_of_many_nodes_become_instances() {
+    let nodes = 1 + super::limits::INSTANCING_SAVES_MIN as usize / 600;
+    let scene = many_nodes(nodes);
+    assert_eq!(scene.triangles.len(), 2 * 600, "the object and the flattened one");
+    assert_eq!(scene.placed().count(), (nodes as u64 + 1) * 600);
+    let flat = scene.flattened().unwrap();
+    assert!(flat.instances.is_none());
+    assert_eq!(flat.triangles.len() as u64, scene.placed().count());
+    assert_eq!((flat.meshes.len(), flat.bounds()), (nodes + 1, scene.bounds()));
+    let few = many_nodes(9);
+    assert!(few.instances.is_none());
+    assert_eq!(few.triangles.len(), 6000);
+}
+
 #[test]
 fn gltf_materials_cameras_and_lights() {
     let (mut document, data) = triangle_document();

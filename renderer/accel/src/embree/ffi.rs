@@ -14,17 +14,21 @@ use std::ffi::{c_char, c_uint, c_void};
 pub(crate) use embree4_sys::{
     RTCBVH, RTCBounds, RTCBufferType, RTCBuildArguments, RTCBuildFlags, RTCBuildPrimitive, RTCBuildQuality,
     RTCCreateLeafFunction, RTCCreateNodeFunction, RTCDevice, RTCDeviceProperty, RTCFeatureFlags, RTCFormat,
-    RTCGeometryType, RTCIntersectArguments, RTCOccludedArguments, RTCRayQueryFlags, RTCScene, RTCSceneFlags,
-    RTCSetNodeBoundsFunction, RTCSetNodeChildrenFunction, RTCSplitPrimitiveFunction, RTCThreadLocalAllocator,
-    rtcAttachGeometry, rtcBuildBVH, rtcCommitGeometry, rtcCommitScene, rtcGetDeviceProperty, rtcIntersect1,
-    rtcIntersect8, rtcIntersect16, rtcNewBVH, rtcNewDevice, rtcNewGeometry, rtcNewScene, rtcOccluded1,
-    rtcOccluded8, rtcOccluded16, rtcReleaseBVH, rtcReleaseDevice, rtcReleaseGeometry, rtcReleaseScene,
-    rtcSetDeviceMemoryMonitorFunction, rtcSetSceneBuildQuality, rtcSetSceneFlags, rtcSetSharedGeometryBuffer,
-    rtcThreadLocalAlloc,
+    RTCGeometry, RTCGeometryType, RTCIntersectArguments, RTCOccludedArguments, RTCRayQueryFlags, RTCScene,
+    RTCSceneFlags, RTCSetNodeBoundsFunction, RTCSetNodeChildrenFunction, RTCSplitPrimitiveFunction,
+    RTCThreadLocalAllocator, rtcAttachGeometryByID, rtcBuildBVH, rtcCommitGeometry, rtcCommitScene,
+    rtcGetDeviceProperty, rtcGetGeometry, rtcIntersect1, rtcIntersect8, rtcIntersect16, rtcNewBVH,
+    rtcNewDevice, rtcNewGeometry, rtcNewScene, rtcOccluded1, rtcOccluded8, rtcOccluded16, rtcReleaseBVH,
+    rtcReleaseDevice, rtcReleaseGeometry, rtcReleaseScene, rtcSetDeviceMemoryMonitorFunction,
+    rtcSetGeometryBuildQuality, rtcSetGeometryInstancedScene, rtcSetGeometryTransform,
+    rtcSetSceneBuildQuality, rtcSetSceneFlags, rtcSetSharedGeometryBuffer, rtcThreadLocalAlloc,
 };
 
 /// "No geometry was hit."
 pub(crate) const INVALID_GEOMETRY: u32 = embree4_sys::RTC_INVALID_GEOMETRY_ID;
+
+// A hit without an instance comes back with the same mark, and goes out as it is.
+const _: () = assert!(INVALID_GEOMETRY == crate::geometry::NO_INSTANCE);
 
 /// `RTCRay` (`rtcore_ray.h`): the same in 4.2 and 4.4, declared again to stand beside [`RayHit`].
 #[repr(C, align(16))]

@@ -2,8 +2,10 @@
 
 pub(crate) mod device;
 pub(crate) mod ffi;
-pub(crate) mod native;
+pub(crate) mod instanced;
+mod native;
 mod packets;
 
 pub use device::{Device, DeviceError};
+pub use instanced::NativeInstances;
 pub use native::NativeScene;

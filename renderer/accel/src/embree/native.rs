@@ -10,17 +10,20 @@ use super::device::{Device, EmbreeFailure};
 use super::ffi;
 use super::packets;
 use crate::error::BuildError;
-use crate::geometry::{Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
-use crate::parameters::{NativeOptions, NativeQuality};
+use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
+use crate::parameters::{NativeOptions, NativeQuality, Update};
 
 /// A committed Embree scene over shared triangles.
 #[derive(Debug)]
 pub struct NativeScene {
     pub(super) scene: SceneHandle,
     bytes: usize,
+    options: NativeOptions,
+    /// Whether the scene is of the kind that can be refitted.
+    refits: bool,
     /// The scene reads these arrays and lives on this device: both must outlive it.
-    _triangles: Arc<Triangles>,
-    _device: Device,
+    triangles: Arc<Triangles>,
+    device: Device,
 }
 
 /// Releases the scene on every way out, also that of a failed build.
@@ -46,40 +49,67 @@ impl NativeScene {
         triangles: &Arc<Triangles>,
         options: &NativeOptions,
     ) -> Result<Self, BuildError> {
+        Self::build_as(device, triangles, options, false)
+    }
+
+    /// As [`NativeScene::build`]; or, for refits, a scene of the kind whose geometries keep trees of their own.
+    fn build_as(
+        device: &Device,
+        triangles: &Arc<Triangles>,
+        options: &NativeOptions,
+        refits: bool,
+    ) -> Result<Self, BuildError> {
         let before = device.bytes_held();
-        // SAFETY: the device is valid.
-        let scene = SceneHandle(unsafe { ffi::rtcNewScene(device.handle()) });
-        if scene.0.is_null() {
-            return Err(failure(device));
-        }
-        let mut flags = ffi::RTCSceneFlags::NONE;
-        for (wanted, flag) in [
-            (options.compact, ffi::RTCSceneFlags::COMPACT),
-            (options.dynamic, ffi::RTCSceneFlags::DYNAMIC),
-            (options.robust, ffi::RTCSceneFlags::ROBUST),
-        ] {
-            if wanted {
-                flags |= flag;
-            }
-        }
-        let quality = match options.quality {
-            NativeQuality::Low => ffi::RTCBuildQuality::LOW,
-            NativeQuality::Medium => ffi::RTCBuildQuality::MEDIUM,
-            NativeQuality::High => ffi::RTCBuildQuality::HIGH,
-        };
-        // SAFETY: the scene is valid and not committed yet.
-        unsafe {
-            ffi::rtcSetSceneFlags(scene.0, flags);
-            ffi::rtcSetSceneBuildQuality(scene.0, quality);
+        let scene = new_scene(device, options)?;
+        if refits {
+            // SAFETY: the scene is valid and not committed yet. Embree refits nothing but in scenes of two levels,
+            // which are those of low quality; the quality of the tree below is the geometry's.
+            unsafe { ffi::rtcSetSceneBuildQuality(scene.0, ffi::RTCBuildQuality::LOW) };
         }
         if !triangles.is_empty() {
-            attach(device, &scene, triangles)?;
+            attach(device, &scene, triangles, refits)?;
         }
-        // SAFETY: the scene is valid; the shared arrays are alive.
-        unsafe { ffi::rtcCommitScene(scene.0) };
-        device.check().map_err(BuildError::from)?;
-        let bytes = device.bytes_held().saturating_sub(before);
-        Ok(Self { scene, bytes, _triangles: Arc::clone(triangles), _device: device.clone() })
+        let scene = commit(device, scene, triangles, before)?;
+        Ok(Self { options: *options, refits, ..scene })
+    }
+
+    /// Follows moved triangles; there is no partial update, so it is a refit too. The first refit builds a scene
+    /// that can do it, and later ones refit that. Embree takes the changed vertices and fits its own boxes.
+    pub(crate) fn update(&mut self, triangles: &Arc<Triangles>, update: Update) -> Result<(), BuildError> {
+        BuildError::same_count(self.triangles.len(), triangles.len())?;
+        update.check()?;
+        let device = self.device.clone();
+        let options = self.options;
+        if update == Update::Rebuild || triangles.is_empty() {
+            *self = Self::build(&device, triangles, &options)?;
+        } else if !self.refits || !self.triangles.same_indices(triangles) {
+            *self = Self::build_as(&device, triangles, &options, true)?;
+        } else {
+            // SAFETY: the scene is valid and has the one geometry that `attach` gave it, under number 0. The old
+            // vertices live until the scene is committed with the new ones, and these with the scene.
+            unsafe {
+                let geometry = ffi::rtcGetGeometry(self.scene.0, 0);
+                set_positions(geometry, triangles);
+                ffi::rtcCommitGeometry(geometry);
+                ffi::rtcCommitScene(self.scene.0);
+            }
+            let outcome = device.check().map_err(BuildError::from);
+            let before = std::mem::replace(&mut self.triangles, Arc::clone(triangles));
+            if let Err(error) = outcome {
+                // Embree may still read the old vertices: they are leaked rather than taken from under it.
+                std::mem::forget(before);
+                return Err(error);
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn triangle_count(&self) -> usize {
+        self.triangles.len()
+    }
+
+    pub(super) fn device(&self) -> &Device {
+        &self.device
     }
 
     /// Bytes Embree took during the build, by its own memory monitor. A build running at the same time
@@ -89,7 +119,52 @@ impl NativeScene {
     }
 }
 
-fn failure(device: &Device) -> BuildError {
+/// A scene of these options, still empty.
+pub(super) fn new_scene(device: &Device, options: &NativeOptions) -> Result<SceneHandle, BuildError> {
+    // SAFETY: the device is valid.
+    let scene = SceneHandle(unsafe { ffi::rtcNewScene(device.handle()) });
+    if scene.0.is_null() {
+        return Err(failure(device));
+    }
+    let mut flags = ffi::RTCSceneFlags::NONE;
+    for (wanted, flag) in [
+        (options.compact, ffi::RTCSceneFlags::COMPACT),
+        (options.dynamic, ffi::RTCSceneFlags::DYNAMIC),
+        (options.robust, ffi::RTCSceneFlags::ROBUST),
+    ] {
+        if wanted {
+            flags |= flag;
+        }
+    }
+    let quality = match options.quality {
+        NativeQuality::Low => ffi::RTCBuildQuality::LOW,
+        NativeQuality::Medium => ffi::RTCBuildQuality::MEDIUM,
+        NativeQuality::High => ffi::RTCBuildQuality::HIGH,
+    };
+    // SAFETY: the scene is valid and not committed yet.
+    unsafe {
+        ffi::rtcSetSceneFlags(scene.0, flags);
+        ffi::rtcSetSceneBuildQuality(scene.0, quality);
+    }
+    Ok(scene)
+}
+
+/// Commits a scene that reads `triangles`; `before` is what Embree held when its build began.
+pub(super) fn commit(
+    device: &Device,
+    scene: SceneHandle,
+    triangles: &Arc<Triangles>,
+    before: usize,
+) -> Result<NativeScene, BuildError> {
+    // SAFETY: the scene is valid; the shared arrays are alive.
+    unsafe { ffi::rtcCommitScene(scene.0) };
+    device.check().map_err(BuildError::from)?;
+    let bytes = device.bytes_held().saturating_sub(before);
+    let (triangles, device) = (Arc::clone(triangles), device.clone());
+    Ok(NativeScene { scene, bytes, options: NativeOptions::default(), refits: false, triangles, device })
+}
+
+pub(super) fn failure(device: &Device) -> BuildError {
     let failure = device
         .check()
         .err()
@@ -97,28 +172,25 @@ fn failure(device: &Device) -> BuildError {
     BuildError::from(failure)
 }
 
-fn attach(device: &Device, scene: &SceneHandle, triangles: &Triangles) -> Result<(), BuildError> {
+fn attach(
+    device: &Device,
+    scene: &SceneHandle,
+    triangles: &Triangles,
+    refits: bool,
+) -> Result<(), BuildError> {
     // SAFETY: the device is valid.
     let geometry = unsafe { ffi::rtcNewGeometry(device.handle(), ffi::RTCGeometryType::TRIANGLE) };
     if geometry.is_null() {
         return Err(failure(device));
     }
-    let positions = triangles.positions();
     let indices = triangles.indices();
-    // SAFETY: positions are 16 bytes apart and 16 bytes long, as Embree reads them; the arrays do not
-    // move while the scene's `Arc` holds them; indices are in range by the invariant of `Triangles`.
-    // Attaching retains the geometry, so our own reference is released at once.
+    // SAFETY: the arrays do not move while the scene's `Arc` holds them; indices are in range by the
+    // invariant of `Triangles`. Attaching retains the geometry, so our own reference is released at once.
     unsafe {
-        ffi::rtcSetSharedGeometryBuffer(
-            geometry,
-            ffi::RTCBufferType::VERTEX,
-            0,
-            ffi::RTCFormat::FLOAT3,
-            positions.as_ptr().cast(),
-            0,
-            16,
-            positions.len(),
-        );
+        if refits {
+            ffi::rtcSetGeometryBuildQuality(geometry, ffi::RTCBuildQuality::REFIT);
+        }
+        set_positions(geometry, triangles);
         ffi::rtcSetSharedGeometryBuffer(
             geometry,
             ffi::RTCBufferType::INDEX,
@@ -130,10 +202,32 @@ fn attach(device: &Device, scene: &SceneHandle, triangles: &Triangles) -> Result
             indices.len(),
         );
         ffi::rtcCommitGeometry(geometry);
-        ffi::rtcAttachGeometry(scene.0, geometry);
+        ffi::rtcAttachGeometryByID(scene.0, geometry, 0);
         ffi::rtcReleaseGeometry(geometry);
     }
     device.check().map_err(BuildError::from)
+}
+
+/// Shares the vertices with a geometry.
+///
+/// # Safety
+/// The geometry is valid, and the vertices outlive its use of them.
+unsafe fn set_positions(geometry: ffi::RTCGeometry, triangles: &Triangles) {
+    let positions = triangles.positions();
+    // SAFETY: positions are 16 bytes apart and 16 bytes long, as Embree reads them; the rest the caller
+    // vouches for.
+    unsafe {
+        ffi::rtcSetSharedGeometryBuffer(
+            geometry,
+            ffi::RTCBufferType::VERTEX,
+            0,
+            ffi::RTCFormat::FLOAT3,
+            positions.as_ptr().cast(),
+            0,
+            16,
+            positions.len(),
+        );
+    }
 }
 
 fn to_embree(ray: &Ray) -> ffi::RtcRay {
@@ -176,7 +270,8 @@ impl Intersector for NativeScene {
             u: hit.u,
             v: hit.v,
             triangle: hit.primitive,
-            instance: NO_INSTANCE,
+            // Without instances Embree leaves its own mark here, which is ours as well.
+            instance: hit.instance,
         })
     }
 

@@ -9,7 +9,7 @@ use std::ffi::c_int;
 use std::ptr;
 
 use super::ffi::{self, HitPacket, Mask, RayHitPacket, RayPacket};
-use crate::geometry::{Hit, NO_INSTANCE, Ray};
+use crate::geometry::{Hit, Ray};
 
 impl<const N: usize> RayPacket<N> {
     /// A packet whose rays are all still to be filled in.
@@ -80,7 +80,7 @@ pub(super) unsafe fn closest<const N: usize>(
             let (u, v) = (query.hit.u[lane], query.hit.v[lane]);
             let met = query.hit.geometry[lane] != ffi::INVALID_GEOMETRY && (u + v).is_finite();
             let (t, triangle) = (query.ray.t_far[lane], query.hit.primitive[lane]);
-            *hit = met.then_some(Hit { t, u, v, triangle, instance: NO_INSTANCE });
+            *hit = met.then_some(Hit { t, u, v, triangle, instance: query.hit.instance[lane] });
         }
     }
 }

@@ -58,6 +58,7 @@ impl Tree {
             isa,
             parameters: *parameters,
             triangles: Arc::clone(triangles),
+            motion: None,
             _memory: memory,
         })
     }

@@ -9,12 +9,16 @@ mod build;
 mod callbacks;
 mod collapse;
 mod grow;
+mod motion;
 mod order;
 mod plan;
+mod refit;
 mod reinsertion;
 mod sketch;
 mod split;
 mod statistics;
+mod top;
+mod two_level;
 mod validate;
 mod walk;
 mod write;
@@ -22,6 +26,7 @@ mod write;
 use std::sync::Arc;
 
 pub use statistics::TreeStatistics;
+pub use two_level::TwoLevel;
 pub use validate::TreeFault;
 
 use crate::geometry::{Hit, Intersector, Ray, Triangles};
@@ -39,6 +44,8 @@ pub struct Tree {
     isa: Isa,
     parameters: TreeParameters,
     triangles: Arc<Triangles>,
+    /// What updates remember; nothing of a tree that was never updated.
+    motion: Option<Box<motion::Motion>>,
     /// Owns every node and leaf.
     _memory: Memory,
 }
@@ -71,6 +78,11 @@ impl Tree {
     /// The parameters it was built with.
     pub fn parameters(&self) -> &TreeParameters {
         &self.parameters
+    }
+
+    /// The box around all of it.
+    pub(crate) fn bounds(&self) -> Bounds {
+        self.root.bounds
     }
 
     /// The instruction set its kernels use.

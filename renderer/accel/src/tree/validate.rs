@@ -44,6 +44,12 @@ pub enum TreeFault {
         /// Its number.
         triangle: usize,
     },
+    /// An instance is not found exactly once in the upper level, in a box that covers it.
+    #[error("the upper level does not hold instance {instance} once, in a box that covers it")]
+    Instance {
+        /// Its number.
+        instance: u32,
+    },
 }
 
 impl Tree {

@@ -2,12 +2,13 @@
 //!
 //! They cover what makes acceleration structures differ: architecture with large and small triangles side
 //! by side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`, `needles`), one
-//! dense surface (`statue`), wide extent (`city`, and `model`, which asks next to nothing of shading), and a
-//! small one for trials (`quick`).
+//! dense surface (`statue`), wide extent (`city`, and `model`, which asks next to nothing of shading), more
+//! than fits memory but as instances (`forest`), and a small one for trials (`quick`).
 
 mod architecture;
 mod city;
 mod courtyard;
+mod forest;
 mod gallery;
 mod hall;
 mod model;
@@ -50,7 +51,7 @@ impl Default for Options {
 /// A scene in the list: its name, what it shows, and its generator.
 type Entry = (&'static str, &'static str, fn(&mut Stage) -> Result<Plan, SceneError>);
 
-const SCENES: [Entry; 8] = [
+const SCENES: [Entry; 9] = [
     (
         "hall",
         "columned hall with coffered ceiling, sunlit through high windows; 250,000 triangles",
@@ -65,6 +66,11 @@ const SCENES: [Entry; 8] = [
         "model",
         "the city as a white model under an overcast sky: one matt material, no lamps; 480,000 triangles",
         model::build,
+    ),
+    (
+        "forest",
+        "forest around a lake, made of instances; 10,000,000 triangles placed, 300,000 of them unique",
+        forest::build,
     ),
     (
         "quick",

@@ -1,6 +1,6 @@
 //! What every generator works with: an assembler, its dice, and a sense of scale.
 
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
@@ -59,6 +59,21 @@ impl<'a> Stage<'a> {
     /// The box around what was added so far.
     pub(super) fn bounds(&self) -> Bounds {
         self.assembler.bounds()
+    }
+
+    /// Begins an object: what is added until it ends lies in its own space.
+    pub(super) fn begin_object(&mut self) {
+        self.assembler.begin_object();
+    }
+
+    /// Ends the object and gives the number to place it by.
+    pub(super) fn end_object(&mut self) -> u32 {
+        self.assembler.end_object()
+    }
+
+    /// Places an object in the world.
+    pub(super) fn place(&mut self, object: u32, to_world: Affine3A) {
+        self.assembler.place(object, to_world);
     }
 
     /// Registers a material.

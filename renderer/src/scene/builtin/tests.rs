@@ -63,6 +63,14 @@ fn triangle_counts_keep_their_promise() {
 }
 
 #[test]
+fn the_forest_is_large_by_its_instances() {
+    let forest = small("forest", Options::default());
+    let placed = forest.placed().count();
+    assert!((9_000_000..=11_500_000).contains(&placed), "{placed} triangles are placed");
+    assert!(forest.triangles.len() < 500_000, "{} triangles are unique", forest.triangles.len());
+}
+
+#[test]
 fn seeds_vary_and_detail_scales() {
     for name in ["voxels", "gallery", "city", "quick"] {
         let other = small(name, Options { seed: 2, ..SMALL });

@@ -96,6 +96,30 @@ impl NodeRef {
         unsafe { &*self.0.cast::<N>() }
     }
 
+    /// The node, to be changed.
+    ///
+    /// # Safety
+    /// As for [`NodeRef::node`], and nobody else looks at it meanwhile.
+    pub(crate) unsafe fn node_mut<'a, N: TreeNode>(self) -> &'a mut N {
+        // SAFETY: as above.
+        unsafe { &mut *self.0.cast::<N>() }
+    }
+
+    /// The blocks of the leaf, to be changed.
+    ///
+    /// # Safety
+    /// As for [`NodeRef::blocks`], and nobody else looks at them meanwhile.
+    pub(crate) unsafe fn blocks_mut<'a, const B: usize>(self) -> &'a mut [Block<B>] {
+        let count = self.0.addr() & COUNT_BITS;
+        if count == 0 {
+            return &mut [];
+        }
+        // SAFETY: the caller vouches for it; the tag says how many blocks there are.
+        unsafe {
+            std::slice::from_raw_parts_mut(self.0.map_addr(|address| address & !TAG_BITS).cast(), count)
+        }
+    }
+
     /// The blocks of the leaf.
     ///
     /// # Safety

@@ -1,0 +1,282 @@
+//! A scene of instances gives the answers of the same scene flattened, whatever it is built as.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use glam::{Affine3A, Mat3, Quat, Vec3, Vec3A};
+use rand::RngExt;
+use treewright_accel::{
+    BruteForce, BuildChoice, Device, Hit, Instances, Intersector, NativeOptions, NativeQuality, NodeFormat,
+    Packets, Quality, Ray, Structure, TreeParameters, Triangles, build_instanced,
+};
+
+mod scenes;
+
+/// Objects side by side in one array, and the numbers of their triangles.
+fn objects(parts: &[Arc<Triangles>]) -> (Arc<Triangles>, Vec<Range<u32>>) {
+    let (mut positions, mut indices, mut ranges) = (Vec::new(), Vec::new(), Vec::new());
+    for part in parts {
+        let (first_vertex, first) = (positions.len() as u32, indices.len() as u32);
+        positions.extend_from_slice(part.positions());
+        indices.extend(part.indices().iter().map(|corners| corners.map(|corner| corner + first_vertex)));
+        ranges.push(first..indices.len() as u32);
+    }
+    (Arc::new(Triangles::new(positions, indices).expect("the scene is valid")), ranges)
+}
+
+/// A few objects of different kinds, one of them empty and one that nothing places.
+fn kinds() -> (Arc<Triangles>, Vec<Range<u32>>) {
+    objects(&[
+        scenes::soup(60, 0.4, 1),
+        scenes::hills(6),
+        Arc::new(Triangles::default()),
+        scenes::city(2, 3),
+        scenes::needles(40, 4),
+        scenes::soup(500, 0.5, 5),
+    ])
+}
+
+/// Number of the object in [`kinds`] that has no triangle.
+const EMPTY: u32 = 2;
+
+/// What every instance's triangles look like in the world, in the order of instances, with both their numbers.
+fn flattened(triangles: &Triangles, instances: &Instances) -> (Arc<Triangles>, Vec<(u32, u32)>) {
+    let (mut corners, mut numbers) = (Vec::new(), Vec::new());
+    for (number, instance) in instances.placed().iter().enumerate() {
+        for triangle in instances.objects()[instance.object as usize].clone() {
+            let placed = triangles.corners(triangle as usize);
+            corners.push(placed.map(|corner| instance.to_world.transform_point3a(corner)));
+            numbers.push((triangle, number as u32));
+        }
+    }
+    (scenes::separate(corners), numbers)
+}
+
+/// Every back end, and trees of every width, format, builder and test.
+fn choices() -> Vec<BuildChoice> {
+    let mut all = vec![BuildChoice::BruteForce];
+    for branching_factor in [2, 4, 8] {
+        for (quality, robust, format, block_width) in [
+            (Quality::Morton, false, NodeFormat::Full, 4),
+            (Quality::Sah, true, NodeFormat::Full, 8),
+            (Quality::SahSplit, false, NodeFormat::Quantised, 4),
+            (Quality::SahSplit, true, NodeFormat::Full, 4),
+        ] {
+            all.push(BuildChoice::Tree(TreeParameters {
+                branching_factor,
+                quality,
+                robust,
+                format,
+                block_width,
+                max_depth: 64,
+                ..TreeParameters::default()
+            }));
+        }
+    }
+    all.push(BuildChoice::Tree(TreeParameters { compact: true, ..TreeParameters::default() }));
+    for quality in [NativeQuality::Low, NativeQuality::Medium, NativeQuality::High] {
+        for robust in [false, true] {
+            all.push(BuildChoice::Native(NativeOptions { quality, robust, ..NativeOptions::default() }));
+        }
+    }
+    all
+}
+
+/// Whether rounding may decide about the ray: it passes an edge or an end of its segment closely. Ways into an
+/// object's space and back round at the magnitude of everything on the way.
+fn is_close_call([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit) -> bool {
+    let [a, b, c] = [a, b, c].map(Vec3A::as_dvec3);
+    let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let weights = [hit.u, hit.v, 1.0 - hit.u - hit.v].map(f64::from);
+    let normal = (b - a).cross(c - a);
+    let longest = (b - a).length().max((c - a).length()).max((c - b).length());
+    let slant = (normal.dot(direction) / (normal.length() * direction.length())).abs();
+    let inside = weights.into_iter().fold(f64::INFINITY, f64::min) * normal.length() / longest * slant;
+    let reach = origin.length() + a.length() + b.length() + c.length();
+    let t = f64::from(hit.t);
+    let ends = (t - f64::from(ray.t_min)).abs().min((t - f64::from(ray.t_max)).abs());
+    inside < 2e-5 * reach || ends < 1e-4 * (1.0 + t)
+}
+
+/// Builds everything and asks it about the rays.
+fn all_agree(triangles: &Arc<Triangles>, ranges: &[Range<u32>], placed: Vec<(u32, Affine3A)>, rays: &[Ray]) {
+    let count = placed.len();
+    let instances =
+        Arc::new(Instances::new(triangles.len(), ranges.to_vec(), placed).expect("the instances are valid"));
+    let (flat, numbers) = flattened(triangles, &instances);
+    assert_eq!(instances.placed_triangles(), flat.len() as u64);
+    let number_of = |hit: Hit| {
+        let (triangle, instance) = numbers[hit.triangle as usize];
+        Hit { triangle, instance, ..hit }
+    };
+    let oracle = BruteForce::new(&flat);
+    let flat_hits: Vec<Option<Hit>> = rays.iter().map(|ray| oracle.closest(ray)).collect();
+    let expected: Vec<Option<Hit>> = flat_hits.iter().map(|hit| hit.map(number_of)).collect();
+    let flat_corners = |hit: &Hit| {
+        let to_world = &instances.placed()[hit.instance as usize].to_world;
+        triangles.corners(hit.triangle as usize).map(|corner| to_world.transform_point3a(corner))
+    };
+    let device = Device::open(0).expect("Embree is set up");
+    for choice in choices() {
+        let structure = build_instanced(&device, triangles, &instances, &choice)
+            .unwrap_or_else(|error| panic!("{choice:?}: {error}"));
+        if let Structure::TwoLevel(two_level) = &structure {
+            two_level.validate().unwrap_or_else(|fault| panic!("{choice:?}: {fault}"));
+        }
+        let mut close_calls = 0;
+        let mut compare =
+            |what: &dyn std::fmt::Debug, ray: &Ray, expected: Option<Hit>, found: Option<Hit>| {
+                let same = match (expected, found) {
+                    (None, None) => true,
+                    (Some(expected), Some(found)) => {
+                        let tolerance = 2e-4 * (1.0 + expected.t);
+                        let near = (expected.t - found.t).abs() <= tolerance;
+                        if near && (expected.triangle, expected.instance) == (found.triangle, found.instance)
+                        {
+                            let [a, b, c] = flat_corners(&found);
+                            let at = Vec3::from(a + (b - a) * found.u + (c - a) * found.v);
+                            let along = ray.origin + ray.direction * found.t;
+                            let scale = 1.0 + ray.origin.length() + at.length();
+                            let edge_on = is_close_call([a, b, c], ray, &found);
+                            assert!(
+                                edge_on || at.distance(along) < 1e-3 * scale,
+                                "{what:?}: {at} is not {along}"
+                            );
+                        }
+                        near
+                    }
+                    _ => false,
+                };
+                let involved = [expected, found];
+                let mut involved = involved.iter().flatten();
+                if !same {
+                    let close = involved.any(|hit| is_close_call(flat_corners(hit), ray, hit));
+                    assert!(
+                        close,
+                        "{what:?}, {count} instances: {ray:?} should give {expected:?}, gave {found:?}"
+                    );
+                    close_calls += 1;
+                }
+            };
+        for (ray, &expected) in rays.iter().zip(&expected) {
+            let found = structure.closest(ray);
+            compare(&choice, ray, expected, found);
+            if structure.occluded(ray) != found.is_some() {
+                let hit = found.or(expected).expect("something occludes");
+                assert!(
+                    is_close_call(flat_corners(&hit), ray, &hit),
+                    "{choice:?}: {ray:?} is occluded or not"
+                );
+            }
+        }
+        for packets in Packets::ALL {
+            let (mut hits, mut occluded) = (vec![None; rays.len()], vec![false; rays.len()]);
+            structure.closest_each(packets, rays, &mut hits);
+            structure.occluded_each(packets, rays, &mut occluded);
+            for (index, ray) in rays.iter().enumerate() {
+                compare(&(choice, packets), ray, expected[index], hits[index]);
+                if let Some(hit) =
+                    hits[index].or(expected[index]).filter(|_| occluded[index] != hits[index].is_some())
+                {
+                    assert!(is_close_call(flat_corners(&hit), ray, &hit), "{choice:?}, {packets:?}: {ray:?}");
+                }
+            }
+        }
+        let asked = rays.len() * (1 + Packets::ALL.len());
+        assert!(close_calls * 50 <= asked, "{choice:?}: {close_calls} of {asked} answers are close calls");
+    }
+}
+
+#[test]
+fn one_instance_as_it_is_and_moved() {
+    let (triangles, ranges) = kinds();
+    let moved = Affine3A::from_rotation_translation(Quat::from_rotation_y(0.7), Vec3::new(0.3, -0.2, 0.5));
+    for (object, at) in [(0, Affine3A::IDENTITY), (3, moved)] {
+        all_agree(&triangles, &ranges, vec![(object, at)], &scenes::rays(150, 11));
+    }
+}
+
+#[test]
+fn turned_scaled_sheared_and_mirrored() {
+    let (triangles, ranges) = kinds();
+    let mut random = scenes::random(12);
+    let placed = (0..24)
+        .map(|number| {
+            let turn = Quat::from_axis_angle(scenes::on_sphere(&mut random), random.random_range(0.0..6.0));
+            let mut scale = Vec3::splat(random.random_range(0.1..0.6));
+            if number % 3 == 1 {
+                scale *= Vec3::new(-1.0, 1.0, 1.0);
+            }
+            if number % 3 == 2 {
+                scale *= Vec3::new(0.3, 1.0, 2.0);
+            }
+            let at = Vec3::from(scenes::in_cube(&mut random));
+            let mut to_world = Affine3A::from_scale_rotation_translation(scale, turn, at);
+            if number % 4 == 3 {
+                let shear = Mat3::from_cols(Vec3::X, Vec3::new(0.6, 1.0, 0.0), Vec3::new(0.0, -0.4, 1.0));
+                to_world *= Affine3A::from_mat3(shear);
+            }
+            // Number 5 of the objects is never placed, the empty one often.
+            (number % 5, to_world)
+        })
+        .collect();
+    all_agree(&triangles, &ranges, placed, &scenes::rays(300, 13));
+}
+
+#[test]
+fn nothing_is_met_where_nothing_stands() {
+    let (triangles, ranges) = kinds();
+    let device = Device::open(0).expect("Embree is set up");
+    for placed in [vec![], vec![(EMPTY, Affine3A::IDENTITY); 3]] {
+        let instances = Arc::new(Instances::new(triangles.len(), ranges.clone(), placed).expect("valid"));
+        for choice in choices() {
+            let structure = build_instanced(&device, &triangles, &instances, &choice).expect("it builds");
+            for ray in scenes::rays(40, 14) {
+                assert_eq!(structure.closest(&ray), None, "{choice:?}");
+                assert!(!structure.occluded(&ray), "{choice:?}");
+            }
+            if let Structure::TwoLevel(two_level) = &structure {
+                two_level.validate().expect("an empty structure is valid");
+                assert_eq!(two_level.statistics().triangle_references, 0, "what nothing places is not built");
+            }
+        }
+    }
+}
+
+#[test]
+fn thousands() {
+    let (triangles, ranges) = objects(&[scenes::city(1, 20), scenes::soup(8, 1.0, 21)]);
+    let mut random = scenes::random(22);
+    let placed = (0..3000)
+        .map(|number| {
+            let turn = Quat::from_rotation_y(random.random_range(0.0..6.0));
+            let at = Vec3::from(scenes::in_cube(&mut random)) * Vec3::new(2.0, 0.3, 2.0);
+            let scale = Vec3::splat(random.random_range(0.01..0.05));
+            (number % 2, Affine3A::from_scale_rotation_translation(scale, turn, at))
+        })
+        .collect();
+    all_agree(&triangles, &ranges, placed, &scenes::rays(120, 23));
+}
+
+#[test]
+fn rays_that_are_none_meet_nothing() {
+    let (triangles, ranges) = kinds();
+    let placed = vec![(0, Affine3A::from_scale(Vec3::splat(0.5))); 2];
+    let instances = Arc::new(Instances::new(triangles.len(), ranges, placed).expect("valid"));
+    let device = Device::open(0).expect("Embree is set up");
+    let good = Ray { origin: Vec3::Y, direction: Vec3::NEG_Y, t_min: 0.0, t_max: f32::INFINITY };
+    let bad = [
+        Ray { direction: Vec3::NAN, ..good },
+        Ray { origin: Vec3::INFINITY, ..good },
+        Ray { t_min: f32::NAN, ..good },
+        Ray { t_max: -1.0, ..good },
+        Ray { direction: Vec3::ZERO, ..good },
+    ];
+    for choice in choices() {
+        let structure = build_instanced(&device, &triangles, &instances, &choice).expect("it builds");
+        for ray in &bad {
+            assert_eq!(structure.closest(ray), None, "{choice:?}, {ray:?}");
+            assert!(!structure.occluded(ray), "{choice:?}, {ray:?}");
+        }
+    }
+}

@@ -1,0 +1,248 @@
+//! After every step of a motion, an updated structure gives the answers of the oracle.
+
+use std::sync::Arc;
+
+use glam::{Affine3A, Quat, Vec3, Vec3A};
+use treewright_accel::{
+    BruteForce, BuildChoice, BuildError, Device, Hit, Instances, Intersector, Isa, NativeOptions,
+    NativeQuality, NodeFormat, Quality, Ray, Structure, TreeParameters, Triangles, Update, build,
+    build_instanced,
+};
+
+mod scenes;
+
+/// Ways to follow.
+const UPDATES: [Update; 4] = [
+    Update::Refit,
+    Update::Partial { rebuild_threshold: 1.0 },
+    Update::Partial { rebuild_threshold: 1.3 },
+    Update::Rebuild,
+];
+
+/// Something that moves: where a vertex, given with its number, is at a moment from 0 to 1.
+type Motion = fn(usize, Vec3A, f32) -> Vec3A;
+
+/// A wave runs through everything.
+fn wave(_: usize, at: Vec3A, moment: f32) -> Vec3A {
+    at + Vec3A::Y * (0.4 * (3.0 * at.x + 9.0 * moment).sin())
+}
+
+/// Every other block of vertices turns about the vertical, so that what was near drifts apart.
+fn turn(number: usize, at: Vec3A, moment: f32) -> Vec3A {
+    let turned = Affine3A::from_rotation_y(2.0 * moment).transform_point3a(at);
+    if (number / 96).is_multiple_of(2) { turned } else { at }
+}
+
+/// Everything falls into a point.
+fn collapse(_: usize, at: Vec3A, moment: f32) -> Vec3A {
+    at * (1.0 - moment) + Vec3A::splat(0.1) * moment
+}
+
+fn moved(triangles: &Triangles, motion: Motion, moment: f32) -> Arc<Triangles> {
+    let positions = triangles.positions().iter().enumerate();
+    let positions = positions.map(|(number, &at)| motion(number, at, moment)).collect();
+    Arc::new(triangles.moved(positions).expect("the motion stays in range"))
+}
+
+fn choices() -> Vec<BuildChoice> {
+    let mut all = vec![BuildChoice::BruteForce];
+    for branching_factor in [2, 4, 8] {
+        for (quality, robust, format, block_width) in [
+            (Quality::Morton, false, NodeFormat::Full, 4),
+            (Quality::Sah, true, NodeFormat::Full, 8),
+            (Quality::SahSplit, false, NodeFormat::Quantised, 4),
+        ] {
+            all.push(BuildChoice::Tree(TreeParameters {
+                branching_factor,
+                quality,
+                robust,
+                format,
+                block_width,
+                max_depth: 64,
+                ..TreeParameters::default()
+            }));
+        }
+    }
+    for (quality, robust) in
+        [(NativeQuality::Low, false), (NativeQuality::Medium, true), (NativeQuality::High, false)]
+    {
+        all.push(BuildChoice::Native(NativeOptions { quality, robust, ..NativeOptions::default() }));
+    }
+    all
+}
+
+/// Whether rounding may decide about the ray.
+fn is_close_call([a, b, c]: [Vec3A; 3], ray: &Ray, hit: &Hit) -> bool {
+    let [a, b, c] = [a, b, c].map(Vec3A::as_dvec3);
+    let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let weights = [hit.u, hit.v, 1.0 - hit.u - hit.v].map(f64::from);
+    let normal = (b - a).cross(c - a);
+    let longest = (b - a).length().max((c - a).length()).max((c - b).length());
+    let slant = (normal.dot(direction) / (normal.length() * direction.length())).abs();
+    let inside = weights.into_iter().fold(f64::INFINITY, f64::min) * normal.length() / longest * slant;
+    let reach = origin.length() + a.length() + b.length() + c.length();
+    let t = f64::from(hit.t);
+    let ends = (t - f64::from(ray.t_min)).abs().min((t - f64::from(ray.t_max)).abs());
+    inside < 2e-5 * reach || ends < 1e-4 * (1.0 + t)
+}
+
+/// Compares a structure with the oracle over world-space corners.
+fn agree(
+    what: &str,
+    structure: &Structure,
+    oracle: &BruteForce,
+    corners: &dyn Fn(&Hit) -> [Vec3A; 3],
+    rays: &[Ray],
+) {
+    let mut close_calls = 0;
+    for ray in rays {
+        let (expected, found) = (oracle.closest(ray), structure.closest(ray));
+        let same = match (expected, found) {
+            (None, None) => true,
+            (Some(expected), Some(found)) => (expected.t - found.t).abs() <= 2e-4 * (1.0 + expected.t),
+            _ => false,
+        };
+        if !same || structure.occluded(ray) != found.is_some() {
+            let close = [expected, found].iter().flatten().any(|hit| is_close_call(corners(hit), ray, hit));
+            assert!(close, "{what}: {ray:?} should give {expected:?}, gave {found:?}");
+            close_calls += 1;
+        }
+    }
+    assert!(
+        close_calls * 30 <= rays.len(),
+        "{what}: {close_calls} of {} answers are close calls",
+        rays.len()
+    );
+}
+
+fn validate(what: &str, structure: &Structure) {
+    let sound = match structure {
+        Structure::Tree(tree) => tree.validate(),
+        Structure::TwoLevel(two_level) => two_level.validate(),
+        _ => Ok(()),
+    };
+    sound.unwrap_or_else(|fault| panic!("{what}: {fault}"));
+}
+
+fn follows(name: &str, triangles: &Arc<Triangles>, motion: Motion) {
+    let device = Device::open(0).expect("Embree is set up");
+    let rays = scenes::rays(120, 3);
+    for choice in choices() {
+        for update in UPDATES {
+            let mut structure = build(&device, triangles, &choice).expect("it builds");
+            for step in 1..=3 {
+                let now = moved(triangles, motion, step as f32 / 3.0);
+                let what = format!("{name}, {choice:?}, {update:?}, step {step}");
+                structure.update(&device, &now, update).unwrap_or_else(|error| panic!("{what}: {error}"));
+                validate(&what, &structure);
+                let corners = |hit: &Hit| now.corners(hit.triangle as usize);
+                agree(&what, &structure, &BruteForce::new(&now), &corners, &rays);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_deforming_surface() {
+    follows("hills", &scenes::hills(40), wave);
+}
+
+#[test]
+fn parts_that_drift_apart() {
+    follows("soup", &scenes::soup(2500, 0.15, 1), turn);
+}
+
+#[test]
+fn everything_into_a_point() {
+    follows("collapse", &scenes::soup(700, 0.3, 2), collapse);
+}
+
+#[test]
+fn one_triangle_and_none() {
+    let one = [Vec3A::new(-1.0, -1.0, 0.0), Vec3A::new(1.0, -1.0, 0.3), Vec3A::new(0.0, 1.0, 0.0)];
+    follows("one", &scenes::separate([one]), wave);
+    follows("none", &Arc::new(Triangles::default()), wave);
+}
+
+#[test]
+fn the_choice_of_kernels_survives() {
+    let device = Device::open(0).expect("Embree is set up");
+    let triangles = scenes::soup(2500, 0.15, 1);
+    for update in UPDATES {
+        let choice = BuildChoice::Tree(TreeParameters { max_depth: 64, ..TreeParameters::default() });
+        let Ok(Structure::Tree(tree)) = build(&device, &triangles, &choice) else {
+            panic!("it builds a tree");
+        };
+        let mut structure = Structure::Tree(tree.with_isa(Isa::Scalar).expect("it is always there"));
+        structure.update(&device, &moved(&triangles, turn, 0.9), update).expect("it follows");
+        assert!(matches!(&structure, Structure::Tree(tree) if tree.isa() == Isa::Scalar), "{update:?}");
+    }
+}
+
+/// Rebuilding parts restores what refitting lost, and leaves alone what is well.
+#[test]
+fn a_partial_update_keeps_the_tree_good() {
+    let device = Device::open(0).expect("Embree is set up");
+    let triangles = scenes::soup(6000, 0.05, 1);
+    let choice =
+        BuildChoice::Tree(TreeParameters { branching_factor: 4, max_depth: 64, ..TreeParameters::default() });
+    let cost = |update: Update| {
+        let mut structure = build(&device, &triangles, &choice).expect("it builds");
+        for step in 1..=4 {
+            structure
+                .update(&device, &moved(&triangles, turn, step as f32 / 4.0), update)
+                .expect("it follows");
+        }
+        structure.statistics().tree.expect("it is a tree of ours").sah_cost
+    };
+    let (rebuilt, refitted) = (cost(Update::Rebuild), cost(Update::Refit));
+    let partial = cost(Update::Partial { rebuild_threshold: 1.2 });
+    assert!(refitted > 2.0 * rebuilt, "the motion is a hard one: {refitted} against {rebuilt}");
+    assert!(partial < 1.3 * rebuilt, "{partial} against {rebuilt} rebuilt and {refitted} refitted");
+}
+
+#[test]
+fn instances_follow_their_objects() {
+    let device = Device::open(0).expect("Embree is set up");
+    let triangles = scenes::soup(1600, 0.2, 5);
+    let placed = (0..12).map(|number| {
+        let turn = Quat::from_rotation_x(number as f32);
+        let at = Vec3::new((number % 4) as f32 - 1.5, 0.3 * number as f32 - 1.5, 0.0);
+        (number % 2, Affine3A::from_scale_rotation_translation(Vec3::new(0.4, -0.3, 0.4), turn, at))
+    });
+    let objects = vec![0..900, 900..1600];
+    let instances = Arc::new(Instances::new(triangles.len(), objects, placed).expect("valid"));
+    let rays = scenes::rays(120, 6);
+    for choice in choices() {
+        for update in UPDATES {
+            let mut structure = build_instanced(&device, &triangles, &instances, &choice).expect("it builds");
+            for step in 1..=2 {
+                let now = moved(&triangles, turn, step as f32 / 2.0);
+                let what = format!("{choice:?}, {update:?}, step {step}");
+                structure.update(&device, &now, update).unwrap_or_else(|error| panic!("{what}: {error}"));
+                validate(&what, &structure);
+                let corners = |hit: &Hit| {
+                    let to_world = &instances.placed()[hit.instance as usize].to_world;
+                    now.corners(hit.triangle as usize).map(|corner| to_world.transform_point3a(corner))
+                };
+                agree(&what, &structure, &BruteForce::instanced(&now, &instances), &corners, &rays);
+            }
+        }
+    }
+}
+
+#[test]
+fn mistakes_are_named() {
+    let device = Device::open(0).expect("Embree is set up");
+    let triangles = scenes::hills(6);
+    let other = scenes::hills(7);
+    for choice in choices() {
+        let mut structure = build(&device, &triangles, &choice).expect("it builds");
+        let error = structure.update(&device, &other, Update::Refit).expect_err("it is refused");
+        assert!(matches!(error, BuildError::OtherTriangles { .. }), "{choice:?}: {error}");
+    }
+    for rebuild_threshold in [0.9, 5.0, f32::NAN] {
+        let error = Update::Partial { rebuild_threshold }.check().expect_err("it is refused");
+        assert!(error.to_string().contains("rebuild_threshold"));
+    }
+}

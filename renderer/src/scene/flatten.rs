@@ -1,0 +1,79 @@
+//! A scene of instances as one without: every instance's triangles as its own.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use glam::{Vec3, Vec3A};
+use treewright_accel::Triangles;
+use treewright_accel::limits::TRIANGLES_MAX;
+
+use super::limits::{MESHES_MAX, VERTICES_MAX};
+use super::{Mesh, Scene, SceneError};
+
+/// Marks a vertex that has no copy yet.
+const NONE: u32 = u32::MAX;
+
+impl Scene {
+    /// The same scene without instances. Needs memory for every placed triangle.
+    ///
+    /// # Errors
+    /// [`SceneError::TooMany`] beyond the limits of scenes.
+    pub fn flattened(&self) -> Result<Self, SceneError> {
+        let Some(instances) = &self.instances else {
+            return Ok(self.clone());
+        };
+        let too_many = || SceneError::TooMany { path: PathBuf::from(&self.name) };
+        let count = usize::try_from(instances.placed_triangles()).map_err(|_| too_many())?;
+        if count > TRIANGLES_MAX {
+            return Err(too_many());
+        }
+        let (mut positions, mut normals) = (Vec::<Vec3A>::new(), Vec::<Vec3>::new());
+        let (mut indices, mut meshes) = (Vec::with_capacity(count), Vec::<Mesh>::new());
+        let mut copies = vec![NONE; self.triangles.positions().len()];
+        let mut copied: Vec<u32> = Vec::new();
+        let mut current = None;
+        for (mesh, number) in self.placed_meshes() {
+            if current.replace(number) != Some(number) {
+                copied.drain(..).for_each(|vertex| copies[vertex as usize] = NONE);
+            }
+            if meshes.len() >= MESHES_MAX {
+                return Err(too_many());
+            }
+            let instance = &instances.placed()[number as usize];
+            let mirrored = instance.to_world.matrix3.determinant() < 0.0;
+            let upright = instance.to_object.matrix3.transpose();
+            let first_triangle = indices.len() as u32;
+            let range = mesh.first_triangle as usize..(mesh.first_triangle + mesh.triangle_count) as usize;
+            for corners in &self.triangles.indices()[range] {
+                let mut corners = corners.map(|vertex| {
+                    let copy = &mut copies[vertex as usize];
+                    if *copy == NONE {
+                        *copy = positions.len() as u32;
+                        copied.push(vertex);
+                        let position = self.triangles.positions()[vertex as usize];
+                        positions.push(instance.to_world.transform_point3a(position));
+                        if let Some(normal) = self.normals.get(vertex as usize) {
+                            normals.push((upright * *normal).normalize_or(Vec3::Y));
+                        }
+                    }
+                    *copy
+                });
+                // Front sides stay front sides.
+                if mirrored {
+                    corners.swap(1, 2);
+                }
+                indices.push(corners);
+            }
+            if positions.len() > VERTICES_MAX {
+                return Err(too_many());
+            }
+            meshes.push(Mesh { first_triangle, ..mesh.clone() });
+        }
+        let triangles = Triangles::new(positions, indices).map_err(|source| SceneError::Geometry {
+            path: PathBuf::from(&self.name),
+            mesh: self.name.clone(),
+            source,
+        })?;
+        Ok(Self { triangles: Arc::new(triangles), instances: None, normals, meshes, ..self.clone() })
+    }
+}

@@ -1,0 +1,127 @@
+//! A scene of instances is the same scene flattened: in pictures, indicators and light.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{Affine3A, Quat, Vec3};
+use treewright_accel::{BuildChoice, NativeOptions, TreeParameters};
+use treewright_renderer::film::{Film, Picture};
+use treewright_renderer::frame::Renderer;
+use treewright_renderer::indicators::{SCHEMA, SceneIndicators};
+use treewright_renderer::integrator::{Lights, View};
+use treewright_renderer::render_options::RenderOptions;
+use treewright_renderer::scene::assemble::{Assembler, Lighting};
+use treewright_renderer::scene::framing;
+use treewright_renderer::scene::shapes::Shapes;
+use treewright_renderer::scene::{Material, Scene, Sky, builtin};
+
+/// A room of lamps and smooth balls, turned, squeezed and mirrored.
+fn lamps() -> Scene {
+    let mut assembler = Assembler::new("lamps", Path::new("lamps"));
+    let wall = assembler.material(Material::default());
+    let shiny = assembler.material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
+    let light = assembler.material(Material { emission: Vec3::new(6.0, 5.0, 3.0), ..Material::default() });
+    let mut room = Shapes::new();
+    room.cuboid(Vec3::new(-4.0, 0.0, -4.0), Vec3::new(4.0, 4.0, 4.0));
+    room.part.indices.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+    room.part.normals.iter_mut().for_each(|normal| *normal = -*normal);
+    assembler.mesh("room", wall, &room.part).unwrap();
+    let (mut ball, mut bulb) = (Shapes::new(), Shapes::new());
+    ball.sphere(Vec3::new(0.0, 0.6, 0.0), 0.6, 20, 12);
+    bulb.cuboid(Vec3::new(-0.2, 1.3, -0.3), Vec3::new(0.3, 1.4, 0.3));
+    assembler.begin_object();
+    assembler.mesh("ball", shiny, &ball.part).unwrap();
+    assembler.mesh("bulb", light, &bulb.part).unwrap();
+    let lamp = assembler.end_object();
+    for number in 0..6 {
+        let angle = number as f32;
+        let mirror = if number % 2 == 0 { 1.0 } else { -1.0 };
+        assembler.place(
+            lamp,
+            Affine3A::from_scale_rotation_translation(
+                Vec3::new(mirror * (0.6 + 0.1 * angle), 1.2, 0.7),
+                Quat::from_rotation_y(angle) * Quat::from_rotation_x(0.3),
+                Vec3::new(2.5 * angle.cos(), 0.4, 2.5 * angle.sin()),
+            ),
+        );
+    }
+    let view = framing::View {
+        position: Vec3::new(0.0, 2.6, 3.8),
+        forward: Vec3::new(0.0, -0.35, -1.0),
+        up: Vec3::Y,
+        vertical_fov_deg: 65.0,
+        distance: None,
+    };
+    assembler.finish(Lighting::Given(Sky::BLACK), vec![view]).unwrap()
+}
+
+fn choices() -> [BuildChoice; 3] {
+    let wide = TreeParameters { branching_factor: 8, max_depth: 64, ..TreeParameters::default() };
+    [
+        BuildChoice::Native(NativeOptions::default()),
+        BuildChoice::Tree(wide),
+        BuildChoice::Tree(TreeParameters { robust: true, ..wide }),
+    ]
+}
+
+fn picture(scene: Scene, choice: &BuildChoice, samples: u32) -> Picture {
+    let scene = Arc::new(scene);
+    let view = View { camera: scene.cameras[0], seed: 1, bounces: 3 };
+    let mut renderer = Renderer::new(scene, 0).expect("Embree is set up");
+    renderer.rebuild(choice).expect("it builds");
+    let mut film = Film::new(96, 72);
+    for _ in 0..samples {
+        renderer.render(&view, &RenderOptions::default(), &mut film).expect("it was built");
+    }
+    film.picture()
+}
+
+/// The means of squares of so many pixels.
+fn coarse(picture: &Picture, square: u32) -> Picture {
+    let (width, height) = (picture.width / square, picture.height / square);
+    let mean = |x: u32, y: u32| {
+        let pixels = (0..square * square).map(|inside| {
+            let (x, y) = (x * square + inside % square, y * square + inside / square);
+            picture.pixels[(y * picture.width + x) as usize]
+        });
+        pixels.sum::<Vec3>() / (square * square) as f32
+    };
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+    Picture { width, height, pixels }
+}
+
+#[test]
+fn pictures_are_those_of_the_flattened_scene() {
+    let forest = || {
+        let options = builtin::Options { detail: 0.01, ..builtin::Options::default() };
+        builtin::build("forest", &options).expect("it is built in")
+    };
+    // Lamps are picked from a table that a rounding of their areas turns round: their noise is another, so they
+    // are compared by the means of many samples.
+    for (scene, samples, square, tolerance) in [(lamps(), 48, 12, 2e-2), (forest(), 4, 1, 2e-2)] {
+        assert!(scene.instances.is_some());
+        let flat = scene.flattened().expect("it is small");
+        let expected = coarse(&picture(flat, &choices()[0], samples), square);
+        assert!(expected.mean_luminance() > 0.01);
+        for choice in choices() {
+            // Instances round a little differently, and where leaves overlap a path may turn elsewhere.
+            let found = coarse(&picture(scene.clone(), &choice, samples), square);
+            let difference = expected.mean_relative_difference(&found);
+            assert!(difference < tolerance, "{}: {choice:?} differs by {difference}", scene.name);
+        }
+    }
+}
+
+#[test]
+fn indicators_and_lights_are_those_of_the_flattened_scene() {
+    let scene = lamps();
+    let flat = scene.flattened().expect("it is small");
+    assert_eq!(Lights::new(&scene).triangle_count(), 6 * 12);
+    assert_eq!(Lights::new(&flat).triangle_count(), 6 * 12);
+    let camera = &scene.cameras[0];
+    let (a, b) =
+        (SceneIndicators::of(&scene).with_camera(camera), SceneIndicators::of(&flat).with_camera(camera));
+    for (spec, (a, b)) in SCHEMA.iter().zip(a.0.into_iter().zip(b.0)) {
+        assert!((a - b).abs() <= 1e-5 * (1.0 + b.abs()), "{} is {a} and flattened {b}", spec.name);
+    }
+}
