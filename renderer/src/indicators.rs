@@ -342,7 +342,7 @@ mod tests {
                 assert!((spec.min..=spec.max).contains(&value), "{name}: {} is {value}", spec.name);
             }
         }
-        let scene = cube(1e15).finish(Lighting::Automatic, vec![]).unwrap();
+        let scene = cube(1e12).finish(Lighting::Automatic, vec![]).unwrap();
         let wild = Camera { position: Vec3::NAN, vertical_fov_deg: f32::INFINITY, ..scene.cameras[0] };
         assert!(SceneIndicators::of(&scene).with_camera(&wild).0.iter().all(|value| value.is_finite()));
         let flat = cube(0.0).finish(Lighting::Automatic, vec![]).unwrap();

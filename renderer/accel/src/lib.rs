@@ -8,6 +8,7 @@ mod error;
 pub mod geometry;
 mod instances;
 pub mod limits;
+mod native_options;
 pub mod parameters;
 mod prefetch;
 pub mod recording;
@@ -22,8 +23,8 @@ pub use error::BuildError;
 pub use geometry::{GeometryError, Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
 pub use instances::{Instance, InstanceError, Instances};
 pub use parameters::{
-    BuildChoice, Collapse, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Quality, TreeParameters,
-    Update,
+    BuildChoice, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Quality,
+    TreeParameters, Update,
 };
 pub use prefetch::prefetch;
 pub use structure::{Statistics, Structure, Visitor, build, build_instanced};

@@ -1,8 +1,8 @@
 //! Every limit of the acceleration structures, in one place.
 
-/// Largest magnitude of a coordinate. Beyond about 1.8e18 products of coordinates leave the range of
-/// single precision and native Embree drops triangles silently; three orders of magnitude are kept in reserve.
-pub const COORDINATE_MAX: f32 = 1e15;
+/// Largest magnitude of a coordinate. A triangle test multiplies three of them: beyond about 1e13 that leaves the
+/// range of single precision and hits get lost without a word, in native Embree as in our own kernels.
+pub const COORDINATE_MAX: f32 = 1e12;
 
 /// Most triangles in one structure: one build of that size takes some 20 GB, beyond what we verified.
 pub const TRIANGLES_MAX: usize = 1 << 27;
@@ -45,3 +45,10 @@ pub const RECORDED_RAYS_MAX: usize = 1 << 24;
 
 /// Permitted `rebuild_threshold`.
 pub const REBUILD_THRESHOLD_RANGE: std::ops::RangeInclusive<f32> = 1.0..=4.0;
+
+/// Permitted `split_budget` of a native scene.
+pub const NATIVE_SPLIT_BUDGET_RANGE: std::ops::RangeInclusive<f32> = 1.0..=4.0;
+
+/// Most Embree devices that are kept open at once for native scenes of different options. A device is a few
+/// kilobytes and shares its threads with all others.
+pub const DEVICES_MAX: usize = 16;

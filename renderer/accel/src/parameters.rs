@@ -1,4 +1,4 @@
-//! What a build can be told: the eleven parameters of the paper's Table 1, and native Embree's options.
+//! What a build can be told: the eleven parameters of the paper's Table 1, and what makes a tree fast beyond them.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,6 +7,7 @@ use crate::limits::{
     COST_MAX, LEAF_SIZE_MAX, MAX_DEPTH, REBUILD_THRESHOLD_RANGE, REINSERTION_PASSES_MAX, SAH_BLOCK_SIZE_MAX,
     SPLIT_BUDGET, SPLIT_BUDGET_RANGE,
 };
+pub use crate::native_options::{NativeAcceleration, NativeOptions, NativeQuality};
 
 /// Builder of the tunable tree (Table 1 `quality` 1, 2, 3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -186,32 +187,6 @@ impl TreeParameters {
         }
         Ok(())
     }
-}
-
-/// Build quality of a native Embree scene.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum NativeQuality {
-    /// Morton builder.
-    Low,
-    /// Binned SAH: Embree's default.
-    #[default]
-    Medium,
-    /// Binned SAH with spatial splits.
-    High,
-}
-
-/// Options of a native Embree scene. The default is what `rtcCommitScene` does untold.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct NativeOptions {
-    /// Build quality.
-    pub quality: NativeQuality,
-    /// `RTC_SCENE_FLAG_COMPACT`.
-    pub compact: bool,
-    /// `RTC_SCENE_FLAG_DYNAMIC`.
-    pub dynamic: bool,
-    /// `RTC_SCENE_FLAG_ROBUST`.
-    pub robust: bool,
 }
 
 /// How a structure follows triangles that moved.

@@ -53,10 +53,14 @@ pub fn build(
 ) -> Result<Structure, BuildError> {
     match choice {
         BuildChoice::Tree(parameters) => match native_instead(parameters) {
-            Some(options) => NativeScene::build(device, triangles, &options).map(Structure::Native),
+            Some(options) => {
+                NativeScene::build(&device.suited(&options)?, triangles, &options).map(Structure::Native)
+            }
             None => Tree::build(device, triangles, parameters).map(Structure::Tree),
         },
-        BuildChoice::Native(options) => NativeScene::build(device, triangles, options).map(Structure::Native),
+        BuildChoice::Native(options) => {
+            NativeScene::build(&device.suited(options)?, triangles, options).map(Structure::Native)
+        }
         BuildChoice::BruteForce => Ok(Structure::BruteForce(BruteForce::new(triangles))),
     }
 }
@@ -70,7 +74,9 @@ pub fn build_instanced(
     choice: &BuildChoice,
 ) -> Result<Structure, BuildError> {
     let native = |options: &NativeOptions| {
-        NativeInstances::build(device, triangles, instances, options).map(Structure::NativeInstances)
+        // Objects and their instances must be on one device.
+        NativeInstances::build(&device.suited(options)?, triangles, instances, options)
+            .map(Structure::NativeInstances)
     };
     match choice {
         BuildChoice::Tree(parameters) => match native_instead(parameters) {

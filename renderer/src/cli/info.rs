@@ -156,7 +156,8 @@ pub(super) fn scenes(arguments: &ListArguments) -> Result<(), CliError> {
 pub(super) fn spaces(arguments: &SpacesArguments) -> Result<(), CliError> {
     let space = match &arguments.scene {
         Some(name) => {
-            let scene = SceneArguments { scene: name.clone(), detail: 1.0, time: 0.0, flatten: false }.load()?;
+            let scene =
+                SceneArguments { scene: name.clone(), detail: 1.0, time: 0.0, flatten: false }.load()?;
             arguments.space.of(&scene, arguments.objective, 0)?
         }
         None => arguments.space.whole(arguments.objective, 0)?,

@@ -65,6 +65,7 @@ impl Values<'_> {
             compact: self.boolean("native_compact"),
             dynamic: self.boolean("native_dynamic"),
             robust,
+            ..default
         })
     }
 

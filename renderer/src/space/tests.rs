@@ -111,7 +111,12 @@ fn every_value_of_the_full_space_arrives() {
     };
     assert_eq!(tree(&full, text), expected);
     let native = choice(&full, "native_quality=low,native_compact=true,native_dynamic=true");
-    let options = NativeOptions { quality: NativeQuality::Low, compact: true, dynamic: true, robust: false };
+    let options = NativeOptions {
+        quality: NativeQuality::Low,
+        compact: true,
+        dynamic: true,
+        ..NativeOptions::default()
+    };
     assert_eq!(native.map(|choice| choice.build), Ok(BuildChoice::Native(options)));
     let text = "threads=half,tile=64,tile_order=morton,primary=eight_coherent,first_shadow=sixteen,bounce=eight,shadow=sixteen,sort=octant_morton";
     let render = RenderOptions {

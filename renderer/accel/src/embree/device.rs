@@ -1,5 +1,9 @@
 //! The Embree device: one a process, checked once, its errors turned into values.
 //!
+//! What a native scene is told through its device (which acceleration, which builder) needs a device of its
+//! own: [`Device::suited`] keeps a bounded number of them beside the one the process opened. They share TBB's
+//! threads and count their memory together, and a budget set on that memory makes builds fail that exceed it.
+//!
 //! Embree keeps one error per thread, so it is read on the calling thread after every call that can
 //! fail. The code alone says little ("unknown error" is also "depth limit reached"); the text comes
 //! through the error callback, which Embree runs on the thread that made the call, so it is kept per
@@ -12,7 +16,9 @@ use std::sync::atomic::{AtomicIsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::ffi;
-use crate::limits::{EMBREE_SERIES, THREADS_MAX};
+use crate::error::BuildError;
+use crate::limits::{DEVICES_MAX, EMBREE_SERIES, THREADS_MAX};
+use crate::native_options::NativeOptions;
 
 /// Why there is no device.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -77,7 +83,10 @@ pub struct Device {
 struct Inner {
     handle: ffi::RTCDevice,
     threads: usize,
-    heard: Box<Heard>,
+    /// Shared with the devices below. Embree keeps its address, so this comes after the handle.
+    heard: Arc<Heard>,
+    /// Devices with further options, the latest used last.
+    suited: Mutex<Vec<(String, Device)>>,
 }
 
 thread_local! {
@@ -85,11 +94,13 @@ thread_local! {
     static MESSAGE: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// What the callbacks write. Boxed, since Embree keeps its address.
-#[derive(Debug, Default)]
+/// What the callbacks read and write.
+#[derive(Debug)]
 struct Heard {
     /// Bytes Embree holds for its structures.
     bytes: AtomicIsize,
+    /// Bytes it may hold.
+    budget: isize,
 }
 
 // SAFETY: Embree's device functions may be called from any thread; `Heard` is synchronised.
@@ -112,17 +123,51 @@ impl Device {
             Some(device) if device.inner.threads == threads => Ok(device.clone()),
             Some(device) => Err(DeviceError::OtherThreads { open: device.inner.threads, asked: threads }),
             None => {
-                let device = Self::new(threads)?;
+                let device = Self::new(threads, "", Heard::new(isize::MAX))?;
                 *open = Some(device.clone());
                 Ok(device)
             }
         }
     }
 
-    fn new(threads: usize) -> Result<Self, DeviceError> {
+    /// Another device of as many threads, on which Embree may hold `bytes` at most at any one time: builds that
+    /// need more fail with [`BuildError::OutOfMemory`](crate::BuildError::OutOfMemory). Memory that is not
+    /// Embree's, such as a list of references, is not counted.
+    pub fn with_memory_budget(&self, bytes: usize) -> Result<Self, DeviceError> {
+        Self::new(self.inner.threads, "", Heard::new(isize::try_from(bytes).unwrap_or(isize::MAX)))
+    }
+
+    /// The device for native scenes of these options: this one, or one beside it that was told more. Of the
+    /// latter the latest [`DEVICES_MAX`] are kept; others live as long as their scenes.
+    pub(crate) fn suited(&self, options: &NativeOptions) -> Result<Self, BuildError> {
+        options.check()?;
+        let further = options.device_options();
+        if further.is_empty() {
+            return Ok(self.clone());
+        }
+        let mut suited = self.inner.suited.lock().unwrap_or_else(PoisonError::into_inner);
+        let device = match suited.iter().position(|(options, _)| *options == further) {
+            Some(place) => suited.remove(place).1,
+            None => {
+                let heard = Arc::clone(&self.inner.heard);
+                Self::new(self.inner.threads, &further, heard).map_err(|error| BuildError::Embree {
+                    code: ffi::ERROR_UNKNOWN,
+                    message: format!("no device for {further}: {error}"),
+                })?
+            }
+        };
+        if suited.len() == DEVICES_MAX {
+            suited.remove(0);
+        }
+        suited.push((further, device.clone()));
+        Ok(device)
+    }
+
+    /// A device that was told `further` options.
+    fn new(threads: usize, further: &str, heard: Arc<Heard>) -> Result<Self, DeviceError> {
         // Configuration files in the home or working folder must not change what is measured.
-        let options = CString::new(format!("ignore_config_files=1,threads={threads}"))
-            .expect("no zero byte in a number");
+        let options = CString::new(format!("ignore_config_files=1,threads={threads},{further}"))
+            .expect("no zero byte in our own options");
         // SAFETY: a valid C string.
         let handle = unsafe { ffi::rtcNewDevice(options.as_ptr()) };
         if handle.is_null() {
@@ -130,15 +175,15 @@ impl Device {
             let code = unsafe { ffi::rtc_get_device_error(handle) };
             return Err(DeviceError::Refused { code });
         }
-        let inner = Inner { handle, threads, heard: Box::default() };
+        let inner = Inner { handle, threads, heard, suited: Mutex::default() };
         // SAFETY: the handle is valid.
         let version = unsafe { ffi::rtcGetDeviceProperty(handle, ffi::RTCDeviceProperty::VERSION) };
         let (major, minor, patch) = (version / 10_000, version / 100 % 100, version % 100);
         if (major, minor) != EMBREE_SERIES {
             return Err(DeviceError::WrongVersion { found: format!("{major}.{minor}.{patch}") });
         }
-        let user = (&raw const *inner.heard).cast_mut().cast::<c_void>();
-        // SAFETY: the callbacks take `user` as `&Heard`, which lives as long as the device.
+        let user = Arc::as_ptr(&inner.heard).cast_mut().cast::<c_void>();
+        // SAFETY: the callbacks take `user` as `&Heard`, which the device holds for as long as it lives.
         unsafe {
             ffi::rtc_set_device_error_function(handle, Some(hear_error), user);
             ffi::rtcSetDeviceMemoryMonitorFunction(handle, Some(hear_memory), user);
@@ -180,9 +225,15 @@ impl Device {
     }
 }
 
+impl Heard {
+    fn new(budget: isize) -> Arc<Self> {
+        Arc::new(Self { bytes: AtomicIsize::new(0), budget })
+    }
+}
+
 impl Drop for Inner {
     fn drop(&mut self) {
-        // SAFETY: the handle is valid and ours; structures hold a `Device` and so outlive none of this.
+        // SAFETY: the handle is valid and ours; `heard` is dropped after it; structures hold a `Device` and so outlive none of this.
         unsafe { ffi::rtcReleaseDevice(self.handle) };
     }
 }
@@ -198,11 +249,20 @@ unsafe extern "C" fn hear_error(_user: *mut c_void, _code: c_uint, text: *const 
     });
 }
 
-unsafe extern "C" fn hear_memory(user: *mut c_void, bytes: isize, _after: bool) -> bool {
+/// `RTCMemoryMonitorFunction`: called before memory is taken (`after` false) or once it is taken or given back.
+/// Answering no makes the call that wanted it fail with "out of memory".
+unsafe extern "C" fn hear_memory(user: *mut c_void, bytes: isize, after: bool) -> bool {
     // SAFETY: `user` is the device's `Heard`.
     let heard = unsafe { &*user.cast::<Heard>() };
-    heard.bytes.fetch_add(bytes, Ordering::Relaxed);
-    true
+    let held = heard.bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
+    if bytes <= 0 || held <= heard.budget {
+        return true;
+    }
+    if !after {
+        // It will not be taken, so it will not be given back either.
+        heard.bytes.fetch_sub(bytes, Ordering::Relaxed);
+    }
+    false
 }
 
 #[cfg(test)]

@@ -43,7 +43,7 @@ impl Drop for SceneHandle {
 }
 
 impl NativeScene {
-    /// Builds a scene with `rtcCommitScene`.
+    /// Builds a scene with `rtcCommitScene` on a device that suits the options.
     pub(crate) fn build(
         device: &Device,
         triangles: &Arc<Triangles>,
@@ -67,7 +67,7 @@ impl NativeScene {
             unsafe { ffi::rtcSetSceneBuildQuality(scene.0, ffi::RTCBuildQuality::LOW) };
         }
         if !triangles.is_empty() {
-            attach(device, &scene, triangles, refits)?;
+            attach(device, &scene, triangles, options, refits)?;
         }
         let scene = commit(device, scene, triangles, before)?;
         Ok(Self { options: *options, refits, ..scene })
@@ -176,6 +176,7 @@ fn attach(
     device: &Device,
     scene: &SceneHandle,
     triangles: &Triangles,
+    options: &NativeOptions,
     refits: bool,
 ) -> Result<(), BuildError> {
     // SAFETY: the device is valid.
@@ -189,6 +190,9 @@ fn attach(
     unsafe {
         if refits {
             ffi::rtcSetGeometryBuildQuality(geometry, ffi::RTCBuildQuality::REFIT);
+        } else if options.effective_quality() == NativeQuality::Low {
+            // A scene of low quality builds a tree over trees of its geometries, each of its own quality.
+            ffi::rtcSetGeometryBuildQuality(geometry, ffi::RTCBuildQuality::LOW);
         }
         set_positions(geometry, triangles);
         ffi::rtcSetSharedGeometryBuffer(

@@ -60,7 +60,7 @@ fn plane(origin: f32, exponent: u8, byte: u8) -> f32 {
 fn exponent(lower: f32, upper: f32) -> u8 {
     let step = (f64::from(upper) - f64::from(lower)) / 255.0;
     // One less than needed at most, for the fraction is cut off: the loop ends after a step or two.
-    // Coordinates end at 1e15, so the largest exponent is far away.
+    // Coordinates end at 1e12, so the largest exponent is far away.
     let mut exponent = ((step as f32).to_bits() >> (f32::MANTISSA_DIGITS - 1)).clamp(1, 254) as u8;
     while plane(lower, exponent, u8::MAX) < upper && exponent < 254 {
         exponent += 1;

@@ -1,0 +1,247 @@
+//! What a native Embree scene can be told: build quality, scene flags, and those device options that do
+//! something.
+//!
+//! Not everything acts everywhere (each line found by memory, build time and answers of Embree 4.4.0; a test
+//! holds it to it):
+//!
+//! | option | acts |
+//! |---|---|
+//! | `quality` | with every [`NativeAcceleration`] that [offers](NativeAcceleration::offers) it; elsewhere the tree is of medium quality. With [`NativeAcceleration::Auto`], `compact` or `robust` make high medium |
+//! | `compact`, `robust` | with [`NativeAcceleration::Auto`], whose choice they are; named accelerations are what their name says, and the `v` ones are watertight |
+//! | `dynamic` | always: what a later update needs is kept, some 32 bytes a triangle |
+//! | `split_budget` | where high quality acts |
+//! | `presplit` | where high quality acts: triangles are split before the build instead of during it |
+//!
+//! A later refit acts with [`NativeAcceleration::Auto`]; scenes of a named acceleration are built anew instead.
+//!
+//! Left out, because they do nothing here or only harm: `max_triangles_per_leaf` (dead with the default
+//! acceleration), `sah_presplit` and `dynamic` as builders (the same as `sah` for one mesh), `hugepages`,
+//! lower instruction sets.
+
+use std::fmt::Write;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::BuildError;
+use crate::limits::{NATIVE_SPLIT_BUDGET_RANGE, SPLIT_BUDGET};
+
+/// Build quality of a native Embree scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NativeQuality {
+    /// Morton builder.
+    Low,
+    /// Binned SAH: Embree's default.
+    #[default]
+    Medium,
+    /// Binned SAH with spatial splits.
+    High,
+}
+
+/// Nodes and leaves of a native Embree scene: children a node, then what a leaf holds of its triangles.
+/// `Triangle4` holds corner and edges, `Triangle4v` all corners and tests watertight, `Triangle4i` vertex
+/// numbers; `Qbvh` nodes are compressed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NativeAcceleration {
+    /// Embree chooses by quality and flags: without flags [`NativeAcceleration::Bvh8Triangle4`] where there is AVX.
+    #[default]
+    Auto,
+    /// Four children.
+    Bvh4Triangle4,
+    /// Four children, watertight.
+    Bvh4Triangle4v,
+    /// Four children, small leaves.
+    Bvh4Triangle4i,
+    /// Four children in compressed nodes, small leaves: the smallest of all.
+    Qbvh4Triangle4i,
+    /// Eight children.
+    Bvh8Triangle4,
+    /// Eight children, watertight.
+    Bvh8Triangle4v,
+    /// Eight children, small leaves.
+    Bvh8Triangle4i,
+    /// Eight children in compressed nodes.
+    Qbvh8Triangle4,
+    /// Eight children in compressed nodes, small leaves.
+    Qbvh8Triangle4i,
+}
+
+impl NativeAcceleration {
+    /// All of them.
+    pub const ALL: [Self; 10] = [
+        Self::Auto,
+        Self::Bvh4Triangle4,
+        Self::Bvh4Triangle4v,
+        Self::Bvh4Triangle4i,
+        Self::Qbvh4Triangle4i,
+        Self::Bvh8Triangle4,
+        Self::Bvh8Triangle4v,
+        Self::Bvh8Triangle4i,
+        Self::Qbvh8Triangle4,
+        Self::Qbvh8Triangle4i,
+    ];
+
+    /// Whether Embree can build it with this quality. All can be built with medium quality.
+    pub fn offers(self, quality: NativeQuality) -> bool {
+        match self {
+            Self::Auto
+            | Self::Bvh4Triangle4
+            | Self::Bvh4Triangle4v
+            | Self::Bvh4Triangle4i
+            | Self::Bvh8Triangle4 => true,
+            // Embree 4.4.0 also takes a builder with splits for `Bvh8Triangle4v`, but half of its hits are wrong.
+            Self::Bvh8Triangle4v
+            | Self::Qbvh4Triangle4i
+            | Self::Bvh8Triangle4i
+            | Self::Qbvh8Triangle4
+            | Self::Qbvh8Triangle4i => quality == NativeQuality::Medium,
+        }
+    }
+
+    /// What Embree calls it.
+    fn tri_accel(self) -> &'static str {
+        match self {
+            Self::Auto => "default",
+            Self::Bvh4Triangle4 => "bvh4.triangle4",
+            Self::Bvh4Triangle4v => "bvh4.triangle4v",
+            Self::Bvh4Triangle4i => "bvh4.triangle4i",
+            Self::Qbvh4Triangle4i => "qbvh4.triangle4i",
+            Self::Bvh8Triangle4 => "bvh8.triangle4",
+            Self::Bvh8Triangle4v => "bvh8.triangle4v",
+            Self::Bvh8Triangle4i => "bvh8.triangle4i",
+            Self::Qbvh8Triangle4 => "qbvh8.triangle4",
+            Self::Qbvh8Triangle4i => "qbvh8.triangle4i",
+        }
+    }
+}
+
+/// Options of a native Embree scene. The default is what `rtcCommitScene` does untold.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct NativeOptions {
+    /// Build quality.
+    pub quality: NativeQuality,
+    /// `RTC_SCENE_FLAG_COMPACT`.
+    pub compact: bool,
+    /// `RTC_SCENE_FLAG_DYNAMIC`.
+    pub dynamic: bool,
+    /// `RTC_SCENE_FLAG_ROBUST`.
+    pub robust: bool,
+    /// Nodes and leaves.
+    pub acceleration: NativeAcceleration,
+    /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 4. Embree
+    /// is told it to one decimal place.
+    pub split_budget: f32,
+    /// Split triangles before the build, not during it.
+    pub presplit: bool,
+}
+
+impl Default for NativeOptions {
+    fn default() -> Self {
+        Self {
+            quality: NativeQuality::default(),
+            compact: false,
+            dynamic: false,
+            robust: false,
+            acceleration: NativeAcceleration::default(),
+            split_budget: SPLIT_BUDGET,
+            presplit: false,
+        }
+    }
+}
+
+impl NativeOptions {
+    /// Checks that every option lies in its range.
+    pub fn check(&self) -> Result<(), BuildError> {
+        // NaN lies in no range.
+        if NATIVE_SPLIT_BUDGET_RANGE.contains(&self.split_budget) {
+            return Ok(());
+        }
+        Err(BuildError::InvalidParameters {
+            parameter: "split_budget",
+            value: self.split_budget.to_string(),
+            rule: "it must be 1 to 4",
+        })
+    }
+
+    /// The quality the scene will have: what is not on offer becomes medium.
+    pub fn effective_quality(&self) -> NativeQuality {
+        let flagged = self.acceleration == NativeAcceleration::Auto && (self.compact || self.robust);
+        let spatial = self.quality == NativeQuality::High;
+        if !self.acceleration.offers(self.quality) || (flagged && spatial) {
+            return NativeQuality::Medium;
+        }
+        self.quality
+    }
+
+    /// What a device must be told for such a scene; empty if it need be told nothing.
+    pub(crate) fn device_options(&self) -> String {
+        let mut options = String::new();
+        let quality = self.effective_quality();
+        if self.acceleration != NativeAcceleration::Auto {
+            // A named acceleration takes its builder from here and does not heed the scene's quality.
+            let builder = match quality {
+                NativeQuality::Low => ",tri_builder=morton",
+                NativeQuality::Medium => "",
+                NativeQuality::High => ",tri_builder=sah_fast_spatial",
+            };
+            options = format!("tri_accel={}{builder}", self.acceleration.tri_accel());
+        }
+        if quality == NativeQuality::High {
+            let separator = |options: &String| if options.is_empty() { "" } else { "," };
+            if self.split_budget != SPLIT_BUDGET {
+                let comma = separator(&options);
+                // Few different numbers, so that few devices are made. Writing to a string cannot fail.
+                let _ = write!(options, "{comma}max_spatial_split_replications={:.1}", self.split_budget);
+            }
+            if self.presplit {
+                let comma = separator(&options);
+                let _ = write!(options, "{comma}presplits=1");
+            }
+        }
+        options
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_device_hears_what_acts_and_no_more() {
+        let options = NativeOptions::default();
+        let high = NativeOptions { quality: NativeQuality::High, ..options };
+        assert_eq!(options.device_options(), "");
+        assert_eq!(high.device_options(), "");
+        let told = |options: NativeOptions| options.device_options();
+        assert_eq!(told(NativeOptions { split_budget: 2.0, presplit: true, ..options }), "");
+        assert_eq!(
+            told(NativeOptions { split_budget: 2.04, presplit: true, ..high }),
+            "max_spatial_split_replications=2.0,presplits=1"
+        );
+        let named = NativeOptions { acceleration: NativeAcceleration::Bvh4Triangle4v, ..high };
+        assert_eq!(told(named), "tri_accel=bvh4.triangle4v,tri_builder=sah_fast_spatial");
+        let low = NativeOptions {
+            acceleration: NativeAcceleration::Bvh8Triangle4v,
+            quality: NativeQuality::Low,
+            ..named
+        };
+        assert_eq!(
+            (low.effective_quality(), told(low)),
+            (NativeQuality::Medium, "tri_accel=bvh8.triangle4v".into())
+        );
+        let flagged = NativeOptions { robust: true, split_budget: 2.0, ..high };
+        assert_eq!((flagged.effective_quality(), told(flagged)), (NativeQuality::Medium, String::new()));
+    }
+
+    #[test]
+    fn a_budget_out_of_range_is_refused() {
+        for split_budget in [0.9, 4.1, f32::NAN, f32::INFINITY] {
+            let refused = NativeOptions { split_budget, ..NativeOptions::default() }.check();
+            let named =
+                |error| matches!(error, BuildError::InvalidParameters { parameter: "split_budget", .. });
+            assert!(refused.is_err_and(named), "{split_budget}");
+        }
+    }
+}
