@@ -1,0 +1,88 @@
+//! Every way to answer a ray that the crate has: back ends, builders, widths, node formats, instruction sets.
+
+use std::sync::Arc;
+
+use treewright_accel::{
+    BuildChoice, Collapse, Device, Intersector, Isa, NativeAcceleration, NativeOptions, NativeQuality,
+    NodeFormat, Quality, Structure, TreeParameters, Triangles, build,
+};
+
+/// The device of all tests.
+pub(crate) fn device() -> Device {
+    Device::open(0).expect("Embree is set up")
+}
+
+/// Trees of every width, format, block and test, and every builder.
+pub(crate) fn trees() -> Vec<TreeParameters> {
+    let plain = TreeParameters { max_depth: 64, max_leaf_size: 20, ..TreeParameters::default() };
+    let mut all = Vec::new();
+    for robust in [false, true] {
+        for branching_factor in [2, 4, 8, 16] {
+            for block_width in [4, 8] {
+                for format in [NodeFormat::Full, NodeFormat::Quantised] {
+                    if format == NodeFormat::Quantised && branching_factor < 8 {
+                        continue;
+                    }
+                    let collapse = if branching_factor == 16 { Collapse::Optimal } else { Collapse::Builder };
+                    all.push(TreeParameters {
+                        branching_factor,
+                        block_width,
+                        format,
+                        collapse,
+                        robust,
+                        ..plain
+                    });
+                }
+            }
+        }
+        for quality in [Quality::Morton, Quality::SahSplit] {
+            all.push(TreeParameters { quality, branching_factor: 8, max_leaf_size: 4, robust, ..plain });
+        }
+        all.push(TreeParameters {
+            branching_factor: 8,
+            collapse: Collapse::Optimal,
+            reinsertion_passes: 4,
+            robust,
+            ..plain
+        });
+    }
+    all
+}
+
+/// Native scenes of every quality, flag and acceleration.
+pub(crate) fn natives() -> Vec<NativeOptions> {
+    let plain = NativeOptions::default();
+    let mut all = Vec::new();
+    for quality in [NativeQuality::Low, NativeQuality::Medium, NativeQuality::High] {
+        for (compact, robust) in [(false, false), (true, false), (false, true)] {
+            all.push(NativeOptions { quality, compact, robust, ..plain });
+        }
+    }
+    all.push(NativeOptions { dynamic: true, ..plain });
+    if Isa::Avx2.is_available() {
+        let named = NativeAcceleration::ALL.into_iter().filter(|named| *named != NativeAcceleration::Auto);
+        all.extend(named.map(|acceleration| NativeOptions { acceleration, ..plain }));
+    }
+    all
+}
+
+/// Builds over the triangles in every way and hands each structure to `check`, trees once per instruction set.
+pub(crate) fn each(triangles: &Arc<Triangles>, mut check: impl FnMut(&str, &dyn Intersector)) {
+    for parameters in trees() {
+        let choice = BuildChoice::Tree(parameters);
+        let mut tree = match build(&device(), triangles, &choice) {
+            Ok(Structure::Tree(tree)) => tree,
+            other => panic!("{parameters:?} gave {other:?}"),
+        };
+        tree.validate().unwrap_or_else(|fault| panic!("{parameters:?}: {fault}"));
+        for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+            tree = tree.with_isa(isa).expect("it is available");
+            check(&format!("{isa:?}, {parameters:?}"), &tree);
+        }
+    }
+    for options in natives() {
+        let native = build(&device(), triangles, &BuildChoice::Native(options));
+        let native = native.unwrap_or_else(|error| panic!("{options:?}: {error}"));
+        check(&format!("{options:?}"), &native);
+    }
+}
