@@ -6,8 +6,8 @@ use obvhs::bvh2::Bvh2;
 use obvhs::cwbvh::CwBvh;
 use treewright_accel::recording::Recording;
 use treewright_accel::{
-    BuildChoice, BuildError, Device, Intersector, NativeOptions, NativeQuality, Quality, Structure,
-    TreeParameters, build,
+    BuildChoice, BuildError, Collapse, Device, Intersector, NativeOptions, NativeQuality, NodeFormat,
+    Quality, Structure, TreeParameters, build,
 };
 
 use crate::peers::{Bvh, Obvhs};
@@ -47,6 +47,7 @@ fn recipes() -> Vec<(&'static str, Recipe)> {
         max_depth: 64,
         ..TreeParameters::default()
     };
+    let optimal = TreeParameters { collapse: Collapse::Optimal, ..wide };
     vec![
         (REFERENCE, native(NativeQuality::Medium)),
         ("native low", native(NativeQuality::Low)),
@@ -54,6 +55,9 @@ fn recipes() -> Vec<(&'static str, Recipe)> {
         ("Table 1 default", tree(TreeParameters::default())),
         ("tree, 8 wide", tree(wide)),
         ("tree, 8 wide, splits", tree(TreeParameters { quality: Quality::SahSplit, ..wide })),
+        ("tree, 8 wide, quantised", tree(TreeParameters { format: NodeFormat::Quantised, ..wide })),
+        ("tree, 8 wide, reinserted", tree(TreeParameters { reinsertion_passes: 8, ..optimal })),
+        ("tree, 16 wide", tree(TreeParameters { branching_factor: 16, ..optimal })),
         ("tree, 8 wide, Morton", tree(TreeParameters { quality: Quality::Morton, ..wide })),
         ("bvh", Recipe::Bvh),
         ("obvhs, binary", Recipe::ObvhsBinary),
