@@ -3,7 +3,7 @@
 //! A ray goes down the tree, so what it visits one after the other should lie close together: in the same cache
 //! lines, pages and prefetch streams.
 //!
-//! * Depth first: a node's first child lies right behind it.
+//! * Depth first: a node's largest child, the likeliest next step, lies right behind it.
 //! * Van Emde Boas: the upper half of the levels lies in front, then each subtree below, all arranged the same
 //!   way. Whatever the size of a cache's blocks is, few are touched on the way down (Prokop 1999; for bounding
 //!   volumes Yoon and Manocha, "Cache-Efficient Layouts of Bounding Volume Hierarchies", 2006).
@@ -46,9 +46,13 @@ fn children(plan: &Plan, link: Link) -> &[Child] {
 
 fn depth_first(plan: &Plan, sequence: &mut Vec<Link>) {
     let mut stack = vec![plan.root.link];
+    let mut below = Vec::new();
     while let Some(link) = stack.pop() {
         sequence.push(link);
-        stack.extend(children(plan, link).iter().rev().map(|child| child.link));
+        below.clear();
+        below.extend(children(plan, link).iter().map(|child| (child.bounds.half_area(), child.link)));
+        below.sort_by(|a, b| a.0.total_cmp(&b.0));
+        stack.extend(below.iter().map(|&(_, link)| link));
     }
 }
 
@@ -114,5 +118,37 @@ fn treelets(plan: &Plan, sequence: &mut Vec<Link>) {
         }
         // What the treelet has no room for begins others.
         roots.append(&mut inside);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::binary::tests::{boxes, halved};
+    use super::super::collapse::collapse;
+    use super::*;
+    use crate::parameters::TreeParameters;
+
+    proptest! {
+        #[test]
+        fn every_node_and_leaf_comes_once_and_after_its_parent(leaves in boxes()) {
+            let mut tree = halved(&leaves);
+            tree.renumber();
+            let plan = collapse::<4>(&tree, &TreeParameters { max_leaf_size: 2, ..TreeParameters::default() });
+            for order in
+                [NodeOrder::Builder, NodeOrder::DepthFirst, NodeOrder::VanEmdeBoas, NodeOrder::Treelets]
+            {
+                let sequence = sequence(&plan, order);
+                let place = |link| sequence.iter().position(|&other| other == link);
+                prop_assert_eq!(sequence.len(), plan.nodes() + plan.leaves());
+                prop_assert_eq!(place(plan.root.link), Some(0));
+                for node in 0..plan.nodes() {
+                    for child in plan.children(node) {
+                        prop_assert!(place(Link::node(node)) < place(child.link), "{:?}", order);
+                    }
+                }
+            }
+        }
     }
 }

@@ -102,8 +102,9 @@ impl Plan {
     }
 
     /// Grows the tree level by level from `root`. `open` either adds a leaf for what it is given and returns it, or
-    /// lists the children of a node. The largest children come first: shadow rays begin at the other end, with
-    /// those that are soon done with.
+    /// lists the children of a node. They stay in the order it gives them: that of the builder's cuts through space,
+    /// of which shadow rays, which begin with the last, make the best (measured; sorted by area, either way round,
+    /// they take up to twice as long).
     pub(super) fn grow<T: Copy>(
         &mut self,
         root: (Bounds, T),
@@ -118,7 +119,6 @@ impl Plan {
             for (item, place) in level.drain(..) {
                 found.clear();
                 let link = open(self, item, &mut found).unwrap_or_else(|| {
-                    found.sort_by(|a, b| b.0.half_area().total_cmp(&a.0.half_area()));
                     self.nodes.push(Run { first: self.children.len() as u32, count: found.len() as u32 });
                     for &(bounds, child) in &found {
                         next.push((child, Some(self.children.len())));
@@ -161,7 +161,7 @@ impl Plan {
         self.leaves.len()
     }
 
-    /// The children of a node, largest first.
+    /// The children of a node.
     pub(super) fn children(&self, node: usize) -> &[Child] {
         self.nodes[node].of(&self.children)
     }
