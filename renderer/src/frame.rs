@@ -8,7 +8,8 @@ use std::time::Instant;
 
 use serde::Serialize;
 use treewright_accel::{
-    BuildChoice, BuildError, Device, DeviceError, Intersector, Structure, Visitor, build, build_instanced,
+    BuildChoice, BuildError, Device, DeviceError, Intersector, Structure, Update, Visitor, build,
+    build_instanced,
 };
 
 use crate::film::Film;
@@ -49,6 +50,8 @@ pub struct Renderer {
     prepared: Arc<Prepared>,
     leave_out: bool,
     structure: Option<Structure>,
+    /// What the kept structure was built by.
+    choice: Option<BuildChoice>,
 }
 
 impl Renderer {
@@ -63,7 +66,7 @@ impl Renderer {
             .build()
             .map_err(|source| RendererError::Threads { threads, source })?;
         let prepared = Arc::new(pool.install(|| Prepared::new(scene)));
-        Ok(Self { device, pool, prepared, leave_out: true, structure: None })
+        Ok(Self { device, pool, prepared, leave_out: true, structure: None, choice: None })
     }
 
     /// The scene.
@@ -113,8 +116,47 @@ impl Renderer {
     /// last good structure is kept.
     pub fn rebuild(&mut self, choice: &BuildChoice) -> Result<f64, BuildError> {
         let (structure, build_ms) = self.build(choice)?;
-        self.structure = Some(structure);
+        (self.structure, self.choice) = (Some(structure), Some(*choice));
         Ok(build_ms)
+    }
+
+    /// Brings a structure that was built over another moment of the scene to this one; returns `build_ms`. It must
+    /// have as many triangles. After an error it can still be used, as it was or refitted.
+    pub fn follow(&self, structure: &mut Structure, update: Update) -> Result<f64, BuildError> {
+        let begin = Instant::now();
+        let triangles = &self.prepared.scene.triangles;
+        self.pool.install(|| structure.update(&self.device, triangles, update))?;
+        Ok(milliseconds(begin))
+    }
+
+    /// Moves on to another moment of the scene and brings the kept structure along; returns `build_ms`, the time
+    /// that took the structure. One that was built by another choice, over another number of triangles or over
+    /// instances is built anew, whatever `update` says. If that fails, the structure is that of the moment before,
+    /// or there is none where it would not fit.
+    pub fn animate(
+        &mut self,
+        scene: Arc<Scene>,
+        choice: &BuildChoice,
+        update: Update,
+    ) -> Result<f64, BuildError> {
+        let fits = {
+            let before = self.scene();
+            before.triangles.len() == scene.triangles.len()
+                && before.instances.is_none()
+                && scene.instances.is_none()
+        };
+        let kept = self.structure.take().filter(|_| fits);
+        self.set_scene(scene);
+        self.structure = kept;
+        if self.choice == Some(*choice)
+            && let Some(mut structure) = self.structure.take()
+        {
+            let outcome = self.follow(&mut structure, update);
+            self.structure = Some(structure);
+            outcome
+        } else {
+            self.rebuild(choice)
+        }
     }
 
     /// The kept structure.

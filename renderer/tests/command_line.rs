@@ -116,6 +116,27 @@ fn accelerators_are_measured_and_verified() {
 }
 
 #[test]
+fn moving_scenes_are_followed() {
+    let folder = folder();
+    let path = folder.path();
+    for scene in ["needles", "sea"] {
+        let arguments = "--detail 0.02 --frames 3 --rounds 0.2 --size 24x16 --json a.json";
+        let table = succeeds(path, &format!("animate --scene builtin:{scene} {arguments}"));
+        assert!(table.contains("refit") && table.contains("partial"));
+        let text = std::fs::read(path.join("a.json")).expect("it was written");
+        let animated: serde_json::Value = serde_json::from_slice(&text).expect("it is JSON");
+        let followers = animated["followers"].as_array().expect("there are some");
+        assert_eq!(followers.len(), 4);
+        for follower in followers {
+            assert_eq!(follower["frames"].as_array().map(Vec::len), Some(3));
+            let difference = follower["picture_difference"].as_f64().expect("it is a number");
+            assert!(difference < 1e-3, "{scene}: {} differs by {difference}", follower["update"]);
+        }
+    }
+    fails("animate --scene builtin:quick", USAGE, &["nothing moves", "builtin:sea"]);
+}
+
+#[test]
 fn a_configuration_can_come_from_a_file() {
     let folder = folder();
     let path = folder.path();

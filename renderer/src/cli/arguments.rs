@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
-use treewright_accel::{BuildChoice, NativeOptions, NativeQuality};
+use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Update};
 use treewright_client::{Configuration, Indicators};
 
 use super::error::CliError;
@@ -41,6 +41,25 @@ pub(super) struct SceneArguments {
 }
 
 impl SceneArguments {
+    /// The scene at another time, for a built-in one that is animated.
+    pub(super) fn at(&self, time: f32) -> Result<Arc<Scene>, CliError> {
+        Self { time, ..self.clone() }.load()
+    }
+
+    /// Refuses a scene in which nothing moves.
+    pub(super) fn check_animated(&self) -> Result<(), CliError> {
+        let animated = || builtin::names().filter(|name| builtin::is_animated(name));
+        if self.scene.strip_prefix(BUILTIN).is_some_and(builtin::is_animated) {
+            return Ok(());
+        }
+        let known: Vec<String> = animated().map(|name| format!("{BUILTIN}{name}")).collect();
+        Err(CliError::Usage(format!(
+            "nothing moves in {}; animated scenes are {}",
+            self.scene,
+            known.join(", ")
+        )))
+    }
+
     /// Loads or generates the scene.
     pub(super) fn load(&self) -> Result<Arc<Scene>, CliError> {
         let scene = match self.scene.strip_prefix(BUILTIN) {
@@ -253,6 +272,42 @@ impl StructureArguments {
             (None, None) => Configuration::new(),
         };
         Ok(space.choice(&configuration)?)
+    }
+}
+
+/// How a structure follows a moving scene.
+#[derive(Args, Clone, Copy, Debug)]
+pub(super) struct UpdateArguments {
+    /// How the structure follows a moving scene.
+    #[arg(long, value_enum, default_value_t = UpdateKind::Rebuild)]
+    pub(super) update: UpdateKind,
+
+    /// With `--update partial`: how many times its last build's cost a subtree may have before it is built anew.
+    #[arg(long, value_name = "FACTOR", default_value_t = Update::REBUILD_THRESHOLD)]
+    pub(super) rebuild_threshold: f32,
+}
+
+/// Ways to follow a moving scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum UpdateKind {
+    /// Build anew.
+    Rebuild,
+    /// Keep what is together and fit the boxes.
+    Refit,
+    /// Refit, and build anew what has decayed.
+    Partial,
+}
+
+impl UpdateArguments {
+    /// As the accelerators want it.
+    pub(super) fn update(self) -> Result<Update, CliError> {
+        let update = match self.update {
+            UpdateKind::Rebuild => Update::Rebuild,
+            UpdateKind::Refit => Update::Refit,
+            UpdateKind::Partial => Update::Partial { rebuild_threshold: self.rebuild_threshold },
+        };
+        update.check().map_err(|error| CliError::Usage(error.to_string()))?;
+        Ok(update)
     }
 }
 

@@ -1,5 +1,6 @@
 //! The program `treewright-render`: what it understands, and which exit codes it ends with.
 
+mod animate;
 mod arguments;
 mod bench;
 mod error;
@@ -62,6 +63,8 @@ enum Command {
     Tune(Box<tune::Arguments>),
     /// Fly along the camera path with the daemon's answers, frame by frame.
     Play(Box<play::Arguments>),
+    /// Measure ways to follow a moving scene against each other: rebuild, refit, rebuild in part.
+    Animate(animate::Arguments),
     /// Measure acceleration structures against each other.
     Bench(bench::Arguments),
     /// Record the rays of a frame for the benchmark of the acceleration structures.
@@ -93,6 +96,7 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Spaces(arguments) => info::spaces(arguments),
         Command::Tune(arguments) => tune::run(arguments),
         Command::Play(arguments) => play::run(arguments),
+        Command::Animate(arguments) => animate::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Rays(arguments) => rays::run(arguments),
         Command::LeaveOut(arguments) => leave_out::run(arguments),

@@ -3,18 +3,24 @@
 //! This is the hybrid of the paper's section 6: each time the state changes the service either searches a
 //! little or answers at once from what it knows. In progressive rendering a structure is kept as long as the
 //! configuration stays the same; in real-time rendering each frame builds its own.
+//!
+//! With `--rounds` the scene moves as well, and each frame brings the structure along in the way that `--update`
+//! says.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
 use serde::Serialize;
-use treewright_accel::Structure;
+use treewright_accel::{Structure, Update};
 use treewright_client::{
     Configuration, Finished, Indicators, Mode, Outcome, Policy, PolicyChange, Source, Stats,
 };
 
-use super::arguments::{FrameArguments, SceneArguments, Size, SpaceArguments, unit_interval};
+use super::arguments::{
+    FrameArguments, SceneArguments, Size, SpaceArguments, UpdateArguments, unit_interval,
+};
 use super::error::{CliError, write_file};
 use super::interrupt::Interrupt;
 use super::output;
@@ -25,6 +31,7 @@ use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::indicators::SceneIndicators;
 use crate::integrator::View;
 use crate::limits::ITERATIONS_MAX;
+use crate::scene::Scene;
 use crate::space::{Choice, TuningSpace};
 use crate::statistics::Summary;
 use crate::tuning::objective::{Objective, specification};
@@ -63,6 +70,14 @@ pub(super) struct Arguments {
     /// Where it ends.
     #[arg(long, value_name = "T", default_value_t = 1.0, value_parser = unit_interval)]
     to: f32,
+
+    /// How many rounds of its time an animated scene runs through during the flight; each frame then has a
+    /// structure of its own moment.
+    #[arg(long, value_name = "N", default_value_t = 0.0, allow_negative_numbers = true)]
+    rounds: f32,
+
+    #[command(flatten)]
+    update: UpdateArguments,
 
     /// Probability of exploring when the state changes; the study's own when left out.
     #[arg(long, value_name = "P", value_parser = unit_interval)]
@@ -109,6 +124,11 @@ struct Results {
 
 /// Flies.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    let update = arguments.update.update()?;
+    let moves = arguments.rounds != 0.0;
+    if moves {
+        arguments.scene.check_animated()?;
+    }
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let renderer = arguments.frame.renderer(&scene)?;
@@ -129,8 +149,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     );
 
     let baseline = verdict::baseline(space.preset());
-    let mut flight = Flight::new(renderer, space, baseline.choice, arguments)?;
-    let (path, scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
+    let mut flight = Flight::new(renderer, space, baseline.choice, update, arguments)?;
+    let (path, mut scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
     let interrupt = Interrupt::listen();
     let mut tuner = study.tuner();
     let mut previous: Option<Finished> = None;
@@ -139,6 +159,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let share = number as f32 / (arguments.frames - 1).max(1) as f32;
         let camera_at = arguments.from + (arguments.to - arguments.from) * share;
         let camera = path.sample(camera_at);
+        if moves {
+            let moment = arguments.scene.at(arguments.scene.time + arguments.rounds * share)?;
+            scene_indicators = SceneIndicators::of(&moment);
+            flight.moment = Some(moment);
+        }
         let indicators: Indicators = scene_indicators.with_camera(&camera).values().into_iter().collect();
         let begin = Instant::now();
         let suggestion = tuner.next(&indicators, previous.take());
@@ -191,6 +216,10 @@ struct Flight {
     view: View,
     film: Film,
     each_frame: bool,
+    /// How the structure follows a scene that moves.
+    update: Update,
+    /// The scene as it is from this frame on, if it moves.
+    moment: Option<Arc<Scene>>,
     kept: Option<Kept>,
     /// What frames are compared with.
     baseline: Choice,
@@ -209,6 +238,7 @@ impl Flight {
         renderer: Renderer,
         space: TuningSpace,
         baseline: Choice,
+        update: Update,
         arguments: &Arguments,
     ) -> Result<Self, CliError> {
         let view = View {
@@ -220,9 +250,10 @@ impl Flight {
         let built = renderer.build(&baseline.build)?;
         // Warms threads, caches and clocks.
         renderer.render_with(&built.0, &view, &baseline.render, &mut film);
-        let each_frame = arguments.objective.builds_each_frame();
+        let each_frame = arguments.objective.builds_each_frame() || arguments.rounds != 0.0;
         let compared = arguments.compare.then_some(built);
-        Ok(Self { renderer, space, view, film, each_frame, kept: None, baseline, compared })
+        let (moment, kept) = (None, None);
+        Ok(Self { renderer, space, view, film, each_frame, update, moment, kept, baseline, compared })
     }
 
     /// Builds if needed and renders. After a failed build the frame is shown with the structure before it.
@@ -251,7 +282,11 @@ impl Flight {
             kept.choice = choice;
             return Ok(false);
         }
-        let build_ms = self.renderer.rebuild(&choice.build).map_err(|error| match error.is_infeasible() {
+        let built = match self.moment.take() {
+            Some(scene) => self.renderer.animate(scene, &choice.build, self.update),
+            None => self.renderer.rebuild(&choice.build),
+        };
+        let build_ms = built.map_err(|error| match error.is_infeasible() {
             true => Outcome::infeasible(error.to_string()),
             false => Outcome::failed(error.to_string()),
         })?;

@@ -3,7 +3,8 @@
 //! They cover what makes acceleration structures differ: architecture with large and small triangles side
 //! by side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`, `needles`), one
 //! dense surface (`statue`), wide extent (`city`, and `model`, which asks next to nothing of shading), more
-//! than fits memory but as instances (`forest`), and a small one for trials (`quick`).
+//! than fits memory but as instances (`forest`), a mesh that deforms (`sea`), parts that move (`needles`, `sea`), and a
+//! small one for trials (`quick`).
 
 mod architecture;
 mod city;
@@ -15,6 +16,7 @@ mod model;
 mod needles;
 mod noise;
 mod palette;
+mod sea;
 mod stage;
 mod statue;
 #[cfg(test)]
@@ -38,7 +40,7 @@ pub struct Options {
     pub detail: f32,
     /// Varies what is left to chance.
     pub seed: u64,
-    /// Moment of an animated scene (`needles`), where 0 to 1 is one round; any finite number.
+    /// Moment of an animated scene ([`is_animated`]), where 0 to 1 is one round; any finite number.
     pub time: f32,
 }
 
@@ -51,7 +53,7 @@ impl Default for Options {
 /// A scene in the list: its name, what it shows, and its generator.
 type Entry = (&'static str, &'static str, fn(&mut Stage) -> Result<Plan, SceneError>);
 
-const SCENES: [Entry; 9] = [
+const SCENES: [Entry; 10] = [
     (
         "hall",
         "columned hall with coffered ceiling, sunlit through high windows; 250,000 triangles",
@@ -67,6 +69,7 @@ const SCENES: [Entry; 9] = [
         "the city as a white model under an overcast sky: one matt material, no lamps; 480,000 triangles",
         model::build,
     ),
+    ("sea", "sailing boats on a heaving sea around a lighthouse, in motion; 200,000 triangles", sea::build),
     (
         "forest",
         "forest around a lake, made of instances; 10,000,000 triangles placed, 300,000 of them unique",
@@ -82,6 +85,11 @@ const SCENES: [Entry; 9] = [
 /// The names of all built-in scenes.
 pub fn names() -> impl Iterator<Item = &'static str> {
     SCENES.iter().map(|(name, ..)| *name)
+}
+
+/// Whether a built-in scene is another at another time.
+pub fn is_animated(name: &str) -> bool {
+    ["needles", "sea"].contains(&name)
 }
 
 /// One line about a built-in scene, or nothing when there is none of that name.

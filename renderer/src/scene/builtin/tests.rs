@@ -49,6 +49,7 @@ fn triangle_counts_keep_their_promise() {
         ("gallery", 160_000, 240_000),
         ("needles", 80_000, 130_000),
         ("city", 400_000, 560_000),
+        ("sea", 170_000, 240_000),
         ("model", 400_000, 560_000),
         ("quick", 16_000, 26_000),
     ] {
@@ -97,6 +98,18 @@ fn needles_turn_while_the_hall_stands() {
     let [a, _, c] = start.triangles.corners(needle);
     let length = (c - a).length();
     assert!((0.45..0.56).contains(&(length / diagonal)), "{length} of {diagonal}");
+}
+
+#[test]
+fn animated_scenes_keep_their_triangles_and_come_round() {
+    for name in names() {
+        let at = |time: f32| small(name, Options { time, ..SMALL });
+        let [start, later, round] = [at(0.0), at(0.4), at(1.0)];
+        // What follows a motion takes the triangles by their numbers.
+        assert_eq!(start.triangles.indices(), later.triangles.indices(), "{name}");
+        assert_eq!(start.triangles.positions() != later.triangles.positions(), is_animated(name), "{name}");
+        assert!(start.triangles.positions() == round.triangles.positions(), "{name}");
+    }
 }
 
 #[test]
