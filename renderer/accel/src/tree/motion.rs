@@ -71,6 +71,11 @@ unsafe impl Send for Motion {}
 // SAFETY: as above.
 unsafe impl Sync for Motion {}
 
+// SAFETY: no two subtrees share a node, so each can go to a thread of its own.
+unsafe impl Send for Subtree {}
+// SAFETY: a shared subtree is not followed.
+unsafe impl Sync for Subtree {}
+
 /// A subtree as a thread gets hold of it.
 #[derive(Clone, Copy)]
 struct Handed(NodeRef);
@@ -122,18 +127,18 @@ impl Tree {
             // SAFETY: the tree is ours alone, of these kinds, and no two subtrees share a node.
             .map(|Handed(node)| unsafe { refit::<N, B>(node, triangles, watertight) })
             .collect();
-        let mut outcome = Ok(());
         if let Update::Partial { rebuild_threshold } = update {
             let threshold = f64::from(rebuild_threshold);
-            for (subtree, fitted) in motion.subtrees.iter_mut().zip(&mut fitted) {
-                if fitted.cost() > threshold * subtree.cost {
-                    let built = subtree.build::<N, B>(device, triangles, &self.parameters, self.isa);
-                    match built {
-                        Ok(anew) => *fitted = anew,
-                        Err(error) => outcome = Err(error),
-                    }
+            let decayed = |subtree: &Subtree, fitted: &Fitted| fitted.cost() > threshold * subtree.cost;
+            let (parameters, isa) = (self.parameters, self.isa);
+            let pairs = motion.subtrees.par_iter_mut().zip(&mut fitted);
+            pairs.filter(|(subtree, fitted)| decayed(subtree, fitted)).for_each(|(subtree, fitted)| {
+                match subtree.build::<N, B>(device, triangles, &parameters, isa) {
+                    Ok(anew) => *fitted = anew,
+                    // It was denied a depth that the whole tree has, and would be again: it stays as it is.
+                    Err(_) => subtree.cost = fitted.cost(),
                 }
-            }
+            });
         }
         // SAFETY: as above; the parallel part is over.
         let (bounds, cost) = unsafe { motion.fit_above::<N>(&fitted) };
@@ -141,10 +146,14 @@ impl Tree {
         if motion.above.is_empty() {
             self.root.node = motion.subtrees[0].node;
         }
-        let decayed = matches!(update, Update::Partial { rebuild_threshold } if cost > f64::from(rebuild_threshold) * motion.cost_above);
+        let cost_above = motion.cost_above;
         self.motion = Some(motion);
-        // A subtree may have been denied a depth that the whole tree has, so its failure is none yet.
-        if decayed || outcome.is_err() { self.rebuild(device, triangles) } else { Ok(()) }
+        match update {
+            Update::Partial { rebuild_threshold } if cost > f64::from(rebuild_threshold) * cost_above => {
+                self.rebuild(device, triangles)
+            }
+            _ => Ok(()),
+        }
     }
 }
 
