@@ -80,8 +80,25 @@ pub fn write(picture: &Picture, exposure: Exposure, path: &Path) -> Result<(), I
 
 /// The bytes of a PNG file, for pictures inside other files.
 pub fn png_bytes(picture: &Picture, exposure: Exposure) -> Result<Vec<u8>, ImageFileError> {
+    encoded(developed(picture, exposure))
+}
+
+/// The bytes of a PNG file of finished colours, row by row from the top left.
+///
+/// # Panics
+/// If there are not `width` × `height` colours.
+pub(crate) fn png_bytes_of_colours(
+    width: u32,
+    height: u32,
+    colours: &[[u8; 3]],
+) -> Result<Vec<u8>, ImageFileError> {
+    let image = RgbImage::from_raw(width, height, colours.as_flattened().to_vec());
+    encoded(image.expect("a picture has a colour for each pixel"))
+}
+
+fn encoded(image: RgbImage) -> Result<Vec<u8>, ImageFileError> {
     let mut bytes = std::io::Cursor::new(Vec::new());
-    DynamicImage::ImageRgb8(developed(picture, exposure))
+    DynamicImage::ImageRgb8(image)
         .write_to(&mut bytes, ImageFormat::Png)
         .map_err(|source| ImageFileError::Write { path: "a PNG in memory".into(), source })?;
     Ok(bytes.into_inner())
@@ -137,8 +154,13 @@ fn developed(picture: &Picture, exposure: Exposure) -> RgbImage {
     ImageBuffer::from_fn(picture.width, picture.height, |x, y| {
         Rgb((pixel(picture, x, y) * factor)
             .to_array()
-            .map(|radiance| (srgb(filmic(radiance)) * 255.0).round() as u8))
+            .map(|radiance| (display_value(radiance) * 255.0).round() as u8))
     })
+}
+
+/// How bright a channel of a PNG is for exposed radiance: 0 to 1.
+pub(crate) fn display_value(radiance: f32) -> f32 {
+    srgb(filmic(radiance))
 }
 
 fn pixel(picture: &Picture, x: u32, y: u32) -> Vec3 {

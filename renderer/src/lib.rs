@@ -3,6 +3,7 @@
 
 pub mod camera_path;
 pub mod cli;
+pub mod converge;
 pub mod film;
 pub mod frame;
 pub mod image_file;

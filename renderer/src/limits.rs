@@ -29,3 +29,9 @@ pub const CONTENDERS_MAX: usize = 64;
 
 /// Most rays that accelerators are compared on.
 pub const VERIFY_RAYS_MAX: u32 = 10_000_000;
+
+/// Most independent runs of a comparison of errors.
+pub const RUNS_MAX: u32 = 1000;
+
+/// Longest time in seconds that a contender gets in one of them.
+pub const SECONDS_MAX: f64 = 86_400.0;

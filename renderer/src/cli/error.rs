@@ -6,6 +6,7 @@ use treewright_accel::recording::RecordingError;
 use treewright_accel::{BuildError, DeviceError};
 use treewright_client::ClientError;
 
+use crate::converge::reference_file::ReferenceError;
 use crate::frame::RendererError;
 use crate::image_file::ImageFileError;
 use crate::scene::SceneError;
@@ -66,10 +67,22 @@ macro_rules! failed {
     )*};
 }
 
-failed!(SceneError, ImageFileError, RendererError, BuildError, DeviceError, RecordingError);
+failed!(SceneError, ImageFileError, RendererError, BuildError, DeviceError, RecordingError, ReferenceError);
 
 /// Writes a file, or says which and why not.
 pub(super) fn write_file(path: &std::path::Path, bytes: &[u8]) -> Result<(), CliError> {
     std::fs::write(path, bytes)
         .map_err(|error| CliError::Failed(format!("{} cannot be written: {error}", path.display())))
+}
+
+/// Checks that the folder of a file exists, before minutes go into what is to be written.
+pub(super) fn check_folder(path: &std::path::Path) -> Result<(), CliError> {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => Err(CliError::Failed(format!(
+            "{}: the folder {} does not exist; create it first",
+            path.display(),
+            folder.display()
+        ))),
+        _ => Ok(()),
+    }
 }

@@ -3,6 +3,9 @@
 mod animate;
 mod arguments;
 mod bench;
+mod converge;
+mod converge_entrants;
+mod converge_output;
 mod error;
 mod image;
 mod info;
@@ -32,6 +35,7 @@ Examples:
   treewright-render play --scene builtin:hall --frames 50 --compare
   treewright-render bench --scene builtin:city --rounds 15
   treewright-render leave-out --scene builtin:model
+  treewright-render converge --scene builtin:hall --report converge.html
   treewright-render verify --scene bmw.ply --rays 10000
 
 Exit codes:
@@ -71,6 +75,8 @@ enum Command {
     Rays(rays::Arguments),
     /// Measure what it saves to leave out what a scene does not need.
     LeaveOut(leave_out::Arguments),
+    /// Compare errors over time: whose picture is good enough first, builds and tuning included.
+    Converge(Box<converge::Arguments>),
     /// Check that all acceleration structures give the same hits and pictures.
     Verify(verify::Arguments),
 }
@@ -100,6 +106,7 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Bench(arguments) => bench::run(arguments),
         Command::Rays(arguments) => rays::run(arguments),
         Command::LeaveOut(arguments) => leave_out::run(arguments),
+        Command::Converge(arguments) => converge::run(arguments),
         Command::Verify(arguments) => verify::run(arguments),
     }
 }

@@ -17,6 +17,7 @@ use crate::space::{Choice, ConfigurationError};
 use crate::tuning::results::Results;
 use crate::tuning::search::Setting;
 use crate::tuning::verdict::{TUNED, baseline};
+pub(crate) use parts::thousands;
 use parts::{ConfigurationRow, StandingRow};
 
 /// Samples a pixel of the report's two pictures.

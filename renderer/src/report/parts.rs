@@ -202,7 +202,8 @@ fn value_in_words(value: &Value) -> String {
 }
 
 /// `1234567` as `1 234 567`, with thin spaces.
-pub(super) fn thousands(number: usize) -> String {
+/// A number with thin spaces between its thousands.
+pub(crate) fn thousands(number: usize) -> String {
     let digits = number.to_string();
     let mut text = String::new();
     for (index, digit) in digits.chars().enumerate() {
