@@ -106,6 +106,25 @@ impl Study {
         suggestion
     }
 
+    /// A trial of a configuration of the program's own choice, e.g. to measure a winner once more or to try what
+    /// is known from elsewhere. What it finds is learnt like anything else; the search goes on as it was.
+    ///
+    /// Unlike [`Study::suggest`] there is nothing to fall back on. Errors: [`ClientError::Refused`] when the
+    /// configuration does not fit the study's space, [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn trial_of(
+        &self,
+        indicators: &Indicators,
+        configuration: &Configuration,
+    ) -> Result<Suggestion, ClientError> {
+        self.shared.spec.check_indicators(indicators)?;
+        let core = &self.shared.core;
+        let asked = self.shared.ask_once_told(indicators, Some(configuration));
+        match tokio::time::timeout(core.options.deadline, asked).await {
+            Ok(suggestion) => Ok(self.shared.deliver(suggestion?)),
+            Err(_elapsed) => Err(core.late("Suggest", core.options.deadline)),
+        }
+    }
+
     /// A per-frame loop, which reports and asks in one round trip.
     #[must_use]
     pub fn tuner(&self) -> Tuner {
@@ -194,6 +213,7 @@ impl Shared {
             client_id: self.core.options.client_id.clone(),
             indicators: indicators.0.clone(),
             fingerprint: Some(wire::fingerprint_to_wire(&self.core.options.fingerprint)),
+            wanted: None,
         }
     }
 
@@ -226,7 +246,8 @@ impl Shared {
         };
         let due = self.core.outbox.expect_answer(false);
         tokio::spawn(async move {
-            let result = tokio::time::timeout(limits::LATE_ANSWER, shared.ask_once_told(&indicators)).await;
+            let result =
+                tokio::time::timeout(limits::LATE_ANSWER, shared.ask_once_told(&indicators, None)).await;
             let result = result.unwrap_or_else(|_| Err(shared.core.late("Suggest", limits::LATE_ANSWER)));
             // A suggestion that nobody waits for comes back from here and gives its trial back.
             drop(reply.send(result));
@@ -235,12 +256,17 @@ impl Shared {
         answer
     }
 
-    async fn ask_once_told(self: &Arc<Self>, indicators: &Indicators) -> Answer {
+    async fn ask_once_told(
+        self: &Arc<Self>,
+        indicators: &Indicators,
+        wanted: Option<&Configuration>,
+    ) -> Answer {
         let mut result = Err(ClientError::Busy { what: "attempts to get a trial", limit: ASK_AGAIN });
         for _ in 0..ASK_AGAIN {
             self.core.outbox.wait_until_told(&self.name).await;
             let mut rpc = self.core.rpc();
-            let asked = rpc.suggest(self.suggest_request(indicators));
+            let wanted = wanted.map(wire::configuration_to_wire);
+            let asked = rpc.suggest(v1::SuggestRequest { wanted, ..self.suggest_request(indicators) });
             match self.core.call("Suggest", limits::LATE_ANSWER, asked).await {
                 Ok(trial) => result = self.accept(trial),
                 Err(problem) => {

@@ -64,7 +64,7 @@ fn ask(client: &str, frame: usize) -> wire::SuggestRequest {
         study: "studies/latency".to_owned(),
         client_id: client.to_owned(),
         indicators: indicators.collect(),
-        fingerprint: None,
+        ..wire::SuggestRequest::default()
     }
 }
 

@@ -25,6 +25,7 @@ fn tuner_code(error: &TunerError) -> Code {
     match error {
         TunerError::ClientId
         | TunerError::Indicators(_)
+        | TunerError::Wanted(_)
         | TunerError::Fingerprint
         | TunerError::TooManyMeasurements { .. }
         | TunerError::MeasurementName { .. }

@@ -13,8 +13,8 @@ use std::time::Duration;
 use runtime::RuntimeThread;
 
 use crate::{
-    Best, ClientError, Finished, Indicators, Options, PolicyChange, Prediction, Stats, Status, StudyRecord,
-    StudySpec, Suggestion, TrialQuery, TrialRecord,
+    Best, ClientError, Configuration, Finished, Indicators, Options, PolicyChange, Prediction, Stats, Status,
+    StudyRecord, StudySpec, Suggestion, TrialQuery, TrialRecord,
 };
 
 /// See [`crate::Client`]. Cheap to clone.
@@ -143,6 +143,15 @@ impl Study {
     /// See [`crate::Study::suggest`]: answers within the deadline, whatever happens.
     pub fn suggest(&self, indicators: &Indicators) -> Suggestion {
         self.thread.run(async || self.study.suggest(indicators).await)
+    }
+
+    /// See [`crate::Study::trial_of`]. Errors: as there.
+    pub fn trial_of(
+        &self,
+        indicators: &Indicators,
+        configuration: &Configuration,
+    ) -> Result<Suggestion, ClientError> {
+        self.thread.run(async || self.study.trial_of(indicators, configuration).await)
     }
 
     /// See [`crate::Study::tuner`].

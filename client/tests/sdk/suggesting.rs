@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use tonic::Code;
-use treewright_client::{Client, ClientError, Indicators, Mode, Outcome, Source, Status};
+use treewright_client::{Client, ClientError, Configuration, Indicators, Mode, Outcome, Source, Status};
 use treewright_proto::v1::TrialState;
 
 use crate::support::{Fake, Hold, hasty, measured, patient, spec, state, until};
@@ -32,6 +32,24 @@ async fn the_daemon_answers_and_gets_the_result() {
     let book = fake.book();
     assert_eq!(book.trials[0].measurements["render_ms"].to_bits(), 12.5f64.to_bits());
     assert_eq!(book.trials[0].fingerprint.as_ref().map(|f| f.threads > 0), Some(true));
+}
+
+#[tokio::test]
+async fn a_program_measures_what_it_wants() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let study = client.study("scene", spec()).await.unwrap();
+    let wanted = study.spec().space().complete(&Configuration::new().with("max_depth", 17)).unwrap();
+    for render_ms in [12.5, 12.0] {
+        let suggestion = study.trial_of(&state(3), &wanted).await.unwrap();
+        assert_eq!((suggestion.mode(), suggestion.configuration()), (Mode::Pinned, &wanted));
+        suggestion.report(measured(render_ms), Outcome::Ok).unwrap();
+    }
+    client.flush(Duration::from_secs(20)).await.unwrap();
+    assert_eq!(fake.book().stored_reports.len(), 2);
+    fake.book().refuse.insert("Suggest", Code::InvalidArgument);
+    assert!(matches!(study.trial_of(&state(3), &wanted).await, Err(ClientError::Refused { .. })));
+    assert_eq!(client.stats().fallbacks, 0, "there is nothing to fall back on");
 }
 
 #[tokio::test]

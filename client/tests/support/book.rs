@@ -59,12 +59,15 @@ impl Book {
     }
 
     pub fn suggest(&mut self, request: v1::SuggestRequest) -> Result<v1::Trial, Status> {
-        let configuration = configuration(self.study(&request.study)?, self.trials.len());
+        let wanted = request.wanted.is_some();
+        let drawn = configuration(self.study(&request.study)?, self.trials.len());
+        let configuration = request.wanted.unwrap_or(drawn);
         let held = self.trials.iter().find(|trial| {
             trial.state() == TrialState::Open
                 && trial.client_id == request.client_id
                 && trial.indicators == request.indicators
                 && trial.name.starts_with(&request.study)
+                && (!wanted || trial.configuration.as_ref() == Some(&configuration))
         });
         if let Some(trial) = held {
             return Ok(trial.clone());
@@ -76,7 +79,12 @@ impl Book {
             state_id: 1,
             indicators: request.indicators,
             configuration: Some(configuration),
-            mode: if first { v1::Mode::Default } else { v1::Mode::Explore }.into(),
+            mode: match (wanted, first) {
+                (true, _) => v1::Mode::Pinned,
+                (false, true) => v1::Mode::Default,
+                (false, false) => v1::Mode::Explore,
+            }
+            .into(),
             reason: Some(v1::Reason {
                 summary: "by the stand-in".into(),
                 source: "fake".into(),

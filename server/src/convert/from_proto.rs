@@ -34,6 +34,8 @@ pub struct Suggest {
     pub study: String,
     /// Who asks, and where.
     pub ask: Ask,
+    /// What the client wants to measure, if it does not leave that to the service.
+    pub wanted: Option<RawConfiguration>,
 }
 
 /// Reads a specification.
@@ -167,6 +169,7 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
             indicators: request.indicators,
             fingerprint: request.fingerprint.map(fingerprint).transpose()?,
         },
+        wanted: request.wanted.map(|wanted| configuration("wanted", wanted)).transpose()?,
     })
 }
 

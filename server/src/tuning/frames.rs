@@ -46,7 +46,7 @@ impl Tuning {
     pub async fn suggest(&self, suggest: Suggest) -> Result<Trial, Error> {
         let (trial, receipt) = self
             .with_tuner(&suggest.study, |live, store, now_ms| {
-                let (trial, change) = live.tuner.suggest(&suggest.ask, now_ms)?;
+                let (trial, change) = ask(&mut live.tuner, &suggest, now_ms)?;
                 note(&suggest, &trial, &change);
                 Ok::<_, TunerError>((trial, live.commit(store, &[change])))
             })
@@ -96,7 +96,7 @@ impl Tuning {
                     return None;
                 };
                 let mut changes = vec![change];
-                let suggested = live.tuner.suggest(&suggest.ask, now_ms).map(|(trial, change)| {
+                let suggested = ask(&mut live.tuner, &suggest, now_ms).map(|(trial, change)| {
                     note(&suggest, &trial, &change);
                     changes.push(change);
                     trial
@@ -198,6 +198,13 @@ impl Live {
                 problem: format!("a configuration does not fit its study: {error}"),
             })
         })
+    }
+}
+
+fn ask(tuner: &mut Tuner, suggest: &Suggest, now_ms: i64) -> Result<(Trial, Change), TunerError> {
+    match &suggest.wanted {
+        Some(wanted) => tuner.suggest_wanted(&suggest.ask, wanted.clone(), now_ms),
+        None => tuner.suggest(&suggest.ask, now_ms),
     }
 }
 

@@ -1,7 +1,9 @@
 //! The first half of a client's frame: what to run next.
 
+use crate::configuration::RawConfiguration;
 use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX};
 use crate::trial::{Mode, Trial, TrialState};
+use crate::tuner::decide::plain_reason;
 use crate::tuner::{Ask, Change, Decision, Prediction, Tuner, TunerError, Visit, checks};
 
 impl Tuner {
@@ -10,6 +12,29 @@ impl Tuner {
     /// A client that still holds an open trial for the state gets that one again with a fresh lease (its
     /// answer was lost), unless the policy began or ceased to pin since. `now_ms` is the caller's clock.
     pub fn suggest(&mut self, ask: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
+        self.trial(ask, self.pinned(), now_ms)
+    }
+
+    /// Hands out a trial of a configuration that the client wants to measure, as if the policy pinned it for
+    /// this one question: the client's visit and the state's search stay as they are.
+    pub fn suggest_wanted(
+        &mut self,
+        ask: &Ask,
+        wanted: RawConfiguration,
+        now_ms: i64,
+    ) -> Result<(Trial, Change), TunerError> {
+        let configuration = self.spec.space.configuration(wanted)?;
+        let reason = plain_reason("wanted", "The client asked for this configuration.".into());
+        let wanted = Prediction { configuration, mode: Mode::Pinned, predicted_cost: None, reason };
+        self.trial(ask, Some(wanted), now_ms)
+    }
+
+    fn trial(
+        &mut self,
+        ask: &Ask,
+        pinned: Option<Prediction>,
+        now_ms: i64,
+    ) -> Result<(Trial, Change), TunerError> {
         checks::client_id(&ask.client_id)?;
         checks::fingerprint(ask.fingerprint.as_ref())?;
         let normalised = self.spec.indicators.normalise(&ask.indicators)?;
@@ -20,7 +45,6 @@ impl Tuner {
         let state_id = self.states[state].id;
         let mut change = Change::default();
         let search_before = self.work[state].exploration.clone();
-        let pinned = self.pinned();
         if pinned.is_none() {
             change.visits.extend(self.visit(&ask.client_id, &normalised, state));
         }

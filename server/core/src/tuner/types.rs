@@ -176,6 +176,9 @@ pub enum TunerError {
     /// The indicators do not fit the study.
     #[error(transparent)]
     Indicators(#[from] IndicatorError),
+    /// The configuration that the client wants does not fit the study's space.
+    #[error("wanted configuration: {0}")]
+    Wanted(#[from] SpaceError),
     /// The fingerprint is over a limit.
     #[error(
         "fingerprint: at most {FINGERPRINT_SOFTWARE_MAX} software entries, and at most \
