@@ -1,19 +1,24 @@
 #!/usr/bin/env python3
-"""Tunes the evaluation scenes for both objectives and prints the comparison as Markdown.
+"""Tunes the evaluation scenes and measures the winners side by side with native Embree: the README's table.
 
     make build
-    SCENES=FOLDER tools/bench.py [--scenes NAME,...] [--iterations 80] [--rounds 9] [--verify] [--out FILE.md]
+    SCENES=FOLDER tools/bench.py [--out bench.json] [--only NAME,...] [--rows 2@320x240,1@320x240,2@1280x720]
 
-Scenes are the built-in hall and city, and, when SCENES names a folder that holds NAME/NAME.glb,
-sponza, fireplace_room, living_room and bmw-m6. Every run has a daemon and a database of its own. After
-the search, the default, native Embree and the winner are measured again side by side in interleaved
-rounds: those are the figures printed, never the best of the search.
+Scenes are built-in ones and, where SCENES names a folder that holds NAME/NAME.glb, real ones. Each scene is
+searched for both objectives (a frame with a thousandth of its build, and with a whole one) in the paper's space
+and in the full one, with all threads at the first row's size. For every further row the winners take part in a
+shorter search there. Then everybody builds and renders in interleaved rounds; one run of rounds serves both
+objectives. Figures come from these rounds alone, never from a search.
+
+Results go into the JSON file after every step, with a Markdown table beside it; a run that was stopped goes on
+where it was. --dry-run tells what is missing and about how long it takes.
 """
 
 import argparse
 import json
 import os
 import pathlib
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -21,23 +26,47 @@ import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 BIN = pathlib.Path(os.environ.get("BIN", ROOT / "target" / "release"))
-FILES = ["sponza", "fireplace_room", "living_room", "bmw-m6"]
-BUILTIN = ["hall", "city"]
+FILES = ["sponza", "fireplace_room", "living_room", "bmw-m6", "kitchen", "buddha_100k"]
+BUILTIN = ["voxels", "gallery", "city", "hall"]
+OBJECTIVES = ["render", "total"]
+NATIVE = "native Embree default"
+# At large sizes only these: the others would double the time and answer nothing new.
+LARGE = ["paper default", NATIVE, "native Embree high"]
+LARGE_PIXELS = 640 * 480
+# Seconds a scene has taken so far on two cores, before any of this run's own are known: search, and a row's rounds.
+GUESS = {"search": 60, "small": 60, "large": 170}
 
 
 def scenes(chosen):
     folder = pathlib.Path(os.environ["SCENES"]) if os.environ.get("SCENES") else None
-    found = {name: f"builtin:{name}" for name in BUILTIN}
+    found = {}
     for name in FILES:
         file = folder / name / f"{name}.glb" if folder else None
         if file and file.exists():
             found[name] = str(file)
+    found |= {name: f"builtin:{name}" for name in BUILTIN}
     if chosen:
         missing = [name for name in chosen if name not in found]
         if missing:
             sys.exit(f"bench: no such scene: {', '.join(missing)}; there are {', '.join(found)} (set SCENES for real ones)")
         found = {name: found[name] for name in chosen}
     return found
+
+
+class Row:
+    """Threads and size, written 2@320x240."""
+
+    def __init__(self, text):
+        threads, _, size = text.partition("@")
+        width, _, height = size.partition("x")
+        if not (threads.isdigit() and width.isdigit() and height.isdigit()):
+            raise argparse.ArgumentTypeError(f"a row is written THREADS@WIDTHxHEIGHT, not {text}")
+        self.text, self.threads, self.size = text, threads, size
+        self.large = int(width) * int(height) > LARGE_PIXELS
+
+
+def rows(text):
+    return [Row(part) for part in text.split(",")]
 
 
 class Daemon:
@@ -59,75 +88,178 @@ class Daemon:
         self.folder.cleanup()
 
 
-def tune(scene, objective, options):
-    with Daemon() as url, tempfile.TemporaryDirectory() as folder:
-        result = pathlib.Path(folder) / "run.json"
-        command = [str(BIN / "treewright-render"), "tune", "--server", url, "--scene", scene, "--objective", objective,
-                   "--iterations", str(options.iterations), "--rounds", str(options.rounds),
-                   "--size", options.size, "--json", str(result)]
-        done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+def render(command, *arguments):
+    """Runs treewright-render and returns what it wrote as JSON."""
+    with tempfile.TemporaryDirectory() as folder:
+        result = pathlib.Path(folder) / "result.json"
+        done = subprocess.run([str(BIN / "treewright-render"), command, "--json", str(result), *map(str, arguments)],
+                              stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         if done.returncode != 0:
-            sys.exit(f"bench: tuning {scene} for {objective} failed:\n{done.stderr}")
+            sys.exit(f"bench: {command} {' '.join(map(str, arguments))} failed:\n{done.stderr}")
         return json.loads(result.read_text())
 
 
-def verify(scene):
-    done = subprocess.run([str(BIN / "treewright-render"), "verify", "--scene", scene, "--json"], capture_output=True, text=True)
-    return done.returncode == 0, done.stdout
+def search(url, scene, row, space, objective, iterations, candidates=()):
+    """A search and the run-off of its leaders. What is kept: the winner, and what the search cost."""
+    with tempfile.TemporaryDirectory() as folder:
+        more = []
+        for number, candidate in enumerate(candidates):
+            file = pathlib.Path(folder) / f"{number}.json"
+            file.write_text(json.dumps(candidate))
+            more += ["--candidate", file]
+        # The rounds that count are measured later, with everybody.
+        run = render("tune", "--server", url, "--scene", scene, "--threads", row.threads, "--size", row.size, "--space", space,
+                     "--study", f"{space}-{objective}-{row.size}-{row.threads}", "--objective", objective,
+                     "--iterations", iterations, "--rounds", 1, *more)
+    return {"tuned": run["tuned"], "triangles": run["scene"]["triangles"], "trials": len(run["trials"]),
+            "infeasible": sum(trial["cost"] is None for trial in run["trials"]),
+            "waiting_ms": run["overhead"]["waiting_ms"]["median"], "share_of_frame": run["overhead"]["share_of_frame"]}
 
 
-def quartiles(summary, digits=2):
-    return f"{summary['median']:.{digits}f} [{summary['lower_quartile']:.{digits}f}, {summary['upper_quartile']:.{digits}f}]"
+def measure(scene, row, found, rounds):
+    with tempfile.TemporaryDirectory() as folder:
+        more = []
+        for space in ["paper", "full"]:
+            for objective in OBJECTIVES:
+                file = pathlib.Path(folder) / f"{space}-{objective}.json"
+                file.write_text(json.dumps(found[f"{space} {objective}"]["tuned"]))
+                more += ["--contender", f"{space} {objective}={space}:{file}"]
+        if row.large:
+            more += ["--only", ",".join(LARGE + [f"{space} {objective}" for space in ["paper", "full"] for objective in OBJECTIVES])]
+        return render("bench", "--scene", scene, "--threads", row.threads, "--size", row.size, "--rounds", rounds, *more)
 
 
-def row(name, objective, run):
-    """One line of the table: medians in ms, ratios as median [quartiles] of pairs."""
-    standing = {each["name"]: each for each in run["standings"]}
-    cost = lambda each: each["frame_ms"]["median"]
-    default, tuned = standing["recommended default"], standing["tuned"]
-    native = standing["native Embree default"]
-    against_native = cost(native) / cost(tuned)
-    prediction = run["prediction"]
-    predicted = prediction["standings"][-1]["speedup"]["median"] if prediction else float("nan")
-    failed = sum(trial["cost"] is None for trial in run["trials"])
-    breaks = run["break_even_frame"]
-    return (f"| {name} | {objective} | {cost(default):.1f} | {cost(native):.1f} | {cost(standing['native Embree high']):.1f} "
-            f"| **{cost(tuned):.1f}** | {quartiles(tuned['speedup'])} | {against_native:.2f} | {predicted:.2f} "
-            f"| {failed} | {run['overhead']['waiting_ms']['median']:.2f} ({100 * run['overhead']['share_of_frame']:.1f} %) "
-            f"| {'never' if breaks is None else breaks} |")
+def quartiles(values):
+    low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
+    return low, middle, high
 
 
-HEAD = """| scene | objective | default ms | native medium ms | native high ms | tuned ms | default / tuned | native medium / tuned | default / predicted, fresh camera | infeasible trials | tuning overhead ms (share of frame) | break-even frame |
-|---|---|---|---|---|---|---|---|---|---|---|---|"""
+def over(standings, name, other):
+    """How many times faster one is than another, pair by pair: quartiles and median; nothing where one is missing."""
+    find = {each["name"]: each["rounds_ms"] for each in standings}
+    pairs = [theirs / own for own, theirs in zip(find.get(name, []), find.get(other, []))]
+    return quartiles(pairs) if len(pairs) > 1 else None
+
+
+def ratio(triple):
+    return "–" if triple is None else f"{triple[1]:.2f} [{triple[0]:.2f}, {triple[2]:.2f}]"
+
+
+def table(results):
+    """Both tables, and the medians over all rows, as Markdown."""
+    lines = []
+    for objective in OBJECTIVES:
+        lines += ["", f"Objective {objective}: ms a frame with " + ("a thousandth of its build" if objective == "render" else "its build"), "",
+                  "| scene | threads | size | paper default | native low | native default | native high | best by hand | paper space | **full space** "
+                  "| full / native default | full / native high | full / paper default |", "|" + "---|" * 13]
+        gains = {NATIVE: [], "native Embree high": [], "paper default": []}
+        for key, row in results["rows"].items():
+            scene, setting = key.split(" ")
+            threads, size = setting.split("@")
+            standings = row[objective]
+            ms = {each["name"]: "fails" if each["failure"] else f"{each['frame_ms']['median']:.1f}" for each in standings}
+            names = ["paper default", "native Embree low", NATIVE, "native Embree high", f"best by hand ({objective})", f"paper {objective}"]
+            own = f"full {objective}"
+            ratios = {other: over(standings, own, other) for other in gains}
+            for other, triple in ratios.items():
+                gains[other] += [] if triple is None else [triple[1]]
+            cells = [ms.get(name, "–") for name in names]
+            lines.append(f"| {scene} | {threads} | {size} | {' | '.join(cells)} | **{ms.get(own, '–')}** "
+                         f"| {' | '.join(ratio(ratios[other]) for other in gains)} |")
+        for other, medians in gains.items():
+            if medians:
+                lines.append(f"\nfull space over {other}: median {statistics.median(medians):.2f}, least {min(medians):.2f}, most {max(medians):.2f}")
+    return "\n".join(lines[1:]) + "\n"
+
+
+class Book:
+    """The results on disk, written after every step."""
+
+    def __init__(self, path):
+        self.path = path
+        self.results = {"searches": {}, "rows": {}, "seconds": {}}
+        if path.exists():
+            self.results = json.loads(path.read_text())
+
+    def step(self, kind, key, work):
+        """Does what is not done yet, and keeps what it gave and how long it took."""
+        done = self.results[kind]
+        if key not in done:
+            begun = time.time()
+            done[key] = work()
+            self.results["seconds"][f"{kind} {key}"] = time.time() - begun
+            self.path.write_text(json.dumps(self.results, indent=1))
+            self.path.with_suffix(".md").write_text(table(self.results))
+        return done[key]
+
+
+def guess(book, kind):
+    """Median seconds of finished steps of a kind, else what they took elsewhere."""
+    seconds = book.results["seconds"]
+    known = {"search": [took for step, took in seconds.items() if step.startswith("searches ")],
+             "small": [took for step, took in seconds.items() if step.startswith("rows ") and not Row(step.split()[-1]).large],
+             "large": [took for step, took in seconds.items() if step.startswith("rows ") and Row(step.split()[-1]).large]}[kind]
+    return statistics.median(known) if known else GUESS[kind]
+
+
+def left(book, found, chosen):
+    """About how many seconds the missing steps take."""
+    total = 0
+    for name in found:
+        for row in chosen:
+            total += guess(book, "search") * (f"{name} {row.text}" not in book.results["searches"])
+            total += guess(book, "large" if row.large else "small") * (f"{name} {row.text}" not in book.results["rows"])
+    return total
+
+
+def minutes(seconds):
+    return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", type=lambda text: text.split(","), help="only these, e.g. hall,sponza")
-    parser.add_argument("--objectives", type=lambda text: text.split(","), default=["render", "total"])
-    parser.add_argument("--iterations", type=int, default=80)
-    parser.add_argument("--rounds", type=int, default=9, help="paired rounds of the final measurement")
-    parser.add_argument("--size", default="320x240")
-    parser.add_argument("--verify", action="store_true", help="also compare hits and pictures between accelerators")
-    parser.add_argument("--out", type=pathlib.Path, help="write the table and the raw results (.json) there as well")
+    parser.add_argument("--only", type=lambda text: text.split(","), help="only these scenes, e.g. hall,sponza")
+    parser.add_argument("--rows", type=rows, default="2@320x240,1@320x240,2@1280x720", help="threads and size of each row")
+    parser.add_argument("--iterations", type=int, default=60, help="trials of the full search")
+    parser.add_argument("--more-iterations", type=int, default=8, help="trials of the searches for further rows")
+    parser.add_argument("--rounds", type=int, default=21, help="paired rounds of the final measurement")
+    parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("bench.json"), help="results; the table goes beside them as .md")
+    parser.add_argument("--dry-run", action="store_true", help="tell what would be done, and about how long it takes")
     options = parser.parse_args()
-    runs, lines = {}, [HEAD]
-    for name, scene in scenes(options.scenes).items():
-        for objective in options.objectives:
+    found, book = scenes(options.only), Book(options.out)
+    chosen = options.rows
+    print(f"{len(found)} scenes, {len(chosen)} rows each, about {minutes(left(book, found, chosen))} left", file=sys.stderr)
+    if options.dry_run:
+        return
+    first = chosen[0]
+    for name, scene in found.items():
+        for row in chosen:
+            key = f"{name} {row.text}"
+
+            def searches():
+                with Daemon() as url:
+                    known = {} if row is first else book.results["searches"][f"{name} {first.text}"]
+                    ran = {}
+                    for space in ["paper", "full"]:
+                        for objective in OBJECTIVES:
+                            this = f"{space} {objective}"
+                            if space == "paper" and known:
+                                ran[this] = known[this]
+                                continue
+                            # In another row the best for the other objective may be the better one.
+                            candidates = [known[f"{space} {each}"]["tuned"] for each in OBJECTIVES] if known else []
+                            iterations = options.more_iterations if known else options.iterations
+                            ran[this] = search(url, scene, row, space, objective, iterations, candidates)
+                    return ran
+
             begun = time.time()
-            run = tune(scene, objective, options)
-            runs[f"{name} {objective}"] = run
-            lines.append(row(name, objective, run))
-            print(lines[-1], f"({time.time() - begun:.0f} s)", file=sys.stderr, flush=True)
-        if options.verify:
-            agrees, told = verify(scene)
-            runs[f"{name} verify"] = json.loads(told) if told.startswith("{") else told
-            print(f"{name}: accelerators {'agree' if agrees else 'DO NOT AGREE'}", file=sys.stderr, flush=True)
-    table = "\n".join(lines)
-    print(table)
-    if options.out:
-        options.out.write_text(table + "\n")
-        options.out.with_suffix(".json").write_text(json.dumps(runs, indent=1))
+            winners = book.step("searches", key, searches)
+            searched = time.time()
+            result = book.step("rows", key, lambda: measure(scene, row, winners, options.rounds))
+            gains = "  ".join(f"{objective} {ratio(over(result[objective], f'full {objective}', NATIVE))}" for objective in OBJECTIVES)
+            print(f"{key:32} over native default: {gains}  (search {searched - begun:.0f} s, rounds {time.time() - searched:.0f} s; "
+                  f"about {minutes(left(book, found, chosen))} left)", file=sys.stderr, flush=True)
+    print(table(book.results))
 
 
 if __name__ == "__main__":

@@ -103,16 +103,33 @@ fn accelerators_are_measured_and_verified() {
     assert_eq!(verified["agrees"], true);
     assert!(verified["oracle_hits"].as_u64() > Some(100));
     assert!(verified["accelerators"].as_array().is_some_and(|all| all.len() == 15));
+    std::fs::write(path.join("best.json"), r#"{"branching_factor": 4, "bounce": "eight", "staged": true}"#)
+        .expect("it can be written");
     let table = succeeds(
         path,
-        "bench --scene builtin:quick --detail 0.1 --rounds 2 --size 24x16 --config quality=1 --json b.json",
+        "bench --scene builtin:quick --detail 0.1 --rounds 2 --size 24x16 --config quality=1 --contender mine=full:best.json --json b.json",
     );
     assert!(table.contains("native Embree default") && table.contains("quality=1"));
     let bench: serde_json::Value =
         serde_json::from_slice(&std::fs::read(path.join("b.json")).expect("it was written"))
             .expect("it is JSON");
-    assert_eq!(bench["standings"].as_array().map(Vec::len), Some(6));
-    assert_eq!(bench["standings"][5]["render_ms"]["count"], 2);
+    assert_eq!(bench["render"].as_array().map(Vec::len), Some(8));
+    assert_eq!(bench["render"][7]["name"], "mine");
+    let frame = |objective: &str| bench[objective][6]["frame_ms"]["median"].as_f64();
+    assert!(frame("total") > frame("render"));
+    assert_eq!(bench["total"][6]["rounds_ms"].as_array().map(Vec::len), Some(2));
+    let few = succeeds(
+        path,
+        "bench --scene builtin:quick --detail 0.1 --rounds 1 --size 8x8 --only quality=2 --config quality=2",
+    );
+    assert!(few.contains("quality=2") && !few.contains("native"));
+    let ablation = succeeds(
+        path,
+        "ablate --scene builtin:quick --detail 0.1 --rounds 2 --size 24x16 --config-file best.json --json a.json --report a.html",
+    );
+    assert!(ablation.contains("branching_factor") && ablation.contains("backend"));
+    let ablation = std::fs::read_to_string(path.join("a.json")).expect("it was written");
+    assert!(ablation.contains("\"kept\"") && path.join("a.html").exists());
 }
 
 #[test]
@@ -279,7 +296,9 @@ fn an_absent_daemon_is_told_with_the_remedy() {
 fn help_shows_examples_and_exit_codes() {
     let help = succeeds(folder().path(), "--help");
     assert!(help.contains("Examples:") && help.contains("Exit codes:"));
-    for command in ["image", "info", "scenes", "spaces", "tune", "play", "bench", "converge", "verify"] {
+    for command in
+        ["image", "info", "scenes", "spaces", "tune", "play", "bench", "ablate", "converge", "verify"]
+    {
         assert!(help.contains(command), "{command}");
         succeeds(folder().path(), &format!("{command} --help"));
     }

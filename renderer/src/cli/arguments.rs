@@ -311,6 +311,30 @@ impl UpdateArguments {
     }
 }
 
+/// A configuration in a file, with the name it goes by and the space it is of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct NamedConfiguration {
+    /// For people.
+    pub(super) name: String,
+    /// Its space.
+    pub(super) preset: Preset,
+    /// The JSON file.
+    pub(super) path: PathBuf,
+}
+
+impl std::str::FromStr for NamedConfiguration {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('=').and_then(|(name, rest)| Some((name, rest.split_once(':')?)));
+        let wrong = "it is written NAME=SPACE:FILE, for example tuned=full:best.json";
+        let (name, (preset, path)) = parts.ok_or(wrong)?;
+        let preset =
+            Preset::from_str(preset, false).map_err(|_| format!("{wrong}; spaces are full and paper"))?;
+        Ok(Self { name: name.to_owned(), preset, path: path.into() })
+    }
+}
+
 /// Reads a configuration from JSON: an object of parameters, or an object that holds one as `configuration`.
 pub(super) fn read_configuration(path: &std::path::Path) -> Result<Configuration, CliError> {
     let text = std::fs::read_to_string(path)
@@ -359,6 +383,20 @@ mod tests {
         assert_eq!("1X16384".parse(), Ok(Size { width: 1, height: 16_384 }));
         for wrong in ["", "640", "640x", "x480", "0x4", "4x0", "-4x4", "640x480x2", "99999x4", "4.5x4"] {
             assert!(wrong.parse::<Size>().is_err_and(|told| told.contains("WIDTHxHEIGHT")), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn named_configurations_say_their_space() {
+        let named = |name: &str, preset, path: &str| NamedConfiguration {
+            name: name.to_owned(),
+            preset,
+            path: path.into(),
+        };
+        assert_eq!("tuned=full:a/b:c.json".parse(), Ok(named("tuned", Preset::Full, "a/b:c.json")));
+        assert_eq!("paper render=paper:x".parse(), Ok(named("paper render", Preset::Paper, "x")));
+        for wrong in ["", "tuned", "tuned=best.json", "tuned=half:best.json"] {
+            assert!(wrong.parse::<NamedConfiguration>().is_err_and(|told| told.contains("NAME=SPACE:FILE")));
         }
     }
 

@@ -1,5 +1,6 @@
 //! The program `treewright-render`: what it understands, and which exit codes it ends with.
 
+mod ablate;
 mod animate;
 mod arguments;
 mod bench;
@@ -36,6 +37,7 @@ Examples:
   treewright-render bench --scene builtin:city --rounds 15
   treewright-render leave-out --scene builtin:model
   treewright-render converge --scene builtin:hall --report converge.html
+  treewright-render ablate --scene builtin:city --config-file best.json --report ablation.html
   treewright-render verify --scene bmw.ply --rays 10000
 
 Exit codes:
@@ -77,6 +79,8 @@ enum Command {
     LeaveOut(leave_out::Arguments),
     /// Compare errors over time: whose picture is good enough first, builds and tuning included.
     Converge(Box<converge::Arguments>),
+    /// Take a tuned configuration apart: which parameter brought what.
+    Ablate(ablate::Arguments),
     /// Check that all acceleration structures give the same hits and pictures.
     Verify(verify::Arguments),
 }
@@ -107,6 +111,7 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Rays(arguments) => rays::run(arguments),
         Command::LeaveOut(arguments) => leave_out::run(arguments),
         Command::Converge(arguments) => converge::run(arguments),
+        Command::Ablate(arguments) => ablate::run(arguments),
         Command::Verify(arguments) => verify::run(arguments),
     }
 }

@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use treewright_client::blocking::{Client, Study};
-use treewright_client::{Configuration, Fingerprint, Policy, PolicyChange, Source};
+use treewright_client::{
+    ClientError, Configuration, Fingerprint, Indicators, Outcome, Policy, PolicyChange, Source,
+};
 
 use super::arguments::{
     CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, indicators, read_configuration,
@@ -26,12 +28,15 @@ use crate::scene::{Camera, Scene};
 use crate::space::TuningSpace;
 use crate::tuning::objective::{Objective, specification};
 use crate::tuning::results::{Overhead, Prediction, Results, SceneFacts};
-use crate::tuning::run_off::{FINALISTS, leaders, run_off};
-use crate::tuning::search::{self, Drift, Found, Setting};
+use crate::tuning::run_off::{FINALISTS, Finalist, leaders, run_off};
+use crate::tuning::search::{self, Drift, Found, Setting, measurements};
 use crate::tuning::verdict::{self, PAPER_TUNED, PREDICTED, TUNED};
 
 /// How far along the camera path the fresh camera stands that the predictor is asked for.
 const FRESH_STEP: f32 = 0.2;
+
+/// Most configurations that run against each other, those included that the service names afterwards.
+const FINALISTS_MAX: usize = 16;
 
 /// How long the last reports may take to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
@@ -165,10 +170,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         notes.push(format!("the study's policy was left as it was during the search: {error}"));
     }
 
-    let judge = Judge { renderer: &renderer, study: &study, space: &space, arguments, interrupt };
+    let judge =
+        Judge { client: &client, renderer: &renderer, study: &study, space: &space, arguments, interrupt };
     let conditions = judge.conditions(camera);
     let spinner = output::spinner("measuring the best configurations again");
-    let tuned = judge.winner(&found, candidates, &conditions)?;
+    let tuned = judge.winner(&found, candidates, &setting, &mut notes)?;
     let standings = judge.standings(&tuned, paper.as_ref(), &conditions)?;
     spinner.set_message("asking the predictor for another camera");
     let prediction = judge.prediction(&scene).unwrap_or_else(|error| {
@@ -277,6 +283,7 @@ fn search(
 
 /// What the measurements after the search have in common.
 struct Judge<'a> {
+    client: &'a Client,
     renderer: &'a Renderer,
     study: &'a Study,
     space: &'a TuningSpace,
@@ -301,12 +308,17 @@ impl Judge<'_> {
     }
 
     /// The best of the search in a run-off, together with where it began and what the user brought along.
+    ///
+    /// The service learns what is measured here. It may then hold a configuration for the best that had one lucky
+    /// measurement and was not among the finalists: that one has to run against the winner, too.
     fn winner(
         &self,
         found: &Found,
         candidates: Vec<Configuration>,
-        conditions: &Conditions,
+        setting: &Setting,
+        notes: &mut Vec<String>,
     ) -> Result<Configuration, CliError> {
+        let conditions = self.conditions(setting.view.camera);
         let mut finalists = leaders(&found.trials, FINALISTS);
         for candidate in candidates.iter().chain([&self.space.default_configuration()]) {
             let candidate = self.space.complete(candidate)?;
@@ -314,10 +326,37 @@ impl Judge<'_> {
                 finalists.push(candidate);
             }
         }
-        let order =
-            run_off(self.renderer, self.space, finalists, conditions, || !self.interrupt.requested())?;
-        let winner = order.into_iter().next().map(|first| first.configuration);
-        Ok(winner.unwrap_or_else(|| self.space.default_configuration()))
+        let mut seen: Vec<Configuration> = Vec::new();
+        loop {
+            seen.extend(finalists.iter().cloned());
+            let go_on = || !self.interrupt.requested();
+            let order = run_off(self.renderer, self.space, finalists.clone(), &conditions, go_on)?;
+            let winner = order.first().map(|first| first.configuration.clone());
+            let winner = winner.unwrap_or_else(|| self.space.default_configuration());
+            match self.tell(&order, &setting.indicators) {
+                _ if self.interrupt.requested() => return Ok(winner),
+                Ok(best) if !seen.contains(&best) && seen.len() < FINALISTS_MAX => {
+                    finalists = vec![winner, best];
+                }
+                Ok(_) => return Ok(winner),
+                Err(error) => {
+                    notes.push(format!("the service was not told of the run-off: {error}"));
+                    return Ok(winner);
+                }
+            }
+        }
+    }
+
+    /// Reports every frame of a run-off, and asks what the service holds for the best now.
+    fn tell(&self, order: &[Finalist], indicators: &Indicators) -> Result<Configuration, ClientError> {
+        for finalist in order {
+            for times in &finalist.times {
+                let trial = self.study.trial_of(indicators, &finalist.configuration)?;
+                trial.report(measurements(Some(*times), 1), Outcome::Ok)?;
+            }
+        }
+        self.client.flush(FLUSH)?;
+        Ok(self.study.best(indicators)?.configuration)
     }
 
     /// Everybody that matters, and the winner, in fresh rounds.

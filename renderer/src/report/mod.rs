@@ -3,6 +3,7 @@
 //! It carries everything inside (pictures, curve, style), so that it can be mailed or opened from a file
 //! system. The curve is the paper's Figure 11.
 
+pub mod ablation;
 mod chart;
 mod parts;
 

@@ -38,15 +38,20 @@ pub fn baseline(preset: Preset) -> Contender {
     }
 }
 
-/// Everybody that a winner has to be compared with: the paper's default, Embree's own structures, and for the
-/// full space where its search began.
-pub fn peers(space: &TuningSpace) -> Vec<Contender> {
-    let mut peers = vec![
+/// What everybody has: the paper's default, and Embree's own structures.
+pub fn natives() -> Vec<Contender> {
+    vec![
         named(PAPER_DEFAULT, Choice::paper_default()),
         named(NATIVE_LOW, Choice::native(NativeQuality::Low)),
         named(NATIVE_DEFAULT, Choice::native(NativeQuality::Medium)),
         named(NATIVE_HIGH, Choice::native(NativeQuality::High)),
-    ];
+    ]
+}
+
+/// Everybody that a winner has to be compared with: what everybody has, and for the full space where its search
+/// began.
+pub fn peers(space: &TuningSpace) -> Vec<Contender> {
+    let mut peers = natives();
     if space.preset() == Preset::Full {
         peers.push(named(BY_HAND, space.default_choice()));
     }
