@@ -2,7 +2,7 @@
 //!
 //! The frame is that of Jones, Schonlau and Welch, "Efficient global optimization of expensive black-box
 //! functions" (Journal of Global Optimization 13, 1998): a small design, then again and again a
-//! [Gaussian process](process) is fitted to all that was measured, and the point of highest expected
+//! Gaussian process (`process`) is fitted to all that was measured, and the point of highest expected
 //! improvement is measured next. What was added, and from where:
 //! - *Mixed, conditional spaces.* The model sees configurations, not points of the cube (see
 //!   [`Layout`]), and the improvement is climbed by changing one parameter at a time from the best known
@@ -12,7 +12,7 @@
 //! - *Noise.* Improvement is counted against the model's best mean, not the luckiest sample, and the
 //!   uncertainty that counts is that of the mean, noise left out. A newcomer that looks best is measured
 //!   again before it is believed.
-//! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see [`warp`]).
+//! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `warp`).
 //! - *Several clients.* Points that are out count as measured, at what the model expects of them (the
 //!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010).
 
