@@ -41,7 +41,9 @@ fn collapse(_: usize, at: Vec3A, moment: f32) -> Vec3A {
 fn moved(triangles: &Triangles, motion: Motion, moment: f32) -> Arc<Triangles> {
     let positions = triangles.positions().iter().enumerate();
     let positions = positions.map(|(number, &at)| motion(number, at, moment)).collect();
-    Arc::new(triangles.moved(positions).expect("the motion stays in range"))
+    let moved = triangles.moved(positions).expect("the motion stays in range");
+    // In memory of their own, indices too, as of a scene that is generated anew at every moment.
+    Arc::new(Triangles::new(moved.positions().to_vec(), moved.indices().to_vec()).expect("they were sound"))
 }
 
 fn choices() -> Vec<BuildChoice> {

@@ -1,3 +1,5 @@
+//! Image errors on pictures whose error is known: equal ones, constant offsets, noise of known variance.
+
 use proptest::prelude::*;
 
 use super::*;

@@ -51,6 +51,6 @@ mod testing {
         }
         scene.sky.sun = None;
         let view = View { camera: scene.cameras[0], seed: 1, bounces: 1 };
-        (Renderer::new(Arc::new(scene), 2).expect("it starts"), view)
+        (Renderer::new(Arc::new(scene), 0).expect("it starts"), view)
     }
 }

@@ -21,8 +21,11 @@ pub struct NativeScene {
     options: NativeOptions,
     /// Whether the scene is of the kind that can be refitted.
     refits: bool,
-    /// The scene reads these arrays and lives on this device: both must outlive it.
+    /// The scene reads these vertices and lives on this device: both must outlive it.
     triangles: Arc<Triangles>,
+    /// The scene reads these indices. A refit takes new vertices but keeps the indices it was built with, even
+    /// where the new triangles bring an equal copy.
+    indexed: Arc<Triangles>,
     device: Device,
 }
 
@@ -160,8 +163,9 @@ pub(super) fn commit(
     unsafe { ffi::rtcCommitScene(scene.0) };
     device.check().map_err(BuildError::from)?;
     let bytes = device.bytes_held().saturating_sub(before);
-    let (triangles, device) = (Arc::clone(triangles), device.clone());
-    Ok(NativeScene { scene, bytes, options: NativeOptions::default(), refits: false, triangles, device })
+    let (triangles, indexed, device) = (Arc::clone(triangles), Arc::clone(triangles), device.clone());
+    let options = NativeOptions::default();
+    Ok(NativeScene { scene, bytes, options, refits: false, triangles, indexed, device })
 }
 
 pub(super) fn failure(device: &Device) -> BuildError {
