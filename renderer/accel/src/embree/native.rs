@@ -25,7 +25,7 @@ pub struct NativeScene {
     triangles: Arc<Triangles>,
     /// The scene reads these indices. A refit takes new vertices but keeps the indices it was built with, even
     /// where the new triangles bring an equal copy.
-    indexed: Arc<Triangles>,
+    _indexed: Arc<Triangles>,
     device: Device,
 }
 
@@ -163,9 +163,9 @@ pub(super) fn commit(
     unsafe { ffi::rtcCommitScene(scene.0) };
     device.check().map_err(BuildError::from)?;
     let bytes = device.bytes_held().saturating_sub(before);
-    let (triangles, indexed, device) = (Arc::clone(triangles), Arc::clone(triangles), device.clone());
+    let (triangles, _indexed, device) = (Arc::clone(triangles), Arc::clone(triangles), device.clone());
     let options = NativeOptions::default();
-    Ok(NativeScene { scene, bytes, options, refits: false, triangles, indexed, device })
+    Ok(NativeScene { scene, bytes, options, refits: false, triangles, _indexed, device })
 }
 
 pub(super) fn failure(device: &Device) -> BuildError {
