@@ -176,6 +176,23 @@ pub struct Hit {
     pub instance: u32,
 }
 
+impl Hit {
+    /// What a search for the nearest hit before `t_max` begins with.
+    #[inline(always)]
+    pub(crate) fn none(t_max: f32) -> Self {
+        Self { t: t_max, u: 0.0, v: 0.0, triangle: NO_TRIANGLE, instance: NO_INSTANCE }
+    }
+
+    /// Itself, if a triangle was found since [`Hit::none`].
+    #[inline(always)]
+    pub(crate) fn found(self) -> Option<Self> {
+        (self.triangle != NO_TRIANGLE).then_some(self)
+    }
+}
+
+/// A number no triangle has.
+pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
+
 /// What [`Hit::instance`] holds in a scene without instances.
 pub const NO_INSTANCE: u32 = u32::MAX;
 

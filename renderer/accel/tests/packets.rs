@@ -5,30 +5,48 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use treewright_accel::limits::COORDINATE_MAX;
 use treewright_accel::{
-    BuildChoice, Device, Hit, Intersector, NativeOptions, NativeQuality, Packets, Quality, Ray,
-    TreeParameters, Triangles, build,
+    BuildChoice, Collapse, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality, NodeFormat, Packets,
+    Quality, Ray, Structure, TreeParameters, Triangles, build,
 };
 
 mod scenes;
 
-/// Every back end that may trace packets in its own way.
-fn choices() -> Vec<BuildChoice> {
-    let mut all = vec![BuildChoice::BruteForce];
+/// Every back end that may trace packets in its own way: native scenes, and trees with every kind of node, block
+/// and test on every instruction set.
+fn structures(triangles: &Arc<Triangles>) -> Vec<(String, Structure)> {
+    let device = Device::open(0).expect("Embree is set up");
+    let mut all = Vec::new();
     for quality in [NativeQuality::Low, NativeQuality::Medium, NativeQuality::High] {
         for (compact, robust) in [(false, false), (true, false), (false, true)] {
             let options = NativeOptions { quality, compact, robust, ..NativeOptions::default() };
-            all.push(BuildChoice::Native(options));
+            let native = build(&device, triangles, &BuildChoice::Native(options)).expect("it builds");
+            all.push((format!("{options:?}"), native));
         }
     }
-    for branching_factor in [2, 4, 8] {
-        for robust in [false, true] {
-            all.push(BuildChoice::Tree(TreeParameters {
-                quality: Quality::SahSplit,
-                branching_factor,
-                max_depth: 64,
-                robust,
-                ..TreeParameters::default()
-            }));
+    let kinds = [(2, NodeFormat::Full), (4, NodeFormat::Full), (8, NodeFormat::Full), (16, NodeFormat::Full)];
+    for (branching_factor, format) in
+        kinds.into_iter().chain([(8, NodeFormat::Quantised), (16, NodeFormat::Quantised)])
+    {
+        for block_width in [4, 8] {
+            for robust in [false, true] {
+                let parameters = TreeParameters {
+                    quality: Quality::SahSplit,
+                    branching_factor,
+                    collapse: if branching_factor == 16 { Collapse::Optimal } else { Collapse::Builder },
+                    format,
+                    block_width,
+                    max_depth: 64,
+                    max_leaf_size: 12,
+                    robust,
+                    ..TreeParameters::default()
+                };
+                for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+                    let built = build(&device, triangles, &BuildChoice::Tree(parameters)).expect("it builds");
+                    let Structure::Tree(tree) = built else { panic!("{parameters:?} is a tree") };
+                    let tree = tree.with_isa(isa).expect("it is available");
+                    all.push((format!("{isa:?}, {parameters:?}"), Structure::Tree(tree)));
+                }
+            }
         }
     }
     all
@@ -83,9 +101,7 @@ fn same(triangles: &Triangles, alone: Option<Hit>, packed: Option<Hit>) -> bool 
 
 /// Runs of all lengths from 0 to 40 out of the rays, in every packing, over every back end.
 fn check(name: &str, triangles: &Arc<Triangles>, rays: &[Ray]) {
-    let device = Device::open(0).expect("Embree is set up");
-    for choice in choices() {
-        let structure = build(&device, triangles, &choice).expect("it builds");
+    for (what, structure) in structures(triangles) {
         let alone: Vec<Option<Hit>> = rays.iter().map(|ray| structure.closest(ray)).collect();
         let shadowed: Vec<bool> = rays.iter().map(|ray| structure.occluded(ray)).collect();
         for packets in Packets::ALL {
@@ -117,7 +133,7 @@ fn check(name: &str, triangles: &Arc<Triangles>, rays: &[Ray]) {
                     break;
                 }
             }
-            assert!(wrong == 0, "{name}, {choice:?}, {packets:?}: {wrong} rays of {} differ", rays.len());
+            assert!(wrong == 0, "{name}, {what}, {packets:?}: {wrong} rays of {} differ", rays.len());
         }
     }
 }

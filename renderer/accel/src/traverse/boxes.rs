@@ -36,6 +36,20 @@ pub(crate) trait Planes: TreeNode {
 
     /// `plane * reciprocal - origin` for near and far planes.
     unsafe fn times<L: Lanes>(&self, axis: usize, near: usize, reciprocal: L, origin: L) -> [L; 2];
+
+    /// The planes of one child in every lane, of which there may be any number.
+    unsafe fn child_planes<L: Lanes>(&self, child: usize, axis: usize, near: usize) -> [L; 2];
+
+    /// The times of one child's planes, each lane with a ray of its own: in each the number that
+    /// [`Planes::times`] gives this ray for this child.
+    unsafe fn child_times<L: Lanes>(
+        &self,
+        child: usize,
+        axis: usize,
+        near: usize,
+        reciprocal: L,
+        origin: L,
+    ) -> [L; 2];
 }
 
 impl<const W: usize> Planes for Node<W> {
@@ -50,6 +64,24 @@ impl<const W: usize> Planes for Node<W> {
     unsafe fn times<L: Lanes>(&self, axis: usize, near: usize, reciprocal: L, origin: L) -> [L; 2] {
         self.planes::<L>(axis, near).map(|plane| plane.mul_sub(reciprocal, origin))
     }
+
+    #[inline(always)]
+    unsafe fn child_planes<L: Lanes>(&self, child: usize, _axis: usize, near: usize) -> [L; 2] {
+        let planes = (&raw const self.bounds).cast::<f32>();
+        [L::splat(*planes.add(near + child)), L::splat(*planes.add((near ^ W) + child))]
+    }
+
+    #[inline(always)]
+    unsafe fn child_times<L: Lanes>(
+        &self,
+        child: usize,
+        axis: usize,
+        near: usize,
+        reciprocal: L,
+        origin: L,
+    ) -> [L; 2] {
+        self.child_planes::<L>(child, axis, near).map(|plane| plane.mul_sub(reciprocal, origin))
+    }
 }
 
 impl<const W: usize> QuantisedNode<W> {
@@ -58,6 +90,13 @@ impl<const W: usize> QuantisedNode<W> {
         debug_assert!(L::COUNT == W);
         let bytes = (&raw const self.bounds).cast::<u8>();
         [L::load_bytes(bytes.add(near)), L::load_bytes(bytes.add(near ^ W))]
+    }
+
+    #[inline(always)]
+    unsafe fn child_bytes<L: Lanes>(&self, child: usize, near: usize) -> [L; 2] {
+        let bytes = (&raw const self.bounds).cast::<u8>();
+        let of = |offset: usize| L::splat(f32::from(*bytes.add(offset + child)));
+        [of(near), of(near ^ W)]
     }
 }
 
@@ -74,11 +113,31 @@ impl<const W: usize> Planes for QuantisedNode<W> {
         let begin = L::splat(self.origin[axis]).mul_sub(reciprocal, origin);
         self.bytes::<L>(near).map(|byte| byte.mul_add(step, begin))
     }
+
+    #[inline(always)]
+    unsafe fn child_planes<L: Lanes>(&self, child: usize, axis: usize, near: usize) -> [L; 2] {
+        let (step, origin) = (L::splat(self.step(axis)), L::splat(self.origin[axis]));
+        self.child_bytes::<L>(child, near).map(|byte| byte.mul_add(step, origin))
+    }
+
+    #[inline(always)]
+    unsafe fn child_times<L: Lanes>(
+        &self,
+        child: usize,
+        axis: usize,
+        near: usize,
+        reciprocal: L,
+        origin: L,
+    ) -> [L; 2] {
+        let step = L::splat(self.step(axis)).mul(reciprocal);
+        let begin = L::splat(self.origin[axis]).mul_sub(reciprocal, origin);
+        self.child_bytes::<L>(child, near).map(|byte| byte.mul_add(step, begin))
+    }
 }
 
 /// Smallest divisor: zero and nearly zero components become this, which keeps every product finite and
 /// free of NaN for coordinates up to `COORDINATE_MAX`.
-const DIVISOR_MIN: f32 = 1e-18;
+pub(super) const DIVISOR_MIN: f32 = 1e-18;
 
 #[inline(always)]
 fn safe_reciprocal(component: f32) -> f32 {
@@ -86,13 +145,13 @@ fn safe_reciprocal(component: f32) -> f32 {
 }
 
 #[inline(always)]
-fn safe_reciprocals(direction: glam::Vec3) -> glam::Vec3 {
+pub(super) fn safe_reciprocals(direction: glam::Vec3) -> glam::Vec3 {
     glam::Vec3::new(safe_reciprocal(direction.x), safe_reciprocal(direction.y), safe_reciprocal(direction.z))
 }
 
 /// Offset of each axis' near planes inside a node, in planes; the far ones begin at the other offset.
 #[inline(always)]
-fn near_offsets(width: usize, reciprocal: glam::Vec3) -> [usize; 3] {
+pub(super) fn near_offsets(width: usize, reciprocal: glam::Vec3) -> [usize; 3] {
     // `bounds[axis][side][child]`: an axis spans two widths, its upper planes start at the second.
     let of = |axis: usize| 2 * width * axis + if reciprocal[axis] < 0.0 { width } else { 0 };
     [of(0), of(1), of(2)]
@@ -139,12 +198,12 @@ impl<L: Order, N: Planes> Boxes<N> for FastBoxes<L> {
 /// reciprocals are rounded down and up.
 #[derive(Clone, Copy)]
 pub(crate) struct PaddedBoxes<L> {
-    near_reciprocal: Lanes3<L>,
-    far_reciprocal: Lanes3<L>,
-    near_origin: Lanes3<L>,
-    far_origin: Lanes3<L>,
-    t_min: L,
-    near: [usize; 3],
+    pub(super) near_reciprocal: Lanes3<L>,
+    pub(super) far_reciprocal: Lanes3<L>,
+    pub(super) near_origin: Lanes3<L>,
+    pub(super) far_origin: Lanes3<L>,
+    pub(super) t_min: L,
+    pub(super) near: [usize; 3],
 }
 
 impl<L: Order, N: Planes> Boxes<N> for PaddedBoxes<L> {
@@ -177,18 +236,24 @@ impl<L: Order, N: Planes> Boxes<N> for PaddedBoxes<L> {
         let [near_x, far_x] = node.planes::<L>(0, x);
         let [near_y, far_y] = node.planes::<L>(1, y);
         let [near_z, far_z] = node.planes::<L>(2, z);
-        let near_planes = Lanes3([near_x, near_y, near_z]).sub(self.near_origin);
-        let far_planes = Lanes3([far_x, far_y, far_z]).sub(self.far_origin);
-        let [near_x, near_y, near_z] = scaled(near_planes, self.near_reciprocal);
-        let [far_x, far_y, far_z] = scaled(far_planes, self.far_reciprocal);
+        self.interval([near_x, near_y, near_z], [far_x, far_y, far_z], L::splat(t_max))
+    }
+}
+
+impl<L: Lanes> PaddedBoxes<L> {
+    /// Which lanes' planes leave something of the ray, and where it begins.
+    #[inline(always)]
+    pub(super) unsafe fn interval(&self, near: [L; 3], far: [L; 3], t_max: L) -> (u32, L) {
+        let [near_x, near_y, near_z] = scaled(Lanes3(near).sub(self.near_origin), self.near_reciprocal);
+        let [far_x, far_y, far_z] = scaled(Lanes3(far).sub(self.far_origin), self.far_reciprocal);
         let near = near_x.max(near_y).max(near_z.max(self.t_min));
-        let far = far_x.min(far_y).min(far_z.min(L::splat(t_max)));
+        let far = far_x.min(far_y).min(far_z.min(t_max));
         (L::bits(near.less_equal(far)), near)
     }
 }
 
 #[inline(always)]
-unsafe fn scaled<L: Lanes>(planes: Lanes3<L>, by: Lanes3<L>) -> [L; 3] {
+pub(super) unsafe fn scaled<L: Lanes>(planes: Lanes3<L>, by: Lanes3<L>) -> [L; 3] {
     let ([x, y, z], [sx, sy, sz]) = (planes.0, by.0);
     [x.mul(sx), y.mul(sy), z.mul(sz)]
 }

@@ -16,11 +16,11 @@ use super::boxes::Boxes;
 use super::lanes::Order;
 use super::stack::{PlainStack, Stack};
 use super::triangles::Blocks;
-use crate::geometry::{Hit, NO_INSTANCE, Ray};
+use crate::geometry::{Hit, Ray};
 use crate::tree::Root;
-use crate::tree::layout::{NO_TRIANGLE, TreeNode};
+use crate::tree::layout::{NodeRef, TreeNode};
 
-/// The nearest hit.
+/// Replaces `hit` by a nearer one below `start`, if there is one. Rays that are not valid miss.
 ///
 /// # Safety
 /// The processor has the features of `X` and `T`; the tree has nodes `N` and blocks of the width and kind `T`
@@ -28,23 +28,26 @@ use crate::tree::layout::{NO_TRIANGLE, TreeNode};
 #[inline(always)]
 pub(crate) unsafe fn closest<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks<B>>(
     root: &Root,
+    start: NodeRef,
     ray: &Ray,
-) -> Option<Hit> {
+    hit: &mut Hit,
+) {
     if !ray.is_valid() {
-        return None;
+        return;
     }
     let boxes = X::new(root, ray);
     let triangles = T::new(ray);
     let mut stack = Stack::new();
-    let mut hit = Hit { t: ray.t_max, u: 0.0, v: 0.0, triangle: NO_TRIANGLE, instance: NO_INSTANCE };
-    let mut current = root.node;
+    // A copy, which can stay in registers.
+    let mut nearest = *hit;
+    let mut current = start;
     loop {
         while !current.is_leaf() {
             let node = current.node::<N>();
-            let (met, times) = boxes.test(node, hit.t);
+            let (met, times) = boxes.test(node, nearest.t);
             let children = node.children().as_ptr();
             if met == 0 {
-                current = stack.pop_before(hit.t.to_bits() as i32);
+                current = stack.pop_before(nearest.t.to_bits() as i32);
                 continue;
             }
             if met & (met - 1) == 0 {
@@ -62,20 +65,21 @@ pub(crate) unsafe fn closest<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks
             break;
         }
         for block in current.blocks::<B>() {
-            triangles.closest(block, &mut hit);
+            triangles.closest(block, &mut nearest);
         }
-        current = stack.pop_before(hit.t.to_bits() as i32);
+        current = stack.pop_before(nearest.t.to_bits() as i32);
     }
-    (hit.triangle != NO_TRIANGLE).then_some(hit)
+    *hit = nearest;
 }
 
-/// Whether anything is hit.
+/// Whether anything below `start` is hit.
 ///
 /// # Safety
 /// As for [`closest`].
 #[inline(always)]
 pub(crate) unsafe fn occluded<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks<B>>(
     root: &Root,
+    start: NodeRef,
     ray: &Ray,
 ) -> bool {
     if !ray.is_valid() {
@@ -84,7 +88,7 @@ pub(crate) unsafe fn occluded<N: TreeNode, const B: usize, X: Boxes<N>, T: Block
     let boxes = X::new(root, ray);
     let triangles = T::new(ray);
     let mut stack = PlainStack::new();
-    let mut current = root.node;
+    let mut current = start;
     loop {
         while !current.is_leaf() {
             let node = current.node::<N>();

@@ -1,10 +1,13 @@
 //! The fast triangle test: Moeller and Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection"
-//! (1997), on all triangles of a block at once and without a division until something is hit.
+//! (1997), on many pairs of ray and triangle at once and without a division until something is hit.
+//!
+//! The lanes are either the triangles of a block with one ray, or the rays of a packet with one triangle.
+//! Both take the same operations in the same order, so that a ray's answer does not depend on its company.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
 use super::lanes::{Lanes, Lanes3, Stored};
-use crate::geometry::{Hit, Ray};
+use crate::geometry::{Hit, NO_INSTANCE, Ray};
 use crate::tree::layout::Block;
 
 /// A ray prepared for tests against blocks of triangles.
@@ -21,76 +24,118 @@ pub(crate) trait Blocks<const B: usize>: Copy {
     unsafe fn any(&self, block: &Block<B>, t_max: f32) -> bool;
 }
 
-/// Triangles as a corner and two edges.
+/// What a test found: `hits` has one bit a lane. Distance and weights are multiplied by `scale`, so that
+/// tests need no division.
 #[derive(Clone, Copy)]
-pub(crate) struct FastBlocks<L> {
-    origin: Lanes3<L>,
-    direction: Lanes3<L>,
-    t_min: L,
+pub(crate) struct Found<L> {
+    pub(crate) hits: u32,
+    pub(crate) t: L,
+    pub(crate) u: L,
+    pub(crate) v: L,
+    pub(crate) scale: L,
 }
 
-/// Everything scaled by the determinant's magnitude `scale`, so that tests need no division.
-struct Scaled<L> {
-    hits: u32,
-    u: L,
-    v: L,
-    t: L,
-    scale: L,
+/// Replaces `hit` by the nearest of the lanes' hits that is nearer. `times` are their true distances.
+///
+/// # Safety
+/// As for [`Lanes`].
+#[inline(always)]
+pub(super) unsafe fn take_nearest<L: Lanes>(found: &Found<L>, times: L, triangles: &[u32], hit: &mut Hit) {
+    let times = Stored::from(times).0;
+    let mut best = None;
+    let mut left = found.hits;
+    while left != 0 {
+        let lane = left.trailing_zeros() as usize;
+        left &= left - 1;
+        if times[lane] < hit.t {
+            hit.t = times[lane];
+            best = Some(lane);
+        }
+    }
+    if let Some(lane) = best {
+        let (u, v) = (Stored::from(found.u.div(found.scale)).0, Stored::from(found.v.div(found.scale)).0);
+        *hit = Hit { t: hit.t, u: u[lane], v: v[lane], triangle: triangles[lane], instance: NO_INSTANCE };
+    }
 }
+
+/// A triangle, or several, as the test wants them.
+#[derive(Clone, Copy)]
+pub(super) struct Faces<L> {
+    pub(super) corner: Lanes3<L>,
+    pub(super) edge_1: Lanes3<L>,
+    pub(super) edge_2: Lanes3<L>,
+    pub(super) normal: Lanes3<L>,
+}
+
+/// The rays, or one.
+#[derive(Clone, Copy)]
+pub(super) struct Lines<L> {
+    pub(super) origin: Lanes3<L>,
+    pub(super) direction: Lanes3<L>,
+    pub(super) t_min: L,
+}
+
+/// The normals of a block's triangles, not normalised.
+///
+/// # Safety
+/// As for [`Lanes`]; `L` has as many lanes as the block.
+#[inline(always)]
+pub(super) unsafe fn normals<L: Lanes, const B: usize>(block: &Block<B>) -> Lanes3<L> {
+    Lanes3::<L>::load(&block.vertices[2]).cross(Lanes3::<L>::load(&block.vertices[1]))
+}
+
+/// The test itself.
+///
+/// # Safety
+/// As for [`Lanes`].
+#[inline(always)]
+pub(super) unsafe fn meet<L: Lanes>(lines: &Lines<L>, faces: &Faces<L>, t_max: L) -> Found<L> {
+    let to_corner = faces.corner.sub(lines.origin);
+    let across = to_corner.cross(lines.direction);
+    let determinant = faces.normal.dot(lines.direction);
+    let scale = determinant.abs();
+    let u = across.dot(faces.edge_2).flip_sign(determinant);
+    let v = across.dot(faces.edge_1).flip_sign(determinant);
+    let t = faces.normal.dot(to_corner).flip_sign(determinant);
+    let zero = L::splat(0.0);
+    // A determinant of zero fails one of the two tests of t.
+    let inside = L::and(L::and(zero.less_equal(u), zero.less_equal(v)), u.add(v).less_equal(scale));
+    let between = L::and(scale.mul(lines.t_min).less(t), t.less(scale.mul(t_max)));
+    Found { hits: L::bits(L::and(inside, between)), t, u, v, scale }
+}
+
+/// One ray against triangles that are stored as a corner and two edges.
+#[derive(Clone, Copy)]
+pub(crate) struct FastBlocks<L>(Lines<L>);
 
 impl<L: Lanes> FastBlocks<L> {
     #[inline(always)]
-    unsafe fn test<const B: usize>(&self, block: &Block<B>, t_max: f32) -> Scaled<L> {
-        let corner = Lanes3::<L>::load(&block.vertices[0]);
-        let edge_1 = Lanes3::<L>::load(&block.vertices[1]);
-        let edge_2 = Lanes3::<L>::load(&block.vertices[2]);
-        let to_corner = corner.sub(self.origin);
-        let across = to_corner.cross(self.direction);
-        let normal = edge_2.cross(edge_1);
-        let determinant = normal.dot(self.direction);
-        let scale = determinant.abs();
-        let u = across.dot(edge_2).flip_sign(determinant);
-        let v = across.dot(edge_1).flip_sign(determinant);
-        let t = normal.dot(to_corner).flip_sign(determinant);
-        let zero = L::splat(0.0);
-        // A determinant of zero fails one of the two tests of t.
-        let inside = L::and(L::and(zero.less_equal(u), zero.less_equal(v)), u.add(v).less_equal(scale));
-        let between = L::and(scale.mul(self.t_min).less(t), t.less(scale.mul(L::splat(t_max))));
-        Scaled { hits: L::bits(L::and(inside, between)), u, v, t, scale }
+    unsafe fn test<const B: usize>(&self, block: &Block<B>, t_max: f32) -> Found<L> {
+        let faces = Faces {
+            corner: Lanes3::load(&block.vertices[0]),
+            edge_1: Lanes3::load(&block.vertices[1]),
+            edge_2: Lanes3::load(&block.vertices[2]),
+            normal: normals(block),
+        };
+        meet(&self.0, &faces, L::splat(t_max))
     }
 }
 
 impl<L: Lanes, const B: usize> Blocks<B> for FastBlocks<L> {
     #[inline(always)]
     unsafe fn new(ray: &Ray) -> Self {
-        Self {
+        Self(Lines {
             origin: Lanes3::splat(ray.origin),
             direction: Lanes3::splat(ray.direction),
             t_min: L::splat(ray.t_min),
-        }
+        })
     }
 
     #[inline(always)]
     unsafe fn closest(&self, block: &Block<B>, hit: &mut Hit) {
-        let Scaled { hits, u, v, t, scale } = self.test(block, hit.t);
-        if hits == 0 {
-            return;
-        }
-        let times = Stored::from(t.div(scale)).0;
-        let mut best = None;
-        let mut left = hits;
-        while left != 0 {
-            let lane = left.trailing_zeros() as usize;
-            left &= left - 1;
-            if times[lane] < hit.t {
-                hit.t = times[lane];
-                best = Some(lane);
-            }
-        }
-        if let Some(lane) = best {
-            hit.u = Stored::from(u.div(scale)).0[lane];
-            hit.v = Stored::from(v.div(scale)).0[lane];
-            hit.triangle = block.triangles[lane];
+        let found = self.test(block, hit.t);
+        if found.hits != 0 {
+            take_nearest(&found, found.t.div(found.scale), &block.triangles, hit);
         }
     }
 

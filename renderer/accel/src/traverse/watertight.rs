@@ -1,5 +1,5 @@
 //! The watertight triangle test: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (2013),
-//! on all triangles of a block at once.
+//! on many pairs of ray and triangle at once, as in [`super::triangles`].
 //!
 //! Corners are moved and sheared so that the ray becomes the z axis; which side of an edge the axis lies
 //! on is then one difference of two products, exactly opposite for the two triangles that share the
@@ -8,46 +8,49 @@
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
 use super::lanes::{Lanes, Stored};
-use super::triangles::Blocks;
-use crate::geometry::{Hit, NO_INSTANCE, Ray};
+use super::triangles::{Blocks, Found, take_nearest};
+use crate::geometry::{Hit, Ray};
 use crate::tree::layout::Block;
 
-/// Triangles as three corners.
+/// The axes of a ray, the one it runs along most last.
+#[inline(always)]
+pub(super) fn axes(ray: &Ray) -> [usize; 3] {
+    let size = ray.direction.abs();
+    let main = if size.x > size.y && size.x > size.z {
+        0
+    } else if size.y > size.z {
+        1
+    } else {
+        2
+    };
+    [(main + 1) % 3, (main + 2) % 3, main]
+}
+
+/// One ray or several that run along the same axis most.
 #[derive(Clone, Copy)]
-pub(crate) struct WatertightBlocks<L> {
-    /// Axes: the third is the one the ray runs along most.
-    axes: [usize; 3],
-    /// Shear of the first two axes and scale of the third.
-    shear: [L; 3],
-    /// Origin in the order of `axes`.
-    origin: [L; 3],
-    t_min: L,
+pub(super) struct Sheared<L> {
+    /// Origin in the order of the axes.
+    pub(super) origin: [L; 3],
+    /// Shear of the first two axes and scale of the third: the direction's components over its third, and one
+    /// over that.
+    pub(super) shear: [L; 3],
+    pub(super) t_min: L,
 }
 
-struct Found<L> {
-    hits: u32,
-    t: L,
-    /// Weights of the second and third corner, unnormalised, and the sum of all three.
-    u: L,
-    v: L,
-    sum: L,
-}
-
-impl<L: Lanes> WatertightBlocks<L> {
-    /// One corner of each triangle, moved and sheared, with its coordinate along the ray.
+impl<L: Lanes> Sheared<L> {
+    /// A corner, in the order of the axes, moved and sheared, with its coordinate along the ray.
     #[inline(always)]
-    unsafe fn sheared<const B: usize>(&self, corner: &[[f32; B]; 3]) -> [L; 3] {
-        let along = |axis: usize| L::load(corner[self.axes[axis]].as_ptr()).sub(self.origin[axis]);
-        let [shear_x, shear_y, scale_z] = self.shear;
-        let (x, y, z) = (along(0), along(1), along(2));
+    unsafe fn moved(&self, corner: [L; 3]) -> [L; 3] {
+        let ([x, y, z], [ox, oy, oz], [shear_x, shear_y, scale_z]) = (corner, self.origin, self.shear);
+        let (x, y, z) = (x.sub(ox), y.sub(oy), z.sub(oz));
         [x.sub(shear_x.mul(z)), y.sub(shear_y.mul(z)), scale_z.mul(z)]
     }
 
+    /// The test itself. The distance found is the true one, the weights are scaled.
     #[inline(always)]
-    unsafe fn test<const B: usize>(&self, block: &Block<B>, t_max: f32) -> Found<L> {
-        let [ax, ay, az] = self.sheared(&block.vertices[0]);
-        let [bx, by, bz] = self.sheared(&block.vertices[1]);
-        let [cx, cy, cz] = self.sheared(&block.vertices[2]);
+    pub(super) unsafe fn meet(&self, corners: [[L; 3]; 3], t_max: L) -> Found<L> {
+        let [a, b, c] = corners;
+        let ([ax, ay, az], [bx, by, bz], [cx, cy, cz]) = (self.moved(a), self.moved(b), self.moved(c));
         let mut u = cx.mul(by).sub(cy.mul(bx));
         let mut v = ax.mul(cy).sub(ay.mul(cx));
         let mut w = bx.mul(ay).sub(by.mul(ax));
@@ -59,16 +62,15 @@ impl<L: Lanes> WatertightBlocks<L> {
         let positive = L::and(L::and(zero.less_equal(u), zero.less_equal(v)), zero.less_equal(w));
         let negative = L::and(L::and(u.less_equal(zero), v.less_equal(zero)), w.less_equal(zero));
         let inside = L::or(positive, negative);
-        let sum = u.add(v).add(w);
-        let found = |hits, t| Found { hits, t, u: v, v: w, sum };
+        let scale = u.add(v).add(w);
         if L::bits(inside) == 0 {
-            return found(0, zero);
+            return Found { hits: 0, t: zero, u: v, v: w, scale };
         }
         // A sum of zero gives infinity or NaN, which fails the comparisons.
-        let t = u.mul(az).add(v.mul(bz)).add(w.mul(cz)).div(sum);
-        let between = L::and(self.t_min.less(t), t.less(L::splat(t_max)));
-        let hits = L::bits(L::and(L::and(inside, between), zero.less(sum.abs())));
-        found(hits, t)
+        let t = u.mul(az).add(v.mul(bz)).add(w.mul(cz)).div(scale);
+        let between = L::and(self.t_min.less(t), t.less(t_max));
+        let hits = L::bits(L::and(L::and(inside, between), zero.less(scale.abs())));
+        Found { hits, t, u: v, v: w, scale }
     }
 }
 
@@ -94,43 +96,44 @@ unsafe fn edges_in_double<L: Lanes>(corners: [[L; 2]; 3]) -> [L; 3] {
     [L::load(u.0.as_ptr()), L::load(v.0.as_ptr()), L::load(w.0.as_ptr())]
 }
 
+/// One ray against triangles that are stored as three corners.
+#[derive(Clone, Copy)]
+pub(crate) struct WatertightBlocks<L> {
+    axes: [usize; 3],
+    ray: Sheared<L>,
+}
+
+impl<L: Lanes> WatertightBlocks<L> {
+    #[inline(always)]
+    unsafe fn test<const B: usize>(&self, block: &Block<B>, t_max: f32) -> Found<L> {
+        let [x, y, z] = self.axes;
+        let corner = |which: usize| {
+            let planes = &block.vertices[which];
+            [L::load(planes[x].as_ptr()), L::load(planes[y].as_ptr()), L::load(planes[z].as_ptr())]
+        };
+        self.ray.meet([corner(0), corner(1), corner(2)], L::splat(t_max))
+    }
+}
+
 impl<L: Lanes, const B: usize> Blocks<B> for WatertightBlocks<L> {
     #[inline(always)]
     unsafe fn new(ray: &Ray) -> Self {
-        let (direction, size) = (ray.direction, ray.direction.abs());
-        let main = if size.x > size.y && size.x > size.z {
-            0
-        } else if size.y > size.z {
-            1
-        } else {
-            2
-        };
-        let axes = [(main + 1) % 3, (main + 2) % 3, main];
-        let [x, y, z] = axes.map(|axis| direction[axis]);
+        let axes = axes(ray);
+        let [x, y, z] = axes.map(|axis| ray.direction[axis]);
         let [ox, oy, oz] = axes.map(|axis| ray.origin[axis]);
-        Self {
-            axes,
-            shear: [L::splat(x / z), L::splat(y / z), L::splat(1.0 / z)],
+        let ray = Sheared {
             origin: [L::splat(ox), L::splat(oy), L::splat(oz)],
+            shear: [L::splat(x / z), L::splat(y / z), L::splat(1.0 / z)],
             t_min: L::splat(ray.t_min),
-        }
+        };
+        Self { axes, ray }
     }
 
     #[inline(always)]
     unsafe fn closest(&self, block: &Block<B>, hit: &mut Hit) {
-        let Found { hits, t, u, v, sum } = self.test(block, hit.t);
-        if hits == 0 {
-            return;
-        }
-        let times = Stored::from(t).0;
-        let mut left = hits;
-        while left != 0 {
-            let lane = left.trailing_zeros() as usize;
-            left &= left - 1;
-            if times[lane] < hit.t {
-                let (u, v) = (Stored::from(u.div(sum)).0[lane], Stored::from(v.div(sum)).0[lane]);
-                *hit = Hit { t: times[lane], u, v, triangle: block.triangles[lane], instance: NO_INSTANCE };
-            }
+        let found = self.test(block, hit.t);
+        if found.hits != 0 {
+            take_nearest(&found, found.t, &block.triangles, hit);
         }
     }
 

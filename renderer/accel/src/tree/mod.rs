@@ -29,7 +29,7 @@ pub use statistics::TreeStatistics;
 pub use two_level::TwoLevel;
 pub use validate::TreeFault;
 
-use crate::geometry::{Hit, Intersector, Ray, Triangles};
+use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
 use crate::parameters::TreeParameters;
 use crate::traverse::{Isa, Kernels};
 use arena::Arena;
@@ -103,12 +103,22 @@ impl Intersector for Tree {
     #[inline]
     fn closest(&self, ray: &Ray) -> Option<Hit> {
         // SAFETY: the kernels were selected for this tree's width and blocks and for this processor.
-        unsafe { (self.kernels.closest)(&self.root, ray) }
+        unsafe { self.kernels.closest(&self.root, ray) }
     }
 
     #[inline]
     fn occluded(&self, ray: &Ray) -> bool {
         // SAFETY: as above.
-        unsafe { (self.kernels.occluded)(&self.root, ray) }
+        unsafe { self.kernels.occluded(&self.root, ray) }
+    }
+
+    fn closest_each(&self, packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        // SAFETY: as above.
+        unsafe { self.kernels.closest_each(&self.root, packets, rays, hits) }
+    }
+
+    fn occluded_each(&self, packets: Packets, rays: &[Ray], occluded: &mut [bool]) {
+        // SAFETY: as above.
+        unsafe { self.kernels.occluded_each(&self.root, packets, rays, occluded) }
     }
 }

@@ -9,7 +9,7 @@ use super::{Lanes, Order, Pair};
 
 /// Comparisons by vectors, gathered into bits at the end.
 macro_rules! comparisons {
-    ($vector:ident $compare:ident $and:ident $or:ident $movemask:ident, $used:literal) => {
+    ($vector:ident $compare:ident $and:ident $or:ident $movemask:ident, $used:literal, $set_lanes:expr, $set_whole:ident $and_whole:ident $equal:ident $cast:ident $blend:ident) => {
         type Mask = $vector;
 
         #[inline(always)]
@@ -38,6 +38,14 @@ macro_rules! comparisons {
         }
 
         #[inline(always)]
+        unsafe fn choose(bits: u32, yes: Self, no: Self) -> Self {
+            // Each lane looks at its own bit.
+            let of_lanes = $set_lanes;
+            let set = $equal($and_whole($set_whole(bits as i32), of_lanes), of_lanes);
+            Self($blend(no.0, yes.0, $cast(set)))
+        }
+
+        #[inline(always)]
         unsafe fn bits(mask: Self::Mask) -> u32 {
             $movemask(mask) as u32 & $used
         }
@@ -52,7 +60,7 @@ impl Lanes for Two {
     const COUNT: usize = 2;
     arithmetic_128!();
     memory_64!();
-    comparisons!(__m128 _mm_cmp_ps _mm_and_ps _mm_or_ps _mm_movemask_ps, 0b11);
+    comparisons!(__m128 _mm_cmp_ps _mm_and_ps _mm_or_ps _mm_movemask_ps, 0b11, _mm_setr_epi32(1, 2, 4, 8), _mm_set1_epi32 _mm_and_si128 _mm_cmpeq_epi32 _mm_castsi128_ps _mm_blendv_ps);
 }
 
 /// Four lanes.
@@ -63,7 +71,7 @@ impl Lanes for Four {
     const COUNT: usize = 4;
     arithmetic_128!();
     memory_128!();
-    comparisons!(__m128 _mm_cmp_ps _mm_and_ps _mm_or_ps _mm_movemask_ps, 0b1111);
+    comparisons!(__m128 _mm_cmp_ps _mm_and_ps _mm_or_ps _mm_movemask_ps, 0b1111, _mm_setr_epi32(1, 2, 4, 8), _mm_set1_epi32 _mm_and_si128 _mm_cmpeq_epi32 _mm_castsi128_ps _mm_blendv_ps);
 }
 
 /// Eight lanes.
@@ -74,7 +82,7 @@ impl Lanes for Eight {
     const COUNT: usize = 8;
     arithmetic_256!();
     memory_256!();
-    comparisons!(__m256 _mm256_cmp_ps _mm256_and_ps _mm256_or_ps _mm256_movemask_ps, 0xff);
+    comparisons!(__m256 _mm256_cmp_ps _mm256_and_ps _mm256_or_ps _mm256_movemask_ps, 0xff, _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128), _mm256_set1_epi32 _mm256_and_si256 _mm256_cmpeq_epi32 _mm256_castsi256_ps _mm256_blendv_ps);
 }
 
 /// Sixteen lanes in two vectors.

@@ -11,7 +11,7 @@ use super::x86::{
 
 /// Comparisons straight into mask registers.
 macro_rules! comparisons {
-    ($compare:ident, $mask:ident, $used:literal) => {
+    ($compare:ident $blend:ident, $mask:ident, $used:literal) => {
         type Mask = $mask;
 
         #[inline(always)]
@@ -40,6 +40,11 @@ macro_rules! comparisons {
         }
 
         #[inline(always)]
+        unsafe fn choose(bits: u32, yes: Self, no: Self) -> Self {
+            Self($blend(bits as $mask, no.0, yes.0))
+        }
+
+        #[inline(always)]
         unsafe fn bits(mask: $mask) -> u32 {
             u32::from(mask) & $used
         }
@@ -54,7 +59,7 @@ impl Lanes for Two {
     const COUNT: usize = 2;
     arithmetic_128!();
     memory_64!();
-    comparisons!(_mm_cmp_ps_mask, u8, 0b11);
+    comparisons!(_mm_cmp_ps_mask _mm_mask_blend_ps, u8, 0b11);
 }
 
 /// Four lanes.
@@ -65,7 +70,7 @@ impl Lanes for Four {
     const COUNT: usize = 4;
     arithmetic_128!();
     memory_128!();
-    comparisons!(_mm_cmp_ps_mask, u8, 0b1111);
+    comparisons!(_mm_cmp_ps_mask _mm_mask_blend_ps, u8, 0b1111);
 }
 
 /// Eight lanes.
@@ -76,7 +81,7 @@ impl Lanes for Eight {
     const COUNT: usize = 8;
     arithmetic_256!();
     memory_256!();
-    comparisons!(_mm256_cmp_ps_mask, u8, 0xff);
+    comparisons!(_mm256_cmp_ps_mask _mm256_mask_blend_ps, u8, 0xff);
 }
 
 /// Sixteen lanes.
@@ -87,5 +92,5 @@ impl Lanes for Sixteen {
     const COUNT: usize = 16;
     arithmetic_512!();
     memory_512!();
-    comparisons!(_mm512_cmp_ps_mask, u16, 0xffff);
+    comparisons!(_mm512_cmp_ps_mask _mm512_mask_blend_ps, u16, 0xffff);
 }

@@ -56,6 +56,8 @@ pub(crate) trait Lanes: Copy {
     unsafe fn or(a: Self::Mask, b: Self::Mask) -> Self::Mask;
     /// One bit a lane, the first lane lowest.
     unsafe fn bits(mask: Self::Mask) -> u32;
+    /// `yes` where the lane's bit is set, `no` elsewhere.
+    unsafe fn choose(bits: u32, yes: Self, no: Self) -> Self;
 }
 
 /// Room for any vector, aligned for all.
@@ -98,6 +100,12 @@ impl<L: Lanes> Lanes3<L> {
     pub(crate) unsafe fn sub(self, other: Self) -> Self {
         let ([ax, ay, az], [bx, by, bz]) = (self.0, other.0);
         Self([ax.sub(bx), ay.sub(by), az.sub(bz)])
+    }
+
+    #[inline(always)]
+    pub(crate) unsafe fn add(self, other: Self) -> Self {
+        let ([ax, ay, az], [bx, by, bz]) = (self.0, other.0);
+        Self([ax.add(bx), ay.add(by), az.add(bz)])
     }
 
     #[inline(always)]

@@ -109,6 +109,11 @@ impl<L: Lanes> Lanes for Pair<L> {
     }
 
     #[inline(always)]
+    unsafe fn choose(bits: u32, yes: Self, no: Self) -> Self {
+        Self(L::choose(bits, yes.0, no.0), L::choose(bits >> L::COUNT, yes.1, no.1))
+    }
+
+    #[inline(always)]
     unsafe fn bits(mask: Self::Mask) -> u32 {
         L::bits(mask.0) | L::bits(mask.1) << L::COUNT
     }

@@ -123,6 +123,11 @@ impl<const N: usize> Lanes for Portable<N> {
     }
 
     #[inline(always)]
+    unsafe fn choose(bits: u32, yes: Self, no: Self) -> Self {
+        Self(std::array::from_fn(|lane| if bits & 1 << lane == 0 { no.0[lane] } else { yes.0[lane] }))
+    }
+
+    #[inline(always)]
     unsafe fn bits(mask: Self::Mask) -> u32 {
         mask.iter().enumerate().fold(0, |bits, (lane, &set)| bits | u32::from(set) << lane)
     }

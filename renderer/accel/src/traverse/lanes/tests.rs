@@ -56,6 +56,9 @@ fn agrees<L: Lanes, P: Lanes>() {
             assert_eq!(L::bits(la.less(lb)), P::bits(pa.less(pb)), "less");
             assert_eq!(L::bits(la.less_equal(lb)), P::bits(pa.less_equal(pb)), "less_equal");
             assert_eq!(L::bits(la.equal(lb)), P::bits(pa.equal(pb)), "equal");
+            for bits in [0, 1, 0b1010_0110_0101_1001, u32::MAX] {
+                same(numbers(L::choose(bits, la, lb)), numbers(P::choose(bits, pa, pb)), count, "choose");
+            }
             let (and, or) = (L::and(la.less(lb), la.less_equal(lb)), L::or(la.less(lb), la.equal(lb)));
             assert_eq!(L::bits(and), P::bits(pa.less(pb)), "and");
             assert_eq!(L::bits(or), P::bits(pa.less_equal(pb)), "or");
@@ -72,6 +75,7 @@ fn portable_is_plain_arithmetic() {
         assert_eq!(numbers(la.mul(lb))[..3], [4.0, -0.5, -4.0]);
         assert_eq!(numbers(la.max(lb))[..4], [4.0, 0.25, 0.5, 1.0]);
         assert_eq!(Portable::<4>::bits(la.less(lb)), 0b0011);
+        assert_eq!(numbers(Portable::<4>::choose(0b0110, la, lb))[..4], [4.0, -2.0, 0.5, 1.0]);
         assert_eq!(
             numbers(Portable::<4>::load_bytes([0, 1, 127, 255].as_ptr()))[..4],
             [0.0, 1.0, 127.0, 255.0]

@@ -1,9 +1,10 @@
 //! The triangles of a leaf, four or eight to a block.
 
-use crate::geometry::Triangles;
+use crate::geometry::{NO_TRIANGLE, Triangles};
 
 /// Up to `B` triangles. A plain block holds the first corner and two edges, a watertight one the three
-/// corners: `vertices[which][axis][lane]`. Unused lanes hold NaN, which no test accepts.
+/// corners: `vertices[which][axis][lane]`. Unused lanes hold NaN, which no test accepts,
+/// and [`NO_TRIANGLE`].
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(crate) struct Block<const B: usize> {
@@ -12,9 +13,6 @@ pub(crate) struct Block<const B: usize> {
 }
 
 const _: () = assert!(size_of::<Block<4>>() == 160 && size_of::<Block<8>>() == 320);
-
-/// What an unused lane has for a triangle number.
-pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
 
 impl<const B: usize> Block<B> {
     /// Up to `B` triangles by number: with corners if `watertight`, otherwise with `v0`, `v0 - v1` and

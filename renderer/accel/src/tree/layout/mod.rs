@@ -16,7 +16,7 @@ mod bounds;
 mod node;
 mod quantised;
 
-pub(crate) use block::{Block, NO_TRIANGLE};
+pub(crate) use block::Block;
 pub(crate) use bounds::Bounds;
 pub(crate) use node::{Node, TreeNode};
 pub(crate) use quantised::QuantisedNode;
