@@ -4,12 +4,13 @@
 //! whole build takes as long as Embree's native one. The functions run on Embree's threads: nothing may
 //! unwind out of them, so a panic is caught, noted and answered with an empty result.
 
+use std::cell::UnsafeCell;
 use std::ffi::c_void;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::layout::{Block, Bounds, LEAF_BLOCKS_MAX, NodeRef, TreeNode, WIDTH_MAX};
-use super::split::{Piece, split};
+use super::split::{Cutter, Piece};
 use crate::embree::ffi;
 use crate::geometry::Triangles;
 use crate::traverse::Isa;
@@ -27,6 +28,8 @@ const _: () = {
 
 /// What the callbacks know of the build, and what went wrong in them.
 pub(crate) struct Context<'a> {
+    /// A number no other build has.
+    build: u64,
     pub(crate) triangles: &'a Triangles,
     pub(crate) watertight: bool,
     pub(crate) panicked: AtomicBool,
@@ -35,7 +38,9 @@ pub(crate) struct Context<'a> {
 
 impl<'a> Context<'a> {
     pub(crate) fn new(triangles: &'a Triangles, watertight: bool) -> Self {
+        static BUILDS: AtomicU64 = AtomicU64::new(1);
         Self {
+            build: BUILDS.fetch_add(1, Ordering::Relaxed),
             triangles,
             watertight,
             panicked: AtomicBool::new(false),
@@ -168,8 +173,20 @@ pub(crate) unsafe extern "C" fn create_leaf<const B: usize>(
     }
 }
 
+/// The triangle a thread cut last, prepared: builders ask for many cuts of one in a row.
+struct LastCut {
+    /// Build, triangle and axis; 0 is no build.
+    key: (u64, u32, u32),
+    cutter: Cutter,
+}
+
+thread_local! {
+    static LAST_CUT: UnsafeCell<LastCut> =
+        const { UnsafeCell::new(LastCut { key: (0, 0, 0), cutter: Cutter::NONE }) };
+}
+
 /// `RTCSplitPrimitiveFunction`, compiled for the instruction set it is chosen for: the vector selections of
-/// [`split`] are one instruction each with AVX, three without. Nothing in it can panic.
+/// [`Cutter`] are one instruction each with AVX-512, three with AVX2. Nothing in it can panic.
 macro_rules! split_primitive {
     ($(#[$feature:meta])* $name:ident) => {
         // SAFETY: Embree hands back our context, one of our primitives and two boxes to write; the processor
@@ -183,15 +200,22 @@ macro_rules! split_primitive {
             right: *mut ffi::RTCBounds,
             user: *mut c_void,
         ) {
-            // SAFETY: as above; `primID` is the number of a triangle, whose indices are in range.
+            // SAFETY: as above; `primID` is the number of a triangle, whose indices are in range; the last cut is
+            // this thread's alone, and no reference to it leaves this function.
             unsafe {
                 let context = &*user.cast::<Context<'_>>();
                 // Corner, geometry number, corner, triangle number: a box in which the numbers do no harm.
                 let within = &*primitive.cast::<Piece>();
-                let triangle = context.triangles.indices().get_unchecked((*primitive).primID as usize);
-                let positions = context.triangles.positions();
-                let corners = triangle.map(|vertex| positions.get_unchecked(vertex as usize));
-                let (lower, upper) = split(corners, within, dimension as usize, position);
+                let number = (*primitive).primID;
+                let last = &mut *LAST_CUT.with(UnsafeCell::get);
+                let key = (context.build, number, dimension);
+                if last.key != key {
+                    let triangle = context.triangles.indices().get_unchecked(number as usize);
+                    let positions = context.triangles.positions();
+                    let corners = triangle.map(|vertex| positions.get_unchecked(vertex as usize));
+                    *last = LastCut { key, cutter: Cutter::new(corners, dimension as usize) };
+                }
+                let (lower, upper) = last.cutter.cut(within, position);
                 left.cast::<Piece>().write(lower);
                 right.cast::<Piece>().write(upper);
             }

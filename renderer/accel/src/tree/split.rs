@@ -35,7 +35,7 @@ const AXES: [BVec3A; 3] =
     [BVec3A::new(true, false, false), BVec3A::new(false, true, false), BVec3A::new(false, false, true)];
 
 /// A corner, and its coordinate along the axis of the cut in every lane.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Along {
     corner: Vec3A,
     at: Vec3A,
@@ -53,51 +53,107 @@ impl Along {
         (Self::select(swapped, other, self), Self::select(swapped, self, other))
     }
 
-    /// Where the edge to a corner further up meets the plane, or the nearer end if it does not.
+    /// How an edge to a corner further up moves with each step along the axis. Not finite where both are as good as
+    /// level.
     #[inline(always)]
-    fn crossing(self, up: Self, plane: Vec3A) -> Vec3A {
-        // Both ends on the plane give NaN here, of which the minimum makes 1.
-        let share = ((plane - self.at) / (up.at - self.at)).min(Vec3A::ONE).max(Vec3A::ZERO);
-        self.corner + (up.corner - self.corner) * share
+    fn slope(self, up: Self) -> Vec3A {
+        let slope = (up.corner - self.corner) / (up.at - self.at);
+        Vec3A::select(self.at.cmplt(up.at), slope, Vec3A::ZERO)
     }
 }
 
-/// Boxes of the parts of a triangle on the lower and the upper side of the plane `dimension = position`,
-/// both inside `within`, the box of the piece being cut. A side without any part gets an inverted box,
-/// which tells the builder to leave the piece whole.
+/// A triangle prepared to be cut by planes across one axis.
 ///
-/// A builder asks this tens of millions of times, and the answers of its comparisons are as good as random:
-/// every choice is a selection between two values, none is a jump.
-#[inline(always)]
-pub(crate) fn split(corners: [&Vec3A; 3], within: &Piece, dimension: usize, position: f32) -> (Piece, Piece) {
-    let [a, b, c] =
-        corners.map(|corner| Along { corner: *corner, at: Vec3A::splat(corner.as_ref()[dimension]) });
-    let (a, b) = a.sorted(b);
-    let (b, high) = b.sorted(c);
-    let (low, middle) = a.sorted(b);
-    let plane = Vec3A::splat(position);
-    // The plane cuts the long edge, and one of the two short ones.
-    let middle_is_above = plane.cmplt(middle.at);
-    let from = Along::select(middle_is_above, low, middle);
-    let to = Along::select(middle_is_above, middle, high);
-    let (one, other) = (low.crossing(high, plane), from.crossing(to, plane));
-    // A box too small by one unit would let rays through: it is widened by the rounding of the crossings.
-    let reach = low.corner.abs().max(middle.corner.abs()).max(high.corner.abs());
-    let slack = reach * (4.0 * f32::EPSILON);
-    let cut = Piece { lower: one.min(other) - slack, upper: one.max(other) + slack };
-    let left = cut.union(Piece::at(low.corner)).union(Piece::at(from.corner));
-    let right = cut.union(Piece::at(high.corner)).union(Piece::at(to.corner));
-    // Along the axis itself no slack is needed; a plane beside the triangle inverts one of the boxes.
-    let axis = AXES[dimension];
-    let left = Piece {
-        lower: Vec3A::select(axis, low.at, left.lower),
-        upper: Vec3A::select(axis, plane, left.upper),
+/// A builder asks for tens of millions of cuts, several in a row of the same triangle and axis, and the answers of
+/// the comparisons are as good as random: what does not depend on the plane is kept, and every choice is a
+/// selection between two values, none is a jump.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cutter {
+    /// The corners in order along the axis.
+    low: Along,
+    middle: Along,
+    high: Along,
+    /// Slopes of the edges from the low corner to the high one, to the middle one, and from that to the high one.
+    long: Vec3A,
+    lower: Vec3A,
+    upper: Vec3A,
+    /// What the crossings may be wrong by: a box too small by one unit would let rays through.
+    slack: Vec3A,
+    axis: BVec3A,
+}
+
+impl Cutter {
+    /// Of nothing, to be replaced.
+    pub(crate) const NONE: Self = {
+        let none = Along { corner: Vec3A::ZERO, at: Vec3A::ZERO };
+        let zero = Vec3A::ZERO;
+        Self {
+            low: none,
+            middle: none,
+            high: none,
+            long: zero,
+            lower: zero,
+            upper: zero,
+            slack: zero,
+            axis: AXES[0],
+        }
     };
-    let right = Piece {
-        lower: Vec3A::select(axis, plane, right.lower),
-        upper: Vec3A::select(axis, high.at, right.upper),
-    };
-    (left.within(within), right.within(within))
+
+    /// Prepares a triangle for planes across axis `dimension`, 0 to 2.
+    #[inline(always)]
+    pub(crate) fn new(corners: [&Vec3A; 3], dimension: usize) -> Self {
+        let [a, b, c] =
+            corners.map(|corner| Along { corner: *corner, at: Vec3A::splat(corner.as_ref()[dimension]) });
+        let (a, b) = a.sorted(b);
+        let (b, high) = b.sorted(c);
+        let (low, middle) = a.sorted(b);
+        let reach = low.corner.abs().max(middle.corner.abs()).max(high.corner.abs());
+        let [long, lower, upper] = [low.slope(high), low.slope(middle), middle.slope(high)];
+        // An edge so level that its slope is no number may cross anywhere.
+        let endless = Vec3A::splat(f32::MAX);
+        let steepest = long.abs().max(lower.abs()).max(upper.abs());
+        let usable = steepest.cmple(endless);
+        let zero = Vec3A::ZERO;
+        Self {
+            low,
+            middle,
+            high,
+            long: Vec3A::select(usable, long, zero),
+            lower: Vec3A::select(usable, lower, zero),
+            upper: Vec3A::select(usable, upper, zero),
+            slack: reach * Vec3A::select(usable, Vec3A::splat(8.0 * f32::EPSILON), Vec3A::splat(2.0)),
+            axis: AXES[dimension],
+        }
+    }
+
+    /// Boxes of the parts below and above the plane at `position`, both inside `within`, the box of the piece being
+    /// cut. A side without any part gets an inverted box, which tells the builder to leave the piece whole.
+    #[inline(always)]
+    pub(crate) fn cut(&self, within: &Piece, position: f32) -> (Piece, Piece) {
+        let Self { low, middle, high, axis, .. } = *self;
+        let plane = Vec3A::splat(position);
+        // The plane cuts the long edge, and one of the two short ones.
+        let middle_is_above = plane.cmplt(middle.at);
+        let from = Along::select(middle_is_above, low, middle);
+        let to = Vec3A::select(middle_is_above, middle.corner, high.corner);
+        let slope = Vec3A::select(middle_is_above, self.lower, self.upper);
+        let inside = plane.max(low.at).min(high.at);
+        let one = low.corner + self.long * (inside - low.at);
+        let other = from.corner + slope * (inside - from.at);
+        let cut = Piece { lower: one.min(other) - self.slack, upper: one.max(other) + self.slack };
+        let left = cut.union(Piece::at(low.corner)).union(Piece::at(from.corner));
+        let right = cut.union(Piece::at(high.corner)).union(Piece::at(to));
+        // Along the axis itself no slack is needed; a plane beside the triangle inverts one of the boxes.
+        let left = Piece {
+            lower: Vec3A::select(axis, low.at, left.lower),
+            upper: Vec3A::select(axis, plane, left.upper),
+        };
+        let right = Piece {
+            lower: Vec3A::select(axis, plane, right.lower),
+            upper: Vec3A::select(axis, high.at, right.upper),
+        };
+        (left.within(within), right.within(within))
+    }
 }
 
 #[cfg(test)]
@@ -105,6 +161,10 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    fn split(corners: &[Vec3A; 3], within: &Piece, dimension: usize, position: f32) -> (Piece, Piece) {
+        Cutter::new(corners.each_ref(), dimension).cut(within, position)
+    }
 
     fn whole(corners: &[Vec3A; 3]) -> Piece {
         corners.map(Piece::at).into_iter().reduce(Piece::union).expect("three corners")
@@ -117,7 +177,7 @@ mod tests {
     #[test]
     fn a_plane_beside_the_triangle_leaves_one_side_empty() {
         let corners = [Vec3A::ZERO, Vec3A::X, Vec3A::Y];
-        let (left, right) = split(corners.each_ref(), &whole(&corners), 0, 2.0);
+        let (left, right) = split(&corners, &whole(&corners), 0, 2.0);
         assert_eq!(left, whole(&corners));
         assert!(right.lower[0] > right.upper[0]);
     }
@@ -125,7 +185,7 @@ mod tests {
     #[test]
     fn halves_of_a_right_triangle_are_tight() {
         let corners = [Vec3A::ZERO, Vec3A::X, Vec3A::Y];
-        let (left, right) = split(corners.each_ref(), &whole(&corners), 0, 0.5);
+        let (left, right) = split(&corners, &whole(&corners), 0, 0.5);
         assert_eq!(left.upper, Vec3A::new(0.5, 1.0, 0.0));
         assert_eq!(right.lower, Vec3A::new(0.5, 0.0, 0.0));
         assert!((right.upper[1] - 0.5).abs() < 1e-5, "the right half is only half as high: {right:?}");
@@ -139,7 +199,7 @@ mod tests {
             let corners = [a, b, c];
             let whole = whole(&corners);
             let position = whole.lower[dimension] + (whole.upper[dimension] - whole.lower[dimension]) * share;
-            let (left, right) = split(corners.each_ref(), &whole, dimension, position);
+            let (left, right) = split(&corners, &whole, dimension, position);
             let (u, v) = (i as f32 / 31.0, j as f32 / 31.0);
             let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
             let inside = a + (b - a) * u + (c - a) * v;
