@@ -60,6 +60,8 @@ pub enum Step {
     Restart,
     /// The point that a model expects most of.
     Model,
+    /// The point that a model of the measurements around the best expects most of.
+    Local,
     /// A configuration that was measured before and looks best: once more, to tell luck from merit.
     Replicate,
 }
@@ -77,6 +79,7 @@ impl Step {
             Step::RandomSearch => "random_search",
             Step::Restart => "restart",
             Step::Model => "model",
+            Step::Local => "local",
             Step::Replicate => "replicate",
         }
     }

@@ -61,7 +61,7 @@ impl Acquisition<'_> {
         let mean = cost.mean(&nearness);
         let improvement = |deviation: f64| log_improvement((best - mean) / deviation) + deviation.ln();
         // Nothing unknown could make more of it than this; most points end here.
-        if improvement(cost.deviation_max()) <= floor {
+        if improvement(cost.deviation_max(&nearness)) <= floor {
             return f64::NEG_INFINITY;
         }
         let improvement = improvement(cost.deviation(&nearness));
@@ -69,7 +69,7 @@ impl Acquisition<'_> {
     }
 
     /// The probability that a point can be run.
-    fn feasible(&self, features: &[f64]) -> f64 {
+    pub(super) fn feasible(&self, features: &[f64]) -> f64 {
         self.failure.map_or(1.0, |failure| {
             let belief = failure.at(features);
             let spread = (belief.deviation * belief.deviation + failure.noise()).sqrt();
@@ -172,7 +172,7 @@ impl Acquisition<'_> {
 }
 
 /// `ln(phi(z) + z Phi(z))`, the logarithm of the expected improvement of a standard normal over `-z`.
-fn log_improvement(z: f64) -> f64 {
+pub(super) fn log_improvement(z: f64) -> f64 {
     let density = (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt();
     if z > -5.0 {
         return (density + z * normal(z)).ln();
@@ -181,6 +181,12 @@ fn log_improvement(z: f64) -> f64 {
     let inverse = 1.0 / (z * z);
     -0.5 * z * z - 0.5 * (2.0 * std::f64::consts::PI).ln()
         + (inverse * (1.0 - 3.0 * inverse + 15.0 * inverse * inverse)).ln()
+}
+
+/// A standard normal number.
+pub(super) fn standard_normal(random: &mut ChaCha8Rng) -> f64 {
+    let (a, b) = (1.0 - random.random::<f64>(), random.random::<f64>());
+    libm::sqrt(-2.0 * libm::log(a)) * libm::cos(2.0 * std::f64::consts::PI * b)
 }
 
 /// The distribution function of the standard normal.

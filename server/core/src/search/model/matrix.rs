@@ -31,6 +31,11 @@ impl Factor {
         &self.rows[i * self.size..i * self.size + i + 1]
     }
 
+    /// Row `i` of `L` times `v`.
+    pub(super) fn times_row(&self, i: usize, v: &[f64]) -> f64 {
+        dot(self.row(i), &v[..i + 1])
+    }
+
     /// Half the logarithm of the determinant.
     pub(super) fn half_log_determinant(&self) -> f64 {
         (0..self.size).map(|i| self.row(i)[i].ln()).sum()

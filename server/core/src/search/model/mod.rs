@@ -12,11 +12,14 @@
 //! - *Noise.* Improvement is counted against the model's best mean, not the luckiest sample, and the
 //!   uncertainty that counts is that of the mean, noise left out. A newcomer that looks best is measured
 //!   again before it is believed.
+//! - *Precision.* Every other point is the most promising one of a model of its own of the measurements
+//!   around the best (see `local`), so that the search converges where the global model is too coarse.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `warp`).
 //! - *Several clients.* Points that are out count as measured, at what the model expects of them (the
 //!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010).
 
 mod acquire;
+mod local;
 mod matrix;
 mod process;
 mod warp;
@@ -32,6 +35,7 @@ use crate::search::latin_hypercube::design;
 use crate::search::layout::Layout;
 use crate::search::{Feedback, Point, Search, SearchSetup, Step, Verdict};
 use acquire::{Acquisition, Known};
+use local::Near;
 use process::{Hyper, Process, Sample};
 use warp::Warp;
 
@@ -47,7 +51,7 @@ const ROUNDS_FIRST: usize = 30;
 const ROUNDS: usize = 4;
 const ROUNDS_UNTIL: usize = 32;
 /// At most this share of the measurements goes to measuring the best again, and at most so many to one.
-const REPEAT_SHARE: f64 = 0.08;
+const REPEAT_SHARE: f64 = 0.04;
 const REPEATS_MAX: f64 = 5.0;
 
 /// A configuration that was measured.
@@ -212,6 +216,18 @@ impl ModelSearch {
             let x = steps(x);
             out.contains(&x) || self.seen.iter().any(|seen| seen.x == x)
         };
+        // Every other point comes from a closer look around the best.
+        if self.flight.launched().is_multiple_of(2)
+            && let Some(cost) = &cost
+            && let Some(near) = Near::of(&self.setup.layout, &measured, &known, cost)
+        {
+            let out = self.flight.points().map(|point| self.grid(&point.x).0);
+            let out =
+                out.map(|x| x.iter().map(|&x| f64::from(x) / GRID).collect()).collect::<Vec<Vec<f64>>>();
+            if let Some(x) = near.propose(&acquisition, &out, &mut random).filter(|x| !taken(x)) {
+                return Some((x, Step::Local));
+            }
+        }
         acquisition.best(&known, &mut random, taken).map(|x| (x, Step::Model))
     }
 

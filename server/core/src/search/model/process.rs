@@ -9,6 +9,10 @@
 //! and Nardi, "Vanilla Bayesian optimization performs great in high dimensions", ICML 2024), so that a few
 //! points do not look unrelated in many dimensions. They are climbed to by iRprop (Igel and Hüsken 2000),
 //! which needs signs of gradients only and goes on where it stood when points are added.
+//!
+//! A process may have a quadratic trend: the covariance of a random quadratic function around the middle of
+//! the features, a polynomial kernel (chapter 4.2.2), is added, its share learnt like all else. Near a
+//! minimum that says how axes act together, which a sum of distances cannot; far from one it misleads.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,7 +23,7 @@ use crate::search::layout::{INACTIVE, Metric};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Hyper {
     /// Logarithms: of each axis' weight (the inverse square of its length), then of the noise's variance
-    /// as a share of the values'.
+    /// and, where there is a trend, the trend's, as shares of the values'.
     log: Vec<f64>,
     /// Step sizes of the ascent.
     steps: Vec<f64>,
@@ -38,35 +42,50 @@ const STEP_MIN: f64 = 0.01;
 const STEP_MAX: f64 = 1.0;
 /// The noise's share of the variance stays within this.
 const NOISE_RANGE: [f64; 2] = [1e-6, 4.0];
+/// The same of the trend.
+const TREND_MEAN: f64 = 1.0;
+const TREND_SPREAD: f64 = 2.0;
+const TREND_RANGE: [f64; 2] = [1e-4, 1e4];
 
 impl Hyper {
-    /// The middle of the prior.
+    /// The middle of the prior, of a process without a trend.
     pub(super) fn new(dimension: usize) -> Self {
         let mut log = vec![Self::weight_mean(dimension); dimension];
         log.push(NOISE_MEAN.ln());
         Hyper { steps: vec![STEP_START; log.len()], signs: vec![0; log.len()], log }
     }
 
+    /// The same with a quadratic trend.
+    pub(super) fn with_trend(dimension: usize) -> Self {
+        let mut hyper = Hyper::new(dimension);
+        hyper.log.push(TREND_MEAN.ln());
+        hyper.steps.push(STEP_START);
+        hyper.signs.push(0);
+        hyper
+    }
+
     fn weight_mean(dimension: usize) -> f64 {
         -2.0 * LENGTH_MEAN.ln() - (dimension.max(1) as f64).ln()
     }
 
-    fn dimension(&self) -> usize {
-        self.log.len() - 1
+    fn noise(&self, dimension: usize) -> f64 {
+        self.log[dimension].exp()
     }
 
-    fn noise(&self) -> f64 {
-        self.log[self.dimension()].exp()
+    /// Zero where there is no trend.
+    fn trend(&self, dimension: usize) -> f64 {
+        self.log.get(dimension + 1).map_or(0.0, |log| log.exp())
     }
 
     /// One step of the ascent along the gradient of the log posterior density.
-    fn climb(&mut self, gradient: &[f64]) {
-        let weight_mean = Self::weight_mean(self.dimension());
-        let (noise_prior, weight_prior) =
-            ((NOISE_MEAN.ln(), NOISE_SPREAD), (weight_mean, 2.0 * LENGTH_SPREAD));
-        for (index, &likelihood) in gradient.iter().enumerate() {
-            let is_noise = index == self.dimension();
-            let (mean, spread) = if is_noise { noise_prior } else { weight_prior };
+    fn climb(&mut self, dimension: usize, gradient: &[f64]) {
+        let weight_mean = Self::weight_mean(dimension);
+        for (index, &likelihood) in gradient.iter().enumerate().take(self.log.len()) {
+            let (mean, spread) = match index.checked_sub(dimension) {
+                None => (weight_mean, 2.0 * LENGTH_SPREAD),
+                Some(0) => (NOISE_MEAN.ln(), NOISE_SPREAD),
+                Some(_) => (TREND_MEAN.ln(), TREND_SPREAD),
+            };
             let slope = likelihood - (self.log[index] - mean) / (spread * spread);
             let sign = if slope > 0.0 {
                 1
@@ -84,8 +103,9 @@ impl Hyper {
             self.signs[index] = if turned < 0 { 0 } else { sign };
             self.log[index] += f64::from(self.signs[index]) * self.steps[index];
         }
-        let noise = self.dimension();
-        self.log[noise] = self.log[noise].clamp(NOISE_RANGE[0].ln(), NOISE_RANGE[1].ln());
+        for (log, range) in self.log[dimension..].iter_mut().zip([NOISE_RANGE, TREND_RANGE]) {
+            *log = log.clamp(range[0].ln(), range[1].ln());
+        }
     }
 }
 
@@ -98,6 +118,8 @@ pub(super) struct Sample {
     counts: Vec<f64>,
     /// Squared distances along each axis of each pair of points `p > q`, pair by pair.
     apart: Vec<f64>,
+    /// What the trend sees of each point, point by point.
+    centred: Vec<f64>,
 }
 
 impl Sample {
@@ -113,11 +135,17 @@ impl Sample {
                 );
             }
         }
-        Sample { metrics, columns, counts, apart }
+        let centred = points.iter().flat_map(|point| centred(&metrics, point)).collect();
+        Sample { metrics, columns, counts, apart, centred }
     }
 
     fn len(&self) -> usize {
         self.counts.len()
+    }
+
+    fn centred(&self, point: usize) -> &[f64] {
+        let dimension = self.metrics.len();
+        &self.centred[point * dimension..(point + 1) * dimension]
     }
 
     /// The correlations of all points and, below the diagonal, their slopes by the squared distance; noise
@@ -127,12 +155,19 @@ impl Sample {
         let weights: Vec<f64> = hyper.log[..dimension].iter().map(|log| log.exp()).collect();
         let (mut matrix, mut slopes) = (vec![0.0; n * n], vec![0.0; n * n]);
         let mut pairs = self.apart.chunks_exact(dimension.max(1));
+        let trend = hyper.trend(dimension);
         for p in 0..n {
             for q in 0..p {
                 let squared = pairs.next().map_or(0.0, |apart| dot(&weights, apart));
                 (matrix[p * n + q], slopes[p * n + q]) = matern(squared);
             }
-            matrix[p * n + p] = 1.0 + hyper.noise() / self.counts[p];
+            matrix[p * n + p] = 1.0 + hyper.noise(dimension) / self.counts[p];
+            if trend > 0.0 {
+                let weighted: Vec<f64> = weights.iter().zip(self.centred(p)).map(|(w, x)| w * x).collect();
+                for q in 0..=p {
+                    matrix[p * n + q] += trend * (1.0 + dot(&weighted, self.centred(q))).powi(2);
+                }
+            }
         }
         (matrix, slopes)
     }
@@ -143,6 +178,14 @@ fn matern(squared: f64) -> (f64, f64) {
     let a = (5.0 * squared).sqrt();
     let decay = libm::exp(-a);
     ((1.0 + a + a * a / 3.0) * decay, -5.0 / 6.0 * (1.0 + a) * decay)
+}
+
+/// What the trend sees of features: ordered axes around their middles; nothing of the others.
+fn centred(metrics: &[Metric], point: &[f64]) -> Vec<f64> {
+    let of = |(&metric, &x): (&Metric, &f64)| {
+        if metric == Metric::Ordered && x != INACTIVE { x - 0.5 } else { 0.0 }
+    };
+    metrics.iter().zip(point).map(of).collect()
 }
 
 fn apart_on(metric: Metric, a: f64, b: f64) -> f64 {
@@ -167,6 +210,13 @@ pub(super) struct Process {
     /// Variance of the values, without noise.
     variance: f64,
     noise: f64,
+    trend: f64,
+}
+
+/// The covariances of one point with all of the sample, and with itself, as shares of the variance.
+pub(super) struct Nearness {
+    others: Vec<f64>,
+    own: f64,
 }
 
 /// What a process says of a point.
@@ -212,6 +262,7 @@ impl Process {
         learn: bool,
     ) -> Option<(Process, usize)> {
         let mut chosen = None;
+        let dimension = sample.metrics.len();
         for round in 0..=rounds {
             let (matrix, slopes) = sample.correlations(hyper);
             let factor = Factor::of(&matrix, sample.len())?;
@@ -230,16 +281,25 @@ impl Process {
                 Vec::new()
             };
             if round == rounds {
-                let weights = hyper.log[..sample.metrics.len()].iter().map(|log| log.exp()).collect();
-                let noise = hyper.noise() * variance;
+                let weights = hyper.log[..dimension].iter().map(|log| log.exp()).collect();
+                let noise = hyper.noise(dimension) * variance;
+                let trend = hyper.trend(dimension);
                 if learn {
-                    hyper.climb(&climb);
+                    hyper.climb(dimension, &climb);
                 }
-                return Some((Process { sample, weights, inverse, alpha, mean, variance, noise }, view));
+                return Some((
+                    Process { sample, weights, inverse, alpha, mean, variance, noise, trend },
+                    view,
+                ));
             }
-            hyper.climb(&climb);
+            hyper.climb(dimension, &climb);
         }
         None
+    }
+
+    /// Inverse squares of the lengths of the axes.
+    pub(super) fn weights(&self) -> &[f64] {
+        &self.weights
     }
 
     /// Variance of a single measurement around its mean.
@@ -267,22 +327,34 @@ impl Process {
     }
 
     /// The correlations of features with all points of the sample.
-    pub(super) fn nearness(&self, point: &[f64]) -> Vec<f64> {
-        let mut correlations = self.distances(point);
-        correlations.iter_mut().for_each(|squared| *squared = matern(*squared).0);
-        correlations
+    pub(super) fn nearness(&self, point: &[f64]) -> Nearness {
+        let mut others = self.distances(point);
+        others.iter_mut().for_each(|squared| *squared = matern(*squared).0);
+        let mut own = 1.0;
+        if self.trend > 0.0 {
+            let centred = centred(&self.sample.metrics, point);
+            let weighted: Vec<f64> = self.weights.iter().zip(&centred).map(|(w, x)| w * x).collect();
+            let with = |other: &[f64]| self.trend * (1.0 + dot(&weighted, other)).powi(2);
+            own += with(&centred);
+            for (index, covariance) in others.iter_mut().enumerate() {
+                *covariance += with(self.sample.centred(index));
+            }
+        }
+        Nearness { others, own }
     }
 
-    pub(super) fn mean(&self, nearness: &[f64]) -> f64 {
-        self.mean + dot(nearness, &self.alpha)
+    pub(super) fn mean(&self, nearness: &Nearness) -> f64 {
+        self.mean + dot(&nearness.others, &self.alpha)
     }
 
-    pub(super) fn deviation(&self, nearness: &[f64]) -> f64 {
-        (self.variance * (1.0 - quadratic(&self.inverse, nearness)).max(1e-12)).sqrt()
+    pub(super) fn deviation(&self, nearness: &Nearness) -> f64 {
+        let known = quadratic(&self.inverse, &nearness.others);
+        (self.variance * (nearness.own - known).max(1e-12)).sqrt()
     }
 
-    pub(super) fn deviation_max(&self) -> f64 {
-        self.variance.sqrt()
+    /// The deviation where nothing near is known.
+    pub(super) fn deviation_max(&self, nearness: &Nearness) -> f64 {
+        (self.variance * nearness.own).sqrt()
     }
 
     /// What the process says of features.
@@ -303,7 +375,9 @@ fn gradient(
 ) -> Vec<f64> {
     let (n, dimension) = (sample.len(), sample.metrics.len());
     let pull = |p: usize, q: usize| alpha[p] * alpha[q] / variance - inverse[p * n + q];
-    let mut gradient = vec![0.0; dimension + 1];
+    let mut gradient = vec![0.0; dimension + 2];
+    let weights: Vec<f64> = hyper.log[..dimension].iter().map(|log| log.exp()).collect();
+    let trend = hyper.trend(dimension);
     let mut pairs = sample.apart.chunks_exact(dimension.max(1));
     for p in 0..n {
         for q in 0..p {
@@ -311,10 +385,23 @@ fn gradient(
             let factor = pull(p, q) * slopes[p * n + q];
             gradient.iter_mut().zip(apart).for_each(|(sum, apart)| *sum += factor * apart);
         }
+        if trend > 0.0 {
+            let own = sample.centred(p);
+            let weighted: Vec<f64> = weights.iter().zip(own).map(|(w, x)| w * x).collect();
+            for q in 0..=p {
+                let other = sample.centred(q);
+                let root = 1.0 + dot(&weighted, other);
+                // The diagonal counts once, every other pair twice.
+                let factor = if p == q { 0.5 } else { 1.0 } * pull(p, q) * trend * root;
+                for (sum, (a, b)) in gradient.iter_mut().zip(own.iter().zip(other)) {
+                    *sum += 2.0 * factor * a * b;
+                }
+                gradient[dimension + 1] += factor * root;
+            }
+        }
     }
-    for (sum, log) in gradient.iter_mut().zip(&hyper.log[..dimension]) {
-        *sum *= log.exp();
-    }
-    gradient[dimension] = 0.5 * hyper.noise() * (0..n).map(|p| pull(p, p) / sample.counts[p]).sum::<f64>();
+    gradient.iter_mut().zip(&weights).for_each(|(sum, weight)| *sum *= weight);
+    gradient[dimension] =
+        0.5 * hyper.noise(dimension) * (0..n).map(|p| pull(p, p) / sample.counts[p]).sum::<f64>();
     gradient
 }

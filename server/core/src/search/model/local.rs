@@ -1,0 +1,254 @@
+//! A closer look around the best: a model of the nearest measurements, in coordinates of their own.
+//!
+//! A process over the whole space is too coarse for the last digits, and its distances follow the axes, while
+//! valleys rarely do. So every other point comes from a second process, made for the occasion: it sees the
+//! measurements next to the best only, their costs relative to each other, through axes along which the
+//! better half of them is spread evenly, and it has a quadratic trend. Its point of highest expected
+//! improvement is looked for no further out than half of these measurements lie.
+//!
+//! Sources: the local models of TuRBO (Eriksson et al., "Scalable global optimization via local Bayesian
+//! optimization", NeurIPS 2019); the spread of the better half, weighted by ranks, as the metric from CMA-ES
+//! (Hansen, "The CMA evolution strategy: a tutorial", 2016, section 3); quadratic models of noisy
+//! measurements around the best from Hansen, "A global surrogate assisted CMA-ES" (GECCO 2019). The region
+//! needs no state: it shrinks as measurements gather.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::Place;
+use super::acquire::{Acquisition, Known, log_improvement, standard_normal};
+use super::matrix::Factor;
+use super::process::{Hyper, Process, Sample};
+use super::warp::Warp;
+use crate::search::layout::{Layout, Metric};
+
+/// How many of the nearest measurements are looked at: so many for each axis, and so many more.
+const NEAREST_PER_AXIS: usize = 4;
+const NEAREST: usize = 6;
+/// Steps of ascent of the process' likelihood.
+const ROUNDS: usize = 12;
+/// Points closer to a measurement than this share of the radius teach nothing.
+const APART_MIN: f64 = 0.05;
+/// Random points to begin with, how many of them climb, and in how many steps.
+const BEGIN: usize = 100;
+const CLIMBERS: usize = 3;
+const CLIMB: usize = 80;
+/// Axes of that many cells or more count as continuous.
+const CELLS_MIN: u32 = 32;
+
+/// A measurement by its coordinates along the axes that are searched.
+struct Measured {
+    x: Vec<f64>,
+    cost: f64,
+    count: f64,
+}
+
+/// The measurements that agree with the best in all that is not continuous.
+pub(super) struct Near {
+    /// Canonical coordinates of the best.
+    best: Vec<f64>,
+    /// The axes that are searched.
+    axes: Vec<usize>,
+    measured: Vec<Measured>,
+    /// The weights of the global process along these axes.
+    weights: Vec<f64>,
+}
+
+/// Coordinates in which the better half of the nearest measurements is spread evenly around the best.
+struct Frame {
+    centre: Vec<f64>,
+    factor: Factor,
+}
+
+impl Frame {
+    /// The frame of some measurements. `None` where they all coincide.
+    fn of(measured: &[Measured], nearest: &[usize], centre: &[f64]) -> Option<Frame> {
+        let d = centre.len();
+        let mut by_cost = nearest.to_vec();
+        by_cost.sort_by(|&a, &b| measured[a].cost.total_cmp(&measured[b].cost));
+        let better = nearest.len().div_ceil(2);
+        let weights: Vec<f64> =
+            (1..=better).map(|rank| libm::log((better as f64 + 0.5) / rank as f64)).collect();
+        let total: f64 = weights.iter().sum();
+        let mut spread = vec![0.0; d * d];
+        for (&index, weight) in by_cost.iter().zip(&weights) {
+            let apart: Vec<f64> = measured[index].x.iter().zip(centre).map(|(x, c)| x - c).collect();
+            for (i, row) in spread.chunks_exact_mut(d).enumerate() {
+                row.iter_mut().zip(&apart).for_each(|(sum, other)| *sum += weight / total * apart[i] * other);
+            }
+        }
+        let diagonal: Vec<f64> = (0..d).map(|i| spread[i * d + i]).collect();
+        let mean = diagonal.iter().sum::<f64>() / d as f64;
+        // Few measurements say little of how axes go together, and must not flatten one.
+        let shrink = d as f64 / (d + better) as f64;
+        spread.iter_mut().for_each(|entry| *entry *= 1.0 - shrink);
+        for i in 0..d {
+            spread[i * d + i] += shrink * (0.9 * diagonal[i] + 0.1 * mean);
+        }
+        let factor = (mean > 0.0).then(|| Factor::of(&spread, d)).flatten()?;
+        Some(Frame { centre: centre.to_vec(), factor })
+    }
+
+    fn enter(&self, x: &[f64]) -> Vec<f64> {
+        let mut u: Vec<f64> = x.iter().zip(&self.centre).map(|(x, c)| x - c).collect();
+        self.factor.forward(&mut u);
+        u
+    }
+
+    fn leave(&self, u: &[f64]) -> Vec<f64> {
+        let place = |(i, c): (usize, &f64)| (c + self.factor.times_row(i, u)).clamp(0.0, 1.0);
+        self.centre.iter().enumerate().map(place).collect()
+    }
+}
+
+/// The `count` indices of least distance, nearest first.
+fn nearest(total: usize, count: usize, distance: impl Fn(usize) -> f64) -> Vec<usize> {
+    let mut order: Vec<(f64, usize)> = (0..total).map(|index| (distance(index), index)).collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    order.into_iter().take(count).map(|(_, index)| index).collect()
+}
+
+fn square(v: &[f64]) -> f64 {
+    v.iter().map(|v| v * v).sum()
+}
+
+impl Near {
+    /// Gathers the measurements around the best of `known`, which are `measured` in the same order. `None`
+    /// where there is nothing continuous to search, or too little is known to begin.
+    pub(super) fn of(layout: &Layout, measured: &[&Place], known: &[Known], cost: &Process) -> Option<Near> {
+        let best = (0..known.len()).min_by(|&a, &b| known[a].believed.total_cmp(&known[b].believed))?;
+        let best = known[best].x.clone();
+        let active = layout.active(&best);
+        let continuous =
+            |axis: &usize| active[*axis] && (layout.cells(*axis) == 0 || layout.cells(*axis) >= CELLS_MIN);
+        let axes: Vec<usize> = (0..best.len()).filter(continuous).collect();
+        let agrees = |place: &&&Place| {
+            let mut others = (0..best.len()).filter(|axis| axes.binary_search(axis).is_err());
+            others.all(|axis| place.x[axis] == best[axis])
+        };
+        let of = |place: &&Place| Measured {
+            x: axes.iter().map(|&axis| place.x[axis]).collect(),
+            cost: place.found.cost(),
+            count: place.found.count(),
+        };
+        let measured: Vec<Measured> = measured.iter().filter(agrees).map(of).collect();
+        let weights = axes.iter().map(|&axis| cost.weights()[axis]).collect();
+        let enough = !axes.is_empty() && measured.len() >= NEAREST.min(axes.len() + 2);
+        enough.then_some(Near { best, axes, measured, weights })
+    }
+
+    /// The point of highest expected improvement around the best, canonical but for rounding. `out` are
+    /// points that count as measured at what is expected of them.
+    pub(super) fn propose(
+        &self,
+        acquisition: &Acquisition,
+        out: &[Vec<f64>],
+        random: &mut ChaCha8Rng,
+    ) -> Option<Vec<f64>> {
+        let (d, measured) = (self.axes.len(), &self.measured);
+        let pick = |x: &[f64]| -> Vec<f64> { self.axes.iter().map(|&axis| x[axis]).collect() };
+        let centre = pick(&self.best);
+        let count = NEAREST_PER_AXIS * d + NEAREST;
+        let weighted = |index: usize| -> f64 {
+            let apart = measured[index].x.iter().zip(&centre).zip(&self.weights);
+            apart.map(|((x, c), weight)| weight * (x - c) * (x - c)).sum()
+        };
+        // Who is near is a matter of the frame, which is a matter of who is near: twice is enough.
+        let frame = Frame::of(measured, &nearest(measured.len(), count, weighted), &centre)?;
+        let chosen = nearest(measured.len(), count, |index| square(&frame.enter(&measured[index].x)));
+        let frame = Frame::of(measured, &chosen, &centre)?;
+        let places: Vec<Vec<f64>> = chosen.iter().map(|&index| frame.enter(&measured[index].x)).collect();
+        let mut lengths: Vec<f64> = places.iter().map(|u| square(u).sqrt()).collect();
+        lengths.sort_by(f64::total_cmp);
+        let radius = lengths[lengths.len() / 2];
+        if !(radius > 0.0 && radius.is_finite()) {
+            return None;
+        }
+        let feature = |u: &[f64]| -> Vec<f64> { u.iter().map(|u| 0.5 + 0.5 * u / radius).collect() };
+        let features: Vec<Vec<f64>> = places.iter().map(|u| feature(u)).collect();
+        let flying: Vec<Vec<f64>> = out.iter().map(|x| feature(&frame.enter(&pick(x)))).collect();
+        let process = self.fit(&chosen, &features, &flying)?;
+        let best = features.iter().map(|f| process.at(f).mean).fold(f64::INFINITY, f64::min);
+        let value = |mut u: Vec<f64>| {
+            let length = square(&u).sqrt();
+            if length > radius {
+                u.iter_mut().for_each(|u| *u *= radius / length);
+            }
+            let mut x = self.best.clone();
+            self.axes.iter().zip(frame.leave(&u)).for_each(|(&axis, place)| x[axis] = place);
+            let active = acquisition.layout.canonical(&mut x);
+            // Where the cube or a cell moves the point, it counts where it is.
+            let u = frame.enter(&pick(&x));
+            let apart = |v: &Vec<f64>| v.iter().zip(&u).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+            let closest = places.iter().map(apart).fold(f64::INFINITY, f64::min).sqrt();
+            if closest < APART_MIN * radius {
+                return (f64::NEG_INFINITY, u, x);
+            }
+            let nearness = process.nearness(&feature(&u));
+            let deviation = process.deviation(&nearness);
+            let gain = log_improvement((best - process.mean(&nearness)) / deviation) + deviation.ln();
+            let feasible = acquisition.feasible(&acquisition.layout.features(&x, &active)).ln();
+            (gain + feasible, u, x)
+        };
+        climb(value, d, radius / (d as f64).sqrt(), random)
+    }
+
+    fn fit(&self, chosen: &[usize], features: &[Vec<f64>], flying: &[Vec<f64>]) -> Option<Process> {
+        let d = self.axes.len();
+        let costs: Vec<f64> = chosen.iter().map(|&index| self.measured[index].cost).collect();
+        let mut counts: Vec<f64> = chosen.iter().map(|&index| self.measured[index].count).collect();
+        let mut points: Vec<&[f64]> = features.iter().map(Vec::as_slice).collect();
+        let metrics = vec![Metric::Ordered; d];
+        let mut hyper = Hyper::with_trend(d);
+        let views = Warp::new(&costs).views();
+        let sample = Sample::new(metrics.clone(), &points, counts.clone());
+        let (process, view) = Process::fit(sample, &views, &mut hyper, ROUNDS, false)?;
+        if flying.is_empty() {
+            return Some(process);
+        }
+        let mut values = views[view].0.clone();
+        values.extend(flying.iter().map(|features| process.at(features).mean));
+        counts.extend(flying.iter().map(|_| 1.0));
+        points.extend(flying.iter().map(Vec::as_slice));
+        let sample = Sample::new(metrics, &points, counts);
+        Process::fit(sample, &[(values, 0.0)], &mut hyper, 0, false).map(|(process, _)| process)
+    }
+}
+
+/// Random points around the origin of a frame, the best of which climb by steps that grow with success. The
+/// point found is `None` where all are worth nothing.
+fn climb(
+    value: impl Fn(Vec<f64>) -> (f64, Vec<f64>, Vec<f64>),
+    dimension: usize,
+    scale: f64,
+    random: &mut ChaCha8Rng,
+) -> Option<Vec<f64>> {
+    let mut pool: Vec<_> = (0..BEGIN)
+        .map(|index| {
+            let scale = scale * 0.5f64.powi((index % 5) as i32);
+            value((0..dimension).map(|_| scale * standard_normal(random)).collect())
+        })
+        .collect();
+    pool.sort_by(|a, b| b.0.total_cmp(&a.0));
+    pool.truncate(CLIMBERS);
+    for climber in &mut pool {
+        let mut step = 0.3 * scale;
+        for _ in 0..CLIMB {
+            let only = (random.random::<f64>() < 0.3).then(|| random.random_range(0..dimension));
+            let moves = |axis: usize| only.is_none_or(|only| only == axis);
+            let mut u = climber.1.clone();
+            for (_, u) in u.iter_mut().enumerate().filter(|(axis, _)| moves(*axis)) {
+                *u += step * standard_normal(random);
+            }
+            let changed = value(u);
+            if changed.0 > climber.0 {
+                *climber = changed;
+                step *= 1.5;
+            } else {
+                step *= 0.92;
+            }
+        }
+    }
+    let best = pool.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (best.0 > f64::NEG_INFINITY).then_some(best.2)
+}
