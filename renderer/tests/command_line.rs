@@ -102,7 +102,7 @@ fn accelerators_are_measured_and_verified() {
     let verified: serde_json::Value = serde_json::from_str(&verified).expect("it is JSON");
     assert_eq!(verified["agrees"], true);
     assert!(verified["oracle_hits"].as_u64() > Some(100));
-    assert!(verified["accelerators"].as_array().is_some_and(|all| all.len() == 15));
+    assert!(verified["accelerators"].as_array().is_some_and(|all| all.len() == 17));
     std::fs::write(path.join("best.json"), r#"{"branching_factor": 4, "bounce": "eight", "staged": true}"#)
         .expect("it can be written");
     let table = succeeds(

@@ -28,5 +28,5 @@ pub use parameters::{
 };
 pub use prefetch::prefetch;
 pub use structure::{Statistics, Structure, Visitor, build, build_instanced};
-pub use traverse::Isa;
+pub use traverse::{Isa, Work};
 pub use tree::{Tree, TreeFault, TreeStatistics, TwoLevel};

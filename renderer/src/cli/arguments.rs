@@ -220,6 +220,11 @@ impl SpaceArguments {
         self.checked(Premises::of(scene, objective.builds_each_frame(), self.robust, threads))
     }
 
+    /// The space for a scene that moves, with what brings a structure along.
+    pub(super) fn of_moving(&self, scene: &Scene, threads: usize) -> Result<TuningSpace, CliError> {
+        self.checked(Premises { animated: true, ..Premises::of(scene, true, self.robust, threads) })
+    }
+
     /// The space with every parameter there is, to read configurations with.
     pub(super) fn whole(&self, objective: Objective, threads: usize) -> Result<TuningSpace, CliError> {
         let builds_each_frame = objective.builds_each_frame();
@@ -278,9 +283,9 @@ impl StructureArguments {
 /// How a structure follows a moving scene.
 #[derive(Args, Clone, Copy, Debug)]
 pub(super) struct UpdateArguments {
-    /// How the structure follows a moving scene.
-    #[arg(long, value_enum, default_value_t = UpdateKind::Rebuild)]
-    pub(super) update: UpdateKind,
+    /// How the structure follows a moving scene; tuned when left out, where the space has it.
+    #[arg(long, value_enum)]
+    pub(super) update: Option<UpdateKind>,
 
     /// With `--update partial`: how many times its last build's cost a subtree may have before it is built anew.
     #[arg(long, value_name = "FACTOR", default_value_t = Update::REBUILD_THRESHOLD)]
@@ -299,14 +304,16 @@ pub(super) enum UpdateKind {
 }
 
 impl UpdateArguments {
-    /// As the accelerators want it.
-    pub(super) fn update(self) -> Result<Update, CliError> {
-        let update = match self.update {
+    /// As the accelerators want it, if it is said.
+    pub(super) fn update(self) -> Result<Option<Update>, CliError> {
+        let update = self.update.map(|kind| match kind {
             UpdateKind::Rebuild => Update::Rebuild,
             UpdateKind::Refit => Update::Refit,
             UpdateKind::Partial => Update::Partial { rebuild_threshold: self.rebuild_threshold },
-        };
-        update.check().map_err(|error| CliError::Usage(error.to_string()))?;
+        });
+        if let Some(update) = update {
+            update.check().map_err(|error| CliError::Usage(error.to_string()))?;
+        }
         Ok(update)
     }
 }

@@ -134,8 +134,8 @@ impl EntrantArguments {
             ServerArguments { server: server.clone(), study: self.study.clone(), deadline_ms: DEADLINE_MS };
         let client = server.connect(setting.threads)?;
         let scene = renderer.scene().clone();
-        let id = server.study_id(&scene, Objective::Render, setting.size, self.space);
         let space = Arc::new(self.space.of(&scene, Objective::Render, setting.threads)?);
+        let id = server.study_id(&scene, Objective::Render, setting.size, &space);
         let title: String =
             format!("{} at {}, render time", scene.name, setting.size).chars().take(200).collect();
         let spec = specification(&space, &title, Objective::Render, Policy::new(), setting.view.seed)?;

@@ -13,7 +13,7 @@ use std::time::Instant;
 
 use clap::Args;
 use serde::Serialize;
-use treewright_accel::{Structure, Update};
+use treewright_accel::{BuildError, Structure, Update};
 use treewright_client::{
     Configuration, Finished, Indicators, Mode, Outcome, Policy, PolicyChange, Source, Stats,
 };
@@ -132,8 +132,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
     let renderer = arguments.frame.renderer(&scene)?;
-    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size, arguments.space);
-    let space = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
+    let threads = arguments.frame.threads;
+    // Where it is said how the structure follows, that is not tuned.
+    let space = match moves && update.is_none() {
+        true => arguments.space.of_moving(&scene, threads)?,
+        false => arguments.space.of(&scene, arguments.objective, threads)?,
+    };
+    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size, &space);
     let title = format!("{} at {}, {} time", scene.name, arguments.size, arguments.objective.name());
     let title: String = title.chars().take(200).collect();
     let specification =
@@ -216,8 +221,8 @@ struct Flight {
     view: View,
     film: Film,
     each_frame: bool,
-    /// How the structure follows a scene that moves.
-    update: Update,
+    /// How the structure follows a scene that moves; as the configuration says if it is not said here.
+    update: Option<Update>,
     /// The scene as it is from this frame on, if it moves.
     moment: Option<Arc<Scene>>,
     kept: Option<Kept>,
@@ -238,7 +243,7 @@ impl Flight {
         renderer: Renderer,
         space: TuningSpace,
         baseline: Choice,
-        update: Update,
+        update: Option<Update>,
         arguments: &Arguments,
     ) -> Result<Self, CliError> {
         let view = View {
@@ -283,7 +288,7 @@ impl Flight {
             return Ok(false);
         }
         let built = match self.moment.take() {
-            Some(scene) => self.renderer.animate(scene, &choice.build, self.update),
+            Some(scene) => self.follow(scene, &choice),
             None => self.renderer.rebuild(&choice.build),
         };
         let build_ms = built.map_err(|error| match error.is_infeasible() {
@@ -292,6 +297,17 @@ impl Flight {
         })?;
         self.kept = Some(Kept { choice, build_ms });
         Ok(true)
+    }
+
+    /// Brings the structure to another moment. One that was built by another choice is first built anew over the
+    /// moment before, so that what is timed is the following.
+    fn follow(&mut self, scene: Arc<Scene>, choice: &Choice) -> Result<f64, BuildError> {
+        let update = self.update.unwrap_or(choice.update);
+        let stranger = self.kept.as_ref().is_none_or(|kept| kept.choice.build != choice.build);
+        if stranger && update != Update::Rebuild {
+            self.renderer.rebuild(&choice.build)?;
+        }
+        self.renderer.animate(scene, &choice.build, update)
     }
 
     /// A frame with what is kept. `None` before the first build that succeeds.

@@ -6,9 +6,10 @@ use clap::Args;
 use treewright_client::blocking::Client;
 use treewright_client::{Fingerprint, Options};
 
-use super::arguments::{Size, SpaceArguments};
+use super::arguments::Size;
 use super::error::CliError;
 use crate::scene::Scene;
+use crate::space::TuningSpace;
 use crate::tuning::objective::{Objective, study_id};
 
 /// Where the service is, and which study.
@@ -47,9 +48,9 @@ impl ServerArguments {
         scene: &Scene,
         objective: Objective,
         size: Size,
-        space: SpaceArguments,
+        space: &TuningSpace,
     ) -> String {
-        let made = || study_id(&scene.name, objective, size, space.space, space.robust);
+        let made = || study_id(&scene.name, objective, size, space);
         self.study.clone().unwrap_or_else(made)
     }
 }

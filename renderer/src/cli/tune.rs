@@ -129,7 +129,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let space = Arc::new(arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?);
     let camera = arguments.camera.find(&scene)?;
     let mut renderer = arguments.frame.renderer(&scene)?;
-    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size, arguments.space);
+    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size, &space);
     let study = open_study(&client, &id, &scene, &space, arguments)?;
     println!(
         "Tuning {} ({} triangles) at {} for {} time in the {} space, {} iterations, study {id}",

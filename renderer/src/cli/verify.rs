@@ -38,9 +38,11 @@ const DISAGREEING_RAYS_MAX: f64 = 1e-3;
 const PICTURE_DIFFERENCE_MAX: f64 = 1e-3;
 
 /// A spread of the full space: both back ends, every node width, builder, order, format, and packets.
-const SPREAD: [&str; 9] = [
+const SPREAD: [&str; 11] = [
     "native_quality=high",
-    "native_compact=true,tile=8,tile_order=morton",
+    "native_split_budget=2,native_presplit=true",
+    "native_layout=qbvh8_triangle4",
+    "native_layout=compact,tile=8,tile_order=morton",
     "primary=eight_coherent,first_shadow=sixteen,bounce=sixteen,shadow=eight,sort=octant_morton",
     "quality=1,branching_factor=2,max_depth=64",
     "quality=2,staged=false",

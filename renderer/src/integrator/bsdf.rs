@@ -55,6 +55,23 @@ pub struct Seen<'a, const THIN: bool> {
     masking: f32,
 }
 
+/// A rough layer over a diffuse part: the fields of a [`Bsdf`] that matter then.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Gloss {
+    pub(super) diffuse: Vec3,
+    pub(super) f0: Vec3,
+    pub(super) f90: f32,
+    pub(super) layer_f90: Vec3,
+    pub(super) alpha: f32,
+}
+
+impl From<Gloss> for Bsdf {
+    #[inline(always)]
+    fn from(Gloss { diffuse, f0, f90, layer_f90, alpha }: Gloss) -> Self {
+        Self { diffuse, f0, f90, layer_f90, alpha: Some(alpha), through: Vec3::ZERO, matt: false }
+    }
+}
+
 /// What kind of event a sample is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scatter {
@@ -129,6 +146,14 @@ impl Bsdf {
         self.diffuse
     }
 
+    /// What makes it a rough layer over a diffuse part; `None` for anything else.
+    #[inline(always)]
+    pub(super) fn gloss(&self) -> Option<Gloss> {
+        let Self { diffuse, f0, f90, layer_f90, .. } = *self;
+        let rough = !self.matt && !self.is_thin();
+        self.alpha.filter(|_| rough).map(|alpha| Gloss { diffuse, f0, f90, layer_f90, alpha })
+    }
+
     /// Share of light that passes straight through at this cosine.
     #[inline]
     pub fn transmittance(&self, cosine: f32) -> Vec3 {
@@ -150,9 +175,12 @@ impl Bsdf {
     /// The surface from one direction. Nothing is seen from below: `None`.
     #[inline(always)]
     pub fn seen_from<const THIN: bool>(&self, view: Vec3) -> Option<Seen<'_, THIN>> {
-        if view.z <= 0.0 {
-            return None;
-        }
+        (view.z > 0.0).then(|| self.see(view))
+    }
+
+    /// The surface from a direction above it.
+    #[inline(always)]
+    pub(super) fn see<const THIN: bool>(&self, view: Vec3) -> Seen<'_, THIN> {
         let layer = self.layer(view.z);
         let below = Vec3::ONE - layer;
         let reflect = luminance(layer);
@@ -167,7 +195,7 @@ impl Bsdf {
         };
         let root = self.alpha.map_or(0.0, |alpha| smith_root(alpha, view.z));
         let masking = 0.5 / (view.z + root);
-        Some(Seen { bsdf: self, view, below, shares, root, masking })
+        Seen { bsdf: self, view, below, shares, root, masking }
     }
 }
 
@@ -219,22 +247,28 @@ impl<const THIN: bool> Seen<'_, THIN> {
         if let Some(weight) = self.through(choice) {
             return Some(BsdfSample { direction: -view, weight, pdf: 1.0, scatter: Scatter::Through });
         }
-        let direction = if choice < shares.through + shares.reflect {
-            let Some(alpha) = bsdf.alpha else {
-                let direction = Vec3::new(-view.x, -view.y, view.z);
-                let weight = bsdf.fresnel(view.z) / shares.reflect;
-                return Some(BsdfSample { direction, weight, pdf: 1.0, scatter: Scatter::Mirror });
-            };
-            reflect_at_visible_normal(alpha, view, u)
-        } else {
-            cosine_hemisphere(u)
+        if choice < shares.through + shares.reflect && bsdf.alpha.is_none() {
+            let direction = Vec3::new(-view.x, -view.y, view.z);
+            let weight = bsdf.fresnel(view.z) / shares.reflect;
+            return Some(BsdfSample { direction, weight, pdf: 1.0, scatter: Scatter::Mirror });
+        }
+        let (direction, weight, pdf, sound) = self.sample_rough(choice, u);
+        sound.then_some(BsdfSample { direction, weight, pdf, scatter: Scatter::Rough })
+    }
+
+    /// Draws a direction from the rough lobes: direction, weight, density, and whether it is of any use.
+    #[inline(always)]
+    pub(super) fn sample_rough(&self, choice: f32, u: [f32; 2]) -> (Vec3, Vec3, f32, bool) {
+        let direction = match self.bsdf.alpha {
+            Some(alpha) if choice < self.shares.through + self.shares.reflect => {
+                reflect_at_visible_normal(alpha, self.view, u)
+            }
+            _ => cosine_hemisphere(u),
         };
         let (value, pdf) = self.rough(direction);
-        if !(pdf > 0.0 && pdf.is_finite()) {
-            return None;
-        }
         let weight = value / pdf;
-        (weight.max_element() > 0.0).then_some(BsdfSample { direction, weight, pdf, scatter: Scatter::Rough })
+        let sound = pdf > 0.0 && pdf.is_finite() && weight.max_element() > 0.0;
+        (direction, weight, pdf, sound)
     }
 }
 

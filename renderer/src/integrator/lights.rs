@@ -27,27 +27,54 @@ pub struct Lights {
 /// An emissive triangle: 64 bytes, one cache line.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
-struct Lamp {
-    corner: Vec3,
-    edges: [Vec3; 2],
+pub(super) struct Lamp {
+    pub(super) corner: Vec3,
+    pub(super) edges: [Vec3; 2],
     /// Unit length.
-    normal: Vec3,
-    emission: Vec3,
+    pub(super) normal: Vec3,
+    pub(super) emission: Vec3,
     /// See [`Lights::lamp_density`].
-    density: f32,
+    pub(super) density: f32,
 }
 
 const _: () = assert!(size_of::<Lamp>() == 64);
 
+impl Lamp {
+    /// A point on it, seen from a position.
+    #[inline(always)]
+    pub(super) fn sample(&self, position: Vec3, u: [f32; 2]) -> LightSample {
+        let [v, w] = uniform_triangle(u);
+        let offset = self.corner + self.edges[0] * v + self.edges[1] * w - position;
+        let distance_squared = offset.length_squared();
+        let distance = distance_squared.sqrt();
+        let direction = offset * (1.0 / distance);
+        let pdf = solid_angle_pdf(self.density, direction.dot(self.normal), distance_squared);
+        LightSample { direction, distance, radiance: self.emission, pdf }
+    }
+}
+
 /// The sun as a cone of constant radiance.
 #[derive(Clone, Copy, Debug)]
-struct SunDisc {
+pub(super) struct SunDisc {
     frame: Frame,
     direction: Vec3,
     cos_half_angle: f32,
     radiance: Vec3,
     /// Solid angle density with which it is sampled.
     pdf: f32,
+}
+
+impl SunDisc {
+    /// A point on its disc.
+    #[inline(always)]
+    pub(super) fn sample(&self, u: [f32; 2]) -> LightSample {
+        LightSample {
+            direction: self.frame.to_world(uniform_cone(u, self.cos_half_angle)),
+            distance: f32::INFINITY,
+            radiance: self.radiance,
+            pdf: self.pdf,
+        }
+    }
 }
 
 /// A direction in which light may arrive.
@@ -61,6 +88,14 @@ pub struct LightSample {
     pub radiance: Vec3,
     /// Solid angle density.
     pub pdf: f32,
+}
+
+impl LightSample {
+    /// Whether it can be used: not on a triangle that is seen edge on.
+    #[inline(always)]
+    pub(super) fn is_sound(&self) -> bool {
+        self.pdf > 0.0 && self.pdf.is_finite()
+    }
 }
 
 impl Lights {
@@ -142,29 +177,25 @@ impl Lights {
             && let Some(sun) = &self.sun
             && (!LAMPS || choice < self.sun_share)
         {
-            return Some(LightSample {
-                direction: sun.frame.to_world(uniform_cone(u, sun.cos_half_angle)),
-                distance: f32::INFINITY,
-                radiance: sun.radiance,
-                pdf: sun.pdf,
-            });
+            return Some(sun.sample(u));
         }
         if !LAMPS {
             return None;
         }
-        let lamp = &self.lamps[self.table.as_ref()?.sample(pick)];
-        let [v, w] = uniform_triangle(u);
-        let offset = lamp.corner + lamp.edges[0] * v + lamp.edges[1] * w - position;
-        let distance_squared = offset.length_squared();
-        let distance = distance_squared.sqrt();
-        let direction = offset * (1.0 / distance);
-        let pdf = solid_angle_pdf(lamp.density, direction.dot(lamp.normal), distance_squared);
-        (pdf > 0.0 && pdf.is_finite()).then_some(LightSample {
-            direction,
-            distance,
-            radiance: lamp.emission,
-            pdf,
-        })
+        let light = self.lamp(pick)?.sample(position, u);
+        light.is_sound().then_some(light)
+    }
+
+    /// The emissive triangle that belongs to a number in [0, 1). `None` if there is none.
+    #[inline(always)]
+    pub(super) fn lamp(&self, pick: f32) -> Option<&Lamp> {
+        Some(&self.lamps[self.table.as_ref()?.sample(pick)])
+    }
+
+    /// The sun, and the probability that [`Lights::sample`] turns to it.
+    #[inline(always)]
+    pub(super) fn sun_disc(&self) -> (Option<&SunDisc>, f32) {
+        (self.sun.as_ref(), self.sun_share)
     }
 
     /// Density over area with which [`Lights::sample`] draws a point that emits so much. The triangle's area

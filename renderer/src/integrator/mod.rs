@@ -7,9 +7,11 @@
 //! (section 3.1).
 //!
 //! [`render_sample`] hands tiles to threads; `path` and `stages` are the two orders of work; `vertex` says what
-//! happens where a path meets something, with the help of `surface`, `bsdf` and `lights`.
+//! happens where a path meets something, with the help of `surface`, `bsdf` and `lights`; `chunk` says the same of
+//! many at once.
 
 mod bsdf;
+mod chunk;
 mod frame;
 mod lens;
 mod lights;

@@ -30,6 +30,9 @@ fn to_pair(bits: u64) -> [f32; 2] {
 }
 
 impl PathRandom {
+    /// Of no path.
+    pub(super) const NONE: Self = Self { key: 0 };
+
     /// The numbers of sample `sample` of pixel `pixel` in a picture with this seed.
     #[inline]
     pub fn new(seed: u64, pixel: u32, sample: u32) -> Self {

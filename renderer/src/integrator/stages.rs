@@ -5,10 +5,13 @@
 //! Harmful: Wavefront Path Tracing on GPUs (HPG 2013). Each path keeps its own random numbers and its light
 //! is summed in the order of its vertices, so pictures are those of the path-by-path way, bit for bit.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use treewright_accel::{Hit, Intersector, Ray, prefetch};
 
 use super::Counts;
+use super::chunk::{Chunk, HITS};
 use super::frame::Frame;
 use super::random::PathRandom;
 use super::sort::Sorter;
@@ -32,6 +35,7 @@ pub(super) struct Buffers {
     /// Light of each pixel's sample.
     radiance: Vec<Vec3>,
     sorter: Sorter,
+    chunk: Chunk,
 }
 
 const NO_RAY: Ray = Shadow::BLANK.ray;
@@ -117,19 +121,61 @@ impl Buffers {
 
     /// Shades all hits; returns how many paths go on and how many shadow rays there are.
     fn shade(&mut self, frame: &Frame, active: usize, counts: &mut Counts) -> (usize, usize) {
-        let prepared = frame.prepared;
-        let Self { paths, rays, hits, shadow_rays, shadow_light, radiance, .. } = self;
-        let (paths, rays, hits) = (&mut paths[..active], &mut rays[..active], &hits[..active]);
+        let (mut kept, mut shadows) = (0, 0);
+        let in_chunks = Chunk::serves(frame.kernel.needs);
+        for first in (0..active).step_by(HITS) {
+            let range = first..active.min(first + HITS);
+            let mut lanes = [None; HITS];
+            if in_chunks {
+                self.gather(frame, range.clone(), active, &mut lanes);
+            }
+            self.scatter(frame, range, &lanes, (&mut kept, &mut shadows), counts);
+        }
+        (kept, shadows)
+    }
+
+    /// Shades those of some hits that can be shaded together, and notes the lanes they have.
+    fn gather(&mut self, frame: &Frame, range: Range<usize>, active: usize, lanes: &mut [Option<u8>; HITS]) {
+        let (prepared, needs) = (frame.prepared, frame.kernel.needs);
+        let Self { paths, rays, hits, chunk, .. } = self;
+        let (paths, rays, hits) = (&paths[..active], &rays[..active], &hits[..active]);
         let fetch = |index: usize| {
             if let Some(Some(hit)) = hits.get(index) {
                 prefetch(&prepared.facets, hit.triangle as usize);
             }
         };
-        (0..AHEAD).for_each(fetch);
-        let (mut kept, mut shadows) = (0, 0);
-        let mut shadow = Shadow::BLANK;
-        for index in 0..active {
+        chunk.clear();
+        (range.start..range.start + AHEAD).for_each(fetch);
+        for (lane, index) in lanes.iter_mut().zip(range) {
             fetch(index + AHEAD);
+            let Some(hit) = &hits[index] else {
+                continue;
+            };
+            let facet = &prepared.facets[hit.triangle as usize];
+            let shading = if needs.materials {
+                prepared.surface::<true>(facet)
+            } else {
+                prepared.surface::<false>(facet)
+            };
+            let arrival = (&paths[index], &rays[index], hit);
+            *lane = chunk.gather(needs, frame.bounces, arrival, (facet, shading)).map(|lane| lane as u8);
+        }
+        chunk.shade(prepared, needs);
+    }
+
+    /// Deals out what came of some hits, in their order; those without a lane are shaded one by one.
+    fn scatter(
+        &mut self,
+        frame: &Frame,
+        range: Range<usize>,
+        lanes: &[Option<u8>; HITS],
+        (kept, shadows): (&mut usize, &mut usize),
+        counts: &mut Counts,
+    ) {
+        let prepared = frame.prepared;
+        let Self { paths, rays, hits, chunk, shadow_rays, shadow_light, radiance, .. } = self;
+        let mut shadow = Shadow::BLANK;
+        for (lane, index) in lanes.iter().zip(range) {
             let (path, ray) = (&mut paths[index], &mut rays[index]);
             let pixel = path.pixel;
             let radiance = &mut radiance[pixel as usize];
@@ -138,21 +184,23 @@ impl Buffers {
                 continue;
             };
             counts.hits += 1;
-            let next = (frame.kernel.vertex)(prepared, frame.bounces, path, ray, hit, radiance, &mut shadow);
+            let together = lane.and_then(|lane| chunk.scatter(lane.into(), path, ray, &mut shadow));
+            let next = together.unwrap_or_else(|| {
+                (frame.kernel.vertex)(prepared, frame.bounces, path, ray, hit, radiance, &mut shadow)
+            });
             if next.shadow {
-                shadow_rays[shadows] = shadow.ray;
-                shadow_light[shadows] = (shadow.light, pixel);
-                shadows += 1;
+                shadow_rays[*shadows] = shadow.ray;
+                shadow_light[*shadows] = (shadow.light, pixel);
+                *shadows += 1;
             }
             if next.goes_on {
-                if kept < index {
-                    paths[kept] = paths[index];
-                    rays[kept] = rays[index];
+                if *kept < index {
+                    paths[*kept] = paths[index];
+                    rays[*kept] = rays[index];
                 }
-                kept += 1;
+                *kept += 1;
             }
         }
-        (kept, shadows)
     }
 
     /// Traces the shadow rays and adds the light of those that reach it.

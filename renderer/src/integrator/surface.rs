@@ -81,10 +81,34 @@ impl Facet {
     /// The interpolated normal, of any length.
     #[inline(always)]
     fn normal(&self, u: f32, v: f32) -> Vec3 {
-        let [a, b, c, d, e, f, g, h] = self.normals.map(f32::from);
-        let w = 1.0 - u - v;
-        Vec3::new(a, b, c) * w + Vec3::new(d, e, f) * u + Vec3::new(g, h, self.ac.w) * v
+        interpolated(self.normals(), u, v)
     }
+
+    /// The normals of the corners, of one length.
+    #[inline(always)]
+    pub(super) fn normals(&self) -> [Vec3; 3] {
+        let [a, b, c, d, e, f, g, h] = self.normals.map(f32::from);
+        [Vec3::new(a, b, c), Vec3::new(d, e, f), Vec3::new(g, h, self.ac.w)]
+    }
+
+    /// The first corner and the edges to the others.
+    #[inline(always)]
+    pub(super) fn corner_and_edges(&self) -> [Vec3; 3] {
+        [self.a, self.ab, self.ac].map(Vec4::truncate)
+    }
+
+    /// The largest component of its edges.
+    #[inline(always)]
+    pub(super) fn longest(&self) -> f32 {
+        self.ab.w
+    }
+}
+
+/// The normal between those of three corners.
+#[inline(always)]
+pub(super) fn interpolated([a, b, c]: [Vec3; 3], u: f32, v: f32) -> Vec3 {
+    let w = 1.0 - u - v;
+    a * w + b * u + c * v
 }
 
 /// The largest component of two edges.
@@ -103,7 +127,7 @@ pub(super) struct Surface {
     /// Unit normal for shading, on the viewer's side of both surfaces.
     pub(super) shading_normal: Vec3,
     /// Distance by which new rays start off the surface.
-    offset: f32,
+    pub(super) offset: f32,
 }
 
 impl Surface {
@@ -125,30 +149,22 @@ impl Surface {
             // A ray's way into an object's space rounds at the magnitude of the object's place as well.
             place = to_world.translation.abs().max_element();
         }
-        let (u, v) = barycentric(ray, a, ab, ac).unwrap_or((hit.u, hit.v));
-        let across = Vec3::from(ab.cross(ac));
-        let scale = across.length_squared();
+        let [a, ab, ac] = [a, ab, ac].map(Vec3::from);
+        let (u, v) = barycentric(ray.origin, ray.direction, [a, ab, ac], (hit.u, hit.v));
+        let across = ab.cross(ac);
         // Squares of tiny triangles underflow; the slower way is right for them.
-        let mut geometric_normal = if scale > 1e-30 && scale < 1e30 {
-            across * (1.0 / scale.sqrt())
-        } else {
-            across.try_normalize()?
-        };
-        if geometric_normal.dot(ray.direction) > 0.0 {
-            geometric_normal = -geometric_normal;
-        }
-        let position = Vec3::from(a + ab * u + ac * v);
+        let unit = unit_normal(across).or_else(|| across.try_normalize())?;
+        let geometric_normal = facing(unit, ray.direction);
         let shading_normal = if INTERPOLATE && facet.is_smooth() {
             let normal = facet.normal(u, v);
             // Normals go to the world by the inverse's transpose.
             let normal = instance.map_or(normal, |instance| instance.to_object.matrix3.transpose() * normal);
-            guarded(normal, geometric_normal, ray)
+            guarded(normal, geometric_normal, ray.direction)
         } else {
             geometric_normal
         };
-        let magnitude = position.abs().max_element().max(place);
-        let offset = OFFSET_OF_POSITION * magnitude + OFFSET_OF_EDGE * edge;
-        Some(Self { position, geometric_normal, shading_normal, offset })
+        let position = a + ab * u + ac * v;
+        Some(Self { position, geometric_normal, shading_normal, offset: offset(position, place, edge) })
     }
 
     /// Where a ray in `direction` starts: off the surface, on the side it goes to.
@@ -159,28 +175,60 @@ impl Surface {
     }
 }
 
+/// Distance by which rays start off a surface at a position, with the longest edge and the magnitude of where its
+/// object stands.
+#[inline(always)]
+pub(super) fn offset(position: Vec3, place: f32, edge: f32) -> f32 {
+    let magnitude = position.abs().max_element().max(place);
+    OFFSET_OF_POSITION * magnitude + OFFSET_OF_EDGE * edge
+}
+
+/// The normal of a triangle from the cross product of its edges, unless squares of that leave the range.
+#[inline(always)]
+pub(super) fn unit_normal(across: Vec3) -> Option<Vec3> {
+    let scale = across.length_squared();
+    (scale > 1e-30 && scale < 1e30).then(|| across * (1.0 / scale.sqrt()))
+}
+
+/// A normal, turned to the side a direction comes from.
+#[inline(always)]
+pub(super) fn facing(normal: Vec3, direction: Vec3) -> Vec3 {
+    if normal.dot(direction) > 0.0 { -normal } else { normal }
+}
+
 /// The interpolated normal on the viewer's side. Normals interpolated over coarse meshes can turn away from
 /// the viewer or from the triangle; the triangle's own normal is right then.
 #[inline(always)]
-fn guarded(interpolated: Vec3, geometric_normal: Vec3, ray: &Ray) -> Vec3 {
+pub(super) fn guarded(interpolated: Vec3, geometric_normal: Vec3, direction: Vec3) -> Vec3 {
     let side = interpolated.dot(geometric_normal);
     let normal = interpolated * (1.0_f32.copysign(side) / interpolated.length());
     // Also when corners' normals cancel and there is nothing to normalise.
-    if normal.dot(ray.direction) < 0.0 { normal } else { geometric_normal }
+    if normal.dot(direction) < 0.0 { normal } else { geometric_normal }
 }
 
-/// Weights of the second and third corner, clamped to the triangle. `None` for a ray in its plane.
+/// Weights of the second and third corner, clamped to the triangle; `otherwise` for a ray in its plane.
 #[inline(always)]
-fn barycentric(ray: &Ray, a: Vec3A, ab: Vec3A, ac: Vec3A) -> Option<(f32, f32)> {
-    let direction = Vec3A::from(ray.direction);
+pub(super) fn barycentric(
+    origin: Vec3,
+    direction: Vec3,
+    [a, ab, ac]: [Vec3; 3],
+    otherwise: (f32, f32),
+) -> (f32, f32) {
     let across = direction.cross(ac);
     let inverse = 1.0 / ab.dot(across);
-    let from = Vec3A::from(ray.origin) - a;
+    let from = origin - a;
     let u = from.dot(across) * inverse;
     let v = direction.dot(from.cross(ab)) * inverse;
     if !(u.is_finite() && v.is_finite()) {
-        return None;
+        return otherwise;
     }
-    let u = u.clamp(0.0, 1.0);
-    Some((u, v.clamp(0.0, 1.0 - u)))
+    let u = clamped(u, 1.0);
+    (u, clamped(v, 1.0 - u))
+}
+
+/// A finite number moved into the range from 0 to `most`.
+#[inline(always)]
+fn clamped(value: f32, most: f32) -> f32 {
+    let value = if value < 0.0 { 0.0 } else { value };
+    if value > most { most } else { value }
 }

@@ -22,26 +22,26 @@ use super::surface::Surface;
 use crate::limits::SHEETS_PER_SEGMENT_MAX;
 
 /// A shadow ray ends this share before the light, so that it does not meet the light itself.
-const SHADOW_SHARE: f32 = 1.0 - 1e-4;
+pub(super) const SHADOW_SHARE: f32 = 1.0 - 1e-4;
 
 /// Random numbers of a vertex: places 4 n + 1 and on; place 0 is the camera's.
-const PLACES: u32 = 4;
+pub(super) const PLACES: u32 = 4;
 
 /// A path between two rays.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Path {
     /// What light that arrives along the ray is multiplied by.
-    throughput: Vec3,
+    pub(super) throughput: Vec3,
     /// How the ray came about: what a light it meets must be weighed against. The solid angle density of a
     /// rough lobe at `from`, or [`DIRECT`] or [`CAUSTIC`].
-    pdf: f32,
-    from: Vec3,
+    pub(super) pdf: f32,
+    pub(super) from: Vec3,
     /// Whose path it is; the meaning is the caller's.
     pub(super) pixel: u32,
-    random: PathRandom,
-    vertex: u16,
-    bounce: u8,
-    sheets: u8,
+    pub(super) random: PathRandom,
+    pub(super) vertex: u16,
+    pub(super) bounce: u8,
+    pub(super) sheets: u8,
 }
 
 /// From the camera, or only perfect mirrors since: no other technique finds these lights.
@@ -172,6 +172,14 @@ fn vertex<const NEEDS: usize>(
     }
 }
 
+/// The weight of a sample with density `pdf` that another technique draws with `other`, over the density: the power
+/// heuristic with one division less.
+#[inline(always)]
+pub(super) fn weight_over_density(pdf: f32, other: f32) -> f32 {
+    let ratio = other / pdf;
+    1.0 / (pdf * (1.0 + ratio * ratio))
+}
+
 /// What both kinds of surfaces need to know.
 struct Context<'a> {
     prepared: &'a Prepared,
@@ -214,9 +222,7 @@ impl Context<'_> {
         }
         // After the last bounce the surface's own sampling does not follow, so nothing is shared.
         let other = if self.last { 0.0 } else { pdf };
-        // The power heuristic over the density, with one division less.
-        let ratio = other / light.pdf;
-        let weight = 1.0 / (light.pdf * (1.0 + ratio * ratio));
+        let weight = weight_over_density(light.pdf, other);
         *shadow = Shadow {
             ray: Ray {
                 origin: self.surface.start(light.direction),

@@ -2,7 +2,9 @@
 
 use serde::de::value::{Error, StrDeserializer};
 use serde::{Deserialize, Serialize};
-use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Quality, TreeParameters};
+use treewright_accel::{
+    BuildChoice, NativeAcceleration, NativeOptions, NativeQuality, Quality, TreeParameters, Update,
+};
 use treewright_client::{Configuration, Value};
 
 use super::Backend;
@@ -15,12 +17,15 @@ pub struct Choice {
     pub build: BuildChoice,
     /// How pixels are grouped and rays are traced.
     pub render: RenderOptions,
+    /// How the structure follows a scene that moves.
+    #[serde(default)]
+    pub update: Update,
 }
 
 impl From<BuildChoice> for Choice {
     /// Rendered as a simple renderer does: path by path, ray by ray.
     fn from(build: BuildChoice) -> Self {
-        Self { build, render: RenderOptions::default() }
+        Self { build, render: RenderOptions::default(), update: Update::Rebuild }
     }
 }
 
@@ -51,7 +56,7 @@ pub(super) fn of_full(complete: &Configuration, robust: bool, threads: usize) ->
     let values = Values(complete);
     let tunable = values.text("backend") == Some(Backend::Tunable.name());
     let build = if tunable { BuildChoice::Tree(values.tree(robust)) } else { values.native(robust) };
-    Choice { build, render: values.rendering(threads) }
+    Choice { build, render: values.rendering(threads), update: values.update() }
 }
 
 /// Reads values; what is not there is inactive and keeps the default of where it goes.
@@ -60,13 +65,30 @@ struct Values<'a>(&'a Configuration);
 impl Values<'_> {
     fn native(&self, robust: bool) -> BuildChoice {
         let default = NativeOptions::default();
+        let compact = self.text("native_layout") == Some("compact");
         BuildChoice::Native(NativeOptions {
             quality: self.word("native_quality", default.quality),
-            compact: self.boolean("native_compact"),
+            compact,
             dynamic: self.boolean("native_dynamic"),
             robust,
-            ..default
+            acceleration: match compact {
+                true => NativeAcceleration::Auto,
+                false => self.word("native_layout", default.acceleration),
+            },
+            split_budget: self.number("native_split_budget", default.split_budget),
+            presplit: self.boolean("native_presplit"),
         })
+    }
+
+    /// Only one of the two names is active.
+    fn update(&self) -> Update {
+        match self.text("update").or(self.text("native_update")) {
+            Some("refit") => Update::Refit,
+            Some("partial") => Update::Partial {
+                rebuild_threshold: self.number("rebuild_threshold", Update::REBUILD_THRESHOLD),
+            },
+            _ => Update::Rebuild,
+        }
     }
 
     fn tree(&self, robust: bool) -> TreeParameters {

@@ -6,10 +6,11 @@
 //!
 //! * `robust` decides which hits are found at edges. That is a question of correctness, which is the user's to
 //!   answer (`--robust`) and not the stopwatch's. Embree's quality high falls back to medium with it.
-//! * `compact` of Table 1 is native Embree's compact scene, here `native_compact`; Embree's quality high is
-//!   plain SAH with it.
+//! * `compact` of Table 1 is native Embree's compact scene, here a value of `native_layout`. Layouts act with
+//!   medium quality, spatial splits and their budget with high; its values are few, because each takes a device.
 //! * Of Table 1's two costs only the ratio acts: `traversal_cost` counts in triangle tests.
-//! * Table 1's `static` sets a builder flag that a tree built once does not feel.
+//! * Table 1's `static` sets a builder flag that a tree built once does not feel; where nothing moves there is no
+//!   update to choose, and native Embree's flag for it only costs memory.
 //! * Trees shallower than 24 levels were never among the good ones, and every tenth of them cannot be built.
 //! * Coherent packets for scattered rays halve their speed, packets of another kind for camera rays gain
 //!   nothing (both measured on three scenes): these values are left out.
@@ -45,24 +46,52 @@ fn native(premises: &Premises) -> Vec<Explained> {
         (false, true) => "medium",
         (false, false) => "high",
     };
-    vec![
+    // The names of leaves that are watertight end in v.
+    let layouts: &[&str] = if premises.robust {
+        &["auto", "compact", "bvh8_triangle4v", "bvh4_triangle4v"]
+    } else {
+        &["auto", "compact", "bvh8_triangle4i", "qbvh8_triangle4", "bvh4_triangle4"]
+    };
+    let mut all = vec![
         native(choice(
             "native_quality",
             levels.iter().copied(),
             default,
             "how carefully Embree builds: low by Morton codes, medium by the surface area heuristic, high also splits triangles",
         )),
-        boolean("native_compact", false, "Embree's memory-saving layout")
-            .only_while("native_quality", ["low", "medium"]),
-        native(boolean("native_dynamic", false, "tell Embree that the geometry will change")),
-    ]
+        choice(
+            "native_layout",
+            layouts.iter().copied(),
+            "auto",
+            "nodes and leaves: Embree's choice, its choice for little memory, or by name",
+        )
+        .only_while("native_quality", ["medium"]),
+    ];
+    if !premises.robust {
+        let high = |one: Explained| one.only_while("native_quality", ["high"]);
+        all.push(high(choice(
+            "native_split_budget",
+            [1.2, 1.5, 2.0, 3.0],
+            1.2,
+            "how many references triangles may be split into, on average",
+        )));
+        all.push(high(boolean("native_presplit", false, "split triangles before the build, not during it")));
+    }
+    if premises.animated {
+        all.push(native(boolean("native_dynamic", false, "keep what a later update can use")));
+        all.push(native(choice("native_update", ["rebuild", "refit"], "rebuild", UPDATE)));
+    }
+    all
 }
+
+const UPDATE: &str =
+    "how the structure follows what moves: built anew, boxes fitted, or decayed parts built anew";
 
 fn tunable(premises: &Premises) -> Vec<Explained> {
     let tunable = |one: Explained| one.only_while("backend", [Backend::Tunable.name()]);
     let sah = |one: Explained| one.only_while("quality", [2, 3]);
     let quality = if premises.builds_each_frame { 1 } else { 3 };
-    vec![
+    let mut all = vec![
         tunable(integer(
             "quality",
             1..=3,
@@ -107,7 +136,14 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
             "builder",
             "how boxes lie in memory",
         )),
-    ]
+    ];
+    if premises.animated {
+        all.push(tunable(choice("update", ["rebuild", "refit", "partial"], "rebuild", UPDATE)));
+        let about = "how many times the cost at its last build a part may have before it is built anew";
+        let threshold = float("rebuild_threshold", 1.0..=4.0, 1.3, about);
+        all.push(threshold.log().only_while("update", ["partial"]));
+    }
+    all
 }
 
 fn rendering(premises: &Premises) -> Vec<Explained> {

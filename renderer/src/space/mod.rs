@@ -72,19 +72,22 @@ pub struct Premises {
     pub robust: bool,
     /// The scene has lights that shadow rays are sent to.
     pub shadow_rays: bool,
+    /// The scene moves from frame to frame.
+    pub animated: bool,
     /// How many render threads there are; 0 for one a core.
     pub threads: usize,
 }
 
 impl Premises {
-    /// For a scene.
+    /// For a scene that stands still.
     pub fn of(scene: &Scene, builds_each_frame: bool, robust: bool, threads: usize) -> Self {
-        Self { builds_each_frame, robust, shadow_rays: scene.has_sampled_lights(), threads }
+        let shadow_rays = scene.has_sampled_lights();
+        Self { builds_each_frame, robust, shadow_rays, animated: false, threads }
     }
 
     /// Under which every parameter there is exists.
     pub fn all() -> Self {
-        Self { builds_each_frame: false, robust: false, shadow_rays: true, threads: 0 }
+        Self { builds_each_frame: false, robust: false, shadow_rays: true, animated: true, threads: 0 }
     }
 }
 
@@ -93,6 +96,7 @@ impl Premises {
 pub struct TuningSpace {
     preset: Preset,
     robust: bool,
+    animated: bool,
     threads: usize,
     space: Space,
     about: Vec<&'static str>,
@@ -113,12 +117,21 @@ impl TuningSpace {
         let space = space.expect("the spaces of this program are sound");
         let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let threads = if premises.threads == 0 { cores() } else { premises.threads };
-        Self { preset, robust: premises.robust, threads, space, about }
+        let Premises { robust, animated, .. } = *premises;
+        Self { preset, robust, animated, threads, space, about }
     }
 
     /// Table 1.
     pub fn paper() -> Self {
         Self::new(Preset::Paper, &Premises::all())
+    }
+
+    /// What tells it apart from others, e.g. `full-robust`.
+    pub fn name(&self) -> String {
+        let mark = |holds: bool, mark: &'static str| if holds { mark } else { "" };
+        let full = self.preset == Preset::Full;
+        let robust = mark(self.robust && full, "-robust");
+        format!("{}{robust}{}", self.preset.name(), mark(self.animated && full, "-moving"))
     }
 
     /// Which one it is.
@@ -266,6 +279,11 @@ fn in_domain(parameter: &Parameter, value: Option<&Value>) -> Result<Value, Conf
         (None, _) => return Ok(parameter.default.clone()),
         // People write 1 for 1.0.
         (Some(Value::Integer(value)), Domain::Float { .. }) => Value::Float(*value as f64),
+        (Some(Value::Integer(value)), Domain::Categorical { values })
+            if matches!(values.first(), Some(Value::Float(_))) =>
+        {
+            Value::Float(*value as f64)
+        }
         (Some(value), _) => value.clone(),
     };
     if parameter.domain.contains(&value) {

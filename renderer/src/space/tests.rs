@@ -1,8 +1,8 @@
 //! Both spaces: defaults, every value's way into the renderer, and mistakes.
 
 use treewright_accel::{
-    BuildChoice, Collapse, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Packets, Quality,
-    TreeParameters,
+    BuildChoice, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Packets,
+    Quality, TreeParameters, Update,
 };
 
 use super::*;
@@ -12,13 +12,14 @@ fn full() -> TuningSpace {
     TuningSpace::new(Preset::Full, &Premises::all())
 }
 
-fn spaces() -> [TuningSpace; 4] {
+fn spaces() -> [TuningSpace; 5] {
     let all = Premises::all();
     [
         TuningSpace::paper(),
         full(),
         TuningSpace::new(Preset::Full, &Premises { builds_each_frame: true, robust: true, ..all }),
         TuningSpace::new(Preset::Full, &Premises { shadow_rays: false, ..all }),
+        TuningSpace::new(Preset::Full, &Premises { animated: false, ..all }),
     ]
 }
 
@@ -56,6 +57,7 @@ fn the_full_default_is_the_best_known_by_hand() {
     let native = |quality, robust| Choice {
         build: BuildChoice::Native(NativeOptions { quality, robust, ..NativeOptions::default() }),
         render: by_hand,
+        update: Update::Rebuild,
     };
     assert_eq!(choice(&full(), ""), Ok(native(NativeQuality::High, false)));
     let robust = Premises { robust: true, ..Premises::all() };
@@ -110,14 +112,28 @@ fn every_value_of_the_full_space_arrives() {
         ..TreeParameters::default()
     };
     assert_eq!(tree(&full, text), expected);
-    let native = choice(&full, "native_quality=low,native_compact=true,native_dynamic=true");
+    let native =
+        choice(&full, "native_quality=high,native_split_budget=2,native_presplit=true,native_dynamic=true");
     let options = NativeOptions {
-        quality: NativeQuality::Low,
-        compact: true,
+        quality: NativeQuality::High,
         dynamic: true,
+        split_budget: 2.0,
+        presplit: true,
         ..NativeOptions::default()
     };
     assert_eq!(native.map(|choice| choice.build), Ok(BuildChoice::Native(options)));
+    let layout = |text: &str| choice(&full, text).map(|choice| choice.build);
+    let options = NativeOptions::default();
+    let compact = NativeOptions { compact: true, ..options };
+    assert_eq!(layout("native_layout=compact"), Ok(BuildChoice::Native(compact)));
+    let qbvh = NativeOptions { acceleration: NativeAcceleration::Qbvh8Triangle4, ..options };
+    assert_eq!(layout("native_layout=qbvh8_triangle4"), Ok(BuildChoice::Native(qbvh)));
+    let update = |text: &str| choice(&full, text).map(|choice| choice.update);
+    assert_eq!(update("rebuild_threshold=2"), Ok(Update::Partial { rebuild_threshold: 2.0 }));
+    assert_eq!(
+        (update("native_update=refit"), update("quality=2")),
+        (Ok(Update::Refit), Ok(Update::Rebuild))
+    );
     let text = "threads=half,tile=64,tile_order=morton,primary=eight_coherent,first_shadow=sixteen,bounce=eight,shadow=sixteen,sort=octant_morton";
     let render = RenderOptions {
         staged: true,
@@ -155,9 +171,12 @@ fn every_end_of_every_domain_is_accepted_and_makes_a_difference() {
                 let text = format!("{}={value}", parameter.name);
                 let choice = choice(&space, &text);
                 let choice = choice.unwrap_or_else(|error| panic!("{text}: {error}"));
-                if let BuildChoice::Tree(tree) = &choice.build {
-                    assert_eq!(tree.check(), Ok(()), "{text}");
+                match &choice.build {
+                    BuildChoice::Tree(tree) => assert_eq!(tree.check(), Ok(()), "{text}"),
+                    BuildChoice::Native(options) => assert_eq!(options.check(), Ok(()), "{text}"),
+                    BuildChoice::BruteForce => unreachable!("no space offers it"),
                 }
+                assert_eq!(choice.update.check(), Ok(()), "{text}");
                 seen.push(format!("{choice:?}"));
             }
             let count = seen.len();
@@ -179,7 +198,7 @@ fn a_value_takes_along_what_it_needs() {
     assert_eq!(get("quality=2", "backend"), Some("tunable".into()));
     assert_eq!(get("reinsertion_passes=2", "collapse"), Some("optimal".into()));
     assert_eq!(get("reinsertion_passes=2", "backend"), Some("tunable".into()));
-    assert_eq!(get("native_compact=true", "native_quality"), Some("low".into()));
+    assert_eq!(get("native_layout=compact", "native_quality"), Some("medium".into()));
     assert_eq!(get("sah_block_size=2", "quality"), Some(Value::from(3)), "the default where it fits");
     assert_eq!(get("primary=single", "staged"), Some(true.into()));
     assert_eq!(get("format=quantised", "node_width"), Some(Value::from(8)));
@@ -199,6 +218,10 @@ fn what_a_scene_cannot_use_is_not_there() {
     let missing: Vec<String> =
         names(&full()).into_iter().filter(|name| !names(&dark).contains(name)).collect();
     assert_eq!(missing, ["first_shadow", "shadow"]);
+    let still = TuningSpace::new(Preset::Full, &Premises { animated: false, ..Premises::all() });
+    let missing: Vec<String> =
+        names(&full()).into_iter().filter(|name| !names(&still).contains(name)).collect();
+    assert_eq!(missing, ["native_dynamic", "native_update", "update", "rebuild_threshold"]);
     assert!(problem(&dark, "shadow=eight").contains("no parameter \"shadow\" in --space full"));
 }
 

@@ -6,7 +6,7 @@ use treewright_client::{ClientError, Policy, Scale, StudySpec};
 
 use crate::frame::FrameTimes;
 use crate::indicators::{IndicatorScale, SCHEMA};
-use crate::space::{Preset, TuningSpace};
+use crate::space::TuningSpace;
 
 /// Name of the measurement of a build, in milliseconds.
 pub const BUILD_MS: &str = "build_ms";
@@ -83,8 +83,7 @@ pub fn study_id(
     scene: &str,
     objective: Objective,
     size: impl std::fmt::Display,
-    preset: Preset,
-    robust: bool,
+    space: &TuningSpace,
 ) -> String {
     let scene: String = scene
         .to_lowercase()
@@ -93,8 +92,7 @@ pub fn study_id(
             if letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_' { letter } else { '-' }
         })
         .collect();
-    let robust = if robust { "-robust" } else { "" };
-    let end = format!("-{}-{size}-{}{robust}", objective.name(), preset.name());
+    let end = format!("-{}-{size}-{}", objective.name(), space.name());
     let mut id = if scene.starts_with(|letter: char| letter.is_ascii_lowercase()) {
         scene
     } else {
@@ -108,22 +106,26 @@ pub fn study_id(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::space::{Premises, Preset};
 
     #[test]
     fn ids_follow_the_contract() {
-        let id = |name: &str, objective, size| study_id(name, objective, size, Preset::Full, false);
+        let still = Premises { animated: false, ..Premises::all() };
+        let full = TuningSpace::new(Preset::Full, &still);
+        let id = |name: &str, objective, size| study_id(name, objective, size, &full);
         assert_eq!(
             id("Sponza Atrium.v2", Objective::Render, "320x240"),
             "sponza-atrium-v2-render-320x240-full"
         );
         assert_eq!(id("7even", Objective::Total, "8x8"), "scene-7even-total-8x8-full");
+        let other = TuningSpace::new(Preset::Full, &Premises { robust: true, ..Premises::all() });
         for name in ["", "ÄÖ", &"x".repeat(500)] {
-            let id = study_id(name, Objective::Total, "16384x16384", Preset::Paper, true);
+            let id = study_id(name, Objective::Total, "16384x16384", &other);
             assert!(
                 id.len() <= STUDY_ID_MAX && id.starts_with(|letter: char| letter.is_ascii_lowercase()),
                 "{id}"
             );
-            assert!(id.ends_with("-total-16384x16384-paper-robust"));
+            assert!(id.ends_with("-total-16384x16384-full-robust-moving"));
         }
         assert_ne!(id("a", Objective::Render, "8x8"), id("a", Objective::Total, "8x8"));
     }

@@ -1,4 +1,4 @@
-//! Instruction sets the kernels are compiled for.
+//! Instruction sets the kernels are compiled for, and a way to compile a caller's loops for them as well.
 
 /// An instruction set with kernels of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -47,9 +47,66 @@ impl Isa {
     }
 }
 
+/// Loops that are worth compiling for each instruction set. Results do not depend on which one runs: no operation is
+/// fused or reordered that the source does not fuse or reorder.
+pub trait Work {
+    /// What comes of it.
+    type Output;
+
+    /// Does it. To be marked `#[inline(always)]`, and all it calls, or it stays compiled for the baseline.
+    fn run(self) -> Self::Output;
+}
+
+impl Isa {
+    /// Does some work with this instruction set, or with the baseline's where the processor lacks it.
+    #[inline]
+    pub fn run<W: Work>(self, work: W) -> W::Output {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: the processor has what the function is compiled for.
+            Self::Avx512 if self.is_available() => unsafe { run_with_avx512(work) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: the processor has what the function is compiled for.
+            Self::Avx2 if self.is_available() => unsafe { run_with_avx2(work) },
+            _ => work.run(),
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+fn run_with_avx512<W: Work>(work: W) -> W::Output {
+    work.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+fn run_with_avx2<W: Work>(work: W) -> W::Output {
+    work.run()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn work_gives_the_same_bits_with_every_instruction_set() {
+        struct Norms<'a>(&'a [[f32; 3]]);
+        impl Work for Norms<'_> {
+            type Output = Vec<u32>;
+
+            #[inline(always)]
+            fn run(self) -> Vec<u32> {
+                self.0.iter().map(|[x, y, z]| (1.0 / (x * x + y * y + z * z).sqrt()).to_bits()).collect()
+            }
+        }
+        let vectors: Vec<[f32; 3]> =
+            (0..1000).map(|n| [0.1, 1.7, -3.3].map(|step| step * n as f32 + 0.01)).collect();
+        let expected = Norms(&vectors).run();
+        for isa in Isa::ALL {
+            assert_eq!(isa.run(Norms(&vectors)), expected, "{isa:?}");
+        }
+    }
 
     #[test]
     fn the_plain_one_is_always_there_and_the_best_one_is_chosen() {

@@ -14,7 +14,7 @@ mod stack;
 mod triangles;
 mod watertight;
 
-pub use isa::Isa;
+pub use isa::{Isa, Work};
 
 use crate::geometry::{Hit, Packets, Ray};
 use crate::parameters::TreeParameters;

@@ -1,0 +1,316 @@
+//! A chunk of hits as columns: one array a number, so that a loop over them becomes vector instructions.
+//!
+//! Each group of columns has a `get` and a `set` with the type the scalar code knows, so that a pass reads like it.
+
+use glam::Vec3;
+
+use crate::integrator::LightSample;
+use crate::integrator::bsdf::Gloss;
+use crate::integrator::lights::Lamp;
+use crate::integrator::random::PathRandom;
+use crate::integrator::surface::{Facet, Surface};
+
+/// Hits of a chunk: the columns stay in the first-level cache, and the cost of a pass is spread wide enough.
+pub(super) const LANES: usize = 64;
+
+/// A number of each hit.
+pub(super) type Column<T = f32> = [T; LANES];
+
+/// A vector of each hit.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Vectors {
+    x: Column,
+    y: Column,
+    z: Column,
+}
+
+impl Vectors {
+    pub(super) const ZERO: Self = Self { x: [0.0; LANES], y: [0.0; LANES], z: [0.0; LANES] };
+
+    #[inline(always)]
+    pub(super) fn get(&self, lane: usize) -> Vec3 {
+        Vec3::new(self.x[lane], self.y[lane], self.z[lane])
+    }
+
+    #[inline(always)]
+    pub(super) fn set(&mut self, lane: usize, vector: Vec3) {
+        self.x[lane] = vector.x;
+        self.y[lane] = vector.y;
+        self.z[lane] = vector.z;
+    }
+}
+
+/// Triangles.
+#[derive(Clone, Debug)]
+pub(super) struct Facets {
+    corner: Vectors,
+    edges: [Vectors; 2],
+    pub(super) longest: Column,
+    normals: [Vectors; 3],
+    /// 1 where normals are interpolated.
+    pub(super) smooth: Column<u32>,
+}
+
+impl Facets {
+    pub(super) const ZERO: Self = Self {
+        corner: Vectors::ZERO,
+        edges: [Vectors::ZERO; 2],
+        longest: [0.0; LANES],
+        normals: [Vectors::ZERO; 3],
+        smooth: [0; LANES],
+    };
+
+    #[inline(always)]
+    pub(super) fn set(&mut self, lane: usize, facet: &Facet) {
+        let [corner, ab, ac] = facet.corner_and_edges();
+        self.corner.set(lane, corner);
+        self.edges[0].set(lane, ab);
+        self.edges[1].set(lane, ac);
+        self.longest[lane] = facet.longest();
+        self.smooth[lane] = facet.is_smooth().into();
+    }
+
+    #[inline(always)]
+    pub(super) fn set_normals(&mut self, lane: usize, facet: &Facet) {
+        let normals = facet.normals();
+        for corner in 0..3 {
+            self.normals[corner].set(lane, normals[corner]);
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn corner_and_edges(&self, lane: usize) -> [Vec3; 3] {
+        [self.corner.get(lane), self.edges[0].get(lane), self.edges[1].get(lane)]
+    }
+
+    #[inline(always)]
+    pub(super) fn normals(&self, lane: usize) -> [Vec3; 3] {
+        [self.normals[0].get(lane), self.normals[1].get(lane), self.normals[2].get(lane)]
+    }
+}
+
+/// Where paths meet triangles.
+#[derive(Clone, Debug)]
+pub(super) struct Surfaces {
+    pub(super) position: Vectors,
+    pub(super) geometric_normal: Vectors,
+    pub(super) shading_normal: Vectors,
+    pub(super) offset: Column,
+}
+
+impl Surfaces {
+    pub(super) const ZERO: Self = Self {
+        position: Vectors::ZERO,
+        geometric_normal: Vectors::ZERO,
+        shading_normal: Vectors::ZERO,
+        offset: [0.0; LANES],
+    };
+
+    #[inline(always)]
+    pub(super) fn set(&mut self, lane: usize, surface: &Surface) {
+        self.position.set(lane, surface.position);
+        self.geometric_normal.set(lane, surface.geometric_normal);
+        self.shading_normal.set(lane, surface.shading_normal);
+        self.offset[lane] = surface.offset;
+    }
+
+    #[inline(always)]
+    pub(super) fn get(&self, lane: usize) -> Surface {
+        Surface {
+            position: self.position.get(lane),
+            geometric_normal: self.geometric_normal.get(lane),
+            shading_normal: self.shading_normal.get(lane),
+            offset: self.offset[lane],
+        }
+    }
+}
+
+/// What surfaces are made of. Matt ones have the first column only.
+#[derive(Clone, Debug)]
+pub(super) struct Materials {
+    pub(super) diffuse: Vectors,
+    f0: Vectors,
+    f90: Column,
+    layer_f90: Vectors,
+    alpha: Column,
+}
+
+impl Materials {
+    pub(super) const ZERO: Self = Self {
+        diffuse: Vectors::ZERO,
+        f0: Vectors::ZERO,
+        f90: [0.0; LANES],
+        layer_f90: Vectors::ZERO,
+        alpha: [0.0; LANES],
+    };
+
+    #[inline(always)]
+    pub(super) fn set(&mut self, lane: usize, gloss: &Gloss) {
+        self.diffuse.set(lane, gloss.diffuse);
+        self.f0.set(lane, gloss.f0);
+        self.f90[lane] = gloss.f90;
+        self.layer_f90.set(lane, gloss.layer_f90);
+        self.alpha[lane] = gloss.alpha;
+    }
+
+    #[inline(always)]
+    pub(super) fn get(&self, lane: usize) -> Gloss {
+        Gloss {
+            diffuse: self.diffuse.get(lane),
+            f0: self.f0.get(lane),
+            f90: self.f90[lane],
+            layer_f90: self.layer_f90.get(lane),
+            alpha: self.alpha[lane],
+        }
+    }
+}
+
+/// The lamps that were picked.
+#[derive(Clone, Debug)]
+pub(super) struct Lamps {
+    corner: Vectors,
+    edges: [Vectors; 2],
+    normal: Vectors,
+    emission: Vectors,
+    density: Column,
+}
+
+impl Lamps {
+    pub(super) const ZERO: Self = Self {
+        corner: Vectors::ZERO,
+        edges: [Vectors::ZERO; 2],
+        normal: Vectors::ZERO,
+        emission: Vectors::ZERO,
+        density: [0.0; LANES],
+    };
+
+    #[inline(always)]
+    pub(super) fn set(&mut self, lane: usize, lamp: &Lamp) {
+        self.corner.set(lane, lamp.corner);
+        self.edges[0].set(lane, lamp.edges[0]);
+        self.edges[1].set(lane, lamp.edges[1]);
+        self.normal.set(lane, lamp.normal);
+        self.emission.set(lane, lamp.emission);
+        self.density[lane] = lamp.density;
+    }
+
+    #[inline(always)]
+    pub(super) fn get(&self, lane: usize) -> Lamp {
+        Lamp {
+            corner: self.corner.get(lane),
+            edges: [self.edges[0].get(lane), self.edges[1].get(lane)],
+            normal: self.normal.get(lane),
+            emission: self.emission.get(lane),
+            density: self.density[lane],
+        }
+    }
+}
+
+/// Sampled lights.
+#[derive(Clone, Debug)]
+pub(super) struct Lights {
+    direction: Vectors,
+    distance: Column,
+    radiance: Vectors,
+    pdf: Column,
+}
+
+impl Lights {
+    pub(super) const ZERO: Self =
+        Self { direction: Vectors::ZERO, distance: [0.0; LANES], radiance: Vectors::ZERO, pdf: [0.0; LANES] };
+
+    #[inline(always)]
+    pub(super) fn set(&mut self, lane: usize, light: &LightSample) {
+        self.direction.set(lane, light.direction);
+        self.distance[lane] = light.distance;
+        self.radiance.set(lane, light.radiance);
+        self.pdf[lane] = light.pdf;
+    }
+
+    #[inline(always)]
+    pub(super) fn get(&self, lane: usize) -> LightSample {
+        LightSample {
+            direction: self.direction.get(lane),
+            distance: self.distance[lane],
+            radiance: self.radiance.get(lane),
+            pdf: self.pdf[lane],
+        }
+    }
+}
+
+/// Where paths come from: their rays, and what they carry.
+#[derive(Clone, Debug)]
+pub(super) struct Arrivals {
+    pub(super) origin: Vectors,
+    pub(super) direction: Vectors,
+    /// The weights that the accelerator gave, for rays in the plane of their triangle.
+    pub(super) weights: [Column; 2],
+    pub(super) throughput: Vectors,
+    pub(super) random: Column<PathRandom>,
+    /// Where the vertex's random numbers begin.
+    pub(super) place: Column<u32>,
+    /// 1 where no bounce is left.
+    pub(super) last: Column<u32>,
+}
+
+impl Arrivals {
+    pub(super) const ZERO: Self = Self {
+        origin: Vectors::ZERO,
+        direction: Vectors::ZERO,
+        weights: [[0.0; LANES]; 2],
+        throughput: Vectors::ZERO,
+        random: [PathRandom::NONE; LANES],
+        place: [0; LANES],
+        last: [0; LANES],
+    };
+}
+
+/// The random numbers of a vertex, by their places.
+#[derive(Clone, Debug)]
+pub(super) struct Numbers {
+    pub(super) pick: [Column; 2],
+    pub(super) light: [Column; 2],
+    pub(super) choice: Column,
+    pub(super) turn: [Column; 2],
+}
+
+impl Numbers {
+    pub(super) const ZERO: Self = Self {
+        pick: [[0.0; LANES]; 2],
+        light: [[0.0; LANES]; 2],
+        choice: [0.0; LANES],
+        turn: [[0.0; LANES]; 2],
+    };
+}
+
+/// What vertices ask for: a shadow ray, and where the path goes on.
+#[derive(Clone, Debug)]
+pub(super) struct Departures {
+    /// 1 where there is a shadow ray.
+    pub(super) shadow: Column<u32>,
+    pub(super) shadow_origin: Vectors,
+    pub(super) shadow_direction: Vectors,
+    pub(super) shadow_t_max: Column,
+    pub(super) light: Vectors,
+    /// 1 where the path goes on.
+    pub(super) goes_on: Column<u32>,
+    pub(super) origin: Vectors,
+    pub(super) direction: Vectors,
+    pub(super) throughput: Vectors,
+    pub(super) pdf: Column,
+}
+
+impl Departures {
+    pub(super) const ZERO: Self = Self {
+        shadow: [0; LANES],
+        shadow_origin: Vectors::ZERO,
+        shadow_direction: Vectors::ZERO,
+        shadow_t_max: [0.0; LANES],
+        light: Vectors::ZERO,
+        goes_on: [0; LANES],
+        origin: Vectors::ZERO,
+        direction: Vectors::ZERO,
+        throughput: Vectors::ZERO,
+        pdf: [0.0; LANES],
+    };
+}

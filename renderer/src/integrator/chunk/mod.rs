@@ -1,0 +1,169 @@
+//! Shading many hits at once, stage by stage: what most of them need, as loops over columns that the compiler turns
+//! into vector instructions.
+//!
+//! A chunk gathers hits on matt surfaces and on rough, opaque layers, in two runs of lanes, one from either end.
+//! Whatever is rare goes through [`Kernel::vertex`](super::vertex::Kernel) as in the path-by-path way: lamps that are
+//! hit, mirrors, thin sheets, triangles too small for single precision's squares, and scenes of instances. Both give
+//! the same bits. The loops are compiled for each instruction set ([`Isa::run`]). Compare Lee et al., Vectorized
+//! Production Path Tracing (HPG 2017), who sort hits into such runs as well.
+
+mod columns;
+mod passes;
+
+use treewright_accel::{Hit, Isa, Ray};
+
+use columns::{Arrivals, Column, Departures, Facets, LANES, Lamps, Lights, Materials, Numbers, Surfaces};
+use passes::Passes;
+
+use super::Needs;
+use super::prepared::{Prepared, Shading};
+use super::surface::Facet;
+use super::vertex::{Next, PLACES, Path, Shadow};
+
+/// Most hits of a chunk.
+pub(super) const HITS: usize = LANES;
+
+/// Up to [`HITS`] hits.
+#[derive(Debug)]
+pub(super) struct Chunk {
+    isa: Isa,
+    /// Hits on matt surfaces, from the first lane on.
+    matt: usize,
+    /// Hits on rough layers, from the last lane back.
+    glossy: usize,
+    columns: Box<Columns>,
+}
+
+#[derive(Debug)]
+struct Columns {
+    arrivals: Arrivals,
+    facets: Facets,
+    materials: Materials,
+    surfaces: Surfaces,
+    /// 1 where the triangle is too small or too large.
+    odd: Column<u32>,
+    numbers: Numbers,
+    lamps: Lamps,
+    sampled: Lights,
+    /// 1 where the sampled light can light the surface.
+    lit: Column<u32>,
+    departures: Departures,
+}
+
+impl Default for Chunk {
+    fn default() -> Self {
+        let columns = Columns {
+            arrivals: Arrivals::ZERO,
+            facets: Facets::ZERO,
+            materials: Materials::ZERO,
+            surfaces: Surfaces::ZERO,
+            odd: [0; LANES],
+            numbers: Numbers::ZERO,
+            lamps: Lamps::ZERO,
+            sampled: Lights::ZERO,
+            lit: [0; LANES],
+            departures: Departures::ZERO,
+        };
+        Self { isa: Isa::detect(), matt: 0, glossy: 0, columns: Box::new(columns) }
+    }
+}
+
+impl Chunk {
+    /// Whether hits of a scene can be shaded in chunks at all.
+    pub(super) fn serves(needs: Needs) -> bool {
+        !needs.instances
+    }
+
+    /// Without hits.
+    pub(super) fn clear(&mut self) {
+        (self.matt, self.glossy) = (0, 0);
+    }
+
+    /// Takes a hit if it is of a common kind: the lane it has. At most [`HITS`] between two [`Chunk::clear`].
+    #[inline(always)]
+    pub(super) fn gather(
+        &mut self,
+        needs: Needs,
+        bounces: u32,
+        (path, ray, hit): (&Path, &Ray, &Hit),
+        (facet, shading): (&Facet, &Shading),
+    ) -> Option<usize> {
+        if shading.glows {
+            return None;
+        }
+        let lane = if !needs.layers || shading.bsdf.is_matt() {
+            let lane = self.matt;
+            self.columns.materials.diffuse.set(lane, shading.bsdf.diffuse());
+            self.matt += 1;
+            lane
+        } else {
+            let gloss = shading.bsdf.gloss()?;
+            self.glossy += 1;
+            let lane = LANES - self.glossy;
+            self.columns.materials.set(lane, &gloss);
+            lane
+        };
+        let Columns { arrivals, facets, .. } = &mut *self.columns;
+        facets.set(lane, facet);
+        if needs.smooth {
+            facets.set_normals(lane, facet);
+        }
+        arrivals.origin.set(lane, ray.origin);
+        arrivals.direction.set(lane, ray.direction);
+        arrivals.weights[0][lane] = hit.u;
+        arrivals.weights[1][lane] = hit.v;
+        arrivals.throughput.set(lane, path.throughput);
+        arrivals.random[lane] = path.random;
+        arrivals.place[lane] = u32::from(path.vertex) * PLACES + 1;
+        arrivals.last[lane] = (u32::from(path.bounce) == bounces).into();
+        Some(lane)
+    }
+
+    /// Shades all hits.
+    pub(super) fn shade(&mut self, prepared: &Prepared, needs: Needs) {
+        self.isa.run(Passes { lights: &prepared.lights, needs, chunk: self });
+    }
+
+    /// What came of the hit in a lane, as from [`Kernel::vertex`](super::vertex::Kernel); `None` if the common way
+    /// does not suit it after all.
+    #[inline(always)]
+    pub(super) fn scatter(
+        &self,
+        lane: usize,
+        path: &mut Path,
+        ray: &mut Ray,
+        shadow: &mut Shadow,
+    ) -> Option<Next> {
+        let Columns { surfaces, departures, odd, .. } = &*self.columns;
+        if odd[lane] != 0 {
+            return None;
+        }
+        let next = Next { shadow: departures.shadow[lane] != 0, goes_on: departures.goes_on[lane] != 0 };
+        if next.shadow {
+            *shadow = Shadow {
+                ray: Ray {
+                    origin: departures.shadow_origin.get(lane),
+                    direction: departures.shadow_direction.get(lane),
+                    t_min: 0.0,
+                    t_max: departures.shadow_t_max[lane],
+                },
+                light: departures.light.get(lane),
+            };
+        }
+        if next.goes_on {
+            path.vertex += 1;
+            path.bounce += 1;
+            path.sheets = 0;
+            path.throughput = departures.throughput.get(lane);
+            path.pdf = departures.pdf[lane];
+            path.from = surfaces.position.get(lane);
+            *ray = Ray {
+                origin: departures.origin.get(lane),
+                direction: departures.direction.get(lane),
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
+        }
+        Some(next)
+    }
+}
