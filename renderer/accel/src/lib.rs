@@ -26,7 +26,7 @@ pub use parameters::{
     BuildChoice, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Quality,
     TreeParameters, Update,
 };
-pub use prefetch::prefetch;
+pub use prefetch::{prefetch, wish_for_huge_pages};
 pub use structure::{Statistics, Structure, Visitor, build, build_instanced};
 pub use traverse::{Isa, Work};
 pub use tree::{Tree, TreeFault, TreeStatistics, TwoLevel};

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use rayon::prelude::*;
+use treewright_accel::wish_for_huge_pages;
 
 use super::bsdf::Bsdf;
 use super::lights::Lights;
@@ -105,6 +106,7 @@ fn facets(scene: &Scene, material_of_mesh: &[u32]) -> Vec<Facet> {
     assert_eq!(covered, scene.triangles.len(), "the meshes of a scene cover its triangles");
     let indices = scene.triangles.indices();
     let mut facets = Vec::with_capacity(indices.len());
+    wish_for_huge_pages(&facets);
     (0..indices.len())
         .into_par_iter()
         .with_min_len(4096)

@@ -18,8 +18,8 @@ use super::sort::Sorter;
 use super::vertex::{Path, Shadow, missed, through_sheets};
 use crate::film::Tile;
 
-/// How many hits ahead a facet is fetched: enough to hide a miss behind shading.
-const AHEAD: usize = 6;
+/// How many hits ahead a facet is fetched: enough to hide a miss behind the gathering of those before.
+const AHEAD: usize = 16;
 
 /// Memory of one thread: grows to the largest tile, then stays.
 #[derive(Debug, Default)]
@@ -145,7 +145,9 @@ impl Buffers {
             }
         };
         chunk.clear();
-        (range.start..range.start + AHEAD).for_each(fetch);
+        if range.start == 0 {
+            (0..AHEAD).for_each(fetch);
+        }
         for (lane, index) in lanes.iter_mut().zip(range) {
             fetch(index + AHEAD);
             let Some(hit) = &hits[index] else {

@@ -50,21 +50,30 @@ fn the_papers_default_is_that_of_table_1() {
 fn the_full_default_is_the_best_known_by_hand() {
     let by_hand = RenderOptions {
         staged: true,
+        tile: 32,
         primary: Packets::SixteenCoherent,
         first_shadow: Packets::SixteenCoherent,
         ..RenderOptions::default()
     };
-    let native = |quality, robust| Choice {
-        build: BuildChoice::Native(NativeOptions { quality, robust, ..NativeOptions::default() }),
-        render: by_hand,
-        update: Update::Rebuild,
-    };
-    assert_eq!(choice(&full(), ""), Ok(native(NativeQuality::High, false)));
-    let robust = Premises { robust: true, ..Premises::all() };
-    let robust = TuningSpace::new(Preset::Full, &robust);
-    assert_eq!(choice(&robust, ""), Ok(native(NativeQuality::Medium, true)));
-    assert!(tree(&robust, "backend=tunable").robust);
-    assert!(problem(&robust, "native_quality=high").contains("one of low, medium"));
+    let ours = choice(&full(), "").expect("the default is valid");
+    assert_eq!((ours.render, ours.update), (by_hand, Update::Rebuild));
+    let tree = tree(&full(), "");
+    assert_eq!((tree.branching_factor, tree.block_width, tree.reinsertion_passes), (16, 8, 4));
+    assert_eq!((tree.quality, tree.collapse), (Quality::Sah, Collapse::Optimal));
+    let each_frame = TuningSpace::new(Preset::Full, &Premises { builds_each_frame: true, ..Premises::all() });
+    let quick = self::tree(&each_frame, "");
+    assert_eq!((quick.branching_factor, quick.block_width, quick.reinsertion_passes), (8, 4, 0));
+    assert_eq!((quick.quality, quick.collapse), (Quality::Morton, Collapse::Builder));
+}
+
+#[test]
+fn robust_is_the_users_word_for_both_back_ends() {
+    let robust = TuningSpace::new(Preset::Full, &Premises { robust: true, ..Premises::all() });
+    assert!(tree(&robust, "").robust);
+    let native = NativeOptions { quality: NativeQuality::Medium, robust: true, ..NativeOptions::default() };
+    let chosen = choice(&robust, "backend=native").expect("it is valid");
+    assert_eq!(chosen.build, BuildChoice::Native(native));
+    assert!(problem(&robust, "backend=native,native_quality=high").contains("one of low, medium"));
 }
 
 #[test]

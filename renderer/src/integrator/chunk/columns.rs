@@ -72,9 +72,8 @@ impl Facets {
 
     #[inline(always)]
     pub(super) fn set_normals(&mut self, lane: usize, facet: &Facet) {
-        let normals = facet.normals();
-        for corner in 0..3 {
-            self.normals[corner].set(lane, normals[corner]);
+        for (column, normal) in self.normals.iter_mut().zip(facet.normals()) {
+            column.set(lane, normal);
         }
     }
 
