@@ -90,7 +90,7 @@ fn results_are_json_where_asked_for() {
     let parameters = space["parameters"].as_array().expect("a list");
     assert_eq!((parameters[0]["name"].as_str(), space["name"].as_str()), (Some("backend"), Some("full")));
     assert!(parameters.iter().all(|one| one["about"].as_str().is_some_and(|about| !about.is_empty())));
-    assert_eq!(space["default"]["backend"], "native");
+    assert_eq!(space["default"]["backend"], "tunable");
 }
 
 #[test]

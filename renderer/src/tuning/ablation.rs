@@ -22,12 +22,19 @@ pub struct Deviation {
     pub alone: Configuration,
 }
 
-/// What a parameter is in native Embree, used as everybody uses it. Parameters of the tunable tree have no
-/// counterpart there; they keep the space's default, which is near what Embree's own builder does.
+/// What a parameter is in native Embree, used as everybody uses it. Parameters of the tunable tree get what is
+/// nearest to Embree's own: eight boxes a node, four triangles a block, as the builder leaves them.
 fn plain(parameter: &Parameter) -> Value {
     match parameter.name.as_str() {
+        "backend" => "native".into(),
         "native_quality" => "medium".into(),
+        "quality" => 2.into(),
+        "collapse" | "order" => "builder".into(),
+        "branching_factor" | "node_width" => 8.into(),
+        "block_width" => 4.into(),
+        "reinsertion_passes" => 0.into(),
         "staged" => false.into(),
+        "tile" => 16.into(),
         "primary" | "first_shadow" | "bounce" | "shadow" => "single".into(),
         _ => parameter.default.clone(),
     }
@@ -120,33 +127,38 @@ mod tests {
 
     #[test]
     fn what_a_value_needs_comes_along_and_nothing_else() {
-        let all = deviations(full().space(), &complete("native_quality=high,first_shadow=sixteen,tile=32"));
+        let all = deviations(full().space(), &complete("native_quality=high,first_shadow=sixteen,tile=64"));
         let names: Vec<&str> = all.iter().map(|one| one.name.as_str()).collect();
         assert_eq!(names, ["native_quality", "staged", "tile", "primary", "first_shadow"]);
         let find = |name: &str| all.iter().find(|one| one.name == name).expect("it deviates");
         let primary = find("primary");
-        let stages = "native_quality=medium,staged=true,primary=sixteen_coherent,first_shadow=single";
+        let stages = "native_quality=medium,staged=true,tile=16,primary=sixteen_coherent,first_shadow=single";
         assert_eq!(primary.alone, complete(stages));
         assert_eq!(
             primary.without,
-            complete("native_quality=high,primary=single,first_shadow=sixteen,tile=32")
+            complete("native_quality=high,primary=single,first_shadow=sixteen,tile=64")
         );
         let staged = find("staged");
-        assert_eq!(staged.alone, complete("native_quality=medium,primary=single,first_shadow=single"));
-        assert_eq!(staged.without, complete("native_quality=high,staged=false,tile=32"));
+        assert_eq!(
+            staged.alone,
+            complete("native_quality=medium,tile=16,primary=single,first_shadow=single")
+        );
+        assert_eq!(staged.without, complete("native_quality=high,staged=false,tile=64"));
     }
 
     #[test]
     fn a_tunable_tree_is_one_deviation_and_its_values_are_more() {
-        let all = deviations(full().space(), &complete("node_width=16,reinsertion_passes=9,staged=false"));
+        let tree = "node_width=16,reinsertion_passes=9,block_width=4,order=builder,staged=false,tile=16";
+        let all = deviations(full().space(), &complete(tree));
         let names: Vec<&str> = all.iter().map(|one| one.name.as_str()).collect();
         assert_eq!(names, ["backend", "collapse", "node_width", "reinsertion_passes"]);
         assert_eq!(
             all[0].without,
-            complete("native_quality=medium,staged=false"),
+            complete("native_quality=medium,staged=false,tile=16"),
             "nothing of the tree is left"
         );
-        assert_eq!(all[3].alone, complete("reinsertion_passes=9,staged=false"), "the chain comes along");
+        let alone = "node_width=8,reinsertion_passes=9,block_width=4,order=builder,staged=false,tile=16";
+        assert_eq!(all[3].alone, complete(alone), "the chain comes along");
         assert!(
             all.iter().all(|one| full().choice(&one.without).is_ok() && full().choice(&one.alone).is_ok())
         );
