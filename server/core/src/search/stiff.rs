@@ -157,3 +157,132 @@ fn the_kept_state_of_a_model_is_bounded() {
     }
     assert!(sizes[31] < sizes[26] + sizes[26] / 20, "{sizes:?}");
 }
+
+#[test]
+fn cliffs_and_regions_that_cannot_be_measured_are_gone_around() {
+    // A cliff a thousand times as high runs beside the optimum, and a band across the way has no value.
+    let cost = |x: &[f64]| match x {
+        [a, b, ..] if (a - b).abs() > 0.25 && (a - b).abs() < 0.3 => Verdict::Infeasible,
+        [a, ..] if *a < 0.35 => Verdict::Cost(1000.0 + a),
+        _ => Verdict::Cost(1.0 + ellipsoid(x, 10.0)),
+    };
+    for method in [SearchMethod::Auto, SearchMethod::Model, SearchMethod::NelderMead] {
+        let found = run(method, setup(3, 80, Vec::new()), cost);
+        let limit = if method == SearchMethod::NelderMead { 1.3 } else { 1.02 };
+        assert!(found < limit, "{method:?}: {found}");
+    }
+}
+
+#[test]
+fn equal_costs_and_collapsed_simplices_do_not_end_the_search() {
+    for method in METHODS {
+        let mut trial = 0;
+        let mut late = Vec::new();
+        // Sixty measurements that are all alike, then a bowl along one axis alone.
+        let found = run(method, setup(4, 140, Vec::new()), |x| {
+            trial += 1;
+            if trial > 60 {
+                late.push(x.to_vec());
+            }
+            Verdict::Cost(if trial <= 60 { 2.0 } else { 1.0 + (x[2] - 0.2).powi(2) })
+        });
+        assert!(found < 1.05, "{method:?}: {found}");
+        for axis in 0..4 {
+            let (low, high) =
+                late.iter().fold((1.0f64, 0.0f64), |(low, high), x| (low.min(x[axis]), high.max(x[axis])));
+            assert!(high - low > 0.01, "{method:?} is flat along axis {axis}: {low} to {high}");
+        }
+    }
+}
+
+#[test]
+fn points_do_not_depend_on_the_unit_of_a_parameter() {
+    use crate::space::{Domain, Parameter, Scale, Space};
+    use crate::value::Value;
+    let space = |scale: f64, origin: f64| {
+        let one = |index: usize| Parameter {
+            name: format!("x{index}"),
+            domain: Domain::Float { min: origin, max: origin + scale, scale: Scale::Linear },
+            default: Value::Float(origin + 0.75 * scale),
+            active_if: None,
+        };
+        Space::new((0..3).map(one).collect(), Vec::new()).expect("valid")
+    };
+    for method in METHODS {
+        let points = |space: &Space| {
+            let mut points = Vec::new();
+            let layout = Layout::of(space);
+            run(method, SearchSetup { layout, ..setup(3, 60, Vec::new()) }, |x| {
+                points.push(x.to_vec());
+                Verdict::Cost(1.0 + ellipsoid(x, 10.0))
+            });
+            points
+        };
+        let plain = points(&space(1.0, 0.0));
+        for (scale, origin) in [(1e-9, 5.0e-9), (1e12, -3e11), (2.0, 1024.0)] {
+            assert_eq!(plain, points(&space(scale, origin)), "{method:?}: {scale} from {origin}");
+        }
+    }
+}
+
+/// Eighty measurements of a bowl with so many always out, some of which never come back; the best gap.
+fn in_flight(method: SearchMethod, out: usize, seed: u64) -> f64 {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut search = AnySearch::new(method, SearchSetup { seed, ..setup(3, 80, Vec::new()) });
+    let (mut flying, mut best, mut told): (Vec<Point>, f64, u32) = (Vec::new(), f64::INFINITY, 0);
+    while told < 80 {
+        while flying.len() < out {
+            let Some(point) = search.ask() else { break };
+            assert!(flying.iter().all(|other| other.id != point.id && other.x != point.x), "{method:?}");
+            flying.push(point);
+        }
+        assert!(!flying.is_empty(), "{method:?} waits for nobody");
+        let point = flying.swap_remove(random.random_range(0..flying.len()));
+        if random.random::<f64>() < 0.1 {
+            search.withdraw(point.id);
+            continue;
+        }
+        let gap = ellipsoid(&point.x, 30.0);
+        best = best.min(gap);
+        let cost = (1.0 + gap) * (1.0 + 0.02 * random.random::<f64>());
+        search.tell(point.id, Feedback { verdict: Verdict::Cost(cost), fresh: true });
+        told += 1;
+    }
+    best
+}
+
+#[test]
+fn four_and_eight_clients_find_what_one_finds() {
+    for method in [SearchMethod::Auto, SearchMethod::NelderMead] {
+        let middle = |out| {
+            let mut gaps: Vec<f64> = (0..9).map(|seed| in_flight(method, out, seed)).collect();
+            gaps.sort_by(f64::total_cmp);
+            gaps[4]
+        };
+        let random = {
+            let mut gaps: Vec<f64> = (0..9).map(|seed| in_flight(SearchMethod::Random, 8, seed)).collect();
+            gaps.sort_by(f64::total_cmp);
+            gaps[4]
+        };
+        for out in [4, 8] {
+            let found = middle(out);
+            assert!(found < 0.25 * random, "{method:?} with {out}: {found}, random {random}");
+        }
+    }
+}
+
+#[test]
+fn bounds_of_trials_that_were_stopped_are_no_news_of_improvement() {
+    for method in METHODS {
+        // Whatever is worse than 1.3 times the best so far is stopped there.
+        let mut best = f64::INFINITY;
+        let found = run(method, setup(4, 80, Vec::new()), |x| {
+            let cost = 1.0 + ellipsoid(x, 10.0);
+            let bound = 1.3 * best;
+            best = best.min(cost);
+            if cost > bound { Verdict::AtLeast(bound) } else { Verdict::Cost(cost) }
+        });
+        let limit = if matches!(method, SearchMethod::Auto | SearchMethod::Model) { 1.02 } else { 1.6 };
+        assert!(found < limit, "{method:?}: {found}");
+    }
+}

@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::process::Process;
+use super::process::{Belief, Process};
 use crate::search::layout::Layout;
 
 /// A configuration that was measured.
@@ -87,6 +87,7 @@ impl Acquisition<'_> {
         let mut order: Vec<&Known> = known.iter().collect();
         order.sort_by(|a, b| a.believed.total_cmp(&b.believed));
         let best = order.first().map_or(0.0, |known| known.believed);
+        let best = if best.is_finite() { best } else { 0.0 };
         let dimension = self.dimension;
         let mut climbers: Vec<Climber> = Vec::new();
         let enter = |mut x: Vec<f64>, floor: f64| {
@@ -183,6 +184,20 @@ pub(super) fn log_improvement(z: f64) -> f64 {
         + (inverse * (1.0 - 3.0 * inverse + 15.0 * inverse * inverse)).ln()
 }
 
+/// The mean of what is believed of a value, measured with `noise` (a variance), above a bound.
+pub(super) fn mean_above(bound: f64, belief: Belief, noise: f64) -> f64 {
+    let deviation = (belief.deviation * belief.deviation + noise).sqrt();
+    let z = (bound - belief.mean) / deviation;
+    // The hazard of the normal, which approaches a straight line from above.
+    let hazard = if z > 5.0 {
+        z + 1.0 / z
+    } else {
+        (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt() / normal(-z)
+    };
+    let mean = belief.mean + deviation * hazard;
+    if mean.is_finite() { mean.max(bound) } else { bound }
+}
+
 /// A standard normal number.
 pub(super) fn standard_normal(random: &mut ChaCha8Rng) -> f64 {
     let (a, b) = (1.0 - random.random::<f64>(), random.random::<f64>());
@@ -192,4 +207,22 @@ pub(super) fn standard_normal(random: &mut ChaCha8Rng) -> f64 {
 /// The distribution function of the standard normal.
 fn normal(z: f64) -> f64 {
     0.5 * libm::erfc(-z / std::f64::consts::SQRT_2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_above_a_bound_is_that_of_a_truncated_normal() {
+        let belief = Belief { mean: 1.0, deviation: 3.0 };
+        // Half a normal: the root of two over pi times its deviation above the bound, here 5.
+        let half = mean_above(1.0, belief, 16.0);
+        assert!((half - 1.0 - 5.0 * (2.0 / std::f64::consts::PI).sqrt()).abs() < 1e-12, "{half}");
+        assert!((mean_above(-1e6, belief, 16.0) - 1.0).abs() < 1e-9, "a bound far below says nothing");
+        let far = mean_above(1e6, belief, 16.0);
+        assert!((1e6..1e6 + 1.0).contains(&far), "a bound far above is all there is: {far}");
+        let (below, above) = (mean_above(25.99, belief, 16.0), mean_above(26.01, belief, 16.0));
+        assert!(below < above && above - below < 0.2, "{below} {above}");
+    }
 }

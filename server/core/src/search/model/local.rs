@@ -169,7 +169,7 @@ impl Near {
         let flying: Vec<Vec<f64>> = out.iter().map(|x| feature(&frame.enter(&pick(x)))).collect();
         let process = self.fit(&chosen, &features, &flying)?;
         let best = features.iter().map(|f| process.at(f).mean).fold(f64::INFINITY, f64::min);
-        let value = |mut u: Vec<f64>| {
+        let value = |mut u: Vec<f64>, floor: f64| {
             let length = square(&u).sqrt();
             if length > radius {
                 u.iter_mut().for_each(|u| *u *= radius / length);
@@ -187,6 +187,10 @@ impl Near {
             let nearness = process.nearness(&feature(&u));
             let deviation = process.deviation(&nearness);
             let gain = log_improvement((best - process.mean(&nearness)) / deviation) + deviation.ln();
+            // Whether it can be run only takes away from it.
+            if gain <= floor {
+                return (f64::NEG_INFINITY, u, x);
+            }
             let feasible = acquisition.feasible(&acquisition.layout.features(&x, &active)).ln();
             (gain + feasible, u, x)
         };
@@ -218,19 +222,19 @@ impl Near {
 /// Random points around the origin of a frame, the best of which climb by steps that grow with success. The
 /// point found is `None` where all are worth nothing.
 fn climb(
-    value: impl Fn(Vec<f64>) -> (f64, Vec<f64>, Vec<f64>),
+    value: impl Fn(Vec<f64>, f64) -> (f64, Vec<f64>, Vec<f64>),
     dimension: usize,
     scale: f64,
     random: &mut ChaCha8Rng,
 ) -> Option<Vec<f64>> {
-    let mut pool: Vec<_> = (0..BEGIN)
-        .map(|index| {
-            let scale = scale * 0.5f64.powi((index % 5) as i32);
-            value((0..dimension).map(|_| scale * standard_normal(random)).collect())
-        })
-        .collect();
-    pool.sort_by(|a, b| b.0.total_cmp(&a.0));
-    pool.truncate(CLIMBERS);
+    let mut pool: Vec<(f64, Vec<f64>, Vec<f64>)> = Vec::new();
+    for index in 0..BEGIN {
+        let scale = scale * 0.5f64.powi((index % 5) as i32);
+        let floor = if pool.len() < CLIMBERS { f64::NEG_INFINITY } else { pool[CLIMBERS - 1].0 };
+        pool.push(value((0..dimension).map(|_| scale * standard_normal(random)).collect(), floor));
+        pool.sort_by(|a, b| b.0.total_cmp(&a.0));
+        pool.truncate(CLIMBERS);
+    }
     for climber in &mut pool {
         let mut step = 0.3 * scale;
         for _ in 0..CLIMB {
@@ -240,7 +244,7 @@ fn climb(
             for (_, u) in u.iter_mut().enumerate().filter(|(axis, _)| moves(*axis)) {
                 *u += step * standard_normal(random);
             }
-            let changed = value(u);
+            let changed = value(u, climber.0);
             if changed.0 > climber.0 {
                 *climber = changed;
                 step *= 1.5;

@@ -8,12 +8,16 @@
 //!   [`Layout`]), and the improvement is climbed by changing one parameter at a time from the best known
 //!   configurations, as in SMAC (Hutter, Hoos and Leyton-Brown, LION 5, 2011; Lindauer et al., JMLR 23, 2022).
 //! - *Infeasible regions.* A second process predicts whether a point can be run at all; the expected
-//!   improvement is multiplied by that probability, as in BaCO (Hellsten et al., ASPLOS 2024).
+//!   improvement is multiplied by that probability, as in BaCO (Hellsten et al., ASPLOS 2024). A design is
+//!   left early where most of it cannot be run.
 //! - *Noise.* Improvement is counted against the model's best mean, not the luckiest sample, and the
 //!   uncertainty that counts is that of the mean, noise left out. A newcomer that looks best is measured
 //!   again before it is believed.
 //! - *Precision.* Every other point is the most promising one of a model of its own of the measurements
 //!   around the best (see `local`), so that the search converges where the global model is too coarse.
+//! - *Trials that were stopped early.* They count as measured at the mean of what the model expects above
+//!   the bound (Schmee and Hahn, "A simple method for regression analysis with censored data",
+//!   Technometrics 21, 1979; for model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `warp`).
 //! - *Several clients.* Points that are out count as measured, at what the model expects of them (the
 //!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010).
@@ -41,8 +45,12 @@ use warp::Warp;
 
 /// Steps of a canonical coordinate that are told apart.
 const GRID: f64 = (1u32 << 24) as f64;
-/// Most points that a model is fitted to.
+/// Most points that a model is fitted to, and how many it is once there are more: a suggestion must stay
+/// a matter of a few milliseconds, and whoever measures so often has most of the best among them.
 const FITTED_MAX: usize = 96;
+const FITTED_THEN: usize = 64;
+/// From then on what the covariance is like is learnt from every so many measurements.
+const LEARN_EVERY: u64 = 4;
 /// Most points that are kept.
 const KEPT_MAX: usize = 512;
 /// Rounds of ascent of the first fit, and of every later one until there are so many points. From then on a
@@ -151,6 +159,12 @@ impl ModelSearch {
         (steps(&x), features)
     }
 
+    /// Whether a design would waste measurements: most of it, so far, could not be run, but something could.
+    fn is_mostly_infeasible(&self) -> bool {
+        let failed = self.seen.iter().filter(|seen| seen.found == Found::Infeasible).count();
+        failed >= 2 && 2 * failed >= self.seen.len() && failed < self.seen.len()
+    }
+
     /// A configuration that was seen, as the models see it.
     fn place(&self, index: usize) -> Place {
         let mut x: Vec<f64> = self.seen[index].x.iter().map(|&x| f64::from(x) / GRID).collect();
@@ -167,8 +181,8 @@ impl ModelSearch {
         let mut by_cost: Vec<usize> = (0..n).collect();
         by_cost.sort_by(|&a, &b| self.seen[a].found.rank().total_cmp(&self.seen[b].found.rank()));
         let mut chosen = vec![false; n];
-        by_cost[..FITTED_MAX / 2].iter().for_each(|&index| chosen[index] = true);
-        let mut left = FITTED_MAX - FITTED_MAX / 2;
+        by_cost[..FITTED_THEN / 2].iter().for_each(|&index| chosen[index] = true);
+        let mut left = FITTED_THEN - FITTED_THEN / 2;
         for index in (0..n).rev() {
             if left > 0 && !chosen[index] {
                 chosen[index] = true;
@@ -191,7 +205,8 @@ impl ModelSearch {
             (_, ..ROUNDS_UNTIL) => ROUNDS,
             _ => 0,
         };
-        let learn = self.told > self.fitted;
+        let is_late = self.seen.len() > FITTED_MAX && !self.told.is_multiple_of(LEARN_EVERY);
+        let learn = self.told > self.fitted && !is_late;
         let rounds = if learn { rounds } else { 0 };
         self.fitted = self.told;
         let failure =
@@ -201,7 +216,12 @@ impl ModelSearch {
         if let Some(again) = self.doubtful(&measured, noise) {
             return Some((again, Step::Replicate));
         }
-        let believed = |place: &Place| cost.as_ref().map_or(0.0, |cost| cost.at(&place.features).mean);
+        let believed = |place: &Place| match (&cost, place.found) {
+            // What was stopped early is never the best.
+            (_, Found::AtLeast(_)) => f64::INFINITY,
+            (Some(cost), _) => cost.at(&place.features).mean,
+            (None, _) => 0.0,
+        };
         let known = measured.iter().map(|place| Known { x: place.x.clone(), believed: believed(place) });
         let known: Vec<Known> = known.collect();
         let mut random = self.random();
@@ -247,10 +267,20 @@ impl ModelSearch {
         let costs: Vec<f64> = measured.iter().map(|place| place.found.cost()).collect();
         let mut counts: Vec<f64> = measured.iter().map(|place| place.found.count()).collect();
         let mut points: Vec<&[f64]> = measured.iter().map(|place| place.features.as_slice()).collect();
-        let views = Warp::new(&costs).views();
+        let warp = Warp::new(&costs);
+        let mut views = warp.views();
         let sample = Sample::new(metrics.clone(), &points, counts.clone());
-        let (process, view) = Process::fit(sample, &views, &mut self.cost, rounds, learn)?;
-        let noise = Warp::new(&costs).relative(view, process.noise().sqrt());
+        let (mut process, view) = Process::fit(sample, &views, &mut self.cost, rounds, learn)?;
+        let censored = |place: &Place| matches!(place.found, Found::AtLeast(_));
+        if measured.iter().any(|place| censored(place)) {
+            let values = &mut views[view].0;
+            for (value, place) in values.iter_mut().zip(measured).filter(|(_, place)| censored(place)) {
+                *value = acquire::mean_above(*value, process.at(&place.features), process.noise());
+            }
+            let sample = Sample::new(metrics.clone(), &points, counts.clone());
+            process = Process::fit(sample, &views[view..=view], &mut self.cost, 0, false)?.0;
+        }
+        let noise = warp.relative(view, process.noise().sqrt());
         // Points that are out count as measured at what is expected of them.
         let out: Vec<Vec<f64>> = self.flight.points().map(|point| self.grid(&point.x).1).collect();
         if out.is_empty() {
@@ -271,10 +301,12 @@ impl ModelSearch {
     fn doubtful(&self, measured: &[&Place], noise: f64) -> Option<Vec<f64>> {
         let (repeats, squares) = self.scatter;
         let deviation = ((squares + noise * noise) / (repeats as f64 + 1.0)).sqrt();
+        let measured: Vec<_> =
+            measured.iter().filter(|place| matches!(place.found, Found::Cost { .. })).collect();
         let leader = measured.iter().min_by(|a, b| a.found.cost().total_cmp(&b.found.cost()))?;
         let (least, count) = (leader.found.cost(), leader.found.count());
         let reach = least.abs() * deviation;
-        let close = |place: &&&Place| place.found.cost() - least <= reach;
+        let close = |place: &&&&Place| place.found.cost() - least <= reach;
         let rivals = measured.iter().filter(close).count() - 1;
         let grid = steps(&leader.x);
         let is_out = self.flight.points().any(|point| self.grid(&point.x).0 == grid);
@@ -316,6 +348,9 @@ impl Search for ModelSearch {
         }
         if self.flight.launched() == 0 {
             return Some(self.flight.launch(self.setup.start.clone(), Step::Default));
+        }
+        if self.is_mostly_infeasible() {
+            self.queue.clear();
         }
         if let Some(x) = self.queue.pop_front() {
             return Some(self.launch(x, Step::LatinHypercube));
