@@ -127,7 +127,7 @@ def measure(scene, row, found, rounds):
                 file.write_text(json.dumps(found[f"{space} {objective}"]["tuned"]))
                 more += ["--contender", f"{space} {objective}={space}:{file}"]
         if row.large:
-            more += ["--only", ",".join(LARGE + [f"{space} {objective}" for space in ["paper", "full"] for objective in OBJECTIVES])]
+            more += ["--only", ",".join(LARGE + [f"full {objective}" for objective in OBJECTIVES])]
         return render("bench", "--scene", scene, "--threads", row.threads, "--size", row.size, "--rounds", rounds, *more)
 
 
