@@ -227,7 +227,7 @@ def main():
     parser.add_argument("--only", type=lambda text: text.split(","), help="only these scenes, e.g. hall,sponza")
     parser.add_argument("--rows", type=rows, default="2@320x240,1@320x240,2@1280x720,1@1280x720", help="threads and size of each row")
     parser.add_argument("--iterations", type=int, default=60, help="trials of the full search")
-    parser.add_argument("--more-iterations", type=int, default=8, help="trials of the searches for further rows")
+    parser.add_argument("--more-iterations", type=int, default=8, help="trials of the searches for further rows; 0 takes the first row's winners as they are")
     parser.add_argument("--rounds", type=int, default=21, help="paired rounds of the final measurement")
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("bench.json"), help="results; the table goes beside them as .md")
     parser.add_argument("--dry-run", action="store_true", help="tell what would be done, and about how long it takes")
@@ -243,6 +243,8 @@ def main():
             key = f"{name} {row.text}"
 
             def searches():
+                if row is not first and options.more_iterations == 0:
+                    return book.results["searches"][f"{name} {first.text}"]
                 with Daemon() as url:
                     known = {} if row is first else book.results["searches"][f"{name} {first.text}"]
                     ran = {}
