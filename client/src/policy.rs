@@ -24,10 +24,20 @@ pub enum SearchMethod {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PredictorMethod {
+    /// Whichever of the others errs least in this study.
+    Auto,
     /// Best configuration of the nearest known state (paper 6.1).
     NearestNeighbour,
     /// Radial basis functions trained by Greedy-GQ with γ = 0 (paper 6.2).
     RbfGreedyGq,
+    /// Best configuration over the eight nearest known states, weighted by distance.
+    WeightedNeighbours,
+    /// The same with Gaussians, as the paper's words have it.
+    GaussianGreedyGq,
+    /// The same features by recursive least squares, with models for each machine and client.
+    LeastSquares,
+    /// A Gaussian process over indicators and parameters, which also proposes what to explore.
+    Contextual,
 }
 
 /// How the service decides. What is `None` takes the service's default.
@@ -37,7 +47,7 @@ pub struct Policy {
     pub epsilon: Option<f64>,
     /// Search inside a state. Default [`SearchMethod::Auto`].
     pub search: Option<SearchMethod>,
-    /// Predictor that answers when exploiting. Default nearest neighbour.
+    /// Predictor that answers when exploiting. Default [`PredictorMethod::Auto`].
     pub predictor: Option<PredictorMethod>,
     /// A state's search ends after so many measured configurations, 1 to 100000. Default 80.
     pub trials_per_state: Option<u32>,

@@ -70,6 +70,11 @@ pub(crate) fn policy_to_wire(policy: &Policy) -> v1::Policy {
     let predictor = policy.predictor.map_or(v1::PredictorMethod::Unspecified, |predictor| match predictor {
         PredictorMethod::NearestNeighbour => v1::PredictorMethod::NearestNeighbour,
         PredictorMethod::RbfGreedyGq => v1::PredictorMethod::RbfGreedyGq,
+        PredictorMethod::Auto => v1::PredictorMethod::Auto,
+        PredictorMethod::WeightedNeighbours => v1::PredictorMethod::WeightedNeighbours,
+        PredictorMethod::GaussianGreedyGq => v1::PredictorMethod::GaussianGreedyGq,
+        PredictorMethod::LeastSquares => v1::PredictorMethod::LeastSquares,
+        PredictorMethod::Contextual => v1::PredictorMethod::Contextual,
     });
     v1::Policy {
         epsilon: policy.epsilon,
@@ -97,6 +102,11 @@ fn policy_from_wire(policy: v1::Policy) -> Result<Policy, Problem> {
         Ok(v1::PredictorMethod::Unspecified) => None,
         Ok(v1::PredictorMethod::NearestNeighbour) => Some(PredictorMethod::NearestNeighbour),
         Ok(v1::PredictorMethod::RbfGreedyGq) => Some(PredictorMethod::RbfGreedyGq),
+        Ok(v1::PredictorMethod::Auto) => Some(PredictorMethod::Auto),
+        Ok(v1::PredictorMethod::WeightedNeighbours) => Some(PredictorMethod::WeightedNeighbours),
+        Ok(v1::PredictorMethod::GaussianGreedyGq) => Some(PredictorMethod::GaussianGreedyGq),
+        Ok(v1::PredictorMethod::LeastSquares) => Some(PredictorMethod::LeastSquares),
+        Ok(v1::PredictorMethod::Contextual) => Some(PredictorMethod::Contextual),
         Err(_) => return Err(format!("an unknown predictor ({})", policy.predictor)),
     };
     Ok(Policy {

@@ -24,6 +24,7 @@ mod randomness;
 pub mod search;
 pub mod space;
 pub mod study;
+pub mod sum;
 #[cfg(test)]
 mod testing;
 pub mod trial;

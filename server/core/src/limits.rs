@@ -40,10 +40,9 @@ pub const REPLICATES_MAX: u32 = 100;
 /// Longest lease, in seconds: one day.
 pub const LEASE_S_MAX: u32 = 86_400;
 
-/// Most states of a study. The look-up of a state is linear in them, about 20 microseconds for 5,000 on a
-/// desktop processor because most are left at their first indicator; 100,000 anchors of 17 indicators are
-/// 13.6 MB.
-pub const STATES_MAX: usize = 100_000;
+/// Most states of a study. They are looked up in an index; a million anchors of 17 indicators are 136 MB,
+/// and up to three times as much in it.
+pub const STATES_MAX: usize = 1_000_000;
 /// Most trials one client may hold open, one per state.
 pub const OPEN_TRIALS_PER_CLIENT_MAX: usize = 64;
 /// Most clients a study remembers the visits of.
@@ -63,8 +62,10 @@ pub const FAILURES_PER_CONFIGURATION_MAX: u32 = 3;
 
 /// Most neighbouring states that a reason lists.
 pub const NEIGHBOURS_MAX: usize = 5;
-/// Most configurations among which the radial basis model chooses.
-pub const CANDIDATES_MAX: usize = 512;
+/// Most configurations among which a radial basis model chooses: it looks at all of them for an answer.
+pub const CANDIDATES_MAX: usize = 48;
+/// Most clients, and most groups of them, that have a least-squares model of their own.
+pub const MODELS_MAX: usize = 32;
 /// The smallest cost that the radial basis model tells from zero: its reward is the inverse of the cost,
 /// and sums of rewards must stay finite.
 pub const REWARD_COST_MIN: f64 = 1e-100;

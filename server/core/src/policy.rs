@@ -37,23 +37,49 @@ impl SearchMethod {
     }
 }
 
-/// Predictors across states.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+/// Predictors across states; see [`crate::predict`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PredictorMethod {
-    /// Best configuration of the nearest known state (paper section 6.1).
+    /// Whichever of the others errs least in this study, tested on every trial before it learns from it.
     #[default]
+    Auto,
+    /// Best configuration of the nearest known state (paper section 6.1).
     NearestNeighbour,
-    /// Radial basis functions trained by Greedy-GQ with gamma = 0 (paper section 6.2).
+    /// Best configuration over the nearest known states, weighted by distance.
+    WeightedNeighbours,
+    /// Radial basis functions trained by Greedy-GQ with gamma = 0 (paper section 6.2, as printed).
     RbfGreedyGq,
+    /// The same with Gaussians, as the paper's words have it.
+    GaussianGreedyGq,
+    /// The same features, fitted by recursive least squares, with corrections for each kind of machine and
+    /// each client.
+    LeastSquares,
+    /// A Gaussian process over indicators and parameters together, which also proposes what to explore.
+    Contextual,
 }
 
 impl PredictorMethod {
+    /// All that answer by themselves, in the order in which they are preferred among equals.
+    pub const SINGLE: [PredictorMethod; 6] = [
+        PredictorMethod::Contextual,
+        PredictorMethod::WeightedNeighbours,
+        PredictorMethod::NearestNeighbour,
+        PredictorMethod::LeastSquares,
+        PredictorMethod::RbfGreedyGq,
+        PredictorMethod::GaussianGreedyGq,
+    ];
+
     /// The name that reasons carry.
     pub fn name(self) -> &'static str {
         match self {
+            PredictorMethod::Auto => "auto",
             PredictorMethod::NearestNeighbour => "nearest_neighbour",
+            PredictorMethod::WeightedNeighbours => "weighted_neighbours",
             PredictorMethod::RbfGreedyGq => "rbf_greedy_gq",
+            PredictorMethod::GaussianGreedyGq => "gaussian_greedy_gq",
+            PredictorMethod::LeastSquares => "least_squares",
+            PredictorMethod::Contextual => "contextual",
         }
     }
 }

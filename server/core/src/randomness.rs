@@ -18,6 +18,8 @@ pub(crate) enum Purpose {
     Centres = 3,
     /// An unseen configuration where a search has none: state, trial.
     Unseen = 4,
+    /// Where a contextual model looks for configurations: exploit or explore, question.
+    Contextual = 5,
 }
 
 /// The stream of that name.

@@ -132,6 +132,11 @@ fn policy(policy: &Policy) -> v1::Policy {
         predictor: match policy.predictor {
             PredictorMethod::NearestNeighbour => v1::PredictorMethod::NearestNeighbour,
             PredictorMethod::RbfGreedyGq => v1::PredictorMethod::RbfGreedyGq,
+            PredictorMethod::Auto => v1::PredictorMethod::Auto,
+            PredictorMethod::WeightedNeighbours => v1::PredictorMethod::WeightedNeighbours,
+            PredictorMethod::GaussianGreedyGq => v1::PredictorMethod::GaussianGreedyGq,
+            PredictorMethod::LeastSquares => v1::PredictorMethod::LeastSquares,
+            PredictorMethod::Contextual => v1::PredictorMethod::Contextual,
         }
         .into(),
         trials_per_state: small(policy.trials_per_state),

@@ -173,8 +173,13 @@ pub(crate) enum Search {
 /// Predictors, as they are written on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub(crate) enum Predictor {
+    Auto,
     NearestNeighbour,
     RbfGreedyGq,
+    WeightedNeighbours,
+    GaussianGreedyGq,
+    LeastSquares,
+    Contextual,
 }
 
 impl From<Search> for SearchMethod {
@@ -194,6 +199,11 @@ impl From<Predictor> for PredictorMethod {
         match predictor {
             Predictor::NearestNeighbour => Self::NearestNeighbour,
             Predictor::RbfGreedyGq => Self::RbfGreedyGq,
+            Predictor::Auto => Self::Auto,
+            Predictor::WeightedNeighbours => Self::WeightedNeighbours,
+            Predictor::GaussianGreedyGq => Self::GaussianGreedyGq,
+            Predictor::LeastSquares => Self::LeastSquares,
+            Predictor::Contextual => Self::Contextual,
         }
     }
 }

@@ -1,14 +1,23 @@
 //! Predictors: from what is known of other states to a configuration for this one.
 
+pub mod atlas;
+mod auto;
+pub mod contextual;
+mod dense;
 pub mod nearest;
+pub mod prequential;
 pub mod rbf;
 
 use crate::configuration::Configuration;
 use crate::knowledge::KnownState;
 use crate::search::Verdict;
+use crate::space::Space;
 use crate::trial::Neighbour;
-pub use nearest::Nearest;
-pub use rbf::Rbf;
+pub use atlas::Atlas;
+pub use auto::Predictors;
+pub use contextual::Contextual;
+pub use nearest::{Nearest, Weighted};
+pub use rbf::{LeastSquares, Rbf, Shape};
 
 /// One completed trial, as a predictor sees it.
 #[derive(Clone, Debug)]
@@ -23,6 +32,17 @@ pub struct Lesson<'a> {
     pub verdict: Verdict,
     /// The mean cost of the default configuration in the same state, where it is known.
     pub default_cost: Option<f64>,
+    /// Who measured it, where that is known.
+    pub origin: Option<Origin>,
+}
+
+/// Who measures: a client, and the kind of machine it runs on. Numbers that stand for names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Origin {
+    /// All clients on the same processor with the same software.
+    pub group: u64,
+    /// The client.
+    pub node: u64,
 }
 
 /// What is asked of a predictor.
@@ -32,8 +52,14 @@ pub struct Query<'a> {
     pub state: &'a [f64],
     /// The known state they belong to.
     pub here: Option<&'a KnownState>,
-    /// All known states.
+    /// All known states, by rising id.
     pub known: &'a [KnownState],
+    /// Where they lie.
+    pub atlas: &'a Atlas,
+    /// The study's parameters.
+    pub space: &'a Space,
+    /// Who asks, where that is known.
+    pub origin: Option<Origin>,
 }
 
 impl Query<'_> {
@@ -43,26 +69,67 @@ impl Query<'_> {
     }
 }
 
+/// What a single measurement is expected to give, in the objective's units. Both are finite and not negative.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The cost.
+    pub cost: f64,
+    /// How far a measurement may well be from it: one standard deviation, upwards.
+    pub deviation: f64,
+}
+
+impl Estimate {
+    /// Holds both within the finite numbers; what is no number is taken for the largest.
+    pub fn new(cost: f64, deviation: f64) -> Self {
+        let hold = |x: f64| if x.is_nan() { f64::MAX } else { x.clamp(0.0, f64::MAX) };
+        Estimate { cost: hold(cost), deviation: hold(deviation) }
+    }
+}
+
 /// A predictor's answer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
     /// What to run.
     pub configuration: Configuration,
-    /// The cost to expect, in the objective's units: finite.
-    pub predicted_cost: Option<f64>,
+    /// The cost to expect.
+    pub expected: Estimate,
     /// The known states nearest to the asked one, nearest first.
     pub neighbours: Vec<Neighbour>,
 }
 
-/// Maps states to configurations. Both methods are deterministic, and their answers do not change when all
+/// Maps states to configurations. All methods are deterministic, and their answers do not change when all
 /// costs are multiplied by one positive number (but for rounding).
 pub trait Predictor {
-    /// Learns from a completed trial.
+    /// Learns from a completed trial, whose result the table of its state holds already.
     fn learn(&mut self, lesson: &Lesson<'_>);
+
+    /// What it expects of one configuration in the asked state. `None` when nothing is known.
+    fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate>;
 
     /// The configuration to exploit; never one that is known to be infeasible in the asked state. `None`
     /// when nothing is known.
     fn predict(&self, query: &Query<'_>) -> Option<Answer>;
+
+    /// A configuration from which much can be learnt in the asked state without losing much, where the
+    /// predictor can say. `number` makes answers differ from one question to the next.
+    fn propose(&self, _query: &Query<'_>, _number: u64) -> Option<Answer> {
+        None
+    }
+}
+
+/// Normalised indicators further out of 0..1 than this are drawn in.
+const OUT_OF_RANGE: f64 = 1.0;
+
+/// Leaves 0..1 and its surroundings as they are and draws in what lies further out, in order.
+fn draw_in(x: f64) -> f64 {
+    let (low, high) = (-OUT_OF_RANGE, 1.0 + OUT_OF_RANGE);
+    if x > high {
+        high + libm::log1p(x - high)
+    } else if x < low {
+        low - libm::log1p(low - x)
+    } else {
+        x
+    }
 }
 
 #[cfg(test)]

@@ -1,12 +1,14 @@
-//! The nearest-neighbour predictor of paper section 6.1: the best known configuration of the known state
-//! that is closest by Euclidean distance.
+//! The nearest-neighbour predictors: paper section 6.1 as it stands, and its distance-weighted form.
 
+use crate::configuration::Configuration;
 use crate::knowledge::KnownState;
 use crate::limits::NEIGHBOURS_MAX;
-use crate::predict::{Answer, Lesson, Predictor, Query};
+use crate::predict::atlas::Found;
+use crate::predict::{Answer, Estimate, Lesson, Predictor, Query};
 use crate::trial::Neighbour;
 
-/// The predictor. Its table are the known states that come with each query.
+/// Best known configuration of the known state that is closest by Euclidean distance. Its table are the known
+/// states that come with each query.
 ///
 /// A state in which a search was begun counts before all others: what an unexplored state knows is only
 /// how the configurations did that were predicted for it, and to rely on that would repeat a poor early
@@ -14,90 +16,232 @@ use crate::trial::Neighbour;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Nearest;
 
-/// A state that can answer, and the square of its distance.
+/// The configuration that did best over the eight nearest states, each weighing by the inverse square of its
+/// distance (Shepard, "A two-dimensional interpolation function for irregularly-spaced data", 1968).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Weighted;
+
+/// How many states [`Weighted`] asks.
+const WEIGHTED: usize = 8;
+/// How many of each state's best configurations it chooses among.
+const CANDIDATES: usize = 3;
+/// How many of a state's configurations stand for those it never ran.
+const RECORDS: usize = 48;
+/// Distances count as no less than this share of that of the furthest state asked, so that one state among
+/// equals does not decide alone.
+const NEARNESS_MAX: f64 = 0.1;
+
+/// A state that can answer, and its distance.
 struct Candidate<'a> {
     state: &'a KnownState,
-    unexplored: bool,
-    elsewhere: bool,
-    distance_2: f64,
+    distance: f64,
 }
 
-impl Candidate<'_> {
-    fn comes_before(&self, other: &Candidate<'_>) -> bool {
-        let key = |candidate: &Candidate<'_>| (candidate.unexplored, candidate.elsewhere);
-        // States come by rising id, so equal distances leave the older one in front.
-        (key(self), self.distance_2) < (key(other), other.distance_2)
-    }
-}
-
-/// The square of the Euclidean distance, or `None` as soon as it must exceed `limit`.
-fn distance_2_within(a: &[f64], b: &[f64], limit: f64) -> Option<f64> {
-    let mut sum = 0.0;
-    for (a, b) in a.iter().zip(b) {
-        sum += (a - b) * (a - b);
-        if sum > limit {
-            return None;
+/// The states that can answer, in the order in which they count, at most `count`.
+fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
+    let place = |place: usize| query.known.get(place).filter(|state| state.knowledge.best().is_some());
+    let mut chosen: Vec<Candidate<'a>> = Vec::with_capacity(count + 1);
+    for explored in [true, false] {
+        let left = count.saturating_sub(chosen.len());
+        if left == 0 {
+            break;
+        }
+        let from = chosen.len();
+        let passes = |index: usize| place(index).is_some_and(|state| state.explored == explored);
+        let found = query.atlas.nearest(query.state, left, explored, passes);
+        let candidates = found.iter().filter_map(|found| {
+            Some(Candidate { state: place(found.name as usize)?, distance: found.distance_2.sqrt() })
+        });
+        chosen.extend(candidates);
+        if let Some(here) = query.here.filter(|here| here.explored == explored)
+            && here.knowledge.best().is_some()
+        {
+            let at = chosen[from..].iter().position(|candidate| candidate.state.id == here.id);
+            let own = match at {
+                Some(at) => chosen.remove(from + at),
+                None => Candidate { state: here, distance: query.atlas.distance(query.state, &here.anchor) },
+            };
+            chosen.insert(from, own);
+            chosen.truncate(count);
         }
     }
-    Some(sum)
+    chosen
 }
 
-/// The candidates nearest to the query, in order, at most [`NEIGHBOURS_MAX`].
-fn candidates<'a>(query: &Query<'a>) -> Vec<Candidate<'a>> {
-    let mut nearest: Vec<Candidate<'a>> = Vec::with_capacity(NEIGHBOURS_MAX + 1);
-    for state in query.known {
-        if state.knowledge.best().is_none() {
-            continue;
-        }
-        let (unexplored, elsewhere) = (!state.explored, query.here.is_none_or(|here| here.id != state.id));
-        // Only a candidate of the same rank makes a distance hopeless.
-        let limit = match nearest.last() {
-            Some(last)
-                if nearest.len() == NEIGHBOURS_MAX
-                    && (last.unexplored, last.elsewhere) <= (unexplored, elsewhere) =>
-            {
-                last.distance_2
-            }
-            _ => f64::INFINITY,
-        };
-        let Some(distance_2) = distance_2_within(&state.anchor, query.state, limit) else {
-            continue;
-        };
-        let candidate = Candidate { state, unexplored, elsewhere, distance_2 };
-        let place = nearest.partition_point(|other| !candidate.comes_before(other));
-        nearest.insert(place, candidate);
-        nearest.truncate(NEIGHBOURS_MAX);
-    }
-    nearest
+/// The states nearest to the query in which anything was measured, searched or not. Estimates ask these: they
+/// are compared with what was measured next, over the whole history, and must come out the same when that is
+/// gone through again after a restart, when it is no longer known at which moment each search began.
+fn closest<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
+    let place = |place: usize| query.known.get(place).filter(|state| state.knowledge.best().is_some());
+    let found = query.atlas.nearest(query.state, count, false, |index| place(index).is_some());
+    let candidate = |found: &Found| {
+        Some(Candidate { state: place(found.name as usize)?, distance: found.distance_2.sqrt() })
+    };
+    found.iter().filter_map(candidate).collect()
 }
 
 /// The known states nearest to the query, for reasons.
 pub(super) fn neighbours(query: &Query<'_>) -> Vec<Neighbour> {
-    candidates(query).iter().filter_map(neighbour).collect()
+    listed(&candidates(query, NEIGHBOURS_MAX))
 }
 
-fn neighbour(candidate: &Candidate<'_>) -> Option<Neighbour> {
-    let best = candidate.state.knowledge.best()?;
-    Some(Neighbour {
-        state_id: candidate.state.id,
-        distance: candidate.distance_2.sqrt(),
-        best_cost: best.mean_cost,
-    })
+fn listed(candidates: &[Candidate<'_>]) -> Vec<Neighbour> {
+    let neighbour = |candidate: &Candidate<'_>| {
+        let best = candidate.state.knowledge.best()?;
+        let (state_id, best_cost) = (candidate.state.id, best.mean_cost);
+        Some(Neighbour { state_id, distance: candidate.distance, best_cost })
+    };
+    candidates.iter().take(NEIGHBOURS_MAX).filter_map(neighbour).collect()
+}
+
+/// A state's table as points: its best configurations and their mean costs.
+struct Table<'a> {
+    state: &'a KnownState,
+    points: Vec<(Vec<f64>, f64)>,
+}
+
+impl<'a> Table<'a> {
+    fn of(query: &Query<'_>, state: &'a KnownState) -> Self {
+        let records = state.knowledge.ranked().take(RECORDS);
+        let points = records.map(|record| (query.space.encode(&record.configuration), record.mean_cost));
+        Table { state, points: points.collect() }
+    }
+
+    /// What a configuration costs in the state: its own mean, else that of the configuration most like it.
+    fn cost(&self, configuration: &Configuration, point: &[f64]) -> Option<f64> {
+        let own = self.state.knowledge.record(configuration).filter(|record| record.measurements > 0);
+        own.map(|record| record.mean_cost).or_else(|| {
+            let alike = |(other, _): &(Vec<f64>, f64)| -> f64 {
+                other.iter().zip(point).map(|(a, b)| (a - b) * (a - b)).sum()
+            };
+            let nearest = self.points.iter().min_by(|a, b| alike(a).total_cmp(&alike(b)));
+            nearest.map(|(_, cost)| *cost)
+        })
+    }
+}
+
+/// The first state's word, and how far the others are from it; on its own it may be off by its whole cost.
+fn first_word(costs: &[f64]) -> Option<Estimate> {
+    let (&first, others) = costs.split_first()?;
+    if others.is_empty() {
+        return Some(Estimate::new(first, first));
+    }
+    // Divided before they are squared and summed: differences of large costs may overflow.
+    let scale = costs.iter().fold(f64::MIN_POSITIVE, |most, &cost| most.max(cost));
+    let squares: f64 = others.iter().map(|cost| (cost / scale - first / scale).powi(2)).sum();
+    Some(Estimate::new(first, scale * (squares / others.len() as f64).sqrt()))
 }
 
 impl Predictor for Nearest {
     fn learn(&mut self, _lesson: &Lesson<'_>) {}
 
+    fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate> {
+        let point = query.space.encode(configuration);
+        let candidates = closest(query, NEIGHBOURS_MAX);
+        let cost = |candidate: &Candidate<'_>| Table::of(query, candidate.state).cost(configuration, &point);
+        first_word(&candidates.iter().filter_map(cost).collect::<Vec<_>>())
+    }
+
     fn predict(&self, query: &Query<'_>) -> Option<Answer> {
-        let candidates = candidates(query);
+        let candidates = candidates(query, NEIGHBOURS_MAX);
         let record = candidates
             .iter()
             .flat_map(|candidate| candidate.state.knowledge.ranked())
             .find(|record| !query.excludes(&record.configuration))?;
+        let mut costs = vec![record.mean_cost];
+        let best = |candidate: &Candidate<'_>| candidate.state.knowledge.best().map(|best| best.mean_cost);
+        costs.extend(candidates.iter().skip(1).filter_map(best));
         Some(Answer {
             configuration: record.configuration.clone(),
-            predicted_cost: Some(record.mean_cost),
-            neighbours: candidates.iter().filter_map(neighbour).collect(),
+            expected: first_word(&costs)?,
+            neighbours: listed(&candidates),
         })
+    }
+}
+
+/// Weights of candidates, of sum one.
+fn weights(candidates: &[Candidate<'_>]) -> Vec<f64> {
+    let furthest = candidates.iter().map(|candidate| candidate.distance).fold(0.0, f64::max);
+    let floor = (NEARNESS_MAX * furthest).powi(2);
+    let square = |candidate: &Candidate<'_>| candidate.distance * candidate.distance + floor;
+    // All at one place weigh the same.
+    let weight = |candidate: &Candidate<'_>| if furthest > 0.0 { floor / square(candidate) } else { 1.0 };
+    let sum: f64 = candidates.iter().map(weight).sum();
+    candidates.iter().map(|candidate| weight(candidate) / sum).collect()
+}
+
+/// The weighted mean of costs, and their spread.
+fn weighted_word(costs: &[(f64, f64)]) -> Option<Estimate> {
+    let total: f64 = costs.iter().map(|(weight, _)| weight).sum();
+    if costs.is_empty() || total <= 0.0 {
+        return None;
+    }
+    let scale = costs.iter().fold(f64::MIN_POSITIVE, |most, &(_, cost)| most.max(cost));
+    let mean: f64 = costs.iter().map(|(weight, cost)| weight / total * (cost / scale)).sum();
+    let squares: f64 =
+        costs.iter().map(|(weight, cost)| weight / total * (cost / scale - mean).powi(2)).sum();
+    let deviation = if costs.len() == 1 { mean } else { squares.sqrt() };
+    Some(Estimate::new(scale * mean, scale * deviation))
+}
+
+impl Weighted {
+    fn word(
+        tables: &[(f64, Table<'_>)],
+        configuration: &Configuration,
+        point: &[f64],
+    ) -> Option<(Estimate, f64)> {
+        let (mut costs, mut score, mut total) = (Vec::new(), 0.0, 0.0);
+        for (weight, table) in tables {
+            let best = table.state.knowledge.best().map(|best| best.mean_cost);
+            let (Some(cost), Some(best)) = (table.cost(configuration, point), best) else {
+                continue;
+            };
+            costs.push((*weight, cost));
+            // States differ in how much anything costs there; what counts is how much more than the best.
+            let ratio = if best > 0.0 { (cost / best).min(f64::MAX) } else { 1.0 };
+            score += weight * libm::log(ratio.max(f64::MIN_POSITIVE));
+            total += weight;
+        }
+        Some((weighted_word(&costs)?, score / total))
+    }
+
+    fn tables<'a>(
+        query: &Query<'a>,
+        candidates: Vec<Candidate<'a>>,
+    ) -> (Vec<(f64, Table<'a>)>, Vec<Neighbour>) {
+        let weights = weights(&candidates);
+        let tables = candidates.iter().map(|candidate| Table::of(query, candidate.state));
+        (weights.into_iter().zip(tables).collect(), listed(&candidates))
+    }
+}
+
+impl Predictor for Weighted {
+    fn learn(&mut self, _lesson: &Lesson<'_>) {}
+
+    fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate> {
+        let (tables, _) = Self::tables(query, closest(query, WEIGHTED));
+        Self::word(&tables, configuration, &query.space.encode(configuration)).map(|(expected, _)| expected)
+    }
+
+    fn predict(&self, query: &Query<'_>) -> Option<Answer> {
+        let (tables, neighbours) = Self::tables(query, candidates(query, WEIGHTED));
+        let leaders = tables.iter().flat_map(|(_, table)| {
+            let usable =
+                table.state.knowledge.ranked().filter(|record| !query.excludes(&record.configuration));
+            usable.take(CANDIDATES)
+        });
+        let mut best: Option<(&Configuration, Estimate, f64)> = None;
+        for record in leaders {
+            let configuration = &record.configuration;
+            let point = query.space.encode(configuration);
+            let Some((expected, score)) = Self::word(&tables, configuration, &point) else {
+                continue;
+            };
+            if best.is_none_or(|(_, _, least)| score < least) {
+                best = Some((configuration, expected, score));
+            }
+        }
+        let (configuration, expected, _) = best?;
+        Some(Answer { configuration: configuration.clone(), expected, neighbours })
     }
 }

@@ -47,7 +47,7 @@ pub struct Layout {
 
 /// How two values of an axis compare.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Metric {
+pub(crate) enum Metric {
     /// By their difference.
     Ordered,
     /// By being equal or not.
@@ -55,7 +55,7 @@ pub(super) enum Metric {
 }
 
 /// The value of an axis that is inactive, among [`Layout::features`].
-pub(super) const INACTIVE: f64 = -1.0;
+pub(crate) const INACTIVE: f64 = -1.0;
 
 /// Most cells that are counted; finer axes pass for continuous.
 const CELLS_MAX: u64 = 1 << 16;
@@ -86,7 +86,7 @@ impl Layout {
 
     /// Axes that count as numbers in 0..1, for a search that knows no more than their number and, for
     /// choices of equal shares, the count of their values.
-    pub(super) fn plain(default: Vec<f64>, levels: &[u32]) -> Self {
+    pub(crate) fn plain(default: Vec<f64>, levels: &[u32]) -> Self {
         let axis = |index: usize| {
             let kind = match levels.get(index).copied().unwrap_or(0) {
                 0 => Kind::Number(Domain::Float { min: 0.0, max: 1.0, scale: Default::default() }),
@@ -98,12 +98,17 @@ impl Layout {
     }
 
     /// Whether nothing is known.
-    pub(super) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.axes.is_empty()
     }
 
+    /// How many axes there are.
+    pub(crate) fn dimension(&self) -> usize {
+        self.axes.len()
+    }
+
     /// How the values of each feature compare.
-    pub(super) fn metrics(&self) -> Vec<Metric> {
+    pub(crate) fn metrics(&self) -> Vec<Metric> {
         let metric = |axis: &Axis| match &axis.kind {
             Kind::Choice { ranks, .. } if ranks.is_empty() => Metric::Unordered,
             _ => Metric::Ordered,
@@ -113,7 +118,7 @@ impl Layout {
     }
 
     /// How many values an axis has; 0 for a continuous one.
-    pub(super) fn cells(&self, axis: usize) -> u32 {
+    pub(crate) fn cells(&self, axis: usize) -> u32 {
         match &self.axes[axis].kind {
             Kind::Choice { levels, .. } => *levels,
             Kind::Number(Domain::Integer { min, max, .. }) if max.abs_diff(*min) < CELLS_MAX => {
@@ -124,7 +129,7 @@ impl Layout {
     }
 
     /// The coordinate of the value that is the `rank`th by size (by listing where there is no order).
-    pub(super) fn at_rank(&self, axis: usize, rank: u32) -> f64 {
+    pub(crate) fn at_rank(&self, axis: usize, rank: u32) -> f64 {
         match &self.axes[axis].kind {
             Kind::Choice { levels, ranks } => {
                 let cell = ranks.iter().position(|&other| other == rank).map_or(rank, |cell| cell as u32);
@@ -139,7 +144,7 @@ impl Layout {
     }
 
     /// The rank of the value at a canonical coordinate.
-    pub(super) fn rank(&self, axis: usize, x: f64) -> u32 {
+    pub(crate) fn rank(&self, axis: usize, x: f64) -> u32 {
         match &self.axes[axis].kind {
             Kind::Choice { levels, ranks } => {
                 let cell = cell(x, *levels);
@@ -154,7 +159,7 @@ impl Layout {
     }
 
     /// Which axes count at a point whose parents are canonical.
-    pub(super) fn active(&self, x: &[f64]) -> Vec<bool> {
+    pub(crate) fn active(&self, x: &[f64]) -> Vec<bool> {
         let mut active = vec![true; x.len()];
         for (index, axis) in self.axes.iter().enumerate() {
             if let Some(Gate { parent, any_of }) = &axis.gate {
@@ -167,7 +172,7 @@ impl Layout {
     /// Moves a point to where its configuration is encoded: cells to their middles, folded constraints
     /// unfolded, inactive axes to their defaults. Where a constraint can only be repaired by narrowing
     /// ranges the point is left where it is.
-    pub(super) fn canonical(&self, x: &mut [f64]) -> Vec<bool> {
+    pub(crate) fn canonical(&self, x: &mut [f64]) -> Vec<bool> {
         for (x, axis) in x.iter_mut().zip(&self.axes) {
             *x = axis.snap(*x);
         }
@@ -206,7 +211,7 @@ impl Layout {
     /// choice without order, [`INACTIVE`] where the axis does not count. Choices among more than two numbers
     /// are seen twice, by size and by cell: values such as block sizes follow their order in part only, and
     /// the model weighs the two.
-    pub(super) fn features(&self, x: &[f64], active: &[bool]) -> Vec<f64> {
+    pub(crate) fn features(&self, x: &[f64], active: &[bool]) -> Vec<f64> {
         let feature = |index: usize| match &self.axes[index].kind {
             _ if !active[index] => INACTIVE,
             Kind::Number(_) => x[index],

@@ -8,7 +8,7 @@
 pub mod auto;
 mod flight;
 pub mod latin_hypercube;
-mod layout;
+pub(crate) mod layout;
 mod levels;
 pub mod model;
 pub mod nelder_mead;

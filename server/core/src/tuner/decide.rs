@@ -6,10 +6,10 @@ use rand::RngExt;
 
 use crate::knowledge::{KnownState, Record};
 use crate::policy::PredictorMethod;
-use crate::predict::{Answer, Nearest, Predictor, Query};
+use crate::predict::Answer;
 use crate::randomness::{Purpose, stream, text_number};
 use crate::trial::{Mode, Neighbour, Reason};
-use crate::tuner::{Decision, Prediction, Tuner, TunerError};
+use crate::tuner::{Decision, Prediction, Tuner, TunerError, query};
 
 impl Tuner {
     /// What would be exploited for these indicators. Changes nothing.
@@ -63,26 +63,9 @@ impl Tuner {
         {
             return prediction;
         }
-        let query =
-            Query { state: normalised, here: here.map(|state| &self.states[state]), known: &self.states };
-        let method = self.spec.policy.predictor;
-        let answer = match method {
-            PredictorMethod::NearestNeighbour => None,
-            PredictorMethod::RbfGreedyGq => self.model.predict(&query),
-        };
-        if let Some(answer) = answer {
-            let count = answer.neighbours.len();
-            let summary = format!(
-                "The model learnt from all trials expects the most of it; the {count} nearest known states are listed."
-            );
-            return exploit(answer, method, summary);
-        }
-        if let Some(answer) = Nearest.predict(&query) {
-            let nearest = answer.neighbours.first();
-            let summary = nearest.map(|Neighbour { state_id, distance, .. }| {
-                format!("Best known configuration of state {state_id}, the nearest known one, at distance {distance:.4}.")
-            });
-            return exploit(answer, PredictorMethod::NearestNeighbour, summary.unwrap_or_default());
+        let query = query(&self.spec, &self.states, &self.atlas, normalised, here);
+        if let Some((answer, method)) = self.predictors.predict(self.spec.policy.predictor, &query) {
+            return exploit(answer, method);
         }
         Prediction {
             configuration: self.spec.space.default_configuration(),
@@ -111,10 +94,23 @@ impl Tuner {
     }
 }
 
-fn exploit(answer: Answer, method: PredictorMethod, summary: String) -> Prediction {
-    let Answer { configuration, predicted_cost, neighbours } = answer;
+fn exploit(answer: Answer, method: PredictorMethod) -> Prediction {
+    let Answer { configuration, expected, neighbours } = answer;
+    let nearest = neighbours.first();
+    let summary = match (method, nearest) {
+        (PredictorMethod::NearestNeighbour, Some(Neighbour { state_id, distance, .. })) => format!(
+            "Best known configuration of state {state_id}, the nearest known one, at distance {distance:.4}."
+        ),
+        _ => format!(
+            "The model learnt from all trials expects the most of it: {:.4} ± {:.4}; the {} nearest known states are \
+             listed.",
+            expected.cost,
+            expected.deviation,
+            neighbours.len()
+        ),
+    };
     let reason = Reason { neighbours, ..plain_reason(method.name(), summary) };
-    Prediction { configuration, mode: Mode::Exploit, predicted_cost, reason }
+    Prediction { configuration, mode: Mode::Exploit, predicted_cost: Some(expected.cost), reason }
 }
 
 pub(super) fn plain_reason(source: &str, summary: String) -> Reason {

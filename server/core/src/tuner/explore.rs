@@ -4,10 +4,11 @@ use rand::RngExt;
 
 use crate::configuration::Configuration;
 use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
+use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
 use crate::search::{AnySearch, Feedback, Layout, Point, Search, SearchSetup, Step, levels};
 use crate::trial::{Mode, Reason};
-use crate::tuner::{Exploration, Prediction, Tuner, Work};
+use crate::tuner::{Exploration, Prediction, Tuner, Work, query};
 
 /// What the walk along a search came to.
 enum Walk {
@@ -25,6 +26,9 @@ impl Tuner {
     /// spent), the best that is known, because a client never waits. The best may change from one answer to
     /// the next here: measuring the leaders again is what tells luck from merit.
     pub(super) fn explore(&mut self, state: usize, number: u64, normalised: &[f64]) -> Prediction {
+        if let Some(prediction) = self.first_of_a_state(state, number, normalised) {
+            return prediction;
+        }
         self.ensure_exploration(state);
         let walk = self.walk(state);
         let unseen = match walk {
@@ -46,6 +50,29 @@ impl Tuner {
         self.best_known(state).unwrap_or_else(|| self.exploitation(normalised, Some(state)))
     }
 
+    /// What to run where nothing was measured yet, if the predictor can say from elsewhere where much may be
+    /// gained. A client that stays goes on with the state's search; where every input is met once, this is all
+    /// the exploring there is.
+    fn first_of_a_state(&self, state: usize, number: u64, normalised: &[f64]) -> Option<Prediction> {
+        let work = &self.work[state];
+        if work.exploration.is_some() || !work.running.is_empty() || self.states[state].knowledge.tried() > 0
+        {
+            return None;
+        }
+        let query = query(&self.spec, &self.states, &self.atlas, normalised, Some(state));
+        let (answer, method) = self.predictors.propose(self.spec.policy.predictor, &query, number)?;
+        let Answer { configuration, expected, neighbours } = answer;
+        let summary = format!(
+            "Nothing was measured in this state; by what is known of others this may do better than the rest: \
+             {:.4} ± {:.4}.",
+            expected.cost, expected.deviation
+        );
+        let reason =
+            Reason { summary, source: method.name().into(), step: Step::Model.name().into(), neighbours };
+        let predicted_cost = Some(expected.cost);
+        Some(Prediction { configuration, mode: Mode::Explore, predicted_cost, reason })
+    }
+
     /// Sees that the state has a search of the policy's kind. Trials that carry points of an earlier search
     /// only feed the table from then on.
     fn ensure_exploration(&mut self, state: usize) {
@@ -64,6 +91,7 @@ impl Tuner {
         };
         self.work[state].exploration = Some(Exploration::new(AnySearch::new(method, setup)));
         self.states[state].explored = true;
+        self.atlas.note(&self.states[state]);
     }
 
     /// Asks the search until a point is worth a measurement. Points that fall on configurations with a

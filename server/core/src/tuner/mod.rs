@@ -31,14 +31,16 @@ pub use types::{
 
 use crate::configuration::Configuration;
 use crate::knowledge::{KnownState, Record};
-use crate::policy::Policy;
-use crate::predict::Rbf;
+use crate::policy::{Policy, PredictorMethod};
+use crate::predict::prequential::Interval;
+use crate::predict::{Atlas, Origin, Predictors, Query};
+use crate::randomness::text_number;
 use crate::study::{StudyError, StudySpec};
-use crate::trial::Trial;
+use crate::trial::{Fingerprint, Trial};
 
 /// The state machine of one study. Pure: time comes in as `now_ms`, randomness from the study's seed.
 ///
-/// No call costs more when there are more trials. Recognising a state is linear in the states.
+/// No call costs more when there are more trials; recognising a state grows with the logarithm of their number.
 #[derive(Clone, Debug)]
 pub struct Tuner {
     spec: Arc<StudySpec>,
@@ -51,8 +53,10 @@ pub struct Tuner {
     open: BTreeMap<u64, Trial>,
     /// The open trials of each client: number by state.
     held: BTreeMap<String, BTreeMap<u64, u64>>,
-    /// Always trained, so that the policy can change to it at any time.
-    model: Rbf,
+    /// Where the states lie.
+    atlas: Atlas,
+    /// All always trained, so that the policy can change to another at any time.
+    predictors: Predictors,
     last_trial: u64,
     completed: u64,
     last_completion: u64,
@@ -72,7 +76,8 @@ impl Tuner {
         spec.validate()?;
         let indicators = spec.indicators.indicators().len();
         Ok(Tuner {
-            model: Rbf::new(spec.space.dimension(), indicators, spec.seed),
+            atlas: Atlas::new(indicators),
+            predictors: Predictors::new(&spec.space, indicators, spec.seed),
             spec,
             states: Vec::new(),
             work: Vec::new(),
@@ -115,6 +120,12 @@ impl Tuner {
             completed_trials: self.completed,
             open_trials: self.open.len() as u64,
         }
+    }
+
+    /// How wrong each predictor was in this study: mean error with a 95 % interval, see
+    /// [`prequential`](crate::predict::prequential). `Auto` stands for the choice among them.
+    pub fn predictor_errors(&self) -> Vec<(PredictorMethod, Interval)> {
+        self.predictors.errors()
     }
 
     /// The best known configuration of the state that matches the indicators, or of all states where none
@@ -188,6 +199,28 @@ impl Tuner {
         }
         Some(trial)
     }
+}
+
+/// A question about a state, known or not.
+fn query<'a>(
+    spec: &'a StudySpec,
+    states: &'a [KnownState],
+    atlas: &'a Atlas,
+    normalised: &'a [f64],
+    here: Option<usize>,
+) -> Query<'a> {
+    let here = here.map(|state| &states[state]);
+    Query { state: normalised, here, known: states, atlas, space: &spec.space, origin: None }
+}
+
+/// Numbers for a client and for its kind of machine: processor, instructions, threads and software.
+fn origin(client_id: &str, fingerprint: Option<&Fingerprint>) -> Origin {
+    let machine = fingerprint.map(|Fingerprint { cpu_model, isa, threads, software }| {
+        let software: Vec<String> =
+            software.iter().map(|(name, version)| format!("{name}={version}")).collect();
+        format!("{cpu_model}\n{isa}\n{threads}\n{}", software.join("\n"))
+    });
+    Origin { group: text_number(&machine.unwrap_or_default()), node: text_number(client_id) }
 }
 
 /// The place of a state in the tables.

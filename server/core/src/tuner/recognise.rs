@@ -1,6 +1,7 @@
 //! Which state are these indicators?
 
 use crate::knowledge::KnownState;
+use crate::predict::atlas::match_distance_2;
 use crate::tuner::{Tuner, Work, place};
 
 impl Tuner {
@@ -16,36 +17,16 @@ impl Tuner {
                 return Some(current);
             }
         }
-        let mut nearest: Option<(usize, f64)> = None;
-        for (index, known) in self.states.iter().enumerate() {
-            if let Some(distance_2) = match_distance_2(&known.anchor, state, tolerance)
-                && nearest.is_none_or(|(_, least)| distance_2 < least)
-            {
-                nearest = Some((index, distance_2));
-            }
-        }
-        nearest.map(|(index, _)| index)
+        self.atlas.within(state, tolerance)
     }
 
     /// Founds a state with these indicators as its anchor.
     pub(super) fn found(&mut self, anchor: Vec<f64>) -> usize {
         let id = self.states.len() as u64 + 1;
-        self.states.push(KnownState { id, anchor, explored: false, knowledge: Default::default() });
+        let state = KnownState { id, anchor, explored: false, knowledge: Default::default() };
+        self.atlas.note(&state);
+        self.states.push(state);
         self.work.push(Work::default());
         self.states.len() - 1
     }
-}
-
-/// The square of the Euclidean distance if every indicator is within the tolerance; most states are left
-/// at the first indicator that is not.
-fn match_distance_2(anchor: &[f64], state: &[f64], tolerance: f64) -> Option<f64> {
-    let mut sum = 0.0;
-    for (a, b) in anchor.iter().zip(state) {
-        let difference = (a - b).abs();
-        if difference > tolerance {
-            return None;
-        }
-        sum += difference * difference;
-    }
-    Some(sum)
 }

@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::predict::{Lesson, Predictor};
+use crate::predict::{Lesson, Query};
 use crate::search::{Feedback, Step, Verdict};
 use crate::trial::{Outcome, Trial, TrialState};
-use crate::tuner::{Change, Tuner, TunerError, checks, place};
+use crate::tuner::{Change, Tuner, TunerError, checks, origin, place, query};
 
 impl Tuner {
     /// Takes the result of a trial and tells what must be stored before it is acknowledged.
@@ -69,24 +69,33 @@ impl Tuner {
         self.completed += 1;
         self.last_completion = trial.completion.unwrap_or(self.last_completion + 1);
         let state = place(trial.state_id);
-        self.states[state].knowledge.learn(trial);
         let verdict = match (&trial.outcome, trial.cost) {
-            (Some(Outcome::Ok), Some(cost)) => Verdict::Cost(cost),
-            (Some(Outcome::Aborted { lower_bound }), _) => Verdict::AtLeast(*lower_bound),
-            (Some(Outcome::Infeasible { .. }), _) => Verdict::Infeasible,
+            (Some(Outcome::Ok), Some(cost)) => Some(Verdict::Cost(cost)),
+            (Some(Outcome::Aborted { lower_bound }), _) => Some(Verdict::AtLeast(*lower_bound)),
+            (Some(Outcome::Infeasible { .. }), _) => Some(Verdict::Infeasible),
             // Says nothing of the configuration.
-            _ => return,
+            _ => None,
         };
-        let default_cost = self.default_cost(state);
-        let point = self.spec.space.encode(&trial.configuration);
         // The indicators were checked when the trial was handed out.
-        if let Ok(normalised) = self.spec.indicators.normalise(&trial.indicators) {
-            self.model.learn(&Lesson {
-                state: &normalised,
+        let normalised = self.spec.indicators.normalise(&trial.indicators).ok();
+        if let (Some(Verdict::Cost(cost)), Some(normalised)) = (verdict, &normalised) {
+            // What would they have said of it? Asked before anything of the trial is known.
+            let origin = origin(&trial.client_id, trial.fingerprint.as_ref());
+            let query = query(&self.spec, &self.states, &self.atlas, normalised, Some(state));
+            let query = Query { origin: Some(origin), ..query };
+            self.predictors.test(&query, &trial.configuration, cost);
+        }
+        self.states[state].knowledge.learn(trial);
+        self.atlas.note(&self.states[state]);
+        if let (Some(verdict), Some(normalised)) = (verdict, &normalised) {
+            let point = self.spec.space.encode(&trial.configuration);
+            self.predictors.learn(&Lesson {
+                state: normalised,
                 configuration: &trial.configuration,
                 point: &point,
                 verdict,
-                default_cost,
+                default_cost: self.default_cost(state),
+                origin: Some(origin(&trial.client_id, trial.fingerprint.as_ref())),
             });
         }
     }

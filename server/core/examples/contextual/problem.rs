@@ -1,0 +1,174 @@
+//! Problems whose optimum moves with the context.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use treewright_core::configuration::Configuration;
+use treewright_core::indicator::{Indicator, IndicatorSchema};
+use treewright_core::objective::{Objective, ObjectiveTerm};
+use treewright_core::policy::Policy;
+use treewright_core::space::{Domain, Parameter, Scale, Space};
+use treewright_core::study::{STATE_TOLERANCE_DEFAULT, StudySpec};
+use treewright_core::value::Value;
+
+/// Contexts on which the best fixed configuration is found.
+const CONTEXTS: usize = 4000;
+/// Regret of the best fixed configuration, by the choice of unit.
+const FIXED: f64 = 0.6;
+
+/// A function with four parameters and two indicators.
+pub(crate) struct Problem {
+    pub(crate) name: &'static str,
+    /// Where the optimum of each parameter lies in a context.
+    optimum: fn(&[f64; 2]) -> [f64; 4],
+    /// The cost above the least, of the squared ways from the optimum.
+    rise: fn(&[f64; 4]) -> f64,
+    /// The least cost in a context.
+    least: fn(&[f64; 2]) -> f64,
+    integers: bool,
+    /// What a regret of one is in units of cost.
+    unit: f64,
+    random: f64,
+}
+
+fn wave(&[u, v]: &[f64; 2]) -> [f64; 4] {
+    let sine = |x: f64| 0.5 + 0.4 * (std::f64::consts::PI * x).sin();
+    [sine(u - 0.5), sine(2.0 * v - 0.5), sine(u + v), sine(u - v)]
+}
+
+fn slope(&[u, v]: &[f64; 2]) -> [f64; 4] {
+    [0.1 + 0.8 * u, 0.9 - 0.8 * v, 0.1 + 0.4 * (u + v), 0.5 + 0.4 * (u - v)]
+}
+
+fn bowl(squares: &[f64; 4]) -> f64 {
+    4.0 * squares.iter().sum::<f64>()
+}
+
+fn uneven(squares: &[f64; 4]) -> f64 {
+    8.0 * squares[0] + 4.0 * squares[1] + 2.0 * squares[2] + squares[3]
+}
+
+fn cone(squares: &[f64; 4]) -> f64 {
+    2.0 * squares.iter().sum::<f64>().sqrt()
+}
+
+fn one(_: &[f64; 2]) -> f64 {
+    1.0
+}
+
+/// A level that differs by a factor of five over the contexts.
+fn hill(&[u, v]: &[f64; 2]) -> f64 {
+    (1.6 * u * v).exp()
+}
+
+/// All problems.
+pub(crate) fn all() -> Vec<Problem> {
+    let problem = |name, optimum, rise, least, integers| {
+        let mut problem = Problem { name, optimum, rise, least, integers, unit: 1.0, random: 0.0 };
+        problem.scale();
+        problem
+    };
+    vec![
+        problem("wave, bowl", wave as fn(&_) -> _, bowl as fn(&_) -> _, one as fn(&_) -> _, false),
+        problem("slope, bowl", slope, bowl, one, false),
+        problem("wave, uneven, level", wave, uneven, hill, false),
+        problem("wave, cone", wave, cone, one, false),
+        problem("slope, uneven, integers", slope, uneven, hill, true),
+    ]
+}
+
+/// A standard normal number (Box and Muller 1958).
+pub(crate) fn normal(random: &mut ChaCha8Rng) -> f64 {
+    let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
+    (-2.0 * u.ln()).sqrt() * (2.0 * std::f64::consts::PI * v).cos()
+}
+
+impl Problem {
+    /// The noiseless cost of a point of the unit cube.
+    pub(crate) fn cost(&self, context: &[f64; 2], point: &[f64]) -> f64 {
+        let optimum = (self.optimum)(context);
+        let squares: [f64; 4] = std::array::from_fn(|axis| (point[axis] - optimum[axis]).powi(2));
+        (self.least)(context) * (1.0 + (self.rise)(&squares))
+    }
+
+    /// The regret of a cost.
+    pub(crate) fn regret(&self, cost: f64, context: &[f64; 2]) -> f64 {
+        (cost - (self.least)(context)) / self.unit
+    }
+
+    /// The mean regret of random configurations.
+    pub(crate) fn random_regret(&self) -> f64 {
+        self.random
+    }
+
+    /// Finds the best fixed configuration by pattern search, and takes its mean regret for [`FIXED`].
+    fn scale(&mut self) {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let contexts: Vec<[f64; 2]> = (0..CONTEXTS).map(|_| [random.random(), random.random()]).collect();
+        let regret = |point: &[f64]| {
+            contexts.iter().map(|context| self.regret(self.cost(context, point), context)).sum::<f64>()
+                / CONTEXTS as f64
+        };
+        let (mut best, mut step) = (vec![0.5; 4], 0.25);
+        let mut least = regret(&best);
+        while step > 0.004 {
+            let before = least;
+            for axis in 0..4 {
+                for way in [-step, step] {
+                    let mut other = best.clone();
+                    other[axis] = (other[axis] + way).clamp(0.0, 1.0);
+                    let found = regret(&other);
+                    if found < least {
+                        (best, least) = (other, found);
+                    }
+                }
+            }
+            if least == before {
+                step /= 2.0;
+            }
+        }
+        let anywhere: Vec<[f64; 4]> = (0..200).map(|_| std::array::from_fn(|_| random.random())).collect();
+        let mean = anywhere.iter().map(|point| regret(point)).sum::<f64>() / 200.0;
+        self.unit = least / FIXED;
+        self.random = mean / self.unit;
+    }
+
+    fn name_of(axis: usize) -> String {
+        format!("p{axis}")
+    }
+
+    /// The point of a configuration.
+    pub(crate) fn point(&self, configuration: &Configuration) -> Vec<f64> {
+        let coordinate = |axis: usize| match configuration.get(&Self::name_of(axis)) {
+            Some(Value::Float(x)) => *x,
+            Some(Value::Integer(level)) => *level as f64 / 16.0,
+            _ => 0.5,
+        };
+        (0..4).map(coordinate).collect()
+    }
+
+    /// The study in which the problem is tuned.
+    pub(crate) fn study(&self, policy: Policy, seed: u64) -> StudySpec {
+        let parameter = |axis: usize| Parameter {
+            name: Self::name_of(axis),
+            domain: if self.integers {
+                Domain::Integer { min: 0, max: 16, scale: Scale::Linear }
+            } else {
+                Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear }
+            },
+            default: if self.integers { Value::Integer(8) } else { Value::Float(0.5) },
+            active_if: None,
+        };
+        let indicator =
+            |name: &str| Indicator { name: name.into(), min: 0.0, max: 1.0, scale: Scale::Linear };
+        let term = ObjectiveTerm { metric: "cost".into(), weight: 1.0 };
+        StudySpec {
+            display_name: self.name.into(),
+            space: Space::new((0..4).map(parameter).collect(), vec![]).expect("a valid space"),
+            indicators: IndicatorSchema::new(vec![indicator("u"), indicator("v")]).expect("valid"),
+            objective: Objective::new(vec![term]).expect("a valid objective"),
+            state_tolerance: STATE_TOLERANCE_DEFAULT,
+            policy,
+            seed,
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! Where the known states lie: which are nearest, which one is met again.
+
+mod tree;
+
+use crate::knowledge::KnownState;
+use tree::Tree;
+pub(crate) use tree::{Found, match_distance_2};
+
+/// An index over the anchors of the known states. States are named by their places in the tuner's list.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Atlas {
+    /// All states.
+    all: Tree,
+    /// States in which something was measured.
+    measured: Tree,
+    /// Those of them in which a search was begun.
+    explored: Tree,
+    /// Which trees hold each state: measured, explored.
+    held: Vec<(bool, bool)>,
+    weights: Vec<f64>,
+}
+
+impl Atlas {
+    /// An empty index over states of so many indicators.
+    pub fn new(indicators: usize) -> Self {
+        let tree = Tree::new(indicators);
+        Atlas {
+            all: tree.clone(),
+            measured: tree.clone(),
+            explored: tree,
+            held: Vec::new(),
+            weights: vec![1.0; indicators],
+        }
+    }
+
+    /// Takes a new state, or notes that a known one was measured or explored. States come in the order of
+    /// their ids; to tell it twice changes nothing.
+    pub fn note(&mut self, state: &KnownState) {
+        let place = state.id as u32 - 1;
+        if self.held.len() == place as usize {
+            self.all.insert(place, &state.anchor);
+            self.held.push((false, false));
+        }
+        let (measured, explored) = &mut self.held[place as usize];
+        if state.knowledge.best().is_none() {
+            return;
+        }
+        if !*measured {
+            *measured = true;
+            self.measured.insert(place, &state.anchor);
+        }
+        if state.explored && !*explored {
+            *explored = true;
+            self.explored.insert(place, &state.anchor);
+        }
+    }
+
+    /// How many states there are.
+    pub fn len(&self) -> usize {
+        self.all.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The weighted distance of two states.
+    pub(crate) fn distance(&self, a: &[f64], b: &[f64]) -> f64 {
+        let terms = a.iter().zip(b).zip(&self.weights).map(|((a, b), weight)| weight * (a - b) * (a - b));
+        terms.sum::<f64>().sqrt()
+    }
+
+    /// The place of the nearest state of which no indicator is further from `state` than `tolerance`.
+    pub(crate) fn within(&self, state: &[f64], tolerance: f64) -> Option<usize> {
+        self.all.within(state, tolerance).map(|found| found.name as usize)
+    }
+
+    /// The `count` nearest states in which something was measured, and `filter` passes, nearest first.
+    /// `explored` leaves out those without a search.
+    pub(crate) fn nearest(
+        &self,
+        state: &[f64],
+        count: usize,
+        explored: bool,
+        mut filter: impl FnMut(usize) -> bool,
+    ) -> Vec<Found> {
+        let tree = if explored { &self.explored } else { &self.measured };
+        tree.nearest(state, &self.weights, count, &mut |name| filter(name as usize))
+    }
+}

@@ -1,0 +1,374 @@
+//! An exact index of points that grows one point at a time: a k-d tree whose nodes know their bounding boxes.
+//!
+//! Bentley, "Multidimensional binary search trees used for associative searching", 1975; bounding boxes make
+//! pruning follow the data's own dimension instead of the space's, which for scene indicators is low. A subtree
+//! that grew lopsided is built anew (Galperin and Rivest, "Scapegoat trees", 1993), so that depth stays
+//! logarithmic whatever order points come in. Distances are weighted axis by axis at the time of the question:
+//! weights may change without a new tree.
+
+/// A leaf is split when it holds more points than this.
+const LEAF_MAX: usize = 24;
+/// No child holds more than this share of its parent's points (and one leaf).
+const SHARE_MAX: f64 = 0.7;
+
+/// The tree. Points are numbered in the order in which they came.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Tree {
+    width: usize,
+    /// Coordinates of point `i` at `i * width`.
+    points: Vec<f64>,
+    /// What the caller calls point `i`.
+    names: Vec<u32>,
+    nodes: Vec<Node>,
+    /// Least and greatest coordinates of node `i` at `2 * i * width`.
+    boxes: Vec<f64>,
+    free: Vec<u32>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Node {
+    count: u32,
+    kind: Kind,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Kind {
+    Leaf(Vec<u32>),
+    Branch { axis: u32, cut: f64, below: u32, above: u32 },
+}
+
+/// A point that was found: its name, and the square of its weighted distance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Found {
+    pub(crate) name: u32,
+    pub(crate) distance_2: f64,
+}
+
+impl Found {
+    fn comes_before(&self, other: &Found) -> bool {
+        (self.distance_2, self.name) < (other.distance_2, other.name)
+    }
+}
+
+impl Tree {
+    /// An empty tree for points of `width` coordinates.
+    pub(super) fn new(width: usize) -> Self {
+        let root = Node { count: 0, kind: Kind::Leaf(Vec::new()) };
+        let mut tree =
+            Tree { width, points: vec![], names: vec![], nodes: vec![root], boxes: vec![], free: vec![] };
+        tree.boxes.extend(tree.empty_box());
+        tree
+    }
+
+    /// How many points there are.
+    pub(super) fn len(&self) -> usize {
+        self.names.len()
+    }
+
+    /// Adds a point of finite coordinates.
+    pub(super) fn insert(&mut self, name: u32, point: &[f64]) {
+        let slot = self.names.len() as u32;
+        self.points.extend_from_slice(point);
+        self.names.push(name);
+        let (mut node, mut lopsided) = (0usize, None);
+        loop {
+            self.widen(node, slot);
+            self.nodes[node].count += 1;
+            let Kind::Branch { axis, cut, below, above } = self.nodes[node].kind else { break };
+            let next = if point[axis as usize] < cut { below } else { above } as usize;
+            let most = SHARE_MAX * f64::from(self.nodes[node].count) + LEAF_MAX as f64;
+            if lopsided.is_none() && f64::from(self.nodes[next].count) > most {
+                lopsided = Some(node);
+            }
+            node = next;
+        }
+        let Kind::Leaf(slots) = &mut self.nodes[node].kind else { return };
+        slots.push(slot);
+        let full = slots.len() > LEAF_MAX;
+        if let Some(root) = lopsided.or(full.then_some(node)) {
+            let slots = self.dissolve(root);
+            self.build(root, slots);
+        }
+    }
+
+    /// The `count` points nearest to `state` that pass `filter`, nearest first, the first named first among
+    /// equals.
+    pub(super) fn nearest(
+        &self,
+        state: &[f64],
+        weights: &[f64],
+        count: usize,
+        filter: &mut dyn FnMut(u32) -> bool,
+    ) -> Vec<Found> {
+        let mut found: Vec<Found> = Vec::with_capacity(count + 1);
+        let mut open: Vec<(f64, u32)> = vec![(0.0, 0)];
+        while let Some((least, node)) = open.pop() {
+            let limit = if found.len() < count { f64::INFINITY } else { found[count - 1].distance_2 };
+            if least > limit || count == 0 {
+                continue;
+            }
+            match &self.nodes[node as usize].kind {
+                Kind::Branch { below, above, .. } => {
+                    let (a, b) = (self.gap_2(*below, state, weights), self.gap_2(*above, state, weights));
+                    // The nearer child is left on top.
+                    let pair = if a <= b { [(b, *above), (a, *below)] } else { [(a, *below), (b, *above)] };
+                    open.extend(pair);
+                }
+                Kind::Leaf(slots) => {
+                    for &slot in slots {
+                        let limit =
+                            if found.len() < count { f64::INFINITY } else { found[count - 1].distance_2 };
+                        let Some(distance_2) = distance_2(self.point(slot), state, weights, limit) else {
+                            continue;
+                        };
+                        let new = Found { name: self.names[slot as usize], distance_2 };
+                        let place = found.partition_point(|other| other.comes_before(&new));
+                        if place < count && filter(new.name) {
+                            found.insert(place, new);
+                            found.truncate(count);
+                        }
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    /// The nearest point of which no coordinate is further from `state` than `tolerance`, the first named
+    /// among equals.
+    pub(super) fn within(&self, state: &[f64], tolerance: f64) -> Option<Found> {
+        let mut best: Option<Found> = None;
+        let mut open = vec![0u32];
+        while let Some(node) = open.pop() {
+            let bounds = self.bounds(node);
+            let (low, high) = bounds.split_at(self.width);
+            // As differences are computed below, so that rounding cannot hide a point.
+            let outside =
+                |axis: usize| low[axis] - state[axis] > tolerance || state[axis] - high[axis] > tolerance;
+            if (0..self.width).any(outside) {
+                continue;
+            }
+            match &self.nodes[node as usize].kind {
+                Kind::Branch { below, above, .. } => open.extend([*above, *below]),
+                Kind::Leaf(slots) => {
+                    for &slot in slots {
+                        let Some(distance_2) = match_distance_2(self.point(slot), state, tolerance) else {
+                            continue;
+                        };
+                        let new = Found { name: self.names[slot as usize], distance_2 };
+                        if best.is_none_or(|best| new.comes_before(&best)) {
+                            best = Some(new);
+                        }
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    fn point(&self, slot: u32) -> &[f64] {
+        &self.points[slot as usize * self.width..(slot as usize + 1) * self.width]
+    }
+
+    fn bounds(&self, node: u32) -> &[f64] {
+        &self.boxes[node as usize * 2 * self.width..(node as usize + 1) * 2 * self.width]
+    }
+
+    fn empty_box(&self) -> Vec<f64> {
+        [vec![f64::INFINITY; self.width], vec![f64::NEG_INFINITY; self.width]].concat()
+    }
+
+    fn widen(&mut self, node: usize, slot: u32) {
+        let (width, from) = (self.width, 2 * node * self.width);
+        for axis in 0..width {
+            let x = self.points[slot as usize * width + axis];
+            let (low, high) = (from + axis, from + width + axis);
+            self.boxes[low] = self.boxes[low].min(x);
+            self.boxes[high] = self.boxes[high].max(x);
+        }
+    }
+
+    /// The square of the weighted distance from `state` to a node's box.
+    fn gap_2(&self, node: u32, state: &[f64], weights: &[f64]) -> f64 {
+        let (low, high) = self.bounds(node).split_at(self.width);
+        let gaps = state.iter().zip(weights).zip(low.iter().zip(high)).map(|((x, weight), (low, high))| {
+            let gap = (low - x).max(x - high).max(0.0);
+            weight * (gap * gap)
+        });
+        gaps.sum()
+    }
+
+    /// Takes a subtree apart, but for its root, and gives its points.
+    fn dissolve(&mut self, root: usize) -> Vec<u32> {
+        let (mut slots, mut open) = (Vec::with_capacity(self.nodes[root].count as usize), vec![root as u32]);
+        while let Some(node) = open.pop() {
+            let kind = std::mem::replace(&mut self.nodes[node as usize].kind, Kind::Leaf(Vec::new()));
+            match kind {
+                Kind::Leaf(points) => slots.extend(points),
+                Kind::Branch { below, above, .. } => {
+                    open.extend([above, below]);
+                    self.free.extend([above, below]);
+                }
+            }
+        }
+        slots
+    }
+
+    /// Builds a balanced subtree at `root`.
+    fn build(&mut self, root: usize, slots: Vec<u32>) {
+        let mut open = vec![(root, slots)];
+        while let Some((node, mut slots)) = open.pop() {
+            let from = 2 * node * self.width;
+            let empty = self.empty_box();
+            self.boxes[from..from + empty.len()].copy_from_slice(&empty);
+            slots.iter().for_each(|&slot| self.widen(node, slot));
+            self.nodes[node].count = slots.len() as u32;
+            let spread = |axis: usize| self.boxes[from + self.width + axis] - self.boxes[from + axis];
+            let widest = (0..self.width).max_by(|&a, &b| spread(a).total_cmp(&spread(b)).then(b.cmp(&a)));
+            let axis = match widest {
+                Some(axis) if slots.len() > LEAF_MAX && spread(axis) > 0.0 => axis,
+                // Points that all coincide stay together, however many.
+                _ => {
+                    self.nodes[node].kind = Kind::Leaf(slots);
+                    continue;
+                }
+            };
+            let x = |slot: &u32| self.points[*slot as usize * self.width + axis];
+            let middle = slots.len() / 2;
+            let (_, &mut at, _) =
+                slots.select_nth_unstable_by(middle, |a, b| x(a).total_cmp(&x(b)).then(a.cmp(b)));
+            let mut cut = x(&at);
+            // What equals the cut goes above; below must not stay empty.
+            if !slots.iter().any(|slot| x(slot) < cut) {
+                cut = slots.iter().map(x).filter(|x| *x > cut).fold(f64::INFINITY, f64::min);
+            }
+            let (low, high): (Vec<u32>, Vec<u32>) = slots.into_iter().partition(|slot| x(slot) < cut);
+            let (below, above) = (self.allocate(), self.allocate());
+            self.nodes[node].kind = Kind::Branch { axis: axis as u32, cut, below, above };
+            open.extend([(below as usize, low), (above as usize, high)]);
+        }
+    }
+
+    fn allocate(&mut self) -> u32 {
+        self.free.pop().unwrap_or_else(|| {
+            self.nodes.push(Node { count: 0, kind: Kind::Leaf(Vec::new()) });
+            let empty = self.empty_box();
+            self.boxes.extend(empty);
+            self.nodes.len() as u32 - 1
+        })
+    }
+}
+
+/// The square of the weighted distance, or `None` as soon as it must exceed `limit`.
+fn distance_2(a: &[f64], b: &[f64], weights: &[f64], limit: f64) -> Option<f64> {
+    let mut sum = 0.0;
+    for ((a, b), weight) in a.iter().zip(b).zip(weights) {
+        sum += weight * ((a - b) * (a - b));
+        if sum > limit {
+            return None;
+        }
+    }
+    Some(sum)
+}
+
+/// The square of the Euclidean distance if every coordinate is within the tolerance.
+pub(crate) fn match_distance_2(anchor: &[f64], state: &[f64], tolerance: f64) -> Option<f64> {
+    let mut sum = 0.0;
+    for (a, b) in anchor.iter().zip(state) {
+        let difference = (a - b).abs();
+        if difference > tolerance {
+            return None;
+        }
+        sum += difference * difference;
+    }
+    Some(sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// What a tree must answer, found by looking at every point.
+    fn nearest(points: &[Vec<f64>], state: &[f64], weights: &[f64], count: usize) -> Vec<Found> {
+        let all = points.iter().enumerate().filter_map(|(index, point)| {
+            let distance_2 = distance_2(point, state, weights, f64::INFINITY)?;
+            Some(Found { name: index as u32, distance_2 })
+        });
+        let mut all: Vec<Found> = all.collect();
+        all.sort_by(|a, b| a.distance_2.total_cmp(&b.distance_2).then(a.name.cmp(&b.name)));
+        all.truncate(count);
+        all
+    }
+
+    fn within(points: &[Vec<f64>], state: &[f64], tolerance: f64) -> Option<Found> {
+        let mut best: Option<Found> = None;
+        for (index, point) in points.iter().enumerate() {
+            if let Some(distance_2) = match_distance_2(point, state, tolerance)
+                && best.is_none_or(|best| distance_2 < best.distance_2)
+            {
+                best = Some(Found { name: index as u32, distance_2 });
+            }
+        }
+        best
+    }
+
+    fn depth(tree: &Tree, node: u32) -> usize {
+        match tree.nodes[node as usize].kind {
+            Kind::Leaf(_) => 1,
+            Kind::Branch { below, above, .. } => 1 + depth(tree, below).max(depth(tree, above)),
+        }
+    }
+
+    #[test]
+    fn points_in_rising_order_make_no_deep_tree() {
+        let mut tree = Tree::new(1);
+        (0..20_000u32).for_each(|index| tree.insert(index, &[f64::from(index)]));
+        assert!(depth(&tree, 0) < 30, "{}", depth(&tree, 0));
+        assert_eq!(tree.len(), 20_000);
+        assert_eq!(tree.nearest(&[777.2], &[1.0], 1, &mut |_| true)[0].name, 777);
+    }
+
+    #[test]
+    fn a_filter_and_no_coordinates_at_all_are_no_trouble() {
+        let mut tree = Tree::new(2);
+        (0..500u32).for_each(|index| tree.insert(index, &[f64::from(index % 20), f64::from(index / 20)]));
+        let even = tree.nearest(&[3.0, 3.0], &[1.0, 1.0], 1, &mut |name| name % 2 == 0);
+        assert_eq!(even, vec![Found { name: 62, distance_2: 1.0 }], "(2, 3), first named of four");
+        let mut tree = Tree::new(0);
+        (0..100).for_each(|index| tree.insert(index, &[]));
+        assert_eq!(tree.nearest(&[], &[], 2, &mut |_| true).len(), 2);
+        assert_eq!(tree.within(&[], 0.0), Some(Found { name: 0, distance_2: 0.0 }));
+    }
+
+    proptest! {
+        #![proptest_config(crate::testing::cases(96))]
+
+        #[test]
+        fn answers_are_those_of_looking_at_every_point(
+            width in 1usize..6, count in 1usize..9, grid in 1u32..9, seed in any::<u64>(), points in 1usize..400,
+            far in any::<bool>(), dropped in any::<bool>(), tolerance in 0.0f64..0.4,
+        ) {
+            use rand::{RngExt, SeedableRng};
+            let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+            // A coarse grid gives many equal distances and points that coincide.
+            let mut coordinate = |_: usize| f64::from(random.random_range(0..=grid)) / f64::from(grid);
+            let mut all: Vec<Vec<f64>> = (0..points).map(|_| (0..width).map(&mut coordinate).collect()).collect();
+            let state: Vec<f64> = (0..width).map(&mut coordinate).collect();
+            if far {
+                all.iter_mut().step_by(7).for_each(|point| point[0] = 1e9 * (point[0] - 0.5));
+            }
+            let mut weights: Vec<f64> = (0..width).map(|axis| 1.0 / (1 + axis) as f64).collect();
+            if dropped {
+                weights[0] = 0.0;
+            }
+            let mut tree = Tree::new(width);
+            for (index, point) in all.iter().enumerate() {
+                tree.insert(index as u32, point);
+            }
+            prop_assert_eq!(tree.nearest(&state, &weights, count, &mut |_| true), nearest(&all, &state, &weights, count));
+            prop_assert_eq!(tree.within(&state, tolerance), within(&all, &state, tolerance));
+        }
+    }
+}

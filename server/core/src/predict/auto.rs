@@ -1,0 +1,183 @@
+//! All predictors of a study, and the choice among them.
+
+use std::collections::BTreeMap;
+
+use crate::configuration::Configuration;
+use crate::limits::REWARD_COST_MIN;
+use crate::policy::PredictorMethod;
+use crate::predict::prequential::{Interval, Tally, error};
+use crate::predict::{
+    Answer, Contextual, Estimate, LeastSquares, Lesson, Nearest, Predictor, Query, Rbf, Shape, Weighted,
+};
+use crate::space::Space;
+
+/// Every trial is a test until there were so many; from then on one in
+const TESTS_EAGER: u64 = 256;
+/// so many is, so that a report stays cheap.
+const TESTS_SHARE: u64 = 16;
+/// The contextual model answers and proposes unless it errs by more than this times the least error, and by more
+/// than this altogether: it alone knows of configurations that nobody tried. By error alone the choice would
+/// confirm itself: who always repeats one configuration predicts its cost well.
+const TRUSTED: f64 = 3.0;
+const TRUSTED_ERROR: f64 = 0.25;
+/// Half the error is worth sixteen times the weight; errors below this are all the same.
+const WEIGHT_POWER: i32 = 4;
+const ERROR_LEAST: f64 = 1e-6;
+/// Fewer tests than this do not tell predictors apart.
+const TESTS_MIN: u64 = 8;
+
+/// Every predictor of a study, each trained on every trial, and what they were tested to be worth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Predictors {
+    printed: Rbf,
+    gaussian: Rbf,
+    least_squares: LeastSquares,
+    contextual: Contextual,
+    trials: u64,
+    /// Errors of each predictor, and of the choice among them.
+    tallies: BTreeMap<PredictorMethod, Tally>,
+}
+
+impl Predictors {
+    /// Predictors that have seen nothing yet, their centres and choices drawn from the study's seed.
+    pub fn new(space: &Space, indicators: usize, seed: u64) -> Self {
+        let dimension = space.dimension();
+        Predictors {
+            printed: Rbf::new(Shape::Printed, dimension, indicators, seed),
+            gaussian: Rbf::new(Shape::Gaussian, dimension, indicators, seed),
+            least_squares: LeastSquares::new(dimension, indicators, seed),
+            contextual: Contextual::new(space, indicators, seed),
+            trials: 0,
+            tallies: BTreeMap::new(),
+        }
+    }
+
+    /// Notes how far each would have been off a measured cost. To be called before the trial is learnt, and
+    /// before the table of its state holds it.
+    pub fn test(&mut self, query: &Query<'_>, configuration: &Configuration, cost: f64) {
+        self.trials += 1;
+        if self.trials > TESTS_EAGER && !self.trials.is_multiple_of(TESTS_SHARE) {
+            return;
+        }
+        let words = PredictorMethod::SINGLE.map(|method| {
+            let expected = self.single(method).and_then(|single| single.estimate(query, configuration));
+            (method, expected)
+        });
+        // The first trial of all is nobody's fault.
+        if words.iter().all(|(_, expected)| expected.is_none()) {
+            return;
+        }
+        let blend = self.blend(&words);
+        for (method, expected) in words.into_iter().chain([(PredictorMethod::Auto, blend)]) {
+            self.tallies.entry(method).or_default().take(error(expected, cost));
+        }
+    }
+
+    /// Teaches all.
+    pub fn learn(&mut self, lesson: &Lesson<'_>) {
+        self.printed.learn(lesson);
+        self.gaussian.learn(lesson);
+        self.least_squares.learn(lesson);
+        self.contextual.learn(lesson);
+    }
+
+    /// The predictor of a method; `None` for the choice among them.
+    fn single(&self, method: PredictorMethod) -> Option<&dyn Predictor> {
+        match method {
+            PredictorMethod::Auto => None,
+            PredictorMethod::NearestNeighbour => Some(&Nearest),
+            PredictorMethod::WeightedNeighbours => Some(&Weighted),
+            PredictorMethod::RbfGreedyGq => Some(&self.printed),
+            PredictorMethod::GaussianGreedyGq => Some(&self.gaussian),
+            PredictorMethod::LeastSquares => Some(&self.least_squares),
+            PredictorMethod::Contextual => Some(&self.contextual),
+        }
+    }
+
+    /// The one that erred least of late, the first listed among equals.
+    pub fn leader(&self) -> PredictorMethod {
+        let recent = |method: &PredictorMethod| self.recent(*method);
+        let methods = PredictorMethod::SINGLE;
+        methods.into_iter().min_by(|a, b| recent(a).total_cmp(&recent(b))).unwrap_or(methods[0])
+    }
+
+    fn recent(&self, method: PredictorMethod) -> f64 {
+        self.tallies.get(&method).map_or(f64::INFINITY, Tally::recent)
+    }
+
+    /// Who answers and proposes for a method.
+    fn speaker(&self, method: PredictorMethod) -> PredictorMethod {
+        if method != PredictorMethod::Auto {
+            return method;
+        }
+        let (contextual, leader) = (PredictorMethod::Contextual, self.leader());
+        let tests =
+            self.tallies.get(&contextual).and_then(Tally::interval).map_or(0, |interval| interval.count);
+        let trusted = tests < TESTS_MIN
+            || self.recent(contextual) <= (TRUSTED * self.recent(leader)).max(TRUSTED_ERROR);
+        if trusted { contextual } else { leader }
+    }
+
+    /// The mean errors of every predictor and of the choice among them (`Auto`), with 95 % intervals. Empty
+    /// before the second trial.
+    pub fn errors(&self) -> Vec<(PredictorMethod, Interval)> {
+        let interval = |(&method, tally): (&PredictorMethod, &Tally)| Some((method, tally.interval()?));
+        self.tallies.iter().filter_map(interval).collect()
+    }
+
+    /// What is expected of one configuration.
+    pub fn estimate(
+        &self,
+        method: PredictorMethod,
+        query: &Query<'_>,
+        configuration: &Configuration,
+    ) -> Option<Estimate> {
+        let estimate = |method| self.single(method)?.estimate(query, configuration);
+        if method != PredictorMethod::Auto {
+            return estimate(method);
+        }
+        self.blend(&PredictorMethod::SINGLE.map(|method| (method, estimate(method))))
+    }
+
+    /// The word of all, weighted by how little each erred of late: the mean of logarithms, since errors are
+    /// ratios. To follow one at a time would pay for every change of the lead.
+    fn blend(&self, words: &[(PredictorMethod, Option<Estimate>)]) -> Option<Estimate> {
+        let said: Vec<(f64, Estimate)> =
+            words.iter().filter_map(|(method, word)| Some((self.weight(*method), (*word)?))).collect();
+        let total: f64 = said.iter().map(|(weight, _)| weight).sum();
+        if said.is_empty() {
+            return None;
+        }
+        let log = |cost: f64| libm::log(cost.max(REWARD_COST_MIN));
+        let mean: f64 = said.iter().map(|(weight, word)| weight / total * log(word.cost)).sum();
+        let deviation: f64 = said.iter().map(|(weight, word)| weight / total * word.deviation).sum();
+        Some(Estimate::new(libm::exp(mean), deviation))
+    }
+
+    /// The weight of a predictor in the blend: all the same before the first test.
+    fn weight(&self, method: PredictorMethod) -> f64 {
+        let recent = self.recent(method);
+        if recent.is_finite() { recent.max(ERROR_LEAST).powi(-WEIGHT_POWER) } else { 1.0 }
+    }
+
+    /// The answer to exploit, and whose it is: the method's own, else (a model can be without a clue) that of
+    /// the nearest neighbour.
+    pub fn predict(&self, method: PredictorMethod, query: &Query<'_>) -> Option<(Answer, PredictorMethod)> {
+        [self.speaker(method), PredictorMethod::NearestNeighbour].into_iter().find_map(|method| {
+            let answer = self.single(method)?.predict(query)?;
+            Some((answer, method))
+        })
+    }
+
+    /// What to explore first in a state where nothing was measured, and who says so; `None` when the method
+    /// has no say in that, or the model that has is not to be trusted yet.
+    pub fn propose(
+        &self,
+        method: PredictorMethod,
+        query: &Query<'_>,
+        number: u64,
+    ) -> Option<(Answer, PredictorMethod)> {
+        let proposer = self.speaker(method);
+        self.single(proposer)?.propose(query, number).map(|answer| (answer, proposer))
+    }
+}

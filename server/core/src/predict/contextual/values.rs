@@ -1,0 +1,55 @@
+//! Costs as the process sees them.
+//!
+//! Noise grows with the cost and costs span magnitudes, so the process looks at logarithms; and since one
+//! thousandfold outlier must not hide all that lies between the others, what is further from the median than
+//! a few quartile distances is drawn in, itself by a logarithm. All is relative to the median: the unit of the
+//! cost does not matter.
+
+/// Where values begin to be drawn in, in distances of the quartiles.
+const REACH: f64 = 2.0;
+/// Costs count as no less than this share of the median.
+const LEAST: f64 = 1e-6;
+
+/// The transformation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Values {
+    median: f64,
+    scale: f64,
+}
+
+impl Values {
+    /// Chosen for these costs: finite, not negative. `None` where no more than half of them are positive.
+    pub(super) fn of(costs: &[f64]) -> Option<Self> {
+        let mut sorted = costs.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| sorted.get((share * (sorted.len() as f64 - 1.0)).round() as usize).copied();
+        let median = at(0.5).filter(|median| *median >= f64::MIN_POSITIVE)?;
+        let values = Values { median, scale: f64::INFINITY };
+        let quartile = |share| at(share).map_or(0.0, |cost| values.see(cost));
+        let spread = quartile(0.75) - quartile(0.25);
+        // Where most are alike the others say how far values reach.
+        let widest = if spread > 0.0 { spread } else { (quartile(1.0) - quartile(0.0)) / REACH };
+        Some(Values { median, scale: if widest > 0.0 { widest } else { f64::INFINITY } })
+    }
+
+    /// A cost as the process sees it: 0 at the median.
+    pub(super) fn see(&self, cost: f64) -> f64 {
+        let value = libm::log((cost / self.median).clamp(LEAST, f64::MAX));
+        let limit = REACH * self.scale;
+        if value.abs() <= limit {
+            return value;
+        }
+        (limit + self.scale * libm::log1p((value.abs() - limit) / self.scale)).copysign(value)
+    }
+
+    /// The cost that is seen as `value`, finite.
+    pub(super) fn cost(&self, value: f64) -> f64 {
+        let limit = REACH * self.scale;
+        let value = if value.abs() <= limit {
+            value
+        } else {
+            (limit + self.scale * libm::expm1((value.abs() - limit) / self.scale)).copysign(value)
+        };
+        (libm::exp(value.clamp(-700.0, 700.0)) * self.median).min(f64::MAX)
+    }
+}

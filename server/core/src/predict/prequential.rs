@@ -1,0 +1,102 @@
+//! How wrong predictors are: each is asked about every trial before it learns from it.
+//!
+//! Dawid, "Statistical theory: the prequential approach", JRSS A 147, 1984; Gama, Sebastião and Rodrigues, "On
+//! evaluating stream learning algorithms", Machine Learning 90, 2013. The error of a prediction is the
+//! logarithm of the ratio of expected and measured cost, without its sign: 0.1 is ten percent off. It does not
+//! change with the unit of the cost.
+
+use crate::limits::REWARD_COST_MIN;
+use crate::predict::Estimate;
+use crate::sum::Sum;
+
+/// An error counts as no more than this: a thousandfold.
+pub const ERROR_MAX: f64 = 6.907_755_278_982_137;
+/// An older error's weight after one more, in the recent mean.
+const FADE: f64 = 1.0 - 1.0 / 400.0;
+
+/// The error of one prediction; [`ERROR_MAX`] where there was none.
+pub fn error(expected: Option<Estimate>, cost: f64) -> f64 {
+    let log = |cost: f64| libm::log(cost.max(REWARD_COST_MIN));
+    expected.map_or(ERROR_MAX, |expected| (log(expected.cost) - log(cost)).abs().min(ERROR_MAX))
+}
+
+/// The errors of one predictor so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tally {
+    count: u64,
+    sum: Sum,
+    squares: Sum,
+    recent: f64,
+    weight: f64,
+}
+
+/// A mean error and where it lies with 95 % confidence, by the normal approximation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// Predictions tested.
+    pub count: u64,
+    /// Mean error.
+    pub mean: f64,
+    /// Lower end, at least 0.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+impl Tally {
+    /// Counts one more error.
+    pub fn take(&mut self, error: f64) {
+        self.count += 1;
+        self.sum.add(error);
+        self.squares.add(error * error);
+        self.recent = FADE * self.recent + error;
+        self.weight = FADE * self.weight + 1.0;
+    }
+
+    /// The mean error of late; the choice goes by it. Infinite before the first.
+    pub fn recent(&self) -> f64 {
+        if self.count == 0 { f64::INFINITY } else { self.recent / self.weight }
+    }
+
+    /// The mean error of all trials; `None` before the first.
+    pub fn interval(&self) -> Option<Interval> {
+        if self.count == 0 {
+            return None;
+        }
+        let n = self.count as f64;
+        let mean = self.sum.value() / n;
+        let variance = if self.count > 1 {
+            ((self.squares.value() / n - mean * mean) * n / (n - 1.0)).max(0.0)
+        } else {
+            ERROR_MAX * ERROR_MAX
+        };
+        let reach = 1.96 * (variance / n).sqrt();
+        Some(Interval { count: self.count, mean, low: (mean - reach).max(0.0), high: mean + reach })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_are_relative_and_bounded() {
+        let expected = Some(Estimate::new(2.0, 0.0));
+        assert_eq!(error(expected, 2.0), 0.0);
+        assert!((error(expected, 1.0) - std::f64::consts::LN_2).abs() < 1e-15);
+        assert!((error(expected, 4.0) - std::f64::consts::LN_2).abs() < 1e-15);
+        assert_eq!(error(expected, 0.0), ERROR_MAX);
+        assert_eq!(error(None, 1.0), ERROR_MAX);
+    }
+
+    #[test]
+    fn the_interval_narrows_around_the_mean() {
+        let mut tally = Tally::default();
+        assert_eq!(tally.interval(), None);
+        (0..400).for_each(|index| tally.take(if index % 2 == 0 { 0.1 } else { 0.3 }));
+        let Interval { count, mean, low, high } = tally.interval().expect("tested");
+        assert_eq!(count, 400);
+        assert!((mean - 0.2).abs() < 1e-12);
+        assert!((high - mean - 0.0098).abs() < 1e-4 && (mean - low - 0.0098).abs() < 1e-4);
+    }
+}

@@ -1,0 +1,61 @@
+//! The configurations among which a model of features chooses: those that fared best against the default.
+
+use std::collections::HashMap;
+
+use crate::configuration::Configuration;
+use crate::limits::CANDIDATES_MAX;
+use crate::predict::Lesson;
+
+/// A configuration that was seen to work, and may be chosen.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Candidate {
+    pub(super) configuration: Configuration,
+    /// The best cost it reached anywhere, over that of the default configuration in the same state.
+    ratio: f64,
+    /// The action's part of the squared distance to each centre.
+    pub(super) action_2: Vec<f64>,
+}
+
+/// At most [`CANDIDATES_MAX`] of them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Candidates {
+    list: Vec<Candidate>,
+    /// Only looked up, never walked, so its order does not matter.
+    index: HashMap<Configuration, usize>,
+}
+
+impl Candidates {
+    pub(super) fn iter(&self) -> impl Iterator<Item = &Candidate> {
+        self.list.iter()
+    }
+
+    /// Keeps the configuration of a lesson. When full, the one goes that fared worst against the default.
+    pub(super) fn keep(&mut self, lesson: &Lesson<'_>, cost: f64, action_2: Vec<f64>) {
+        let ratio = match lesson.default_cost {
+            Some(default) if default > 0.0 => cost / default,
+            _ => 1.0,
+        };
+        if let Some(&index) = self.index.get(lesson.configuration) {
+            let candidate = &mut self.list[index];
+            candidate.ratio = candidate.ratio.min(ratio);
+            return;
+        }
+        let candidate = Candidate { configuration: lesson.configuration.clone(), ratio, action_2 };
+        let place = if self.list.len() < CANDIDATES_MAX {
+            self.list.push(candidate);
+            self.list.len() - 1
+        } else {
+            let by_ratio = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
+            let ratios = self.list.iter().map(|candidate| candidate.ratio).enumerate();
+            match ratios.max_by(by_ratio) {
+                Some((worst, worst_ratio)) if ratio < worst_ratio => {
+                    self.index.remove(&self.list[worst].configuration);
+                    self.list[worst] = candidate;
+                    worst
+                }
+                _ => return,
+            }
+        };
+        self.index.insert(lesson.configuration.clone(), place);
+    }
+}

@@ -1,0 +1,233 @@
+//! Least squares over the paper's features, for each client, each kind of machine and the whole fleet.
+//!
+//! The paper leaves per-node prediction to future work ("hierarchical optimization or per node optimization is
+//! promising"). Here every lesson teaches three models of the logarithm of cost: the fleet's, that of the
+//! client's group (same processor and software) and the client's own. An answer weighs them by precision
+//! (Gelman et al., "Bayesian Data Analysis", chapter 5): the inverse of how much each model missed this
+//! client's trials by, plus what the model does not know yet about the asked point. A new client's own model
+//! knows nothing, so the fleet answers; as its trials come in, its own takes over as far as it is better.
+
+use std::collections::BTreeMap;
+
+use crate::configuration::Configuration;
+use crate::limits::{MODELS_MAX, REWARD_COST_MIN};
+use crate::predict::nearest::neighbours;
+use crate::predict::rbf::candidates::{Candidate, Candidates};
+use crate::predict::rbf::solver::Solver;
+use crate::predict::rbf::{Basis, Shape};
+use crate::predict::{Answer, Estimate, Lesson, Origin, Predictor, Query};
+use crate::search::Verdict;
+
+/// The prior's weight against one lesson.
+const PRIOR: f64 = 1e-2;
+/// A value further from what was expected than so many deviations is drawn to them (Huber, "Robust estimation
+/// of a location parameter", 1964), after so many lessons.
+const SURPRISE: f64 = 4.0;
+const SURPRISE_AFTER: u64 = 16;
+/// What an infeasible configuration counts as, above the worst cost seen, in logarithms.
+const INFEASIBLE: f64 = 1.0;
+/// What a model is thought to miss a new client's trials by, and the weight of that in lessons.
+const MISS: f64 = 0.05;
+const MISS_WEIGHT: f64 = 3.0;
+/// Recent misses count more: an older one fades by this.
+const MISS_FADE: f64 = 0.99;
+
+/// How much a model missed by: mean square, over so many trials.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Miss {
+    sum: f64,
+    weight: f64,
+}
+
+impl Miss {
+    fn new() -> Self {
+        Miss { sum: MISS * MISS_WEIGHT, weight: MISS_WEIGHT }
+    }
+
+    fn take(&mut self, miss: f64) {
+        self.sum = MISS_FADE * self.sum + miss * miss;
+        self.weight = MISS_FADE * self.weight + 1.0;
+    }
+
+    fn mean(&self) -> f64 {
+        self.sum / self.weight
+    }
+}
+
+/// The model of a client or a group, and how the fleet's, the group's and its own did on its trials.
+#[derive(Clone, Debug, PartialEq)]
+struct Member {
+    solver: Solver,
+    misses: [Miss; 3],
+    last: u64,
+}
+
+/// The models of one level, the [`MODELS_MAX`] that learnt last.
+type Level = BTreeMap<u64, Member>;
+
+/// The predictor. See the head of this module.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LeastSquares {
+    basis: Basis,
+    /// The logarithm of the first cost: values are relative to it, so that units do not matter.
+    reference: Option<f64>,
+    worst: f64,
+    fleet: Solver,
+    fleet_miss: Miss,
+    groups: Level,
+    nodes: Level,
+    /// The one group and node met so far, while there is only one: the fleet's model is theirs.
+    alone: Option<Origin>,
+    candidates: Candidates,
+}
+
+/// What is expected of one value.
+#[derive(Clone, Copy, Debug)]
+struct Belief {
+    mean: f64,
+    variance: f64,
+}
+
+impl LeastSquares {
+    /// An untrained model for `parameters` and `indicators`, its centres drawn from the study's seed.
+    pub fn new(parameters: usize, indicators: usize, seed: u64) -> Self {
+        let basis = Basis::new(Shape::Printed, parameters, indicators, seed);
+        LeastSquares {
+            fleet: Solver::new(basis.len() + 1, PRIOR),
+            fleet_miss: Miss::new(),
+            basis,
+            reference: None,
+            worst: 0.0,
+            groups: Level::new(),
+            nodes: Level::new(),
+            alone: None,
+            candidates: Candidates::default(),
+        }
+    }
+
+    fn features(&self, state_2: &[f64], action_2: &[f64], phi: &mut Vec<f64>) {
+        self.basis.features(state_2, action_2, phi);
+        phi.push(1.0);
+    }
+
+    /// What each model of a client's chain expects, with what it misses by there, the fleet's first.
+    fn chain(&self, phi: &[f64], origin: Option<Origin>) -> Vec<Belief> {
+        let node = origin.and_then(|origin| self.nodes.get(&origin.node));
+        let group = origin.and_then(|origin| self.groups.get(&origin.group));
+        let misses = node.or(group).map(|member| member.misses);
+        let belief = |solver: &Solver, level: usize| {
+            let miss = misses.map_or(self.fleet_miss.mean(), |misses| misses[level].mean());
+            Belief { mean: solver.value(phi), variance: miss * (1.0 + solver.leverage(phi)) }
+        };
+        let solvers = [Some(&self.fleet), group.map(|group| &group.solver), node.map(|node| &node.solver)];
+        solvers.into_iter().enumerate().filter_map(|(level, solver)| Some(belief(solver?, level))).collect()
+    }
+
+    /// The precision-weighted word of all.
+    fn believe(&self, phi: &[f64], origin: Option<Origin>) -> Belief {
+        let chain = self.chain(phi, origin);
+        let precision = |belief: &Belief| 1.0 / belief.variance.max(f64::MIN_POSITIVE);
+        let total: f64 = chain.iter().map(precision).sum();
+        let mean = |of: fn(&Belief) -> f64| {
+            chain.iter().map(|belief| precision(belief) / total * of(belief)).sum::<f64>()
+        };
+        // They learn from the same trials, so their errors do not cancel: variances average.
+        Belief { mean: mean(|belief| belief.mean), variance: mean(|belief| belief.variance) }
+    }
+
+    fn expected(&self, belief: Belief) -> Option<Estimate> {
+        let cost = libm::exp(belief.mean + self.reference?);
+        Some(Estimate::new(cost, cost * libm::expm1(belief.variance.sqrt())))
+    }
+
+    /// Teaches the models of a client and its group, once there is more than one of each.
+    fn teach(&mut self, phi: &[f64], value: f64, origin: Origin) {
+        let Some(alone) = self.alone else {
+            self.alone = Some(origin);
+            return;
+        };
+        if self.nodes.is_empty() && alone.node == origin.node {
+            return;
+        }
+        let chain: Vec<f64> = {
+            let level = |level: &Level, key| level.get(&key).map(|member| member.solver.value(phi));
+            let fleet = self.fleet.value(phi);
+            let group = level(&self.groups, origin.group).unwrap_or(0.0);
+            vec![fleet, group, level(&self.nodes, origin.node).unwrap_or(0.0)]
+        };
+        let (now, size) = (self.fleet.lessons(), phi.len());
+        for (level, key) in [(&mut self.groups, origin.group), (&mut self.nodes, origin.node)] {
+            let fresh = || Member { solver: Solver::new(size, PRIOR), misses: [Miss::new(); 3], last: now };
+            let member = level.entry(key).or_insert_with(fresh);
+            for (miss, expected) in member.misses.iter_mut().zip(&chain) {
+                miss.take(value - expected);
+            }
+            member.solver.learn(&mut phi.to_vec(), value);
+            member.last = now;
+            if level.len() > MODELS_MAX {
+                let oldest = level.iter().min_by_key(|(_, member)| member.last).map(|(&key, _)| key);
+                oldest.map(|key| level.remove(&key));
+            }
+        }
+    }
+}
+
+impl Predictor for LeastSquares {
+    fn learn(&mut self, lesson: &Lesson<'_>) {
+        let (state_2, action_2) = (self.basis.state_2(lesson.state), self.basis.action_2(lesson.point));
+        let mut phi = Vec::with_capacity(self.basis.len() + 1);
+        self.features(&state_2, &action_2, &mut phi);
+        let log = |cost: f64| libm::log(cost.max(REWARD_COST_MIN));
+        let expected = self.believe(&phi, lesson.origin);
+        let value = match (lesson.verdict, self.reference) {
+            (Verdict::Cost(cost), _) => log(cost) - *self.reference.get_or_insert(log(cost)),
+            (Verdict::Infeasible, Some(_)) => self.worst + INFEASIBLE,
+            (Verdict::AtLeast(bound), Some(reference)) if expected.mean < log(bound) - reference => {
+                log(bound) - reference
+            }
+            _ => return,
+        };
+        let reach = SURPRISE * expected.variance.sqrt();
+        let value = if self.fleet.lessons() < SURPRISE_AFTER {
+            value
+        } else {
+            expected.mean + (value - expected.mean).clamp(-reach, reach)
+        };
+        if let Verdict::Cost(cost) = lesson.verdict {
+            self.worst = self.worst.max(value);
+            self.candidates.keep(lesson, cost, action_2);
+        }
+        if let Some(origin) = lesson.origin {
+            self.teach(&phi, value, origin);
+        }
+        self.fleet_miss.take(value - self.fleet.value(&phi));
+        self.fleet.learn(&mut phi, value);
+    }
+
+    fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate> {
+        let action_2 = self.basis.action_2(&query.space.encode(configuration));
+        let mut phi = Vec::new();
+        self.features(&self.basis.state_2(query.state), &action_2, &mut phi);
+        self.expected(self.believe(&phi, query.origin))
+    }
+
+    fn predict(&self, query: &Query<'_>) -> Option<Answer> {
+        let state_2 = self.basis.state_2(query.state);
+        let mut phi = Vec::with_capacity(self.basis.len() + 1);
+        let mut best: Option<(&Candidate, Belief)> = None;
+        for candidate in self.candidates.iter().filter(|candidate| !query.excludes(&candidate.configuration))
+        {
+            self.features(&state_2, &candidate.action_2, &mut phi);
+            let belief = self.believe(&phi, query.origin);
+            if best.is_none_or(|(_, best)| belief.mean < best.mean) {
+                best = Some((candidate, belief));
+            }
+        }
+        let (candidate, belief) = best?;
+        Some(Answer {
+            configuration: candidate.configuration.clone(),
+            expected: self.expected(belief)?,
+            neighbours: neighbours(query),
+        })
+    }
+}
