@@ -157,10 +157,7 @@ impl Client {
         if paths.is_empty() {
             return Err(ClientError::invalid("policy", "nothing to change; name at least one field"));
         }
-        let mut policy = wire::policy_to_wire(&change.set);
-        if change.unpin {
-            policy.pinned = None;
-        }
+        let policy = wire::policy_to_wire(&change.values());
         let study = v1::Study { name: study_name(id), policy: Some(policy), ..v1::Study::default() };
         let request = v1::UpdateStudyRequest {
             study: Some(study),

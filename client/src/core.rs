@@ -23,6 +23,8 @@ pub(crate) struct Core {
     pub(crate) link: Link,
     pub(crate) outbox: Arc<Outbox>,
     pub(crate) counters: Counters,
+    /// Tells this client from an earlier one of the same id.
+    pub(crate) session: u64,
     channel: Channel,
 }
 
@@ -40,6 +42,7 @@ impl Core {
             link: Link::new(),
             outbox: Arc::new(Outbox::new(options.queue)),
             counters: Counters::default(),
+            session: new_session(),
             channel: endpoint.connect_lazy(),
             options,
         })
@@ -125,6 +128,13 @@ impl Core {
             self.link.problem().map(|problem| problem.to_string()).or_else(|| self.counters.last_error());
         Err(ClientError::Unflushed { waiting, deadline, last: last.unwrap_or_else(|| "none".into()) })
     }
+}
+
+/// A number that is new with every client: the time in nanoseconds, which with the process number below it differs
+/// even for two that start at once. Never 0.
+fn new_session() -> u64 {
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    (now.as_nanos() as u64).wrapping_add(u64::from(std::process::id())).max(1)
 }
 
 /// Checks more than the HTTP library does, which takes any word for an address.

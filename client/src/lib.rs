@@ -27,6 +27,8 @@ mod core;
 mod delivery;
 mod error;
 mod fingerprint;
+mod frame_set;
+mod insight;
 pub mod limits;
 mod link;
 mod memory;
@@ -51,12 +53,14 @@ mod wire;
 pub use client::Client;
 pub use error::{ClientError, SharedError};
 pub use fingerprint::Fingerprint;
+pub use frame_set::{FrameSet, FrameSetResult};
+pub use insight::{Explanation, Omission, OmissionReason, Rule, StateInsight};
 pub use link::Status;
 pub use numbers::{Indicators, Measurements};
 pub use options::Options;
 pub use outcome::Outcome;
 pub use pages::{TrialPages, TrialQuery};
-pub use policy::{Policy, PolicyChange, PredictorMethod, SearchMethod};
+pub use policy::{Operation, Policy, PolicyChange, PredictorMethod, SearchMethod};
 pub use records::{
     Best, Mode, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TrialRecord, TrialState,
 };

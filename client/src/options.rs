@@ -14,6 +14,9 @@ pub struct Options {
     pub client_id: String,
     /// The machine and software, sent with every suggestion. Default: [`Fingerprint::detect`].
     pub fingerprint: Fingerprint,
+    /// The frame loop stops every trial no later than when its cost reaches [`crate::Suggestion::abort_above`], even
+    /// within a frame. A regret budget then sets far less aside for each trial. Default false.
+    pub can_abort: bool,
     /// How long a suggestion may keep a frame waiting, connecting included. Default 50 ms.
     pub deadline: Duration,
     /// How long any other call may take. Default 5 s.
@@ -32,6 +35,7 @@ impl Default for Options {
         Self {
             client_id: default_client_id(),
             fingerprint: Fingerprint::detect(),
+            can_abort: false,
             deadline: Duration::from_millis(50),
             call_deadline: Duration::from_secs(5),
             queue: limits::DEFAULT_QUEUE,
@@ -59,6 +63,13 @@ impl Options {
     #[must_use]
     pub fn fingerprint(mut self, fingerprint: Fingerprint) -> Self {
         self.fingerprint = fingerprint;
+        self
+    }
+
+    /// Promises that trials are stopped in time.
+    #[must_use]
+    pub fn can_abort(mut self, can_abort: bool) -> Self {
+        self.can_abort = can_abort;
         self
     }
 

@@ -4,6 +4,7 @@ use std::time::SystemTime;
 
 use serde::{Serialize, Serializer};
 
+use crate::insight::{Explanation, StateInsight};
 use crate::{Configuration, Fingerprint, Indicators, Measurements, Outcome, StudySpec};
 
 /// Why a client got a configuration.
@@ -45,6 +46,8 @@ pub struct Reason {
     pub step: String,
     /// The known states the answer rests on, nearest first.
     pub neighbours: Vec<Neighbour>,
+    /// What the policy weighed.
+    pub explanation: Explanation,
 }
 
 /// A known state near the asked one.
@@ -98,6 +101,8 @@ pub struct TrialRecord {
     pub complete_time: Option<SystemTime>,
     /// The machine and software that the client named.
     pub fingerprint: Option<Fingerprint>,
+    /// The trial is to be stopped as soon as its cost exceeds this.
+    pub abort_above: Option<f64>,
 }
 
 impl TrialRecord {
@@ -154,6 +159,8 @@ pub struct Prediction {
     pub predicted_cost: Option<f64>,
     /// How the answer came about.
     pub reason: Reason,
+    /// What is known of the state, if the study has met it.
+    pub state: Option<StateInsight>,
 }
 
 /// The best known configuration.

@@ -214,6 +214,8 @@ impl Shared {
             indicators: indicators.0.clone(),
             fingerprint: Some(wire::fingerprint_to_wire(&self.core.options.fingerprint)),
             wanted: None,
+            session: self.core.session,
+            can_abort: self.core.options.can_abort,
         }
     }
 

@@ -37,6 +37,7 @@ pub struct Suggestion {
     problem: Option<SharedError>,
     lease: Option<Lease>,
     lease_expire_time: Option<SystemTime>,
+    abort_above: Option<f64>,
 }
 
 impl Suggestion {
@@ -51,6 +52,7 @@ impl Suggestion {
             problem: None,
             lease: Some(lease),
             lease_expire_time: trial.lease_expire_time,
+            abort_above: trial.abort_above,
         }
     }
 
@@ -81,6 +83,7 @@ impl Suggestion {
             problem,
             lease: None,
             lease_expire_time: None,
+            abort_above: None,
         }
     }
 
@@ -106,6 +109,14 @@ impl Suggestion {
     #[must_use]
     pub fn predicted_cost(&self) -> Option<f64> {
         self.predicted_cost
+    }
+
+    /// Stop as soon as the objective exceeds this, and report [`Outcome::aborted`] with what it had reached by then:
+    /// the service learns from it that the configuration is at least so slow. `None`: never. See [`crate::FrameSet`]
+    /// for trials of several frames.
+    #[must_use]
+    pub fn abort_above(&self) -> Option<f64> {
+        self.abort_above
     }
 
     /// How the answer came about.

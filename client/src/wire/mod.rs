@@ -1,5 +1,6 @@
 //! The one place where types of this crate become wire types and back.
 
+mod insight;
 mod study;
 mod trial;
 

@@ -6,8 +6,8 @@ use super::{
     Problem, configuration_from_wire, configuration_to_wire, time_from_wire, value_from_wire, value_to_wire,
 };
 use crate::{
-    Condition, Constraint, Domain, Indicator, ObjectiveTerm, Parameter, Policy, PredictorMethod, Scale,
-    SearchMethod, Space, StudyRecord, StudySpec, StudyStatistics, Value,
+    Condition, Constraint, Domain, Indicator, ObjectiveTerm, Operation, Parameter, Policy, PredictorMethod,
+    Scale, SearchMethod, Space, StudyRecord, StudySpec, StudyStatistics, Value,
 };
 
 pub(crate) fn spec_to_wire(name: String, spec: &StudySpec) -> v1::Study {
@@ -84,6 +84,22 @@ pub(crate) fn policy_to_wire(policy: &Policy) -> v1::Policy {
         replicates: count(policy.replicates),
         lease_s: count(policy.lease_s),
         pinned: policy.pinned.as_ref().map(configuration_to_wire),
+        epsilon_halves_after: count(policy.epsilon_halves_after),
+        regret_budget: policy.regret_budget,
+        abort_above: policy.abort_above,
+        worst_factor: policy.worst_factor,
+        operation: policy
+            .operation
+            .map_or(v1::Operation::Unspecified, |operation| match operation {
+                Operation::Tune => v1::Operation::Tune,
+                Operation::Freeze => v1::Operation::Freeze,
+                Operation::Shadow => v1::Operation::Shadow,
+            })
+            .into(),
+        weigh_gain: policy.weigh_gain.unwrap_or_default(),
+        freeze_risk: policy.freeze_risk,
+        warm_up: count(policy.warm_up),
+        roll_back: policy.roll_back,
     }
 }
 
@@ -117,6 +133,21 @@ fn policy_from_wire(policy: v1::Policy) -> Result<Policy, Problem> {
         replicates: count(policy.replicates),
         lease_s: count(policy.lease_s),
         pinned: policy.pinned.map(|pinned| configuration_from_wire(Some(pinned))).transpose()?,
+        epsilon_halves_after: count(policy.epsilon_halves_after),
+        regret_budget: policy.regret_budget,
+        abort_above: policy.abort_above,
+        worst_factor: policy.worst_factor,
+        operation: match v1::Operation::try_from(policy.operation) {
+            Ok(v1::Operation::Unspecified) => None,
+            Ok(v1::Operation::Tune) => Some(Operation::Tune),
+            Ok(v1::Operation::Freeze) => Some(Operation::Freeze),
+            Ok(v1::Operation::Shadow) => Some(Operation::Shadow),
+            Err(_) => return Err(format!("an unknown operation ({})", policy.operation)),
+        },
+        weigh_gain: policy.weigh_gain.then_some(true),
+        freeze_risk: policy.freeze_risk,
+        warm_up: count(policy.warm_up),
+        roll_back: policy.roll_back,
     })
 }
 
@@ -250,7 +281,16 @@ mod tests {
             .trials_per_state(7)
             .replicates(2)
             .lease_s(9)
-            .pinned(Configuration::new().with("compact", true));
+            .pinned(Configuration::new().with("compact", true))
+            .epsilon_halves_after(3)
+            .regret_budget(0.05)
+            .abort_above(1.5)
+            .worst_factor(20.0)
+            .operation(crate::Operation::Shadow)
+            .weigh_gain(true)
+            .freeze_risk(0.1)
+            .warm_up(2)
+            .roll_back(false);
         let spec = StudySpec::builder(space)
             .display_name("sponza")
             .indicator("triangles", 0.0..=1e6, Scale::Log)

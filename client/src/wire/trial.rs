@@ -2,7 +2,7 @@
 
 use treewright_proto::v1;
 
-use super::{Problem, configuration_from_wire, time_from_wire};
+use super::{Problem, configuration_from_wire, insight, time_from_wire};
 use crate::{
     Best, Fingerprint, Indicators, Measurements, Mode, Neighbour, Outcome, Prediction, Reason, TrialRecord,
     TrialState, outcome,
@@ -28,7 +28,7 @@ pub(crate) fn trial_from_wire(trial: v1::Trial) -> Result<TrialRecord, Problem> 
         configuration: configuration_from_wire(trial.configuration)?,
         mode: mode_from_wire(trial.mode)?,
         predicted_cost: trial.predicted_cost,
-        reason: reason_from_wire(trial.reason),
+        reason: reason_from_wire(trial.reason)?,
         lease_expire_time: time_from_wire(trial.lease_expire_time),
         state,
         measurements: Measurements(trial.measurements),
@@ -38,6 +38,7 @@ pub(crate) fn trial_from_wire(trial: v1::Trial) -> Result<TrialRecord, Problem> 
         create_time: time_from_wire(trial.create_time),
         complete_time: time_from_wire(trial.complete_time),
         fingerprint: trial.fingerprint.map(fingerprint_from_wire),
+        abort_above: trial.abort_above.filter(|cost| cost.is_finite() && *cost >= 0.0),
         name: trial.name,
     })
 }
@@ -47,7 +48,8 @@ pub(crate) fn prediction_from_wire(prediction: v1::PredictResponse) -> Result<Pr
         configuration: configuration_from_wire(prediction.configuration)?,
         mode: mode_from_wire(prediction.mode)?,
         predicted_cost: prediction.predicted_cost,
-        reason: reason_from_wire(prediction.reason),
+        reason: reason_from_wire(prediction.reason)?,
+        state: prediction.state.map(insight::state_from_wire),
     })
 }
 
@@ -73,19 +75,20 @@ fn mode_from_wire(mode: i32) -> Result<Mode, Problem> {
     }
 }
 
-fn reason_from_wire(reason: Option<v1::Reason>) -> Reason {
+fn reason_from_wire(reason: Option<v1::Reason>) -> Result<Reason, Problem> {
     let reason = reason.unwrap_or_default();
     let neighbour = |each: v1::Neighbour| Neighbour {
         state_id: each.state_id,
         distance: each.distance,
         best_cost: each.best_cost,
     };
-    Reason {
+    Ok(Reason {
         summary: reason.summary,
         source: reason.source,
         step: reason.step,
         neighbours: reason.neighbours.into_iter().map(neighbour).collect(),
-    }
+        explanation: reason.explanation.map(insight::explanation_from_wire).transpose()?.unwrap_or_default(),
+    })
 }
 
 pub(crate) fn outcome_to_wire(outcome: &Outcome) -> v1::Outcome {

@@ -63,6 +63,25 @@ fn trials_are_read_to_the_limit() {
 }
 
 #[test]
+fn an_explanation() {
+    let fake = with_trials();
+    let shown = answer(&fake, &["explain", "sponza", "--indicator", "triangles=1000"]);
+    for words in [
+        "answered by nearest_neighbour: The nearest known state is 0.25 away.",
+        "by the rule EXPLOIT",
+        "state 1: 3 configurations tried",
+        "repeated measurements differ by 4.0 %",
+        "expected to gain 11.0 % in each of 20 frames",
+        "it changes the cost by less than 1 %",
+    ] {
+        assert!(shown.contains(words), "{words}\n{shown}");
+    }
+    let record = json(&answer(&fake, &["--json", "explain", "sponza", "--indicator", "triangles=1000"]));
+    assert_eq!(record["state"]["omissions"][0]["reason"], "INSENSITIVE");
+    assert_eq!(record["reason"]["explanation"]["rule"], "EXPLOIT");
+}
+
+#[test]
 fn the_best_and_a_prediction() {
     let fake = with_trials();
     let shown = answer(&fake, &["best", "sponza"]);

@@ -146,10 +146,28 @@ impl TuningService for Service {
             source: "nearest_neighbour".into(),
             step: String::new(),
             neighbours: vec![v1::Neighbour { state_id: 1, distance: 0.25, best_cost: best.cost }],
+            explanation: Some(v1::Explanation { rule: v1::Rule::Exploit.into(), ..Default::default() }),
         };
         let (configuration, mode) = (best.configuration, v1::Mode::Exploit.into());
         let predicted_cost = Some(best.cost);
-        Ok(Response::new(v1::PredictResponse { configuration, mode, predicted_cost, reason: Some(reason) }))
+        let state = Some(v1::StateInsight {
+            state_id: 1,
+            tried: 3,
+            noise: Some(0.04),
+            expected_gain: Some(0.11),
+            expected_frames: Some(20.0),
+            exploring_cost: Some(3.5),
+            omissions: vec![v1::Omission {
+                parameter: "compact".into(),
+                reason: v1::OmissionReason::Insensitive.into(),
+                summary: "it changes the cost by less than 1 %".into(),
+                saved_trials: 7.5,
+                risk: Some(0.05),
+            }],
+            ..Default::default()
+        });
+        let reason = Some(reason);
+        Ok(Response::new(v1::PredictResponse { configuration, mode, predicted_cost, reason, state }))
     }
 
     async fn abandon_trial(&self, request: Request<v1::AbandonTrialRequest>) -> Answer<v1::Trial> {

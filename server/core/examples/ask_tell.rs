@@ -72,7 +72,7 @@ impl Session {
         match request {
             Request::Open(_) => unreachable!("handled above"),
             Request::Ask(indicators) => {
-                let ask = Ask { client_id: "bench".into(), indicators, fingerprint: None };
+                let ask = Ask { client_id: "bench".into(), indicators, ..Ask::default() };
                 let (trial, _change) = tuner.suggest(&ask, self.now_ms).map_err(refused)?;
                 let answer = json!({
                     "trial": trial.number,

@@ -3,12 +3,18 @@
 //! This is the table of paper section 6.1 ("a table of previous states, configurations, and the observed
 //! runtime") and the database of section 6 that keeps the same pair of state and configuration from being
 //! sampled twice. Looking up and taking a result cost the logarithm of the number of configurations.
+//!
+//! The cost of a configuration is a robust location of its latest measurements, so that a wild one does no harm
+//! (see [`crate::robust`]). Where the measurements of one configuration are found to have changed for good, by
+//! the machine's clock or another program, the costs of the others are taken to have changed by the same factor until
+//! they are measured again.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
 
 use crate::configuration::Configuration;
-use crate::limits::FAILURES_PER_CONFIGURATION_MAX;
+use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX};
+use crate::robust::{Evidence, Finding, MAD_TO_DEVIATION, median};
 use crate::search::Verdict;
 use crate::trial::{Outcome, Trial};
 
@@ -19,8 +25,10 @@ pub struct Record {
     pub configuration: Configuration,
     /// Completed measurements.
     pub measurements: u64,
-    /// Their mean objective; 0 without any.
+    /// Their typical objective, a robust mean of the latest; 0 without any.
     pub mean_cost: f64,
+    /// The latest of them.
+    pub evidence: Evidence,
     /// The most recent trial that measured it; 0 without any.
     pub last_trial: u64,
     /// When that was, in milliseconds of the caller's clock.
@@ -74,6 +82,10 @@ pub struct Knowledge {
     index: HashMap<Configuration, usize>,
     ranking: BTreeSet<Rank>,
     tried: usize,
+    /// How far repeated measurements were from what was known before, as shares.
+    repeats: Vec<f64>,
+    outliers: u64,
+    drifts: u64,
 }
 
 impl Knowledge {
@@ -83,14 +95,22 @@ impl Knowledge {
             return;
         };
         let index = self.slot(&trial.configuration);
+        if let (Outcome::Ok, Some(cost)) = (outcome, trial.cost) {
+            self.note_repeat(index, cost);
+        }
+        let mut changed = None;
         let record = &mut self.records[index];
         let (old_rank, was_tried) = (record.rank(index), record.is_tried());
         match outcome {
             Outcome::Ok => {
                 if let Some(cost) = trial.cost {
                     record.measurements += 1;
-                    // A running mean, because the sum of large costs could leave the range of a double.
-                    record.mean_cost += (cost - record.mean_cost) / record.measurements as f64;
+                    match record.evidence.push(cost) {
+                        Finding::Usual => {}
+                        Finding::Outlier => self.outliers += 1,
+                        Finding::Changed(factor) => changed = Some(factor),
+                    }
+                    record.mean_cost = record.evidence.location();
                     record.last_trial = trial.number;
                     record.last_measure_ms = trial.complete_ms.unwrap_or(trial.create_ms);
                 }
@@ -108,6 +128,54 @@ impl Knowledge {
             old_rank.map(|rank| self.ranking.remove(&rank));
             self.ranking.extend(new_rank);
         }
+        if let Some(factor) = changed {
+            self.age(index, factor);
+        }
+    }
+
+    /// Notes how far a measurement is from what is known of the configuration.
+    fn note_repeat(&mut self, index: usize, cost: f64) {
+        let Record { evidence, mean_cost, .. } = &self.records[index];
+        if evidence.count() == 0 || *mean_cost <= 0.0 {
+            return;
+        }
+        // The known cost has an error of its own.
+        let spread = (1.0 + 1.0 / evidence.count() as f64).sqrt();
+        let share = (cost / mean_cost - 1.0).abs() / spread;
+        if self.repeats.len() == NOISE_SAMPLES_MAX {
+            self.repeats.remove(0);
+        }
+        self.repeats.push(share.min(1.0));
+    }
+
+    /// All but one configuration were measured before costs changed by a factor.
+    fn age(&mut self, but: usize, factor: f64) {
+        self.drifts += 1;
+        for (index, record) in self.records.iter_mut().enumerate() {
+            if index != but {
+                record.evidence.scale(factor);
+                record.mean_cost = record.evidence.location();
+                record.lower_bound = record.lower_bound.map(|bound| (bound * factor).min(f64::MAX));
+            }
+        }
+        self.ranking = self.records.iter().enumerate().filter_map(|(i, record)| record.rank(i)).collect();
+    }
+
+    /// How much repeated measurements of one configuration differ, relative to the cost: a robust standard
+    /// deviation, at most about 1.5. `None` before anything was measured twice.
+    pub fn noise(&self) -> Option<f64> {
+        let mut repeats = self.repeats.clone();
+        (!repeats.is_empty()).then(|| MAD_TO_DEVIATION * median(&mut repeats))
+    }
+
+    /// How many measurements were far from all before of the same configuration.
+    pub fn outliers(&self) -> u64 {
+        self.outliers
+    }
+
+    /// How often costs were found to have changed for good.
+    pub fn drifts(&self) -> u64 {
+        self.drifts
     }
 
     fn slot(&mut self, configuration: &Configuration) -> usize {
@@ -120,6 +188,7 @@ impl Knowledge {
             configuration: configuration.clone(),
             measurements: 0,
             mean_cost: 0.0,
+            evidence: Evidence::default(),
             last_trial: 0,
             last_measure_ms: 0,
             lower_bound: None,

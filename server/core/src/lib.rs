@@ -21,6 +21,7 @@ pub mod objective;
 pub mod policy;
 pub mod predict;
 mod randomness;
+pub mod robust;
 pub mod search;
 pub mod space;
 pub mod study;

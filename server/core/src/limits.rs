@@ -37,6 +37,12 @@ pub const MEASUREMENTS_MAX: usize = 64;
 pub const TRIALS_PER_STATE_MAX: u32 = 100_000;
 /// Most measurements of one configuration in one state before the search goes on.
 pub const REPLICATES_MAX: u32 = 100;
+/// Most visits after which epsilon is halved.
+pub const EPSILON_HALVES_AFTER_MAX: u32 = 1_000_000;
+/// Most trials at the start of a session that are not learnt.
+pub const WARM_UP_MAX: u32 = 10_000;
+/// Largest factor between the costs of a configuration and the reference that a policy may name.
+pub const COST_FACTOR_MAX: f64 = 1e6;
 /// Longest lease, in seconds: one day.
 pub const LEASE_S_MAX: u32 = 86_400;
 
@@ -51,6 +57,21 @@ pub const CLIENTS_MAX: usize = 100_000;
 /// Largest magnitude of a normalised indicator. Values further out of the declared range than a billion
 /// times its width are held here, so that squares and sums of them stay finite.
 pub const NORMALISED_MAGNITUDE_MAX: f64 = 1e9;
+
+/// Most exploring trials of a client that wait to be settled; the oldest is charged in full when there are more.
+pub const CHARGES_MAX: usize = 16;
+/// Most frames of the reference that an account remembers of a stay.
+pub const REFERENCES_MAX: usize = 4;
+
+/// Most measurements of one configuration in one state that its cost rests on: the latest.
+pub const EVIDENCE_MAX: usize = 16;
+/// Most repeated measurements that the noise of a state is judged by: the latest.
+pub const NOISE_SAMPLES_MAX: usize = 32;
+
+/// Most features of a space whose parameters are screened: the work grows with their cube.
+pub const SCREENED_FEATURES_MAX: usize = 160;
+/// Most states whose trials are kept for screening: those learnt from last.
+pub const SCREENED_STATES_MAX: usize = 16;
 
 /// How many points a search may propose in one suggestion that turn out to be known already. Each is
 /// answered from the table; after so many an unseen configuration is drawn at random instead.

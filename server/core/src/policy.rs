@@ -4,7 +4,9 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::configuration::{Configuration, RawConfiguration};
-use crate::limits::{LEASE_S_MAX, REPLICATES_MAX, TRIALS_PER_STATE_MAX};
+use crate::limits::{
+    COST_FACTOR_MAX, EPSILON_HALVES_AFTER_MAX, LEASE_S_MAX, REPLICATES_MAX, TRIALS_PER_STATE_MAX, WARM_UP_MAX,
+};
 use crate::space::{Space, SpaceError};
 
 /// Searches inside one state.
@@ -84,6 +86,25 @@ impl PredictorMethod {
     }
 }
 
+/// What a study does with what it knows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Operation {
+    /// Explores, exploits and learns.
+    #[default]
+    Tune,
+    /// Neither explores nor learns: answers stay what they are. That a configuration cannot be run is taken all
+    /// the same.
+    Freeze,
+    /// Every client gets the default configuration; what would have been answered stands in the reason. Reports
+    /// are learnt.
+    Shadow,
+}
+
+/// The factor of the reference's cost at which exploring trials stop where a budget is kept and the policy names
+/// none.
+pub const ABORT_ABOVE_DEFAULT: f64 = 2.0;
+
 /// How a study decides. `C` is [`Configuration`] once checked, [`RawConfiguration`] as read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Policy<C = Configuration> {
@@ -101,6 +122,48 @@ pub struct Policy<C = Configuration> {
     pub lease_s: u32,
     /// Every client gets this configuration until it is cleared.
     pub pinned: Option<C>,
+    /// After so many visits to a state epsilon is halved there: it is `epsilon h / (h + n)` after `n` of them, which
+    /// never stops exploring and lets it become rare (Singh, Jaakkola, Littman and Szepesvári, "Convergence results
+    /// for single-step on-policy reinforcement-learning algorithms", 2000). 0, the default, leaves it constant.
+    #[serde(default)]
+    pub epsilon_halves_after: u32,
+    /// Exploring may cost each client at most this share of its frame time in each session, 0 to 1: see
+    /// [`crate::tuner::account`]. `None`, the default, for no limit.
+    #[serde(default)]
+    pub regret_budget: Option<f64>,
+    /// An exploring trial is told to stop when its cost exceeds that of the reference by this factor, above 1.
+    /// `None`, the default: [`ABORT_ABOVE_DEFAULT`] where a budget is kept, else never.
+    #[serde(default)]
+    pub abort_above: Option<f64>,
+    /// What a trial of a client that cannot stop is taken to cost at worst, in multiples of the reference. Only
+    /// counts where a budget is kept. Default 100.
+    #[serde(default = "worst_factor")]
+    pub worst_factor: f64,
+    /// What the study does with what it knows.
+    #[serde(default)]
+    pub operation: Operation,
+    /// Explore only where the expected gain pays for it within the expected stay. Default off.
+    #[serde(default)]
+    pub weigh_gain: bool,
+    /// Parameters that are shown not to matter are held, and each of these verdicts may be wrong with this
+    /// probability; above 0, at most 0.5. `None`, the default: nothing is held.
+    #[serde(default)]
+    pub freeze_risk: Option<f64>,
+    /// The first so many trials of each session of a client are not learnt. Default 0.
+    #[serde(default)]
+    pub warm_up: u32,
+    /// A configuration that does clearly worse where it is exploited than another that was measured there gives
+    /// way to it at once. Default on.
+    #[serde(default = "roll_back")]
+    pub roll_back: bool,
+}
+
+fn worst_factor() -> f64 {
+    100.0
+}
+
+fn roll_back() -> bool {
+    true
 }
 
 /// A policy whose pinned configuration has not been checked yet.
@@ -116,6 +179,15 @@ impl<C> Default for Policy<C> {
             replicates: 1,
             lease_s: 60,
             pinned: None,
+            epsilon_halves_after: 0,
+            regret_budget: None,
+            abort_above: None,
+            worst_factor: worst_factor(),
+            operation: Operation::default(),
+            weigh_gain: false,
+            freeze_risk: None,
+            warm_up: 0,
+            roll_back: roll_back(),
         }
     }
 }
@@ -126,6 +198,16 @@ pub enum PolicyError {
     /// Not a probability.
     #[error("policy.epsilon is {0}; it must be between 0 and 1")]
     Epsilon(f64),
+    /// A factor or share is out of its range.
+    #[error("policy.{field} is {value}; it must be {rule}")]
+    Number {
+        /// The field.
+        field: &'static str,
+        /// As given.
+        value: f64,
+        /// What is allowed.
+        rule: &'static str,
+    },
     /// Out of its range.
     #[error("policy.{field} is {value}; it must be between 1 and {limit}")]
     Range {
@@ -153,6 +235,27 @@ impl<C> Policy<C> {
         ] {
             if value == 0 || value > limit {
                 return Err(PolicyError::Range { field, value, limit });
+            }
+        }
+        for (field, value, limit) in [
+            ("epsilon_halves_after", self.epsilon_halves_after, EPSILON_HALVES_AFTER_MAX),
+            ("warm_up", self.warm_up, WARM_UP_MAX),
+        ] {
+            if value > limit {
+                return Err(PolicyError::Range { field, value, limit });
+            }
+        }
+        let factor = |value: f64| value > 1.0 && value <= COST_FACTOR_MAX;
+        type Number = (&'static str, Option<f64>, fn(f64) -> bool, &'static str);
+        let numbers: [Number; 4] = [
+            ("regret_budget", self.regret_budget, |share| (0.0..=1.0).contains(&share), "between 0 and 1"),
+            ("abort_above", self.abort_above, factor, "above 1 and at most a million"),
+            ("worst_factor", Some(self.worst_factor), factor, "above 1 and at most a million"),
+            ("freeze_risk", self.freeze_risk, |risk| risk > 0.0 && risk <= 0.5, "above 0 and at most 0.5"),
+        ];
+        for (field, value, allowed, rule) in numbers {
+            if let Some(value) = value.filter(|&value| !allowed(value)) {
+                return Err(PolicyError::Number { field, value, rule });
             }
         }
         Ok(())
@@ -199,6 +302,15 @@ impl<C> Policy<C> {
             replicates: self.replicates,
             lease_s: self.lease_s,
             pinned: self.pinned.map(map).transpose()?,
+            epsilon_halves_after: self.epsilon_halves_after,
+            regret_budget: self.regret_budget,
+            abort_above: self.abort_above,
+            worst_factor: self.worst_factor,
+            operation: self.operation,
+            weigh_gain: self.weigh_gain,
+            freeze_risk: self.freeze_risk,
+            warm_up: self.warm_up,
+            roll_back: self.roll_back,
         })
     }
 }

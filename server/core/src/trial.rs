@@ -69,6 +69,91 @@ pub struct Reason {
     pub step: String,
     /// The known states that the answer rests on, nearest first, at most 5.
     pub neighbours: Vec<Neighbour>,
+    /// What the policy weighed.
+    #[serde(default, skip_serializing_if = "Explanation::is_empty")]
+    pub explanation: Explanation,
+}
+
+/// Which rule of the policy an answer follows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rule {
+    /// The dice said explore.
+    Explore,
+    /// Explored, because nothing is known that could be exploited.
+    NothingKnown,
+    /// The dice said exploit.
+    Exploit,
+    /// The state's search is over.
+    Finished,
+    /// Not explored, because the regret budget does not allow it yet.
+    Budget,
+    /// Not explored, because the expected gain does not pay for it, or is below the noise.
+    Gain,
+    /// What was exploited here did clearly worse than another configuration.
+    RolledBack,
+    /// The study is frozen.
+    Frozen,
+    /// The study answers the default and learns silently.
+    Shadow,
+    /// The policy pins the configuration.
+    Pinned,
+    /// The client asked for the configuration.
+    Wanted,
+}
+
+/// What the policy weighed when it answered. Costs are in the objective's units, and finite.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Explanation {
+    /// The rule that decided.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rule: Option<Rule>,
+    /// The probability of exploring that the dice were thrown with.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub epsilon: Option<f64>,
+    /// What was left of the client's regret budget before this answer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub budget_left: Option<f64>,
+    /// What was set aside of it for this trial: the most that it can cost above the reference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub set_aside: Option<f64>,
+    /// The client is to stop the trial as soon as its cost exceeds this.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub abort_above: Option<f64>,
+    /// The cost of what would have been run without exploring.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference_cost: Option<f64>,
+    /// By how much exploring is expected to lower the cost of each later frame, as a share.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_gain: Option<f64>,
+    /// How many frames are expected to profit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_frames: Option<f64>,
+    /// What exploring is expected to cost in all, in frames of the reference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exploring_cost: Option<f64>,
+    /// Parameters that were left at their best known value because they do not matter here.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub held: Vec<String>,
+    /// What would have been answered, were the study not in shadow.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instead_of: Option<RawConfiguration>,
+    /// What this trial costs is not learnt.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub silent: bool,
+}
+
+impl Explanation {
+    /// An explanation that only names the rule.
+    pub fn of(rule: Rule) -> Self {
+        Explanation { rule: Some(rule), ..Explanation::default() }
+    }
+
+    /// Whether there is nothing to tell.
+    pub fn is_empty(&self) -> bool {
+        *self == Explanation::default()
+    }
 }
 
 /// A known state near the asked one.

@@ -168,6 +168,8 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
             client_id: request.client_id,
             indicators: request.indicators,
             fingerprint: request.fingerprint.map(fingerprint).transpose()?,
+            session: request.session,
+            can_abort: request.can_abort,
         },
         wanted: request.wanted.map(|wanted| configuration("wanted", wanted)).transpose()?,
     })

@@ -3,6 +3,7 @@
 //! reads policies and update masks.
 
 pub mod from_proto;
+mod insight;
 pub mod names;
 pub mod policy;
 pub mod to_proto;

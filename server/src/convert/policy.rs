@@ -1,7 +1,7 @@
 //! Policies on the wire, whole and field by field.
 
 use prost_types::FieldMask;
-use treewright_core::policy::{Policy, PredictorMethod, RawPolicy, SearchMethod};
+use treewright_core::policy::{Operation, Policy, PredictorMethod, RawPolicy, SearchMethod};
 use treewright_core::space::Space;
 use treewright_proto::v1;
 
@@ -45,6 +45,20 @@ pub fn policy(field: &str, wire: v1::Policy) -> Result<RawPolicy, Error> {
         replicates: count("replicates", wire.replicates, default.replicates)?,
         lease_s: count("lease_s", wire.lease_s, default.lease_s)?,
         pinned: wire.pinned.map(|pinned| configuration(&format!("{field}.pinned"), pinned)).transpose()?,
+        epsilon_halves_after: count("epsilon_halves_after", wire.epsilon_halves_after, 0)?,
+        regret_budget: wire.regret_budget,
+        abort_above: wire.abort_above,
+        worst_factor: wire.worst_factor.unwrap_or(default.worst_factor),
+        operation: match v1::Operation::try_from(wire.operation) {
+            Ok(v1::Operation::Unspecified | v1::Operation::Tune) => Operation::Tune,
+            Ok(v1::Operation::Freeze) => Operation::Freeze,
+            Ok(v1::Operation::Shadow) => Operation::Shadow,
+            Err(_) => return Err(unknown(&format!("{field}.operation"), wire.operation)),
+        },
+        weigh_gain: wire.weigh_gain,
+        freeze_risk: wire.freeze_risk,
+        warm_up: count("warm_up", wire.warm_up, 0)?,
+        roll_back: wire.roll_back.unwrap_or(default.roll_back),
     })
 }
 
@@ -92,12 +106,23 @@ impl PolicyUpdate {
                 "policy.replicates" => policy.replicates = given.replicates,
                 "policy.lease_s" => policy.lease_s = given.lease_s,
                 "policy.pinned" => policy.pinned = given.pinned,
+                "policy.epsilon_halves_after" => policy.epsilon_halves_after = given.epsilon_halves_after,
+                "policy.regret_budget" => policy.regret_budget = given.regret_budget,
+                "policy.abort_above" => policy.abort_above = given.abort_above,
+                "policy.worst_factor" => policy.worst_factor = given.worst_factor,
+                "policy.operation" => policy.operation = given.operation,
+                "policy.weigh_gain" => policy.weigh_gain = given.weigh_gain,
+                "policy.freeze_risk" => policy.freeze_risk = given.freeze_risk,
+                "policy.warm_up" => policy.warm_up = given.warm_up,
+                "policy.roll_back" => policy.roll_back = given.roll_back,
                 _ => {
                     return Err(Error::invalid(
                         "update_mask",
                         format!(
                             "{path:?} cannot be changed; use policy, or policy.FIELD with epsilon, search, \
-                             predictor, trials_per_state, replicates, lease_s or pinned"
+                             predictor, trials_per_state, replicates, lease_s, pinned, epsilon_halves_after, \
+                             regret_budget, abort_above, worst_factor, operation, weigh_gain, freeze_risk, warm_up \
+                             or roll_back"
                         ),
                     ));
                 }

@@ -3,7 +3,7 @@
 use prost_types::Timestamp;
 use treewright_core::configuration::{Configuration, RawConfiguration};
 use treewright_core::indicator::Indicator;
-use treewright_core::policy::{Policy, PredictorMethod, SearchMethod};
+use treewright_core::policy::{Operation, Policy, PredictorMethod, SearchMethod};
 use treewright_core::space::{Condition, Domain, Parameter, Scale, Space};
 use treewright_core::trial::{Fingerprint, Mode, Outcome, Reason, Trial, TrialState};
 use treewright_core::tuner::{Best, Prediction};
@@ -11,6 +11,7 @@ use treewright_core::value::Value;
 use treewright_proto::v1;
 use treewright_store::StudyRecord;
 
+use super::insight;
 use super::names::{study_name, trial_name};
 
 /// A configuration's values, checked or not.
@@ -143,6 +144,20 @@ fn policy(policy: &Policy) -> v1::Policy {
         replicates: small(policy.replicates),
         lease_s: small(policy.lease_s),
         pinned: policy.pinned.as_ref().map(configuration),
+        epsilon_halves_after: small(policy.epsilon_halves_after),
+        regret_budget: policy.regret_budget,
+        abort_above: policy.abort_above,
+        worst_factor: Some(policy.worst_factor),
+        operation: match policy.operation {
+            Operation::Tune => v1::Operation::Tune,
+            Operation::Freeze => v1::Operation::Freeze,
+            Operation::Shadow => v1::Operation::Shadow,
+        }
+        .into(),
+        weigh_gain: policy.weigh_gain,
+        freeze_risk: policy.freeze_risk,
+        warm_up: small(policy.warm_up),
+        roll_back: Some(policy.roll_back),
     }
 }
 
@@ -193,6 +208,7 @@ pub fn trial<C: Values>(study: &str, trial: &Trial<C>) -> v1::Trial {
         create_time: Some(timestamp(trial.create_ms)),
         complete_time: trial.complete_ms.map(timestamp),
         fingerprint: trial.fingerprint.as_ref().map(fingerprint),
+        abort_above: trial.reason.explanation.abort_above,
     }
 }
 
@@ -218,6 +234,7 @@ fn reason(reason: &Reason) -> v1::Reason {
                 best_cost: neighbour.best_cost,
             })
             .collect(),
+        explanation: (!reason.explanation.is_empty()).then(|| insight::explanation(&reason.explanation)),
     }
 }
 
@@ -249,6 +266,7 @@ pub fn prediction(prediction: &Prediction) -> v1::PredictResponse {
         mode: mode(prediction.mode).into(),
         predicted_cost: prediction.predicted_cost,
         reason: Some(reason(&prediction.reason)),
+        state: prediction.insight.as_ref().map(insight::state),
     }
 }
 
@@ -276,7 +294,7 @@ fn timestamp(ms: i64) -> Timestamp {
 }
 
 /// Counts and ids never come near the end of the range.
-fn signed(number: u64) -> i64 {
+pub(super) fn signed(number: u64) -> i64 {
     i64::try_from(number).unwrap_or(i64::MAX)
 }
 

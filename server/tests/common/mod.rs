@@ -145,7 +145,7 @@ pub(crate) fn ask(client_id: &str, count: f64) -> wire::SuggestRequest {
             threads: 2,
             software: BTreeMap::from([("embree".to_owned(), "4.4.0".to_owned())]),
         }),
-        wanted: None,
+        ..wire::SuggestRequest::default()
     }
 }
 

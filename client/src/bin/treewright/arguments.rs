@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
-use treewright_client::{PredictorMethod, SearchMethod, Value};
+use treewright_client::{Operation, PredictorMethod, SearchMethod, Value};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -72,12 +72,18 @@ Examples:
     /// Shows what would be exploited for a state; writes nothing
     #[command(after_help = "Example:\n  treewright predict sponza --indicator triangles=262267")]
     Predict(State),
+    /// Tells why a state is answered as it is: the rule, the gain to expect, noise, and what is left out
+    #[command(after_help = "Example:\n  treewright explain sponza --indicator triangles=262267")]
+    Explain(State),
     /// Changes how a study decides; fields that are not named stay as they are
     #[command(after_help = "\
 Examples:
   treewright policy sponza --epsilon 0.1 --search nelder-mead
   treewright policy sponza --pin max_depth=32,compact=true
-  treewright policy sponza --unpin")]
+  treewright policy sponza --unpin
+  treewright policy sponza --regret-budget 0.05 --abort-above 1.5
+  treewright policy sponza --operation freeze
+  treewright policy sponza --clear regret_budget,operation")]
     Policy(Policy),
     /// Asks whether the daemon serves
     Ping,
@@ -130,7 +136,9 @@ pub(crate) struct State {
 /// A change of policy.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("change").required(true).multiple(true).args(
-    ["epsilon", "search", "predictor", "trials_per_state", "replicates", "lease_s", "pin", "unpin"]))]
+    ["epsilon", "search", "predictor", "trials_per_state", "replicates", "lease_s", "pin", "unpin",
+     "epsilon_halves_after", "regret_budget", "abort_above", "worst_factor", "operation", "weigh_gain", "freeze_risk",
+     "warm_up", "roll_back", "clear"]))]
 pub(crate) struct Policy {
     /// The study's id, e.g. `sponza`
     pub(crate) study: String,
@@ -158,6 +166,54 @@ pub(crate) struct Policy {
     /// Give no fixed configuration any more
     #[arg(long, conflicts_with = "pin")]
     pub(crate) unpin: bool,
+    /// Halve epsilon after so many visits to a state; 0 leaves it constant
+    #[arg(long, value_name = "VISITS")]
+    pub(crate) epsilon_halves_after: Option<u32>,
+    /// Exploring may cost each client at most this share of its frame time in each session, 0 to 1
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) regret_budget: Option<f64>,
+    /// Tell clients to stop exploring trials that cost more than the reference by this factor
+    #[arg(long, value_name = "FACTOR")]
+    pub(crate) abort_above: Option<f64>,
+    /// What a trial of a client that cannot stop is taken to cost at worst, in multiples of the reference
+    #[arg(long, value_name = "FACTOR")]
+    pub(crate) worst_factor: Option<f64>,
+    /// What to do with what is known
+    #[arg(long)]
+    pub(crate) operation: Option<OperationWord>,
+    /// Explore only where the expected gain pays for it
+    #[arg(long, value_name = "BOOL")]
+    pub(crate) weigh_gain: Option<bool>,
+    /// Hold parameters that are shown not to matter; each verdict may be wrong with this probability
+    #[arg(long, value_name = "PROBABILITY")]
+    pub(crate) freeze_risk: Option<f64>,
+    /// Do not learn from the first so many trials of a client's session
+    #[arg(long, value_name = "COUNT")]
+    pub(crate) warm_up: Option<u32>,
+    /// Let what does clearly worse give way at once
+    #[arg(long, value_name = "BOOL")]
+    pub(crate) roll_back: Option<bool>,
+    /// Set fields back to their defaults, e.g. regret_budget
+    #[arg(long, value_name = "FIELD,…", value_delimiter = ',')]
+    pub(crate) clear: Vec<String>,
+}
+
+/// Operations, as they are written on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum OperationWord {
+    Tune,
+    Freeze,
+    Shadow,
+}
+
+impl From<OperationWord> for Operation {
+    fn from(word: OperationWord) -> Self {
+        match word {
+            OperationWord::Tune => Self::Tune,
+            OperationWord::Freeze => Self::Freeze,
+            OperationWord::Shadow => Self::Shadow,
+        }
+    }
 }
 
 /// Searches, as they are written on the command line.

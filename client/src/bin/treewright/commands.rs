@@ -19,6 +19,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<String, Failure> {
         Command::Trials(which) => trials(&client, which, json),
         Command::Best(state) => best(&client, state, json),
         Command::Predict(state) => predict(&client, state, json),
+        Command::Explain(state) => explain(&client, state, json),
         Command::Policy(change) => policy(&client, change, json),
         Command::Ping => ping(&client, json),
     }
@@ -79,6 +80,11 @@ fn predict(client: &Client, state: &arguments::State, json: bool) -> Result<Stri
     Ok(show::prediction(&prediction, &study))
 }
 
+fn explain(client: &Client, state: &arguments::State, json: bool) -> Result<String, Failure> {
+    let prediction = client.predict(&state.study, &indicators(state))?;
+    either(json, &prediction, || show::explanation(&prediction))
+}
+
 fn policy(client: &Client, change: &arguments::Policy, json: bool) -> Result<String, Failure> {
     let pinned = if change.pin.is_empty() {
         None
@@ -94,8 +100,20 @@ fn policy(client: &Client, change: &arguments::Policy, json: bool) -> Result<Str
         replicates: change.replicates,
         lease_s: change.lease_s,
         pinned,
+        epsilon_halves_after: change.epsilon_halves_after,
+        regret_budget: change.regret_budget,
+        abort_above: change.abort_above,
+        worst_factor: change.worst_factor,
+        operation: change.operation.map(Into::into),
+        weigh_gain: change.weigh_gain,
+        freeze_risk: change.freeze_risk,
+        warm_up: change.warm_up,
+        roll_back: change.roll_back,
     };
-    let study = client.update_policy(&change.study, &PolicyChange { set, unpin: change.unpin })?;
+    let study = client.update_policy(
+        &change.study,
+        &PolicyChange { set, unpin: change.unpin, clear: change.clear.clone() },
+    )?;
     either(json, study.spec.policy(), || show::policy(study.spec.policy()))
 }
 

@@ -108,6 +108,24 @@ pub(crate) fn policy(policy: &Policy) -> String {
         ("replicates", or_default(policy.replicates.map(|value| value.to_string()))),
         ("lease_s", or_default(policy.lease_s.map(|value| value.to_string()))),
         ("pinned", policy.pinned.as_ref().map_or_else(|| "nothing".to_owned(), ToString::to_string)),
+        (
+            "operation",
+            or_default(policy.operation.and_then(|operation| word(serde_json::to_value(operation)))),
+        ),
+        ("regret_budget", policy.regret_budget.map_or_else(|| "no limit".to_owned(), figure)),
+        (
+            "abort_above",
+            or_default(policy.abort_above.map(|factor| format!("{} × the reference", figure(factor)))),
+        ),
+        ("worst_factor", or_default(policy.worst_factor.map(figure))),
+        ("weigh_gain", or_default(policy.weigh_gain.map(|weigh| weigh.to_string()))),
+        ("freeze_risk", policy.freeze_risk.map_or_else(|| "nothing is held".to_owned(), figure)),
+        (
+            "epsilon_halves_after",
+            or_default(policy.epsilon_halves_after.map(|visits| format!("{visits} visits"))),
+        ),
+        ("warm_up", or_default(policy.warm_up.map(|trials| format!("{trials} trials")))),
+        ("roll_back", or_default(policy.roll_back.map(|roll_back| roll_back.to_string()))),
     ];
     for (name, value) in rows {
         table.add_row([name.to_owned(), value]);
@@ -180,6 +198,57 @@ pub(crate) fn prediction(prediction: &Prediction, study: &StudyRecord) -> String
         line(&mut text, &neighbours.trim_fmt());
     }
     text + &beside_default("predicted", &prediction.configuration, study) + "\n"
+}
+
+/// Why a state is answered as it is.
+pub(crate) fn explanation(prediction: &Prediction) -> String {
+    let mut text = String::new();
+    let source = if prediction.reason.source.is_empty() { "?" } else { &prediction.reason.source };
+    line(&mut text, &format!("answered by {source}: {}", prediction.reason.summary));
+    let weighed = &prediction.reason.explanation;
+    if let Some(rule) = &weighed.rule {
+        line(&mut text, &format!("by the rule {}", capital(rule)));
+    }
+    let Some(state) = &prediction.state else {
+        line(&mut text, "this state was never met");
+        return text;
+    };
+    line(
+        &mut text,
+        &format!(
+            "state {}: {} configurations tried, {} visits, {} frames, {} outliers, {} drifts",
+            state.state_id, state.tried, state.visits, state.frames, state.outliers, state.drifts
+        ),
+    );
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    if let Some(noise) = state.noise {
+        line(&mut text, &format!("repeated measurements differ by {}", percent(noise)));
+    }
+    if let (Some(gain), Some(frames), Some(cost)) =
+        (state.expected_gain, state.expected_frames, state.exploring_cost)
+    {
+        line(
+            &mut text,
+            &format!(
+                "exploring on is expected to gain {} in each of {frames:.0} frames, and to cost as much as {cost:.1} frames",
+                percent(gain)
+            ),
+        );
+    }
+    if !state.omissions.is_empty() {
+        let mut omissions = table(&["left out", "why", "trials saved", "risk"], &[2, 3]);
+        for omission in &state.omissions {
+            let what = omission.parameter.clone().unwrap_or_else(|| "the whole search".to_owned());
+            omissions.add_row([
+                what,
+                omission.summary.clone(),
+                format!("{:.1}", omission.saved_trials),
+                omission.risk.map_or_else(|| "none".to_owned(), figure),
+            ]);
+        }
+        line(&mut text, &omissions.trim_fmt());
+    }
+    text
 }
 
 /// A configuration in the space's order, beside the recommended values.

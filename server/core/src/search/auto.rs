@@ -20,6 +20,11 @@ impl AutoSearch {
     pub fn new(setup: SearchSetup) -> Self {
         AutoSearch { model: ModelSearch::new(setup) }
     }
+
+    /// Leaves axes where they are, from the next point on.
+    pub fn hold(&mut self, held: &[(usize, f64)]) {
+        self.model.hold(held);
+    }
 }
 
 impl Search for AutoSearch {

@@ -43,6 +43,9 @@ pub struct Layout {
     order: Vec<(usize, usize)>,
     /// Where inactive axes sit.
     default: Vec<f64>,
+    /// Axes that are left where they are, and where. Points that were measured elsewhere stay what they are.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    held: Vec<(usize, f64)>,
 }
 
 /// How two values of an axis compare.
@@ -81,6 +84,7 @@ impl Layout {
             axes: axes.collect(),
             order: order.filter_map(|pair| Some((place(&pair.lesser)?, place(&pair.greater)?))).collect(),
             default: space.encode(space.default_ref()),
+            held: Vec::new(),
         }
     }
 
@@ -94,7 +98,19 @@ impl Layout {
             };
             Axis { kind, gate: None }
         };
-        Layout { axes: (0..default.len()).map(axis).collect(), order: Vec::new(), default }
+        Layout { axes: (0..default.len()).map(axis).collect(), order: Vec::new(), default, held: Vec::new() }
+    }
+
+    /// Holds axes from now on, and no others.
+    pub(super) fn set_held(&mut self, held: &[(usize, f64)]) {
+        self.held = held.to_vec();
+    }
+
+    /// Moves the held axes of a point to where they are held.
+    pub(super) fn hold(&self, x: &mut [f64]) {
+        for &(axis, at) in &self.held {
+            x[axis] = at;
+        }
     }
 
     /// Whether nothing is known.

@@ -220,6 +220,17 @@ impl AnySearch {
         }
     }
 
+    /// Leaves axes where they are, from the next point on: places in the space, and coordinates in 0..1. `false` when
+    /// the search cannot; its points must then be moved by whoever asks.
+    pub fn hold(&mut self, held: &[(usize, f64)]) -> bool {
+        match self {
+            AnySearch::Model(search) => search.hold(held),
+            AnySearch::Auto(search) => search.hold(held),
+            _ => return false,
+        }
+        true
+    }
+
     fn inner(&mut self) -> &mut dyn Search {
         match self {
             AnySearch::NelderMead(search) => search,

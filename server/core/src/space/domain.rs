@@ -72,6 +72,16 @@ impl Domain {
         }
     }
 
+    /// How many values there are beside one, numbers in four steps at most: what trying each of them once takes.
+    pub(crate) fn alternatives(&self) -> u64 {
+        match self {
+            Domain::Boolean => 1,
+            Domain::Categorical { values } => values.len() as u64 - 1,
+            Domain::Integer { min, max, .. } => max.abs_diff(*min).min(4),
+            Domain::Float { min, max, .. } => 4 * u64::from(min < max),
+        }
+    }
+
     /// The value at `coordinate`, which is clamped to 0..1 (NaN counts as 0).
     ///
     /// Floats are rounded to twelve significant digits: that keeps the names of configurations short and

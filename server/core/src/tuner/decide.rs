@@ -5,48 +5,84 @@ use std::collections::BTreeMap;
 use rand::RngExt;
 
 use crate::knowledge::{KnownState, Record};
-use crate::policy::PredictorMethod;
+use crate::policy::{Operation, PredictorMethod};
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream, text_number};
-use crate::trial::{Mode, Neighbour, Reason};
+use crate::trial::{Explanation, Mode, Neighbour, Reason, Rule};
 use crate::tuner::{Decision, Prediction, Tuner, TunerError, query};
 
 impl Tuner {
     /// What would be exploited for these indicators. Changes nothing.
     pub fn predict(&self, indicators: &BTreeMap<String, f64>) -> Result<Prediction, TunerError> {
         let state = self.spec.indicators.normalise(indicators)?;
-        if let Some(pinned) = self.pinned() {
-            return Ok(pinned);
-        }
-        Ok(self.exploitation(&state, self.recognise(None, &state)))
+        let here = self.recognise(None, &state);
+        let prediction = self.pinned().unwrap_or_else(|| self.exploitation(&state, here));
+        Ok(Prediction { insight: here.map(|here| self.insight(here)), ..prediction })
     }
 
     /// The pinned configuration, if the policy has one.
     pub(super) fn pinned(&self) -> Option<Prediction> {
         let configuration = self.spec.policy.pinned.clone()?;
-        let reason = plain_reason("pinned", "The policy pins this configuration.".into());
-        Some(Prediction { configuration, mode: Mode::Pinned, predicted_cost: None, reason })
+        let summary = "The policy pins this configuration.".into();
+        let explanation = Explanation::of(Rule::Pinned);
+        let reason = Reason { explanation, ..plain_reason("pinned", summary) };
+        Some(Prediction { configuration, mode: Mode::Pinned, predicted_cost: None, reason, insight: None })
     }
 
     /// The epsilon-greedy decision for visit `number` of a client to a state (paper section 6).
     ///
-    /// Where exploring is over there is only exploiting; where nothing is known to exploit there is only
-    /// exploring, unless epsilon is zero, which leaves the default configuration.
-    pub(super) fn decide(&self, client_id: &str, number: u64, normalised: &[f64], state: usize) -> Decision {
-        let seed = self.spec.seed;
-        let draw: f64 = stream(seed, Purpose::Decision, text_number(client_id), number).random();
+    /// Where exploring is over, or does not pay, there is only exploiting; where nothing is known to exploit
+    /// there is only exploring, unless epsilon is zero, which leaves the default configuration. Tells what was
+    /// weighed as well.
+    pub(super) fn decide(
+        &self,
+        client_id: &str,
+        number: u64,
+        normalised: &[f64],
+        state: usize,
+    ) -> (Decision, Explanation) {
+        let policy = &self.spec.policy;
+        let draw: f64 = stream(self.spec.seed, Purpose::Decision, text_number(client_id), number).random();
+        let epsilon = self.epsilon(state);
+        let weigh = |rule| Explanation { epsilon: Some(epsilon), ..Explanation::of(rule) };
+        let frozen = policy.operation == Operation::Freeze;
         let finished = self.is_finished(state);
-        if !finished && draw < self.spec.policy.epsilon {
-            return Decision::Explore;
-        }
+        let mut weighed = match (frozen, finished) {
+            (true, _) => Explanation::of(Rule::Frozen),
+            (false, true) => Explanation::of(Rule::Finished),
+            (false, false) if draw < epsilon => weigh(Rule::Explore),
+            (false, false) => weigh(Rule::Exploit),
+        };
         let exploitation = self.exploitation(normalised, Some(state));
-        let knows_nothing = exploitation.mode == Mode::Default;
-        let default_fails = self.states[state].knowledge.is_infeasible(&exploitation.configuration);
-        if !finished && knows_nothing && (self.spec.policy.epsilon > 0.0 || default_fails) {
-            return Decision::Explore;
+        if weighed.rule == Some(Rule::Exploit) {
+            let knows_nothing = exploitation.mode == Mode::Default;
+            let default_fails = self.states[state].knowledge.is_infeasible(&exploitation.configuration);
+            if knows_nothing && (policy.epsilon > 0.0 || default_fails) {
+                weighed.rule = Some(Rule::NothingKnown);
+            }
         }
-        let Prediction { configuration, mode, predicted_cost, reason } = exploitation;
-        Decision::Exploit { configuration, mode, predicted_cost, reason }
+        if matches!(weighed.rule, Some(Rule::Explore | Rule::NothingKnown)) {
+            if policy.weigh_gain {
+                let prospect = self.prospect(client_id, state);
+                weighed.expected_gain = Some(prospect.gain);
+                weighed.expected_frames = Some(prospect.frames);
+                weighed.exploring_cost = Some(prospect.exploring_cost);
+                let default_fails = self.states[state].knowledge.is_infeasible(&exploitation.configuration);
+                if !default_fails && self.not_worth(state, &prospect).is_some() {
+                    weighed.rule = Some(Rule::Gain);
+                }
+            }
+            if weighed.rule != Some(Rule::Gain) {
+                return (Decision::Explore, weighed);
+            }
+        }
+        let Prediction { configuration, mode, predicted_cost, mut reason, .. } = exploitation;
+        // What was rolled back says so itself.
+        if reason.explanation.rule.is_none() {
+            reason.explanation = weighed;
+        }
+        let reason = Box::new(reason);
+        (Decision::Exploit { configuration, mode, predicted_cost, reason }, Explanation::default())
     }
 
     /// Whether the state's search has spent its budget.
@@ -57,7 +93,23 @@ impl Tuner {
     /// The answer without a search: the best of the state itself once it is explored to the end, else what
     /// the policy's predictor says, else (the radial basis model can be without a clue) what the nearest
     /// neighbour says, else the default configuration.
+    ///
+    /// What is known to do clearly worse here than another measured configuration gives way to that one.
     pub(super) fn exploitation(&self, normalised: &[f64], here: Option<usize>) -> Prediction {
+        let answer = self.predicted(normalised, here);
+        if self.spec.policy.roll_back
+            && let Some(state) = here
+            && self.does_clearly_worse(state, &answer.configuration)
+            && let Some(mut best) = self.best_known(state)
+        {
+            best.reason.summary.push_str(" What was predicted did clearly worse here.");
+            best.reason.explanation = Explanation::of(Rule::RolledBack);
+            return best;
+        }
+        answer
+    }
+
+    fn predicted(&self, normalised: &[f64], here: Option<usize>) -> Prediction {
         if let Some(state) = here.filter(|&state| self.is_finished(state))
             && let Some(prediction) = self.best_known(state)
         {
@@ -72,6 +124,7 @@ impl Tuner {
             mode: Mode::Default,
             predicted_cost: here.and_then(|state| self.default_cost(state)),
             reason: plain_reason("default", "Nothing better is known yet.".into()),
+            insight: None,
         }
     }
 
@@ -80,7 +133,7 @@ impl Tuner {
         let KnownState { id, knowledge, .. } = &self.states[state];
         let Record { configuration, mean_cost, measurements, .. } = knowledge.best()?;
         let summary = format!(
-            "Best of {} configurations tried in this state; its cost is the mean of {measurements} measurements.",
+            "Best of {} configurations tried in this state; its cost rests on {measurements} measurements.",
             knowledge.tried()
         );
         let mut reason = plain_reason("best_known", summary);
@@ -90,6 +143,7 @@ impl Tuner {
             mode: Mode::Exploit,
             predicted_cost: Some(*mean_cost),
             reason,
+            insight: None,
         })
     }
 }
@@ -110,9 +164,10 @@ fn exploit(answer: Answer, method: PredictorMethod) -> Prediction {
         ),
     };
     let reason = Reason { neighbours, ..plain_reason(method.name(), summary) };
-    Prediction { configuration, mode: Mode::Exploit, predicted_cost: Some(expected.cost), reason }
+    let predicted_cost = Some(expected.cost);
+    Prediction { configuration, mode: Mode::Exploit, predicted_cost, reason, insight: None }
 }
 
 pub(super) fn plain_reason(source: &str, summary: String) -> Reason {
-    Reason { summary, source: source.to_owned(), step: String::new(), neighbours: Vec::new() }
+    Reason { summary, source: source.to_owned(), ..Reason::default() }
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::search::{AnySearch, Feedback, Search};
+use crate::tuner::screening::Held;
 
 /// The search of one state and its points in flight. Opaque, exact through serde.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -12,11 +13,14 @@ pub struct Exploration {
     pub(super) search: AnySearch,
     /// Which point of the search each open trial measures, by trial number.
     pub(super) open: BTreeMap<u64, u64>,
+    /// What is left out, where the policy allows it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) held: Option<Held>,
 }
 
 impl Exploration {
     pub(super) fn new(search: AnySearch) -> Self {
-        Exploration { search, open: BTreeMap::new() }
+        Exploration { search, open: BTreeMap::new(), held: None }
     }
 
     /// Ends the trial's hold on its point: the point is answered, or without feedback goes back and is

@@ -8,6 +8,7 @@ use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
 use crate::search::{AnySearch, Feedback, Layout, Point, Search, SearchSetup, Step, levels};
 use crate::trial::{Mode, Reason};
+use crate::tuner::screening::CONTROL;
 use crate::tuner::{Exploration, Prediction, Tuner, Work, query};
 
 /// What the walk along a search came to.
@@ -30,10 +31,15 @@ impl Tuner {
             return prediction;
         }
         self.ensure_exploration(state);
-        let walk = self.walk(state);
+        let held = self.hold(state);
+        let walk = self.walk(state, &held);
         let unseen = match walk {
             Walk::Measure(point, configuration) => {
-                return self.measure(state, number, point, configuration);
+                let mut prediction = self.measure(state, number, point, configuration);
+                if prediction.mode == Mode::Explore {
+                    prediction.reason.explanation.held = self.names_of(&held, &prediction.configuration);
+                }
+                return prediction;
             }
             Walk::OnlyKnown => self.unseen(state, number),
             Walk::Wait => None,
@@ -43,9 +49,15 @@ impl Tuner {
                 summary: "The search only met known configurations; this one was drawn at random.".into(),
                 source: "random".into(),
                 step: Step::RandomSearch.name().into(),
-                neighbours: Vec::new(),
+                ..Reason::default()
             };
-            return Prediction { configuration, mode: Mode::Explore, predicted_cost: None, reason };
+            return Prediction {
+                configuration,
+                mode: Mode::Explore,
+                predicted_cost: None,
+                reason,
+                insight: None,
+            };
         }
         self.best_known(state).unwrap_or_else(|| self.exploitation(normalised, Some(state)))
     }
@@ -67,10 +79,15 @@ impl Tuner {
              {:.4} ± {:.4}.",
             expected.cost, expected.deviation
         );
-        let reason =
-            Reason { summary, source: method.name().into(), step: Step::Model.name().into(), neighbours };
+        let reason = Reason {
+            summary,
+            source: method.name().into(),
+            step: Step::Model.name().into(),
+            neighbours,
+            ..Reason::default()
+        };
         let predicted_cost = Some(expected.cost);
-        Some(Prediction { configuration, mode: Mode::Explore, predicted_cost, reason })
+        Some(Prediction { configuration, mode: Mode::Explore, predicted_cost, reason, insight: None })
     }
 
     /// Sees that the state has a search of the policy's kind. Trials that carry points of an earlier search
@@ -94,18 +111,53 @@ impl Tuner {
         self.atlas.note(&self.states[state]);
     }
 
+    /// The axes that the next point of a state's search leaves where they are: decided anew every few trials, and
+    /// now and then none, so that there is evidence against it.
+    fn hold(&mut self, state: usize) -> Vec<(usize, f64)> {
+        let Tuner { spec, states, work, screening, .. } = self;
+        let Some(exploration) = &mut work[state].exploration else {
+            return Vec::new();
+        };
+        let Some(risk) = spec.policy.freeze_risk else {
+            exploration.held = None;
+            return Vec::new();
+        };
+        let knowledge = &states[state].knowledge;
+        let tried = knowledge.tried();
+        if screening.is_due(exploration.held.as_ref(), tried) {
+            let best = knowledge.best().map_or(spec.space.default_ref(), |best| &best.configuration);
+            let before = exploration.held.as_ref();
+            exploration.held = Some(screening.judge(&spec.space, state, best, risk, before, tried));
+        }
+        let Some(held) = exploration.held.as_mut().filter(|held| !held.axes.is_empty()) else {
+            return Vec::new();
+        };
+        held.points += 1;
+        if held.points % CONTROL == 0 {
+            return Vec::new();
+        }
+        held.axes.iter().map(|axis| (axis.axis, axis.x)).collect()
+    }
+
+    /// The names of held axes that a configuration has.
+    fn names_of(&self, held: &[(usize, f64)], configuration: &Configuration) -> Vec<String> {
+        let names = held.iter().map(|&(axis, _)| &self.spec.space.parameters()[axis].name);
+        names.filter(|name| configuration.get(name).is_some()).cloned().collect()
+    }
+
     /// Asks the search until a point is worth a measurement. Points that fall on configurations with a
     /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
     /// whose configuration runs just now in this state go back until it is reported.
-    fn walk(&mut self, state: usize) -> Walk {
+    fn walk(&mut self, state: usize, held: &[(usize, f64)]) -> Walk {
         let Tuner { spec, states, work, .. } = self;
         let (space, policy, knowledge) = (&spec.space, &spec.policy, &states[state].knowledge);
-        let Work { exploration: Some(Exploration { search, open }), running } = &mut work[state] else {
+        let Work { exploration: Some(Exploration { search, open, .. }), running } = &mut work[state] else {
             return Walk::Wait;
         };
         let spent =
             knowledge.tried() + search.repeats() as usize + open.len() >= policy.trials_per_state as usize;
-        let mut held = Vec::new();
+        let moves = !search.hold(held);
+        let mut waiting = Vec::new();
         let mut walk = Walk::OnlyKnown;
         for _ in 0..KNOWN_POINTS_PER_SUGGESTION_MAX {
             let Some(point) = search.ask() else {
@@ -115,6 +167,11 @@ impl Tuner {
             let configuration = match point.step {
                 // The default itself, even where its coordinates lose a digit.
                 Step::Default => space.default_configuration(),
+                _ if moves && !held.is_empty() => {
+                    let mut x = point.x.clone();
+                    held.iter().for_each(|&(axis, at)| x[axis] = at);
+                    space.decode(&x)
+                }
                 _ => space.decode(&point.x),
             };
             let settled = match point.step {
@@ -125,10 +182,10 @@ impl Tuner {
             if let Some(verdict) = settled {
                 search.tell(point.id, Feedback { verdict, fresh: false });
             } else if running.contains_key(&configuration) {
-                held.push(point.id);
+                waiting.push(point.id);
                 walk = Walk::Wait;
             } else if spent && (point.step == Step::Replicate || !knowledge.is_tried(&configuration)) {
-                held.push(point.id);
+                waiting.push(point.id);
                 walk = Walk::Wait;
                 break;
             } else {
@@ -136,7 +193,7 @@ impl Tuner {
                 break;
             }
         }
-        for id in held {
+        for id in waiting {
             search.withdraw(id);
         }
         walk
@@ -166,12 +223,12 @@ impl Tuner {
             summary,
             source: self.spec.policy.search.name().to_owned(),
             step: point.step.name().to_owned(),
-            neighbours: Vec::new(),
+            ..Reason::default()
         };
         if let Some(exploration) = &mut self.work[state].exploration {
             exploration.open.insert(number, point.id);
         }
-        Prediction { configuration, mode, predicted_cost, reason }
+        Prediction { configuration, mode, predicted_cost, reason, insight: None }
     }
 
     /// A configuration without a verdict that nobody runs, drawn at random; `None` when a bounded number of

@@ -10,20 +10,27 @@
 //! byte, as one that never stopped. `recognise` finds states, `decide` takes decisions, `explore` walks a
 //! search, `suggest` and `report` are the two halves of a client's frame, `restore` rebuilds.
 
+pub mod account;
 mod checks;
 mod decide;
 mod exploration;
 mod explore;
+mod history;
+mod insight;
 mod recognise;
 mod report;
 mod restore;
+mod screening;
 mod suggest;
 mod types;
+mod weigh;
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
+pub use account::Account;
 pub use exploration::Exploration;
+pub use insight::{Insight, Omission, OmissionReason, Prospect};
 pub use types::{
     Ask, Best, Change, Decision, Prediction, RawVisit, RestoreError, Snapshot, StateRecord, Statistics,
     TunerError, Visit,
@@ -37,6 +44,8 @@ use crate::predict::{Atlas, Origin, Predictors, Query};
 use crate::randomness::text_number;
 use crate::study::{StudyError, StudySpec};
 use crate::trial::{Fingerprint, Trial};
+use crate::tuner::history::History;
+use crate::tuner::screening::Screening;
 
 /// The state machine of one study. Pure: time comes in as `now_ms`, randomness from the study's seed.
 ///
@@ -57,6 +66,8 @@ pub struct Tuner {
     atlas: Atlas,
     /// All always trained, so that the policy can change to another at any time.
     predictors: Predictors,
+    history: History,
+    screening: Screening,
     last_trial: u64,
     completed: u64,
     last_completion: u64,
@@ -78,15 +89,17 @@ impl Tuner {
         Ok(Tuner {
             atlas: Atlas::new(indicators),
             predictors: Predictors::new(&spec.space, indicators, spec.seed),
-            spec,
             states: Vec::new(),
             work: Vec::new(),
             visits: BTreeMap::new(),
             open: BTreeMap::new(),
             held: BTreeMap::new(),
+            history: History::default(),
+            screening: Screening::new(&spec.space),
             last_trial: 0,
             completed: 0,
             last_completion: 0,
+            spec,
         })
     }
 

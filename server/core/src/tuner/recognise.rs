@@ -27,6 +27,7 @@ impl Tuner {
         self.atlas.note(&state);
         self.states.push(state);
         self.work.push(Work::default());
+        self.history.found();
         self.states.len() - 1
     }
 }

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 use super::tests::{ask, cost, measured, spec};
 use super::*;
-use crate::policy::{Policy, PredictorMethod, SearchMethod};
+use crate::policy::{Operation, Policy, PredictorMethod, SearchMethod};
 use crate::trial::{Outcome, RawTrial, Trial, TrialState};
 
 /// A store as simple as can be: rows as text, so that what serde loses would be found missing.
@@ -70,7 +70,7 @@ fn event() -> impl Strategy<Value = Event> {
         8 => (0usize..8, 0usize..12).prop_map(|(which, kind)| Event::Report { which, kind }),
         1 => (0usize..8).prop_map(|which| Event::Abandon { which }),
         1 => (0i64..80_000).prop_map(|later_ms| Event::Expire { later_ms }),
-        1 => (0usize..4).prop_map(|which| Event::Policy { which }),
+        1 => (0usize..8).prop_map(|which| Event::Policy { which }),
         2 => Just(Event::Restart),
     ]
 }
@@ -81,7 +81,11 @@ fn policy(which: usize) -> Policy {
         0 => base,
         1 => Policy { predictor: PredictorMethod::RbfGreedyGq, replicates: 2, ..base },
         2 => Policy { search: SearchMethod::LatinHypercube, lease_s: 5, ..base },
-        _ => Policy { epsilon: 0.9, trials_per_state: 6, ..base },
+        3 => Policy { epsilon: 0.9, trials_per_state: 6, ..base },
+        4 => Policy { regret_budget: Some(0.5), abort_above: Some(1.2), epsilon: 1.0, ..base },
+        5 => Policy { weigh_gain: true, epsilon_halves_after: 3, warm_up: 2, freeze_risk: Some(0.3), ..base },
+        6 => Policy { operation: Operation::Freeze, ..base },
+        _ => Policy { operation: Operation::Shadow, ..base },
     }
 }
 
@@ -105,7 +109,9 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
     let (answer, change) = match event {
         Event::Suggest { client, place } => {
             let (x, y) = (0.1 * *place as f64, 0.3 + 0.01 * *client as f64);
-            let answer = tuner.suggest(&ask(&format!("client {client}"), x, y), *now_ms);
+            let session = rows.trials.len() as u64 / 40;
+            let question = Ask { session, can_abort: *client > 0, ..ask(&format!("client {client}"), x, y) };
+            let answer = tuner.suggest(&question, *now_ms);
             answer.expect("a valid question")
         }
         Event::Report { which, kind } => {

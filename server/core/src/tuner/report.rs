@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::predict::{Lesson, Query};
 use crate::search::{Feedback, Step, Verdict};
-use crate::trial::{Outcome, Trial, TrialState};
-use crate::tuner::{Change, Tuner, TunerError, checks, origin, place, query};
+use crate::trial::{Mode, Outcome, Trial, TrialState};
+use crate::tuner::{Change, Tuner, TunerError, Visit, checks, origin, place, query};
 
 impl Tuner {
     /// Takes the result of a trial and tells what must be stored before it is acknowledged.
@@ -50,6 +50,7 @@ impl Tuner {
         self.remove(number);
         self.complete(&completed);
         let state = place(completed.state_id);
+        let visit = self.settle(&completed);
         let settled =
             self.states[state].knowledge.settled(&completed.configuration, self.spec.policy.replicates);
         let verdict = match completed.cost {
@@ -58,6 +59,7 @@ impl Tuner {
             _ => settled,
         };
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
+        change.visits.extend(visit);
         if self.release(&completed, verdict.map(|verdict| Feedback { verdict, fresh: true })) {
             change.states.push(self.state_record(state));
         }
@@ -69,6 +71,16 @@ impl Tuner {
         self.completed += 1;
         self.last_completion = trial.completion.unwrap_or(self.last_completion + 1);
         let state = place(trial.state_id);
+        self.history.frame(&trial.client_id, state);
+        if trial.reason.explanation.silent && !matches!(trial.outcome, Some(Outcome::Infeasible { .. })) {
+            return;
+        }
+        if trial.mode == Mode::Explore && !matches!(trial.outcome, Some(Outcome::Failed { .. })) {
+            let best = self.states[state].knowledge.best().map(|best| best.mean_cost);
+            if let Some(best) = best.filter(|&best| best > 0.0) {
+                self.history.explored(trial.cost.map(|cost| cost / best - 1.0));
+            }
+        }
         let verdict = match (&trial.outcome, trial.cost) {
             (Some(Outcome::Ok), Some(cost)) => Some(Verdict::Cost(cost)),
             (Some(Outcome::Aborted { lower_bound }), _) => Some(Verdict::AtLeast(*lower_bound)),
@@ -76,6 +88,9 @@ impl Tuner {
             // Says nothing of the configuration.
             _ => None,
         };
+        if let Some(Verdict::Cost(cost) | Verdict::AtLeast(cost)) = verdict {
+            self.screening.learn(&self.spec.space, state, &trial.configuration, cost);
+        }
         // The indicators were checked when the trial was handed out.
         let normalised = self.spec.indicators.normalise(&trial.indicators).ok();
         if let (Some(Verdict::Cost(cost)), Some(normalised)) = (verdict, &normalised) {
@@ -86,6 +101,10 @@ impl Tuner {
             self.predictors.test(&query, &trial.configuration, cost);
         }
         self.states[state].knowledge.learn(trial);
+        let knowledge = &self.states[state].knowledge;
+        if let Some(best) = knowledge.best() {
+            self.history.progress(state, knowledge.tried(), best.mean_cost);
+        }
         self.atlas.note(&self.states[state]);
         if let (Some(verdict), Some(normalised)) = (verdict, &normalised) {
             let point = self.spec.space.encode(&trial.configuration);
@@ -98,6 +117,14 @@ impl Tuner {
                 origin: Some(origin(&trial.client_id, trial.fingerprint.as_ref())),
             });
         }
+    }
+
+    /// Enters a completed trial into its client's account; the row of the visit, if there is one.
+    fn settle(&mut self, trial: &Trial) -> Option<Visit> {
+        let is_default = trial.configuration == *self.spec.space.default_ref();
+        let visit = self.visits.get_mut(&trial.client_id)?;
+        visit.account.as_mut()?.report(trial.number, trial.state_id, trial.cost, is_default);
+        Some(visit.clone())
     }
 
     /// Gives a trial back unmeasured; its search point is handed out again. Idempotent. `trial` is the

@@ -1,8 +1,9 @@
 //! The first half of a client's frame: what to run next.
 
-use crate::configuration::RawConfiguration;
+use crate::configuration::{Configuration, RawConfiguration};
 use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX};
-use crate::trial::{Mode, Trial, TrialState};
+use crate::policy::Operation;
+use crate::trial::{Explanation, Mode, Reason, Rule, Trial, TrialState};
 use crate::tuner::decide::plain_reason;
 use crate::tuner::{Ask, Change, Decision, Prediction, Tuner, TunerError, Visit, checks};
 
@@ -12,7 +13,8 @@ impl Tuner {
     /// A client that still holds an open trial for the state gets that one again with a fresh lease (its
     /// answer was lost), unless the policy began or ceased to pin since. `now_ms` is the caller's clock.
     pub fn suggest(&mut self, ask: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
-        self.trial(ask, self.pinned(), now_ms)
+        let fixed = self.pinned();
+        self.trial(ask, fixed, now_ms)
     }
 
     /// Hands out a trial of a configuration that the client wants to measure, as if the policy pinned it for
@@ -24,8 +26,11 @@ impl Tuner {
         now_ms: i64,
     ) -> Result<(Trial, Change), TunerError> {
         let configuration = self.spec.space.configuration(wanted)?;
-        let reason = plain_reason("wanted", "The client asked for this configuration.".into());
-        let wanted = Prediction { configuration, mode: Mode::Pinned, predicted_cost: None, reason };
+        let summary = "The client asked for this configuration.".into();
+        let explanation = Explanation::of(Rule::Wanted);
+        let reason = Reason { explanation, ..plain_reason("wanted", summary) };
+        let wanted =
+            Prediction { configuration, mode: Mode::Pinned, predicted_cost: None, reason, insight: None };
         self.trial(ask, Some(wanted), now_ms)
     }
 
@@ -45,8 +50,11 @@ impl Tuner {
         let state_id = self.states[state].id;
         let mut change = Change::default();
         let search_before = self.work[state].exploration.clone();
+        let visit_before = self.visits.get(&ask.client_id).cloned();
+        let pinned = pinned.or_else(|| self.in_shadow(&normalised, state));
         if pinned.is_none() {
-            change.visits.extend(self.visit(&ask.client_id, &normalised, state));
+            self.visit(&ask.client_id, &normalised, state);
+            self.keep_account(ask, state_id);
         }
         let held = self.held.get(&ask.client_id).and_then(|held| held.get(&state_id)).copied();
         let trial = match held.map(|number| (number, self.still_fits(number, pinned.as_ref()))) {
@@ -62,6 +70,8 @@ impl Tuner {
         };
         let trial = trial.expect("a held trial is open");
         change.trials.push(trial.clone());
+        let visit = self.visits.get(&ask.client_id);
+        change.visits.extend(visit.filter(|visit| Some(*visit) != visit_before.as_ref()).cloned());
         if found.is_none() || self.work[state].exploration != search_before {
             change.states.push(self.state_record(state));
         }
@@ -85,27 +95,64 @@ impl Tuner {
         Ok(())
     }
 
+    /// What every client gets while the study only looks on.
+    fn in_shadow(&self, normalised: &[f64], state: usize) -> Option<Prediction> {
+        if self.spec.policy.operation != Operation::Shadow {
+            return None;
+        }
+        let would = self.exploitation(normalised, Some(state));
+        let explanation = Explanation {
+            instead_of: Some(would.configuration.to_raw()),
+            expected_gain: would
+                .predicted_cost
+                .zip(self.default_cost(state))
+                .and_then(|(cost, default)| Some((default - cost) / default).filter(|gain| gain.is_finite())),
+            ..Explanation::of(Rule::Shadow)
+        };
+        let summary = "The study answers the default and learns silently.".into();
+        Some(Prediction {
+            configuration: self.spec.space.default_configuration(),
+            mode: Mode::Default,
+            predicted_cost: self.default_cost(state),
+            reason: Reason { explanation, ..plain_reason("shadow", summary) },
+            insight: None,
+        })
+    }
+
     /// Notes a change of the client's state and decides for the new visit. A kept configuration that proved
-    /// infeasible here meanwhile is decided anew. Returns the visit's row if it changed.
-    fn visit(&mut self, client_id: &str, normalised: &[f64], state: usize) -> Option<Visit> {
+    /// infeasible or clearly worse than another here meanwhile is decided anew, and so is whether exploring pays
+    /// whenever a stay has doubled its length.
+    fn visit(&mut self, client_id: &str, normalised: &[f64], state: usize) {
         let state_id = self.states[state].id;
         let current = self.visits.get(client_id);
         let number = match current {
             Some(visit) if visit.state_id == state_id => match &visit.decision {
-                Decision::Exploit { configuration, .. }
-                    if self.states[state].knowledge.is_infeasible(configuration) =>
+                Decision::Exploit { configuration, reason, .. }
+                    if self.states[state].knowledge.is_infeasible(configuration)
+                        || self.gives_way(state, configuration)
+                        || self.is_weighed_again(client_id, state, reason) =>
                 {
                     visit.number
                 }
-                _ => return None,
+                _ => return,
             },
             Some(visit) => visit.number + 1,
             None => 1,
         };
-        let decision = self.decide(client_id, number, normalised, state);
-        let visit = Visit { client_id: client_id.to_owned(), state_id, number, decision };
-        self.visits.insert(visit.client_id.clone(), visit.clone());
-        Some(visit)
+        let (decision, weighed) = self.decide(client_id, number, normalised, state);
+        let account = self.visits.get(client_id).and_then(|visit| visit.account.clone());
+        let visit = Visit { client_id: client_id.to_owned(), state_id, number, decision, weighed, account };
+        self.visits.insert(visit.client_id.clone(), visit);
+    }
+
+    fn gives_way(&self, state: usize, configuration: &Configuration) -> bool {
+        self.spec.policy.roll_back && self.does_clearly_worse(state, configuration)
+    }
+
+    fn is_weighed_again(&self, client_id: &str, state: usize, reason: &Reason) -> bool {
+        let stay = self.history.stay(client_id, state);
+        let weighed = reason.explanation.rule == Some(Rule::Gain);
+        weighed && self.spec.policy.weigh_gain && stay > 1 && stay.is_power_of_two()
     }
 
     /// Whether a held trial is what the policy would still have the client run.
@@ -113,9 +160,17 @@ impl Tuner {
         let Some(trial) = self.open.get(&number) else {
             return false;
         };
+        let policy = &self.spec.policy;
         match pinned {
-            Some(pinned) => trial.mode == Mode::Pinned && trial.configuration == pinned.configuration,
-            None => trial.mode != Mode::Pinned,
+            Some(pinned) => trial.mode == pinned.mode && trial.configuration == pinned.configuration,
+            None if trial.mode == Mode::Pinned => false,
+            None if trial.mode == Mode::Explore => {
+                // What an earlier session explored, or what was handed out before there was a budget, is not covered.
+                let account = self.visits.get(&trial.client_id).and_then(|visit| visit.account.as_ref());
+                let covered = account.is_some_and(|account| account.covers(number));
+                policy.operation == Operation::Tune && (policy.regret_budget.is_none() || covered)
+            }
+            None => trial.reason.explanation.rule != Some(Rule::Shadow),
         }
     }
 
@@ -125,9 +180,15 @@ impl Tuner {
                 configuration: configuration.clone(),
                 mode: *mode,
                 predicted_cost: *predicted_cost,
-                reason: reason.clone(),
+                reason: reason.as_ref().clone(),
+                insight: None,
             },
-            _ => self.explore(state, number, normalised),
+            _ if self.spec.policy.operation == Operation::Freeze => {
+                let mut prediction = self.exploitation(normalised, Some(state));
+                prediction.reason.explanation = Explanation::of(Rule::Frozen);
+                prediction
+            }
+            _ => self.explore_within_means(ask, number, normalised, state),
         }
     }
 
@@ -136,9 +197,10 @@ impl Tuner {
         ask: &Ask,
         number: u64,
         state_id: u64,
-        prediction: Prediction,
+        mut prediction: Prediction,
         now_ms: i64,
     ) -> Trial {
+        prediction.reason.explanation.silent = self.is_silent(&ask.client_id);
         let trial = Trial {
             number,
             client_id: ask.client_id.clone(),

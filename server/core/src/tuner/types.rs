@@ -15,11 +15,13 @@ use crate::names::NAME_RULE;
 use crate::objective::ObjectiveError;
 use crate::space::{Space, SpaceError};
 use crate::study::StudyError;
-use crate::trial::{Fingerprint, Mode, Reason, Trial, TrialState};
+use crate::trial::{Explanation, Fingerprint, Mode, Reason, Trial, TrialState};
+use crate::tuner::account::Account;
 use crate::tuner::exploration::Exploration;
+use crate::tuner::insight::Insight;
 
 /// A client's question: what to run next?
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ask {
     /// Stable over the client's restarts, unique among clients; 1 to 128 printable characters.
     pub client_id: String,
@@ -27,6 +29,10 @@ pub struct Ask {
     pub indicators: BTreeMap<String, f64>,
     /// The machine, if the client names it.
     pub fingerprint: Option<Fingerprint>,
+    /// Tells the client's sessions apart; 0 for one endless session.
+    pub session: u64,
+    /// The client stops every trial when its cost reaches the cap it is told.
+    pub can_abort: bool,
 }
 
 /// A state of the study as it is stored.
@@ -51,6 +57,12 @@ pub struct Visit<C = Configuration> {
     pub number: u64,
     /// Explore or exploit.
     pub decision: Decision<C>,
+    /// What was weighed when it was decided to explore.
+    #[serde(default, skip_serializing_if = "Explanation::is_empty")]
+    pub weighed: Explanation,
+    /// What exploring may cost the client, where the policy limits it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub account: Option<Account>,
 }
 
 /// A visit whose configuration has not been checked yet: as it is read from a table.
@@ -71,7 +83,7 @@ pub enum Decision<C = Configuration> {
         /// Predicted objective, where something is known.
         predicted_cost: Option<f64>,
         /// How it came about.
-        reason: Reason,
+        reason: Box<Reason>,
     },
 }
 
@@ -87,7 +99,14 @@ impl RawVisit {
                 reason,
             },
         };
-        Ok(Visit { client_id: self.client_id, state_id: self.state_id, number: self.number, decision })
+        Ok(Visit {
+            client_id: self.client_id,
+            state_id: self.state_id,
+            number: self.number,
+            decision,
+            weighed: self.weighed,
+            account: self.account,
+        })
     }
 }
 
@@ -133,6 +152,8 @@ pub struct Prediction {
     pub predicted_cost: Option<f64>,
     /// How it came about.
     pub reason: Reason,
+    /// What is known of the state, where [`crate::tuner::Tuner::predict`] was asked about one that was met before.
+    pub insight: Option<Insight>,
 }
 
 /// The best known configuration.

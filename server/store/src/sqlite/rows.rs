@@ -57,6 +57,8 @@ pub(super) struct VisitRow {
     pub(super) state_id: i64,
     pub(super) number: i64,
     pub(super) decision: String,
+    pub(super) weighed: Option<String>,
+    pub(super) account: Option<String>,
 }
 
 /// The rows of a change. Of several changes to one row only the last is kept, which halves the writes of
@@ -186,6 +188,8 @@ impl VisitRow {
             state_id: signed(visit.state_id)?,
             number: signed(visit.number)?,
             decision: write(&visit.decision)?,
+            weighed: (!visit.weighed.is_empty()).then(|| write(&visit.weighed)).transpose()?,
+            account: visit.account.as_ref().map(write).transpose()?,
         })
     }
 
@@ -195,6 +199,8 @@ impl VisitRow {
             state_id: unsigned(self.state_id)?,
             number: unsigned(self.number)?,
             decision: read("decision", &self.decision)?,
+            weighed: self.weighed.map_or_else(|| Ok(Default::default()), |text| read("weighed", &text))?,
+            account: self.account.map(|text| read("account", &text)).transpose()?,
         })
     }
 }

@@ -55,7 +55,14 @@ fn bind_state<'q>(script: Statements<'q>, study: i64, row: &'q StateRow) -> Stat
 }
 
 fn bind_visit<'q>(script: Statements<'q>, study: i64, row: &'q VisitRow) -> Statements<'q> {
-    script.bind(study).bind(&row.client_id).bind(row.state_id).bind(row.number).bind(&row.decision)
+    script
+        .bind(study)
+        .bind(&row.client_id)
+        .bind(row.state_id)
+        .bind(row.number)
+        .bind(&row.decision)
+        .bind(&row.weighed)
+        .bind(&row.account)
 }
 
 /// Binds in the order of [`TRIAL_COLUMNS`](sql::TRIAL_COLUMNS).

@@ -44,13 +44,14 @@ pub(super) const STATE_UPSERT: &str = "INSERT INTO states (study, id, indicators
      VALUES (?, ?, ?, ?) \
      ON CONFLICT (study, id) DO UPDATE SET search = excluded.search";
 
-pub(super) const VISITS_OF_STUDY: &str =
-    "SELECT client_id, state_id, number, decision FROM visits WHERE study = $1 ORDER BY client_id";
+pub(super) const VISITS_OF_STUDY: &str = "SELECT client_id, state_id, number, decision, weighed, account \
+     FROM visits WHERE study = $1 ORDER BY client_id";
 
-pub(super) const VISIT_UPSERT: &str = "INSERT INTO visits (study, client_id, state_id, number, decision) \
-     VALUES (?, ?, ?, ?, ?) \
+pub(super) const VISIT_UPSERT: &str = "INSERT INTO visits \
+     (study, client_id, state_id, number, decision, weighed, account) VALUES (?, ?, ?, ?, ?, ?, ?) \
      ON CONFLICT (study, client_id) DO UPDATE SET state_id = excluded.state_id, \
-     number = excluded.number, decision = excluded.decision";
+     number = excluded.number, decision = excluded.decision, weighed = excluded.weighed, \
+     account = excluded.account";
 
 macro_rules! trial_columns {
     () => {

@@ -9,8 +9,10 @@ use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::Policy;
 use treewright_core::space::{Domain, Parameter, Scale, Space};
 use treewright_core::study::StudySpec;
-use treewright_core::trial::{Fingerprint, Mode, Neighbour, Outcome, Reason, Trial, TrialState};
-use treewright_core::tuner::{Change, Decision, StateRecord, Visit};
+use treewright_core::trial::{
+    Explanation, Fingerprint, Mode, Neighbour, Outcome, Reason, Rule, Trial, TrialState,
+};
+use treewright_core::tuner::{Account, Change, Decision, StateRecord, Visit};
 use treewright_core::value::Value;
 
 fn parameter(name: &str, domain: Domain, default: Value) -> Parameter {
@@ -77,6 +79,11 @@ pub(crate) fn open(number: u64) -> Trial {
             source: "nelder_mead".to_owned(),
             step: "reflect".to_owned(),
             neighbours: vec![Neighbour { state_id: 1, distance: 0.25, best_cost: 12.5 }],
+            explanation: Explanation {
+                held: vec!["cost".to_owned()],
+                abort_above: Some(0.1),
+                ..Explanation::of(Rule::Explore)
+            },
         },
         lease_expire_ms: 60_000,
         state: TrialState::Open,
@@ -123,8 +130,10 @@ pub(crate) fn visit(client_id: &str, number: u64) -> Visit {
             configuration: open(1).configuration,
             mode: Mode::Exploit,
             predicted_cost: Some(0.1),
-            reason: Reason::default(),
+            reason: Box::default(),
         },
+        weighed: Explanation { epsilon: Some(0.1), ..Explanation::of(Rule::Explore) },
+        account: Some(Account::default()),
     }
 }
 

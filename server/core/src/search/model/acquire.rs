@@ -91,6 +91,7 @@ impl Acquisition<'_> {
         let dimension = self.dimension;
         let mut climbers: Vec<Climber> = Vec::new();
         let enter = |mut x: Vec<f64>, floor: f64| {
+            self.layout.hold(&mut x);
             let active = self.layout.canonical(&mut x);
             let value = self.value(&x, &active, best, floor);
             Climber { x, value }

@@ -176,6 +176,7 @@ impl Near {
             }
             let mut x = self.best.clone();
             self.axes.iter().zip(frame.leave(&u)).for_each(|(&axis, place)| x[axis] = place);
+            acquisition.layout.hold(&mut x);
             let active = acquisition.layout.canonical(&mut x);
             // Where the cube or a cell moves the point, it counts where it is.
             let u = frame.enter(&pick(&x));

@@ -133,6 +133,11 @@ impl ModelSearch {
         search
     }
 
+    /// Leaves axes where they are, from the next point on: places in the space, and coordinates in 0..1.
+    pub fn hold(&mut self, held: &[(usize, f64)]) {
+        self.setup.layout.set_held(held);
+    }
+
     fn random(&mut self) -> ChaCha8Rng {
         self.draws += 1;
         stream(self.setup.seed, Purpose::Search, self.setup.state_id, self.draws)
@@ -141,6 +146,9 @@ impl ModelSearch {
     /// Sends a point out from where it can be found again: its configuration's place, on the grid. The
     /// default goes out as it was given.
     fn launch(&mut self, mut x: Vec<f64>, step: Step) -> Point {
+        if !matches!(step, Step::Default | Step::Replicate) {
+            self.setup.layout.hold(&mut x);
+        }
         self.setup.layout.canonical(&mut x);
         let grid = steps(&x);
         let x = if grid == self.grid(&self.setup.start).0 {

@@ -70,7 +70,7 @@ fn a_study_without_indicators_has_one_state() {
     spec.indicators = IndicatorSchema::default();
     let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
     for client in ["a", "b"] {
-        let ask = Ask { client_id: client.into(), indicators: BTreeMap::new(), fingerprint: None };
+        let ask = Ask { client_id: client.into(), ..Ask::default() };
         assert_eq!(tuner.suggest(&ask, 0).expect("valid").0.state_id, 1);
     }
 }

@@ -1,5 +1,6 @@
 //! What the state machine promises its clients, one promise a test; here the study they share.
 
+mod budget;
 mod exploiting;
 mod exploring;
 mod leases;
@@ -14,7 +15,7 @@ use crate::objective::{Objective, ObjectiveTerm};
 use crate::policy::{Policy, PredictorMethod, SearchMethod};
 use crate::space::{Constraint, Domain, Parameter, Scale, Space};
 use crate::study::StudySpec;
-use crate::trial::{Mode, Outcome, Trial, TrialState};
+use crate::trial::{Mode, Outcome, Rule, Trial, TrialState};
 use crate::value::Value;
 
 fn parameter(name: &str, domain: Domain, default: Value) -> Parameter {
@@ -58,7 +59,7 @@ fn tuner(policy: Policy) -> Tuner {
 
 pub(super) fn ask(client: &str, x: f64, y: f64) -> Ask {
     let indicators = BTreeMap::from([("x".to_owned(), x), ("y".to_owned(), y)]);
-    Ask { client_id: client.into(), indicators, fingerprint: None }
+    Ask { client_id: client.into(), indicators, ..Ask::default() }
 }
 
 pub(super) fn measured(render_ms: f64) -> BTreeMap<String, f64> {

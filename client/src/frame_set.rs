@@ -1,0 +1,141 @@
+//! A trial of several frames: the first ones left out while caches and clocks warm up, the median of the others,
+//! and an early end for what is slower than it may be.
+
+use crate::Suggestion;
+
+/// Collects the costs of a trial's frames. The result is their median.
+///
+/// ```no_run
+/// # use treewright_client::{FrameSet, FrameSetResult, Measurements, Outcome, Suggestion, ClientError};
+/// # fn frame() -> f64 { 1.0 }
+/// # fn trial(suggestion: Suggestion) -> Result<(), ClientError> {
+/// let mut frames = FrameSet::new(&suggestion, 5).leave_out(1);
+/// while frames.goes_on() {
+///     frames.push(frame());
+/// }
+/// match frames.result() {
+///     FrameSetResult::Measured(render_ms) => suggestion.report([("render_ms", render_ms)].into(), Outcome::Ok),
+///     FrameSetResult::Stopped { lower_bound } => {
+///         suggestion.report(Measurements::new(), Outcome::aborted(lower_bound))
+///     }
+/// }
+/// # }
+/// ```
+#[derive(Debug, Clone)]
+pub struct FrameSet {
+    planned: usize,
+    warm_up: usize,
+    abort_above: Option<f64>,
+    costs: Vec<f64>,
+}
+
+/// What a trial of several frames came to, in the units of the frames.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FrameSetResult {
+    /// The median of all frames that count.
+    Measured(f64),
+    /// It was ended early; the median would have been at least this.
+    Stopped {
+        /// The bound.
+        lower_bound: f64,
+    },
+}
+
+impl FrameSet {
+    /// A trial of so many frames (at least one) that ends early where the suggestion's cap says so. Costs of frames
+    /// are in the objective's units.
+    #[must_use]
+    pub fn new(suggestion: &Suggestion, frames: usize) -> Self {
+        Self::with_cap(suggestion.abort_above(), frames)
+    }
+
+    /// The same with a cap of one's own.
+    #[must_use]
+    pub fn with_cap(abort_above: Option<f64>, frames: usize) -> Self {
+        Self { planned: frames.max(1), warm_up: 0, abort_above, costs: Vec::new() }
+    }
+
+    /// Runs so many more frames before those that count.
+    #[must_use]
+    pub fn leave_out(mut self, frames: usize) -> Self {
+        self.warm_up = frames;
+        self
+    }
+
+    /// Takes the cost of a frame.
+    pub fn push(&mut self, cost: f64) {
+        if self.warm_up > 0 {
+            self.warm_up -= 1;
+        } else {
+            self.costs.push(cost);
+        }
+    }
+
+    /// Whether another frame is to be run.
+    #[must_use]
+    pub fn goes_on(&self) -> bool {
+        self.costs.len() < self.planned && self.stopped_at().is_none()
+    }
+
+    /// What the median must be at least, once that is above the cap: more than half of all planned frames have cost
+    /// as much, so whatever the others cost does not matter.
+    fn stopped_at(&self) -> Option<f64> {
+        let needed = self.planned / 2 + 1;
+        let mut sorted = self.costs.clone();
+        sorted.sort_by(|a, b| b.total_cmp(a));
+        let bound = *sorted.get(needed - 1)?;
+        (bound > self.abort_above?).then_some(bound)
+    }
+
+    /// The median, or the bound where the trial was ended early. 0 before the first frame that counts.
+    #[must_use]
+    pub fn result(&self) -> FrameSetResult {
+        if self.costs.len() < self.planned
+            && let Some(lower_bound) = self.stopped_at()
+        {
+            return FrameSetResult::Stopped { lower_bound };
+        }
+        let mut sorted = self.costs.clone();
+        sorted.sort_by(f64::total_cmp);
+        let middle = sorted.len() / 2;
+        FrameSetResult::Measured(match sorted.len() {
+            0 => 0.0,
+            count if count % 2 == 1 => sorted[middle],
+            _ => sorted[middle - 1] / 2.0 + sorted[middle] / 2.0,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(mut frames: FrameSet, costs: &[f64]) -> (usize, FrameSetResult) {
+        let mut count = 0;
+        while frames.goes_on() {
+            frames.push(costs[count]);
+            count += 1;
+        }
+        (count, frames.result())
+    }
+
+    #[test]
+    fn the_median_of_the_frames_that_count() {
+        let costs = [900.0, 5.0, 1.0, 3.0, 7.0];
+        assert_eq!(run(FrameSet::with_cap(None, 3).leave_out(1), &costs), (4, FrameSetResult::Measured(3.0)));
+        assert_eq!(run(FrameSet::with_cap(None, 4).leave_out(1), &costs), (5, FrameSetResult::Measured(4.0)));
+        assert_eq!(FrameSet::with_cap(None, 0).result(), FrameSetResult::Measured(0.0));
+    }
+
+    #[test]
+    fn a_trial_ends_as_soon_as_its_median_must_exceed_the_cap() {
+        let costs = [30.0, 10.0, 25.0, 40.0, 9.0];
+        let (count, result) = run(FrameSet::with_cap(Some(20.0), 5), &costs);
+        assert_eq!((count, result), (4, FrameSetResult::Stopped { lower_bound: 25.0 }));
+        // The bound is true whatever the last frame would have cost.
+        assert_eq!(run(FrameSet::with_cap(None, 5), &costs), (5, FrameSetResult::Measured(25.0)));
+        assert_eq!(run(FrameSet::with_cap(Some(50.0), 5), &costs).1, FrameSetResult::Measured(25.0));
+        // One frame cannot be ended early.
+        assert_eq!(run(FrameSet::with_cap(Some(1.0), 1), &costs), (1, FrameSetResult::Measured(30.0)));
+    }
+}

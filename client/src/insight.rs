@@ -1,0 +1,116 @@
+//! Why the service answers as it does, and what it leaves out.
+
+use serde::Serialize;
+
+use crate::Configuration;
+
+/// Which rule of the policy an answer follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum Rule {
+    /// The dice said explore.
+    Explore,
+    /// Explored, because nothing is known that could be exploited.
+    NothingKnown,
+    /// The dice said exploit.
+    Exploit,
+    /// The state's search is over.
+    Finished,
+    /// Not explored, because the regret budget does not allow it yet.
+    Budget,
+    /// Not explored, because the expected gain does not pay for it, or is below the noise.
+    Gain,
+    /// What was exploited here did clearly worse than another configuration.
+    RolledBack,
+    /// The study is frozen.
+    Frozen,
+    /// The study answers the default and learns silently.
+    Shadow,
+    /// The policy pins the configuration.
+    Pinned,
+    /// The client asked for the configuration.
+    Wanted,
+}
+
+/// What the policy weighed. Costs are in the objective's units; `None` is what played no part.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Explanation {
+    /// The rule that decided.
+    pub rule: Option<Rule>,
+    /// The probability of exploring that the dice were thrown with.
+    pub epsilon: Option<f64>,
+    /// What was left of the client's regret budget before this answer.
+    pub budget_left: Option<f64>,
+    /// What was set aside of it for this trial.
+    pub set_aside: Option<f64>,
+    /// The cost of what would have been run without exploring.
+    pub reference_cost: Option<f64>,
+    /// By how much exploring is expected to lower the cost of each later frame, as a share.
+    pub expected_gain: Option<f64>,
+    /// How many frames are expected to profit.
+    pub expected_frames: Option<f64>,
+    /// What exploring is expected to cost in all, in frames of the reference.
+    pub exploring_cost: Option<f64>,
+    /// Parameters that were left at their best known value because they do not matter here.
+    pub held: Vec<String>,
+    /// What would have been answered, were the study not in shadow.
+    pub instead_of: Option<Configuration>,
+    /// What this trial costs is not learnt.
+    pub silent: bool,
+}
+
+/// What the policy knows of a state.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct StateInsight {
+    /// The state's number.
+    pub state_id: i64,
+    /// Configurations with a verdict.
+    pub tried: i64,
+    /// How often clients came to the state.
+    pub visits: i64,
+    /// How many frames were reported from it.
+    pub frames: i64,
+    /// How much repeated measurements differ, relative to the cost; `None` before anything was measured twice.
+    pub noise: Option<f64>,
+    /// Measurements that were far from all others of their configuration.
+    pub outliers: i64,
+    /// How often costs were found to have changed for good.
+    pub drifts: i64,
+    /// By how much going on with the search is expected to lower the cost of each later frame, as a share.
+    pub expected_gain: Option<f64>,
+    /// How many frames are expected to profit.
+    pub expected_frames: Option<f64>,
+    /// What the search is expected to cost, in frames.
+    pub exploring_cost: Option<f64>,
+    /// What is left out of the search here, and why.
+    pub omissions: Vec<Omission>,
+}
+
+/// Something that is left out.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Omission {
+    /// The parameter; `None` for the state's whole search.
+    pub parameter: Option<String>,
+    /// Why; `None` for reasons that this client does not know.
+    pub reason: Option<OmissionReason>,
+    /// For people.
+    pub summary: String,
+    /// How many trials were or will be saved by it, estimated.
+    pub saved_trials: f64,
+    /// With which probability leaving it out is wrong; `None` where it is certain.
+    pub risk: Option<f64>,
+}
+
+/// Why something is left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum OmissionReason {
+    /// The parameter means nothing beside the best known values of others.
+    Inactive,
+    /// The parameter was shown not to matter.
+    Insensitive,
+    /// The most that can be gained is below the noise.
+    BelowNoise,
+    /// The gain to expect does not pay for the search.
+    BelowCost,
+}

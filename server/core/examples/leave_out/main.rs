@@ -1,0 +1,159 @@
+//! What leaving out saves: trials until 98 % of the roofline of the modelled renderer space, with and without
+//! conditional knowledge and held parameters.
+//!
+//! `cargo run --release -p treewright-core --example leave_out -- [SEEDS] [SCENES_BEFORE] [TRIALS]`. Each run asks the
+//! tuner itself, one client in one scene after the other. "flat" is the space as a list of parameters that are always
+//! active; "conditional" tells which parameter means something beside which; "held" also holds what is shown not to
+//! matter (risk 0.05). "+ N scenes" are runs in a scene that N others were explored before. Runs that do not arrive
+//! count as the budget.
+
+#[path = "../search_quality/problem.rs"]
+#[allow(dead_code)]
+mod problem;
+#[path = "../search_quality/trees.rs"]
+mod trees;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use treewright_core::configuration::Configuration;
+use treewright_core::indicator::{Indicator, IndicatorSchema};
+use treewright_core::objective::{Objective, ObjectiveTerm};
+use treewright_core::policy::Policy;
+use treewright_core::space::{Parameter, Scale, Space};
+use treewright_core::study::StudySpec;
+use treewright_core::trial::Outcome;
+use treewright_core::tuner::{Ask, Tuner};
+
+use problem::{Problem, normal};
+
+/// The share of the roofline that counts as arrived.
+const ARRIVED: f64 = 0.98;
+
+/// The lowest cost that a long climb finds.
+pub(crate) fn best_of(
+    space: &Space,
+    cost: impl Fn(&Configuration) -> Option<f64>,
+    random: &mut impl Rng,
+) -> f64 {
+    let dimension = space.dimension();
+    let value = |x: &[f64]| cost(&space.decode(x)).unwrap_or(f64::INFINITY);
+    let mut found = f64::INFINITY;
+    for _ in 0..6 {
+        let mut best = (f64::INFINITY, vec![0.5; dimension]);
+        for draw in 0..4000 {
+            let mut x: Vec<f64> = best.1.clone();
+            if draw < 1500 {
+                x.fill_with(|| random.random());
+            } else {
+                for _ in 0..random.random_range(1..4) {
+                    x[random.random_range(0..dimension)] = random.random();
+                }
+            }
+            let cost = value(&x);
+            if cost <= best.0 {
+                best = (cost, x);
+            }
+        }
+        found = found.min(best.0);
+    }
+    found
+}
+
+fn flat(space: &Space) -> Space {
+    let parameters = space.parameters().iter().cloned();
+    let always = parameters.map(|parameter| Parameter { active_if: None, ..parameter });
+    Space::new(always.collect(), space.constraints().to_vec()).expect("a valid space")
+}
+
+fn spec(space: Space, seed: u64, trials: u32, freeze_risk: Option<f64>) -> StudySpec {
+    let indicator = Indicator { name: "scene".into(), min: 0.0, max: 1.0, scale: Scale::Linear };
+    let terms = vec![ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }];
+    StudySpec {
+        display_name: "leave out".into(),
+        space,
+        indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
+        objective: Objective::new(terms).expect("valid"),
+        state_tolerance: 0.01,
+        policy: Policy { epsilon: 1.0, trials_per_state: trials, freeze_risk, ..Policy::default() },
+        seed,
+    }
+}
+
+struct Run {
+    arrived_after: usize,
+    arrived: bool,
+    held: usize,
+    share: f64,
+}
+
+/// Explores `before` scenes and then one that counts.
+fn run(seed: u64, before: u64, trials: u32, is_flat: bool, freeze_risk: Option<f64>) -> Run {
+    let first: Problem = trees::problem(seed);
+    let space = if is_flat { flat(&first.space) } else { first.space.clone() };
+    let mut tuner = Tuner::new(Arc::new(spec(space, seed, trials, freeze_risk))).expect("valid");
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut result = Run { arrived_after: trials as usize, arrived: false, held: 0, share: 0.0 };
+    for scene in 0..=before {
+        let counts = scene == before;
+        let problem = if counts { trees::problem(seed) } else { trees::problem(1000 + 50 * seed + scene) };
+        let mut best = f64::INFINITY;
+        for number in 1..=trials as usize {
+            let place = scene as f64 / 50.0;
+            let indicators = BTreeMap::from([("scene".to_owned(), place)]);
+            let ask = Ask { client_id: "a".into(), indicators, ..Ask::default() };
+            let trial = tuner.suggest(&ask, 0).expect("a valid question").0;
+            let truth = (problem.truth)(&trial.configuration);
+            if counts {
+                result.held = result.held.max(trial.reason.explanation.held.len());
+            }
+            let (measurements, outcome) = match truth {
+                Some(truth) => {
+                    best = best.min(truth);
+                    let cost = truth * (problem.noise * normal(&mut random)).exp();
+                    (BTreeMap::from([("render_ms".to_owned(), cost)]), Outcome::Ok)
+                }
+                None => (BTreeMap::new(), Outcome::Infeasible { reason: "cannot be built".into() }),
+            };
+            let _change = tuner.report(&trial, measurements, outcome, 1).expect("a valid report");
+            if counts && !result.arrived && problem.optimum / best >= ARRIVED {
+                (result.arrived, result.arrived_after) = (true, number);
+            }
+        }
+        if counts {
+            result.share = problem.optimum / best;
+        }
+    }
+    result
+}
+
+fn main() {
+    let argument = |index: usize, default: u64| {
+        std::env::args().nth(index).map_or(default, |text| text.parse().expect("a number"))
+    };
+    let (seeds, before, trials) = (argument(1, 15), argument(2, 5), argument(3, 200) as u32);
+    println!("{:24}{:>10}{:>10}{:>10}{:>8}{:>10}", "", "median", "mean", "arrived", "held", "at end");
+    let arms: [(&str, bool, Option<f64>, u64); 5] = [
+        ("flat", true, None, 0),
+        ("conditional", false, None, 0),
+        ("conditional, held", false, Some(0.05), 0),
+        ("conditional + scenes", false, None, before),
+        ("held + scenes", false, Some(0.05), before),
+    ];
+    for (name, is_flat, risk, before) in arms {
+        let runs: Vec<Run> = (0..seeds).map(|seed| run(seed, before, trials, is_flat, risk)).collect();
+        let mut after: Vec<usize> = runs.iter().map(|run| run.arrived_after).collect();
+        after.sort_unstable();
+        let count = runs.len() as f64;
+        println!(
+            "{name:24}{:10}{:10.1}{:10.2}{:8.1}{:10.3}",
+            after[after.len() / 2],
+            after.iter().sum::<usize>() as f64 / count,
+            runs.iter().filter(|run| run.arrived).count() as f64 / count,
+            runs.iter().map(|run| run.held as f64).sum::<f64>() / count,
+            runs.iter().map(|run| run.share).sum::<f64>() / count,
+        );
+    }
+}

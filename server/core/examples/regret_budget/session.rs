@@ -1,0 +1,174 @@
+//! A renderer that does not exist, for judging the regret budget: its machine changes its speed, its frames vary, and
+//! its states are the worst that can be.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+
+use treewright_core::indicator::{Indicator, IndicatorSchema};
+use treewright_core::objective::{Objective, ObjectiveTerm};
+use treewright_core::policy::{Policy, SearchMethod};
+use treewright_core::space::{Domain, Parameter, Scale, Space};
+use treewright_core::study::StudySpec;
+use treewright_core::trial::{Mode, Outcome, Trial};
+use treewright_core::tuner::{Ask, Tuner};
+use treewright_core::value::Value;
+
+/// How the speed of the machine changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub(crate) enum Weather {
+    /// Not at all; frames vary by 7 %.
+    Calm,
+    /// By a random walk of 2 % a frame.
+    Drifting,
+    /// By a factor up to 2, up or down, every fifty frames or so.
+    Stepping,
+    /// In waves of sixty frames, by half.
+    Waves,
+}
+
+impl Weather {
+    /// The weather of a session.
+    pub(crate) fn of(seed: u64) -> Self {
+        [Weather::Calm, Weather::Drifting, Weather::Stepping, Weather::Waves][(seed % 4) as usize]
+    }
+}
+
+/// What a session came to.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Session {
+    /// How the speed changed.
+    pub(crate) weather: Weather,
+    /// The share of frame time that exploring may cost.
+    pub(crate) budget: f64,
+    /// Frames that explored.
+    pub(crate) explored: u64,
+    /// Frames in all.
+    pub(crate) frames: u64,
+    /// The largest share that exploring had cost at any moment: true regret against the default, over true frame time.
+    pub(crate) worst: f64,
+    /// The share at the end.
+    pub(crate) share: f64,
+    /// True cost of all frames over what the default would have cost.
+    pub(crate) cost_over_default: f64,
+}
+
+/// What the default costs in every state, before the machine's speed.
+const DEFAULT_COST: f64 = 10.0;
+
+fn normal(random: &mut impl Rng) -> f64 {
+    let (a, b) = (1.0 - random.random::<f64>(), random.random::<f64>());
+    (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
+}
+
+/// What a configuration costs in a state, without the machine's speed. In adversarial states nearly everything that can
+/// be explored is ten to a hundred times as dear as the default; in others a third of all is better.
+fn cost(trial: &Trial, adversarial: bool) -> f64 {
+    let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
+    let (a, b) = (number("a"), number("b"));
+    let (from_default, ideal) = ((a - 0.5).abs() + (b - 0.5).abs(), (a - 0.8).abs() + (b - 0.3).abs());
+    if adversarial { DEFAULT_COST * (1.0 + 90.0 * from_default) } else { 7.0 + 6.0 * ideal }
+}
+
+fn spec(seed: u64, policy: Policy) -> StudySpec {
+    let parameter = |name: &str| Parameter {
+        name: name.into(),
+        domain: Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear },
+        default: Value::Float(0.5),
+        active_if: None,
+    };
+    let indicator = Indicator { name: "place".into(), min: 0.0, max: 1.0, scale: Scale::Linear };
+    let term = ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 };
+    StudySpec {
+        display_name: "simulation".into(),
+        space: Space::new(vec![parameter("a"), parameter("b")], vec![]).expect("a valid space"),
+        indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
+        objective: Objective::new(vec![term]).expect("valid"),
+        state_tolerance: 0.01,
+        policy,
+        seed,
+    }
+}
+
+impl Session {
+    /// A session with a budget of 2 to 10 %.
+    pub(crate) fn run(seed: u64, frames: u64) -> Self {
+        let budget = 0.02 + 0.08 * (seed % 7) as f64 / 6.0;
+        Self::play(seed, frames, budget, Some(budget))
+    }
+
+    /// The same session without it.
+    pub(crate) fn run_without(seed: u64, frames: u64) -> Self {
+        let budget = 0.02 + 0.08 * (seed % 7) as f64 / 6.0;
+        Self::play(seed, frames, budget, None)
+    }
+
+    fn play(seed: u64, frames: u64, budget: f64, regret_budget: Option<f64>) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let policy = Policy {
+            epsilon: 1.0,
+            search: SearchMethod::Random,
+            trials_per_state: 100_000,
+            regret_budget,
+            abort_above: Some(1.2 + 1.3 * random.random::<f64>()),
+            ..Policy::default()
+        };
+        let mut tuner = Tuner::new(Arc::new(spec(seed, policy))).expect("a valid specification");
+        let weather = Weather::of(seed);
+        let (mut speed, mut place, mut adversarial) = (1.0f64, 0.0, seed.is_multiple_of(3));
+        // Some sessions never leave their state, some hardly stay.
+        let stay = [1e9, 200.0, 30.0, 8.0][(seed / 4 % 4) as usize];
+        let noise = 0.07;
+        let mut session =
+            Session { weather, budget, explored: 0, frames, worst: 0.0, share: 0.0, cost_over_default: 0.0 };
+        let (mut regret, mut paid, mut owed) = (0.0, 0.0, 0.0);
+        for frame in 0..frames {
+            match weather {
+                Weather::Calm => {}
+                Weather::Drifting => speed *= (0.02 * normal(&mut random)).exp(),
+                Weather::Stepping if random.random::<f64>() < 0.02 => {
+                    speed = 2f64.powf(2.0 * random.random::<f64>() - 1.0);
+                }
+                Weather::Stepping => {}
+                Weather::Waves => speed = 1.0 + 0.5 * (frame as f64 / 60.0 * std::f64::consts::TAU).sin(),
+            }
+            if random.random::<f64>() * stay < 1.0 {
+                place = random.random();
+                adversarial = random.random::<f64>() < 0.5;
+            }
+            let indicators = BTreeMap::from([("place".to_owned(), place)]);
+            let ask =
+                Ask { client_id: "a".into(), indicators, session: 1, can_abort: true, fingerprint: None };
+            let trial = tuner.suggest(&ask, 0).expect("a valid question").0;
+            let true_cost = speed * cost(&trial, adversarial);
+            let measured = true_cost * (noise * normal(&mut random)).exp();
+            let default = speed * DEFAULT_COST;
+            let (spent, outcome) = match trial.reason.explanation.abort_above {
+                Some(cap) if measured > cap => (cap, Outcome::Aborted { lower_bound: cap }),
+                _ => (measured, Outcome::Ok),
+            };
+            // A client that was told to stop has spent the cap and no more.
+            let truly = if spent < measured { spent } else { true_cost };
+            paid += truly;
+            owed += default;
+            if trial.mode == Mode::Explore {
+                session.explored += 1;
+                regret += truly - default;
+            }
+            session.share = regret / paid;
+            session.worst = session.worst.max(session.share);
+            // Now and then a result is lost, or cannot be told.
+            if random.random::<f64>() < 0.01 {
+                let _change = tuner.abandon(&trial).expect("it is open");
+                continue;
+            }
+            let measurements = BTreeMap::from([("render_ms".to_owned(), spent)]);
+            let _reported = tuner.report(&trial, measurements, outcome, 1).expect("a valid report");
+        }
+        session.cost_over_default = paid / owed;
+        session
+    }
+}

@@ -1,0 +1,314 @@
+//! The account of one client in one session: what exploring may still cost it.
+//!
+//! A policy with a `regret_budget` of b promises that at every moment of a session
+//!
+//! > what exploring cost above the reference  <=  b x the cost of all frames that did not explore.
+//!
+//! The reference is what would have been run without exploring: the study's default, or the best that was measured in
+//! the state, whichever is cheaper. Both are measured by this client in this stay, the default once before anything is
+//! explored, because what is remembered of a state may no longer hold. Reserving for the worst case before each
+//! exploratory action is the idea of conservative bandits (Wu, Shariff, Lattimore and Szepesvári, "Conservative
+//! bandits", ICML 2016); here costs are bounded because trials are stopped at a cap, and nothing is assumed of how they
+//! are distributed.
+//!
+//! - A trial is only handed out when the budget left covers its whole cap, as if the reference cost nothing. A
+//!   client that cannot stop in time is taken to cost `worst_factor` times the reference instead.
+//! - Once it is reported it is charged all it cost, until the next frame of the reference in the same state shows what
+//!   that costs now. Then the charge falls to what it cost above [`GUARD`] times the cheapest of the last few frames
+//!   of the reference, before or after, so that neither noise nor a machine that changes its speed hides regret.
+//! - A trial that comes back without a cost, or never, stays charged with its worst case. Trials that did better than
+//!   the reference earn nothing.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::limits::{CHARGES_MAX, OPEN_TRIALS_PER_CLIENT_MAX, REFERENCES_MAX};
+
+/// The share of the cheapest reference that is taken for certain: frames vary by some percent.
+pub const GUARD: f64 = 0.9;
+
+/// Where sums are held, so that no number of large costs makes them infinite.
+const SUM_MAX: f64 = 1e300;
+
+/// A sum that loses nothing to rounding: Neumaier's variant of Kahan's compensated summation (1974).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Sum(f64, f64);
+
+impl Sum {
+    fn add(&mut self, value: f64) {
+        let total = self.0 + value;
+        if total.is_nan() || total > SUM_MAX {
+            *self = Sum(SUM_MAX, 0.0);
+            return;
+        }
+        self.1 += if self.0 >= value { (self.0 - total) + value } else { (value - total) + self.0 };
+        self.0 = total;
+    }
+
+    fn value(self) -> f64 {
+        self.0 + self.1
+    }
+}
+
+/// An exploring trial that was reported and is not settled.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Charge {
+    cost: f64,
+    /// The cheapest reference before it.
+    before: f64,
+}
+
+/// One client's account. Opaque to the store, exact through serde.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Account {
+    session: u64,
+    /// Trials from this number on are of this session.
+    first_trial: u64,
+    /// How many trials were handed out in this session.
+    handed_out: u64,
+    /// Cost of all frames that did not explore.
+    kept: Sum,
+    /// What exploring cost, as far as it is settled.
+    charged: Sum,
+    /// What is set aside for exploring trials that are out, by trial.
+    out: BTreeMap<u64, f64>,
+    /// Charged in full until the next reference.
+    unsettled: Vec<Charge>,
+    /// The state the client is in, and the last frames there that did not explore.
+    state_id: u64,
+    references: Vec<f64>,
+    /// The cheapest frame of the default in this stay.
+    default: Option<f64>,
+}
+
+/// What a trial may cost, where it may be handed out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Leave {
+    /// The budget before.
+    pub(super) left: f64,
+    /// The most that the trial can cost above the reference.
+    pub(super) set_aside: f64,
+    /// Where it is to be stopped.
+    pub(super) abort_above: f64,
+    /// The reference's cost.
+    pub(super) reference: f64,
+}
+
+/// Why no trial may be handed out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Denied {
+    /// The reference has not been measured in this stay.
+    NoReference,
+    /// Too little is left.
+    TooLittle(Leave),
+}
+
+/// The terms of the policy that an account keeps.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Terms {
+    pub(super) budget: f64,
+    pub(super) abort_above: f64,
+    pub(super) worst_factor: f64,
+}
+
+impl Account {
+    pub(super) fn open(session: u64, first_trial: u64) -> Self {
+        Account { session, first_trial, ..Account::default() }
+    }
+
+    /// Whether this is the account of a session.
+    pub(super) fn is_of(&self, session: u64) -> bool {
+        self.session == session
+    }
+
+    /// Notes where the client is. What it explored elsewhere and did not settle stays charged in full.
+    pub(super) fn enter(&mut self, state_id: u64) {
+        if self.state_id != state_id {
+            self.state_id = state_id;
+            self.references.clear();
+            self.default = None;
+            for charge in std::mem::take(&mut self.unsettled) {
+                self.charged.add(charge.cost);
+            }
+        }
+    }
+
+    /// Counts a trial that is handed out, and tells how many were before.
+    pub(super) fn count(&mut self) -> u64 {
+        self.handed_out += 1;
+        self.handed_out - 1
+    }
+
+    /// What is left of the budget, less all that is set aside. Negative where a client overstepped a cap.
+    pub(super) fn left(&self, budget: f64) -> f64 {
+        let unsettled: f64 = self.unsettled.iter().map(|charge| charge.cost).sum();
+        let out: f64 = self.out.values().sum();
+        budget * self.kept.value() - self.charged.value() - unsettled - out
+    }
+
+    /// Whether an exploring trial may be handed out, and on what terms. Where the default cannot be run in the state,
+    /// the frames that did not explore are all the reference there is.
+    pub(super) fn leave(&self, terms: Terms, can_abort: bool, default_runs: bool) -> Result<Leave, Denied> {
+        let kept = median(&self.references);
+        let default = self.default.or(kept.filter(|_| !default_runs)).ok_or(Denied::NoReference)?;
+        let reference = kept.map_or(default, |kept| kept.min(default));
+        if reference <= 0.0 {
+            return Err(Denied::NoReference);
+        }
+        let abort_above = (terms.abort_above * reference).min(SUM_MAX);
+        let set_aside = if can_abort { abort_above } else { (terms.worst_factor * reference).min(SUM_MAX) };
+        let leave = Leave { left: self.left(terms.budget), set_aside, abort_above, reference };
+        if leave.left >= set_aside { Ok(leave) } else { Err(Denied::TooLittle(leave)) }
+    }
+
+    /// Sets aside what a trial may cost.
+    pub(super) fn set_aside(&mut self, trial: u64, worst: f64) {
+        self.out.insert(trial, worst);
+        // Trials that never come back have cost what was set aside.
+        while self.out.len() > OPEN_TRIALS_PER_CLIENT_MAX {
+            if let Some((_, lost)) = self.out.pop_first() {
+                self.charged.add(lost);
+            }
+        }
+    }
+
+    /// Whether something is set aside for a trial.
+    pub(super) fn covers(&self, trial: u64) -> bool {
+        self.out.contains_key(&trial)
+    }
+
+    /// Takes a report. `cost` is what the frame cost, as far as it is known. Trials of other sessions are passed over.
+    pub(super) fn report(&mut self, trial: u64, state_id: u64, cost: Option<f64>, is_default: bool) {
+        if trial < self.first_trial {
+            return;
+        }
+        if let Some(worst) = self.out.remove(&trial) {
+            let kept = self.references.iter().copied();
+            let before = kept.chain(self.default).fold(f64::INFINITY, f64::min);
+            // Without a cost it may have cost all that was set aside.
+            let charge = Charge { cost: cost.unwrap_or(worst), before };
+            if cost.is_none() || !before.is_finite() || self.state_id != state_id {
+                self.charged.add(charge.cost);
+            } else {
+                self.unsettled.push(charge);
+                if self.unsettled.len() > CHARGES_MAX {
+                    let oldest = self.unsettled.remove(0);
+                    self.charged.add(oldest.cost);
+                }
+            }
+            return;
+        }
+        let Some(cost) = cost else {
+            return;
+        };
+        self.kept.add(cost);
+        if self.state_id == state_id {
+            for charge in std::mem::take(&mut self.unsettled) {
+                self.charged.add((charge.cost - GUARD * charge.before.min(cost)).max(0.0));
+            }
+            if is_default {
+                self.default = Some(self.default.map_or(cost, |least| least.min(cost)));
+            }
+            self.references.push(cost);
+            if self.references.len() > REFERENCES_MAX {
+                self.references.remove(0);
+            }
+        }
+    }
+}
+
+fn median(values: &[f64]) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    // The lower one of two.
+    sorted.get(sorted.len().checked_sub(1)? / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TERMS: Terms = Terms { budget: 0.1, abort_above: 2.0, worst_factor: 50.0 };
+
+    fn with_frames(count: u64) -> Account {
+        let mut account = Account::open(7, 1);
+        account.enter(1);
+        (0..count).for_each(|number| account.report(number + 1, 1, Some(10.0), number == 0));
+        account
+    }
+
+    #[test]
+    fn nothing_is_explored_before_it_is_earned() {
+        assert_eq!(with_frames(0).leave(TERMS, true, true), Err(Denied::NoReference));
+        assert!(matches!(with_frames(19).leave(TERMS, true, true), Err(Denied::TooLittle(_))));
+        let leave = with_frames(20).leave(TERMS, true, true).expect("twenty frames earn two");
+        assert_eq!((leave.set_aside, leave.abort_above, leave.reference), (20.0, 20.0, 10.0));
+        // Who cannot stop must have earned the worst case.
+        assert!(with_frames(499).leave(TERMS, false, true).is_err());
+        assert_eq!(with_frames(500).leave(TERMS, false, true).expect("earned").set_aside, 500.0);
+    }
+
+    #[test]
+    fn a_charge_falls_to_the_regret_once_the_reference_is_seen_again() {
+        let mut account = with_frames(40);
+        account.set_aside(100, 20.0);
+        assert_eq!(account.left(0.1), 20.0);
+        account.report(100, 1, Some(15.0), false);
+        assert_eq!(account.left(0.1), 25.0);
+        account.report(101, 1, Some(10.0), false);
+        // 41 frames earn 41, and 15 were 6 above nine tenths of 10.
+        assert!((account.left(0.1) - 35.0).abs() < 1e-12);
+        // A machine that became faster meanwhile makes the same trial dearer.
+        let mut faster = with_frames(40);
+        faster.set_aside(100, 20.0);
+        faster.report(100, 1, Some(15.0), false);
+        faster.report(101, 1, Some(5.0), false);
+        assert!((faster.left(0.1) - (40.5 - 10.5)).abs() < 1e-12);
+        // Better than the reference earns nothing.
+        let mut better = with_frames(40);
+        better.set_aside(100, 20.0);
+        better.report(100, 1, Some(1.0), false);
+        better.report(101, 1, Some(10.0), false);
+        assert!((better.left(0.1) - 41.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_never_comes_back_stays_charged() {
+        let mut account = with_frames(1000);
+        let left = account.left(0.1);
+        for trial in 0..200 {
+            account.set_aside(2000 + trial, 1.0);
+        }
+        assert!(account.out.len() <= OPEN_TRIALS_PER_CLIENT_MAX);
+        assert!((account.left(0.1) - (left - 200.0)).abs() < 1e-9);
+        account.set_aside(3000, 5.0);
+        account.report(3000, 1, None, false);
+        assert!((account.left(0.1) - (left - 205.0)).abs() < 1e-9);
+        account.enter(2);
+        account.set_aside(3001, 5.0);
+        account.report(3001, 2, Some(4.0), false);
+        // No reference was seen in the new state, so all of it counts.
+        assert!((account.left(0.1) - (left - 209.0)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn sums_keep_every_charge_and_stay_finite() {
+        let mut sum = Sum(1e16, 0.0);
+        (0..1000).for_each(|_| sum.add(0.25));
+        assert_eq!(sum.value(), 1e16 + 250.0);
+        (0..3).for_each(|_| sum.add(f64::MAX));
+        assert_eq!(sum.value(), SUM_MAX);
+        let mut account = Account::open(0, 0);
+        account.enter(1);
+        for number in 0..8 {
+            account.report(2 * number, 1, Some(f64::MAX), true);
+            account.set_aside(2 * number + 1, f64::MAX);
+            account.report(2 * number + 1, 1, Some(f64::MAX), false);
+        }
+        assert!(!account.left(1.0).is_nan());
+        assert!(account.leave(TERMS, true, true).is_err());
+        let text = serde_json::to_string(&account).expect("plain data");
+        assert_eq!(serde_json::from_str::<Account>(&text).expect("own text"), account);
+    }
+}

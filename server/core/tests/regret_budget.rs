@@ -1,0 +1,45 @@
+//! The regret budget: over simulated sessions with drifting noise and adversarial states it is kept in every one.
+//!
+//! What is judged is the truth that the simulation knows and the tuner does not: at every frame, what the frame cost
+//! less what the default would have cost in its place, under the same speed of the machine. The example
+//! `regret_budget` runs ten thousand sessions of the same kind.
+
+#[path = "../examples/regret_budget/session.rs"]
+mod session;
+
+use std::collections::BTreeSet;
+
+use session::{Session, Weather};
+
+#[test]
+fn the_budget_is_kept_in_every_session() {
+    let mut explored = 0;
+    for seed in 0..120 {
+        let session = Session::run(seed, 400);
+        assert!(
+            session.worst <= session.budget,
+            "seed {seed}, {:?}: {} of {}",
+            session.weather,
+            session.worst,
+            session.budget
+        );
+        explored += session.explored;
+    }
+    // A budget that is kept by never exploring is no achievement.
+    assert!(explored > 1200, "{explored} of 48,000 frames explored");
+}
+
+#[test]
+fn without_a_budget_the_same_sessions_overspend() {
+    let broken = (0..40).filter(|&seed| {
+        let session = Session::run_without(seed, 400);
+        session.worst > session.budget
+    });
+    assert!(broken.count() > 30);
+}
+
+#[test]
+fn every_kind_of_weather_occurs() {
+    let seen: BTreeSet<Weather> = (0..20).map(Weather::of).collect();
+    assert_eq!(seen.len(), 4);
+}
