@@ -37,7 +37,7 @@ fn run(problem: &Problem, policy: &Policy, seed: u64) -> (Vec<f64>, Vec<f64>, Ve
     for round in 0..ROUNDS as i64 {
         let context: [f64; 2] = [random.random(), random.random()];
         let indicators = BTreeMap::from([("u".to_owned(), context[0]), ("v".to_owned(), context[1])]);
-        let ask = Ask { client_id: "bench".into(), indicators, fingerprint: None };
+        let ask = Ask { client_id: "bench".into(), indicators, ..Ask::default() };
         let begin = Instant::now();
         let (trial, _) = tuner.suggest(&ask, round).expect("a valid question");
         let mut spent = begin.elapsed();
