@@ -59,7 +59,7 @@ pub struct Policy {
     pub epsilon: Option<f64>,
     /// Search inside a state. Default [`SearchMethod::Auto`].
     pub search: Option<SearchMethod>,
-    /// Predictor that answers when exploiting. Default [`PredictorMethod::Auto`].
+    /// Predictor that answers when exploiting. Default [`PredictorMethod::NearestNeighbour`].
     pub predictor: Option<PredictorMethod>,
     /// A state's search ends after so many measured configurations, 1 to 100000. Default 80.
     pub trials_per_state: Option<u32>,

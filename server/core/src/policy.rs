@@ -44,9 +44,9 @@ impl SearchMethod {
 #[serde(rename_all = "snake_case")]
 pub enum PredictorMethod {
     /// Whichever of the others errs least in this study, tested on every trial before it learns from it.
-    #[default]
     Auto,
     /// Best configuration of the nearest known state (paper section 6.1).
+    #[default]
     NearestNeighbour,
     /// Best configuration over the nearest known states, weighted by distance.
     WeightedNeighbours,
