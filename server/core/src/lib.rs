@@ -16,6 +16,7 @@ pub mod configuration;
 pub mod indicator;
 pub mod knowledge;
 pub mod limits;
+mod matrix;
 pub mod names;
 pub mod objective;
 pub mod policy;

@@ -3,7 +3,6 @@
 pub mod atlas;
 mod auto;
 pub mod contextual;
-mod dense;
 pub mod nearest;
 pub mod prequential;
 pub mod rbf;

@@ -5,6 +5,8 @@
 //! the same thing again and again; a [`Layout`] gives it the configuration instead, without names and
 //! without text: [`Layout::canonical`] is `encode(decode(point))` of the space, some hundred times faster.
 
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::space::{Domain, Space};
@@ -142,6 +144,27 @@ impl Layout {
             }
             Kind::Number(_) => 0,
         }
+    }
+
+    /// Another value of one axis: near by along a scale (`radius` is a share of it), or any other.
+    pub fn moved(&self, axis: usize, x: f64, radius: f64, random: &mut ChaCha8Rng) -> f64 {
+        let cells = self.cells(axis);
+        if cells == 1 {
+            return x;
+        }
+        if cells == 0 {
+            let towards = random.random::<f64>() + random.random::<f64>() + random.random::<f64>() - 1.5;
+            return (x + 2.0 * radius * towards).clamp(0.0, 1.0);
+        }
+        let rank = self.rank(axis, x);
+        let reach = ((f64::from(cells) * radius) as u32).max(1);
+        let other = if cells <= 8 || random.random::<f64>() < 0.2 {
+            (rank + random.random_range(1..cells)) % cells
+        } else {
+            let step = random.random_range(1..=reach);
+            if random.random::<bool>() { rank.saturating_sub(step) } else { (rank + step).min(cells - 1) }
+        };
+        self.at_rank(axis, other)
     }
 
     /// The coordinate of the value that is the `rank`th by size (by listing where there is no order).

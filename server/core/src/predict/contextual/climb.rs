@@ -93,37 +93,16 @@ impl Place<'_> {
             let radius = STEP_FIRST * libm::pow(STEP_LAST / STEP_FIRST, tried as f64 / CHANGES as f64);
             let mut x = climber.x.clone();
             let axis = random.random_range(0..dimension);
-            x[axis] = self.moved(axis, x[axis], radius, random);
+            x[axis] = self.layout.moved(axis, x[axis], radius, random);
             // Along a ridge one parameter alone leads nowhere.
             if dimension > 1 && tried % 2 == 1 {
                 let other = (axis + random.random_range(1..dimension)) % dimension;
-                x[other] = self.moved(other, x[other], radius, random);
+                x[other] = self.layout.moved(other, x[other], radius, random);
             }
             let changed = self.enter(x, climber.score, nearness);
             if changed.score < climber.score && !excludes(&changed.x) {
                 *climber = changed;
             }
         }
-    }
-
-    /// Another value of one axis: near by along a scale, or any other.
-    fn moved(&self, axis: usize, x: f64, radius: f64, random: &mut ChaCha8Rng) -> f64 {
-        let cells = self.layout.cells(axis);
-        if cells == 1 {
-            return x;
-        }
-        if cells == 0 {
-            let towards = random.random::<f64>() + random.random::<f64>() + random.random::<f64>() - 1.5;
-            return (x + 2.0 * radius * towards).clamp(0.0, 1.0);
-        }
-        let rank = self.layout.rank(axis, x);
-        let reach = ((f64::from(cells) * radius) as u32).max(1);
-        let other = if cells <= 8 || random.random::<f64>() < 0.2 {
-            (rank + random.random_range(1..cells)) % cells
-        } else {
-            let step = random.random_range(1..=reach);
-            if random.random::<bool>() { rank.saturating_sub(step) } else { (rank + step).min(cells - 1) }
-        };
-        self.layout.at_rank(axis, other)
     }
 }

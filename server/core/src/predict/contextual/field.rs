@@ -5,7 +5,7 @@
 //! measured under one state tells about a neighbouring state in the measure in which they are alike.
 
 use super::hyper::Hyper;
-use crate::predict::dense::{Factor, dot};
+use crate::matrix::{Factor, dot};
 use crate::search::layout::{INACTIVE, Metric};
 
 /// What a process is fitted to: features, row after row, and the measurements behind each row.

@@ -8,7 +8,7 @@
 
 use crate::configuration::Configuration;
 use crate::limits::REWARD_COST_MIN;
-use crate::predict::dense::dot;
+use crate::matrix::dot;
 use crate::predict::nearest::neighbours;
 use crate::predict::rbf::candidates::{Candidate, Candidates};
 use crate::predict::rbf::{Basis, Shape};

@@ -8,7 +8,7 @@
 //! what fades is replaced by the prior, one axis after the other, so that the factor is never worse conditioned
 //! than the prior allows (leakage).
 
-use crate::predict::dense::dot;
+use crate::matrix::dot;
 
 /// An old lesson's weight after one more.
 const FADE: f64 = 1.0 - 1.0 / 20_000.0;

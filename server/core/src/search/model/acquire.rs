@@ -107,7 +107,7 @@ impl Acquisition<'_> {
             let always = random.random_range(0..dimension);
             for (axis, x) in x.iter_mut().enumerate() {
                 if axis == always || random.random::<f64>() < 0.4 {
-                    *x = self.moved(axis, *x, radius, random);
+                    *x = self.layout.moved(axis, *x, radius, random);
                 }
             }
             climbers.push(enter(x, none));
@@ -131,7 +131,7 @@ impl Acquisition<'_> {
                     let progress = tried as f64 / share as f64;
                     let radius = STEP_FIRST * (STEP_LAST / STEP_FIRST).powf(progress);
                     let mut x = climber.x.clone();
-                    x[axis] = self.moved(axis, x[axis], radius, random);
+                    x[axis] = self.layout.moved(axis, x[axis], radius, random);
                     tried += 1;
                     let changed = enter(x, climber.value);
                     if changed.value > climber.value && !taken(&changed.x) {
@@ -149,27 +149,6 @@ impl Acquisition<'_> {
             }
         }
         champion.map(|climber| climber.x)
-    }
-
-    /// Another value of one axis: near by along a scale, or any other.
-    fn moved(&self, axis: usize, x: f64, radius: f64, random: &mut ChaCha8Rng) -> f64 {
-        let cells = self.layout.cells(axis);
-        if cells == 1 {
-            return x;
-        }
-        if cells == 0 {
-            let towards = random.random::<f64>() + random.random::<f64>() + random.random::<f64>() - 1.5;
-            return (x + 2.0 * radius * towards).clamp(0.0, 1.0);
-        }
-        let rank = self.layout.rank(axis, x);
-        let reach = ((f64::from(cells) * radius) as u32).max(1);
-        let other = if cells <= 8 || random.random::<f64>() < 0.2 {
-            (rank + random.random_range(1..cells)) % cells
-        } else {
-            let step = random.random_range(1..=reach);
-            if random.random::<bool>() { rank.saturating_sub(step) } else { (rank + step).min(cells - 1) }
-        };
-        self.layout.at_rank(axis, other)
     }
 }
 

@@ -17,9 +17,9 @@ use rand_chacha::ChaCha8Rng;
 
 use super::Place;
 use super::acquire::{Acquisition, Known, log_improvement, standard_normal};
-use super::matrix::Factor;
 use super::process::{Hyper, Process, Sample};
 use super::warp::Warp;
+use crate::matrix::Factor;
 use crate::search::layout::{Layout, Metric};
 
 /// How many of the nearest measurements are looked at: so many for each axis, and so many more.

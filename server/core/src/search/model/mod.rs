@@ -24,7 +24,6 @@
 
 mod acquire;
 mod local;
-mod matrix;
 mod process;
 mod warp;
 

@@ -16,7 +16,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::matrix::{Factor, dot, quadratic};
+use crate::matrix::{Factor, dot, quadratic};
 use crate::search::layout::{INACTIVE, Metric};
 
 /// What is learnt of the covariance. The scale of the values is not among it: it has a closed form.

@@ -1,8 +1,9 @@
-//! The little linear algebra that a Gaussian process needs: symmetric positive definite matrices, dense,
-//! of at most a few hundred rows.
+//! The little linear algebra that models need: symmetric positive definite matrices, dense, of at most a few
+//! hundred rows.
 
 /// A symmetric positive definite matrix as its lower Cholesky factor, row after row, full rows.
-pub(super) struct Factor {
+#[derive(Clone, Debug)]
+pub(crate) struct Factor {
     size: usize,
     rows: Vec<f64>,
 }
@@ -13,7 +14,7 @@ const JITTER: f64 = 1e-10;
 impl Factor {
     /// Factorises `matrix` (`size` by `size`, lower triangle used). Where rounding has made it indefinite
     /// the diagonal is raised until it is not; `None` only for entries that are not finite.
-    pub(super) fn of(matrix: &[f64], size: usize) -> Option<Factor> {
+    pub(crate) fn of(matrix: &[f64], size: usize) -> Option<Factor> {
         let largest = (0..size).map(|i| matrix[i * size + i]).fold(0.0, f64::max);
         let mut jitter = 0.0;
         for _ in 0..10 {
@@ -32,25 +33,35 @@ impl Factor {
     }
 
     /// Row `i` of `L` times `v`.
-    pub(super) fn times_row(&self, i: usize, v: &[f64]) -> f64 {
+    pub(crate) fn times_row(&self, i: usize, v: &[f64]) -> f64 {
         dot(self.row(i), &v[..i + 1])
     }
 
     /// Half the logarithm of the determinant.
-    pub(super) fn half_log_determinant(&self) -> f64 {
+    pub(crate) fn half_log_determinant(&self) -> f64 {
         (0..self.size).map(|i| self.row(i)[i].ln()).sum()
     }
 
     /// Solves `L y = b` in place.
-    pub(super) fn forward(&self, b: &mut [f64]) {
+    pub(crate) fn forward(&self, b: &mut [f64]) {
         for i in 0..self.size {
             let row = self.row(i);
             b[i] = (b[i] - dot(&row[..i], &b[..i])) / row[i];
         }
     }
 
+    /// Solves `Lᵀ x = b` in place.
+    pub(crate) fn backward(&self, b: &mut [f64]) {
+        for i in (0..self.size).rev() {
+            let row = self.row(i);
+            b[i] /= row[i];
+            let x = b[i];
+            b[..i].iter_mut().zip(row).for_each(|(b, l)| *b -= l * x);
+        }
+    }
+
     /// The inverse of the matrix, full.
-    pub(super) fn inverse(&self) -> Vec<f64> {
+    pub(crate) fn inverse(&self) -> Vec<f64> {
         let n = self.size;
         // Row j of `columns` is column j of the inverse factor: zero before j.
         let mut columns = vec![0.0; n * n];
@@ -93,8 +104,8 @@ fn factorise(a: &mut [f64], n: usize) -> bool {
     true
 }
 
-/// The scalar product, in four partial sums: the order of summation is fixed, and the loop vectorises.
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+/// The scalar product, in eight partial sums: the order of summation is fixed, and the loop vectorises.
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 8];
     let (chunks, others) = (a.chunks_exact(8), b.chunks_exact(8));
     let tail: f64 = chunks.remainder().iter().zip(others.remainder()).map(|(a, b)| a * b).sum();
@@ -107,7 +118,7 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// `v' M v` for a symmetric full matrix.
-pub(super) fn quadratic(matrix: &[f64], v: &[f64]) -> f64 {
+pub(crate) fn quadratic(matrix: &[f64], v: &[f64]) -> f64 {
     let n = v.len();
     // Twice the lower triangle less the diagonal halves the work.
     let half = |i: usize| {
@@ -147,6 +158,9 @@ mod tests {
             factor.forward(&mut solved);
             let (direct, by_factor) = (quadratic(&inverse, &v), dot(&solved, &solved));
             assert!((direct - by_factor).abs() < 1e-6 * by_factor);
+            factor.backward(&mut solved);
+            let by_inverse = |i: usize| dot(&inverse[i * n..(i + 1) * n], &v);
+            assert!((0..n).all(|i| (solved[i] - by_inverse(i)).abs() < 1e-8 * (1.0 + solved[i].abs())));
         }
     }
 
