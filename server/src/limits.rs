@@ -36,6 +36,9 @@ pub const TUNE_ANSWERS_WAITING: usize = 4;
 /// Studies whose tuner is held in memory. Another one replaces the least recently used.
 pub const STUDIES_IN_MEMORY: usize = 256;
 
+/// Completed trials that are read at once when a study is loaded: a few megabytes.
+pub const TRIALS_PER_READ: u32 = 1000;
+
 /// Longest id of a study, in characters. The wire contract promises this figure.
 pub const STUDY_ID_CHARACTERS: usize = 64;
 

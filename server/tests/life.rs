@@ -18,7 +18,7 @@ use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
-use treewright_core::tuner::Change;
+use treewright_core::tuner::{Change, Checkpoint};
 use treewright_proto::v1 as wire;
 use treewright_store::{
     Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage, TrialQuery,
@@ -122,8 +122,21 @@ impl Store for Flaky {
         }
         self.inner.commit(fence, changes)
     }
-    fn update_policy(&self, fence: &Fence, policy: &Policy) -> Receipt {
-        self.inner.update_policy(fence, policy)
+    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
+        self.inner.update_policy(fence, policy, models_since)
+    }
+
+    async fn completed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        size: u32,
+    ) -> Result<Vec<RawTrial>, StoreError> {
+        self.inner.completed_trials(fence, after, size).await
+    }
+
+    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
+        self.inner.save_checkpoint(fence, checkpoint).await
     }
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
         self.inner.get_trial(study, number).await

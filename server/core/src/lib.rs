@@ -19,6 +19,7 @@ pub mod limits;
 mod matrix;
 pub mod names;
 pub mod objective;
+pub mod packed;
 pub mod policy;
 pub mod predict;
 mod randomness;

@@ -54,6 +54,9 @@ pub const OPEN_TRIALS_PER_CLIENT_MAX: usize = 64;
 /// Most clients a study remembers the visits of.
 pub const CLIENTS_MAX: usize = 100_000;
 
+/// Largest packed value, in bytes before it was packed: a damaged length must not take all memory.
+pub const UNPACKED_BYTES_MAX: usize = 1 << 30;
+
 /// Largest magnitude of a normalised indicator. Values further out of the declared range than a billion
 /// times its width are held here, so that squares and sums of them stay finite.
 pub const NORMALISED_MAGNITUDE_MAX: f64 = 1e9;

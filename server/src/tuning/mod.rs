@@ -1,10 +1,11 @@
 //! The use cases of the daemon, apart from the wire: what each request does to tuner and store.
 //!
 //! The order is always the same: take the tuner's lock, compute, queue the change, let go, wait until it
-//! is durable, answer. Nothing is answered that is not on the disk. `runtime` holds the tuners, `frames`
+//! is durable, answer. Nothing is answered that is not on the disk. `runtime` holds the tuners, `loading` reads them, `frames`
 //! suggests and reports, `trials` does what concerns one trial, `studies` what concerns a study.
 
 mod frames;
+mod loading;
 mod runtime;
 mod studies;
 mod trials;

@@ -5,11 +5,12 @@
 //! still worth anything is told by its [`Fence`]: once a write under it failed, the next use case loads
 //! the study anew.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use treewright_core::tuner::{Change, Tuner};
-use treewright_store::{Fence, Loaded, Receipt, Store};
+use treewright_store::{Fence, Receipt, Store};
 
+use super::loading;
 use crate::error::Error;
 
 /// How often a study is loaded for one request, should its fence break at once each time.
@@ -97,14 +98,8 @@ impl Runtime {
         if current(&mut self.lock()).is_some() {
             return Ok(());
         }
-        let Loaded { fence, study: record, snapshot, trials } = store.load(study).await?;
-        let count = trials.len();
-        // A long history takes a while, in which other studies go on.
-        let restored =
-            tokio::task::spawn_blocking(move || Tuner::restore(Arc::new(record.spec), snapshot, trials))
-                .await
-                .map_err(|_| Error::Defect("rebuilding a study panicked"))?;
-        let tuner = restored.map_err(|problem| Error::Restore { study: study.to_owned(), problem })?;
+        let (tuner, fence) = loading::load(store, study).await?;
+        let count = tuner.statistics().completed_trials;
         tracing::info!(study, trials = count, "study loaded");
         *self.lock() = Some(Live { tuner, fence, closed_changes: 0 });
         Ok(())

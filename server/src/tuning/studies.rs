@@ -51,7 +51,7 @@ impl Tuning {
                 let spec = live.tuner.spec();
                 let policy = update.apply(&spec.policy, &spec.space)?;
                 live.tuner.set_policy(policy.clone()).map_err(|error| Error::invalid("study", error))?;
-                Ok::<_, Error>(store.update_policy(live.fence(), &policy))
+                Ok::<_, Error>(store.update_policy(live.fence(), &policy, live.tuner.models_since()))
             })
             .await??;
         receipt.durable().await?;

@@ -30,6 +30,9 @@ pub const WRITE_QUEUE: usize = 1024;
 /// Most writes that share one transaction, so that the first of them does not wait for ever.
 pub const WRITE_GROUP: usize = 256;
 
+/// Largest part of a checkpoint that is written at once, in bytes: what another write may have to wait for.
+pub const CHECKPOINT_PART_BYTES: usize = 256 << 10;
+
 /// Connections that read.
 pub const READERS: u32 = 4;
 

@@ -7,7 +7,7 @@ use async_trait::async_trait;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, Snapshot, StateRecord, Statistics, Visit};
+use treewright_core::tuner::{Change, Checkpoint, Snapshot, StateRecord, Statistics, Visit};
 
 use crate::error::StoreError;
 use crate::fence::{Fence, Receipt};
@@ -37,6 +37,10 @@ struct MemoryStudy {
     states: BTreeMap<u64, StateRecord>,
     visits: BTreeMap<String, Visit>,
     trials: BTreeMap<u64, Trial>,
+    /// The numbers of the completed trials, by completion.
+    completed: BTreeMap<u64, u64>,
+    checkpoint: Option<Checkpoint>,
+    models_since: u64,
 }
 
 impl MemoryStore {
@@ -105,6 +109,7 @@ impl MemoryStudy {
                 self.visits.insert(visit.client_id.clone(), visit.clone());
             }
             for trial in &change.trials {
+                self.completed.extend(trial.completion.map(|completion| (completion, trial.number)));
                 self.trials.insert(trial.number, trial.clone());
             }
         }
@@ -134,6 +139,9 @@ impl Store for MemoryStore {
             states: BTreeMap::new(),
             visits: BTreeMap::new(),
             trials: BTreeMap::new(),
+            completed: BTreeMap::new(),
+            checkpoint: None,
+            models_since: 0,
         };
         let record = study.record(id);
         inner.studies.insert(id.to_owned(), study);
@@ -171,13 +179,6 @@ impl Store for MemoryStore {
         if let Some(earlier) = found.fence.replace(fence.clone()) {
             earlier.break_up();
         }
-        let mut trials: Vec<Trial> = found
-            .trials
-            .values()
-            .filter(|trial| matches!(trial.state, TrialState::Open | TrialState::Completed))
-            .cloned()
-            .collect();
-        trials.sort_by_key(|trial| (trial.completion, trial.number));
         Ok(Loaded {
             fence,
             study: found.record(study),
@@ -185,8 +186,10 @@ impl Store for MemoryStore {
                 states: found.states.values().cloned().collect(),
                 visits: found.visits.values().cloned().collect(),
                 last_trial: found.trials.keys().last().copied().unwrap_or(0),
+                models_since: found.models_since,
             },
-            trials,
+            open_trials: found.trials.values().filter(|t| t.state == TrialState::Open).cloned().collect(),
+            checkpoint: found.checkpoint.clone(),
         })
     }
 
@@ -198,15 +201,35 @@ impl Store for MemoryStore {
         Receipt::settled(result)
     }
 
-    fn update_policy(&self, fence: &Fence, policy: &Policy) -> Receipt {
+    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
         let result = self.lock().and_then(|mut inner| {
-            inner.fenced(fence)?.spec.policy = policy.clone();
+            let study = inner.fenced(fence)?;
+            study.spec.policy = policy.clone();
+            study.models_since = models_since;
             Ok(())
         });
         if result.is_err() {
             fence.break_up();
         }
         Receipt::settled(result)
+    }
+
+    async fn completed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        size: u32,
+    ) -> Result<Vec<RawTrial>, StoreError> {
+        let inner = self.lock()?;
+        let study = inner.study(fence.study())?;
+        let numbers = study.completed.range(after + 1..).map(|(_, number)| number);
+        let trials = numbers.filter_map(|number| study.trials.get(number)).cloned().map(raw_trial);
+        Ok(trials.take(size as usize).collect())
+    }
+
+    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
+        self.lock()?.fenced(fence)?.checkpoint = Some(checkpoint.clone());
+        Ok(())
     }
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {

@@ -4,7 +4,7 @@ use async_trait::async_trait;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial};
-use treewright_core::tuner::{Change, Snapshot, Statistics};
+use treewright_core::tuner::{Change, Checkpoint, Snapshot, Statistics};
 
 use crate::cursor::Cursor;
 use crate::error::StoreError;
@@ -33,7 +33,8 @@ pub struct Created {
     pub is_new: bool,
 }
 
-/// Everything that [`Tuner::restore`](treewright_core::tuner::Tuner::restore) needs.
+/// What [`Restoring`](treewright_core::tuner::Restoring) begins with; it then asks for
+/// [completed trials](Store::completed_trials).
 #[derive(Debug)]
 pub struct Loaded {
     /// The right to change the study from here on. Earlier fences of the study are broken.
@@ -42,8 +43,10 @@ pub struct Loaded {
     pub study: StudyRecord,
     /// States and visits.
     pub snapshot: Snapshot,
-    /// The open trials, then the completed ones by rising completion.
-    pub trials: Vec<Trial>,
+    /// The open trials, by rising number.
+    pub open_trials: Vec<Trial>,
+    /// The latest checkpoint that was saved whole.
+    pub checkpoint: Option<Checkpoint>,
 }
 
 /// A question for trials.
@@ -87,15 +90,30 @@ pub trait Store: Send + Sync + 'static {
     /// Deletes a study with its states, trials and visits, and breaks its fence.
     async fn delete_study(&self, study: &str) -> Result<(), StoreError>;
 
-    /// Waits for all writes queued so far, breaks earlier fences of the study and reads all of it.
+    /// Waits for all writes queued so far, breaks earlier fences of the study and reads all of it but its closed
+    /// trials.
     async fn load(&self, study: &str) -> Result<Loaded, StoreError>;
 
     /// Queues changes that belong together: all are stored or none. Also an empty list waits for every
     /// change before it.
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt;
 
-    /// Queues a new policy.
-    fn update_policy(&self, fence: &Fence, policy: &Policy) -> Receipt;
+    /// Queues a new policy, and with it [`Snapshot::models_since`].
+    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt;
+
+    /// Reads the completed trials behind a place in the order of completion, in that order, at most `size` of
+    /// them. They never change, so the fence only names the study: it may have broken meanwhile. Costs the same
+    /// wherever in the history it is asked.
+    async fn completed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        size: u32,
+    ) -> Result<Vec<RawTrial>, StoreError>;
+
+    /// Saves a checkpoint in the place of earlier ones. Until it is there whole the earlier one stays; other
+    /// writes do not wait for all of it. A failure leaves the fence as it is: a checkpoint is only an accelerator.
+    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError>;
 
     /// Reads a trial.
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError>;

@@ -5,7 +5,7 @@ mod common;
 use common::{change, completed, open, spec, state, visit};
 use treewright_core::policy::{Policy, SearchMethod};
 use treewright_core::trial::{Mode, Outcome, RawTrial, TrialState};
-use treewright_core::tuner::Change;
+use treewright_core::tuner::{Change, Checkpoint};
 use treewright_store::filter::{Filter, Order};
 use treewright_store::{Fence, MemoryStore, SqliteStore, Store, StoreError, TrialQuery};
 
@@ -32,6 +32,8 @@ contract!(
     creating_is_idempotent_for_equal_specifications,
     studies_are_listed_by_id,
     everything_comes_back_as_it_was_stored,
+    completed_trials_are_read_in_stretches,
+    the_latest_checkpoint_comes_back_whole,
     of_two_changes_in_one_commit_the_last_wins,
     a_completed_trial_is_never_changed,
     a_commit_is_stored_whole_or_not_at_all,
@@ -141,13 +143,56 @@ async fn everything_comes_back_as_it_was_stored(store: &dyn Store) {
     assert_eq!(loaded.snapshot.states, stored.states);
     assert_eq!(loaded.snapshot.visits, stored.visits);
     assert_eq!(loaded.snapshot.last_trial, 7);
-    let order: Vec<u64> = loaded.trials.iter().map(|trial| trial.number).collect();
-    assert_eq!(order, [5, 2, 1, 4, 3]);
-    assert_eq!(loaded.trials[0], trials[4]);
+    assert_eq!(loaded.open_trials, trials[4..5]);
+    assert_eq!(loaded.checkpoint, None);
+    let completed = store.completed_trials(&loaded.fence, 0, 10).await.unwrap();
+    let checked = completed[3].clone().check(&space).expect("valid");
+    assert_eq!(checked, trials[2]);
 
     let statistics = store.get_study("hall").await.unwrap().statistics;
     assert_eq!((statistics.states, statistics.trials), (2, 7));
     assert_eq!((statistics.completed_trials, statistics.open_trials), (4, 1));
+}
+
+async fn completed_trials_are_read_in_stretches(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    // Completed in another order than they were handed out, with an open one between them.
+    let trials = (1..=7).map(|number| completed(number, 8 - number, Outcome::Ok)).chain([open(8)]).collect();
+    commit(store, &held, &[change(trials)]).await.unwrap();
+    let mut found = Vec::new();
+    while let Some(last) = {
+        let after = found.len() as u64;
+        let stretch = store.completed_trials(&held, after, 3).await.unwrap();
+        assert!(stretch.len() <= 3);
+        found.extend(stretch.iter().map(|trial| trial.number));
+        stretch.last().cloned()
+    } {
+        assert_eq!(last.completion, Some(found.len() as u64));
+    }
+    assert_eq!(found, [7, 6, 5, 4, 3, 2, 1]);
+    assert_eq!(store.completed_trials(&held, 100, 3).await.unwrap(), []);
+}
+
+async fn the_latest_checkpoint_comes_back_whole(store: &dyn Store) {
+    let mut held = fence(store, "hall").await;
+    // Larger than a part, and not a multiple of one.
+    let bytes = |length: usize| (0..length).map(|at| (at % 251) as u8).collect::<Vec<u8>>();
+    let long = Checkpoint { completion: 12, bytes: bytes(700_001) };
+    let short = Checkpoint { completion: 40, bytes: bytes(3) };
+    for checkpoint in [&long, &short, &short] {
+        store.save_checkpoint(&held, checkpoint).await.unwrap();
+        assert!(held.holds());
+        let other = store.load("hall").await.unwrap();
+        assert_eq!(other.checkpoint.as_ref(), Some(checkpoint));
+        // Who has lost the study cannot save any more.
+        let error = store.save_checkpoint(&held, checkpoint).await.unwrap_err();
+        assert!(matches!(error, StoreError::Fenced { .. }), "{error}");
+        held = other.fence;
+    }
+    // It goes with its study.
+    store.delete_study("hall").await.unwrap();
+    fence(store, "hall").await;
+    assert_eq!(store.load("hall").await.unwrap().checkpoint, None);
 }
 
 async fn of_two_changes_in_one_commit_the_last_wins(store: &dyn Store) {
@@ -214,11 +259,12 @@ async fn policies_change_and_stay(store: &dyn Store) {
         pinned: Some(open(1).configuration),
         ..Policy::default()
     };
-    store.update_policy(&held, &policy).durable().await.unwrap();
+    store.update_policy(&held, &policy, 3).durable().await.unwrap();
     assert!(held.holds());
     let stored = store.get_study("hall").await.unwrap();
     assert_eq!(stored.spec.policy, policy);
     assert_eq!(stored.spec.first_difference(&spec()), None);
+    assert_eq!(store.load("hall").await.unwrap().snapshot.models_since, 3);
 }
 
 async fn deleting_takes_everything_along(store: &dyn Store) {

@@ -7,7 +7,7 @@ use std::path::Path;
 use common::{change, completed, open, spec, state};
 use sqlx::{ConnectOptions as _, Connection as _, Executor as _};
 use treewright_core::trial::Outcome;
-use treewright_core::tuner::Change;
+use treewright_core::tuner::{Change, Checkpoint};
 use treewright_store::{OpenError, SqliteStore, Store};
 
 async fn refusal(path: &Path) -> OpenError {
@@ -41,9 +41,37 @@ async fn what_was_acknowledged_is_there_after_reopening() {
     assert_eq!(loaded.study.spec, spec());
     assert_eq!(loaded.snapshot.states, [state(1)]);
     assert_eq!(loaded.snapshot.last_trial, 2);
-    let mut trials = stored.trials;
-    trials.reverse();
-    assert_eq!(loaded.trials, trials);
+    assert_eq!(loaded.open_trials, stored.trials[1..]);
+    let completed = store.completed_trials(&loaded.fence, 0, 10).await.unwrap();
+    assert_eq!(completed[0].clone().check(&spec().space).unwrap(), stored.trials[0]);
+}
+
+/// As after a crash between two parts.
+#[tokio::test]
+async fn a_checkpoint_that_lacks_a_part_is_passed_over() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    let store = SqliteStore::open(&path).await.unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    let fence = store.load("hall").await.unwrap().fence;
+    let first = Checkpoint { completion: 5, bytes: vec![1; 10] };
+    store.save_checkpoint(&fence, &first).await.unwrap();
+    let mut other = foreign(&path).await;
+    other
+        .execute("INSERT INTO checkpoints SELECT id, 9, 0, 2, x'0102' FROM studies")
+        .await
+        .expect("a part of two");
+    other.close().await.unwrap();
+    let loaded = store.load("hall").await.unwrap();
+    assert_eq!(loaded.checkpoint, Some(first));
+    // The next whole one clears it away.
+    let next = Checkpoint { completion: 8, bytes: vec![2; 10] };
+    store.save_checkpoint(&loaded.fence, &next).await.unwrap();
+    store.close().await;
+    let mut other = foreign(&path).await;
+    let rows: i64 =
+        sqlx::query_scalar("SELECT count(*) FROM checkpoints").fetch_one(&mut other).await.unwrap();
+    assert_eq!(rows, 1);
 }
 
 #[tokio::test]
@@ -192,5 +220,5 @@ async fn a_newer_schema_is_refused() {
         .unwrap();
     other.close().await.unwrap();
     let error = refusal(&path).await;
-    assert!(matches!(error, OpenError::Newer { version: 9999, known: 2, .. }), "{error}");
+    assert!(matches!(error, OpenError::Newer { version: 9999, known: 3, .. }), "{error}");
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::packed::{PackedError, pack, unpack};
 use crate::search::{AnySearch, Feedback, Search};
 use crate::tuner::screening::Held;
 
@@ -21,6 +22,16 @@ pub struct Exploration {
 impl Exploration {
     pub(super) fn new(search: AnySearch) -> Self {
         Exploration { search, open: BTreeMap::new(), held: None }
+    }
+
+    /// As few bytes, exact to the bit.
+    pub fn pack(&self) -> Vec<u8> {
+        pack(self)
+    }
+
+    /// Reads what [`pack`](Exploration::pack) wrote.
+    pub fn unpack(bytes: &[u8]) -> Result<Self, PackedError> {
+        unpack(bytes)
     }
 
     /// Ends the trial's hold on its point: the point is answered, or without feedback goes back and is

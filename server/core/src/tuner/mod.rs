@@ -31,9 +31,10 @@ use std::sync::Arc;
 pub use account::Account;
 pub use exploration::Exploration;
 pub use insight::{Insight, Omission, OmissionReason, Prospect};
+pub use restore::Restoring;
 pub use types::{
-    Ask, Best, Change, Decision, Prediction, RawVisit, RestoreError, Snapshot, StateRecord, Statistics,
-    TunerError, Visit,
+    Ask, Best, Change, Checkpoint, Decision, Prediction, RawVisit, RestoreError, Snapshot, StateRecord,
+    Statistics, TunerError, Visit,
 };
 
 use crate::configuration::Configuration;
@@ -71,6 +72,7 @@ pub struct Tuner {
     last_trial: u64,
     completed: u64,
     last_completion: u64,
+    models_since: u64,
 }
 
 /// The work that goes on in one state.
@@ -99,6 +101,7 @@ impl Tuner {
             last_trial: 0,
             completed: 0,
             last_completion: 0,
+            models_since: 0,
             spec,
         })
     }
@@ -113,6 +116,11 @@ impl Tuner {
         policy.validate(&self.spec.space)?;
         Arc::make_mut(&mut self.spec).policy = policy;
         Ok(())
+    }
+
+    /// The place in the order of completion at which the models in use were begun; to be stored with the policy.
+    pub fn models_since(&self) -> u64 {
+        self.models_since
     }
 
     /// An open trial.

@@ -48,6 +48,7 @@ impl Rows {
             states: self.states.values().map(|row| serde_json::from_str(row).expect("own row")).collect(),
             visits: self.visits.values().map(visit).collect(),
             last_trial: self.trials.keys().next_back().copied().unwrap_or(0),
+            models_since: tuner.models_since(),
         };
         Tuner::restore(Arc::new(spec), snapshot, trials).expect("consistent rows")
     }
@@ -190,7 +191,8 @@ proptest! {
 fn rows_that_contradict_each_other_are_refused() {
     let mut tuner = Tuner::new(Arc::new(spec(policy(0)))).expect("valid");
     let (trial, change) = tuner.suggest(&ask("a", 0.5, 0.5), 0).expect("valid");
-    let snapshot = |last_trial| Snapshot { states: change.states.clone(), visits: vec![], last_trial };
+    let snapshot =
+        |last_trial| Snapshot { states: change.states.clone(), visits: vec![], last_trial, models_since: 0 };
     let restore = |snapshot, trial: &Trial| {
         Tuner::restore(tuner.spec().clone(), snapshot, [trial.clone()]).map(|tuner| tuner.statistics())
     };

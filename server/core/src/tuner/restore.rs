@@ -1,4 +1,7 @@
-//! Rebuilding a tuner from what its changes wrote.
+//! Rebuilding a tuner from what its changes wrote, trial after trial, or from a checkpoint on.
+//!
+//! What a tuner learnt follows from the completed trials in their order. [`Restoring`] goes through them in
+//! stretches of any length, so that a history of any length needs no more memory than the tuner itself.
 
 use std::sync::Arc;
 
@@ -6,25 +9,56 @@ use crate::study::StudySpec;
 use crate::trial::{Trial, TrialState};
 use crate::tuner::{RestoreError, Snapshot, StateRecord, Tuner, Visit};
 
-impl Tuner {
-    /// Rebuilds a tuner. `trials`: the open ones in any place, the completed ones by rising `completion`;
-    /// others are not needed and passed over. All configurations were made by `spec.space`. The answers that follow are those of a tuner that never
-    /// stopped.
-    pub fn restore(
-        spec: Arc<StudySpec>,
-        snapshot: Snapshot,
-        trials: impl IntoIterator<Item = Trial>,
-    ) -> Result<Self, RestoreError> {
+/// A tuner that is being rebuilt. The driver reads the completed trials behind [`after`](Restoring::after) in the
+/// order of completion and [learns](Restoring::learn) them, again and again until there are none, and then
+/// [finishes](Restoring::finish).
+#[derive(Debug)]
+pub struct Restoring {
+    tuner: Tuner,
+}
+
+impl Restoring {
+    /// Begins with the states and visits of a study, none of whose trials has been learnt.
+    pub fn new(spec: Arc<StudySpec>, snapshot: Snapshot) -> Result<Self, RestoreError> {
         let mut tuner = Tuner::new(spec)?;
         tuner.last_trial = snapshot.last_trial;
+        tuner.models_since = snapshot.models_since;
         for record in snapshot.states {
             tuner.restore_state(record)?;
         }
         for visit in snapshot.visits {
             tuner.restore_visit(visit)?;
         }
-        for trial in trials {
-            tuner.restore_trial(trial)?;
+        Ok(Restoring { tuner })
+    }
+
+    /// The place in the order of completion behind which the next trial to learn stands.
+    pub fn after(&self) -> u64 {
+        self.tuner.last_completion
+    }
+
+    /// Learns the next completed trial; its configuration was made by the study's space.
+    pub fn learn(&mut self, trial: &Trial) -> Result<(), RestoreError> {
+        let tuner = &mut self.tuner;
+        tuner.check_trial(trial)?;
+        if trial.state != TrialState::Completed || trial.completion != Some(tuner.last_completion + 1) {
+            return Err(inconsistent(format!("trial {} comes out of the order of completion", trial.number)));
+        }
+        if trial.cost.is_some_and(|cost| !cost.is_finite() || cost < 0.0) {
+            return Err(inconsistent(format!("trial {} has an impossible cost", trial.number)));
+        }
+        tuner.complete(trial);
+        Ok(())
+    }
+
+    /// Enters the open trials. The answers that follow are those of a tuner that never stopped.
+    pub fn finish(self, open: impl IntoIterator<Item = Trial>) -> Result<Tuner, RestoreError> {
+        let mut tuner = self.tuner;
+        for trial in open {
+            tuner.check_trial(&trial)?;
+            if trial.state == TrialState::Open {
+                tuner.enter(trial);
+            }
         }
         // A point whose trial is gone would never come back by itself.
         for exploration in tuner.work.iter_mut().filter_map(|work| work.exploration.as_mut()) {
@@ -34,6 +68,27 @@ impl Tuner {
             }
         }
         Ok(tuner)
+    }
+}
+
+impl Tuner {
+    /// Rebuilds a tuner from all its trials at once. `trials`: the open ones in any place, the completed ones by
+    /// rising `completion`; others are not needed and passed over. All configurations were made by `spec.space`.
+    pub fn restore(
+        spec: Arc<StudySpec>,
+        snapshot: Snapshot,
+        trials: impl IntoIterator<Item = Trial>,
+    ) -> Result<Self, RestoreError> {
+        let mut restoring = Restoring::new(spec, snapshot)?;
+        let mut open = Vec::new();
+        for trial in trials {
+            match trial.state {
+                TrialState::Open => open.push(trial),
+                TrialState::Completed => restoring.learn(&trial)?,
+                TrialState::Abandoned | TrialState::Expired => {}
+            }
+        }
+        restoring.finish(open)
     }
 
     fn restore_state(&mut self, record: StateRecord) -> Result<(), RestoreError> {
@@ -59,25 +114,12 @@ impl Tuner {
         Ok(())
     }
 
-    fn restore_trial(&mut self, trial: Trial) -> Result<(), RestoreError> {
+    fn check_trial(&self, trial: &Trial) -> Result<(), RestoreError> {
         let what = || format!("trial {}", trial.number);
         self.check_state(trial.state_id, what)?;
         if trial.number == 0 || trial.number > self.last_trial {
             let last = self.last_trial;
             return Err(inconsistent(format!("{} is not among the {last} handed out", what())));
-        }
-        match trial.state {
-            TrialState::Open => self.enter(trial),
-            TrialState::Completed => {
-                if trial.completion.is_none_or(|completion| completion <= self.last_completion) {
-                    return Err(inconsistent(format!("{} comes out of the order of completion", what())));
-                }
-                if trial.cost.is_some_and(|cost| !cost.is_finite() || cost < 0.0) {
-                    return Err(inconsistent(format!("{} has an impossible cost", what())));
-                }
-                self.complete(&trial);
-            }
-            TrialState::Abandoned | TrialState::Expired => {}
         }
         Ok(())
     }

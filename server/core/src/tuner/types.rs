@@ -139,6 +139,18 @@ pub struct Snapshot {
     pub visits: Vec<Visit>,
     /// The highest trial number ever handed out; 0 when none was.
     pub last_trial: u64,
+    /// The completion at which the models that the policy's predictor needs were begun; 0 for the beginning.
+    pub models_since: u64,
+}
+
+/// What a tuner learnt from the completed trials up to one of them. Opaque; only an accelerator, see
+/// [`crate::tuner::Restoring`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Checkpoint {
+    /// It covers the trials up to this place in the order of completion.
+    pub completion: u64,
+    /// The rest, packed.
+    pub bytes: Vec<u8>,
 }
 
 /// What would be exploited for given indicators.

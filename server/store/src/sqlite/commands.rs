@@ -37,14 +37,20 @@ pub(super) async fn apply(
             }
             Ok(Done::Fenced(fence))
         }
-        Command::Policy { fence, policy } => {
+        Command::Policy { fence, policy, models_since } => {
             fence.check()?;
             sqlx::query(sql::POLICY_UPDATE)
                 .bind(fence.key())
                 .bind(policy)
+                .bind(rows::signed(*models_since)?)
                 .execute(connection)
                 .await
                 .map_err(refused)?;
+            Ok(Done::Nothing)
+        }
+        Command::Part { fence, row } => {
+            fence.check()?;
+            save_part(connection, fence.key(), row).await.map_err(refused)?;
             Ok(Done::Nothing)
         }
         Command::Commit { fence, rows } => {
@@ -53,6 +59,31 @@ pub(super) async fn apply(
             Ok(Done::Nothing)
         }
     }
+}
+
+/// Saves a part of a checkpoint; with the last one earlier checkpoints go, and what a crash left of others.
+async fn save_part(
+    connection: &mut SqliteConnection,
+    study: i64,
+    row: &rows::PartRow,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(sql::PART_UPSERT)
+        .bind(study)
+        .bind(row.completion)
+        .bind(row.part)
+        .bind(row.parts)
+        .bind(&row.bytes)
+        .execute(&mut *connection)
+        .await?;
+    if row.part + 1 == row.parts {
+        sqlx::query(sql::OTHER_CHECKPOINTS_DELETE)
+            .bind(study)
+            .bind(row.completion)
+            .bind(row.parts)
+            .execute(connection)
+            .await?;
+    }
+    Ok(())
 }
 
 async fn create(

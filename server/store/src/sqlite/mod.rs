@@ -25,7 +25,7 @@ use tokio::task::JoinHandle;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
-use treewright_core::tuner::Change;
+use treewright_core::tuner::{Change, Checkpoint};
 
 use crate::error::{OpenError, StoreError};
 use crate::fence::{Fence, Receipt};
@@ -165,12 +165,32 @@ impl Store for SqliteStore {
         }
     }
 
-    fn update_policy(&self, fence: &Fence, policy: &Policy) -> Receipt {
+    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
         let fence = fence.clone();
         match rows::policy(policy) {
-            Ok(policy) => self.enqueue_change(Command::Policy { fence, policy }),
+            Ok(policy) => self.enqueue_change(Command::Policy { fence, policy, models_since }),
             Err(error) => Receipt::refused(&fence, error),
         }
+    }
+
+    async fn completed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        size: u32,
+    ) -> Result<Vec<RawTrial>, StoreError> {
+        read::completed(&mut *self.reader().await?, fence, after, size).await
+    }
+
+    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
+        let Checkpoint { completion, bytes } = checkpoint;
+        let parts: Vec<&[u8]> = bytes.chunks(limits::CHECKPOINT_PART_BYTES).collect();
+        for (part, bytes) in parts.iter().enumerate() {
+            let row = rows::PartRow::of(*completion, part, parts.len(), bytes)?;
+            // One after the other, so that others' writes come in between.
+            self.write(Command::Part { fence: fence.clone(), row }).await?;
+        }
+        Ok(())
     }
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {

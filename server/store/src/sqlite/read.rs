@@ -1,8 +1,9 @@
 //! The questions that only read.
 
 use sqlx::sqlite::{SqliteConnection, SqlitePool};
+use tokio_stream::StreamExt as _;
 use treewright_core::trial::{RawTrial, Trial};
-use treewright_core::tuner::{Snapshot, Statistics};
+use treewright_core::tuner::{Checkpoint, Snapshot, StateRecord, Statistics};
 
 use super::rows::{StateRow, TrialRow, VisitRow, inconsistent, into_specification, signed, unsigned};
 use super::{filter, statements as sql, store_error};
@@ -16,6 +17,7 @@ struct StudyRow {
     specification: String,
     policy: String,
     create_ms: i64,
+    models_since: i64,
     states: i64,
     trials: i64,
     completed_trials: i64,
@@ -76,39 +78,81 @@ pub(super) async fn studies(
     rows.into_iter().map(StudyRow::into_record).collect()
 }
 
-/// Reads all of a study. The fence keeps others from changing it meanwhile.
+/// Reads all of a study but its closed trials. The fence keeps others from changing it meanwhile.
 pub(super) async fn load(connection: &mut SqliteConnection, fence: Fence) -> Result<Loaded, StoreError> {
     let key = fence.key();
     let row: Option<StudyRow> =
         sqlx::query_as(sql::STUDY_BY_KEY).bind(key).fetch_optional(&mut *connection).await.map_err(failed)?;
-    let study = row.ok_or_else(|| study_not_found(fence.study()))?.into_record()?;
-    let states: Vec<StateRow> =
-        sqlx::query_as(sql::STATES_OF_STUDY).bind(key).fetch_all(&mut *connection).await.map_err(failed)?;
+    let row = row.ok_or_else(|| study_not_found(fence.study()))?;
+    let models_since = unsigned(row.models_since)?;
+    let study = row.into_record()?;
     let visits: Vec<VisitRow> =
         sqlx::query_as(sql::VISITS_OF_STUDY).bind(key).fetch_all(&mut *connection).await.map_err(failed)?;
-    let mut rows: Vec<TrialRow> =
+    let open: Vec<TrialRow> =
         sqlx::query_as(sql::OPEN_TRIALS).bind(key).fetch_all(&mut *connection).await.map_err(failed)?;
-    let completed: Vec<TrialRow> =
-        sqlx::query_as(sql::COMPLETED_TRIALS).bind(key).fetch_all(&mut *connection).await.map_err(failed)?;
-    rows.extend(completed);
-    let last_trial: i64 =
-        sqlx::query_scalar(sql::LAST_TRIAL).bind(key).fetch_one(&mut *connection).await.map_err(failed)?;
 
     let space = &study.spec.space;
     let misfit = |error| inconsistent(format!("a configuration does not fit its study: {error}"));
-    let trials = rows
+    let open_trials = open
         .into_iter()
         .map(|row| row.into_trial()?.check(space).map_err(misfit))
         .collect::<Result<Vec<Trial>, _>>()?;
     let snapshot = Snapshot {
-        states: states.into_iter().map(StateRow::into_state).collect::<Result<_, _>>()?,
+        states: states(connection, key).await?,
         visits: visits
             .into_iter()
             .map(|row| row.into_visit()?.check(space).map_err(misfit))
             .collect::<Result<_, _>>()?,
-        last_trial: unsigned(last_trial)?,
+        last_trial: study.statistics.trials,
+        models_since,
     };
-    Ok(Loaded { fence, snapshot, trials, study })
+    let checkpoint = checkpoint(connection, key).await?;
+    Ok(Loaded { fence, snapshot, open_trials, checkpoint, study })
+}
+
+/// Row by row, since a study may have a million of them.
+async fn states(connection: &mut SqliteConnection, key: i64) -> Result<Vec<StateRecord>, StoreError> {
+    let mut rows = sqlx::query_as::<_, StateRow>(sql::STATES_OF_STUDY).bind(key).fetch(connection);
+    let mut states = Vec::new();
+    while let Some(row) = rows.next().await {
+        states.push(row.map_err(failed)?.into_state()?);
+    }
+    Ok(states)
+}
+
+async fn checkpoint(connection: &mut SqliteConnection, key: i64) -> Result<Option<Checkpoint>, StoreError> {
+    let latest: Option<i64> = sqlx::query_scalar(sql::CHECKPOINT)
+        .bind(key)
+        .fetch_optional(&mut *connection)
+        .await
+        .map_err(failed)?;
+    let Some(completion) = latest else {
+        return Ok(None);
+    };
+    let parts: Vec<Vec<u8>> = sqlx::query_scalar(sql::CHECKPOINT_PARTS)
+        .bind(key)
+        .bind(completion)
+        .fetch_all(connection)
+        .await
+        .map_err(failed)?;
+    Ok(Some(Checkpoint { completion: unsigned(completion)?, bytes: parts.concat() }))
+}
+
+/// Reads completed trials behind a place in their order.
+pub(super) async fn completed(
+    connection: &mut SqliteConnection,
+    fence: &Fence,
+    after: u64,
+    size: u32,
+) -> Result<Vec<RawTrial>, StoreError> {
+    let rows: Vec<TrialRow> = sqlx::query_as(sql::COMPLETED_TRIALS)
+        .bind(fence.key())
+        .bind(signed(after)?)
+        .bind(i64::from(size))
+        .fetch_all(connection)
+        .await
+        .map_err(failed)?;
+    rows.into_iter().map(TrialRow::into_trial).collect()
 }
 
 pub(super) async fn trial(

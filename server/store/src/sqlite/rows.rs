@@ -10,7 +10,7 @@ use treewright_core::configuration::RawConfiguration;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Mode, Outcome, RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, RawVisit, StateRecord, Visit};
+use treewright_core::tuner::{Change, Exploration, RawVisit, StateRecord, Visit};
 use treewright_core::value::Value;
 
 use crate::error::StoreError;
@@ -48,6 +48,27 @@ pub(super) struct StateRow {
     pub(super) id: i64,
     pub(super) indicators: String,
     pub(super) search: Option<String>,
+    pub(super) search_packed: Option<Vec<u8>>,
+}
+
+/// A part of a checkpoint: a row of `checkpoints`, without its study.
+#[derive(Debug)]
+pub(super) struct PartRow {
+    pub(super) completion: i64,
+    pub(super) part: i64,
+    pub(super) parts: i64,
+    pub(super) bytes: Vec<u8>,
+}
+
+impl PartRow {
+    pub(super) fn of(completion: u64, part: usize, parts: usize, bytes: &[u8]) -> Result<Self, StoreError> {
+        Ok(Self {
+            completion: signed(completion)?,
+            part: signed(part as u64)?,
+            parts: signed(parts as u64)?,
+            bytes: bytes.to_vec(),
+        })
+    }
 }
 
 /// A row of `visits`, without its study.
@@ -168,7 +189,8 @@ impl StateRow {
         Ok(Self {
             id: signed(state.id)?,
             indicators: write(&state.indicators)?,
-            search: state.search.as_ref().map(write).transpose()?,
+            search: None,
+            search_packed: state.search.as_ref().map(Exploration::pack),
         })
     }
 
@@ -176,7 +198,12 @@ impl StateRow {
         Ok(StateRecord {
             id: unsigned(self.id)?,
             indicators: read("indicators", &self.indicators)?,
-            search: self.search.map(|text| read("search", &text)).transpose()?,
+            search: match (self.search_packed, self.search) {
+                (Some(bytes), _) => {
+                    Some(Exploration::unpack(&bytes).map_err(|e| inconsistent(e.to_string()))?)
+                }
+                (None, text) => text.map(|text| read("search", &text)).transpose()?,
+            },
         })
     }
 }

@@ -12,14 +12,14 @@ pub(super) const STUDY_INSERT: &str = "INSERT INTO studies (name, specification,
 
 pub(super) const STUDY_DELETE: &str = "DELETE FROM studies WHERE id = $1";
 
-pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $2 WHERE id = $1";
+pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $2, models_since = $3 WHERE id = $1";
 
 /// A study with its counts. Trial numbers, state ids and completions rise by one from 1, so that the
 /// highest is the count; each is one look at the end of an index.
 macro_rules! study_select {
     ($rest:literal) => {
         concat!(
-            "SELECT name, specification, policy, create_ms, ",
+            "SELECT name, specification, policy, create_ms, models_since, ",
             "(SELECT coalesce(max(s.id), 0) FROM states s WHERE s.study = studies.id) AS states, ",
             "(SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id) AS trials, ",
             "(SELECT coalesce(max(t.completion), 0) FROM trials t WHERE t.study = studies.id ",
@@ -38,11 +38,11 @@ pub(super) const STUDY_BY_KEY: &str = study_select!("WHERE id = $1");
 pub(super) const STUDY_PAGE: &str = study_select!("WHERE name > $1 ORDER BY name LIMIT $2");
 
 pub(super) const STATES_OF_STUDY: &str =
-    "SELECT id, indicators, search FROM states WHERE study = $1 ORDER BY id";
+    "SELECT id, indicators, search, search_packed FROM states WHERE study = $1 ORDER BY id";
 
-pub(super) const STATE_UPSERT: &str = "INSERT INTO states (study, id, indicators, search) \
+pub(super) const STATE_UPSERT: &str = "INSERT INTO states (study, id, indicators, search_packed) \
      VALUES (?, ?, ?, ?) \
-     ON CONFLICT (study, id) DO UPDATE SET search = excluded.search";
+     ON CONFLICT (study, id) DO UPDATE SET search = NULL, search_packed = excluded.search_packed";
 
 pub(super) const VISITS_OF_STUDY: &str = "SELECT client_id, state_id, number, decision, weighed, account \
      FROM visits WHERE study = $1 ORDER BY client_id";
@@ -79,17 +79,76 @@ pub(super) const TRIAL_UPSERT: &str = concat!(
 pub(super) const TRIAL_BY_NUMBER: &str =
     concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND number = $2");
 
-pub(super) const LAST_TRIAL: &str = "SELECT coalesce(max(number), 0) FROM trials WHERE study = $1";
-
 pub(super) const OPEN_TRIALS: &str =
     concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND state = 'OPEN' ORDER BY number");
 
+/// A stretch of one index, wherever it begins.
 pub(super) const COMPLETED_TRIALS: &str = concat!(
     "SELECT ",
     trial_columns!(),
-    " FROM trials WHERE study = $1 AND completion IS NOT NULL ORDER BY completion"
+    " FROM trials WHERE study = $1 AND completion IS NOT NULL AND completion > $2 ORDER BY completion LIMIT $3"
 );
+
+pub(super) const PART_UPSERT: &str = "INSERT INTO checkpoints (study, completion, part, parts, bytes) \
+     VALUES ($1, $2, $3, $4, $5) \
+     ON CONFLICT (study, completion, part) DO UPDATE SET parts = excluded.parts, bytes = excluded.bytes";
+
+/// Also what an earlier attempt at the same one left, should that have had more parts.
+pub(super) const OTHER_CHECKPOINTS_DELETE: &str =
+    "DELETE FROM checkpoints WHERE study = $1 AND (completion <> $2 OR part >= $3)";
+
+/// The latest checkpoint that has all its parts.
+pub(super) const CHECKPOINT: &str = "SELECT completion FROM checkpoints WHERE study = $1 \
+     GROUP BY completion HAVING count(*) = max(parts) AND max(parts) = min(parts) \
+     ORDER BY completion DESC LIMIT 1";
+
+pub(super) const CHECKPOINT_PARTS: &str =
+    "SELECT bytes FROM checkpoints WHERE study = $1 AND completion = $2 ORDER BY part";
 
 pub(super) const STUDIES_WITH_DUE_LEASES: &str = "SELECT name FROM studies WHERE EXISTS \
      (SELECT 1 FROM trials t WHERE t.study = studies.id AND t.state = 'OPEN' AND t.lease_expire_ms < $1) \
      ORDER BY name";
+
+#[cfg(test)]
+mod tests {
+    use sqlx::migrate::Migrator;
+    use sqlx::sqlite::SqliteConnection;
+    use sqlx::{AssertSqlSafe, Connection as _, Row as _};
+
+    use super::*;
+
+    static MIGRATIONS: Migrator = sqlx::migrate!("../../migrations/sqlite");
+
+    /// Every question that is asked of a study, whatever its size: none may walk through its trials.
+    #[tokio::test]
+    async fn no_question_walks_through_the_trials() {
+        let mut connection = SqliteConnection::connect("sqlite::memory:").await.unwrap();
+        MIGRATIONS.run(&mut connection).await.unwrap();
+        for statement in [
+            STUDY_BY_NAME,
+            STUDY_BY_KEY,
+            STUDY_PAGE,
+            STATES_OF_STUDY,
+            VISITS_OF_STUDY,
+            TRIAL_BY_NUMBER,
+            OPEN_TRIALS,
+            COMPLETED_TRIALS,
+            STUDIES_WITH_DUE_LEASES,
+            CHECKPOINT,
+            CHECKPOINT_PARTS,
+        ] {
+            let explained = AssertSqlSafe(format!("EXPLAIN QUERY PLAN {statement}"));
+            let rows = sqlx::query(explained).fetch_all(&mut connection).await.unwrap();
+            for plan in rows.iter().map(|row| row.get::<String, _>("detail")) {
+                let scans = plan.starts_with("SCAN") && !plan.starts_with("SCAN studies");
+                assert!(!scans && !plan.contains("TEMP B-TREE"), "{plan}: {statement}");
+                let narrow = !plan.contains("trials") && !plan.contains(" t ")
+                    || plan.contains("number=?")
+                    || plan.contains("completion>?")
+                    || plan.contains("trials_open")
+                    || plan.contains("(study=?)");
+                assert!(narrow, "{plan}: {statement}");
+            }
+        }
+    }
+}

@@ -11,7 +11,7 @@ use sqlx::sqlite::SqliteConnection;
 use tokio::sync::{mpsc, oneshot};
 use treewright_core::study::StudySpec;
 
-use super::rows::Rows;
+use super::rows::{PartRow, Rows};
 use super::{commands, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
@@ -35,6 +35,12 @@ pub(super) enum Command {
     Policy {
         fence: Fence,
         policy: String,
+        models_since: u64,
+    },
+    /// A part of a checkpoint. Its failure breaks no fence.
+    Part {
+        fence: Fence,
+        row: PartRow,
     },
     Commit {
         fence: Fence,
