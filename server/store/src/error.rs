@@ -41,6 +41,14 @@ pub enum StoreError {
         /// The study.
         study: String,
     },
+    /// Another replica holds the study's tuner.
+    #[error("study {study:?} is held by the replica at {address}; ask that one")]
+    Elsewhere {
+        /// The study.
+        study: String,
+        /// Where the replica is reached.
+        address: String,
+    },
     /// Too many writes wait.
     #[error("{limit} writes are waiting for the disk, the most that may; try again later")]
     QueueFull {
@@ -64,7 +72,7 @@ pub enum StoreError {
     },
 }
 
-/// Why a database file cannot be opened.
+/// Why a database cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// The path names a directory.
@@ -124,6 +132,38 @@ pub enum OpenError {
         version: i64,
         /// The newest schema version this program knows.
         known: i64,
+    },
+    /// No PostgreSQL answers.
+    #[error("no PostgreSQL answers at {server} ({problem}); start it, or check host, port and network")]
+    Unreachable {
+        /// Host, port and database, without any secret.
+        server: String,
+        /// What was said.
+        problem: String,
+    },
+    /// PostgreSQL answers and will not let us in.
+    #[error(
+        "PostgreSQL at {server} refuses ({problem}); check user, password and database, and that the user may create tables there"
+    )]
+    Refused {
+        /// Host, port and database, without any secret.
+        server: String,
+        /// What it said.
+        problem: String,
+    },
+    /// The database at the server cannot be ours.
+    #[error("the database at {server} cannot be used: {problem}")]
+    Unfit {
+        /// Host, port and database, without any secret.
+        server: String,
+        /// Cause and remedy.
+        problem: String,
+    },
+    /// The address of the database makes no sense.
+    #[error("the database's address cannot be used: {problem}; write postgres://USER@HOST:PORT/DATABASE")]
+    BadAddress {
+        /// What is wrong, without repeating the address.
+        problem: String,
     },
     /// Anything else.
     #[error("{} cannot be opened: {problem}", path.display())]

@@ -22,12 +22,18 @@ pub struct Fence(Arc<Inner>);
 struct Inner {
     study: String,
     key: i64,
+    epoch: i64,
     broken: AtomicBool,
 }
 
 impl Fence {
     pub(crate) fn new(study: &str, key: i64) -> Self {
-        Self(Arc::new(Inner { study: study.to_owned(), key, broken: AtomicBool::new(false) }))
+        Self::of_epoch(study, key, 0)
+    }
+
+    /// A fence that the database knows as well: whoever takes the study later raises its epoch.
+    pub(crate) fn of_epoch(study: &str, key: i64, epoch: i64) -> Self {
+        Self(Arc::new(Inner { study: study.to_owned(), key, epoch, broken: AtomicBool::new(false) }))
     }
 
     /// The study's id.
@@ -39,6 +45,11 @@ impl Fence {
     /// The study's key in the store's tables.
     pub(crate) fn key(&self) -> i64 {
         self.0.key
+    }
+
+    /// The study's epoch when it was loaded, in stores that several replicas share.
+    pub(crate) fn epoch(&self) -> i64 {
+        self.0.epoch
     }
 
     /// Whether what was loaded is still current. Once false, it stays so: load again.

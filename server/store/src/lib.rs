@@ -1,20 +1,25 @@
 //! Persistence of studies, states, trials and visits.
 //!
 //! [`Store`] is the interface: one method is one transaction is one use case. [`MemoryStore`] is its
-//! simplest implementation and the oracle of the tests, [`SqliteStore`] the one that survives `kill -9`.
-//! Both pass one contract suite. Domain types go in and come out; rows are an affair of the SQLite store.
+//! simplest implementation and the oracle of the tests, [`SqliteStore`] the one that survives `kill -9`,
+//! [`PostgresStore`] the one that several daemons share. All pass one contract suite. Domain types go in and
+//! come out; rows are an affair of the stores.
 //!
 //! [`filter`] is the language in which trials are asked for, [`cursor`] the page tokens, [`fence`] what
 //! keeps a copy in memory honest.
 #![forbid(unsafe_code)]
 
+mod assembly;
 pub mod cursor;
 mod error;
 pub mod fence;
 pub mod filter;
 pub mod limits;
 mod memory;
+mod postgres;
+mod question;
 mod raw;
+mod rows;
 mod sqlite;
 mod store;
 mod words;
@@ -22,5 +27,6 @@ mod words;
 pub use error::{OpenError, StoreError};
 pub use fence::{Fence, Receipt};
 pub use memory::MemoryStore;
+pub use postgres::{PostgresAddress, PostgresStore};
 pub use sqlite::SqliteStore;
 pub use store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};

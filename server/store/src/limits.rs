@@ -42,5 +42,41 @@ pub const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long a question waits for a connection that reads.
 pub const READER_TIMEOUT: Duration = Duration::from_secs(10);
 
+/// Connections of a replica that write to PostgreSQL. A study always goes by the same one, which keeps its
+/// writes in order; two, so that one gathers while the other waits for the disk.
+pub const POSTGRES_WRITERS: usize = 2;
+
+/// Longest wait for PostgreSQL to take one write. It lies above what a busy disk needs; a server that says
+/// nothing for so long is taken for gone.
+pub const POSTGRES_WRITE_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// How long a question waits for a connection to PostgreSQL.
+pub const POSTGRES_READER_TIMEOUT: Duration = Duration::from_secs(3);
+
+/// How long an attempt to connect to PostgreSQL may take.
+pub const POSTGRES_CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// How often a replica says that it lives.
+pub const HEARTBEAT: Duration = Duration::from_secs(1);
+
+/// A replica that has not said so for this long, by the database's clock, is taken for dead.
+pub const REPLICA_LAPSE: Duration = Duration::from_secs(6);
+
+/// How long a dead replica's row is kept before any other replica clears it away.
+pub const REPLICA_ROW_KEPT: Duration = Duration::from_secs(60);
+
+/// How long it is remembered which replica holds a study.
+pub const OWNER_REMEMBERED: Duration = Duration::from_secs(1);
+
+/// Owners that are remembered.
+pub const OWNERS_REMEMBERED: usize = 4096;
+
+/// Studies whose leases one sweep looks at.
+pub const SWEEP_STUDIES: u32 = 256;
+
+/// Rows of a deleted study that are taken away at once.
+pub const REAPED_ROWS: u32 = 10_000;
+
+const _: () = assert!(HEARTBEAT.as_millis() * 3 <= REPLICA_LAPSE.as_millis());
 const _: () = assert!(WRITE_GROUP <= WRITE_QUEUE);
 const _: () = assert!(PAGE_SIZE_DEFAULT <= PAGE_SIZE);

@@ -91,8 +91,15 @@ pub trait Store: Send + Sync + 'static {
     async fn delete_study(&self, study: &str) -> Result<(), StoreError>;
 
     /// Waits for all writes queued so far, breaks earlier fences of the study and reads all of it but its closed
-    /// trials.
+    /// trials. Where several replicas share the store, it fails with [`StoreError::Elsewhere`] while another
+    /// holds the study.
     async fn load(&self, study: &str) -> Result<Loaded, StoreError>;
+
+    /// Forgets which other replica holds the study, because it could not be reached: the next load looks anew.
+    /// Stores that are not shared have nothing to forget.
+    fn doubt(&self, study: &str) {
+        let _ = study;
+    }
 
     /// Queues changes that belong together: all are stored or none. Also an empty list waits for every
     /// change before it.

@@ -1,5 +1,5 @@
 //! A filter means the same in memory and in SQL: random trials, random filters, random orders, read page
-//! by page from both stores.
+//! by page from every store.
 
 mod common;
 
@@ -144,12 +144,14 @@ async fn pages(store: &dyn Store, study: &str, mut query: TrialQuery) -> Vec<Vec
 }
 
 #[test]
-fn memory_and_sqlite_answer_alike() {
+fn every_store_answers_alike() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     let directory = tempfile::tempdir().expect("a directory");
     let memory = MemoryStore::new();
     let sqlite =
         runtime.block_on(SqliteStore::open(&directory.path().join("studies.db"))).expect("a new database");
+    let database = runtime.block_on(treewright_test_postgres::Database::create());
+    let postgres = runtime.block_on(common::postgres(&database));
     let case = Cell::new(0);
     let config = ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() };
     // The same trials and filters on every run.
@@ -165,7 +167,7 @@ fn memory_and_sqlite_answer_alike() {
             }
             let stored = change(trials);
             runtime.block_on(async {
-                for store in [&memory as &dyn Store, &sqlite] {
+                for store in [&memory as &dyn Store, &sqlite, &postgres] {
                     store.create_study(&study, &spec(), 0).await.expect("created");
                     let fence = store.load(&study).await.expect("loaded").fence;
                     let receipt = store.commit(&fence, std::slice::from_ref(&stored));
@@ -180,8 +182,10 @@ fn memory_and_sqlite_answer_alike() {
                 let query =
                     TrialQuery { filter, order: Order::parse(&order).expect("an order"), after: None, size };
                 let expected = runtime.block_on(pages(&memory, &study, query.clone()));
-                let found = runtime.block_on(pages(&sqlite, &study, query));
-                prop_assert_eq!(found, expected, "filter {:?}, order {:?}", text, order);
+                for store in [&sqlite as &dyn Store, &postgres] {
+                    let found = runtime.block_on(pages(store, &study, query.clone()));
+                    prop_assert_eq!(&found, &expected, "filter {:?}, order {:?}", text, order);
+                }
             }
             Ok(())
         })

@@ -25,6 +25,13 @@ macro_rules! contract {
                 super::$name(&store).await;
             })*
         }
+        mod postgres {
+            $(#[tokio::test] async fn $name() {
+                let database = treewright_test_postgres::Database::create().await;
+                let store = super::common::postgres(&database).await;
+                super::$name(&store).await;
+            })*
+        }
     };
 }
 

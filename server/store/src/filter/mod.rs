@@ -2,8 +2,8 @@
 //!
 //! The contract stands in the comments of `QueryTrialsRequest`. A filter is parsed once into the
 //! [`Filter`] below, which no longer contains anything unchecked. It then means the same thing in two
-//! places: [`Filter::matches`] evaluates it in memory, and the SQLite store compiles it to bound SQL. A
-//! property test holds the two against each other.
+//! places: [`Filter::matches`] evaluates it in memory, and the stores on databases compile it to bound SQL. A
+//! property test holds them against each other.
 //!
 //! One rule covers everything that could be doubtful: a comparison with a value that the trial does not
 //! have, or that is of another kind, is false, whatever the operator. It is what SQL does with NULL.

@@ -3,13 +3,13 @@
 use sqlx::sqlite::SqliteConnection;
 use treewright_core::study::StudySpec;
 
-use super::rows::{self, inconsistent};
 use super::statements as sql;
 use super::writer::{Command, Done, Fences};
 use super::{read, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
+use crate::rows::{self, inconsistent};
 use crate::store::Created;
 
 pub(super) async fn apply(

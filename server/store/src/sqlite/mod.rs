@@ -1,14 +1,13 @@
 //! The store on SQLite: a write-ahead log, one writer, a few readers.
 //!
 //! `open` readies the file, `lock` keeps a second daemon out, `writer`, `commands` and `script` write, `read`
-//! reads, `filter` translates questions, `statements` holds the fixed SQL and `rows` the way to domain types.
+//! reads, `filter` translates questions, `statements` holds the fixed SQL.
 
 mod commands;
 mod filter;
 mod lock;
 mod open;
 mod read;
-mod rows;
 mod script;
 mod statements;
 mod writer;
@@ -30,8 +29,8 @@ use treewright_core::tuner::{Change, Checkpoint};
 use crate::error::{OpenError, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
+use crate::rows::{self, Rows};
 use crate::store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
-use rows::Rows;
 use writer::{Answer, Command, Done, Job};
 
 /// Keeps everything in one SQLite file and survives being killed at any moment: what has been

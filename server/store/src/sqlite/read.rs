@@ -2,50 +2,18 @@
 
 use sqlx::sqlite::{SqliteConnection, SqlitePool};
 use tokio_stream::StreamExt as _;
-use treewright_core::trial::{RawTrial, Trial};
-use treewright_core::tuner::{Checkpoint, Snapshot, StateRecord, Statistics};
+use treewright_core::trial::RawTrial;
+use treewright_core::tuner::{Checkpoint, StateRecord};
 
-use super::rows::{StateRow, TrialRow, VisitRow, inconsistent, into_specification, signed, unsigned};
 use super::{filter, statements as sql, store_error};
+use crate::assembly::{StudyRow, StudyRows, page, study_not_found};
 use crate::error::StoreError;
 use crate::fence::Fence;
+use crate::rows::{StateRow, TrialRow, signed, unsigned};
 use crate::store::{Loaded, StudyRecord, TrialPage, TrialQuery};
-
-#[derive(sqlx::FromRow)]
-struct StudyRow {
-    name: String,
-    specification: String,
-    policy: String,
-    create_ms: i64,
-    models_since: i64,
-    states: i64,
-    trials: i64,
-    completed_trials: i64,
-    open_trials: i64,
-}
-
-impl StudyRow {
-    fn into_record(self) -> Result<StudyRecord, StoreError> {
-        Ok(StudyRecord {
-            id: self.name,
-            spec: into_specification(&self.specification, &self.policy)?,
-            create_ms: self.create_ms,
-            statistics: Statistics {
-                states: unsigned(self.states)?,
-                trials: unsigned(self.trials)?,
-                completed_trials: unsigned(self.completed_trials)?,
-                open_trials: unsigned(self.open_trials)?,
-            },
-        })
-    }
-}
 
 fn failed(error: sqlx::Error) -> StoreError {
     store_error(&error)
-}
-
-fn study_not_found(study: &str) -> StoreError {
-    StoreError::StudyNotFound { study: study.to_owned() }
 }
 
 /// The key of a study.
@@ -81,33 +49,16 @@ pub(super) async fn studies(
 /// Reads all of a study but its closed trials. The fence keeps others from changing it meanwhile.
 pub(super) async fn load(connection: &mut SqliteConnection, fence: Fence) -> Result<Loaded, StoreError> {
     let key = fence.key();
-    let row: Option<StudyRow> =
+    let study: Option<StudyRow> =
         sqlx::query_as(sql::STUDY_BY_KEY).bind(key).fetch_optional(&mut *connection).await.map_err(failed)?;
-    let row = row.ok_or_else(|| study_not_found(fence.study()))?;
-    let models_since = unsigned(row.models_since)?;
-    let study = row.into_record()?;
-    let visits: Vec<VisitRow> =
+    let study = study.ok_or_else(|| study_not_found(fence.study()))?;
+    let visits =
         sqlx::query_as(sql::VISITS_OF_STUDY).bind(key).fetch_all(&mut *connection).await.map_err(failed)?;
-    let open: Vec<TrialRow> =
+    let open_trials =
         sqlx::query_as(sql::OPEN_TRIALS).bind(key).fetch_all(&mut *connection).await.map_err(failed)?;
-
-    let space = &study.spec.space;
-    let misfit = |error| inconsistent(format!("a configuration does not fit its study: {error}"));
-    let open_trials = open
-        .into_iter()
-        .map(|row| row.into_trial()?.check(space).map_err(misfit))
-        .collect::<Result<Vec<Trial>, _>>()?;
-    let snapshot = Snapshot {
-        states: states(connection, key).await?,
-        visits: visits
-            .into_iter()
-            .map(|row| row.into_visit()?.check(space).map_err(misfit))
-            .collect::<Result<_, _>>()?,
-        last_trial: study.statistics.trials,
-        models_since,
-    };
+    let states = states(connection, key).await?;
     let checkpoint = checkpoint(connection, key).await?;
-    Ok(Loaded { fence, snapshot, open_trials, checkpoint, study })
+    StudyRows { study, states, visits, open_trials, checkpoint }.into_loaded(fence)
 }
 
 /// Row by row, since a study may have a million of them.
@@ -180,14 +131,7 @@ pub(super) async fn trials(
     let key = study_key(&mut *connection, study).await?;
     let rows: Vec<TrialRow> =
         filter::trial_page(key, query)?.build_query_as().fetch_all(&mut *connection).await.map_err(failed)?;
-    let more = rows.len() > query.size as usize;
-    let trials = rows
-        .into_iter()
-        .take(query.size as usize)
-        .map(TrialRow::into_trial)
-        .collect::<Result<Vec<RawTrial>, _>>()?;
-    let next = trials.last().filter(|_| more).map(|last| query.order.place(last));
-    Ok(TrialPage { trials, next })
+    page(rows, query)
 }
 
 pub(super) async fn studies_with_due_leases(

@@ -7,8 +7,8 @@ use sqlx::AssertSqlSafe;
 use sqlx::query::Query;
 use sqlx::sqlite::{Sqlite, SqliteArguments};
 
-use super::rows::{Rows, StateRow, TrialRow, VisitRow};
 use super::statements as sql;
+use crate::rows::{Rows, StateRow, TrialRow, VisitRow};
 
 /// Scripts of at most so many rows are kept prepared. A frame has two to four; only many leases that end
 /// at once have more.

@@ -1,7 +1,5 @@
-//! The fixed SQL, in the subset that SQLite and PostgreSQL share: numbered parameters, `ON CONFLICT`,
-//! no functions but `count`, `max` and `coalesce`. What is SQLite's own stands in `open`, `filter` and
-//! `script`; for the last the upserts have parameters without numbers, which count on from one statement
-//! to the next.
+//! The fixed SQL. For `script` the upserts have parameters without numbers, which count on from one
+//! statement to the next.
 
 pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1";
 
@@ -61,7 +59,7 @@ macro_rules! trial_columns {
     };
 }
 
-/// The columns that a [`TrialRow`](super::rows::TrialRow) reads.
+/// The columns that a [`TrialRow`](crate::rows::TrialRow) reads.
 pub(super) const TRIAL_COLUMNS: &str = trial_columns!();
 
 /// What was handed out stays; only the lease and the report can still change.

@@ -11,11 +11,11 @@ use sqlx::sqlite::SqliteConnection;
 use tokio::sync::{mpsc, oneshot};
 use treewright_core::study::StudySpec;
 
-use super::rows::{PartRow, Rows};
 use super::{commands, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
+use crate::rows::{PartRow, Rows};
 use crate::store::Created;
 
 /// What can be written.

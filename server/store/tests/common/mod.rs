@@ -2,6 +2,7 @@
 #![allow(dead_code)] // Each test file uses its own part.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use treewright_core::configuration::RawConfiguration;
 use treewright_core::indicator::{Indicator, IndicatorSchema};
@@ -14,6 +15,13 @@ use treewright_core::trial::{
 };
 use treewright_core::tuner::{Account, Change, Decision, StateRecord, Visit};
 use treewright_core::value::Value;
+use treewright_store::{PostgresAddress, PostgresStore};
+
+/// A store on a database, as one replica of several.
+pub(crate) async fn postgres(database: &treewright_test_postgres::Database) -> PostgresStore {
+    let address = PostgresAddress::parse(database.url()).expect("an address");
+    PostgresStore::open(address, "http://127.0.0.1:1", Duration::ZERO).await.expect("a new database")
+}
 
 fn parameter(name: &str, domain: Domain, default: Value) -> Parameter {
     Parameter { name: name.to_owned(), domain, default, active_if: None }

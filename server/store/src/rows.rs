@@ -1,5 +1,5 @@
-//! Rows: what the tables hold, and the way from and to domain types. Nothing outside the SQLite store
-//! sees them.
+//! Rows: what the tables of both databases hold, and the way from and to domain types. Nothing outside the
+//! stores sees them.
 
 use std::collections::BTreeMap;
 
@@ -19,49 +19,49 @@ use crate::words::{self, MODES, OUTCOMES, STATES};
 
 /// A row of `trials`, without its study.
 #[derive(Debug, sqlx::FromRow)]
-pub(super) struct TrialRow {
-    pub(super) number: i64,
-    pub(super) client_id: String,
-    pub(super) state_id: i64,
-    pub(super) mode: String,
-    pub(super) state: String,
-    pub(super) outcome: Option<String>,
-    pub(super) outcome_reason: Option<String>,
-    pub(super) outcome_lower_bound: Option<f64>,
-    pub(super) cost: Option<f64>,
-    pub(super) predicted_cost: Option<f64>,
-    pub(super) late: bool,
-    pub(super) create_ms: i64,
-    pub(super) lease_expire_ms: i64,
-    pub(super) complete_ms: Option<i64>,
-    pub(super) completion: Option<i64>,
-    pub(super) configuration: String,
-    pub(super) indicators: String,
-    pub(super) measurements: String,
-    pub(super) reason: String,
-    pub(super) fingerprint: Option<String>,
+pub(crate) struct TrialRow {
+    pub(crate) number: i64,
+    pub(crate) client_id: String,
+    pub(crate) state_id: i64,
+    pub(crate) mode: String,
+    pub(crate) state: String,
+    pub(crate) outcome: Option<String>,
+    pub(crate) outcome_reason: Option<String>,
+    pub(crate) outcome_lower_bound: Option<f64>,
+    pub(crate) cost: Option<f64>,
+    pub(crate) predicted_cost: Option<f64>,
+    pub(crate) late: bool,
+    pub(crate) create_ms: i64,
+    pub(crate) lease_expire_ms: i64,
+    pub(crate) complete_ms: Option<i64>,
+    pub(crate) completion: Option<i64>,
+    pub(crate) configuration: String,
+    pub(crate) indicators: String,
+    pub(crate) measurements: String,
+    pub(crate) reason: String,
+    pub(crate) fingerprint: Option<String>,
 }
 
 /// A row of `states`, without its study.
 #[derive(Debug, sqlx::FromRow)]
-pub(super) struct StateRow {
-    pub(super) id: i64,
-    pub(super) indicators: String,
-    pub(super) search: Option<String>,
-    pub(super) search_packed: Option<Vec<u8>>,
+pub(crate) struct StateRow {
+    pub(crate) id: i64,
+    pub(crate) indicators: String,
+    pub(crate) search: Option<String>,
+    pub(crate) search_packed: Option<Vec<u8>>,
 }
 
 /// A part of a checkpoint: a row of `checkpoints`, without its study.
 #[derive(Debug)]
-pub(super) struct PartRow {
-    pub(super) completion: i64,
-    pub(super) part: i64,
-    pub(super) parts: i64,
-    pub(super) bytes: Vec<u8>,
+pub(crate) struct PartRow {
+    pub(crate) completion: i64,
+    pub(crate) part: i64,
+    pub(crate) parts: i64,
+    pub(crate) bytes: Vec<u8>,
 }
 
 impl PartRow {
-    pub(super) fn of(completion: u64, part: usize, parts: usize, bytes: &[u8]) -> Result<Self, StoreError> {
+    pub(crate) fn of(completion: u64, part: usize, parts: usize, bytes: &[u8]) -> Result<Self, StoreError> {
         Ok(Self {
             completion: signed(completion)?,
             part: signed(part as u64)?,
@@ -73,26 +73,26 @@ impl PartRow {
 
 /// A row of `visits`, without its study.
 #[derive(Debug, sqlx::FromRow)]
-pub(super) struct VisitRow {
-    pub(super) client_id: String,
-    pub(super) state_id: i64,
-    pub(super) number: i64,
-    pub(super) decision: String,
-    pub(super) weighed: Option<String>,
-    pub(super) account: Option<String>,
+pub(crate) struct VisitRow {
+    pub(crate) client_id: String,
+    pub(crate) state_id: i64,
+    pub(crate) number: i64,
+    pub(crate) decision: String,
+    pub(crate) weighed: Option<String>,
+    pub(crate) account: Option<String>,
 }
 
 /// The rows of a change. Of several changes to one row only the last is kept, which halves the writes of
 /// a report that is followed by a suggestion.
 #[derive(Debug, Default)]
-pub(super) struct Rows {
-    pub(super) states: Vec<StateRow>,
-    pub(super) visits: Vec<VisitRow>,
-    pub(super) trials: Vec<TrialRow>,
+pub(crate) struct Rows {
+    pub(crate) states: Vec<StateRow>,
+    pub(crate) visits: Vec<VisitRow>,
+    pub(crate) trials: Vec<TrialRow>,
 }
 
 impl Rows {
-    pub(super) fn of(changes: &[Change]) -> Result<Self, StoreError> {
+    pub(crate) fn of(changes: &[Change]) -> Result<Self, StoreError> {
         let mut states = BTreeMap::new();
         let mut visits = BTreeMap::new();
         let mut trials = BTreeMap::new();
@@ -108,7 +108,7 @@ impl Rows {
         })
     }
 
-    pub(super) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.states.is_empty() && self.visits.is_empty() && self.trials.is_empty()
     }
 }
@@ -145,7 +145,7 @@ impl TrialRow {
         })
     }
 
-    pub(super) fn into_trial(self) -> Result<RawTrial, StoreError> {
+    pub(crate) fn into_trial(self) -> Result<RawTrial, StoreError> {
         let mode: Mode = value(MODES, &self.mode)?;
         let state: TrialState = value(STATES, &self.state)?;
         let kind = self.outcome.map(|word| value(OUTCOMES, &word)).transpose()?;
@@ -194,7 +194,7 @@ impl StateRow {
         })
     }
 
-    pub(super) fn into_state(self) -> Result<StateRecord, StoreError> {
+    pub(crate) fn into_state(self) -> Result<StateRecord, StoreError> {
         Ok(StateRecord {
             id: unsigned(self.id)?,
             indicators: read("indicators", &self.indicators)?,
@@ -220,7 +220,7 @@ impl VisitRow {
         })
     }
 
-    pub(super) fn into_visit(self) -> Result<RawVisit, StoreError> {
+    pub(crate) fn into_visit(self) -> Result<RawVisit, StoreError> {
         Ok(RawVisit {
             client_id: self.client_id,
             state_id: unsigned(self.state_id)?,
@@ -233,7 +233,7 @@ impl VisitRow {
 }
 
 /// The two texts of a study: everything but the policy, and the policy.
-pub(super) fn specification(spec: &StudySpec) -> Result<(String, String), StoreError> {
+pub(crate) fn specification(spec: &StudySpec) -> Result<(String, String), StoreError> {
     let mut json = serde_json::to_value(spec).map_err(|error| inconsistent(error.to_string()))?;
     if let Some(fields) = json.as_object_mut() {
         fields.remove("policy");
@@ -241,12 +241,12 @@ pub(super) fn specification(spec: &StudySpec) -> Result<(String, String), StoreE
     Ok((json.to_string(), policy(&spec.policy)?))
 }
 
-pub(super) fn policy(policy: &Policy) -> Result<String, StoreError> {
+pub(crate) fn policy(policy: &Policy) -> Result<String, StoreError> {
     write(policy)
 }
 
 /// Joins the two texts of a study again.
-pub(super) fn into_specification(specification: &str, policy: &str) -> Result<StudySpec, StoreError> {
+pub(crate) fn into_specification(specification: &str, policy: &str) -> Result<StudySpec, StoreError> {
     let mut json: Json = read("specification", specification)?;
     let policy: Json = read("policy", policy)?;
     if let Some(fields) = json.as_object_mut() {
@@ -302,14 +302,14 @@ fn read<T: DeserializeOwned>(column: &str, text: &str) -> Result<T, StoreError> 
     serde_json::from_str(text).map_err(|error| inconsistent(format!("column {column}: {error}")))
 }
 
-pub(super) fn signed(number: u64) -> Result<i64, StoreError> {
+pub(crate) fn signed(number: u64) -> Result<i64, StoreError> {
     i64::try_from(number).map_err(|_| inconsistent("a number is out of range"))
 }
 
-pub(super) fn unsigned(number: i64) -> Result<u64, StoreError> {
+pub(crate) fn unsigned(number: i64) -> Result<u64, StoreError> {
     u64::try_from(number).map_err(|_| inconsistent("a number is negative"))
 }
 
-pub(super) fn inconsistent(problem: impl Into<String>) -> StoreError {
+pub(crate) fn inconsistent(problem: impl Into<String>) -> StoreError {
     StoreError::Inconsistent { problem: problem.into() }
 }

@@ -1,0 +1,90 @@
+//! From rows to answers: what both databases do alike once the rows are read.
+
+use treewright_core::trial::{RawTrial, Trial};
+use treewright_core::tuner::{Checkpoint, Snapshot, StateRecord, Statistics};
+
+use crate::error::StoreError;
+use crate::fence::Fence;
+use crate::rows::{TrialRow, VisitRow, inconsistent, into_specification, unsigned};
+use crate::store::{Loaded, StudyRecord, TrialPage, TrialQuery};
+
+/// A row of `studies` with its counts.
+#[derive(sqlx::FromRow)]
+pub(crate) struct StudyRow {
+    name: String,
+    specification: String,
+    policy: String,
+    create_ms: i64,
+    models_since: i64,
+    states: i64,
+    trials: i64,
+    completed_trials: i64,
+    open_trials: i64,
+}
+
+impl StudyRow {
+    pub(crate) fn into_record(self) -> Result<StudyRecord, StoreError> {
+        Ok(StudyRecord {
+            id: self.name,
+            spec: into_specification(&self.specification, &self.policy)?,
+            create_ms: self.create_ms,
+            statistics: Statistics {
+                states: unsigned(self.states)?,
+                trials: unsigned(self.trials)?,
+                completed_trials: unsigned(self.completed_trials)?,
+                open_trials: unsigned(self.open_trials)?,
+            },
+        })
+    }
+}
+
+pub(crate) fn study_not_found(study: &str) -> StoreError {
+    StoreError::StudyNotFound { study: study.to_owned() }
+}
+
+/// What a study is loaded from.
+pub(crate) struct StudyRows {
+    pub(crate) study: StudyRow,
+    pub(crate) states: Vec<StateRecord>,
+    pub(crate) visits: Vec<VisitRow>,
+    pub(crate) open_trials: Vec<TrialRow>,
+    pub(crate) checkpoint: Option<Checkpoint>,
+}
+
+impl StudyRows {
+    /// Checks every row against the study's space.
+    pub(crate) fn into_loaded(self, fence: Fence) -> Result<Loaded, StoreError> {
+        let models_since = unsigned(self.study.models_since)?;
+        let study = self.study.into_record()?;
+        let space = &study.spec.space;
+        let misfit = |error| inconsistent(format!("a configuration does not fit its study: {error}"));
+        let open_trials = self
+            .open_trials
+            .into_iter()
+            .map(|row| row.into_trial()?.check(space).map_err(misfit))
+            .collect::<Result<Vec<Trial>, _>>()?;
+        let snapshot = Snapshot {
+            states: self.states,
+            visits: self
+                .visits
+                .into_iter()
+                .map(|row| row.into_visit()?.check(space).map_err(misfit))
+                .collect::<Result<_, _>>()?,
+            last_trial: study.statistics.trials,
+            models_since,
+        };
+        Ok(Loaded { fence, snapshot, open_trials, checkpoint: self.checkpoint, study })
+    }
+}
+
+/// A page of the rows that were found: one row more than fits tells that another page follows.
+pub(crate) fn page(rows: Vec<TrialRow>, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+    let more = rows.len() > query.size as usize;
+    let trials = rows
+        .into_iter()
+        .take(query.size as usize)
+        .map(TrialRow::into_trial)
+        .collect::<Result<Vec<RawTrial>, _>>()?;
+    let next = trials.last().filter(|_| more).map(|last| query.order.place(last));
+    Ok(TrialPage { trials, next })
+}

@@ -1,0 +1,107 @@
+//! The rows of several commits as the columns of one statement.
+
+use std::collections::{BTreeMap, HashSet};
+
+use sqlx::postgres::PgConnection;
+
+use super::statements as sql;
+use crate::fence::Fence;
+use crate::rows::{Rows, StateRow, TrialRow, VisitRow};
+use crate::words::{STATES, word};
+use treewright_core::trial::TrialState;
+
+/// Commits that share a statement. Of several changes to one row only the last is kept, since a statement
+/// may touch a row only once.
+#[derive(Default)]
+pub(super) struct Batch<'r> {
+    fences: BTreeMap<i64, i64>,
+    states: BTreeMap<(i64, i64), &'r StateRow>,
+    visits: BTreeMap<(i64, &'r str), &'r VisitRow>,
+    trials: BTreeMap<(i64, i64), &'r TrialRow>,
+}
+
+impl<'r> Batch<'r> {
+    /// Adds a commit, or leaves it out when it has to wait for what the batch holds already: for a trial
+    /// that the batch completes, so that the database sees both and refuses to change what is final; and for
+    /// another epoch of the same study.
+    pub(super) fn add(&mut self, fence: &Fence, rows: &'r Rows) -> bool {
+        let study = fence.key();
+        let completed = word(STATES, TrialState::Completed);
+        let is_final = |row: &TrialRow| {
+            self.trials.get(&(study, row.number)).is_some_and(|earlier| earlier.state == completed)
+        };
+        let other_epoch = self.fences.get(&study).is_some_and(|epoch| *epoch != fence.epoch());
+        if other_epoch || rows.trials.iter().any(is_final) {
+            return false;
+        }
+        self.fences.insert(study, fence.epoch());
+        self.states.extend(rows.states.iter().map(|row| ((study, row.id), row)));
+        self.visits.extend(rows.visits.iter().map(|row| ((study, row.client_id.as_str()), row)));
+        self.trials.extend(rows.trials.iter().map(|row| ((study, row.number), row)));
+        true
+    }
+
+    /// Whether there is nothing to store.
+    pub(super) fn is_empty(&self) -> bool {
+        self.states.is_empty() && self.visits.is_empty() && self.trials.is_empty()
+    }
+
+    /// The keys of all studies in the batch.
+    pub(super) fn studies(&self) -> HashSet<i64> {
+        self.fences.keys().copied().collect()
+    }
+
+    /// Stores what belongs to studies whose epoch still holds, durably, and returns the keys of these.
+    pub(super) async fn store(&self, connection: &mut PgConnection) -> Result<HashSet<i64>, sqlx::Error> {
+        let states = || self.states.iter().map(|((study, _), row)| (*study, *row));
+        let visits = || self.visits.iter().map(|((study, _), row)| (*study, *row));
+        let trials = || self.trials.iter().map(|((study, _), row)| (*study, *row));
+        let held: Vec<i64> = sqlx::query_scalar(sql::BATCH)
+            .bind(self.fences.keys().copied().collect::<Vec<_>>())
+            .bind(self.fences.values().copied().collect::<Vec<_>>())
+            .bind(column(states(), |study, _| study))
+            .bind(column(states(), |_, row| row.id))
+            .bind(column(states(), |_, row| row.indicators.as_str()))
+            .bind(column(states(), |_, row| row.search_packed.as_deref()))
+            .bind(column(visits(), |study, _| study))
+            .bind(column(visits(), |_, row| row.client_id.as_str()))
+            .bind(column(visits(), |_, row| row.state_id))
+            .bind(column(visits(), |_, row| row.number))
+            .bind(column(visits(), |_, row| row.decision.as_str()))
+            .bind(column(visits(), |_, row| row.weighed.as_deref()))
+            .bind(column(visits(), |_, row| row.account.as_deref()))
+            .bind(column(trials(), |study, _| study))
+            .bind(column(trials(), |_, row| row.number))
+            .bind(column(trials(), |_, row| row.client_id.as_str()))
+            .bind(column(trials(), |_, row| row.state_id))
+            .bind(column(trials(), |_, row| row.mode.as_str()))
+            .bind(column(trials(), |_, row| row.state.as_str()))
+            .bind(column(trials(), |_, row| row.outcome.as_deref()))
+            .bind(column(trials(), |_, row| row.outcome_reason.as_deref().map(without_nul)))
+            .bind(column(trials(), |_, row| row.outcome_lower_bound))
+            .bind(column(trials(), |_, row| row.cost))
+            .bind(column(trials(), |_, row| row.predicted_cost))
+            .bind(column(trials(), |_, row| row.late))
+            .bind(column(trials(), |_, row| row.create_ms))
+            .bind(column(trials(), |_, row| row.lease_expire_ms))
+            .bind(column(trials(), |_, row| row.complete_ms))
+            .bind(column(trials(), |_, row| row.completion))
+            .bind(column(trials(), |_, row| row.configuration.as_str()))
+            .bind(column(trials(), |_, row| row.indicators.as_str()))
+            .bind(column(trials(), |_, row| row.measurements.as_str()))
+            .bind(column(trials(), |_, row| row.reason.as_str()))
+            .bind(column(trials(), |_, row| row.fingerprint.as_deref()))
+            .fetch_all(connection)
+            .await?;
+        Ok(held.into_iter().collect())
+    }
+}
+
+fn column<'r, R: 'r, T>(rows: impl Iterator<Item = (i64, &'r R)>, of: impl Fn(i64, &'r R) -> T) -> Vec<T> {
+    rows.map(|(study, row)| of(study, row)).collect()
+}
+
+/// PostgreSQL's text cannot hold the character NUL; the sign for a character that is lost stands in.
+pub(super) fn without_nul(text: &str) -> String {
+    text.replace('\0', "\u{fffd}")
+}

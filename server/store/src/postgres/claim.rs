@@ -1,0 +1,54 @@
+//! Taking a study: who loads it holds it, unless another replica that lives does.
+
+use std::time::Instant;
+
+use sqlx::postgres::PgConnection;
+
+use super::failed;
+use super::shared::{Owner, Shared};
+use super::statements as sql;
+use crate::assembly::study_not_found;
+use crate::error::StoreError;
+use crate::fence::Fence;
+use crate::limits;
+
+/// How often a claim is tried, should another replica be quicker each time.
+const TRIES: usize = 8;
+
+/// Raises the study's epoch and makes this replica its owner. Whatever anybody computed before is refused
+/// from here on.
+pub(super) async fn claim(
+    connection: &mut PgConnection,
+    shared: &Shared,
+    study: &str,
+) -> Result<Fence, StoreError> {
+    for _ in 0..TRIES {
+        let me = shared.me();
+        let found: Option<(i64, i64, Option<i32>, Option<String>)> = sqlx::query_as(sql::STUDY_OWNER)
+            .bind(study)
+            .bind(limits::REPLICA_LAPSE.as_secs_f64())
+            .fetch_optional(&mut *connection)
+            .await
+            .map_err(failed)?;
+        let (key, epoch, owner, address) = found.ok_or_else(|| study_not_found(study))?;
+        if let (Some(replica), Some(address)) = (owner.filter(|owner| *owner != me), address) {
+            let seen = Instant::now();
+            shared.remember_owner(study, Owner { key, replica, address: address.clone(), seen });
+            return Err(StoreError::Elsewhere { study: study.to_owned(), address });
+        }
+        let claimed: Option<i64> = sqlx::query_scalar(sql::STUDY_CLAIM)
+            .bind(key)
+            .bind(epoch)
+            .bind(me)
+            .fetch_optional(&mut *connection)
+            .await
+            .map_err(failed)?;
+        if let Some(epoch) = claimed {
+            tracing::debug!(study, epoch, "claimed");
+            let fence = Fence::of_epoch(study, key, epoch);
+            shared.hold(fence.clone());
+            return Ok(fence);
+        }
+    }
+    Err(StoreError::Unavailable { problem: format!("other replicas take study {study:?} again and again") })
+}

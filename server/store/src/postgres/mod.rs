@@ -1,0 +1,267 @@
+//! The store on PostgreSQL, which several replicas of the daemon share.
+//!
+//! A study's tuner lives in one replica at a time. [`load`](Store::load) takes the study for this replica by
+//! raising its epoch, unless another that lives holds it; every write names the epoch it was computed under
+//! and is refused under an older one. So a replica that lost a study, for whatever reason, can store nothing
+//! more of it: the fencing token of M. Kleppmann, "Designing Data-Intensive Applications", chapter 8.
+//!
+//! `open` connects, `replica` keeps this replica alive in the eyes of the others and hears what they do,
+//! `claim` takes studies, `writer` and `batch` write, `read` and `studies` ask, `filter` translates questions,
+//! `statements` holds the SQL, `shared` what they all know.
+
+mod batch;
+mod claim;
+mod filter;
+mod open;
+mod read;
+mod replica;
+mod shared;
+mod statements;
+mod studies;
+mod writer;
+
+use std::collections::hash_map::DefaultHasher;
+use std::hash::{Hash as _, Hasher as _};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use async_trait::async_trait;
+use sqlx::pool::PoolConnection;
+use sqlx::postgres::{PgPool, Postgres};
+use tokio::sync::{mpsc, oneshot};
+use tokio::task::JoinHandle;
+use treewright_core::policy::Policy;
+use treewright_core::study::StudySpec;
+use treewright_core::trial::RawTrial;
+use treewright_core::tuner::{Change, Checkpoint};
+
+use crate::error::{OpenError, StoreError};
+use crate::fence::{Fence, Receipt};
+use crate::limits;
+use crate::rows::{self, Rows};
+use crate::store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+use shared::Shared;
+use writer::Job;
+
+pub use open::PostgresAddress;
+
+/// Keeps everything in a PostgreSQL database that other replicas may serve as well.
+pub struct PostgresStore {
+    shared: Arc<Shared>,
+    readers: PgPool,
+    /// None once closed.
+    open: Mutex<Option<Open>>,
+}
+
+struct Open {
+    queues: Vec<mpsc::Sender<Job>>,
+    writers: Vec<JoinHandle<()>>,
+    leave: oneshot::Sender<()>,
+    session: JoinHandle<()>,
+    listener: Listening,
+}
+
+/// Ends with its owner.
+struct Listening(JoinHandle<()>);
+
+impl Drop for Listening {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
+impl PostgresStore {
+    /// Connects, brings the schema up to date and enters this replica. `advertised` is where other replicas
+    /// reach it; `patience` is how long a server may take to come up. Must be called within a tokio runtime,
+    /// on which the writers then live. Dropped without [`close`](Store::close), the store is as one whose
+    /// process was killed.
+    ///
+    /// # Errors
+    /// [`OpenError`] with the cause and a remedy, never with a password.
+    pub async fn open(
+        database: PostgresAddress,
+        advertised: &str,
+        patience: Duration,
+    ) -> Result<Self, OpenError> {
+        let mut connection = open::open(&database, patience).await?;
+        let unreachable = |error: sqlx::Error| OpenError::Unreachable {
+            server: database.shown(),
+            problem: error.to_string(),
+        };
+        let me = replica::register(&mut connection, advertised).await.map_err(unreachable)?;
+        let shared = Arc::new(Shared::new(database.clone(), advertised.to_owned(), me));
+        let listener = replica::listener(&shared).await.map_err(unreachable)?;
+        let (leave, left) = oneshot::channel();
+        let mut queues = Vec::new();
+        let mut writers = Vec::new();
+        for _ in 0..limits::POSTGRES_WRITERS {
+            let (queue, waiting) = mpsc::channel(limits::WRITE_QUEUE);
+            queues.push(queue);
+            writers.push(tokio::spawn(writer::run(Arc::clone(&shared), waiting)));
+        }
+        tracing::info!(replica = me, advertised, "entered");
+        let open = Open {
+            queues,
+            writers,
+            leave,
+            session: tokio::spawn(replica::live(Arc::clone(&shared), connection, left)),
+            listener: Listening(tokio::spawn(replica::listen(Arc::clone(&shared), listener))),
+        };
+        Ok(Self { readers: database.pool(), shared, open: Mutex::new(Some(open)) })
+    }
+
+    /// Gives a write its place in the order of writes of its study.
+    fn enqueue(&self, study: &str, job: Job) {
+        let mut hasher = DefaultHasher::new();
+        study.hash(&mut hasher);
+        let open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+        let (job, error) = match &*open {
+            None => (job, StoreError::Closed),
+            Some(open) => {
+                let writer = (hasher.finish() % open.queues.len() as u64) as usize;
+                match open.queues[writer].try_send(job) {
+                    Ok(()) => return,
+                    Err(mpsc::error::TrySendError::Closed(job)) => (job, StoreError::Closed),
+                    Err(mpsc::error::TrySendError::Full(job)) => {
+                        let limit = limits::WRITE_QUEUE;
+                        (job, StoreError::QueueFull { limit })
+                    }
+                }
+            }
+        };
+        job.refuse(error);
+    }
+
+    async fn reader(&self) -> Result<PoolConnection<Postgres>, StoreError> {
+        self.readers.acquire().await.map_err(failed)
+    }
+}
+
+/// Trouble with the database as the daemon's callers see it.
+fn failed(error: sqlx::Error) -> StoreError {
+    let problem = match &error {
+        sqlx::Error::PoolClosed => return StoreError::Closed,
+        sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) => {
+            return StoreError::Inconsistent { problem: error.to_string() };
+        }
+        sqlx::Error::PoolTimedOut => {
+            let waited_s = limits::POSTGRES_READER_TIMEOUT.as_secs();
+            format!("it gave no connection within {waited_s} s, so it is down or overloaded")
+        }
+        sqlx::Error::Database(database) => database.message().to_owned(),
+        other => other.to_string(),
+    };
+    StoreError::Unavailable { problem }
+}
+
+#[async_trait]
+impl Store for PostgresStore {
+    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
+        studies::create(&mut *self.reader().await?, id, spec, now_ms).await
+    }
+
+    async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
+        read::study(&mut *self.reader().await?, study).await
+    }
+
+    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
+        read::studies(&mut *self.reader().await?, after, size).await
+    }
+
+    async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
+        let key = studies::delete(&mut *self.reader().await?, study).await?;
+        self.shared.deleted(key);
+        Ok(())
+    }
+
+    async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
+        if let Some(owner) = self.shared.owner(study) {
+            return Err(StoreError::Elsewhere { study: study.to_owned(), address: owner.address });
+        }
+        let (answer, claimed) = oneshot::channel();
+        self.enqueue(study, Job::Claim { study: study.to_owned(), answer });
+        let fence = claimed.await.unwrap_or(Err(StoreError::Closed))?;
+        read::load(&mut *self.reader().await?, fence).await
+    }
+
+    fn doubt(&self, study: &str) {
+        self.shared.forget_owner(study);
+    }
+
+    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
+        match Rows::of(changes) {
+            Ok(rows) => {
+                let (answer, receipt) = oneshot::channel();
+                self.enqueue(fence.study(), Job::Commit { fence: fence.clone(), rows, answer });
+                Receipt(receipt)
+            }
+            Err(error) => Receipt::refused(fence, error),
+        }
+    }
+
+    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
+        match rows::policy(policy).and_then(|policy| Ok((policy, rows::signed(models_since)?))) {
+            Ok((policy, models_since)) => {
+                let (answer, receipt) = oneshot::channel();
+                let fence = fence.clone();
+                let study = fence.study().to_owned();
+                self.enqueue(&study, Job::Policy { fence, policy, models_since, answer });
+                Receipt(receipt)
+            }
+            Err(error) => Receipt::refused(fence, error),
+        }
+    }
+
+    async fn completed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        size: u32,
+    ) -> Result<Vec<RawTrial>, StoreError> {
+        read::completed(&mut *self.reader().await?, fence, after, size).await
+    }
+
+    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
+        let Checkpoint { completion, bytes } = checkpoint;
+        let parts: Vec<&[u8]> = bytes.chunks(limits::CHECKPOINT_PART_BYTES).collect();
+        for (part, bytes) in parts.iter().enumerate() {
+            let row = rows::PartRow::of(*completion, part, parts.len(), bytes)?;
+            let (answer, saved) = oneshot::channel();
+            // One after the other, so that others' writes come in between.
+            self.enqueue(fence.study(), Job::Part { fence: fence.clone(), row, answer });
+            saved.await.unwrap_or(Err(StoreError::Closed))?;
+        }
+        Ok(())
+    }
+
+    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
+        read::trial(&mut *self.reader().await?, study, number).await
+    }
+
+    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+        read::trials(&mut *self.reader().await?, study, query).await
+    }
+
+    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
+        studies::with_due_leases(&mut *self.reader().await?, self.shared.me(), now_ms).await
+    }
+
+    async fn close(&self) {
+        let taken = self.open.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let Some(Open { queues, writers, leave, session, listener }) = taken else {
+            return;
+        };
+        // With their last senders gone the queues run dry, and the writers end.
+        drop(queues);
+        for writer in writers {
+            if let Err(error) = writer.await {
+                tracing::warn!(%error, "a writer ended badly");
+            }
+        }
+        // The session may have ended already; then there is nobody to tell.
+        let _ = leave.send(());
+        let _ = session.await;
+        drop(listener);
+        self.readers.close().await;
+    }
+}

@@ -1,0 +1,192 @@
+//! Connecting: address, settings, migrations, and an understandable answer when it fails.
+
+use std::str::FromStr as _;
+use std::time::Duration;
+
+use sqlx::migrate::{MigrateError, Migrator};
+use sqlx::postgres::{PgConnectOptions, PgConnection, PgPool, PgPoolOptions};
+use sqlx::{ConnectOptions as _, Connection as _, Executor as _};
+use tokio::time::{Instant, sleep, timeout};
+
+use super::statements as sql;
+use crate::error::OpenError;
+use crate::limits;
+
+/// The schema, from the first version to the one this program knows.
+static MIGRATIONS: Migrator = sqlx::migrate!("../../migrations/postgres");
+
+/// The oldest PostgreSQL that knows everything the statements use.
+const OLDEST_SERVER: i32 = 130_000;
+
+/// Pause between attempts to reach a server that may be starting.
+const PAUSE: Duration = Duration::from_millis(200);
+
+/// Where a database is and how to be let in. Shows no password.
+#[derive(Clone)]
+pub struct PostgresAddress {
+    options: PgConnectOptions,
+}
+
+impl PostgresAddress {
+    /// Reads `postgres://USER:PASSWORD@HOST:PORT/DATABASE`, to which the usual parameters may be added, such as
+    /// `?sslmode=verify-full`. What is not said there is taken from the environment (`PGPASSWORD`,
+    /// `PGPASSFILE`, ...) as PostgreSQL's own programs do.
+    ///
+    /// # Errors
+    /// [`OpenError::BadAddress`], which does not repeat the address: it may hold a password.
+    pub fn parse(url: &str) -> Result<Self, OpenError> {
+        let bad = |problem: &str| OpenError::BadAddress { problem: problem.to_owned() };
+        if !Self::is_one(url) {
+            return Err(bad("it does not begin with postgres://"));
+        }
+        // The parser's message could quote what it was given.
+        let options = PgConnectOptions::from_str(url).map_err(|_| bad("it is not a URL"))?;
+        if options.get_database().is_none_or(str::is_empty) {
+            return Err(bad("it names no database"));
+        }
+        Ok(Self { options: options.application_name("treewrightd").disable_statement_logging() })
+    }
+
+    /// Whether `text` is meant as an address of a database rather than as the path of a file.
+    #[must_use]
+    pub fn is_one(text: &str) -> bool {
+        text.starts_with("postgres://") || text.starts_with("postgresql://")
+    }
+
+    /// Sets the password.
+    #[must_use]
+    pub fn password(self, password: &str) -> Self {
+        Self { options: self.options.password(password) }
+    }
+
+    /// The same in other words: user, host, port and database.
+    #[must_use]
+    pub fn shown(&self) -> String {
+        let options = &self.options;
+        let host = match options.get_socket() {
+            Some(socket) => socket.display().to_string(),
+            None => options.get_host().to_owned(),
+        };
+        let database = options.get_database().unwrap_or_default();
+        format!("postgres://{}@{host}:{}/{database}", options.get_username(), options.get_port())
+    }
+
+    pub(super) fn options(&self) -> &PgConnectOptions {
+        &self.options
+    }
+
+    /// A connection of one's own, ready for use.
+    pub(super) async fn connect(&self) -> Result<PgConnection, sqlx::Error> {
+        let connecting = async {
+            let mut connection = PgConnection::connect_with(&self.options).await?;
+            connection.execute(sql::SETTINGS).await?;
+            Ok(connection)
+        };
+        timeout(limits::POSTGRES_CONNECT_TIMEOUT, connecting).await.unwrap_or_else(|_| Err(silent()))
+    }
+
+    /// Connections for questions. None is made yet.
+    pub(super) fn pool(&self) -> PgPool {
+        PgPoolOptions::new()
+            .max_connections(limits::READERS)
+            .acquire_timeout(limits::POSTGRES_READER_TIMEOUT)
+            .after_connect(|connection, _| {
+                Box::pin(async move { connection.execute(sql::SETTINGS).await.map(|_| ()) })
+            })
+            .connect_lazy_with(self.options.clone())
+    }
+}
+
+impl std::fmt::Debug for PostgresAddress {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(&self.shown())
+    }
+}
+
+/// The error for a server that takes a connection and then says nothing.
+pub(super) fn silent() -> sqlx::Error {
+    sqlx::Error::Io(std::io::Error::new(std::io::ErrorKind::TimedOut, "the server does not answer"))
+}
+
+/// Connects and brings the schema up to date, waiting up to `patience` for a server that is not there yet.
+pub(super) async fn open(address: &PostgresAddress, patience: Duration) -> Result<PgConnection, OpenError> {
+    let until = Instant::now() + patience;
+    let mut said = false;
+    loop {
+        match prepare(address).await {
+            Err(error @ OpenError::Unreachable { .. }) if Instant::now() + PAUSE < until => {
+                if !said {
+                    tracing::warn!(%error, wait_s = patience.as_secs(), "waiting for the database");
+                    said = true;
+                }
+                sleep(PAUSE).await;
+            }
+            result => return result,
+        }
+    }
+}
+
+async fn prepare(address: &PostgresAddress) -> Result<PgConnection, OpenError> {
+    let server = address.shown();
+    let explained = |error: sqlx::Error| explain(&server, &error);
+    let unfit = |problem: String| OpenError::Unfit { server: server.clone(), problem };
+    let mut connection = address.connect().await.map_err(explained)?;
+    let (version, fsync): (i32, String) =
+        sqlx::query_as(sql::SERVER).fetch_one(&mut connection).await.map_err(explained)?;
+    if version < OLDEST_SERVER {
+        let (found, oldest) = (version / 10_000, OLDEST_SERVER / 10_000);
+        return Err(unfit(format!("the server is PostgreSQL {found}; use {oldest} or newer")));
+    }
+    if fsync != "on" {
+        tracing::warn!(database = %server, "fsync is off: a crash of the server can lose what was acknowledged");
+    }
+    let foreign: Option<bool> =
+        sqlx::query_scalar(sql::FOREIGN).fetch_one(&mut connection).await.map_err(explained)?;
+    if foreign == Some(true) {
+        return Err(unfit("it holds the tables of another program; name a database of its own".to_owned()));
+    }
+    MIGRATIONS.run(&mut connection).await.map_err(|error| match error {
+        MigrateError::VersionMissing(version) => unfit(format!(
+            "it was written by a newer treewrightd (schema version {version}, this one knows {}); upgrade this program",
+            MIGRATIONS.iter().map(|m| m.version).max().unwrap_or(0)
+        )),
+        MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => explained(error),
+        other => unfit(format!("its tables are not ours or have been altered ({other}); name another database or restore a backup")),
+    })?;
+    Ok(connection)
+}
+
+/// Translates SQLSTATE classes; see the appendix "PostgreSQL Error Codes" of its manual.
+fn explain(server: &str, error: &sqlx::Error) -> OpenError {
+    let server = server.to_owned();
+    let Some(database) = error.as_database_error() else {
+        return OpenError::Unreachable { server, problem: error.to_string() };
+    };
+    let problem = database.message().to_owned();
+    match database.code().as_deref() {
+        // Starting up or shutting down; too many connections.
+        Some("57P01" | "57P02" | "57P03" | "53300") => OpenError::Unreachable { server, problem },
+        _ => OpenError::Refused { server, problem },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_shown_without_their_password() {
+        let address = PostgresAddress::parse("postgres://anna:geheim@db:5433/farm").unwrap();
+        assert_eq!(address.shown(), "postgres://anna@db:5433/farm");
+        assert_eq!(format!("{address:?}"), "postgres://anna@db:5433/farm");
+        assert!(!format!("{:?}", address.password("anders")).contains("anders"));
+    }
+
+    #[test]
+    fn bad_addresses_are_not_repeated() {
+        for bad in ["postgres://u:geheim@host:port/x", "postgres://u:geheim@host", "mysql://u:geheim@h/d"] {
+            let error = PostgresAddress::parse(bad).unwrap_err().to_string();
+            assert!(!error.contains("geheim") && error.contains("postgres://USER@HOST"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! What the parts of a PostgreSQL store know in common: who it is, which studies it holds, and which it
+//! knows others to hold.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicI32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use super::open::PostgresAddress;
+use crate::fence::Fence;
+use crate::limits;
+
+/// Shared by the store, its writers, its session and its listener.
+pub(super) struct Shared {
+    pub(super) database: PostgresAddress,
+    /// Where other replicas reach this one.
+    pub(super) advertised: String,
+    me: AtomicI32,
+    fences: Mutex<HashMap<i64, Fence>>,
+    owners: Mutex<HashMap<String, Owner>>,
+}
+
+/// Another replica that holds a study.
+#[derive(Clone, Debug)]
+pub(super) struct Owner {
+    pub(super) key: i64,
+    pub(super) replica: i32,
+    pub(super) address: String,
+    pub(super) seen: Instant,
+}
+
+/// A panic under one of these locks leaves whole entries behind.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Shared {
+    pub(super) fn new(database: PostgresAddress, advertised: String, me: i32) -> Self {
+        Self {
+            database,
+            advertised,
+            me: AtomicI32::new(me),
+            fences: Mutex::default(),
+            owners: Mutex::default(),
+        }
+    }
+
+    /// The id under which this replica is registered.
+    pub(super) fn me(&self) -> i32 {
+        self.me.load(Ordering::Acquire)
+    }
+
+    /// Goes on under another id. The studies held under the old one are no longer this replica's.
+    pub(super) fn become_replica(&self, me: i32) {
+        self.me.store(me, Ordering::Release);
+        for (_, fence) in lock(&self.fences).drain() {
+            fence.break_up();
+        }
+    }
+
+    /// Puts a new fence in force and breaks the earlier one of the study.
+    pub(super) fn hold(&self, fence: Fence) {
+        lock(&self.owners).remove(fence.study());
+        if let Some(earlier) = lock(&self.fences).insert(fence.key(), fence) {
+            earlier.break_up();
+        }
+    }
+
+    /// Another load raised the study's epoch: what was loaded before is no longer current.
+    pub(super) fn claimed(&self, key: i64, epoch: i64) {
+        let mut fences = lock(&self.fences);
+        if fences.get(&key).is_some_and(|fence| fence.epoch() < epoch)
+            && let Some(fence) = fences.remove(&key)
+        {
+            fence.break_up();
+        }
+        drop(fences);
+        self.forget_owners(|owner| owner.key == key);
+    }
+
+    /// The study is gone.
+    pub(super) fn deleted(&self, key: i64) {
+        if let Some(fence) = lock(&self.fences).remove(&key) {
+            fence.break_up();
+        }
+        self.forget_owners(|owner| owner.key == key);
+    }
+
+    /// Who is known to hold the study, where that is fresh enough to be believed.
+    pub(super) fn owner(&self, study: &str) -> Option<Owner> {
+        lock(&self.owners).get(study).filter(|owner| owner.seen.elapsed() < limits::OWNER_REMEMBERED).cloned()
+    }
+
+    /// Remembers who holds a study.
+    pub(super) fn remember_owner(&self, study: &str, owner: Owner) {
+        let mut owners = lock(&self.owners);
+        if owners.len() >= limits::OWNERS_REMEMBERED {
+            owners.clear();
+        }
+        owners.insert(study.to_owned(), owner);
+    }
+
+    /// Forgets who holds one study.
+    pub(super) fn forget_owner(&self, study: &str) {
+        lock(&self.owners).remove(study);
+    }
+
+    /// Forgets owners.
+    pub(super) fn forget_owners(&self, which: impl Fn(&Owner) -> bool) {
+        lock(&self.owners).retain(|_, owner| !which(owner));
+    }
+}

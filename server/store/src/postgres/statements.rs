@@ -1,0 +1,258 @@
+//! The fixed SQL for PostgreSQL.
+//!
+//! A replica lives while it renews its heartbeat and holds the advisory lock of its id; who asks takes the
+//! shared lock for a moment, so that several may ask at once. `$lapse` below is in seconds.
+
+/// First key of every advisory lock of ours ("TWrt"); the second is the replica's id.
+macro_rules! lock_class {
+    () => {
+        "1415017076"
+    };
+}
+
+/// Whether the replica `r` lives; false without one. `$lapse` is the parameter with the seconds after which
+/// a silent one is dead.
+macro_rules! lives {
+    ($lapse:literal) => {
+        concat!(
+            "(r.id IS NOT NULL AND r.heartbeat > clock_timestamp() - ",
+            $lapse,
+            " * interval '1 second' AND NOT pg_try_advisory_xact_lock_shared(",
+            lock_class!(),
+            ", r.id))"
+        )
+    };
+}
+
+/// The channel on which replicas tell each other who takes, leaves and deletes what.
+macro_rules! channel {
+    () => {
+        "treewright"
+    };
+}
+
+pub(super) const CHANNEL: &str = channel!();
+
+// Opening.
+
+pub(super) const SETTINGS: &str = "SET synchronous_commit = on; SET timezone = 'UTC'";
+
+pub(super) const SERVER: &str =
+    "SELECT current_setting('server_version_num')::integer, current_setting('fsync')";
+
+/// Whether there are tables here, and whether they are ours.
+pub(super) const FOREIGN: &str = "SELECT count(*) > 0 AND bool_and(c.relname <> '_sqlx_migrations') \
+     FROM pg_class c JOIN pg_namespace n ON n.oid = c.relnamespace \
+     WHERE n.nspname = current_schema() AND c.relkind IN ('r', 'p')";
+
+// Replicas.
+
+pub(super) const REPLICA_INSERT: &str = "INSERT INTO replicas (address) VALUES ($1) RETURNING id";
+
+pub(super) const REPLICA_LOCK: &str = concat!("SELECT pg_try_advisory_lock(", lock_class!(), ", $1)");
+
+pub(super) const REPLICA_BEAT: &str = "UPDATE replicas SET heartbeat = clock_timestamp() WHERE id = $1";
+
+/// Leaves every study of the replica without an owner.
+pub(super) const REPLICA_DELETE: &str = concat!(
+    "WITH gone AS (DELETE FROM replicas WHERE id = $1 RETURNING id) ",
+    "SELECT id FROM gone, LATERAL pg_notify('",
+    channel!(),
+    "', 'left ' || id)"
+);
+
+/// Clears away the rows of replicas that have been silent for long; each is taken by one of those who clean.
+pub(super) const REPLICAS_REAP: &str = "DELETE FROM replicas WHERE id IN (SELECT r.id FROM replicas r \
+     WHERE r.id <> $1 AND r.heartbeat < clock_timestamp() - $2 * interval '1 second' \
+     FOR UPDATE SKIP LOCKED)";
+
+// Studies.
+
+pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1";
+
+pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies WHERE name IS NOT NULL";
+
+pub(super) const STUDY_INSERT: &str = "INSERT INTO studies (name, specification, policy, create_ms) \
+     VALUES ($1, $2::json, $3::json, $4) ON CONFLICT (name) DO NOTHING";
+
+/// Takes the name from the study, which nobody finds any more, and raises its epoch, so that nobody stores.
+pub(super) const STUDY_DELETE: &str = concat!(
+    "WITH gone AS (UPDATE studies SET name = NULL, owner = NULL, epoch = epoch + 1 ",
+    "WHERE name = $1 RETURNING id) SELECT id FROM gone, LATERAL pg_notify('",
+    channel!(),
+    "', 'deleted ' || id)"
+);
+
+/// Who holds the study: its key, epoch, owner, and the owner's address while it lives.
+pub(super) const STUDY_OWNER: &str = concat!(
+    "SELECT s.id, s.epoch, s.owner, CASE WHEN ",
+    lives!("$2"),
+    " THEN r.address END AS address FROM studies s LEFT JOIN replicas r ON r.id = s.owner WHERE s.name = $1"
+);
+
+/// Takes the study, unless somebody else took it since it was looked at.
+pub(super) const STUDY_CLAIM: &str = concat!(
+    "WITH claimed AS (UPDATE studies SET owner = $3, epoch = epoch + 1 ",
+    "WHERE id = $1 AND epoch = $2 AND name IS NOT NULL RETURNING id, epoch) ",
+    "SELECT epoch FROM claimed, LATERAL pg_notify('",
+    channel!(),
+    "', 'claimed ' || id || ' ' || epoch)"
+);
+
+pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $3::json, models_since = $4 \
+     WHERE id = $1 AND epoch = $2 AND name IS NOT NULL";
+
+/// A study with its counts. Trial numbers, state ids and completions rise by one from 1, so that the
+/// highest is the count; each is one look at the end of an index.
+macro_rules! study_select {
+    ($rest:literal) => {
+        concat!(
+            "SELECT name, specification::text, policy::text, create_ms, models_since, ",
+            "(SELECT coalesce(max(s.id), 0) FROM states s WHERE s.study = studies.id) AS states, ",
+            "(SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id) AS trials, ",
+            "(SELECT coalesce(max(t.completion), 0) FROM trials t WHERE t.study = studies.id ",
+            "AND t.completion IS NOT NULL) AS completed_trials, ",
+            "(SELECT count(*) FROM trials t WHERE t.study = studies.id AND t.state = 'OPEN') ",
+            "AS open_trials FROM studies ",
+            $rest
+        )
+    };
+}
+
+pub(super) const STUDY_BY_NAME: &str = study_select!("WHERE name = $1");
+
+pub(super) const STUDY_BY_KEY: &str = study_select!("WHERE id = $1 AND name IS NOT NULL");
+
+pub(super) const STUDY_PAGE: &str = study_select!("WHERE name > $1 ORDER BY name LIMIT $2");
+
+// Reading.
+
+pub(super) const STATES_OF_STUDY: &str = "SELECT id, indicators::text, NULL::text AS search, search AS search_packed \
+     FROM states WHERE study = $1 ORDER BY id";
+
+pub(super) const VISITS_OF_STUDY: &str = "SELECT client_id, state_id, number, decision::text, \
+     weighed::text, account::text FROM visits WHERE study = $1 ORDER BY client_id";
+
+macro_rules! trial_columns {
+    () => {
+        "number, client_id, state_id, mode, state, outcome, outcome_reason, outcome_lower_bound, cost, \
+         predicted_cost, late, create_ms, lease_expire_ms, complete_ms, completion, configuration::text, \
+         indicators::text, measurements::text, reason::text, fingerprint::text"
+    };
+}
+
+/// The columns that a [`TrialRow`](crate::rows::TrialRow) reads.
+pub(super) const TRIAL_COLUMNS: &str = trial_columns!();
+
+pub(super) const TRIAL_BY_NUMBER: &str =
+    concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND number = $2");
+
+pub(super) const OPEN_TRIALS: &str =
+    concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND state = 'OPEN' ORDER BY number");
+
+pub(super) const COMPLETED_TRIALS: &str = concat!(
+    "SELECT ",
+    trial_columns!(),
+    " FROM trials WHERE study = $1 AND completion IS NOT NULL AND completion > $2 ORDER BY completion LIMIT $3"
+);
+
+/// The latest checkpoint that has all its parts.
+pub(super) const CHECKPOINT: &str = "SELECT completion FROM checkpoints WHERE study = $1 \
+     GROUP BY completion HAVING count(*) = max(parts) AND max(parts) = min(parts) \
+     ORDER BY completion DESC LIMIT 1";
+
+pub(super) const CHECKPOINT_PARTS: &str =
+    "SELECT bytes FROM checkpoints WHERE study = $1 AND completion = $2 ORDER BY part";
+
+// Background work that replicas share: a row that one works on is passed over by the others.
+
+/// The studies with leases that ended before `$1`: those of replica `$2`, and those of nobody alive, which
+/// it takes over.
+pub(super) const STUDIES_WITH_DUE_LEASES: &str = concat!(
+    "WITH orphans AS (SELECT s.id FROM studies s LEFT JOIN replicas r ON r.id = s.owner ",
+    "WHERE s.name IS NOT NULL AND s.owner IS DISTINCT FROM $2 AND EXISTS (SELECT 1 FROM trials t ",
+    "WHERE t.study = s.id AND t.state = 'OPEN' AND t.lease_expire_ms < $1) AND NOT ",
+    lives!("$3"),
+    " ORDER BY s.id LIMIT $4 FOR NO KEY UPDATE OF s SKIP LOCKED), ",
+    "adopted AS (UPDATE studies s SET owner = $2 FROM orphans WHERE s.id = orphans.id RETURNING s.name) ",
+    "SELECT name FROM adopted UNION ALL (SELECT s.name FROM studies s WHERE s.owner = $2 ",
+    "AND s.name IS NOT NULL AND EXISTS (SELECT 1 FROM trials t WHERE t.study = s.id ",
+    "AND t.state = 'OPEN' AND t.lease_expire_ms < $1) LIMIT $4) ORDER BY name"
+);
+
+/// Locks a deleted study, so that one replica at a time takes its rows away.
+pub(super) const DELETED_STUDY: &str =
+    "SELECT id FROM studies WHERE name IS NULL ORDER BY id LIMIT 1 FOR UPDATE SKIP LOCKED";
+
+pub(super) const REAP_TRIALS: &str = "DELETE FROM trials WHERE study = $1 AND number IN \
+     (SELECT number FROM trials WHERE study = $1 ORDER BY number LIMIT $2)";
+
+pub(super) const REAP_VISITS: &str = "DELETE FROM visits WHERE study = $1";
+
+pub(super) const REAP_STATES: &str = "DELETE FROM states WHERE study = $1";
+
+pub(super) const REAP_CHECKPOINTS: &str = "DELETE FROM checkpoints WHERE study = $1";
+
+pub(super) const REAP_STUDY: &str = "DELETE FROM studies WHERE id = $1";
+
+// Writing.
+
+/// Saves a part of a checkpoint, if the study's epoch still holds.
+pub(super) const PART_UPSERT: &str = "WITH held AS (SELECT id FROM studies \
+     WHERE id = $1 AND epoch = $2 AND name IS NOT NULL FOR NO KEY UPDATE) \
+     INSERT INTO checkpoints (study, completion, part, parts, bytes) SELECT id, $3, $4, $5, $6 FROM held \
+     ON CONFLICT (study, completion, part) DO UPDATE SET parts = excluded.parts, bytes = excluded.bytes";
+
+/// Also what an earlier attempt at the same one left, should that have had more parts.
+pub(super) const OTHER_CHECKPOINTS_DELETE: &str =
+    "DELETE FROM checkpoints WHERE study = $1 AND (completion <> $2 OR part >= $3)";
+
+/// Stores a batch in one statement, and so in one transaction and one round trip.
+///
+/// `held` locks the studies whose epoch is still the writer's, in the order of their keys, so that two
+/// replicas cannot wait for each other; a replica that takes a study meanwhile waits for this lock, and one
+/// that took it before has raised the epoch. Only rows of held studies are stored, and the answer says which
+/// these are. What was handed out stays; only the lease and the report can still change.
+pub(super) const BATCH: &str = "\
+WITH held AS MATERIALIZED (
+    SELECT s.id FROM studies s
+    JOIN unnest($1::bigint[], $2::bigint[]) AS f (study, epoch) ON s.id = f.study AND s.epoch = f.epoch
+    WHERE s.name IS NOT NULL ORDER BY s.id FOR NO KEY UPDATE OF s
+), stored_states AS (
+    INSERT INTO states (study, id, indicators, search)
+    SELECT r.study, r.id, r.indicators::json, r.search
+    FROM unnest($3::bigint[], $4::bigint[], $5::text[], $6::bytea[]) AS r (study, id, indicators, search)
+    WHERE r.study IN (SELECT id FROM held)
+    ON CONFLICT (study, id) DO UPDATE SET search = excluded.search
+), stored_visits AS (
+    INSERT INTO visits (study, client_id, state_id, number, decision, weighed, account)
+    SELECT r.study, r.client_id, r.state_id, r.number, r.decision::json, r.weighed::json, r.account::json
+    FROM unnest($7::bigint[], $8::text[], $9::bigint[], $10::bigint[], $11::text[], $12::text[],
+        $13::text[]) AS r (study, client_id, state_id, number, decision, weighed, account)
+    WHERE r.study IN (SELECT id FROM held)
+    ON CONFLICT (study, client_id) DO UPDATE SET state_id = excluded.state_id,
+        number = excluded.number, decision = excluded.decision, weighed = excluded.weighed,
+        account = excluded.account
+), stored_trials AS (
+    INSERT INTO trials (study, number, client_id, state_id, mode, state, outcome, outcome_reason,
+        outcome_lower_bound, cost, predicted_cost, late, create_ms, lease_expire_ms, complete_ms,
+        completion, configuration, indicators, measurements, reason, fingerprint)
+    SELECT r.study, r.number, r.client_id, r.state_id, r.mode, r.state, r.outcome, r.outcome_reason,
+        r.outcome_lower_bound, r.cost, r.predicted_cost, r.late, r.create_ms, r.lease_expire_ms,
+        r.complete_ms, r.completion, r.configuration::json, r.indicators::json, r.measurements::json,
+        r.reason::json, r.fingerprint::json
+    FROM unnest($14::bigint[], $15::bigint[], $16::text[], $17::bigint[], $18::text[], $19::text[],
+        $20::text[], $21::text[], $22::float8[], $23::float8[], $24::float8[], $25::boolean[],
+        $26::bigint[], $27::bigint[], $28::bigint[], $29::bigint[], $30::text[], $31::text[],
+        $32::text[], $33::text[], $34::text[]) AS r (study, number, client_id, state_id, mode, state,
+        outcome, outcome_reason, outcome_lower_bound, cost, predicted_cost, late, create_ms,
+        lease_expire_ms, complete_ms, completion, configuration, indicators, measurements, reason,
+        fingerprint)
+    WHERE r.study IN (SELECT id FROM held)
+    ON CONFLICT (study, number) DO UPDATE SET state = excluded.state, outcome = excluded.outcome,
+        outcome_reason = excluded.outcome_reason, outcome_lower_bound = excluded.outcome_lower_bound,
+        cost = excluded.cost, late = excluded.late, lease_expire_ms = excluded.lease_expire_ms,
+        complete_ms = excluded.complete_ms, completion = excluded.completion,
+        measurements = excluded.measurements
+)
+SELECT id FROM held";

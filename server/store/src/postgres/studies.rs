@@ -1,0 +1,94 @@
+//! What concerns a whole study: creating it, deleting it, and sweeping what is due in any of them.
+
+use sqlx::postgres::PgConnection;
+use treewright_core::study::StudySpec;
+
+use super::{failed, read, statements as sql};
+use crate::assembly::study_not_found;
+use crate::error::StoreError;
+use crate::limits;
+use crate::rows;
+use crate::store::Created;
+
+/// Creates a study, or finds an equal one. Two replicas may try at once: one of them creates it, and both
+/// compare what is there then.
+pub(super) async fn create(
+    connection: &mut PgConnection,
+    id: &str,
+    spec: &StudySpec,
+    now_ms: i64,
+) -> Result<Created, StoreError> {
+    let mut is_new = false;
+    let stored = match read::study(&mut *connection, id).await {
+        Err(StoreError::StudyNotFound { .. }) => {
+            let count: i64 =
+                sqlx::query_scalar(sql::STUDY_COUNT).fetch_one(&mut *connection).await.map_err(failed)?;
+            if count >= i64::from(limits::STUDIES) {
+                return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
+            }
+            let (specification, policy) = rows::specification(spec)?;
+            let inserted = sqlx::query(sql::STUDY_INSERT)
+                .bind(id)
+                .bind(specification)
+                .bind(policy)
+                .bind(now_ms)
+                .execute(&mut *connection)
+                .await
+                .map_err(failed)?;
+            is_new = inserted.rows_affected() == 1;
+            read::study(connection, id).await?
+        }
+        found => found?,
+    };
+    match stored.spec.first_difference(spec) {
+        None => Ok(Created { study: stored, is_new }),
+        Some(difference) => Err(StoreError::StudyExists { study: id.to_owned(), difference }),
+    }
+}
+
+/// Makes a study unfindable, and returns its key. [`reap`] takes its rows away.
+pub(super) async fn delete(connection: &mut PgConnection, study: &str) -> Result<i64, StoreError> {
+    sqlx::query_scalar(sql::STUDY_DELETE)
+        .bind(study)
+        .fetch_optional(connection)
+        .await
+        .map_err(failed)?
+        .ok_or_else(|| study_not_found(study))
+}
+
+/// Takes away a piece of a deleted study that no other replica works on; false when there is none.
+pub(super) async fn reap(connection: &mut PgConnection) -> Result<bool, sqlx::Error> {
+    let mut transaction = sqlx::Connection::begin(connection).await?;
+    let found: Option<i64> = sqlx::query_scalar(sql::DELETED_STUDY).fetch_optional(&mut *transaction).await?;
+    let Some(study) = found else {
+        return Ok(false);
+    };
+    let trials = sqlx::query(sql::REAP_TRIALS)
+        .bind(study)
+        .bind(i64::from(limits::REAPED_ROWS))
+        .execute(&mut *transaction)
+        .await?;
+    if trials.rows_affected() < u64::from(limits::REAPED_ROWS) {
+        for statement in [sql::REAP_VISITS, sql::REAP_STATES, sql::REAP_CHECKPOINTS, sql::REAP_STUDY] {
+            sqlx::query(statement).bind(study).execute(&mut *transaction).await?;
+        }
+    }
+    transaction.commit().await?;
+    Ok(true)
+}
+
+/// The studies of replica `me` with leases that have run out, and those of nobody alive, which become its.
+pub(super) async fn with_due_leases(
+    connection: &mut PgConnection,
+    me: i32,
+    now_ms: i64,
+) -> Result<Vec<String>, StoreError> {
+    sqlx::query_scalar(sql::STUDIES_WITH_DUE_LEASES)
+        .bind(now_ms)
+        .bind(me)
+        .bind(limits::REPLICA_LAPSE.as_secs_f64())
+        .bind(i64::from(limits::SWEEP_STUDIES))
+        .fetch_all(connection)
+        .await
+        .map_err(failed)
+}

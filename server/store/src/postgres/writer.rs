@@ -1,0 +1,324 @@
+//! A writer: a task with a connection of its own that stores waiting commits together.
+//!
+//! The commits that have gathered while the last statement was being made durable share the next one
+//! ("group commit"; DeWitt et al., "Implementation techniques for main memory database systems", 1984). Each
+//! caller is answered after PostgreSQL has said that it is done. A study always goes by the same writer, so
+//! that its writes keep their order.
+
+use std::collections::{HashSet, VecDeque};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use sqlx::Postgres;
+use sqlx::postgres::{PgArguments, PgConnection};
+use sqlx::query::Query;
+use tokio::sync::{mpsc, oneshot};
+use tokio::time::timeout;
+
+use super::batch::Batch;
+use super::open::silent;
+use super::shared::Shared;
+use super::{claim, failed, statements as sql};
+use crate::error::StoreError;
+use crate::fence::Fence;
+use crate::limits;
+use crate::rows::{PartRow, Rows, inconsistent};
+
+/// For so long after the database could not be reached, writes are refused without another try.
+const FAIL_FAST: Duration = Duration::from_millis(100);
+
+/// How often a statement is tried that the database broke off for the sake of another.
+const TRIES: usize = 4;
+
+type Statement<'q> = Query<'q, Postgres, PgArguments>;
+
+/// A write and where its answer goes.
+pub(super) enum Job {
+    Commit {
+        fence: Fence,
+        rows: Rows,
+        answer: oneshot::Sender<Result<(), StoreError>>,
+    },
+    Policy {
+        fence: Fence,
+        policy: String,
+        models_since: i64,
+        answer: oneshot::Sender<Result<(), StoreError>>,
+    },
+    /// A part of a checkpoint. Its failure breaks no fence.
+    Part {
+        fence: Fence,
+        row: PartRow,
+        answer: oneshot::Sender<Result<(), StoreError>>,
+    },
+    Claim {
+        study: String,
+        answer: oneshot::Sender<Result<Fence, StoreError>>,
+    },
+}
+
+impl Job {
+    /// What the caller computed is lost, so nothing computed on top of it may be stored. A caller that has
+    /// left is no reason for anything.
+    pub(super) fn refuse(self, error: StoreError) {
+        match self {
+            Self::Commit { fence, answer, .. } | Self::Policy { fence, answer, .. } => {
+                fence.break_up();
+                tracing::warn!(study = fence.study(), %error, "a change was not stored");
+                drop(answer.send(Err(error)));
+            }
+            Self::Part { answer, .. } => drop(answer.send(Err(error))),
+            Self::Claim { answer, .. } => drop(answer.send(Err(error))),
+        }
+    }
+
+    fn stored(self) {
+        if let Self::Commit { answer, .. } | Self::Policy { answer, .. } | Self::Part { answer, .. } = self {
+            drop(answer.send(Ok(())));
+        }
+    }
+}
+
+/// What came of a batch.
+enum Fate {
+    /// The studies whose epoch still holds; what belongs to these is stored.
+    Held(HashSet<i64>),
+    /// One of the rows breaks a rule; nothing is stored.
+    Broken(StoreError),
+    /// The database could not do it; nothing is known to be stored.
+    Failed(StoreError),
+}
+
+/// Writes until the queue is closed and empty.
+pub(super) async fn run(shared: Arc<Shared>, mut queue: mpsc::Receiver<Job>) {
+    let mut writer = Writer { shared, connection: None, failure: None };
+    while let Some(first) = queue.recv().await {
+        let mut group = VecDeque::from([first]);
+        while group.len() < limits::WRITE_GROUP
+            && let Ok(job) = queue.try_recv()
+        {
+            group.push_back(job);
+        }
+        writer.write(group).await;
+    }
+}
+
+struct Writer {
+    shared: Arc<Shared>,
+    connection: Option<PgConnection>,
+    /// The last failure to connect.
+    failure: Option<(Instant, StoreError)>,
+}
+
+impl Writer {
+    async fn write(&mut self, mut group: VecDeque<Job>) {
+        loop {
+            let together = leading_commits(&group);
+            if together > 0 {
+                let jobs = group.drain(..together).collect();
+                self.store(jobs).await;
+                continue;
+            }
+            match group.pop_front() {
+                None => return,
+                Some(Job::Claim { study, answer }) => {
+                    // Nobody listens any more when the caller has left; the claim is then one for nothing.
+                    drop(answer.send(self.claim(&study).await));
+                }
+                Some(job) => match self.alone(&job).await {
+                    Ok(()) => job.stored(),
+                    Err(error) => job.refuse(error),
+                },
+            }
+        }
+    }
+
+    /// Stores commits that fit into one statement; where that breaks a rule, each in its own.
+    async fn store(&mut self, jobs: Vec<Job>) {
+        match self.batch(&jobs).await {
+            Fate::Held(held) => {
+                tracing::trace!(writes = jobs.len(), "stored");
+                for job in jobs {
+                    match &job {
+                        Job::Commit { fence, .. } if !held.contains(&fence.key()) => {
+                            let error = StoreError::Fenced { study: fence.study().to_owned() };
+                            job.refuse(error);
+                        }
+                        _ => job.stored(),
+                    }
+                }
+            }
+            Fate::Broken(error) if jobs.len() == 1 => {
+                for job in jobs {
+                    job.refuse(error.clone());
+                }
+            }
+            Fate::Broken(_) => {
+                for job in jobs {
+                    let Job::Commit { fence, .. } = &job else { continue };
+                    match fence.check() {
+                        Ok(()) => Box::pin(self.store(vec![job])).await,
+                        Err(error) => job.refuse(error),
+                    }
+                }
+            }
+            Fate::Failed(error) => {
+                for job in jobs {
+                    job.refuse(error.clone());
+                }
+            }
+        }
+    }
+
+    async fn batch(&mut self, jobs: &[Job]) -> Fate {
+        let mut batch = Batch::default();
+        for job in jobs {
+            if let Job::Commit { fence, rows, .. } = job {
+                batch.add(fence, rows);
+            }
+        }
+        if batch.is_empty() {
+            // They only wait for the writes before them.
+            return Fate::Held(batch.studies());
+        }
+        for _ in 0..TRIES {
+            let connection = match self.connection().await {
+                Ok(connection) => connection,
+                Err(error) => return Fate::Failed(error),
+            };
+            let storing = timeout(limits::POSTGRES_WRITE_TIMEOUT, batch.store(connection));
+            let error = match storing.await.unwrap_or_else(|_| Err(silent())) {
+                Ok(held) => return Fate::Held(held),
+                Err(error) => error,
+            };
+            let (class, problem) = match error.as_database_error() {
+                Some(database) => (class(database), database.message().to_owned()),
+                None => (Class::Gone, error.to_string()),
+            };
+            match class {
+                // A deadlock with another replica, or the like: it was rolled back.
+                Class::Again => {}
+                Class::Rule => return Fate::Broken(inconsistent(problem)),
+                Class::Refusal => return Fate::Failed(StoreError::Unavailable { problem }),
+                Class::Gone => {
+                    self.connection = None;
+                    return Fate::Failed(StoreError::Unavailable { problem });
+                }
+            }
+        }
+        let problem = "it broke the write off again and again for the sake of others".to_owned();
+        Fate::Failed(StoreError::Unavailable { problem })
+    }
+
+    async fn claim(&mut self, study: &str) -> Result<Fence, StoreError> {
+        let shared = Arc::clone(&self.shared);
+        let connection = self.connection().await?;
+        let claiming = timeout(limits::POSTGRES_WRITE_TIMEOUT, claim::claim(connection, &shared, study));
+        let claimed = claiming.await.unwrap_or_else(|_| Err(failed(silent())));
+        self.keep_connection_after(&claimed);
+        claimed
+    }
+
+    /// A write that shares no statement: a policy, a part of a checkpoint, or a commit under a broken fence, which is refused.
+    async fn alone(&mut self, job: &Job) -> Result<(), StoreError> {
+        match job {
+            Job::Policy { fence, policy, models_since, .. } => {
+                fence.check()?;
+                let query = sqlx::query(sql::POLICY_UPDATE);
+                let query = query.bind(fence.key()).bind(fence.epoch()).bind(policy).bind(models_since);
+                self.execute_held(fence, query).await
+            }
+            Job::Part { fence, row, .. } => {
+                fence.check()?;
+                let query = sqlx::query(sql::PART_UPSERT).bind(fence.key()).bind(fence.epoch());
+                let query = query.bind(row.completion).bind(row.part).bind(row.parts).bind(&row.bytes);
+                self.execute_held(fence, query).await?;
+                if row.part + 1 < row.parts {
+                    return Ok(());
+                }
+                // Earlier checkpoints go, and what a crash left of others.
+                let query = sqlx::query(sql::OTHER_CHECKPOINTS_DELETE).bind(fence.key());
+                self.execute(query.bind(row.completion).bind(row.parts)).await.map(|_| ())
+            }
+            Job::Commit { fence, .. } => fence.check(),
+            Job::Claim { .. } => Ok(()),
+        }
+    }
+
+    /// Executes a statement that changes nothing where the study's epoch no longer holds.
+    async fn execute_held(&mut self, fence: &Fence, query: Statement<'_>) -> Result<(), StoreError> {
+        match self.execute(query).await? {
+            0 => Err(StoreError::Fenced { study: fence.study().to_owned() }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Executes a statement and counts the rows it changed.
+    async fn execute(&mut self, query: Statement<'_>) -> Result<u64, StoreError> {
+        let connection = self.connection().await?;
+        let done = timeout(limits::POSTGRES_WRITE_TIMEOUT, query.execute(connection)).await;
+        let done = done.unwrap_or_else(|_| Err(silent())).map_err(failed);
+        self.keep_connection_after(&done);
+        Ok(done?.rows_affected())
+    }
+
+    /// A connection after trouble is not used again: what it has sent and not read is unknown.
+    fn keep_connection_after<T>(&mut self, result: &Result<T, StoreError>) {
+        if matches!(result, Err(StoreError::Unavailable { .. })) {
+            self.connection = None;
+        }
+    }
+
+    async fn connection(&mut self) -> Result<&mut PgConnection, StoreError> {
+        if self.connection.is_none() {
+            if let Some((_, error)) = self.failure.as_ref().filter(|(at, _)| at.elapsed() < FAIL_FAST) {
+                return Err(error.clone());
+            }
+            match self.shared.database.connect().await {
+                Ok(connection) => {
+                    self.failure = None;
+                    self.connection = Some(connection);
+                }
+                Err(error) => {
+                    let error = failed(error);
+                    self.failure = Some((Instant::now(), error.clone()));
+                    return Err(error);
+                }
+            }
+        }
+        self.connection.as_mut().ok_or(StoreError::Closed)
+    }
+}
+
+/// How many jobs at the front can share a statement.
+fn leading_commits(group: &VecDeque<Job>) -> usize {
+    let mut batch = Batch::default();
+    let mut count = 0;
+    for job in group {
+        match job {
+            Job::Commit { fence, rows, .. } if fence.holds() && batch.add(fence, rows) => count += 1,
+            _ => break,
+        }
+    }
+    count
+}
+
+/// What an error of the database means for a write.
+enum Class {
+    Again,
+    Rule,
+    Refusal,
+    Gone,
+}
+
+/// By SQLSTATE; see the appendix "PostgreSQL Error Codes" of its manual.
+fn class(error: &dyn sqlx::error::DatabaseError) -> Class {
+    let code = error.code().unwrap_or_default();
+    match (code.get(..2), &*code) {
+        (Some("40"), _) => Class::Again,
+        (Some("22" | "23"), _) => Class::Rule,
+        // The server ends, or ended this session.
+        (_, "57P01" | "57P02" | "57P03" | "57P05") => Class::Gone,
+        _ => Class::Refusal,
+    }
+}

@@ -1,0 +1,142 @@
+//! Filters, orders and cursors as SQL, whatever the database. Every value and every name is bound, never
+//! spliced into the text.
+//!
+//! What a filter means stands in [`filter`](crate::filter); here it becomes the part of a statement that
+//! all databases share, and a [`Dialect`] adds what each says in its own way: how values are bound, and
+//! how a member of a JSON document is read and compared.
+
+use crate::error::StoreError;
+use crate::filter::{Comparison, Literal, Operator, OrderKey};
+use crate::rows::signed;
+use crate::store::TrialQuery;
+use crate::words::{MODES, OUTCOMES, STATES, word};
+
+/// A statement under construction, in one database's own words.
+pub(crate) trait Dialect {
+    /// Adds fixed text.
+    fn text(&mut self, sql: &str) -> &mut Self;
+    /// Binds an integer.
+    fn integer(&mut self, value: i64) -> &mut Self;
+    /// Binds a number that is compared with a column of numbers.
+    fn real(&mut self, value: f64) -> &mut Self;
+    /// Binds text.
+    fn string(&mut self, value: &str) -> &mut Self;
+    /// Binds a truth value that is compared with a column of such.
+    fn flag(&mut self, value: bool) -> &mut Self;
+    /// The number under `name` in the JSON document `column`; NULL where there is none.
+    fn member(&mut self, column: &str, name: &str) -> &mut Self;
+    /// Binds a number that is compared with a [`member`](Self::member).
+    fn member_value(&mut self, value: f64) -> &mut Self;
+    /// Compares a parameter of the document `configuration` with a literal; false where its kind is another.
+    fn parameter(&mut self, name: &str, operator: Operator, literal: &Literal) -> &mut Self;
+}
+
+/// The question for one page, and for one row more, which tells whether another page follows.
+pub(crate) fn trial_page<D: Dialect>(
+    sql: &mut D,
+    columns: &str,
+    study: i64,
+    query: &TrialQuery,
+) -> Result<(), StoreError> {
+    sql.text("SELECT ").text(columns).text(" FROM trials WHERE study = ").integer(study);
+    for comparison in &query.filter.comparisons {
+        sql.text(" AND ");
+        push_comparison(sql, comparison);
+    }
+    let direction = if query.order.descending { " DESC" } else { "" };
+    if query.order.key == OrderKey::Number {
+        // Of its own, so that the primary key serves it.
+        if let Some(after) = &query.after {
+            let beyond = if query.order.descending { " < " } else { " > " };
+            sql.text(" AND number").text(beyond).integer(after.number);
+        }
+        sql.text(" ORDER BY number").text(direction);
+    } else {
+        if let Some(after) = &query.after {
+            push_behind(sql, query, after.value, after.number);
+        }
+        sql.text(" ORDER BY ");
+        push_key(sql, &query.order.key).text(" IS NULL, ");
+        push_key(sql, &query.order.key).text(direction).text(", number");
+    }
+    sql.text(" LIMIT ").integer(signed(u64::from(query.size) + 1)?);
+    Ok(())
+}
+
+/// The rows behind one with this value and number; those without a value come last.
+fn push_behind<D: Dialect>(sql: &mut D, query: &TrialQuery, value: Option<f64>, number: i64) {
+    let key = &query.order.key;
+    sql.text(" AND (");
+    if let Some(value) = value {
+        push_key(sql, key).text(if query.order.descending { " < " } else { " > " });
+        push_key_value(sql, key, value).text(" OR (");
+        push_key(sql, key).text(" = ");
+        push_key_value(sql, key, value).text(" AND number > ").integer(number).text(") OR ");
+        push_key(sql, key).text(" IS NULL)");
+    } else {
+        push_key(sql, key).text(" IS NULL AND number > ").integer(number).text(")");
+    }
+}
+
+/// A value of the key, read as the key is read.
+fn push_key_value<'d, D: Dialect>(sql: &'d mut D, key: &OrderKey, value: f64) -> &'d mut D {
+    match key {
+        OrderKey::Number | OrderKey::Cost => sql.real(value),
+        OrderKey::Measurement(_) => sql.member_value(value),
+    }
+}
+
+fn push_key<'d, D: Dialect>(sql: &'d mut D, key: &OrderKey) -> &'d mut D {
+    match key {
+        OrderKey::Number => sql.text("number"),
+        OrderKey::Cost => sql.text("cost"),
+        OrderKey::Measurement(name) => sql.member("measurements", name),
+    }
+}
+
+fn push_comparison<D: Dialect>(sql: &mut D, comparison: &Comparison) {
+    match comparison {
+        Comparison::State(operator, state) => {
+            push(sql, "state", *operator).string(word(STATES, *state));
+        }
+        Comparison::Mode(operator, mode) => {
+            push(sql, "mode", *operator).string(word(MODES, *mode));
+        }
+        Comparison::Outcome(operator, kind) => {
+            push(sql, "outcome", *operator).string(word(OUTCOMES, *kind));
+        }
+        Comparison::Late(operator, late) => {
+            push(sql, "late", *operator).flag(*late);
+        }
+        Comparison::ClientId(operator, text) => {
+            push(sql, "client_id", *operator).string(text);
+        }
+        Comparison::StateId(operator, id) => {
+            push(sql, "state_id", *operator).integer(*id);
+        }
+        Comparison::Number(operator, number) => {
+            push(sql, "number", *operator).integer(*number);
+        }
+        Comparison::Cost(operator, cost) => {
+            push(sql, "cost", *operator).real(*cost);
+        }
+        Comparison::Measurement(name, operator, value) => {
+            push_operator(sql.member("measurements", name), *operator).member_value(*value);
+        }
+        Comparison::Indicator(name, operator, value) => {
+            push_operator(sql.member("indicators", name), *operator).member_value(*value);
+        }
+        Comparison::Configuration(name, operator, literal) => {
+            sql.parameter(name, *operator, literal);
+        }
+    }
+}
+
+fn push<'d, D: Dialect>(sql: &'d mut D, column: &str, operator: Operator) -> &'d mut D {
+    push_operator(sql.text(column), operator)
+}
+
+/// ` operator `; the symbols are the same in the filter language and in SQL.
+pub(crate) fn push_operator<D: Dialect>(sql: &mut D, operator: Operator) -> &mut D {
+    sql.text(" ").text(operator.symbol()).text(" ")
+}
