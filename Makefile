@@ -16,7 +16,8 @@ build: setup ## release binaries: treewrightd, treewright, treewright-render
 demo: build ## tune a built-in scene, then open demo/report.html
 	@tools/demo.sh
 
-test: setup ## formatting, lints, docs, unit, property and end-to-end tests
+test: ## formatting, lints, docs, unit, property and end-to-end tests
+	@python3 tools/setup.py --tests
 	@tools/test.sh
 
 lint: setup ## formatting, lints and docs only

@@ -2,7 +2,8 @@
 """Gets a machine ready to build Treewright: Embree 4.4, libclang and a C compiler.
 
 What is on the machine is used; what is missing is installed when that is allowed, and otherwise one
-message says the exact command. Running it again does nothing and takes a fraction of a second.
+message says the exact command. Running it again does nothing and takes a fraction of a second. With --tests it also
+sees to the PostgreSQL server that the tests start.
 
 Everything fetched lands below target/native:
   embree/lib/libembree4.so      the library the renderer links (link or fetched copy)
@@ -72,6 +73,16 @@ def apt(packages, why):
 def need_compiler():
     if not (shutil.which("cc") and pathlib.Path("/usr/include/stdio.h").exists()):
         apt(["gcc", "libc6-dev"], "a C compiler and the C headers are needed to link and to bundle SQLite")
+
+
+def need_postgres():
+    """The tests run against PostgreSQL: the server that DATABASE_URL names, or a private one that they start."""
+    if os.environ.get("DATABASE_URL"):
+        return
+    places = [pathlib.Path(place) for place in os.environ.get("PATH", "").split(os.pathsep) if place]
+    places += pathlib.Path("/usr/lib/postgresql").glob("*/bin")
+    if not any((place / "initdb").exists() and (place / "pg_ctl").exists() for place in places):
+        apt(["postgresql"], "PostgreSQL is needed by the tests, which start a private server (or set DATABASE_URL)")
 
 
 def need_pip():
@@ -199,6 +210,8 @@ def main():
     if not shutil.which("cargo"):
         fail("cargo is not on the PATH: install the Rust toolchain first (https://rustup.rs), version 1.94 or newer")
     need_compiler()
+    if "--tests" in sys.argv[1:]:
+        need_postgres()
     setup_embree()
     setup_libclang()
 

@@ -48,7 +48,10 @@ fn store_code(error: &StoreError) -> Code {
         StoreError::StudyNotFound { .. } | StoreError::TrialNotFound { .. } => Code::NotFound,
         StoreError::StudyExists { .. } => Code::AlreadyExists,
         StoreError::TooManyStudies { .. } | StoreError::QueueFull { .. } => Code::ResourceExhausted,
-        StoreError::Fenced { .. } | StoreError::Unavailable { .. } | StoreError::Closed => Code::Unavailable,
+        StoreError::Fenced { .. }
+        | StoreError::Elsewhere { .. }
+        | StoreError::Unavailable { .. }
+        | StoreError::Closed => Code::Unavailable,
         StoreError::Inconsistent { .. } => Code::Internal,
     }
 }

@@ -14,6 +14,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("treewright-server", &["treewright-core", "treewright-proto", "treewright-store"]),
     ("treewright-client", &["treewright-proto"]),
     ("treewright-renderer", &["treewright-accel", "treewright-client"]),
+    ("treewright-test-postgres", &[]),
 ];
 
 /// Crates that would bring I/O, clocks or threads into the core.
