@@ -15,6 +15,10 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("treewright-client", &["treewright-proto"]),
     ("treewright-renderer", &["treewright-accel", "treewright-client"]),
     ("treewright-test-postgres", &[]),
+    (
+        "treewright-simulation",
+        &["treewright-core", "treewright-proto", "treewright-server", "treewright-store"],
+    ),
 ];
 
 /// Crates that would bring I/O, clocks or threads into the core.

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use tokio::runtime::{Handle, RuntimeFlavor};
 use treewright_core::space::Space;
 use treewright_core::trial::{RawTrial, Trial};
 use treewright_core::tuner::{RestoreError, Restoring, Tuner};
@@ -42,7 +43,13 @@ fn check(trials: Vec<RawTrial>, space: &Space) -> Result<Vec<Trial>, Error> {
     })
 }
 
-/// Learning takes a while, in which other studies go on.
+/// Learning takes a while, in which other studies go on. A runtime of one thread has no other place for it, and one that
+/// simulates time must not depend on how fast another thread is.
 async fn compute<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Error> {
-    tokio::task::spawn_blocking(work).await.map_err(|_| Error::Defect("rebuilding a study panicked"))
+    match Handle::current().runtime_flavor() {
+        RuntimeFlavor::CurrentThread => Ok(work()),
+        _ => {
+            tokio::task::spawn_blocking(work).await.map_err(|_| Error::Defect("rebuilding a study panicked"))
+        }
+    }
 }

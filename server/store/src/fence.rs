@@ -27,7 +27,9 @@ struct Inner {
 }
 
 impl Fence {
-    pub(crate) fn new(study: &str, key: i64) -> Self {
+    /// A fence that holds, for a store of one's own. `key`: whatever finds the study in its tables.
+    #[must_use]
+    pub fn new(study: &str, key: i64) -> Self {
         Self::of_epoch(study, key, 0)
     }
 
@@ -64,7 +66,8 @@ impl Fence {
         Arc::ptr_eq(&self.0, &other.0)
     }
 
-    pub(crate) fn break_up(&self) {
+    /// Ends the right to change the study under this fence.
+    pub fn break_up(&self) {
         self.0.broken.store(true, Ordering::Release);
     }
 
@@ -85,6 +88,12 @@ impl Receipt {
     pub fn refused(fence: &Fence, error: StoreError) -> Self {
         fence.break_up();
         Self::settled(Err(error))
+    }
+
+    /// A receipt for a change that waits, and where its result goes. For stores of one's own.
+    pub fn pending() -> (oneshot::Sender<Result<(), StoreError>>, Self) {
+        let (sender, receiver) = oneshot::channel();
+        (sender, Self(receiver))
     }
 
     /// A receipt for something that has been decided already.

@@ -1,0 +1,338 @@
+//! The simulated disk: a store whose writes take time, fail, and are lost when the machine crashes before they end.
+//!
+//! Behind it lies one [`MemoryStore`], which holds what is durable and outlives every machine. In front of it each machine
+//! has a queue and a writer that puts waiting writes into one transaction, as the real stores do. A crash at a random
+//! moment of a write loses the whole transaction or keeps it whole: that is what a checksummed log makes of a torn
+//! write. Each machine has fences of its own; whether the study was taken over by another shows when the transaction is
+//! applied, as with an epoch in a shared database.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use async_trait::async_trait;
+use tokio::sync::{mpsc, oneshot};
+use tokio::time::sleep;
+use treewright_core::policy::Policy;
+use treewright_core::study::StudySpec;
+use treewright_core::trial::RawTrial;
+use treewright_core::tuner::{Change, Checkpoint};
+use treewright_store::{
+    Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage, TrialQuery,
+};
+
+use crate::plan::Bug;
+use crate::world::World;
+
+/// Most writes of one transaction, and most that wait.
+const GROUP: usize = 64;
+const QUEUE: usize = 1024;
+/// The planted lost wake-up strikes one write of so many.
+const FORGOTTEN: u32 = 500;
+
+type Answer = oneshot::Sender<Result<(), StoreError>>;
+
+enum Job {
+    Commit {
+        fence: Fence,
+        changes: Vec<Change>,
+        answer: Answer,
+    },
+    Policy {
+        fence: Fence,
+        policy: Box<Policy>,
+        models_since: u64,
+        answer: Answer,
+    },
+    /// Ends once everything before it has.
+    Barrier {
+        answer: Answer,
+    },
+}
+
+/// What outlives every machine.
+#[derive(Default)]
+pub(crate) struct Durable {
+    /// What is on the disk.
+    pub(crate) store: MemoryStore,
+    /// The fence of whoever claimed a study last.
+    claims: Mutex<HashMap<String, Fence>>,
+}
+
+/// The last fence of each study that a machine was given: its own, and the durable store's behind it.
+type Fences = HashMap<String, (Fence, Fence)>;
+
+/// One machine's view of the disk.
+pub(crate) struct SimulatedDisk {
+    world: Arc<World>,
+    durable: Arc<Durable>,
+    queue: mpsc::Sender<Job>,
+    fences: Arc<Mutex<Fences>>,
+    alive: Arc<AtomicBool>,
+}
+
+impl SimulatedDisk {
+    /// A disk for a machine that starts. `alive` turns false when it crashes.
+    pub(crate) fn new(world: Arc<World>, durable: Arc<Durable>, alive: Arc<AtomicBool>) -> Self {
+        let (queue, waiting) = mpsc::channel(QUEUE);
+        let fences = Arc::<Mutex<Fences>>::default();
+        let writer = Writer {
+            world: Arc::clone(&world),
+            durable: Arc::clone(&durable),
+            fences: Arc::clone(&fences),
+            alive: Arc::clone(&alive),
+        };
+        tokio::spawn(writer.run(waiting));
+        Self { world, durable, queue, fences, alive }
+    }
+
+    fn enqueue(&self, job: Job) {
+        match self.queue.try_send(job) {
+            Ok(()) => {}
+            Err(mpsc::error::TrySendError::Full(job)) => refuse(job, &StoreError::QueueFull { limit: QUEUE }),
+            Err(mpsc::error::TrySendError::Closed(job)) => refuse(job, &StoreError::Closed),
+        }
+    }
+
+    async fn barrier(&self) -> Result<(), StoreError> {
+        let (answer, answered) = oneshot::channel();
+        self.enqueue(Job::Barrier { answer });
+        answered.await.unwrap_or(Err(StoreError::Closed))
+    }
+
+    /// The durable store's fence of a study.
+    fn behind(&self, fence: &Fence) -> Result<Fence, StoreError> {
+        let found = lock(&self.fences).get(fence.study()).map(|(_, durable)| durable.clone());
+        found.ok_or_else(|| StoreError::Fenced { study: fence.study().to_owned() })
+    }
+
+    async fn read(&self) -> Result<(), StoreError> {
+        sleep(self.world.time_ms(self.world.plan.write_ms * 0.2)).await;
+        if self.alive.load(Ordering::SeqCst) { Ok(()) } else { Err(StoreError::Closed) }
+    }
+}
+
+fn refuse(job: Job, error: &StoreError) {
+    let answer = match job {
+        Job::Commit { fence, answer, .. } | Job::Policy { fence, answer, .. } => {
+            fence.break_up();
+            answer
+        }
+        Job::Barrier { answer } => answer,
+    };
+    // The caller may have left.
+    let _ = answer.send(Err(error.clone()));
+}
+
+struct Writer {
+    world: Arc<World>,
+    durable: Arc<Durable>,
+    fences: Arc<Mutex<Fences>>,
+    alive: Arc<AtomicBool>,
+}
+
+impl Writer {
+    async fn run(self, mut queue: mpsc::Receiver<Job>) {
+        while let Some(first) = queue.recv().await {
+            let mut group = vec![first];
+            while group.len() < GROUP
+                && let Ok(job) = queue.try_recv()
+            {
+                group.push(job);
+            }
+            if self.world.plan.bug == Some(Bug::AcknowledgeBeforeCommit) {
+                group = acknowledge_early(group);
+            }
+            sleep(self.world.time_ms(self.world.plan.write_ms)).await;
+            self.world.step("write");
+            if !self.alive.load(Ordering::SeqCst) {
+                // The crash came in the middle: the log holds all of the transaction or none.
+                if self.world.chance(0.5) {
+                    self.world.count(|counts| counts.torn_writes += 1);
+                } else {
+                    self.apply(group).into_iter().for_each(drop);
+                }
+                return;
+            }
+            if self.world.disk_is_full() || self.world.chance(self.world.plan.write_fails) {
+                self.world.count(|counts| counts.failed_writes += 1);
+                let error = StoreError::Unavailable { problem: "the simulated disk failed".to_owned() };
+                group.into_iter().for_each(|job| refuse(job, &error));
+                continue;
+            }
+            let answers = self.apply(group);
+            if self.world.chance(0.3) {
+                // A crash may come between the commit and the answer.
+                sleep(self.world.time_ms(self.world.plan.write_ms * 0.1)).await;
+                if !self.alive.load(Ordering::SeqCst) {
+                    return;
+                }
+            }
+            for (answer, result) in answers {
+                if self.world.plan.bug == Some(Bug::LostWakeUp) && self.world.one_in(FORGOTTEN) {
+                    // Kept for ever, so that the caller does not even learn that nobody will answer.
+                    self.world.forget(answer);
+                    continue;
+                }
+                let _ = answer.send(result);
+            }
+        }
+    }
+
+    /// Applies a transaction, job by job; each has its own result.
+    fn apply(&self, group: Vec<Job>) -> Vec<(Answer, Result<(), StoreError>)> {
+        group.into_iter().map(|job| self.apply_one(job)).collect()
+    }
+
+    fn apply_one(&self, job: Job) -> (Answer, Result<(), StoreError>) {
+        match job {
+            Job::Barrier { answer } => (answer, Ok(())),
+            Job::Commit { fence, changes, answer } => {
+                let result = self.under(&fence, |durable| self.durable.store.commit(durable, &changes));
+                (answer, result)
+            }
+            Job::Policy { fence, policy, models_since, answer } => {
+                let write =
+                    |durable: &Fence| self.durable.store.update_policy(durable, &policy, models_since);
+                let result = self.under(&fence, write);
+                (answer, result)
+            }
+        }
+    }
+
+    /// Writes under the durable fence that belongs to the machine's. Where it no longer holds, another machine has
+    /// taken the study, and the machine's fence breaks too.
+    fn under(&self, fence: &Fence, write: impl Fn(&Fence) -> Receipt) -> Result<(), StoreError> {
+        let fences = lock(&self.fences);
+        let fenced = || StoreError::Fenced { study: fence.study().to_owned() };
+        let found = fences.get(fence.study()).filter(|(ours, _)| ours.is_same(fence));
+        let result = match found {
+            Some((ours, durable)) if ours.holds() => {
+                if self.world.plan.bug == Some(Bug::LeaseWithoutClaim) && !durable.holds() {
+                    lock(&self.durable.claims)
+                        .get(fence.study())
+                        .map_or_else(|| Err(fenced()), |claim| now(write(claim).durable()))
+                } else {
+                    now(write(durable).durable())
+                }
+            }
+            _ => Err(fenced()),
+        };
+        if result.is_err() {
+            fence.break_up();
+        }
+        result
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The planted defect: callers are answered, and what they are told may never be written.
+fn acknowledge_early(group: Vec<Job>) -> Vec<Job> {
+    let mut held = Vec::new();
+    for job in group {
+        match job {
+            Job::Commit { fence, changes, answer } => {
+                let _ = answer.send(Ok(()));
+                let (answer, _) = oneshot::channel();
+                held.push(Job::Commit { fence, changes, answer });
+            }
+            other => held.push(other),
+        }
+    }
+    held
+}
+
+/// The result of a future that never waits: those of the memory store.
+pub(crate) fn now<T>(future: impl Future<Output = T>) -> T {
+    let mut future = std::pin::pin!(future);
+    let mut context = std::task::Context::from_waker(std::task::Waker::noop());
+    match future.as_mut().poll(&mut context) {
+        std::task::Poll::Ready(value) => value,
+        std::task::Poll::Pending => panic!("the memory store does not wait"),
+    }
+}
+
+#[async_trait]
+impl Store for SimulatedDisk {
+    async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
+        self.barrier().await?;
+        self.durable.store.create_study(id, spec, now_ms).await
+    }
+
+    async fn get_study(&self, study: &str) -> Result<StudyRecord, StoreError> {
+        self.read().await?;
+        self.durable.store.get_study(study).await
+    }
+
+    async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
+        self.read().await?;
+        self.durable.store.list_studies(after, size).await
+    }
+
+    async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
+        self.barrier().await?;
+        self.durable.store.delete_study(study).await
+    }
+
+    async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
+        self.barrier().await?;
+        self.read().await?;
+        let loaded = self.durable.store.load(study).await?;
+        let fence = Fence::new(study, 0);
+        lock(&self.durable.claims).insert(study.to_owned(), loaded.fence.clone());
+        if let Some((earlier, _)) = lock(&self.fences).insert(study.to_owned(), (fence.clone(), loaded.fence))
+        {
+            earlier.break_up();
+        }
+        Ok(Loaded { fence, ..loaded })
+    }
+
+    fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
+        let (answer, receipt) = Receipt::pending();
+        self.enqueue(Job::Commit { fence: fence.clone(), changes: changes.to_vec(), answer });
+        receipt
+    }
+
+    fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
+        let (answer, receipt) = Receipt::pending();
+        let (fence, policy) = (fence.clone(), Box::new(policy.clone()));
+        self.enqueue(Job::Policy { fence, policy, models_since, answer });
+        receipt
+    }
+
+    async fn completed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        size: u32,
+    ) -> Result<Vec<RawTrial>, StoreError> {
+        self.read().await?;
+        self.durable.store.completed_trials(&self.behind(fence)?, after, size).await
+    }
+
+    async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
+        sleep(self.world.time_ms(self.world.plan.write_ms)).await;
+        self.read().await?;
+        self.durable.store.save_checkpoint(&self.behind(fence)?, checkpoint).await
+    }
+
+    async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
+        self.read().await?;
+        self.durable.store.get_trial(study, number).await
+    }
+
+    async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, StoreError> {
+        self.read().await?;
+        self.durable.store.query_trials(study, query).await
+    }
+
+    async fn studies_with_due_leases(&self, now_ms: i64) -> Result<Vec<String>, StoreError> {
+        self.read().await?;
+        self.durable.store.studies_with_due_leases(now_ms).await
+    }
+
+    async fn close(&self) {}
+}

@@ -1,0 +1,284 @@
+//! The books of a world: what was promised to whom, and whether it is kept.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use tonic::{Code, Status};
+use treewright_core::trial::TrialState;
+use treewright_proto::v1 as wire;
+use treewright_store::Store as _;
+
+use crate::disk::{Durable, now};
+use crate::requests::{Answer, Request};
+
+/// How much happened.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[allow(missing_docs)] // The names say it.
+pub struct Counts {
+    pub suggestions: u64,
+    pub acknowledged_reports: u64,
+    pub duplicate_reports: u64,
+    pub late_reports: u64,
+    pub refusals: u64,
+    pub crashes: u64,
+    pub torn_writes: u64,
+    pub failed_writes: u64,
+    pub full_disks: u64,
+    pub lost_messages: u64,
+    pub duplicated_messages: u64,
+    pub partitions: u64,
+    pub clock_jumps: u64,
+    pub client_restarts: u64,
+    pub vanished_clients: u64,
+    pub explored_frames: u64,
+    pub frames: u64,
+}
+
+impl Counts {
+    /// Adds those of another world.
+    pub fn add(&mut self, other: &Counts) {
+        let Counts {
+            suggestions,
+            acknowledged_reports,
+            duplicate_reports,
+            late_reports,
+            refusals,
+            crashes,
+            torn_writes,
+            failed_writes,
+            full_disks,
+            lost_messages,
+            duplicated_messages,
+            partitions,
+            clock_jumps,
+            client_restarts,
+            vanished_clients,
+            explored_frames,
+            frames,
+        } = other;
+        for (sum, more) in [
+            (&mut self.suggestions, suggestions),
+            (&mut self.acknowledged_reports, acknowledged_reports),
+            (&mut self.duplicate_reports, duplicate_reports),
+            (&mut self.late_reports, late_reports),
+            (&mut self.refusals, refusals),
+            (&mut self.crashes, crashes),
+            (&mut self.torn_writes, torn_writes),
+            (&mut self.failed_writes, failed_writes),
+            (&mut self.full_disks, full_disks),
+            (&mut self.lost_messages, lost_messages),
+            (&mut self.duplicated_messages, duplicated_messages),
+            (&mut self.partitions, partitions),
+            (&mut self.clock_jumps, clock_jumps),
+            (&mut self.client_restarts, client_restarts),
+            (&mut self.vanished_clients, vanished_clients),
+            (&mut self.explored_frames, explored_frames),
+            (&mut self.frames, frames),
+        ] {
+            *sum += more;
+        }
+    }
+}
+
+/// Something that should not be.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Violation {
+    /// When, in milliseconds of the world's time.
+    pub at_ms: i64,
+    /// What.
+    pub what: String,
+}
+
+/// What a client's session has paid in truth, and what of it exploring was to blame for.
+#[derive(Clone, Copy, Debug, Default)]
+struct Purse {
+    session: u64,
+    paid_ms: f64,
+    regret_ms: f64,
+}
+
+/// The books.
+#[derive(Default)]
+pub(crate) struct Ledger {
+    pub(crate) counts: Counts,
+    pub(crate) violations: Vec<Violation>,
+    /// Whom each trial was handed to, with what.
+    handed: BTreeMap<u64, (String, wire::Configuration)>,
+    /// The cost of each acknowledged report.
+    acknowledged: BTreeMap<u64, Option<f64>>,
+    purses: BTreeMap<u32, Purse>,
+}
+
+/// The number of a trial from its name.
+fn number(name: &str) -> u64 {
+    name.rsplit('/').next().and_then(|number| number.parse().ok()).unwrap_or(0)
+}
+
+impl Ledger {
+    fn wrong(&mut self, at_ms: i64, what: String) {
+        self.violations.push(Violation { at_ms, what });
+    }
+
+    /// A machine answers a client, and is held to it from now on, whether the answer arrives or not.
+    pub(crate) fn answered(
+        &mut self,
+        at_ms: i64,
+        client: u32,
+        request: &Request,
+        answer: &Result<Answer, Status>,
+        durable: &Durable,
+    ) {
+        match (request, answer) {
+            (_, Err(status)) => self.refused(at_ms, request, status.code(), status.message()),
+            (Request::Suggest(_), Ok(Answer::Trial(trial))) => self.suggested(at_ms, client, trial, durable),
+            (Request::Frame(..), Ok(Answer::Frame(reported, suggested))) => {
+                match reported {
+                    Ok(reported) => self.reported(at_ms, reported, durable),
+                    Err(code) => self.refused(at_ms, request, *code, "report"),
+                }
+                match suggested {
+                    Ok(trial) => self.suggested(at_ms, client, trial, durable),
+                    Err(code) => self.refused(at_ms, request, *code, "suggest"),
+                }
+            }
+            (Request::Report(_), Ok(Answer::Reported(reported))) => self.reported(at_ms, reported, durable),
+            (Request::Abandon(name), Ok(_)) if self.acknowledged.contains_key(&number(name)) => {
+                self.wrong(at_ms, format!("{name} was abandoned after its report was acknowledged"));
+            }
+            (Request::GetTrial(_), Ok(Answer::Trial(trial))) => self.read(at_ms, trial),
+            (Request::Query(_), Ok(Answer::Trials(trials))) => {
+                trials.iter().for_each(|trial| self.read(at_ms, trial));
+            }
+            (Request::GetStudy, Ok(Answer::Study(study))) => {
+                let completed = study.statistics.map_or(0, |counts| counts.completed_trials);
+                // The counts may have been read a moment ago; a report that was acknowledged meanwhile is not in them.
+                if completed < 0 {
+                    self.wrong(at_ms, format!("{completed} completed trials"));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn refused(&mut self, at_ms: i64, request: &Request, code: Code, message: &str) {
+        self.counts.refusals += 1;
+        let may_be = match code {
+            Code::Unavailable | Code::ResourceExhausted => true,
+            // Of a trial that is no longer open.
+            Code::FailedPrecondition => matches!(
+                request,
+                Request::Report(_) | Request::Frame(..) | Request::Abandon(_) | Request::Extend(_)
+            ),
+            _ => false,
+        };
+        if !may_be {
+            self.wrong(at_ms, format!("{request:?} was refused with {code:?}: {message}"));
+        }
+    }
+
+    fn suggested(&mut self, at_ms: i64, client: u32, trial: &wire::Trial, durable: &Durable) {
+        self.counts.suggestions += 1;
+        let number = number(&trial.name);
+        if trial.client_id != crate::client::name(client) {
+            self.wrong(at_ms, format!("{} of {} went to client {client}", trial.name, trial.client_id));
+        }
+        let configuration = trial.configuration.clone().unwrap_or_default();
+        let handed = (trial.client_id.clone(), configuration);
+        match self.handed.get(&number) {
+            Some(before) if *before != handed => {
+                let what = format!("trial {number} was handed to {} and to {}", before.0, handed.0);
+                self.wrong(at_ms, what);
+            }
+            Some(_) => {}
+            None => {
+                self.handed.insert(number, handed);
+            }
+        }
+        if now(durable.store.get_trial("world", number)).is_err() {
+            self.wrong(at_ms, format!("trial {number} was handed out and is not stored"));
+        }
+    }
+
+    fn reported(&mut self, at_ms: i64, response: &wire::ReportResponse, durable: &Durable) {
+        let Some(trial) = &response.trial else {
+            return self.wrong(at_ms, "a report was acknowledged without its trial".to_owned());
+        };
+        let number = number(&trial.name);
+        self.counts.acknowledged_reports += u64::from(!response.duplicate);
+        self.counts.duplicate_reports += u64::from(response.duplicate);
+        self.counts.late_reports += u64::from(trial.late && !response.duplicate);
+        if let Some(before) = self.acknowledged.insert(number, trial.cost)
+            && before != trial.cost
+        {
+            let what = format!("trial {number} was acknowledged with {before:?} and with {:?}", trial.cost);
+            self.wrong(at_ms, what);
+        }
+        self.check(at_ms, number, trial.cost, durable);
+    }
+
+    /// An acknowledged report stands in the durable store as it was acknowledged.
+    fn check(&mut self, at_ms: i64, number: u64, cost: Option<f64>, durable: &Durable) {
+        match now(durable.store.get_trial("world", number)) {
+            Ok(stored) if stored.state == TrialState::Completed && stored.cost == cost => {}
+            Ok(stored) => {
+                let what = format!(
+                    "trial {number} was acknowledged with {cost:?} and is {:?} with {:?}",
+                    stored.state, stored.cost
+                );
+                self.wrong(at_ms, what);
+            }
+            Err(error) => self.wrong(at_ms, format!("acknowledged trial {number} is lost: {error}")),
+        }
+    }
+
+    /// Somebody reads a trial.
+    fn read(&mut self, at_ms: i64, trial: &wire::Trial) {
+        if trial.state == wire::TrialState::Completed as i32
+            && let Some(cost) = self.acknowledged.get(&number(&trial.name))
+            && *cost != trial.cost
+        {
+            self.wrong(
+                at_ms,
+                format!("{} reads {:?} after {cost:?} was acknowledged", trial.name, trial.cost),
+            );
+        }
+    }
+
+    /// All that was ever acknowledged.
+    pub(crate) fn check_all(&mut self, durable: &Durable) {
+        for (number, cost) in self.acknowledged.clone() {
+            self.check(i64::MAX, number, cost, durable);
+        }
+    }
+
+    /// A client rendered a frame: what it truly cost, and what the default would have.
+    pub(crate) fn frame(
+        &mut self,
+        at_ms: i64,
+        client: u32,
+        session: u64,
+        explored: bool,
+        (spent_ms, default_ms): (f64, f64),
+        budget: Option<f64>,
+    ) {
+        self.counts.frames += 1;
+        self.counts.explored_frames += u64::from(explored);
+        let purse = self.purses.entry(client).or_default();
+        if purse.session != session {
+            *purse = Purse { session, ..Purse::default() };
+        }
+        purse.paid_ms += spent_ms;
+        if explored {
+            purse.regret_ms += spent_ms - default_ms;
+        }
+        let Purse { paid_ms, regret_ms, .. } = *purse;
+        if let Some(budget) = budget
+            && regret_ms > budget * paid_ms
+        {
+            let what = format!(
+                "exploring has cost client {client} {regret_ms:.3} of {paid_ms:.3} ms, more than {budget:.4} of it"
+            );
+            self.wrong(at_ms, what);
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! A machine: one process of the service, from its start to its crash, and again.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+use treewright_server::clock::Clock;
+use treewright_server::gate::Gate;
+use treewright_server::rpc::Service;
+use treewright_server::tuning::Tuning;
+
+use crate::disk::SimulatedDisk;
+use crate::world::{START_MS, World};
+
+/// A running service. Cheap to clone.
+#[derive(Clone)]
+pub(crate) struct Machine {
+    pub(crate) service: Service,
+    pub(crate) tuning: Arc<Tuning>,
+    alive: Arc<AtomicBool>,
+    calls: Arc<Calls>,
+}
+
+/// The calls that are being worked on, by number, and since when.
+#[derive(Default)]
+struct Calls {
+    last: AtomicU64,
+    since: Mutex<BTreeMap<u64, Instant>>,
+}
+
+impl Machine {
+    pub(crate) fn is_alive(&self) -> bool {
+        self.alive.load(Ordering::SeqCst)
+    }
+
+    /// A call begins.
+    pub(crate) fn begin(&self) -> u64 {
+        let number = self.calls.last.fetch_add(1, Ordering::SeqCst);
+        self.calls.since.lock().unwrap_or_else(PoisonError::into_inner).insert(number, Instant::now());
+        number
+    }
+
+    /// It ends.
+    pub(crate) fn end(&self, number: u64) {
+        self.calls.since.lock().unwrap_or_else(PoisonError::into_inner).remove(&number);
+    }
+
+    /// Whether a call has waited longer than a time.
+    pub(crate) fn is_stuck(&self, patience: Duration) -> bool {
+        let since = self.calls.since.lock().unwrap_or_else(PoisonError::into_inner);
+        since.first_key_value().is_some_and(|(_, since)| since.elapsed() > patience)
+    }
+}
+
+/// A machine's clock: the world's time, and how far it is off.
+struct MachineClock {
+    world: Arc<World>,
+    off_ms: Arc<AtomicI64>,
+}
+
+impl Clock for MachineClock {
+    fn now_ms(&self) -> i64 {
+        START_MS + self.world.elapsed_ms() + self.off_ms.load(Ordering::SeqCst)
+    }
+}
+
+/// Starts a machine, crashes it, and starts it again, until the world ends.
+pub(crate) async fn live(world: Arc<World>, index: usize) {
+    let off_ms = Arc::new(AtomicI64::new(0));
+    tokio::spawn(set_the_clock(Arc::clone(&world), Arc::clone(&off_ms)));
+    loop {
+        let alive = Arc::new(AtomicBool::new(true));
+        let disk = SimulatedDisk::new(Arc::clone(&world), Arc::clone(&world.durable), Arc::clone(&alive));
+        let clock = MachineClock { world: Arc::clone(&world), off_ms: Arc::clone(&off_ms) };
+        let tuning = Arc::new(Tuning::new(Arc::new(disk), Arc::new(clock)));
+        let service = Service::new(Arc::clone(&tuning), Gate::default());
+        let calls = Arc::default();
+        let machine = Machine { service, tuning: Arc::clone(&tuning), alive: Arc::clone(&alive), calls };
+        tokio::spawn(sweep(Arc::clone(&world), tuning, Arc::clone(&alive)));
+        world.set_machine(index, Some(machine));
+        world.step("start");
+        if !world.wait_for_trouble(world.plan.crash_every_ms).await {
+            return;
+        }
+        alive.store(false, Ordering::SeqCst);
+        world.set_machine(index, None);
+        world.count(|counts| counts.crashes += 1);
+        world.step("crash");
+        sleep(world.time_ms(world.plan.restart_ms)).await;
+    }
+}
+
+/// Ends leases that have run out, as the service does once a second.
+async fn sweep(world: Arc<World>, tuning: Arc<Tuning>, alive: Arc<AtomicBool>) {
+    while alive.load(Ordering::SeqCst) && !world.is_over() {
+        sleep(Duration::from_secs(1)).await;
+        // A disk that fails is met by the next sweep again.
+        let _ = tuning.sweep_leases().await;
+    }
+}
+
+/// Sets the clock wrong now and then.
+async fn set_the_clock(world: Arc<World>, off_ms: Arc<AtomicI64>) {
+    while world.wait_for_trouble(world.plan.clock_jump_every_ms).await {
+        let far = world.plan.clock_jump_ms as f64;
+        off_ms.store(world.between(-far, far) as i64, Ordering::SeqCst);
+        world.count(|counts| counts.clock_jumps += 1);
+        world.step("clock jump");
+    }
+}

@@ -1,0 +1,109 @@
+//! What goes wrong in a world, drawn from its seed.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+
+/// A defect that is planted to show that the simulator finds it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
+pub enum Bug {
+    /// The disk answers before it has written.
+    AcknowledgeBeforeCommit,
+    /// A replica that lost a study to another still stores what it decides.
+    LeaseWithoutClaim,
+    /// Now and then nobody is told that a write has ended.
+    LostWakeUp,
+}
+
+/// How a world is made: probabilities are per event, times in milliseconds of simulated time.
+#[derive(Clone, Debug, Serialize)]
+pub struct Plan {
+    /// The seed of everything.
+    pub seed: u64,
+    /// How many events the world has.
+    pub steps: u64,
+    /// How many clients there are.
+    pub clients: u32,
+    /// How many replicas of the service share the database.
+    pub replicas: usize,
+    /// How many places there are for clients to be at: states of the study.
+    pub places: u32,
+    /// The mean delay of a message.
+    pub delay_ms: f64,
+    /// A message is lost.
+    pub loss: f64,
+    /// A message arrives twice.
+    pub duplication: f64,
+    /// The mean time until a client is cut off from everything; infinite for never.
+    pub partition_every_ms: f64,
+    /// For how long it is, on average.
+    pub partition_ms: f64,
+    /// The mean time until a machine crashes.
+    pub crash_every_ms: f64,
+    /// How long it takes to come back.
+    pub restart_ms: f64,
+    /// The mean time of a write to the disk.
+    pub write_ms: f64,
+    /// A write fails.
+    pub write_fails: f64,
+    /// The mean time until the disk is full for a while.
+    pub full_every_ms: f64,
+    /// The mean time until a machine's clock jumps.
+    pub clock_jump_every_ms: f64,
+    /// How far it jumps at most, either way.
+    pub clock_jump_ms: i64,
+    /// A client vanishes with an open trial, comes back, or says something twice.
+    pub misbehaviour: f64,
+    /// The share of frame time that exploring may cost; none for no budget.
+    pub regret_budget: Option<f64>,
+    /// How long a lease lasts.
+    pub lease_s: i32,
+    /// Configurations that a state's search may try.
+    pub trials_per_state: i32,
+    /// What is planted.
+    pub bug: Option<Bug>,
+}
+
+impl Plan {
+    /// The plan of a seed.
+    #[must_use]
+    pub fn of(seed: u64, steps: u64, bug: Option<Bug>) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x7ee5_7ee5);
+        let mut chance = |share: f64| random.random::<f64>() < share;
+        // Each kind of trouble is absent from some worlds, or faults would hide one another.
+        let (network, partitions, crashes, disk, full, clocks, people) =
+            (chance(0.7), chance(0.4), chance(0.7), chance(0.4), chance(0.3), chance(0.3), chance(0.7));
+        let (many, budget) = (chance(0.5), chance(0.5));
+        let mut between = |low: f64, high: f64| low * (high / low).powf(random.random::<f64>());
+        let or_never = |is: bool, value: f64| if is { value } else { f64::INFINITY };
+        let or_zero = |is: bool, value: f64| if is { value } else { 0.0 };
+        Plan {
+            seed,
+            steps,
+            clients: between(1.0, 32.0) as u32,
+            replicas: if many || bug == Some(Bug::LeaseWithoutClaim) {
+                between(2.0, 3.9) as usize
+            } else {
+                1
+            },
+            places: between(1.0, 12.0) as u32,
+            delay_ms: between(0.05, 50.0),
+            loss: or_zero(network, between(0.001, 0.2)),
+            duplication: or_zero(network, between(0.001, 0.2)),
+            partition_every_ms: or_never(partitions, between(2e3, 1e5)),
+            partition_ms: between(50.0, 2e4),
+            crash_every_ms: or_never(crashes, between(500.0, 1e5)),
+            restart_ms: between(10.0, 5e3),
+            write_ms: between(0.05, 50.0),
+            write_fails: or_zero(disk, between(0.001, 0.1)),
+            full_every_ms: or_never(full, between(1e4, 1e5)),
+            clock_jump_every_ms: or_never(clocks, between(5e3, 1e5)),
+            clock_jump_ms: between(10.0, 1e7) as i64,
+            misbehaviour: or_zero(people, between(0.005, 0.1)),
+            regret_budget: if budget { Some(between(0.02, 0.2)) } else { None },
+            lease_s: between(1.0, 60.0) as i32,
+            trials_per_state: between(5.0, 100.0) as i32,
+            bug,
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! What clients ask, and how a machine answers it: through the service itself, as if it came off the wire.
+
+use std::collections::BTreeMap;
+
+use tonic::{Code, Request as Tonic, Response, Status};
+use treewright_proto::v1::tuning_service_server::TuningService;
+use treewright_proto::v1::{self as wire, outcome, parameter, value};
+use treewright_server::convert::{from_proto, to_proto};
+use treewright_server::error::Error;
+use treewright_server::tuning::{Reported, Tuning};
+
+use crate::plan::Plan;
+
+/// The one study of a world.
+pub(crate) const STUDY: &str = "studies/world";
+
+/// A message to the service.
+#[derive(Clone, Debug)]
+pub(crate) enum Request {
+    Suggest(wire::SuggestRequest),
+    Report(wire::ReportRequest),
+    /// A frame of a Tune stream.
+    Frame(wire::ReportRequest, wire::SuggestRequest),
+    Abandon(String),
+    Extend(String),
+    GetTrial(String),
+    Query(wire::QueryTrialsRequest),
+    Best,
+    Predict(BTreeMap<String, f64>),
+    GetStudy,
+    Update(Box<wire::UpdateStudyRequest>),
+}
+
+/// What comes back.
+#[derive(Clone, Debug)]
+pub(crate) enum Answer {
+    Trial(Box<wire::Trial>),
+    Reported(Box<wire::ReportResponse>),
+    /// The two halves of a frame.
+    Frame(Result<Box<wire::ReportResponse>, Code>, Result<Box<wire::Trial>, Code>),
+    Study(Box<wire::Study>),
+    Trials(Vec<wire::Trial>),
+    Other,
+}
+
+/// Answers a request.
+pub(crate) async fn answer(
+    service: &impl TuningService,
+    tuning: &Tuning,
+    request: Request,
+) -> Result<Answer, Status> {
+    let inner = |response: Response<wire::Trial>| Answer::Trial(Box::new(response.into_inner()));
+    Ok(match request {
+        Request::Suggest(request) => inner(service.suggest(Tonic::new(request)).await?),
+        Request::Report(request) => {
+            Answer::Reported(Box::new(service.report(Tonic::new(request)).await?.into_inner()))
+        }
+        Request::Frame(report, suggest) => frame(tuning, report, suggest).await?,
+        Request::Abandon(trial) => {
+            inner(service.abandon_trial(Tonic::new(wire::AbandonTrialRequest { trial })).await?)
+        }
+        Request::Extend(trial) => {
+            inner(service.extend_lease(Tonic::new(wire::ExtendLeaseRequest { trial })).await?)
+        }
+        Request::GetTrial(trial) => {
+            inner(service.get_trial(Tonic::new(wire::GetTrialRequest { name: trial })).await?)
+        }
+        Request::Query(request) => {
+            Answer::Trials(service.query_trials(Tonic::new(request)).await?.into_inner().trials)
+        }
+        Request::Best => {
+            let request = wire::GetBestRequest { study: STUDY.into(), ..Default::default() };
+            match service.get_best(Tonic::new(request)).await {
+                Err(status) if status.code() != Code::NotFound => return Err(status),
+                _ => Answer::Other,
+            }
+        }
+        Request::Predict(indicators) => {
+            let request = wire::PredictRequest { study: STUDY.into(), indicators };
+            service.predict(Tonic::new(request)).await?;
+            Answer::Other
+        }
+        Request::GetStudy => {
+            let request = wire::GetStudyRequest { name: STUDY.into() };
+            Answer::Study(Box::new(service.get_study(Tonic::new(request)).await?.into_inner()))
+        }
+        Request::Update(request) => {
+            service.update_study(Tonic::new(*request)).await?;
+            Answer::Other
+        }
+    })
+}
+
+/// A frame of a Tune stream, without the stream.
+async fn frame(
+    tuning: &Tuning,
+    report: wire::ReportRequest,
+    suggest: wire::SuggestRequest,
+) -> Result<Answer, Status> {
+    let (report, suggest) = (from_proto::report(report)?, from_proto::suggest(suggest)?);
+    let study = suggest.study.clone();
+    let done = tuning.frame(Some(report), Some(suggest)).await;
+    let code = |error: Error| Status::from(error).code();
+    let reported = done.reported.map_or(Err(Code::Internal), |reported| match reported {
+        Ok(Reported::Taken(trial)) => Ok((to_proto::trial(&study, &*trial), false)),
+        Ok(Reported::Duplicate(trial)) => Ok((to_proto::trial(&study, &*trial), true)),
+        Err(error) => Err(code(error)),
+    });
+    let reported =
+        reported.map(|(trial, duplicate)| Box::new(wire::ReportResponse { trial: Some(trial), duplicate }));
+    let suggested = done.suggested.map_or(Err(Code::Internal), |suggested| match suggested {
+        Ok(trial) => Ok(Box::new(to_proto::trial(&study, &trial))),
+        Err(error) => Err(code(error)),
+    });
+    Ok(Answer::Frame(reported, suggested))
+}
+
+/// The study of a world: two numbers, one switch and a place.
+pub(crate) fn study(plan: &Plan) -> wire::Study {
+    let value = |kind| Some(wire::Value { kind: Some(kind) });
+    let parameter = |name: &str, domain, default| wire::Parameter {
+        name: name.into(),
+        domain: Some(domain),
+        default_value: value(default),
+        active_if: None,
+    };
+    let integer = parameter::Domain::Integer(wire::IntegerDomain { min: 1, max: 64, scale: 0 });
+    let float = parameter::Domain::Float(wire::FloatDomain { min: 0.0, max: 1.0, scale: 0 });
+    wire::Study {
+        space: Some(wire::Space {
+            parameters: vec![
+                parameter("leaf", integer, value::Kind::Integer(8)),
+                parameter("cost", float, value::Kind::Float(0.5)),
+            ],
+            constraints: Vec::new(),
+        }),
+        indicators: vec![wire::Indicator { name: "place".into(), min: 0.0, max: 1.0, scale: 0 }],
+        objective: Some(wire::Objective {
+            terms: vec![wire::ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }],
+        }),
+        policy: Some(wire::Policy {
+            epsilon: Some(0.7),
+            search: wire::SearchMethod::Random as i32,
+            trials_per_state: plan.trials_per_state,
+            lease_s: plan.lease_s,
+            regret_budget: plan.regret_budget,
+            ..wire::Policy::default()
+        }),
+        seed: plan.seed,
+        ..wire::Study::default()
+    }
+}
+
+/// A report of a cost.
+pub(crate) fn report(trial: &str, render_ms: f64, aborted: bool) -> wire::ReportRequest {
+    let kind = if aborted {
+        outcome::Kind::Aborted(wire::Aborted { lower_bound: render_ms })
+    } else {
+        outcome::Kind::Ok(wire::Ok {})
+    };
+    wire::ReportRequest {
+        trial: trial.to_owned(),
+        measurements: BTreeMap::from([("render_ms".to_owned(), render_ms)]),
+        outcome: Some(wire::Outcome { kind: Some(kind) }),
+    }
+}

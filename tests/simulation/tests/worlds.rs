@@ -1,0 +1,50 @@
+//! The simulator itself: nothing is wrong in sound worlds, planted defects are found, and a seed is a world.
+
+use treewright_simulation::{Bug, Counts, Plan, run};
+
+#[test]
+fn nothing_is_wrong_in_the_first_worlds() {
+    let mut counts = Counts::default();
+    for seed in 1..=24 {
+        let outcome = run(Plan::of(seed, 3_000, None));
+        assert!(outcome.violations.is_empty(), "seed {seed}: {:?}", outcome.violations);
+        counts.add(&outcome.counts);
+    }
+    // Trouble there was, of every kind.
+    for (what, count) in [
+        ("crashes", counts.crashes),
+        ("torn writes", counts.torn_writes),
+        ("failed writes", counts.failed_writes),
+        ("full disks", counts.full_disks),
+        ("lost messages", counts.lost_messages),
+        ("repeated messages", counts.duplicated_messages),
+        ("partitions", counts.partitions),
+        ("clock jumps", counts.clock_jumps),
+        ("late reports", counts.late_reports),
+        ("client restarts", counts.client_restarts),
+        ("vanished clients", counts.vanished_clients),
+        ("explored frames", counts.explored_frames),
+    ] {
+        assert!(count > 0, "no {what} in all the worlds");
+    }
+}
+
+#[test]
+fn planted_defects_are_found() {
+    for bug in [Bug::AcknowledgeBeforeCommit, Bug::LeaseWithoutClaim, Bug::LostWakeUp] {
+        let found = (1..=40).any(|seed| !run(Plan::of(seed, 3_000, Some(bug))).violations.is_empty());
+        assert!(found, "{bug:?} was not found");
+    }
+}
+
+#[test]
+fn a_seed_is_a_world() {
+    for seed in [3, 4, 12] {
+        let (first, second) = (run(Plan::of(seed, 2_000, None)), run(Plan::of(seed, 2_000, None)));
+        assert_eq!(
+            (first.fingerprint, first.steps, first.counts),
+            (second.fingerprint, second.steps, second.counts)
+        );
+    }
+    assert_ne!(run(Plan::of(1, 2_000, None)).fingerprint, run(Plan::of(2, 2_000, None)).fingerprint);
+}
