@@ -1,13 +1,16 @@
 //! The command line of `treewrightd`. Every option can also be set by an environment variable.
 
+mod database;
+
 use std::net::{SocketAddr, ToSocketAddrs as _};
-use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum};
 
 use crate::limits::DRAIN_S;
+
+pub use database::{Database, DatabaseConfig, Given};
 
 /// A tuning service for ray-tracing acceleration structures.
 ///
@@ -39,9 +42,9 @@ pub struct ServeConfig {
     #[arg(long, env = "TREEWRIGHT_LISTEN", default_value = "127.0.0.1:50611", value_name = "ADDRESS", value_parser = address)]
     pub listen: SocketAddr,
 
-    /// Database file; created if it does not exist.
-    #[arg(long, env = "TREEWRIGHT_DATABASE", value_name = "FILE")]
-    pub database: PathBuf,
+    /// Where everything is kept.
+    #[command(flatten)]
+    pub database: DatabaseConfig,
 
     /// Listen beyond this machine. There is no encryption and no authentication: whoever reaches the port
     /// can read and change every study.
@@ -71,6 +74,21 @@ pub enum LogFormat {
 }
 
 impl ServeConfig {
+    /// Checks what was given for the database, and that other replicas can reach this one.
+    fn check_database(&self) -> Result<(), String> {
+        let shared = matches!(self.database.read()?, Database::Postgres(_));
+        match &self.database.advertise {
+            None if shared && self.listen.ip().is_unspecified() => Err(format!(
+                "other daemons on the same database cannot be told to reach this one at {}; say --advertise URL",
+                self.listen
+            )),
+            Some(url) if !(url.starts_with("http://") || url.starts_with("https://")) => {
+                Err(format!("--advertise {url:?}: write http://HOST:PORT or https://HOST:PORT"))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// How long draining may take.
     #[must_use]
     pub fn drain(&self) -> Duration {
@@ -96,6 +114,9 @@ impl Cli {
                  127.0.0.1, or say --insecure if the network is trusted",
                 serve.listen
             );
+            return Err(Self::command().error(ErrorKind::ValueValidation, problem));
+        }
+        if let Err(problem) = serve.check_database() {
             return Err(Self::command().error(ErrorKind::ValueValidation, problem));
         }
         if let Err(error) = crate::telemetry::filter(&serve.log) {
@@ -149,11 +170,21 @@ mod tests {
             (&["--database", "x", "--log-format", "xml"], "json"),
             (&["--database", "x", "--log", "a=b=c"], "--log"),
             (&["--database", "x", "--colour"], "--colour"),
+            (&["--database", "x", "--advertise", "http://a:1"], "--database postgres://"),
+            (&["--database", "postgres://u:geheim@h/d", "--advertise", "a:1"], "write http://HOST:PORT"),
+            (&["--database", "postgres://u:geheim@h"], "names no database"),
+            (&["--database", "postgres://u:geheim@h:x/d"], "postgres://USER@HOST"),
+            (&["--database", "postgres://u@h/d", "--database-password-file", "/missing"], "/missing"),
         ] {
             let error = read(arguments).unwrap_err();
             assert_eq!(error.exit_code(), 2, "{error}");
             assert!(error.to_string().contains(fragment), "{error}");
+            assert!(!error.to_string().contains("geheim"), "{error}");
         }
+        let shared = ["--database", "postgres://u:geheim@h/d", "--listen", "0.0.0.0:1", "--insecure"];
+        assert!(read(&shared).unwrap_err().to_string().contains("--advertise"));
+        let config = read(&[&shared[..], &["--advertise", "http://a:1"]].concat()).unwrap();
+        assert!(!format!("{config:?}").contains("geheim"), "{config:?}");
         let trusted = ["--database", "x", "--listen", "0.0.0.0:1", "--insecure"];
         assert!(read(&trusted).is_ok());
     }

@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
-use treewright_store::{OpenError, SqliteStore, Store};
+use treewright_store::{OpenError, PostgresStore, SqliteStore, Store};
 
 use crate::clock::SystemClock;
-use crate::config::ServeConfig;
+use crate::config::{Database, ServeConfig};
 use crate::serve::{self, ServeError};
 
 /// Why the daemon ended with an error. Each has an exit code of its own.
@@ -46,6 +46,23 @@ impl DaemonError {
     }
 }
 
+/// Opens the database that was asked for.
+async fn open(
+    config: &ServeConfig,
+    database: &Database,
+    listening: SocketAddr,
+) -> Result<Arc<dyn Store>, OpenError> {
+    match database {
+        Database::File(path) => Ok(Arc::new(SqliteStore::open(path).await?)),
+        Database::Postgres(server) => {
+            let advertise = config.database.advertise.clone();
+            let advertise = advertise.unwrap_or_else(|| format!("http://{listening}"));
+            let wait = config.database.wait();
+            Ok(Arc::new(PostgresStore::open(server.clone(), &advertise, wait).await?))
+        }
+    }
+}
+
 /// Serves until SIGTERM or SIGINT.
 ///
 /// # Errors
@@ -56,8 +73,9 @@ pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
     let listen_error = |problem| DaemonError::Listen { address: config.listen, problem };
     let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
     let address = listener.local_addr()?;
-    let store: Arc<dyn Store> = Arc::new(SqliteStore::open(&config.database).await?);
-    tracing::info!(%address, database = %config.database.display(), "serving");
+    let database = config.database.read().map_err(|problem| OpenError::BadAddress { problem })?;
+    let store = open(&config, &database, address).await?;
+    tracing::info!(%address, %database, "serving");
 
     // Connections are queued from the moment of binding, so that whoever reads this line can connect.
     let mut stdout = std::io::stdout();

@@ -27,6 +27,24 @@ const WRITES_PER_REQUEST: usize = 2;
 // The store's queue cannot overflow as long as callers wait for their answers.
 const _: () = assert!(REQUESTS_IN_FLIGHT * WRITES_PER_REQUEST < WRITE_QUEUE);
 
+/// Connections to other replicas that are kept.
+pub const PEERS: usize = 64;
+
+/// How long a connection to another replica may take to be made.
+pub const PEER_CONNECT: Duration = Duration::from_millis(500);
+
+/// How long a request may look for the replica that holds its study. It lies above the time after which the
+/// database takes a silent replica for dead.
+pub const PEER_PATIENCE: Duration = Duration::from_secs(8);
+
+/// First pause before a request looks again; it doubles each time.
+pub const PEER_PAUSE: Duration = Duration::from_millis(2);
+
+/// Longest pause before a request looks again.
+pub const PEER_PAUSE_LONGEST: Duration = Duration::from_millis(100);
+
+const _: () = assert!(PEER_PATIENCE.as_millis() > treewright_store::limits::REPLICA_LAPSE.as_millis());
+
 /// Tune streams open at once.
 pub const TUNE_STREAMS: usize = 1024;
 

@@ -13,8 +13,10 @@ use treewright_store::Store;
 
 use crate::clock::Clock;
 use crate::connections;
+use crate::forward::ForwardLayer;
 use crate::gate::Gate;
 use crate::limits;
+use crate::peers::Peers;
 use crate::rpc::Service;
 use crate::tuning::Tuning;
 
@@ -44,11 +46,12 @@ pub async fn run(
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
     let tuning = Arc::new(Tuning::new(Arc::clone(&store), clock));
+    let peers = Peers::of(&store);
     let gate = Gate::default();
     let mut health = HealthReporter::new();
     set_health(&health, ServingStatus::Serving).await;
 
-    let service = TuningServiceServer::new(Service::new(Arc::clone(&tuning), gate.clone()))
+    let service = TuningServiceServer::new(Service::new(Arc::clone(&tuning), gate.clone(), peers.clone()))
         .max_decoding_message_size(limits::REQUEST_BYTES);
     let health_service = tonic_health::pb::health_server::HealthServer::new(
         HealthService::from_health_reporter(health.clone()),
@@ -64,6 +67,7 @@ pub async fn run(
         .max_concurrent_streams(limits::CALLS_PER_CONNECTION)
         .http2_keepalive_interval(Some(limits::KEEPALIVE))
         .http2_keepalive_timeout(Some(limits::KEEPALIVE))
+        .layer(ForwardLayer::new(peers.clone()))
         .add_service(health_service)
         .add_service(reflection().build_v1().map_err(defect)?)
         .add_service(reflection().build_v1alpha().map_err(defect)?)
@@ -85,6 +89,8 @@ pub async fn run(
             // The server must go on while those inside finish.
             let finish = async {
                 gate.empty().await;
+                // Before the answers have left, so that other replicas take over at once.
+                store.close().await;
                 sleep(FLUSH).await;
                 // Ends the streams of those who watch the health.
                 for service in ["", SERVICE_NAME] {

@@ -6,6 +6,7 @@ use treewright_proto::v1::TuneError;
 use treewright_store::StoreError;
 
 use crate::error::Error;
+use crate::peers::Fate;
 
 /// The canonical code of an error.
 #[must_use]
@@ -58,7 +59,11 @@ fn store_code(error: &StoreError) -> Code {
 
 impl From<Error> for Status {
     fn from(error: Error) -> Self {
-        Status::new(code(&error), error.to_string())
+        let mut status = Status::new(code(&error), error.to_string());
+        if let Some(fate) = Fate::of(&error) {
+            fate.write(status.metadata_mut());
+        }
+        status
     }
 }
 

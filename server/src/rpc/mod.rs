@@ -3,6 +3,7 @@
 //! `studies` and `trials` hold the handlers by topic, `tune` the stream. What they share is here: every
 //! request passes the gate, and every refusal is logged once.
 
+mod frames;
 mod studies;
 mod trials;
 mod tune;
@@ -15,6 +16,7 @@ use treewright_proto::v1::{self as wire};
 
 use crate::error::Error;
 use crate::gate::Gate;
+use crate::peers::Peers;
 use crate::status;
 use crate::tuning::Tuning;
 
@@ -23,13 +25,14 @@ use crate::tuning::Tuning;
 pub struct Service {
     tuning: Arc<Tuning>,
     gate: Gate,
+    peers: Option<Arc<Peers>>,
 }
 
 impl Service {
     /// The service on its use cases.
     #[must_use]
-    pub fn new(tuning: Arc<Tuning>, gate: Gate) -> Self {
-        Self { tuning, gate }
+    pub fn new(tuning: Arc<Tuning>, gate: Gate, peers: Option<Arc<Peers>>) -> Self {
+        Self { tuning, gate, peers }
     }
 
     /// Lets a request in, does its work, and answers.
@@ -123,8 +126,9 @@ impl TuningService for Service {
         match self.gate.stream() {
             Ok(entered) => {
                 let tuning = Arc::clone(&self.tuning);
+                let way = frames::Frames::new(self.peers.clone(), request.metadata());
                 let frames = request.into_inner();
-                let answers = tune::serve(tuning, self.gate.clone(), entered, frames);
+                let answers = tune::serve(tuning, self.gate.clone(), entered, way, frames);
                 Ok(Response::new(answers))
             }
             Err(error) => {

@@ -7,6 +7,7 @@ use treewright_store::{Fence, Receipt, Store};
 use super::{Live, Tuning};
 use crate::convert::from_proto::{Report, Suggest};
 use crate::error::Error;
+use crate::peers::Fate;
 
 /// How often a report of a closed trial is tried, should another request change such a trial meanwhile.
 const TRIES: usize = 8;
@@ -26,6 +27,16 @@ pub struct FrameAnswer {
     pub reported: Option<Result<Reported, Error>>,
     /// To the suggestion.
     pub suggested: Option<Result<Trial, Error>>,
+}
+
+impl FrameAnswer {
+    /// Where to try again what could not be done here.
+    #[must_use]
+    pub fn fate(&self) -> Option<Fate> {
+        let reported = self.reported.as_ref().and_then(|result| result.as_ref().err());
+        let suggested = self.suggested.as_ref().and_then(|result| result.as_ref().err());
+        reported.into_iter().chain(suggested).find_map(Fate::of)
+    }
 }
 
 /// What the tuner made of a report.

@@ -95,6 +95,11 @@ pub trait Store: Send + Sync + 'static {
     /// holds the study.
     async fn load(&self, study: &str) -> Result<Loaded, StoreError>;
 
+    /// Whether other processes may serve the same store.
+    fn is_shared(&self) -> bool {
+        false
+    }
+
     /// Forgets which other replica holds the study, because it could not be reached: the next load looks anew.
     /// Stores that are not shared have nothing to forget.
     fn doubt(&self, study: &str) {

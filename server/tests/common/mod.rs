@@ -16,7 +16,8 @@ use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_proto::v1::{self as wire, outcome, parameter, value};
 use treewright_server::clock::ManualClock;
 use treewright_server::serve;
-use treewright_store::{MemoryStore, SqliteStore, Store};
+use treewright_store::{MemoryStore, PostgresAddress, PostgresStore, SqliteStore, Store};
+use treewright_test_postgres::Database;
 
 pub(crate) type Client = TuningServiceClient<Channel>;
 
@@ -41,6 +42,19 @@ impl Server {
 
     pub(crate) async fn with(store: Arc<dyn Store>, now_ms: i64) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        Self::on(listener, store, now_ms).await
+    }
+
+    /// One of several replicas on a database.
+    pub(crate) async fn replica(database: &Database) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let advertised = format!("http://{}", listener.local_addr().expect("an address"));
+        let server = PostgresAddress::parse(database.url()).expect("an address");
+        let store = PostgresStore::open(server, &advertised, Duration::ZERO).await.expect("a database");
+        Self::on(listener, Arc::new(store), START_MS).await
+    }
+
+    async fn on(listener: TcpListener, store: Arc<dyn Store>, now_ms: i64) -> Self {
         let address = listener.local_addr().expect("an address");
         let clock = Arc::new(ManualClock::at(now_ms));
         let (stop, stopped) = oneshot::channel::<()>();

@@ -184,6 +184,10 @@ impl Store for PostgresStore {
         read::load(&mut *self.reader().await?, fence).await
     }
 
+    fn is_shared(&self) -> bool {
+        true
+    }
+
     fn doubt(&self, study: &str) {
         self.shared.forget_owner(study);
     }

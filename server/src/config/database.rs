@@ -1,0 +1,102 @@
+//! Which database: a file, or a PostgreSQL server. An address may hold a password, so what was given is never
+//! shown as it is, neither in a log nor in an error.
+
+use std::convert::Infallible;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Duration;
+
+use treewright_store::PostgresAddress;
+
+/// The options that say where everything is kept.
+#[derive(Clone, Debug, clap::Args)]
+pub struct DatabaseConfig {
+    /// Database file, created if it does not exist; or postgres://USER@HOST/DATABASE, which several daemons may
+    /// share.
+    #[arg(long, env = "TREEWRIGHT_DATABASE", hide_env_values = true, value_name = "FILE or URL")]
+    pub database: Given,
+
+    /// File with the password for PostgreSQL. Without it the password comes from PGPASSFILE, ~/.pgpass,
+    /// PGPASSWORD or the address.
+    #[arg(long, env = "TREEWRIGHT_DATABASE_PASSWORD_FILE", value_name = "FILE")]
+    pub database_password_file: Option<PathBuf>,
+
+    /// How long a starting daemon waits for PostgreSQL, in seconds.
+    #[arg(long, env = "TREEWRIGHT_DATABASE_WAIT_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=3600))]
+    pub database_wait_s: u64,
+
+    /// Where other daemons on the same PostgreSQL reach this one, e.g. http://10.0.0.7:50611. Without it: where
+    /// it listens.
+    #[arg(long, env = "TREEWRIGHT_ADVERTISE", value_name = "URL")]
+    pub advertise: Option<String>,
+}
+
+/// What was given as the database. Only a file is shown.
+#[derive(Clone)]
+pub struct Given(String);
+
+impl FromStr for Given {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(Self(text.to_owned()))
+    }
+}
+
+impl std::fmt::Debug for Given {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(if PostgresAddress::is_one(&self.0) { "postgres://..." } else { &self.0 })
+    }
+}
+
+/// Where everything is kept.
+#[derive(Clone, Debug)]
+pub enum Database {
+    /// A file of this daemon's own.
+    File(PathBuf),
+    /// A database that several daemons may share.
+    Postgres(PostgresAddress),
+}
+
+impl std::fmt::Display for Database {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::File(path) => write!(formatter, "{}", path.display()),
+            Self::Postgres(address) => formatter.write_str(&address.shown()),
+        }
+    }
+}
+
+impl DatabaseConfig {
+    /// Reads what was given, with the password from its file.
+    ///
+    /// # Errors
+    /// What is wrong and what would be right, without any password.
+    pub fn read(&self) -> Result<Database, String> {
+        let Given(text) = &self.database;
+        if !PostgresAddress::is_one(text) {
+            let only_for_postgres = [
+                ("--database-password-file", self.database_password_file.is_some()),
+                ("--advertise", self.advertise.is_some()),
+            ];
+            return match only_for_postgres.into_iter().find(|(_, given)| *given) {
+                Some((option, _)) => Err(format!("{option} goes with --database postgres://...")),
+                None => Ok(Database::File(PathBuf::from(text))),
+            };
+        }
+        let address = PostgresAddress::parse(text).map_err(|error| error.to_string())?;
+        let Some(file) = &self.database_password_file else {
+            return Ok(Database::Postgres(address));
+        };
+        let password = std::fs::read_to_string(file).map_err(|error| {
+            format!("the password file {} cannot be read ({error}); check path and rights", file.display())
+        })?;
+        Ok(Database::Postgres(address.password(password.trim_end_matches(['\r', '\n']))))
+    }
+
+    /// How long to wait for a server.
+    #[must_use]
+    pub fn wait(&self) -> Duration {
+        Duration::from_secs(self.database_wait_s)
+    }
+}

@@ -1,0 +1,191 @@
+//! The other replicas: how a request gets to the one that holds its study.
+//!
+//! Where several daemons share a database, a study's tuner lives in one of them. A replica that is asked about
+//! a study of another's passes the request on, as it came, and the answer back. A request is passed on once:
+//! whoever gets it marked and does not hold the study says so, and the first looks again who does. If the
+//! holder is gone, the database lets the first take the study itself.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+use tonic::metadata::MetadataMap;
+use tonic::transport::{Channel, Endpoint};
+use tonic::{Code, Request, Status};
+use treewright_proto::v1 as wire;
+use treewright_proto::v1::tuning_service_client::TuningServiceClient;
+use treewright_store::{Store, StoreError};
+
+use crate::error::Error;
+use crate::limits;
+
+/// Marks a request that another replica passed on.
+pub const FORWARDED: &str = "treewright-forwarded";
+
+/// In an answer: which replica holds the study.
+pub const HOLDER: &str = "treewright-holder";
+
+/// In an answer: the study that is meant, or that was reloaded before anything was done.
+pub const STUDY: &str = "treewright-study";
+
+/// Why a request that failed here may go well elsewhere, or at another time. Nothing of it was done.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Fate {
+    /// Another replica holds the study.
+    Elsewhere {
+        /// The study.
+        study: String,
+        /// Where that replica is reached.
+        address: String,
+    },
+    /// The study went to another replica while the request was worked on.
+    Again {
+        /// The study.
+        study: String,
+    },
+}
+
+impl Fate {
+    /// What an error says of the request's fate; none where it is final.
+    #[must_use]
+    pub fn of(error: &Error) -> Option<Self> {
+        match error {
+            Error::Store(StoreError::Elsewhere { study, address }) => {
+                Some(Self::Elsewhere { study: study.clone(), address: address.clone() })
+            }
+            Error::Store(StoreError::Fenced { study }) | Error::Reloading { study } => {
+                Some(Self::Again { study: study.clone() })
+            }
+            _ => None,
+        }
+    }
+
+    /// Writes it beside the status of an answer.
+    pub(crate) fn write(&self, metadata: &mut MetadataMap) {
+        let (study, address) = match self {
+            Self::Elsewhere { study, address } => (study, Some(address)),
+            Self::Again { study } => (study, None),
+        };
+        // Ids of studies are plain characters; an address that is no header cannot be passed on to either.
+        if let Ok(study) = study.parse() {
+            metadata.insert(STUDY, study);
+        }
+        if let Some(Ok(address)) = address.map(|address| address.parse()) {
+            metadata.insert(HOLDER, address);
+        }
+    }
+
+    /// Reads it from the headers of an answer.
+    pub(crate) fn read(headers: &http::HeaderMap) -> Option<Self> {
+        let text = |name| headers.get(name)?.to_str().ok().map(str::to_owned);
+        let study = text(STUDY)?;
+        Some(match text(HOLDER) {
+            Some(address) => Self::Elsewhere { study, address },
+            None => Self::Again { study },
+        })
+    }
+}
+
+/// Connections to the other replicas, and the patience with them.
+pub struct Peers {
+    store: Arc<dyn Store>,
+    channels: Mutex<HashMap<String, Channel>>,
+}
+
+/// How long a request has been looking for the replica that does it.
+pub(crate) struct Patience {
+    until: Instant,
+    pause: Duration,
+}
+
+impl Patience {
+    pub(crate) fn new() -> Self {
+        Self { until: Instant::now() + limits::PEER_PATIENCE, pause: limits::PEER_PAUSE }
+    }
+
+    /// Waits a little, a little longer each time; false when the time is up.
+    pub(crate) async fn wait(&mut self) -> bool {
+        if Instant::now() + self.pause >= self.until {
+            return false;
+        }
+        sleep(self.pause).await;
+        self.pause = (self.pause * 2).min(limits::PEER_PAUSE_LONGEST);
+        true
+    }
+}
+
+impl Peers {
+    /// The replicas that share `store`; none where nobody else does.
+    #[must_use]
+    pub fn of(store: &Arc<dyn Store>) -> Option<Arc<Self>> {
+        let store = Arc::clone(store);
+        store.is_shared().then(|| Arc::new(Self { store, channels: Mutex::default() }))
+    }
+
+    /// The replica did not answer, or does not hold the study any more.
+    pub(crate) fn doubt(&self, study: &str) {
+        self.store.doubt(study);
+    }
+
+    /// A connection to a replica, made when it is used.
+    pub(crate) fn channel(&self, address: &str) -> Result<Channel, Status> {
+        let mut channels = self.channels.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(channel) = channels.get(address) {
+            return Ok(channel.clone());
+        }
+        let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|_| {
+            Status::internal(format!("the replica's address {address:?} is no URL; see its --advertise"))
+        })?;
+        let channel = endpoint
+            .connect_timeout(limits::PEER_CONNECT)
+            .tcp_nodelay(true)
+            .http2_keep_alive_interval(limits::KEEPALIVE)
+            .keep_alive_timeout(limits::KEEPALIVE)
+            .connect_lazy();
+        if channels.len() >= limits::PEERS {
+            channels.clear();
+        }
+        channels.insert(address.to_owned(), channel.clone());
+        Ok(channel)
+    }
+
+    /// Passes one frame of a Tune stream on. `metadata` is the stream's own.
+    pub(crate) async fn frame(
+        &self,
+        address: &str,
+        metadata: &MetadataMap,
+        frame: wire::TuneRequest,
+    ) -> Result<wire::TuneResponse, Status> {
+        let mut client = TuningServiceClient::new(self.channel(address)?)
+            .max_decoding_message_size(limits::REQUEST_BYTES * 4);
+        let mut request = Request::new(tokio_stream::once(frame));
+        *request.metadata_mut() = metadata.clone();
+        request.metadata_mut().insert(FORWARDED, tonic::metadata::MetadataValue::from_static("1"));
+        let mut answers = client.tune(request).await?.into_inner();
+        answers.message().await?.ok_or_else(|| Status::unavailable("the replica ended the stream"))
+    }
+}
+
+/// Whether an answer of a replica leaves the question open.
+pub(crate) fn is_open(answer: &wire::TuneResponse) -> bool {
+    let errors = [&answer.report_error, &answer.suggest_error];
+    errors.into_iter().flatten().any(|error| error.code == Code::Unavailable as i32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fate_survives_the_way_through_headers() {
+        let study = "hall".to_owned();
+        let address = "http://10.0.0.7:50611".to_owned();
+        for fate in [Fate::Elsewhere { study: study.clone(), address }, Fate::Again { study }] {
+            let mut metadata = MetadataMap::new();
+            fate.write(&mut metadata);
+            assert_eq!(Fate::read(&metadata.into_headers()), Some(fate));
+        }
+        assert_eq!(Fate::read(&http::HeaderMap::new()), None);
+    }
+}

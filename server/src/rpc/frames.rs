@@ -1,0 +1,98 @@
+//! Frames of a Tune stream where several replicas share the studies: each goes to the replica that holds its
+//! study, and what concerns two studies goes its two ways.
+
+use std::sync::Arc;
+
+use tonic::Status;
+use tonic::metadata::MetadataMap;
+use treewright_proto::v1 as wire;
+
+use crate::peers::{FORWARDED, Fate, Patience, Peers, is_open};
+
+/// Answers frames with what is at hand in this replica.
+pub(super) trait Attempt: Sync {
+    /// The answer, and where to try again what could not be done here. An error ends the stream.
+    fn attempt(
+        &self,
+        frame: wire::TuneRequest,
+    ) -> impl Future<Output = Result<(wire::TuneResponse, Option<Fate>), Status>> + Send;
+}
+
+/// The way of one stream's frames.
+pub(super) struct Frames {
+    peers: Option<Arc<Peers>>,
+    /// What the client sent with the stream, its credentials among it.
+    metadata: MetadataMap,
+}
+
+impl Frames {
+    pub(super) fn new(peers: Option<Arc<Peers>>, metadata: &MetadataMap) -> Self {
+        let metadata = if peers.is_some() { metadata.clone() } else { MetadataMap::new() };
+        Self { peers, metadata }
+    }
+
+    /// Answers a frame: here, or at the replica that holds its study.
+    pub(super) async fn answer(
+        &self,
+        frame: wire::TuneRequest,
+        here: &impl Attempt,
+    ) -> Result<wire::TuneResponse, Status> {
+        let Some(peers) = &self.peers else {
+            return Ok(here.attempt(frame).await?.0);
+        };
+        match frame {
+            wire::TuneRequest { report: Some(report), suggest: Some(suggest) }
+                if !concern_one_study(&report, &suggest) =>
+            {
+                let report = wire::TuneRequest { report: Some(report), suggest: None };
+                let suggest = wire::TuneRequest { report: None, suggest: Some(suggest) };
+                let reported = self.find_answer(peers, report, here).await?;
+                let suggested = self.find_answer(peers, suggest, here).await?;
+                Ok(wire::TuneResponse {
+                    reported: reported.reported,
+                    report_error: reported.report_error,
+                    trial: suggested.trial,
+                    suggest_error: suggested.suggest_error,
+                })
+            }
+            frame => self.find_answer(peers, frame, here).await,
+        }
+    }
+
+    async fn find_answer(
+        &self,
+        peers: &Peers,
+        frame: wire::TuneRequest,
+        here: &impl Attempt,
+    ) -> Result<wire::TuneResponse, Status> {
+        let mut patience = Patience::new();
+        loop {
+            let (answer, fate) = here.attempt(frame.clone()).await?;
+            match fate {
+                None => return Ok(answer),
+                Some(Fate::Elsewhere { .. }) if self.metadata.contains_key(FORWARDED) => return Ok(answer),
+                Some(Fate::Elsewhere { study, address }) => {
+                    match peers.frame(&address, &self.metadata, frame.clone()).await {
+                        Ok(theirs) if !is_open(&theirs) => return Ok(theirs),
+                        Ok(_) => {}
+                        Err(error) => tracing::debug!(study, address, %error, "the replica does not answer"),
+                    }
+                    peers.doubt(&study);
+                }
+                Some(Fate::Again { .. }) => {}
+            }
+            if !patience.wait().await {
+                return Ok(answer);
+            }
+        }
+    }
+}
+
+/// Whether the trial that is reported is one of the study that is asked. Malformed names go together; they are
+/// refused all the same.
+fn concern_one_study(report: &wire::ReportRequest, suggest: &wire::SuggestRequest) -> bool {
+    match report.trial.split_once("/trials/") {
+        Some((study, _)) => study == suggest.study,
+        None => true,
+    }
+}
