@@ -51,8 +51,9 @@ pub async fn run(
     let mut health = HealthReporter::new();
     set_health(&health, ServingStatus::Serving).await;
 
-    let service = TuningServiceServer::new(Service::new(Arc::clone(&tuning), gate.clone(), peers.clone()))
-        .max_decoding_message_size(limits::REQUEST_BYTES);
+    let service =
+        TuningServiceServer::new(Service::new(Arc::clone(&tuning), gate.clone()).with_peers(peers.clone()))
+            .max_decoding_message_size(limits::REQUEST_BYTES);
     let health_service = tonic_health::pb::health_server::HealthServer::new(
         HealthService::from_health_reporter(health.clone()),
     );

@@ -31,8 +31,14 @@ pub struct Service {
 impl Service {
     /// The service on its use cases.
     #[must_use]
-    pub fn new(tuning: Arc<Tuning>, gate: Gate, peers: Option<Arc<Peers>>) -> Self {
-        Self { tuning, gate, peers }
+    pub fn new(tuning: Arc<Tuning>, gate: Gate) -> Self {
+        Self { tuning, gate, peers: None }
+    }
+
+    /// Passes frames of Tune streams on to the replicas that hold their studies.
+    #[must_use]
+    pub fn with_peers(self, peers: Option<Arc<Peers>>) -> Self {
+        Self { peers, ..self }
     }
 
     /// Lets a request in, does its work, and answers.

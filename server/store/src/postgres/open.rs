@@ -24,7 +24,7 @@ const PAUSE: Duration = Duration::from_millis(200);
 /// Where a database is and how to be let in. Shows no password.
 #[derive(Clone)]
 pub struct PostgresAddress {
-    options: PgConnectOptions,
+    options: Box<PgConnectOptions>,
 }
 
 impl PostgresAddress {
@@ -44,7 +44,8 @@ impl PostgresAddress {
         if options.get_database().is_none_or(str::is_empty) {
             return Err(bad("it names no database"));
         }
-        Ok(Self { options: options.application_name("treewrightd").disable_statement_logging() })
+        let options = options.application_name("treewrightd").disable_statement_logging();
+        Ok(Self { options: Box::new(options) })
     }
 
     /// Whether `text` is meant as an address of a database rather than as the path of a file.
@@ -56,7 +57,7 @@ impl PostgresAddress {
     /// Sets the password.
     #[must_use]
     pub fn password(self, password: &str) -> Self {
-        Self { options: self.options.password(password) }
+        Self { options: Box::new(self.options.password(password)) }
     }
 
     /// The same in other words: user, host, port and database.
@@ -93,7 +94,7 @@ impl PostgresAddress {
             .after_connect(|connection, _| {
                 Box::pin(async move { connection.execute(sql::SETTINGS).await.map(|_| ()) })
             })
-            .connect_lazy_with(self.options.clone())
+            .connect_lazy_with(self.options().clone())
     }
 }
 
