@@ -3,5 +3,6 @@
 mod bad_input;
 mod lifecycle;
 mod restart;
+mod storm;
 mod tuning;
 mod wire;
