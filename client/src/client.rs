@@ -36,7 +36,9 @@ impl Drop for LastHandle {
 }
 
 impl Client {
-    /// Makes a client. It begins to connect in the background and does not wait for that: an absent
+    /// Makes a client of the daemon at `url`, e.g. `http://127.0.0.1:50611`. Where several daemons serve one database,
+    /// `url` may name them all, parted by commas: the client uses the first that serves, and goes over to another by
+    /// itself when that one goes. It begins to connect in the background and does not wait for that: an absent
     /// daemon is no error but shows in [`Client::status`].
     ///
     /// Errors: [`ClientError::BadUrl`]; [`ClientError::Invalid`] for an option out of range;
@@ -48,9 +50,9 @@ impl Client {
         runtime.spawn(delivery::run(Arc::clone(&core)));
         let probing = Arc::clone(&core);
         runtime.spawn(async move {
-            let probe = || probing.probe(limits::PROBE);
+            let probe = || probing.look_for_daemon();
             tokio::select! {
-                () = probing.link.keep_probing(probing.back_off(), probe) => {}
+                () = probing.link.keep_probing(probing.looking_back_off(), probe) => {}
                 // Delivery ends at most so long after closing, and until then wants to know of the daemon's return.
                 () = async {
                     probing.outbox.closing().await;

@@ -3,13 +3,14 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use tonic::transport::{Channel, Endpoint};
+use tonic::transport::Endpoint;
 use tonic_health::pb::HealthCheckRequest;
 use tonic_health::pb::health_check_response::ServingStatus;
 use tonic_health::pb::health_client::HealthClient;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 
 use crate::back_off::BackOff;
+use crate::failover::Failover;
 use crate::link::Link;
 use crate::outbox::{Lost, Outbox};
 use crate::stats::Counters;
@@ -25,36 +26,55 @@ pub(crate) struct Core {
     pub(crate) counters: Counters,
     /// Tells this client from an earlier one of the same id.
     pub(crate) session: u64,
-    channel: Channel,
+    channel: Failover,
 }
 
 impl Core {
     /// Makes the channel without connecting it. Must run inside a tokio runtime.
     pub(crate) fn new(url: &str, options: Options) -> Result<Self, ClientError> {
         options.check()?;
-        let endpoint = endpoint(url)?
-            .connect_timeout(limits::CONNECT)
-            .tcp_nodelay(true)
-            .http2_keep_alive_interval(Duration::from_secs(10))
-            .keep_alive_timeout(Duration::from_secs(5));
+        let channels = endpoints(url)?.into_iter().map(|endpoint| {
+            endpoint
+                .connect_timeout(limits::CONNECT)
+                .tcp_nodelay(true)
+                .http2_keep_alive_interval(Duration::from_secs(10))
+                .keep_alive_timeout(Duration::from_secs(5))
+                .connect_lazy()
+        });
+        let channel = Failover::new(channels.collect());
         Ok(Self {
             url: url.to_owned(),
             link: Link::new(),
             outbox: Arc::new(Outbox::new(options.queue)),
             counters: Counters::default(),
             session: new_session(),
-            channel: endpoint.connect_lazy(),
+            channel,
             options,
         })
     }
 
     /// The generated client, on the shared connection.
-    pub(crate) fn rpc(&self) -> TuningServiceClient<Channel> {
+    pub(crate) fn rpc(&self) -> TuningServiceClient<Failover> {
         TuningServiceClient::new(self.channel.clone()).max_decoding_message_size(limits::ANSWER_BYTES)
     }
 
     pub(crate) fn back_off(&self) -> BackOff {
         BackOff::new(&self.options)
+    }
+
+    /// Looks for a daemon that serves: at another address first, where the one in use has failed.
+    pub(crate) async fn look_for_daemon(&self) -> Result<(), ClientError> {
+        if self.link.problem().is_some() {
+            self.channel.distrust();
+        }
+        // One address after the other may have to run out of time.
+        let addresses = u32::try_from(self.channel.count()).unwrap_or(u32::MAX);
+        self.probe(limits::PROBE.saturating_mul(addresses + 1)).await
+    }
+
+    /// Pauses between looking for the daemon.
+    pub(crate) fn looking_back_off(&self) -> BackOff {
+        if self.channel.count() > 1 { self.back_off().sooner() } else { self.back_off() }
     }
 
     /// Makes one call within a time limit and learns from it whether the daemon is there.
@@ -137,6 +157,17 @@ fn new_session() -> u64 {
     (now.as_nanos() as u64).wrapping_add(u64::from(std::process::id())).max(1)
 }
 
+/// Reads one address, or several that are parted by commas.
+fn endpoints(urls: &str) -> Result<Vec<Endpoint>, ClientError> {
+    let addresses: Vec<&str> = urls.split(',').map(str::trim).collect();
+    if addresses.len() > limits::ADDRESSES {
+        let reason =
+            format!("it names {} addresses, and {} are the most", addresses.len(), limits::ADDRESSES);
+        return Err(ClientError::BadUrl { url: urls.to_owned(), reason });
+    }
+    addresses.into_iter().map(endpoint).collect()
+}
+
 /// Checks more than the HTTP library does, which takes any word for an address.
 fn endpoint(url: &str) -> Result<Endpoint, ClientError> {
     let bad = |reason: String| ClientError::BadUrl { url: url.to_owned(), reason };
@@ -172,6 +203,16 @@ fn endpoint(url: &str) -> Result<Endpoint, ClientError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn several_addresses_are_parted_by_commas() {
+        let count = |urls: &str| endpoints(urls).map(|all| all.len()).map_err(|error| error.to_string());
+        assert_eq!(count("http://a:1"), Ok(1));
+        assert_eq!(count("http://a:1, http://b:2,http://c:3"), Ok(3));
+        assert!(count("http://a:1,").is_err());
+        assert!(count("http://a:1,b:2").is_err_and(|text| text.starts_with("`b:2`")));
+        assert!(count(&["http://a:1"; 17].join(",")).is_err_and(|text| text.contains("16 are the most")));
+    }
 
     #[test]
     fn addresses_are_checked() {

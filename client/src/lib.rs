@@ -26,6 +26,7 @@ mod client;
 mod core;
 mod delivery;
 mod error;
+mod failover;
 mod fingerprint;
 mod frame_set;
 mod insight;

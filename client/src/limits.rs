@@ -53,6 +53,8 @@ pub const LATE_ANSWER: Duration = Duration::from_secs(5);
 pub const DELIVERY_ATTEMPT: Duration = Duration::from_secs(5);
 /// One attempt to find out whether the daemon answers may take so long.
 pub const PROBE: Duration = Duration::from_secs(1);
+/// Addresses of one service that a client may be given.
+pub const ADDRESSES: usize = 16;
 /// Establishing one connection may take so long.
 pub const CONNECT: Duration = Duration::from_secs(1);
 /// When the last handle is gone, queued reports are still sent for so long.

@@ -15,8 +15,8 @@ use crate::tuning::objective::{Objective, study_id};
 /// Where the service is, and which study.
 #[derive(Args, Clone, Debug)]
 pub(super) struct ServerArguments {
-    /// Address of the daemon.
-    #[arg(long, value_name = "URL", env = "TREEWRIGHT_SERVER", default_value = "http://127.0.0.1:50611")]
+    /// Address of the daemon; of several on one database, parted by commas.
+    #[arg(long, value_name = "URLS", env = "TREEWRIGHT_SERVER", default_value = "http://127.0.0.1:50611")]
     pub(super) server: String,
 
     /// Id of the study; made of scene, objective, size and space when left out.

@@ -25,12 +25,12 @@ Exit codes:
 #[derive(Debug, Parser)]
 #[command(name = "treewright", version, after_help = EXAMPLES)]
 pub(crate) struct Arguments {
-    /// Where the daemon listens
+    /// Where the daemon listens; several on one database are parted by commas
     #[arg(
         long,
         global = true,
         env = "TREEWRIGHT_SERVER",
-        value_name = "URL",
+        value_name = "URLS",
         default_value = "http://127.0.0.1:50611"
     )]
     pub(crate) server: String,
