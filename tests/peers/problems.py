@@ -128,16 +128,28 @@ class Grid(Problem):
         return None if math.isinf(cost) else cost * math.exp(self.noise * random.standard_normal())
 
 
+def configurations(parameters):
+    """Every configuration of a grid, the last parameter fastest, without those that mean nothing beside the others."""
+    def extend(configuration, left):
+        if not left:
+            yield configuration
+            return
+        first, *rest = left
+        is_on = first.active_if is None or configuration.get(first.active_if[0]) in first.active_if[1]
+        values = (False, True) if first.kind == "switch" else first.values
+        for value in values if is_on else (None,):
+            yield from extend({**configuration, first.name: value} if is_on else configuration, rest)
+
+    return extend({}, list(parameters))
+
+
 class Recorded(Problem):
-    """A landscape recorded with the renderer: every configuration of a grid, measured several times.
+    """A landscape recorded with the renderer (see `record.py`): every configuration of a grid, with 5 % noise."""
 
-    The file holds `parameters`, as `Parameter` takes them, and `rows` of `{"configuration", "cost_ms": [...]}`,
-    an empty list where the build failed. Noise: one of the row's own measurements, drawn at random.
-    """
-
-    def __init__(self, path):
+    def __init__(self, path, noise=0.05):
         data = json.loads(pathlib.Path(path).read_text())
         self.name = data["name"]
+        self.noise = noise
         self.parameters = []
         for each in data["parameters"]:
             each = dict(each)
@@ -145,8 +157,8 @@ class Recorded(Problem):
             if each.get("active_if"):
                 each["active_if"] = (each["active_if"][0], tuple(each["active_if"][1]))
             self.parameters.append(Parameter(**each))
-        self.rows = {self._key(row["configuration"]): row["cost_ms"] for row in data["rows"]}
-        self.true = {key: float(numpy.median(costs)) for key, costs in self.rows.items() if costs}
+        keys = (self._key(each) for each in configurations(self.parameters))
+        self.true = {key: cost for key, cost in zip(keys, data["costs"], strict=True) if cost is not None}
         self.best = min(self.true.values())
 
     def _key(self, configuration):
@@ -157,8 +169,39 @@ class Recorded(Problem):
         return self.true.get(self._key(configuration), math.inf) / self.best
 
     def measure(self, configuration, random):
-        costs = self.rows[self._key(configuration)]
-        return float(random.choice(costs)) if costs else None
+        cost = self.gap(configuration)
+        return None if math.isinf(cost) else cost * math.exp(self.noise * random.standard_normal())
+
+
+class Kernel(Problem):
+    """A compute kernel's recorded landscape, as Kernel Tuner writes it: every combination that can be run, all else cannot.
+
+    The true cost is the mean time; what an optimiser sees is one of the recorded runs, drawn at random. The default is
+    the first combination that was recorded, and no good one.
+    """
+
+    def __init__(self, path):
+        data = json.loads(pathlib.Path(path).read_text())
+        self.name = pathlib.Path(path).parent.name + "/" + data["kernel_name"]
+        names = [name for name, values in data["tune_params"].items() if len(values) > 1]
+        rows = {tuple(row[name] for name in names): row for row in data["cache"].values()}
+        self.runs = {key: row["times"] for key, row in rows.items() if isinstance(row.get("time"), float)}
+        self.parameters = [
+            Parameter(name, "choice", values=tuple(data["tune_params"][name]), default=default)
+            for name, default in zip(names, next(iter(self.runs)))
+        ]
+        self.true = {key: float(numpy.mean(runs)) for key, runs in self.runs.items()}
+        self.best = min(self.true.values())
+
+    def _key(self, configuration):
+        return tuple(configuration[parameter.name] for parameter in self.parameters)
+
+    def gap(self, configuration):
+        return self.true.get(self._key(configuration), math.inf) / self.best
+
+    def measure(self, configuration, random):
+        runs = self.runs.get(self._key(configuration))
+        return float(random.choice(runs)) if runs else None
 
 
 BBOB_FUNCTIONS = (1, 2, 3, 6, 8, 10, 12, 13, 15, 17, 20, 21)
@@ -175,6 +218,8 @@ def suite(name, folder=None):
         ]
     if name == "grid":
         return [lambda seed=seed: Grid(seed) for seed in range(8)]
+    if name == "kernel":
+        return [lambda path=path: Kernel(path) for path in sorted(pathlib.Path(folder).glob("mock_gpu.json"))]
     if name == "recorded":
         return [lambda path=path: Recorded(path) for path in sorted(pathlib.Path(folder).glob("*.json"))]
-    raise SystemExit(f"there is no suite {name}; there are bbob, bbob-noiseless, grid and recorded")
+    raise SystemExit(f"there is no suite {name}; there are bbob, bbob-noiseless, grid, kernel and recorded")

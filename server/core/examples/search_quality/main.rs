@@ -1,7 +1,7 @@
 //! How well the searches search: problems by methods by seeds, as tables.
 //!
 //! `cargo run --release -p treewright-core --example search_quality -- SUITE SEEDS METHOD...` with the suites
-//! bbob, bbob4, quiet, offset, trees, grids, effects and stencil. Scores are means over the problems of a suite after 20, 40 and
+//! bbob, bbob4, quiet, offset, trees, grids, effects and stencil, or a file of a recorded landscape. Scores are means over the problems of a suite after 20, 40 and
 //! 80 trials: decimal logarithms of gaps (less is better), or shares of the optimum (more is better), of the
 //! configuration that measured best; in brackets of the best that was ever tried. Ranks are among the methods
 //! given, on equal problems and seeds.
@@ -9,6 +9,7 @@
 mod bbob;
 mod grids;
 mod problem;
+mod recorded;
 mod trees;
 
 use rand::{Rng, RngExt};
@@ -81,7 +82,7 @@ fn suite(name: &str, seed: u64) -> Vec<Problem> {
             .collect(),
         "effects" => vec![grids::random_effects(seed)],
         "stencil" => vec![grids::problem("stencil", seed, false, 0.02)],
-        other => panic!("{other} is no suite"),
+        file => vec![recorded::problem(file)],
     }
 }
 

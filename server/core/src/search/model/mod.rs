@@ -15,6 +15,9 @@
 //!   again before it is believed.
 //! - *Precision.* Every other point is the most promising one of a model of its own of the measurements
 //!   around the best (see `local`), so that the search converges where the global model is too coarse.
+//! - *Grids.* Where there is nothing continuous to look at more closely, every other point is that of a model
+//!   with a quadratic trend, if the measurements speak for one: costs of kernels and trees are near products of
+//!   powers of their parameters. A trend that is not there misleads, hence the proof and the other half.
 //! - *Trials that were stopped early.* They count as measured at the mean of what the model expects above
 //!   the bound (Schmee and Hahn, "A simple method for regression analysis with censored data",
 //!   Technometrics 21, 1979; for model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
@@ -57,6 +60,12 @@ const KEPT_MAX: usize = 512;
 const ROUNDS_FIRST: usize = 30;
 const ROUNDS: usize = 4;
 const ROUNDS_UNTIL: usize = 32;
+/// How far the design reaches along continuous axes, as a share of the cube, and from how many axes on: most of
+/// a cube of many dimensions are corners, which say nothing of the rest.
+const DESIGN_REACH: f64 = 0.75;
+const DESIGN_REACH_FROM: usize = 3;
+/// A trend is believed in from this logarithm of a likelihood ratio on: twenty to one.
+const TREND_EVIDENCE: f64 = 3.0;
 /// At most this share of the measurements goes to measuring the best again, and at most so many to one.
 const REPEAT_SHARE: f64 = 0.04;
 const REPEATS_MAX: f64 = 5.0;
@@ -91,6 +100,9 @@ pub struct ModelSearch {
     seen: Vec<Seen>,
     cost: Hyper,
     failure: Hyper,
+    /// Of the costs with a trend, once that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    trended: Option<Hyper>,
     /// Measurements at the last fit.
     fitted: u64,
     /// Measurements so far.
@@ -108,6 +120,15 @@ struct Place {
     found: Found,
 }
 
+/// A fitted model of cost.
+struct CostModel {
+    process: Process,
+    /// The relative deviation of a measurement of the best.
+    noise: f64,
+    /// The log likelihood of what was measured, before points that are out were added.
+    evidence: f64,
+}
+
 impl ModelSearch {
     /// A fresh search: the default configuration, then a Latin hypercube.
     pub fn new(mut setup: SearchSetup) -> Self {
@@ -121,6 +142,7 @@ impl ModelSearch {
             seen: Vec::new(),
             cost: Hyper::new(features),
             failure: Hyper::new(features),
+            trended: None,
             fitted: 0,
             told: 0,
             draws: 0,
@@ -128,7 +150,13 @@ impl ModelSearch {
             setup,
         };
         let count = (dimension + 2).clamp(4, (search.setup.budget as usize / 8).max(4));
-        search.queue = design(count - 1, dimension, &mut search.random()).into();
+        let mut points = design(count - 1, dimension, &mut search.random());
+        for (axis, x) in points.iter_mut().flat_map(|point| point.iter_mut().enumerate()) {
+            if dimension >= DESIGN_REACH_FROM && search.setup.layout.cells(axis) == 0 {
+                *x = 0.5 + DESIGN_REACH * (*x - 0.5);
+            }
+        }
+        search.queue = points.into();
         search
     }
 
@@ -218,23 +246,32 @@ impl ModelSearch {
         self.fitted = self.told;
         let failure =
             if measured.len() < places.len() { self.failures(&places, rounds, learn) } else { None };
-        let cost = if measured.len() < 2 { None } else { self.costs(&measured, rounds, learn) };
-        let (cost, noise) = cost.map_or((None, 0.0), |(cost, noise)| (Some(cost), noise));
-        if let Some(again) = self.doubtful(&measured, noise) {
+        let mut hyper = self.cost.clone();
+        let mut cost =
+            if measured.len() < 2 { None } else { self.costs(&measured, &mut hyper, rounds, learn) };
+        self.cost = hyper;
+        if let Some(again) = self.doubtful(&measured, cost.as_ref().map_or(0.0, |cost| cost.noise)) {
             return Some((again, Step::Replicate));
         }
-        let believed = |place: &Place| match (&cost, place.found) {
-            // What was stopped early is never the best.
-            (_, Found::AtLeast(_)) => f64::INFINITY,
-            (Some(cost), _) => cost.at(&place.features).mean,
-            (None, _) => 0.0,
+        let mut known = known(&measured, cost.as_ref().map(|cost| &cost.process));
+        // Every other point comes from a closer look around the best or, on grids, from a model with a trend.
+        let is_other = self.flight.launched().is_multiple_of(2);
+        let near = match &cost {
+            Some(cost) if is_other => Near::of(&self.setup.layout, &measured, &known, &cost.process),
+            _ => None,
         };
-        let known = measured.iter().map(|place| Known { x: place.x.clone(), believed: believed(place) });
-        let known: Vec<Known> = known.collect();
+        if is_other
+            && near.is_none()
+            && let Some(plain) = &cost
+            && let Some(trended) = self.trended(&measured, plain.evidence, rounds, learn)
+        {
+            known = self::known(&measured, Some(&trended.process));
+            cost = Some(trended);
+        }
         let mut random = self.random();
         let acquisition = Acquisition {
             layout: &self.setup.layout,
-            cost: cost.as_ref(),
+            cost: cost.as_ref().map(|cost| &cost.process),
             failure: failure.as_ref(),
             dimension: self.setup.dimension(),
         };
@@ -243,11 +280,7 @@ impl ModelSearch {
             let x = steps(x);
             out.contains(&x) || self.seen.iter().any(|seen| seen.x == x)
         };
-        // Every other point comes from a closer look around the best.
-        if self.flight.launched().is_multiple_of(2)
-            && let Some(cost) = &cost
-            && let Some(near) = Near::of(&self.setup.layout, &measured, &known, cost)
-        {
+        if let Some(near) = near {
             let out = self.flight.points().map(|point| self.grid(&point.x).0);
             let out =
                 out.map(|x| x.iter().map(|&x| f64::from(x) / GRID).collect()).collect::<Vec<Vec<f64>>>();
@@ -268,8 +301,21 @@ impl ModelSearch {
         fit.map(|(process, _)| process)
     }
 
-    /// Fits the model of cost, and estimates the relative deviation of a measurement of the best.
-    fn costs(&mut self, measured: &[&Place], rounds: usize, learn: bool) -> Option<(Process, f64)> {
+    /// The model of cost with a quadratic trend, if the measurements speak for it clearly: their log likelihood
+    /// without one is `plain`.
+    fn trended(&mut self, measured: &[&Place], plain: f64, rounds: usize, learn: bool) -> Option<CostModel> {
+        let (mut hyper, rounds) = match self.trended.take() {
+            // Asked for half as often, it learns twice as much at a time.
+            Some(hyper) => (hyper, if learn { (2 * rounds).max(1) } else { 0 }),
+            None => (Hyper::with_trend(self.setup.layout.metrics().len()), ROUNDS_FIRST),
+        };
+        let model = self.costs(measured, &mut hyper, rounds, learn);
+        self.trended = Some(hyper);
+        model.filter(|model| model.evidence > plain + TREND_EVIDENCE)
+    }
+
+    /// Fits a model of cost.
+    fn costs(&self, measured: &[&Place], hyper: &mut Hyper, rounds: usize, learn: bool) -> Option<CostModel> {
         let metrics = self.setup.layout.metrics();
         let costs: Vec<f64> = measured.iter().map(|place| place.found.cost()).collect();
         let mut counts: Vec<f64> = measured.iter().map(|place| place.found.count()).collect();
@@ -277,7 +323,8 @@ impl ModelSearch {
         let warp = Warp::new(&costs);
         let mut views = warp.views();
         let sample = Sample::new(metrics.clone(), &points, counts.clone());
-        let (mut process, view) = Process::fit(sample, &views, &mut self.cost, rounds, learn)?;
+        let (mut process, view) = Process::fit(sample, &views, hyper, rounds, learn)?;
+        let evidence = process.evidence();
         let censored = |place: &Place| matches!(place.found, Found::AtLeast(_));
         if measured.iter().any(|place| censored(place)) {
             let values = &mut views[view].0;
@@ -285,21 +332,21 @@ impl ModelSearch {
                 *value = acquire::mean_above(*value, process.at(&place.features), process.noise());
             }
             let sample = Sample::new(metrics.clone(), &points, counts.clone());
-            process = Process::fit(sample, &views[view..=view], &mut self.cost, 0, false)?.0;
+            process = Process::fit(sample, &views[view..=view], hyper, 0, false)?.0;
         }
         let noise = warp.relative(view, process.noise().sqrt());
         // Points that are out count as measured at what is expected of them.
         let out: Vec<Vec<f64>> = self.flight.points().map(|point| self.grid(&point.x).1).collect();
         if out.is_empty() {
-            return Some((process, noise));
+            return Some(CostModel { process, noise, evidence });
         }
         let mut values = views[view].0.clone();
         values.extend(out.iter().map(|features| process.at(features).mean));
         counts.extend(out.iter().map(|_| 1.0));
         points.extend(out.iter().map(Vec::as_slice));
         let sample = Sample::new(metrics, &points, counts);
-        let (process, _) = Process::fit(sample, &[(values, 0.0)], &mut self.cost, 0, false)?;
-        Some((process, noise))
+        let (process, _) = Process::fit(sample, &[(values, 0.0)], hyper, 0, false)?;
+        Some(CostModel { process, noise, evidence })
     }
 
     /// The configuration that measured best, if rivals are so close that it may have been luck. `noise` is
@@ -320,6 +367,17 @@ impl ModelSearch {
         let affordable = REPEAT_SHARE * self.told as f64 >= repeats as f64 + 1.0;
         (rivals > 0 && count < REPEATS_MAX && affordable && !is_out && reach > 0.0).then(|| leader.x.clone())
     }
+}
+
+/// What was measured, as a model of cost sees it.
+fn known(measured: &[&Place], cost: Option<&Process>) -> Vec<Known> {
+    let believed = |place: &Place| match (cost, place.found) {
+        // What was stopped early is never the best.
+        (_, Found::AtLeast(_)) => f64::INFINITY,
+        (Some(cost), _) => cost.at(&place.features).mean,
+        (None, _) => 0.0,
+    };
+    measured.iter().map(|place| Known { x: place.x.clone(), believed: believed(place) }).collect()
 }
 
 /// Canonical coordinates in steps of the grid.

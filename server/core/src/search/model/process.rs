@@ -211,6 +211,7 @@ pub(super) struct Process {
     variance: f64,
     noise: f64,
     trend: f64,
+    evidence: f64,
 }
 
 /// The covariances of one point with all of the sample, and with itself, as shares of the variance.
@@ -270,7 +271,7 @@ impl Process {
             let density = |view: &usize| profiles[*view].log_density + views[*view].1;
             let view =
                 *chosen.get_or_insert((0..views.len()).max_by(|a, b| density(a).total_cmp(&density(b)))?);
-            let Profile { mean, variance, .. } = profiles[view];
+            let Profile { mean, variance, log_density } = profiles[view];
             let residuals: Vec<f64> = views[view].0.iter().map(|value| value - mean).collect();
             let inverse = factor.inverse();
             let n = sample.len();
@@ -287,10 +288,10 @@ impl Process {
                 if learn {
                     hyper.climb(dimension, &climb);
                 }
-                return Some((
-                    Process { sample, weights, inverse, alpha, mean, variance, noise, trend },
-                    view,
-                ));
+                let evidence = log_density + views[view].1;
+                let process =
+                    Process { sample, weights, inverse, alpha, mean, variance, noise, trend, evidence };
+                return Some((process, view));
             }
             hyper.climb(dimension, &climb);
         }
@@ -300,6 +301,11 @@ impl Process {
     /// Inverse squares of the lengths of the axes.
     pub(super) fn weights(&self) -> &[f64] {
         &self.weights
+    }
+
+    /// Logarithm of the likelihood of the values it was fitted to.
+    pub(super) fn evidence(&self) -> f64 {
+        self.evidence
     }
 
     /// Variance of a single measurement around its mean.
