@@ -66,6 +66,9 @@ pub const NAME_BYTES: usize = 256;
 /// How often leases that have run out are looked for.
 pub const SWEEP_PERIOD: Duration = Duration::from_secs(1);
 
+/// How often it is looked whether a checkpoint is due.
+pub const CHECKPOINT_PERIOD: Duration = Duration::from_secs(1);
+
 /// A connection that does not answer a ping within this time is closed, and the next ping follows after
 /// the same time: a vanished client's streams must not stay for ever.
 pub const KEEPALIVE: Duration = Duration::from_secs(20);

@@ -76,7 +76,8 @@ pub async fn run(
         .serve_with_incoming_shutdown(connections::accept(listener), stop);
     tokio::pin!(server);
 
-    let sweeper = tokio::spawn(sweep(tuning));
+    let sweeper = tokio::spawn(sweep(Arc::clone(&tuning)));
+    let checkpointer = tokio::spawn(save_checkpoints(tuning));
     let served = tokio::select! {
         served = &mut server => Some(served),
         () = shutdown => None,
@@ -112,6 +113,7 @@ pub async fn run(
         }
     };
     sweeper.abort();
+    checkpointer.abort();
     store.close().await;
     tracing::info!("stopped");
     served.map_err(|error| ServeError::Server(error.to_string()))
@@ -132,5 +134,15 @@ async fn sweep(tuning: Arc<Tuning>) {
         if let Err(error) = tuning.sweep_leases().await {
             tracing::warn!(%error, "leases could not be swept; trying again");
         }
+    }
+}
+
+/// Saves what was learnt now and then.
+async fn save_checkpoints(tuning: Arc<Tuning>) {
+    let mut ticks = interval(limits::CHECKPOINT_PERIOD);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        ticks.tick().await;
+        tuning.save_checkpoints().await;
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::sync::Arc;
 
 use serde::Serialize;
 
@@ -19,13 +20,14 @@ pub type RawConfiguration = BTreeMap<String, Value>;
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(transparent)]
 pub struct Configuration {
-    values: BTreeMap<String, Value>,
+    /// Shared, since tables, trials and models all name the same few configurations.
+    values: Arc<BTreeMap<String, Value>>,
 }
 
 impl Configuration {
     /// The one way in; the caller is the space, which has checked `values`.
     pub(crate) fn from_checked(values: BTreeMap<String, Value>) -> Self {
-        Configuration { values }
+        Configuration { values: Arc::new(values) }
     }
 
     /// The values by parameter name, in the order of the names.
@@ -46,7 +48,7 @@ impl Configuration {
 
     /// The unchecked form, for the wire and for tables.
     pub fn to_raw(&self) -> RawConfiguration {
-        self.values.clone()
+        BTreeMap::clone(&self.values)
     }
 }
 
@@ -62,6 +64,21 @@ impl fmt::Display for Configuration {
 
 impl From<Configuration> for RawConfiguration {
     fn from(configuration: Configuration) -> Self {
-        configuration.values
+        Arc::unwrap_or_clone(configuration.values)
+    }
+}
+
+/// For checkpoints alone, whose reader checks every configuration against its space before anyone else sees it.
+pub(crate) mod unchecked {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    use super::{Configuration, RawConfiguration};
+
+    pub(crate) fn serialize<S: Serializer>(value: &Configuration, serializer: S) -> Result<S::Ok, S::Error> {
+        value.serialize(serializer)
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Configuration, D::Error> {
+        RawConfiguration::deserialize(deserializer).map(Configuration::from_checked)
     }
 }

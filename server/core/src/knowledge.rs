@@ -11,17 +11,22 @@
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
-use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX};
+use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX, RECORDS_PER_STATE_MAX};
 use crate::robust::{Evidence, Finding, MAD_TO_DEVIATION, median};
 use crate::search::Verdict;
+use crate::space::Space;
 use crate::trial::{Outcome, Trial};
 
 /// What is known of one configuration in one state.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// The configuration.
+    #[serde(with = "crate::configuration::unchecked")]
     pub configuration: Configuration,
     /// Completed measurements.
     pub measurements: u64,
@@ -39,6 +44,8 @@ pub struct Record {
     pub infeasible: bool,
     /// Trials that failed without a verdict.
     pub failures: u32,
+    /// Rises with every trial that was learnt of any configuration here: which was met last.
+    touch: u64,
 }
 
 impl Record {
@@ -75,26 +82,41 @@ impl PartialOrd for Rank {
 }
 
 /// What is known of one state.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Knowledge {
     records: Vec<Record>,
     /// Only looked up, never walked, so its order does not matter.
+    #[serde(skip)]
     index: HashMap<Configuration, usize>,
+    #[serde(skip)]
     ranking: BTreeSet<Rank>,
     tried: usize,
     /// How far repeated measurements were from what was known before, as shares.
     repeats: Vec<f64>,
     outliers: u64,
     drifts: u64,
+    touches: u64,
+    latest: u64,
 }
 
 impl Knowledge {
-    /// Takes a completed trial. Costs are finite: reports are checked before.
-    pub fn learn(&mut self, trial: &Trial) {
+    /// Takes a completed trial. Costs are finite: reports are checked before. `default` is never forgotten.
+    pub fn learn(&mut self, trial: &Trial, default: &Configuration) {
+        self.learn_all(trial);
+        if self.records.len() > RECORDS_PER_STATE_MAX {
+            // By an eighth, so that it costs little on average.
+            self.forget(RECORDS_PER_STATE_MAX - RECORDS_PER_STATE_MAX / 8, default);
+        }
+    }
+
+    fn learn_all(&mut self, trial: &Trial) {
         let Some(outcome) = &trial.outcome else {
             return;
         };
         let index = self.slot(&trial.configuration);
+        self.touches += 1;
+        self.records[index].touch = self.touches;
+        self.latest = trial.completion.unwrap_or(self.latest);
         if let (Outcome::Ok, Some(cost)) = (outcome, trial.cost) {
             self.note_repeat(index, cost);
         }
@@ -158,7 +180,58 @@ impl Knowledge {
                 record.lower_bound = record.lower_bound.map(|bound| (bound * factor).min(f64::MAX));
             }
         }
+        self.rank_all();
+    }
+
+    fn rank_all(&mut self) {
         self.ranking = self.records.iter().enumerate().filter_map(|(i, record)| record.rank(i)).collect();
+    }
+
+    fn index_all(&mut self) {
+        let places = self.records.iter().enumerate();
+        self.index = places.map(|(index, record)| (record.configuration.clone(), index)).collect();
+    }
+
+    /// Forgets all but about `most` configurations: half of those that stay are the best, the others those met
+    /// last, and `default` is among them. What is forgotten may be sampled again; that it had a verdict still counts.
+    pub fn forget(&mut self, most: usize, default: &Configuration) {
+        if self.records.len() <= most {
+            return;
+        }
+        let mut kept: BTreeSet<usize> = self.index.get(default).copied().into_iter().collect();
+        kept.extend(self.ranking.iter().take(most.div_ceil(2)).map(|rank| rank.index));
+        let mut latest: Vec<usize> = (0..self.records.len()).collect();
+        latest.sort_unstable_by_key(|&index| std::cmp::Reverse(self.records[index].touch));
+        for index in latest {
+            if kept.len() >= most {
+                break;
+            }
+            kept.insert(index);
+        }
+        let mut index = 0..;
+        self.records.retain(|_| index.next().is_some_and(|index| kept.contains(&index)));
+        self.records.shrink_to_fit();
+        self.index_all();
+        self.rank_all();
+    }
+
+    /// How many configurations are remembered.
+    pub fn remembered(&self) -> usize {
+        self.records.len()
+    }
+
+    /// The completion of the trial learnt last.
+    pub fn latest(&self) -> u64 {
+        self.latest
+    }
+
+    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space.
+    pub(crate) fn settle(&mut self, space: &Space) -> bool {
+        self.index_all();
+        self.rank_all();
+        let mut configurations = self.records.iter().map(|record| &record.configuration);
+        let fits = configurations.all(|configuration| space.owns(configuration));
+        fits && self.index.len() == self.records.len()
     }
 
     /// How much repeated measurements of one configuration differ, relative to the cost: a robust standard
@@ -194,6 +267,7 @@ impl Knowledge {
             lower_bound: None,
             infeasible: false,
             failures: 0,
+            touch: 0,
         });
         index
     }
@@ -258,5 +332,5 @@ pub struct KnownState {
     /// A search was begun in it.
     pub explored: bool,
     /// The table of its configurations.
-    pub knowledge: Knowledge,
+    pub knowledge: Arc<Knowledge>,
 }

@@ -66,6 +66,20 @@ pub const CHARGES_MAX: usize = 16;
 /// Most frames of the reference that an account remembers of a stay.
 pub const REFERENCES_MAX: usize = 4;
 
+/// Most configurations that are remembered of one state: the best and those met last. A forgotten one may be
+/// sampled again.
+pub const RECORDS_PER_STATE_MAX: usize = 1024;
+/// Most configurations that are remembered of all states of a study together, as long as there are no more than
+/// half as many states; else the best of each and its default. Those of states that were not met for longest are
+/// forgotten first. With six parameters this is about 50 MB.
+pub const RECORDS_PER_STUDY_MAX: usize = if cfg!(test) { 1200 } else { 65_536 };
+/// How many trials from before a change of predictor the new one is taught.
+pub const MODELS_TRIALS_MAX: u64 = if cfg!(test) { 40 } else { 20_000 };
+/// A checkpoint is due after at least so many trials, which a restart then has to go through again, and
+pub const CHECKPOINT_TRIALS_MIN: u64 = 4096;
+/// after one more for so many bytes of the last one, so that checkpoints write less than the trials do.
+pub const CHECKPOINT_BYTES_PER_TRIAL: u64 = 512;
+
 /// Most measurements of one configuration in one state that its cost rests on: the latest.
 pub const EVIDENCE_MAX: usize = 16;
 /// Most repeated measurements that the noise of a state is judged by: the latest.
@@ -75,6 +89,9 @@ pub const NOISE_SAMPLES_MAX: usize = 32;
 pub const SCREENED_FEATURES_MAX: usize = 160;
 /// Most states whose trials are kept for screening: those learnt from last.
 pub const SCREENED_STATES_MAX: usize = 16;
+
+/// Most states that the gain to expect of a search is judged by: those met last.
+pub const GAIN_STATES_MAX: usize = 1024;
 
 /// How many points a search may propose in one suggestion that turn out to be known already. Each is
 /// answered from the table; after so many an unseen configuration is drawn at random instead.

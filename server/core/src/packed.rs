@@ -19,7 +19,13 @@ pub(crate) fn pack<T: Serialize>(value: &T) -> Vec<u8> {
     lz4_flex::compress_prepend_size(&bytes)
 }
 
-/// Reads what [`pack`] wrote.
+/// Packs plain data by the order of its fields: quicker, for what need not outlive a version.
+pub(crate) fn pack_in_order<T: Serialize>(value: &T) -> Vec<u8> {
+    let bytes = rmp_serde::to_vec(value).expect("plain data in memory can always be written");
+    lz4_flex::compress_prepend_size(&bytes)
+}
+
+/// Reads what [`pack`] or [`pack_in_order`] wrote.
 pub(crate) fn unpack<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, PackedError> {
     let (size, packed) =
         lz4_flex::block::uncompressed_size(bytes).map_err(|error| PackedError(error.to_string()))?;

@@ -5,6 +5,8 @@
 //! means of two, is as good as the mean for Gaussian noise but for 5 %, and stands while fewer than 29 % of the
 //! measurements are wild. With one or two measurements it is their mean.
 
+use serde::{Deserialize, Serialize};
+
 use crate::limits::EVIDENCE_MAX;
 
 /// The median absolute deviation times this estimates the standard deviation of a Gaussian.
@@ -54,7 +56,7 @@ pub fn median(values: &mut [f64]) -> f64 {
 }
 
 /// The last measurements of one configuration in one state.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
     recent: Vec<f64>,
 }

@@ -1,9 +1,11 @@
 //! Sums that stay exact over tens of millions of terms.
 
+use serde::{Deserialize, Serialize};
+
 /// A compensated sum: what rounding takes from the running sum is kept and put back at the end (Neumaier,
 /// "Rundungsfehleranalyse einiger Verfahren zur Summation endlicher Summen", ZAMM 54, 1974). Its error does not
 /// grow with the number of terms.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sum {
     sum: f64,
     lost: f64,

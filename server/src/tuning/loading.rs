@@ -1,4 +1,4 @@
-//! Reading a study into memory: its states, then its completed trials in stretches.
+//! Reading a study into memory: its states, the last checkpoint, then the completed trials behind it in stretches.
 
 use std::sync::Arc;
 
@@ -8,16 +8,33 @@ use treewright_core::trial::{RawTrial, Trial};
 use treewright_core::tuner::{RestoreError, Restoring, Tuner};
 use treewright_store::{Fence, Loaded, Store, StoreError};
 
+use super::checkpoints::Saved;
 use crate::error::Error;
 use crate::limits;
 
+/// A study in memory.
+pub(super) struct Read {
+    pub(super) tuner: Tuner,
+    pub(super) fence: Fence,
+    /// The checkpoint that it began with.
+    pub(super) saved: Saved,
+}
+
 /// Loads a study. Breaks earlier fences of it.
-pub(super) async fn load(store: &dyn Store, study: &str) -> Result<(Tuner, Fence), Error> {
-    let Loaded { fence, study: record, snapshot, open_trials, checkpoint: _ } = store.load(study).await?;
+pub(super) async fn load(store: &dyn Store, study: &str) -> Result<Read, Error> {
+    let Loaded { fence, study: record, snapshot, open_trials, checkpoint } = store.load(study).await?;
     let spec = Arc::new(record.spec);
     let failed = |problem| Error::Restore { study: study.to_owned(), problem };
+    // One from a database that was put back in part could be ahead of the trials.
+    let checkpoint = checkpoint.filter(|one| one.completion <= record.statistics.completed_trials);
+    let bytes = checkpoint.as_ref().map_or(0, |one| one.bytes.len() as u64);
     let begun = Arc::clone(&spec);
-    let mut restoring = compute(move || Restoring::new(begun, snapshot)).await?.map_err(failed)?;
+    let mut restoring =
+        compute(move || Restoring::new(begun, snapshot, checkpoint.as_ref())).await?.map_err(failed)?;
+    if let Some(reason) = restoring.passed_over() {
+        tracing::info!(study, reason, "the checkpoint is passed over; all trials are read");
+    }
+    let saved = Saved { completion: restoring.after(), bytes };
     loop {
         let trials = store.completed_trials(&fence, restoring.after(), limits::TRIALS_PER_READ).await?;
         if trials.is_empty() {
@@ -27,11 +44,17 @@ pub(super) async fn load(store: &dyn Store, study: &str) -> Result<(Tuner, Fence
         restoring = compute(move || learn(restoring, &trials)).await?.map_err(failed)?;
     }
     let tuner = compute(move || restoring.finish(open_trials)).await?.map_err(failed)?;
-    Ok((tuner, fence))
+    Ok(Read { tuner, fence, saved })
 }
 
+/// Learns trials that follow each other, as far as they are what comes next: a change of predictor goes back.
 fn learn(mut restoring: Restoring, trials: &[Trial]) -> Result<Restoring, RestoreError> {
-    trials.iter().try_for_each(|trial| restoring.learn(trial))?;
+    for (place, trial) in trials.iter().enumerate() {
+        if place > 0 && trial.completion != Some(restoring.after() + 1) {
+            break;
+        }
+        restoring.learn(trial)?;
+    }
     Ok(restoring)
 }
 

@@ -1,9 +1,10 @@
 //! The use cases of the daemon, apart from the wire: what each request does to tuner and store.
 //!
 //! The order is always the same: take the tuner's lock, compute, queue the change, let go, wait until it
-//! is durable, answer. Nothing is answered that is not on the disk. `runtime` holds the tuners, `loading` reads them, `frames`
+//! is durable, answer. Nothing is answered that is not on the disk. `runtime` holds the tuners, `loading` reads them, `checkpoints` spares that, `frames`
 //! suggests and reports, `trials` does what concerns one trial, `studies` what concerns a study.
 
+mod checkpoints;
 mod frames;
 mod loading;
 mod runtime;
@@ -85,6 +86,14 @@ impl Tuning {
         let entry = (Arc::clone(&runtime), now);
         runtimes.by_study.insert(study.to_owned(), entry);
         runtime
+    }
+
+    /// Every study in memory.
+    fn in_memory(&self) -> Vec<(String, Arc<Runtime>)> {
+        let runtimes = self.runtimes.lock().unwrap_or_else(PoisonError::into_inner);
+        let pair =
+            |(study, (runtime, _)): (&String, &(Arc<Runtime>, u64))| (study.clone(), Arc::clone(runtime));
+        runtimes.by_study.iter().map(pair).collect()
     }
 
     fn forget(&self, study: &str) {

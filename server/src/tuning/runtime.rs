@@ -10,7 +10,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use treewright_core::tuner::{Change, Tuner};
 use treewright_store::{Fence, Receipt, Store};
 
-use super::loading;
+use super::checkpoints::Saved;
+use super::loading::{self, Read};
 use crate::error::Error;
 
 /// How often a study is loaded for one request, should its fence break at once each time.
@@ -32,6 +33,10 @@ pub(super) struct Live {
     /// Rises with each change of a trial that was not open. Whoever read such a trial from the store can
     /// tell by it whether the trial may have changed since.
     pub(super) closed_changes: u64,
+    /// The last checkpoint.
+    pub(super) saved: Saved,
+    /// The tuner has to be read anew: its policy needs models that it lacks.
+    pub(super) is_stale: bool,
 }
 
 impl Live {
@@ -83,6 +88,11 @@ impl Runtime {
         Err(Error::Reloading { study: study.to_owned() })
     }
 
+    /// Looks at the tuner, if there is one and it is current.
+    pub(super) fn peek<T>(&self, look: impl FnOnce(&mut Live) -> T) -> Option<T> {
+        current(&mut self.lock()).map(look)
+    }
+
     /// A panic inside the tuner may have left it half changed: such a cache is dropped.
     fn lock(&self) -> MutexGuard<'_, Option<Live>> {
         self.live.lock().unwrap_or_else(|poisoned| {
@@ -98,15 +108,15 @@ impl Runtime {
         if current(&mut self.lock()).is_some() {
             return Ok(());
         }
-        let (tuner, fence) = loading::load(store, study).await?;
-        let count = tuner.statistics().completed_trials;
-        tracing::info!(study, trials = count, "study loaded");
-        *self.lock() = Some(Live { tuner, fence, closed_changes: 0 });
+        let Read { tuner, fence, saved } = loading::load(store, study).await?;
+        let completed = tuner.statistics().completed_trials;
+        tracing::info!(study, completed, from_checkpoint = saved.completion, "study loaded");
+        *self.lock() = Some(Live { tuner, fence, closed_changes: 0, saved, is_stale: false });
         Ok(())
     }
 }
 
 /// The tuner, if it is still current.
 fn current(live: &mut Option<Live>) -> Option<&mut Live> {
-    live.as_mut().filter(|live| live.fence.holds())
+    live.as_mut().filter(|live| live.fence.holds() && !live.is_stale)
 }

@@ -50,7 +50,8 @@ impl Tuning {
             .with_tuner(study, |live, store, _| {
                 let spec = live.tuner.spec();
                 let policy = update.apply(&spec.policy, &spec.space)?;
-                live.tuner.set_policy(policy.clone()).map_err(|error| Error::invalid("study", error))?;
+                let policy_set = live.tuner.set_policy(policy.clone());
+                live.is_stale = policy_set.map_err(|error| Error::invalid("study", error))?;
                 Ok::<_, Error>(store.update_policy(live.fence(), &policy, live.tuner.models_since()))
             })
             .await??;

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 use crate::configuration::Configuration;
 use crate::limits::REWARD_COST_MIN;
 use crate::policy::PredictorMethod;
@@ -26,35 +28,67 @@ const ERROR_LEAST: f64 = 1e-6;
 /// Fewer tests than this do not tell predictors apart.
 const TESTS_MIN: u64 = 8;
 
-/// Every predictor of a study, each trained on every trial, and what they were tested to be worth.
-#[derive(Clone, Debug, PartialEq)]
+/// The models that a study's policy needs: those of its predictor, which for [`PredictorMethod::Auto`] are all,
+/// each trained on every trial, and what they were tested to be worth. The neighbours need none: they answer from
+/// the tables of the states.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Predictors {
-    printed: Rbf,
-    gaussian: Rbf,
-    least_squares: LeastSquares,
-    contextual: Contextual,
+    printed: Option<Rbf>,
+    gaussian: Option<Rbf>,
+    least_squares: Option<LeastSquares>,
+    contextual: Option<Contextual>,
+    /// Whether there is a choice to be made, for which all are tested.
+    chooses: bool,
     trials: u64,
     /// Errors of each predictor, and of the choice among them.
     tallies: BTreeMap<PredictorMethod, Tally>,
 }
 
 impl Predictors {
-    /// Predictors that have seen nothing yet, their centres and choices drawn from the study's seed.
-    pub fn new(space: &Space, indicators: usize, seed: u64) -> Self {
+    /// What `method` needs, having seen nothing yet; centres and choices are drawn from the study's seed.
+    pub fn new(method: PredictorMethod, space: &Space, indicators: usize, seed: u64) -> Self {
         let dimension = space.dimension();
+        let chooses = method == PredictorMethod::Auto;
+        let needs = |single| chooses || method == single;
+        let rbf = |shape| Rbf::new(shape, dimension, indicators, seed);
         Predictors {
-            printed: Rbf::new(Shape::Printed, dimension, indicators, seed),
-            gaussian: Rbf::new(Shape::Gaussian, dimension, indicators, seed),
-            least_squares: LeastSquares::new(dimension, indicators, seed),
-            contextual: Contextual::new(space, indicators, seed),
+            printed: needs(PredictorMethod::RbfGreedyGq).then(|| rbf(Shape::Printed)),
+            gaussian: needs(PredictorMethod::GaussianGreedyGq).then(|| rbf(Shape::Gaussian)),
+            least_squares: needs(PredictorMethod::LeastSquares)
+                .then(|| LeastSquares::new(dimension, indicators, seed)),
+            contextual: needs(PredictorMethod::Contextual).then(|| Contextual::new(space, indicators, seed)),
+            chooses,
             trials: 0,
             tallies: BTreeMap::new(),
         }
     }
 
+    /// Whether trials are tests.
+    pub fn are_tested(&self) -> bool {
+        self.chooses
+    }
+
+    /// Whether `method` needs a model at all.
+    pub fn are_needed(method: PredictorMethod) -> bool {
+        !matches!(method, PredictorMethod::NearestNeighbour | PredictorMethod::WeightedNeighbours)
+    }
+
+    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space.
+    pub(crate) fn settle(&mut self, space: &Space) -> bool {
+        let Predictors { printed, gaussian, least_squares, contextual, .. } = self;
+        if let Some(contextual) = contextual {
+            contextual.settle(space);
+        }
+        [printed, gaussian].into_iter().flatten().all(|model| model.settle(space))
+            && least_squares.as_mut().is_none_or(|model| model.settle(space))
+    }
+
     /// Notes how far each would have been off a measured cost. To be called before the trial is learnt, and
     /// before the table of its state holds it.
     pub fn test(&mut self, query: &Query<'_>, configuration: &Configuration, cost: f64) {
+        if !self.chooses {
+            return;
+        }
         self.trials += 1;
         if self.trials > TESTS_EAGER && !self.trials.is_multiple_of(TESTS_SHARE) {
             return;
@@ -75,22 +109,26 @@ impl Predictors {
 
     /// Teaches all.
     pub fn learn(&mut self, lesson: &Lesson<'_>) {
-        self.printed.learn(lesson);
-        self.gaussian.learn(lesson);
-        self.least_squares.learn(lesson);
-        self.contextual.learn(lesson);
+        let Predictors { printed, gaussian, least_squares, contextual, .. } = self;
+        [printed, gaussian].into_iter().flatten().for_each(|model| model.learn(lesson));
+        if let Some(model) = least_squares {
+            model.learn(lesson);
+        }
+        if let Some(model) = contextual {
+            model.learn(lesson);
+        }
     }
 
-    /// The predictor of a method; `None` for the choice among them.
+    /// The predictor of a method; `None` for the choice among them, and for a model that is not needed.
     fn single(&self, method: PredictorMethod) -> Option<&dyn Predictor> {
         match method {
             PredictorMethod::Auto => None,
             PredictorMethod::NearestNeighbour => Some(&Nearest),
             PredictorMethod::WeightedNeighbours => Some(&Weighted),
-            PredictorMethod::RbfGreedyGq => Some(&self.printed),
-            PredictorMethod::GaussianGreedyGq => Some(&self.gaussian),
-            PredictorMethod::LeastSquares => Some(&self.least_squares),
-            PredictorMethod::Contextual => Some(&self.contextual),
+            PredictorMethod::RbfGreedyGq => self.printed.as_ref().map(|model| model as _),
+            PredictorMethod::GaussianGreedyGq => self.gaussian.as_ref().map(|model| model as _),
+            PredictorMethod::LeastSquares => self.least_squares.as_ref().map(|model| model as _),
+            PredictorMethod::Contextual => self.contextual.as_ref().map(|model| model as _),
         }
     }
 
@@ -119,7 +157,7 @@ impl Predictors {
     }
 
     /// The mean errors of every predictor and of the choice among them (`Auto`), with 95 % intervals. Empty
-    /// before the second trial.
+    /// before the second trial, and where nothing is to be chosen.
     pub fn errors(&self) -> Vec<(PredictorMethod, Interval)> {
         let interval = |(&method, tally): (&PredictorMethod, &Tally)| Some((method, tally.interval()?));
         self.tallies.iter().filter_map(interval).collect()
@@ -163,10 +201,9 @@ impl Predictors {
     /// The answer to exploit, and whose it is: the method's own, else (a model can be without a clue) that of
     /// the nearest neighbour.
     pub fn predict(&self, method: PredictorMethod, query: &Query<'_>) -> Option<(Answer, PredictorMethod)> {
-        [self.speaker(method), PredictorMethod::NearestNeighbour].into_iter().find_map(|method| {
-            let answer = self.single(method)?.predict(query)?;
-            Some((answer, method))
-        })
+        [self.speaker(method), PredictorMethod::NearestNeighbour]
+            .into_iter()
+            .find_map(|method| Some((self.single(method)?.predict(query)?, method)))
     }
 
     /// What to explore first in a state where nothing was measured, and who says so; `None` when the method

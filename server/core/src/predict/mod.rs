@@ -7,6 +7,8 @@ pub mod nearest;
 pub mod prequential;
 pub mod rbf;
 
+use serde::{Deserialize, Serialize};
+
 use crate::configuration::Configuration;
 use crate::knowledge::KnownState;
 use crate::search::Verdict;
@@ -36,7 +38,7 @@ pub struct Lesson<'a> {
 }
 
 /// Who measures: a client, and the kind of machine it runs on. Numbers that stand for names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
     /// All clients on the same processor with the same software.
     pub group: u64,

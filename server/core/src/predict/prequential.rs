@@ -5,6 +5,8 @@
 //! logarithm of the ratio of expected and measured cost, without its sign: 0.1 is ten percent off. It does not
 //! change with the unit of the cost.
 
+use serde::{Deserialize, Serialize};
+
 use crate::limits::REWARD_COST_MIN;
 use crate::predict::Estimate;
 use crate::sum::Sum;
@@ -21,7 +23,7 @@ pub fn error(expected: Option<Estimate>, cost: f64) -> f64 {
 }
 
 /// The errors of one predictor so far.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tally {
     count: u64,
     sum: Sum,

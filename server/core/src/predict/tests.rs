@@ -1,6 +1,7 @@
 //! What every predictor promises, run against all of them.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use proptest::prelude::*;
 use rand::RngExt;
@@ -37,7 +38,7 @@ impl World {
     pub(super) fn new(dimension: usize, indicators: usize) -> Self {
         let space = space(dimension);
         World {
-            predictors: Predictors::new(&space, indicators, 11),
+            predictors: Predictors::new(PredictorMethod::Auto, &space, indicators, 11),
             space,
             states: Vec::new(),
             atlas: Atlas::new(indicators),
@@ -100,7 +101,7 @@ impl World {
             completion: Some(self.trials),
             fingerprint: None,
         };
-        self.states[place].knowledge.learn(&trial);
+        Arc::make_mut(&mut self.states[place].knowledge).learn(&trial, self.space.default_ref());
         self.atlas.note(&self.states[place]);
         let default = self.states[place].knowledge.record(self.space.default_ref());
         let default_cost = default.filter(|record| record.measurements > 0).map(|record| record.mean_cost);

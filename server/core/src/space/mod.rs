@@ -238,6 +238,11 @@ impl Space {
         self.parameters.len()
     }
 
+    /// Whether a configuration of unknown origin is one of this space.
+    pub(crate) fn owns(&self, configuration: &Configuration) -> bool {
+        self.configuration(configuration.to_raw()).is_ok_and(|own| own == *configuration)
+    }
+
     /// The recommended configuration: the baseline.
     pub fn default_configuration(&self) -> Configuration {
         self.default.clone()

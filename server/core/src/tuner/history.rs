@@ -2,8 +2,11 @@
 //! cost. All of it follows from the completed trials in their order, so a restored tuner has it again.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
-use crate::limits::CLIENTS_MAX;
+use serde::{Deserialize, Serialize};
+
+use crate::limits::{CLIENTS_MAX, GAIN_STATES_MAX};
 
 /// The gain that is expected where no search has shown one: the paper's average over its scenes.
 const GAIN_PRIOR: f64 = 0.11;
@@ -19,7 +22,7 @@ const EXCESS_INFEASIBLE: f64 = 1.0;
 const STATES_FOR_LARGEST: usize = 3;
 
 /// The visits to one state and the progress of its search.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct StateHistory {
     visits: u64,
     frames: u64,
@@ -29,9 +32,10 @@ struct StateHistory {
 }
 
 /// The histories of all states of a study.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct History {
-    states: Vec<StateHistory>,
+    /// Shared with what is being saved.
+    states: Vec<Arc<StateHistory>>,
     /// Where each client reported from last, and how often in a row.
     clients: BTreeMap<String, (usize, u64)>,
     visits: u64,
@@ -43,7 +47,12 @@ pub(super) struct History {
 impl History {
     /// A new state.
     pub(super) fn found(&mut self) {
-        self.states.push(StateHistory::default());
+        self.states.push(Arc::default());
+    }
+
+    /// How many states there are.
+    pub(super) fn len(&self) -> usize {
+        self.states.len()
     }
 
     /// Counts a frame that a client reported from a state.
@@ -64,7 +73,7 @@ impl History {
                 false
             }
         };
-        let history = &mut self.states[state];
+        let history = Arc::make_mut(&mut self.states[state]);
         history.frames += 1;
         history.visits += u64::from(!stays);
         self.frames += 1;
@@ -73,7 +82,7 @@ impl History {
 
     /// Notes how far the search of a state is.
     pub(super) fn progress(&mut self, state: usize, tried: usize, best: f64) {
-        let history = &mut self.states[state];
+        let history = Arc::make_mut(&mut self.states[state]);
         history.best = best;
         while tried >= 1 << history.best_at.len() {
             history.best_at.push(best);
@@ -117,7 +126,9 @@ impl History {
     pub(super) fn gains(&self, state: usize, tried: usize) -> (f64, f64) {
         let place = (tried.max(1)).ilog2() as usize;
         let (mut sum, mut count, mut largest) = (GAIN_PRIOR, 1, 0.0f64);
-        for (other, history) in self.states.iter().enumerate() {
+        // The states met last stand for all of a large study.
+        let latest = self.states.iter().enumerate().rev().take(GAIN_STATES_MAX);
+        for (other, history) in latest {
             if other == state || history.best_at.len() < place + 2 {
                 continue;
             }

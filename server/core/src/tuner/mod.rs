@@ -11,6 +11,7 @@
 //! search, `suggest` and `report` are the two halves of a client's frame, `restore` rebuilds.
 
 pub mod account;
+mod checkpoint;
 mod checks;
 mod decide;
 mod exploration;
@@ -29,6 +30,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 pub use account::Account;
+pub use checkpoint::Learnt;
 pub use exploration::Exploration;
 pub use insight::{Insight, Omission, OmissionReason, Prospect};
 pub use restore::Restoring;
@@ -39,6 +41,7 @@ pub use types::{
 
 use crate::configuration::Configuration;
 use crate::knowledge::{KnownState, Record};
+use crate::limits::RECORDS_PER_STUDY_MAX;
 use crate::policy::{Policy, PredictorMethod};
 use crate::predict::prequential::Interval;
 use crate::predict::{Atlas, Origin, Predictors, Query};
@@ -65,7 +68,7 @@ pub struct Tuner {
     held: BTreeMap<String, BTreeMap<u64, u64>>,
     /// Where the states lie.
     atlas: Atlas,
-    /// All always trained, so that the policy can change to another at any time.
+    /// What the policy's predictor needs, see [`Tuner::set_policy`].
     predictors: Predictors,
     history: History,
     screening: Screening,
@@ -73,6 +76,9 @@ pub struct Tuner {
     completed: u64,
     last_completion: u64,
     models_since: u64,
+    /// How many configurations are remembered in all states, and above which count some are forgotten.
+    remembered: usize,
+    forget_above: usize,
 }
 
 /// The work that goes on in one state.
@@ -90,7 +96,7 @@ impl Tuner {
         let indicators = spec.indicators.indicators().len();
         Ok(Tuner {
             atlas: Atlas::new(indicators),
-            predictors: Predictors::new(&spec.space, indicators, spec.seed),
+            predictors: Predictors::new(spec.policy.predictor, &spec.space, indicators, spec.seed),
             states: Vec::new(),
             work: Vec::new(),
             visits: BTreeMap::new(),
@@ -102,6 +108,8 @@ impl Tuner {
             completed: 0,
             last_completion: 0,
             models_since: 0,
+            remembered: 0,
+            forget_above: RECORDS_PER_STUDY_MAX,
             spec,
         })
     }
@@ -112,10 +120,29 @@ impl Tuner {
     }
 
     /// Replaces the policy. It takes effect with the next suggestion; trials that are out stay as they are.
-    pub fn set_policy(&mut self, policy: Policy) -> Result<(), StudyError> {
+    ///
+    /// Only the models that the policy's predictor needs are kept. Where the new predictor needs others, they
+    /// begin with the completed trials of now: they are taught the latest
+    /// [`MODELS_TRIALS_MAX`](crate::limits::MODELS_TRIALS_MAX) of them, with the tables as they stand, and all that
+    /// follow. The tuner does not have these trials any more, so the answer `true` asks the caller to store the
+    /// policy with [`Tuner::models_since`], to drop this tuner, and to [restore](Restoring) it.
+    #[must_use = "a tuner that lacks its models must be restored"]
+    pub fn set_policy(&mut self, policy: Policy) -> Result<bool, StudyError> {
         policy.validate(&self.spec.space)?;
+        let (before, now) = (self.spec.policy.predictor, policy.predictor);
         Arc::make_mut(&mut self.spec).policy = policy;
-        Ok(())
+        if before == now || !(Predictors::are_needed(before) || Predictors::are_needed(now)) {
+            return Ok(false);
+        }
+        self.models_since = self.last_completion;
+        self.predictors = self.untaught(now);
+        Ok(Predictors::are_needed(now) && self.last_completion > 0)
+    }
+
+    /// The models that a predictor needs, before they are taught anything.
+    fn untaught(&self, predictor: PredictorMethod) -> Predictors {
+        let indicators = self.spec.indicators.indicators().len();
+        Predictors::new(predictor, &self.spec.space, indicators, self.spec.seed)
     }
 
     /// The place in the order of completion at which the models in use were begun; to be stored with the policy.

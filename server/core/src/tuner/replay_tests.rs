@@ -34,7 +34,7 @@ impl Rows {
         raw.check(&tuner.spec().space).expect("a valid configuration")
     }
 
-    fn restore(&self, tuner: &Tuner) -> Tuner {
+    fn restore(&self, tuner: &Tuner, checkpoint: Option<&Checkpoint>) -> Tuner {
         // The specification takes the way through text as well.
         let spec: StudySpec = serde_json::from_str(&text(tuner.spec().as_ref())).expect("own row");
         assert_eq!(&spec, tuner.spec().as_ref());
@@ -50,7 +50,15 @@ impl Rows {
             last_trial: self.trials.keys().next_back().copied().unwrap_or(0),
             models_since: tuner.models_since(),
         };
-        Tuner::restore(Arc::new(spec), snapshot, trials).expect("consistent rows")
+        let mut restoring = Restoring::new(Arc::new(spec), snapshot, checkpoint).expect("consistent rows");
+        let (completed, open): (Vec<Trial>, Vec<Trial>) = trials
+            .into_iter()
+            .filter(|trial| matches!(trial.state, TrialState::Open | TrialState::Completed))
+            .partition(|trial| trial.state == TrialState::Completed);
+        while let Some(trial) = completed.get(restoring.after() as usize) {
+            restoring.learn(trial).expect("consistent rows");
+        }
+        restoring.finish(open).expect("consistent rows")
     }
 }
 
@@ -62,7 +70,8 @@ enum Event {
     Abandon { which: usize },
     Expire { later_ms: i64 },
     Policy { which: usize },
-    Restart,
+    Save,
+    Restart { checkpoint: bool },
 }
 
 fn event() -> impl Strategy<Value = Event> {
@@ -71,8 +80,9 @@ fn event() -> impl Strategy<Value = Event> {
         8 => (0usize..8, 0usize..12).prop_map(|(which, kind)| Event::Report { which, kind }),
         1 => (0usize..8).prop_map(|which| Event::Abandon { which }),
         1 => (0i64..80_000).prop_map(|later_ms| Event::Expire { later_ms }),
-        1 => (0usize..8).prop_map(|which| Event::Policy { which }),
-        2 => Just(Event::Restart),
+        1 => (0usize..10).prop_map(|which| Event::Policy { which }),
+        2 => Just(Event::Save),
+        2 => any::<bool>().prop_map(|checkpoint| Event::Restart { checkpoint }),
     ]
 }
 
@@ -86,7 +96,9 @@ fn policy(which: usize) -> Policy {
         4 => Policy { regret_budget: Some(0.5), abort_above: Some(1.2), epsilon: 1.0, ..base },
         5 => Policy { weigh_gain: true, epsilon_halves_after: 3, warm_up: 2, freeze_risk: Some(0.3), ..base },
         6 => Policy { operation: Operation::Freeze, ..base },
-        _ => Policy { operation: Operation::Shadow, ..base },
+        7 => Policy { operation: Operation::Shadow, ..base },
+        8 => Policy { predictor: PredictorMethod::Auto, ..base },
+        _ => Policy { predictor: PredictorMethod::LeastSquares, ..base },
     }
 }
 
@@ -127,10 +139,12 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
             return None;
         }
         Event::Policy { which } => {
-            tuner.set_policy(policy(*which)).expect("valid");
+            if tuner.set_policy(policy(*which)).expect("valid") {
+                *tuner = rows.restore(tuner, None);
+            }
             return None;
         }
-        Event::Restart => return None,
+        Event::Save | Event::Restart { .. } => return None,
     };
     rows.write(&change);
     Some(answer)
@@ -144,10 +158,15 @@ proptest! {
         let fresh = || Tuner::new(Arc::new(spec(policy(0)))).expect("valid");
         let (mut steady, mut steady_rows, mut steady_ms) = (fresh(), Rows::default(), 0);
         let (mut restarted, mut rows, mut now_ms) = (fresh(), Rows::default(), 0);
+        let mut saved = None;
         for event in &events {
             let expected = happen(&mut steady, &mut steady_rows, event, &mut steady_ms);
-            if matches!(event, Event::Restart) {
-                restarted = rows.restore(&restarted);
+            match event {
+                Event::Save => saved = Some(restarted.learnt().checkpoint()),
+                Event::Restart { checkpoint } => {
+                    restarted = rows.restore(&restarted, saved.as_ref().filter(|_| *checkpoint));
+                }
+                _ => {}
             }
             let answer = happen(&mut restarted, &mut rows, event, &mut now_ms);
             prop_assert_eq!(answer, expected);

@@ -1,8 +1,10 @@
 //! The second half of a client's frame, and the other ends a trial can come to.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
-use crate::predict::{Lesson, Query};
+use crate::limits::RECORDS_PER_STUDY_MAX;
+use crate::predict::{Lesson, Predictors, Query};
 use crate::search::{Feedback, Step, Verdict};
 use crate::trial::{Mode, Outcome, Trial, TrialState};
 use crate::tuner::{Change, Tuner, TunerError, Visit, checks, origin, place, query};
@@ -66,13 +68,14 @@ impl Tuner {
         Ok((completed, change))
     }
 
-    /// Feeds a completed trial to the table and the model: now, and again when they are rebuilt.
+    /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt.
     pub(super) fn complete(&mut self, trial: &Trial) {
         self.completed += 1;
         self.last_completion = trial.completion.unwrap_or(self.last_completion + 1);
         let state = place(trial.state_id);
         self.history.frame(&trial.client_id, state);
-        if trial.reason.explanation.silent && !matches!(trial.outcome, Some(Outcome::Infeasible { .. })) {
+        let verdict = verdict(trial);
+        if is_silent(trial) {
             return;
         }
         if trial.mode == Mode::Explore && !matches!(trial.outcome, Some(Outcome::Failed { .. })) {
@@ -81,42 +84,74 @@ impl Tuner {
                 self.history.explored(trial.cost.map(|cost| cost / best - 1.0));
             }
         }
-        let verdict = match (&trial.outcome, trial.cost) {
-            (Some(Outcome::Ok), Some(cost)) => Some(Verdict::Cost(cost)),
-            (Some(Outcome::Aborted { lower_bound }), _) => Some(Verdict::AtLeast(*lower_bound)),
-            (Some(Outcome::Infeasible { .. }), _) => Some(Verdict::Infeasible),
-            // Says nothing of the configuration.
-            _ => None,
-        };
         if let Some(Verdict::Cost(cost) | Verdict::AtLeast(cost)) = verdict {
             self.screening.learn(&self.spec.space, state, &trial.configuration, cost);
         }
         // The indicators were checked when the trial was handed out.
-        let normalised = self.spec.indicators.normalise(&trial.indicators).ok();
-        if let (Some(Verdict::Cost(cost)), Some(normalised)) = (verdict, &normalised) {
+        if let Some(Verdict::Cost(cost)) = verdict.filter(|_| self.predictors.are_tested())
+            && let Ok(normalised) = &self.spec.indicators.normalise(&trial.indicators)
+        {
             // What would they have said of it? Asked before anything of the trial is known.
             let origin = origin(&trial.client_id, trial.fingerprint.as_ref());
             let query = query(&self.spec, &self.states, &self.atlas, normalised, Some(state));
             let query = Query { origin: Some(origin), ..query };
             self.predictors.test(&query, &trial.configuration, cost);
         }
-        self.states[state].knowledge.learn(trial);
+        let before = self.states[state].knowledge.remembered();
+        Arc::make_mut(&mut self.states[state].knowledge).learn(trial, self.spec.space.default_ref());
         let knowledge = &self.states[state].knowledge;
+        self.remembered = self.remembered + knowledge.remembered() - before;
         if let Some(best) = knowledge.best() {
             self.history.progress(state, knowledge.tried(), best.mean_cost);
         }
         self.atlas.note(&self.states[state]);
-        if let (Some(verdict), Some(normalised)) = (verdict, &normalised) {
-            let point = self.spec.space.encode(&trial.configuration);
-            self.predictors.learn(&Lesson {
-                state: normalised,
-                configuration: &trial.configuration,
-                point: &point,
-                verdict,
-                default_cost: self.default_cost(state),
-                origin: Some(origin(&trial.client_id, trial.fingerprint.as_ref())),
-            });
+        self.teach(trial);
+        self.forget_somewhere();
+    }
+
+    /// Teaches the models a completed trial whose result the tables hold.
+    pub(super) fn teach(&mut self, trial: &Trial) {
+        let Some(verdict) = verdict(trial).filter(|_| Predictors::are_needed(self.spec.policy.predictor))
+        else {
+            return;
+        };
+        let Ok(normalised) = self.spec.indicators.normalise(&trial.indicators) else {
+            return;
+        };
+        let point = self.spec.space.encode(&trial.configuration);
+        self.predictors.learn(&Lesson {
+            state: &normalised,
+            configuration: &trial.configuration,
+            point: &point,
+            verdict,
+            default_cost: self.default_cost(place(trial.state_id)),
+            origin: Some(origin(&trial.client_id, trial.fingerprint.as_ref())),
+        });
+    }
+
+    /// Where more configurations are remembered than a study may, forgets most of the states that nobody has
+    /// reported from for longest.
+    fn forget_somewhere(&mut self) {
+        if self.remembered <= self.forget_above {
+            return;
         }
+        let aim = RECORDS_PER_STUDY_MAX - RECORDS_PER_STUDY_MAX / 8;
+        let each = (aim / 2 / self.states.len()).max(1);
+        let mut order: Vec<usize> = (0..self.states.len()).collect();
+        order.sort_unstable_by_key(|&state| (self.states[state].knowledge.latest(), state));
+        for state in order {
+            let before = self.states[state].knowledge.remembered();
+            if self.remembered <= aim {
+                break;
+            }
+            if before > each {
+                let knowledge = Arc::make_mut(&mut self.states[state].knowledge);
+                knowledge.forget(each, self.spec.space.default_ref());
+                self.remembered = self.remembered + knowledge.remembered() - before;
+            }
+        }
+        // Where states are so many that this was not enough, not at every report.
+        self.forget_above = RECORDS_PER_STUDY_MAX.max(self.remembered + self.remembered / 8);
     }
 
     /// Enters a completed trial into its client's account; the row of the visit, if there is one.
@@ -202,6 +237,22 @@ impl Tuner {
     fn is_ours(&self, trial: &Trial) -> bool {
         let states = 1..=self.states.len() as u64;
         trial.number <= self.last_trial && states.contains(&trial.state_id)
+    }
+}
+
+/// Whether nothing is to be learnt of a trial but that it cannot be run.
+fn is_silent(trial: &Trial) -> bool {
+    trial.reason.explanation.silent && !matches!(trial.outcome, Some(Outcome::Infeasible { .. }))
+}
+
+/// What a completed trial says of its configuration; `None` where it says nothing.
+fn verdict(trial: &Trial) -> Option<Verdict> {
+    match (&trial.outcome, trial.cost) {
+        _ if is_silent(trial) => None,
+        (Some(Outcome::Ok), Some(cost)) => Some(Verdict::Cost(cost)),
+        (Some(Outcome::Aborted { lower_bound }), _) => Some(Verdict::AtLeast(*lower_bound)),
+        (Some(Outcome::Infeasible { .. }), _) => Some(Verdict::Infeasible),
+        _ => None,
     }
 }
 

@@ -14,6 +14,7 @@ mod hyper;
 mod values;
 
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
 use crate::knowledge::{KnownState, Record};
@@ -52,16 +53,18 @@ const EXPLOIT: f64 = 0.5;
 const EXPLOIT_SEARCHED: f64 = -0.5;
 
 /// A measurement that lengths are learnt from.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Example {
     features: Vec<f64>,
     cost: f64,
 }
 
 /// The predictor. See the head of this module.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Contextual {
+    #[serde(skip)]
     layout: Layout,
+    #[serde(skip)]
     metrics: Vec<Metric>,
     indicators: usize,
     seed: u64,
@@ -96,6 +99,12 @@ impl Contextual {
             examples: Vec::new(),
             lessons: 0,
         }
+    }
+
+    /// Makes what was read from a checkpoint whole.
+    pub(super) fn settle(&mut self, space: &Space) {
+        let Contextual { layout, metrics, .. } = Contextual::new(space, self.indicators, self.seed);
+        (self.layout, self.metrics) = (layout, metrics);
     }
 
     /// What the process sees of a point of the unit cube.

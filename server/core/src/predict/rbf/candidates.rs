@@ -2,13 +2,17 @@
 
 use std::collections::HashMap;
 
+use serde::{Deserialize, Serialize};
+
 use crate::configuration::Configuration;
 use crate::limits::CANDIDATES_MAX;
 use crate::predict::Lesson;
+use crate::space::Space;
 
 /// A configuration that was seen to work, and may be chosen.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Candidate {
+    #[serde(with = "crate::configuration::unchecked")]
     pub(super) configuration: Configuration,
     /// The best cost it reached anywhere, over that of the default configuration in the same state.
     ratio: f64,
@@ -17,16 +21,24 @@ pub(super) struct Candidate {
 }
 
 /// At most [`CANDIDATES_MAX`] of them.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Candidates {
     list: Vec<Candidate>,
     /// Only looked up, never walked, so its order does not matter.
+    #[serde(skip)]
     index: HashMap<Configuration, usize>,
 }
 
 impl Candidates {
     pub(super) fn iter(&self) -> impl Iterator<Item = &Candidate> {
         self.list.iter()
+    }
+
+    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space.
+    pub(super) fn settle(&mut self, space: &Space) -> bool {
+        let places = self.list.iter().enumerate();
+        self.index = places.map(|(place, candidate)| (candidate.configuration.clone(), place)).collect();
+        self.list.iter().all(|candidate| space.owns(&candidate.configuration))
     }
 
     /// Keeps the configuration of a lesson. When full, the one goes that fared worst against the default.

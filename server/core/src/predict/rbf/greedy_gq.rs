@@ -6,6 +6,8 @@
 //! `theta += alpha (R - theta . phi) phi`, where the reward `R` is the inverse of the cost. Memory and time
 //! are linear in the features and do not grow with the number of trials.
 
+use serde::{Deserialize, Serialize};
+
 use crate::configuration::Configuration;
 use crate::limits::REWARD_COST_MIN;
 use crate::matrix::dot;
@@ -14,6 +16,7 @@ use crate::predict::rbf::candidates::{Candidate, Candidates};
 use crate::predict::rbf::{Basis, Shape};
 use crate::predict::{Answer, Estimate, Lesson, Predictor, Query};
 use crate::search::Verdict;
+use crate::space::Space;
 
 /// The learning rate; the paper names none. A step never exceeds `1 / |phi|^2`, at which an update would
 /// reproduce the reward exactly; beyond twice that, updates diverge. Of the rates 0.03, 0.1, 0.3, 0.5 and 1,
@@ -26,7 +29,7 @@ const ALPHA: f64 = 0.3;
 const SQUARE_MIN: f64 = 1e-200;
 
 /// The model. See the head of this module.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rbf {
     basis: Basis,
     theta: Vec<f64>,
@@ -62,6 +65,13 @@ impl Rbf {
 /// The inverse of the cost, held where sums of rewards stay finite.
 fn reward(cost: f64) -> f64 {
     1.0 / cost.max(REWARD_COST_MIN)
+}
+
+impl Rbf {
+    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space.
+    pub(in crate::predict) fn settle(&mut self, space: &Space) -> bool {
+        self.candidates.settle(space)
+    }
 }
 
 impl Predictor for Rbf {
@@ -132,7 +142,6 @@ impl Rbf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::space::Space;
 
     fn lesson<'a>(
         state: &'a [f64],

@@ -9,6 +9,8 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 use crate::configuration::Configuration;
 use crate::limits::{MODELS_MAX, REWARD_COST_MIN};
 use crate::predict::nearest::neighbours;
@@ -17,6 +19,7 @@ use crate::predict::rbf::solver::Solver;
 use crate::predict::rbf::{Basis, Shape};
 use crate::predict::{Answer, Estimate, Lesson, Origin, Predictor, Query};
 use crate::search::Verdict;
+use crate::space::Space;
 
 /// The prior's weight against one lesson.
 const PRIOR: f64 = 1e-2;
@@ -33,7 +36,7 @@ const MISS_WEIGHT: f64 = 3.0;
 const MISS_FADE: f64 = 0.99;
 
 /// How much a model missed by: mean square, over so many trials.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Miss {
     sum: f64,
     weight: f64,
@@ -55,7 +58,7 @@ impl Miss {
 }
 
 /// The model of a client or a group, and how the fleet's, the group's and its own did on its trials.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Member {
     solver: Solver,
     misses: [Miss; 3],
@@ -66,7 +69,7 @@ struct Member {
 type Level = BTreeMap<u64, Member>;
 
 /// The predictor. See the head of this module.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LeastSquares {
     basis: Basis,
     /// The logarithm of the first cost: values are relative to it, so that units do not matter.
@@ -169,6 +172,13 @@ impl LeastSquares {
                 oldest.map(|key| level.remove(&key));
             }
         }
+    }
+}
+
+impl LeastSquares {
+    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space.
+    pub(in crate::predict) fn settle(&mut self, space: &Space) -> bool {
+        self.candidates.settle(space)
     }
 }
 

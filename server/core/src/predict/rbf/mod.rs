@@ -11,6 +11,8 @@ mod greedy_gq;
 mod least_squares;
 mod solver;
 
+use serde::{Deserialize, Serialize};
+
 use crate::predict::draw_in;
 use crate::randomness::{Purpose, stream};
 use crate::search::latin_hypercube::design;
@@ -21,7 +23,7 @@ pub use least_squares::LeastSquares;
 const OMEGA: f64 = 1.0;
 
 /// How a feature falls off around its centre.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shape {
     /// `exp(-omega |x - c|)`, as the paper prints it.
     Printed,
@@ -35,7 +37,7 @@ pub fn feature_count(parameters: usize, indicators: usize) -> usize {
 }
 
 /// The features of a study: centres and shape.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Basis {
     shape: Shape,
     /// The state's part and the action's part of each centre.

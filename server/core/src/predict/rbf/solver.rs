@@ -8,13 +8,15 @@
 //! what fades is replaced by the prior, one axis after the other, so that the factor is never worse conditioned
 //! than the prior allows (leakage).
 
+use serde::{Deserialize, Serialize};
+
 use crate::matrix::dot;
 
 /// An old lesson's weight after one more.
 const FADE: f64 = 1.0 - 1.0 / 20_000.0;
 
 /// Least squares of values over features with a prior of zero.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Solver {
     size: usize,
     /// Upper triangular, row after row, each row from its diagonal on.

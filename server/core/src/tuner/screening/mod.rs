@@ -32,18 +32,21 @@ const EVERY: usize = 8;
 pub(super) const CONTROL: u64 = 8;
 
 /// The evidence of a study.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Screening {
+    #[serde(skip)]
     parts: Vec<Part>,
     /// Parameters on which others depend.
+    #[serde(skip)]
     gates: Vec<bool>,
+    #[serde(skip)]
     width: usize,
     /// Of each state that is kept: its sums, the first cost, and when it was last learnt from.
     states: BTreeMap<usize, Kept>,
     clock: u64,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Kept {
     sums: Sums,
     first_cost: f64,
@@ -82,6 +85,13 @@ impl Screening {
         let parents: Vec<&String> = conditions.map(|condition| &condition.parameter).collect();
         let gates = space.parameters().iter().map(|parameter| parents.contains(&&parameter.name)).collect();
         Screening { parts, gates, width, states: BTreeMap::new(), clock: 0 }
+    }
+
+    /// Makes what was read from a checkpoint whole. `false` when it is of another space.
+    pub(super) fn settle(&mut self, space: &Space) -> bool {
+        let Screening { parts, gates, width, .. } = Screening::new(space);
+        (self.parts, self.gates, self.width) = (parts, gates, width);
+        self.states.values().all(|kept| kept.sums.fits(width))
     }
 
     /// Whether the space is small enough for the sums.

@@ -5,8 +5,10 @@
 //! model (Gelman et al., "Bayesian Data Analysis", chapter 15). A parameter whose effects were alike everywhere is
 //! thereby known in a new state before anything is measured there, one whose effects differ is not.
 
+use serde::{Deserialize, Serialize};
+
 /// Sums over the trials of a state: all that a regression needs.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Sums {
     /// The lower triangle of the features' products, row by row.
     products: Vec<f64>,
@@ -24,6 +26,11 @@ impl Sums {
             square: 0.0,
             count: 0.0,
         }
+    }
+
+    /// Whether these are sums over so many features.
+    pub(super) fn fits(&self, width: usize) -> bool {
+        self.products.len() == width * (width + 1) / 2 && self.targets.len() == width
     }
 
     pub(super) fn learn(&mut self, features: &[f64], target: f64) {

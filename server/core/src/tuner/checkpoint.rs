@@ -1,0 +1,225 @@
+//! What a tuner learnt from completed trials, as bytes: so that a restart need not go through all of them again.
+//!
+//! A checkpoint is an accelerator and nothing else. It says which version wrote it and which specification it holds
+//! for, carries a check sum, and is passed over wherever one of these does not fit; the trials are then gone through
+//! from the first. What follows from it is the same to the bit, which the replay tests hold. Searches, visits and
+//! open trials have rows of their own and are no part of it.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::knowledge::Knowledge;
+use crate::packed::{pack_in_order, unpack};
+use crate::policy::{Policy, PredictorMethod};
+use crate::predict::Predictors;
+use crate::study::StudySpec;
+use crate::tuner::history::History;
+use crate::tuner::screening::Screening;
+use crate::tuner::{Checkpoint, Tuner};
+
+/// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
+const VERSION: u64 = 1;
+
+/// What a tuner learnt. Taken in a moment, since it shares its tables with the tuner until either changes them.
+#[derive(Clone, Debug)]
+pub struct Learnt {
+    mark: u64,
+    completion: u64,
+    body: Body,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Body {
+    completed: u64,
+    /// Of each state.
+    knowledge: Vec<Arc<Knowledge>>,
+    history: History,
+    screening: Screening,
+    forget_above: usize,
+    /// Which predictor the models were for, and since when.
+    predictor: PredictorMethod,
+    models_since: u64,
+    predictors: Predictors,
+}
+
+impl Learnt {
+    /// The place in the order of completion up to which it goes.
+    pub fn completion(&self) -> u64 {
+        self.completion
+    }
+
+    /// Packs it: some milliseconds for each megabyte.
+    pub fn checkpoint(&self) -> Checkpoint {
+        let packed = pack_in_order(&self.body);
+        let head = [self.mark, sum_of(&packed)].map(u64::to_le_bytes);
+        Checkpoint { completion: self.completion, bytes: [&head[0][..], &head[1][..], &packed[..]].concat() }
+    }
+}
+
+impl Tuner {
+    /// What was learnt so far.
+    pub fn learnt(&self) -> Learnt {
+        Learnt {
+            mark: mark(&self.spec),
+            completion: self.last_completion,
+            body: Body {
+                completed: self.completed,
+                knowledge: self.states.iter().map(|state| Arc::clone(&state.knowledge)).collect(),
+                history: self.history.clone(),
+                screening: self.screening.clone(),
+                forget_above: self.forget_above,
+                predictor: self.spec.policy.predictor,
+                models_since: self.models_since,
+                predictors: self.predictors.clone(),
+            },
+        }
+    }
+
+    /// Takes over what a checkpoint holds, into a tuner that has its states and has learnt nothing. An error says
+    /// why it is of no use; nothing was changed then.
+    pub(super) fn take_over(&mut self, checkpoint: &Checkpoint) -> Result<(), String> {
+        let (head, packed) = checkpoint.bytes.split_at_checked(16).ok_or("it is cut off")?;
+        let word = |place: usize| {
+            head[place..place + 8].iter().rev().fold(0, |word: u64, &byte| word << 8 | u64::from(byte))
+        };
+        if word(0) != mark(&self.spec) {
+            return Err("it is of another version or specification".into());
+        }
+        if word(8) != sum_of(packed) {
+            return Err("it is damaged".into());
+        }
+        let mut body: Body = unpack(packed).map_err(|error| error.to_string())?;
+        if body.knowledge.len() > self.states.len() || body.knowledge.len() != body.history.len() {
+            return Err("it knows states that do not exist".into());
+        }
+        let space = &self.spec.space;
+        let tables = body.knowledge.iter_mut().all(|knowledge| Arc::make_mut(knowledge).settle(space));
+        if !(tables && body.screening.settle(space) && body.predictors.settle(space)) {
+            return Err("it does not fit its study".into());
+        }
+        let current = body.predictor == self.spec.policy.predictor && body.models_since == self.models_since;
+        let needed = Predictors::are_needed(self.spec.policy.predictor);
+        if current {
+            self.predictors = body.predictors;
+        } else if needed && checkpoint.completion > self.models_since {
+            return Err("it lacks the models that the policy needs".into());
+        }
+        (self.completed, self.last_completion) = (body.completed, checkpoint.completion);
+        (self.screening, self.forget_above) = (body.screening, body.forget_above);
+        self.history = body.history;
+        (self.history.len()..self.states.len()).for_each(|_| self.history.found());
+        self.remembered = body.knowledge.iter().map(|knowledge| knowledge.remembered()).sum();
+        for (state, knowledge) in self.states.iter_mut().zip(body.knowledge) {
+            state.knowledge = knowledge;
+            self.atlas.note(state);
+        }
+        Ok(())
+    }
+}
+
+/// A number for the version and for all of a specification on which learning depends.
+fn mark(spec: &StudySpec) -> u64 {
+    let learning = StudySpec { policy: Policy::default(), display_name: String::new(), ..spec.clone() };
+    let text = serde_json::to_vec(&learning).expect("a specification is plain data");
+    sum_of(&text) ^ sum_of(&VERSION.to_le_bytes()) ^ sum_of(env!("CARGO_PKG_VERSION").as_bytes())
+}
+
+/// A check sum: FNV-1a over words, so that megabytes take milliseconds.
+fn sum_of(bytes: &[u8]) -> u64 {
+    let words =
+        bytes.chunks(8).map(|chunk| chunk.iter().fold(1, |word: u64, &byte| word << 8 | u64::from(byte)));
+    words.fold(0xcbf2_9ce4_8422_2325, |hash: u64, word| {
+        let mixed = (hash ^ word).wrapping_mul(0x0000_0100_0000_01b3);
+        mixed ^ (mixed >> 32)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::testing::cases;
+    use crate::trial::Outcome;
+    use crate::tuner::tests::{ask, cost, measured, spec};
+    use crate::tuner::{Change, Restoring, Snapshot};
+
+    /// A tuner that has learnt from three states, its rows, and the checkpoint.
+    fn learnt(policy: Policy) -> (Tuner, Snapshot, Checkpoint) {
+        let mut tuner = Tuner::new(Arc::new(spec(policy))).expect("valid");
+        let mut rows = Change::default();
+        for frame in 0..60 {
+            let (trial, change) =
+                tuner.suggest(&ask("a", 0.3 * f64::from(frame % 3), 0.5), 0).expect("valid");
+            rows.states.extend(change.states);
+            let report = tuner.report(&trial, measured(cost(&trial)), Outcome::Ok, 1).expect("valid");
+            rows.states.extend(report.1.states);
+        }
+        rows.states.sort_by_key(|state| state.id);
+        rows.states.reverse();
+        rows.states.dedup_by_key(|state| state.id);
+        rows.states.reverse();
+        let snapshot = Snapshot { states: rows.states, visits: vec![], last_trial: 60, models_since: 0 };
+        let checkpoint = tuner.learnt().checkpoint();
+        (tuner, snapshot, checkpoint)
+    }
+
+    #[test]
+    fn a_checkpoint_brings_back_all_that_was_learnt() {
+        for predictor in [PredictorMethod::Auto, PredictorMethod::NearestNeighbour] {
+            let policy = Policy { predictor, epsilon: 0.5, ..Policy::default() };
+            let (tuner, snapshot, checkpoint) = learnt(policy);
+            let restoring =
+                Restoring::new(tuner.spec().clone(), snapshot, Some(&checkpoint)).expect("consistent");
+            assert_eq!((restoring.passed_over(), restoring.after()), (None, 60));
+            let back = restoring.finish([]).expect("whole");
+            let knowledge =
+                |tuner: &Tuner| tuner.states.iter().map(|s| s.knowledge.clone()).collect::<Vec<_>>();
+            assert_eq!(knowledge(&back), knowledge(&tuner));
+            assert_eq!(back.predictors, tuner.predictors);
+            assert_eq!((&back.history, &back.screening), (&tuner.history, &tuner.screening));
+            assert_eq!((back.statistics(), back.remembered), (tuner.statistics(), tuner.remembered));
+            // And it can be saved again, to the same bytes.
+            assert_eq!(back.learnt().checkpoint(), checkpoint);
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_passed_over_with_its_reason() {
+        let (tuner, snapshot, checkpoint) = learnt(Policy::default());
+        let refusal = |spec: StudySpec, snapshot: &Snapshot, bytes: Vec<u8>| {
+            let checkpoint = Checkpoint { bytes, ..checkpoint.clone() };
+            let restoring =
+                Restoring::new(Arc::new(spec), snapshot.clone(), Some(&checkpoint)).expect("consistent");
+            assert_eq!(restoring.after(), 0);
+            restoring.passed_over().expect("passed over").to_owned()
+        };
+        let (spec, bytes) = (tuner.spec().as_ref(), &checkpoint.bytes);
+        assert_eq!(refusal(spec.clone(), &snapshot, bytes[..9].to_vec()), "it is cut off");
+        let mut damaged = bytes.clone();
+        *damaged.last_mut().expect("bytes") ^= 1;
+        assert_eq!(refusal(spec.clone(), &snapshot, damaged), "it is damaged");
+        let other = StudySpec { seed: spec.seed + 1, ..spec.clone() };
+        assert_eq!(refusal(other, &snapshot, bytes.clone()), "it is of another version or specification");
+        let fewer = Snapshot { states: snapshot.states[..2].to_vec(), ..snapshot.clone() };
+        assert_eq!(refusal(spec.clone(), &fewer, bytes.clone()), "it knows states that do not exist");
+        let policy = Policy { predictor: PredictorMethod::Auto, ..Policy::default() };
+        let lacks = refusal(StudySpec { policy, ..spec.clone() }, &snapshot, bytes.clone());
+        assert_eq!(lacks, "it lacks the models that the policy needs");
+    }
+
+    proptest! {
+        #![proptest_config(cases(64))]
+
+        #[test]
+        fn the_sum_tells_every_single_damage(
+            bytes in prop::collection::vec(any::<u8>(), 1..100), at: usize, by in 1u8..,
+        ) {
+            let mut damaged = bytes.clone();
+            let at = at % bytes.len();
+            damaged[at] ^= by;
+            prop_assert_ne!(sum_of(&bytes), sum_of(&damaged));
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Checkpoints: what the tuners in memory have learnt is saved now and then, so that a start reads few trials.
+//!
+//! Under the study's lock only pointers are copied; packing and writing happen beside it. What a checkpoint covers
+//! is on the disk before it: it waits for every change that was queued up to then.
+
+use std::sync::Arc;
+
+use treewright_core::limits::{CHECKPOINT_BYTES_PER_TRIAL, CHECKPOINT_TRIALS_MIN};
+use treewright_core::tuner::Learnt;
+use treewright_store::{Fence, Receipt, Store};
+
+use super::Tuning;
+use super::runtime::{Live, Runtime};
+use crate::error::Error;
+
+/// The last checkpoint of a study: what it covers, and its length.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Saved {
+    pub(super) completion: u64,
+    pub(super) bytes: u64,
+}
+
+impl Saved {
+    /// Whether so many trials were completed since that another one is worth its bytes.
+    fn is_due(self, completed: u64) -> bool {
+        let after = CHECKPOINT_TRIALS_MIN.max(self.bytes / CHECKPOINT_BYTES_PER_TRIAL);
+        completed.saturating_sub(self.completion) >= after
+    }
+}
+
+/// What is to be saved, and when it may be.
+struct Due {
+    learnt: Learnt,
+    fence: Fence,
+    before: Receipt,
+}
+
+impl Live {
+    fn take_due(&mut self, store: &dyn Store) -> Option<Due> {
+        let completed = self.tuner.statistics().completed_trials;
+        if !self.saved.is_due(completed) {
+            return None;
+        }
+        // Should saving fail, the next attempt comes after as many trials again.
+        self.saved.completion = completed;
+        let before = self.commit(store, &[]);
+        Some(Due { learnt: self.tuner.learnt(), fence: self.fence().clone(), before })
+    }
+}
+
+impl Tuning {
+    /// Saves checkpoints where they are due, one study after the other. To be called now and then.
+    pub async fn save_checkpoints(&self) {
+        for (study, runtime) in self.in_memory() {
+            let due = runtime.peek(|live| live.take_due(&*self.store)).flatten();
+            let Some(due) = due else {
+                continue;
+            };
+            match self.save(due, &runtime).await {
+                Ok(Saved { completion, bytes }) => {
+                    tracing::debug!(study, completion, bytes, "checkpoint saved");
+                }
+                // It is only an accelerator.
+                Err(error) => tracing::warn!(study, %error, "a checkpoint was not saved"),
+            }
+        }
+    }
+
+    async fn save(&self, due: Due, runtime: &Arc<Runtime>) -> Result<Saved, Error> {
+        let Due { learnt, fence, before } = due;
+        let packed = tokio::task::spawn_blocking(move || learnt.checkpoint());
+        let checkpoint = packed.await.map_err(|_| Error::Defect("packing a checkpoint panicked"))?;
+        before.durable().await?;
+        self.store.save_checkpoint(&fence, &checkpoint).await?;
+        let saved = Saved { completion: checkpoint.completion, bytes: checkpoint.bytes.len() as u64 };
+        runtime.peek(|live| {
+            if live.fence().is_same(&fence) {
+                live.saved = saved;
+            }
+        });
+        Ok(saved)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use prost_types::FieldMask;
+    use treewright_core::indicator::{Indicator, IndicatorSchema};
+    use treewright_core::objective::{Objective, ObjectiveTerm};
+    use treewright_core::policy::{Policy, SearchMethod};
+    use treewright_core::space::{Domain, Parameter, Scale, Space};
+    use treewright_core::study::StudySpec;
+    use treewright_core::trial::{Outcome, Trial};
+    use treewright_core::tuner::Ask;
+    use treewright_core::value::Value;
+    use treewright_proto::v1;
+    use treewright_store::MemoryStore;
+
+    use super::*;
+    use crate::clock::ManualClock;
+    use crate::convert::from_proto::{Report, Suggest};
+    use crate::convert::names::TrialName;
+    use crate::convert::policy::PolicyUpdate;
+
+    fn spec() -> StudySpec {
+        let scale = Scale::Linear;
+        let parameter = |name: &str| Parameter {
+            name: name.to_owned(),
+            domain: Domain::Integer { min: 0, max: 9, scale },
+            default: Value::Integer(4),
+            active_if: None,
+        };
+        let indicator = Indicator { name: "x".to_owned(), min: 0.0, max: 1.0, scale };
+        let term = ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 };
+        StudySpec {
+            display_name: String::new(),
+            space: Space::new(vec![parameter("a"), parameter("b")], vec![]).expect("valid"),
+            indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
+            objective: Objective::new(vec![term]).expect("valid"),
+            state_tolerance: 0.01,
+            policy: Policy { search: SearchMethod::Random, epsilon: 0.5, ..Policy::default() },
+            seed: 3,
+        }
+    }
+
+    /// Two clients, frame after frame; what they got.
+    async fn frames(tuning: &Tuning, numbers: std::ops::Range<u64>) -> Vec<Trial> {
+        let mut trials = Vec::new();
+        for frame in numbers {
+            // Later on in places that are new, where the models have a say.
+            let shift = if frame > CHECKPOINT_TRIALS_MIN + 300 { 0.05 } else { 0.0 };
+            let place = (frame / 10 % 9) as f64 / 9.0 + shift;
+            let ask = Ask {
+                client_id: format!("client-{}", frame % 2),
+                indicators: BTreeMap::from([("x".to_owned(), place)]),
+                ..Ask::default()
+            };
+            let suggest = Suggest { study: "hall".to_owned(), ask, wanted: None };
+            let trial = tuning.suggest(suggest).await.expect("a trial");
+            let number =
+                |name: &str| trial.configuration.get(name).and_then(Value::as_number).expect("active");
+            let cost = 1.0 + (number("a") - 9.0 * place).abs() + number("b");
+            let report = Report {
+                trial: TrialName { study: "hall".to_owned(), number: trial.number },
+                measurements: BTreeMap::from([("render_ms".to_owned(), cost)]),
+                outcome: Outcome::Ok,
+            };
+            tuning.report(report).await.expect("taken");
+            trials.push(trial);
+        }
+        trials
+    }
+
+    async fn change_predictor(tuning: &Tuning, predictor: v1::PredictorMethod) {
+        let policy = v1::Policy { predictor: predictor.into(), ..v1::Policy::default() };
+        let mask = FieldMask { paths: vec!["policy.predictor".to_owned()] };
+        let update = PolicyUpdate::read(policy, Some(mask)).expect("valid");
+        tuning.update_policy("hall", &update).await.expect("changed");
+    }
+
+    /// Whatever was saved and whenever the daemon starts, what it answers is the same.
+    #[tokio::test]
+    async fn a_start_from_a_checkpoint_answers_like_one_from_all_trials() {
+        let many = CHECKPOINT_TRIALS_MIN + 200;
+        let stores = [Arc::new(MemoryStore::new()), Arc::new(MemoryStore::new())];
+        let mut answers = Vec::new();
+        for (store, saves) in stores.iter().zip([true, false]) {
+            let start = || Tuning::new(Arc::clone(store) as _, Arc::new(ManualClock::at(1_000)));
+            let mut tuning = start();
+            tuning.create_study("hall", &spec()).await.expect("created");
+            let mut all = frames(&tuning, 0..many).await;
+            if saves {
+                tuning.save_checkpoints().await;
+                let loaded = store.load("hall").await.expect("loaded");
+                assert_eq!(loaded.checkpoint.map(|checkpoint| checkpoint.completion), Some(many));
+                tuning = start();
+            }
+            all.extend(frames(&tuning, many..many + 100).await);
+            change_predictor(&tuning, v1::PredictorMethod::LeastSquares).await;
+            all.extend(frames(&tuning, many + 100..many + 200).await);
+            if saves {
+                tuning = start();
+            }
+            all.extend(frames(&tuning, many + 200..many + 300).await);
+            answers.push(all);
+        }
+        assert_eq!(answers[0], answers[1]);
+        assert!(
+            answers[0].iter().any(|trial| trial.reason.source == "least_squares"),
+            "the models were asked"
+        );
+    }
+}
