@@ -302,6 +302,12 @@ impl Knowledge {
         self.record(configuration).is_some_and(Record::is_tried)
     }
 
+    /// Whether every configuration that has a verdict was measured as often as asked.
+    pub fn is_settled(&self, replicates: u32) -> bool {
+        let mut tried = self.records.iter().filter(|record| record.is_tried());
+        tried.all(|record| self.settled(&record.configuration, replicates).is_some())
+    }
+
     /// What a search is told of a configuration; `None` while it should be measured (again), because it has
     /// less than `replicates` measurements. One abort settles it, and so do repeated failures, which a
     /// search takes for infeasible because it must go on.

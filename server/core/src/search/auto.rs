@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::search::{Feedback, ModelSearch, Point, Search, SearchSetup};
+use crate::search::{Feedback, ModelSearch, Point, Search, SearchSetup, Verdict};
 
 /// The search. See the head of this module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,6 +19,11 @@ impl AutoSearch {
     /// A fresh search.
     pub fn new(setup: SearchSetup) -> Self {
         AutoSearch { model: ModelSearch::new(setup) }
+    }
+
+    /// Tells of a point that was measured before the search began.
+    pub fn know(&mut self, x: Vec<f64>, verdict: Verdict) {
+        self.model.know(x, verdict);
     }
 
     /// Leaves axes where they are, from the next point on.

@@ -231,6 +231,16 @@ impl AnySearch {
         true
     }
 
+    /// Tells of a point that was measured before the search began. Searches without a model pass it over: what
+    /// they ask and is known is answered at once.
+    pub fn know(&mut self, x: Vec<f64>, verdict: Verdict) {
+        match self {
+            AnySearch::Model(search) => search.know(x, verdict),
+            AnySearch::Auto(search) => search.know(x, verdict),
+            _ => {}
+        }
+    }
+
     fn inner(&mut self) -> &mut dyn Search {
         match self {
             AnySearch::NelderMead(search) => search,

@@ -8,10 +8,15 @@ use crate::packed::{PackedError, pack, unpack};
 use crate::search::{AnySearch, Feedback, Search};
 use crate::tuner::screening::Held;
 
-/// The search of one state and its points in flight. Opaque, exact through serde.
+/// The search of one state and its points in flight. Once its budget is spent the search itself is dropped: what it
+/// found stands in the state's table. Opaque, exact through serde.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exploration {
-    pub(super) search: AnySearch,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) search: Option<AnySearch>,
+    /// How many answers to a search that was dropped added no configuration.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    repeats: u64,
     /// Which point of the search each open trial measures, by trial number.
     pub(super) open: BTreeMap<u64, u64>,
     /// What is left out, where the policy allows it.
@@ -21,7 +26,18 @@ pub struct Exploration {
 
 impl Exploration {
     pub(super) fn new(search: AnySearch) -> Self {
-        Exploration { search, open: BTreeMap::new(), held: None }
+        Exploration { search: Some(search), repeats: 0, open: BTreeMap::new(), held: None }
+    }
+
+    /// How many of the answers added no configuration.
+    pub(super) fn repeats(&self) -> u64 {
+        self.search.as_ref().map_or(self.repeats, Search::repeats)
+    }
+
+    /// Drops the search.
+    pub(super) fn end(&mut self) {
+        self.repeats = self.repeats();
+        self.search = None;
     }
 
     /// As few bytes, exact to the bit.
@@ -40,10 +56,15 @@ impl Exploration {
         let Some(point) = self.open.remove(&trial) else {
             return false;
         };
-        match feedback {
-            Some(feedback) => self.search.tell(point, feedback),
-            None => self.search.withdraw(point),
+        match (&mut self.search, feedback) {
+            (Some(search), Some(feedback)) => search.tell(point, feedback),
+            (Some(search), None) => search.withdraw(point),
+            (None, _) => {}
         }
         true
     }
+}
+
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }

@@ -6,10 +6,14 @@ use crate::configuration::Configuration;
 use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
-use crate::search::{AnySearch, Feedback, Layout, Point, Search, SearchSetup, Step, levels};
+use crate::search::{AnySearch, Feedback, Layout, Point, Search, SearchSetup, Step, Verdict, levels};
 use crate::trial::{Mode, Reason};
+use crate::tuner::report::is_spent;
 use crate::tuner::screening::CONTROL;
 use crate::tuner::{Exploration, Prediction, Tuner, Work, query};
+
+/// Most of the best configurations that a search is told which goes on where another one ended.
+const TOLD_MAX: usize = 128;
 
 /// What the walk along a search came to.
 enum Walk {
@@ -90,13 +94,21 @@ impl Tuner {
         Some(Prediction { configuration, mode: Mode::Explore, predicted_cost, reason, insight: None })
     }
 
-    /// Sees that the state has a search of the policy's kind. Trials that carry points of an earlier search
-    /// only feed the table from then on.
+    /// Sees that the state has a search of the policy's kind, unless its budget is spent. Trials that carry points
+    /// of an earlier search only feed the table from then on. Where an earlier one was dropped because its budget
+    /// was spent, and the budget was raised since, the new one is told what the table knows.
     fn ensure_exploration(&mut self, state: usize) {
         let method = self.spec.policy.search;
-        let current = self.work[state].exploration.as_ref();
-        if current.is_some_and(|exploration| exploration.search.method() == method) {
-            return;
+        let mut was_dropped = false;
+        if let Some(current) = &self.work[state].exploration {
+            was_dropped = current.search.is_none();
+            let goes_on = match &current.search {
+                Some(search) => search.method() == method,
+                None => is_spent(current, &self.states[state].knowledge, &self.spec.policy),
+            };
+            if goes_on {
+                return;
+            }
         }
         let setup = SearchSetup {
             seed: self.spec.seed,
@@ -106,7 +118,15 @@ impl Tuner {
             levels: levels(&self.spec.space),
             layout: Layout::of(&self.spec.space),
         };
-        self.work[state].exploration = Some(Exploration::new(AnySearch::new(method, setup)));
+        let mut search = AnySearch::new(method, setup);
+        if was_dropped {
+            for record in self.states[state].knowledge.ranked().take(TOLD_MAX) {
+                let verdict = Verdict::Cost(record.mean_cost);
+                search.know(self.spec.space.encode(&record.configuration), verdict);
+            }
+        }
+        self.work[state].exploration = Some(Exploration::new(search));
+        self.work[state].changes += 1;
         self.states[state].explored = true;
         self.atlas.note(&self.states[state]);
     }
@@ -115,9 +135,13 @@ impl Tuner {
     /// now and then none, so that there is evidence against it.
     fn hold(&mut self, state: usize) -> Vec<(usize, f64)> {
         let Tuner { spec, states, work, screening, .. } = self;
-        let Some(exploration) = &mut work[state].exploration else {
+        let Work { exploration: Some(exploration), changes, .. } = &mut work[state] else {
             return Vec::new();
         };
+        if exploration.search.is_none() {
+            return Vec::new();
+        }
+        *changes += 1;
         let Some(risk) = spec.policy.freeze_risk else {
             exploration.held = None;
             return Vec::new();
@@ -151,11 +175,14 @@ impl Tuner {
     fn walk(&mut self, state: usize, held: &[(usize, f64)]) -> Walk {
         let Tuner { spec, states, work, .. } = self;
         let (space, policy, knowledge) = (&spec.space, &spec.policy, &states[state].knowledge);
-        let Work { exploration: Some(Exploration { search, open, .. }), running } = &mut work[state] else {
+        let Work { exploration: Some(exploration), running, changes } = &mut work[state] else {
             return Walk::Wait;
         };
-        let spent =
-            knowledge.tried() + search.repeats() as usize + open.len() >= policy.trials_per_state as usize;
+        let spent = is_spent(exploration, knowledge, policy);
+        let Some(search) = &mut exploration.search else {
+            return Walk::Wait;
+        };
+        *changes += 1;
         let moves = !search.hold(held);
         let mut waiting = Vec::new();
         let mut walk = Walk::OnlyKnown;
@@ -228,6 +255,7 @@ impl Tuner {
         if let Some(exploration) = &mut self.work[state].exploration {
             exploration.open.insert(number, point.id);
         }
+        self.work[state].changes += 1;
         Prediction { configuration, mode, predicted_cost, reason, insight: None }
     }
 

@@ -26,7 +26,7 @@ mod suggest;
 mod types;
 mod weigh;
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
 pub use account::Account;
@@ -64,6 +64,8 @@ pub struct Tuner {
     visits: BTreeMap<String, Visit>,
     /// Open trials by number.
     open: BTreeMap<u64, Trial>,
+    /// When their leases run out, soonest first.
+    leases: BTreeSet<(i64, u64)>,
     /// The open trials of each client: number by state.
     held: BTreeMap<String, BTreeMap<u64, u64>>,
     /// Where the states lie.
@@ -85,6 +87,8 @@ pub struct Tuner {
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Work {
     exploration: Option<Exploration>,
+    /// Rises whenever the exploration may have changed, so that its row is to be written.
+    changes: u64,
     /// How many open trials run each configuration here. Only looked up, so its order does not matter.
     running: HashMap<Configuration, u32>,
 }
@@ -101,6 +105,7 @@ impl Tuner {
             work: Vec::new(),
             visits: BTreeMap::new(),
             open: BTreeMap::new(),
+            leases: BTreeSet::new(),
             held: BTreeMap::new(),
             history: History::default(),
             screening: Screening::new(&spec.space),
@@ -157,7 +162,7 @@ impl Tuner {
 
     /// When the next lease runs out, in milliseconds of the caller's clock.
     pub fn next_expiry_ms(&self) -> Option<i64> {
-        self.open.values().map(|trial| trial.lease_expire_ms).min()
+        self.leases.first().map(|&(expire_ms, _)| expire_ms)
     }
 
     /// Counts.
@@ -226,12 +231,14 @@ impl Tuner {
         *running.or_insert(0) += 1;
         let held = self.held.entry(trial.client_id.clone()).or_default();
         held.insert(trial.state_id, trial.number);
+        self.leases.insert((trial.lease_expire_ms, trial.number));
         self.open.insert(trial.number, trial);
     }
 
     /// Takes an open trial out of the tables.
     fn remove(&mut self, number: u64) -> Option<Trial> {
         let trial = self.open.remove(&number)?;
+        self.leases.remove(&(trial.lease_expire_ms, number));
         let running = &mut self.work[place(trial.state_id)].running;
         if let Some(count) = running.get_mut(&trial.configuration) {
             *count -= 1;

@@ -3,11 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use crate::knowledge::Knowledge;
 use crate::limits::RECORDS_PER_STUDY_MAX;
+use crate::policy::Policy;
 use crate::predict::{Lesson, Predictors, Query};
 use crate::search::{Feedback, Step, Verdict};
 use crate::trial::{Mode, Outcome, Trial, TrialState};
-use crate::tuner::{Change, Tuner, TunerError, Visit, checks, origin, place, query};
+use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, Work, checks, origin, place, query};
 
 impl Tuner {
     /// Takes the result of a trial and tells what must be stored before it is acknowledged.
@@ -167,10 +169,10 @@ impl Tuner {
     pub fn abandon(&mut self, trial: &Trial) -> Result<(Trial, Change), TunerError> {
         let number = trial.number;
         if let Some(state) = self.open.get(&number).map(|open| place(open.state_id)) {
-            let before = self.work[state].exploration.clone();
+            let before = self.work[state].changes;
             let abandoned = self.take_back(number, TrialState::Abandoned);
             let mut change = Change { trials: abandoned.into_iter().collect(), ..Change::default() };
-            if self.work[state].exploration != before {
+            if self.work[state].changes != before {
                 change.states.push(self.state_record(state));
             }
             let trial = change.trials[0].clone();
@@ -197,22 +199,17 @@ impl Tuner {
 
     /// Ends every lease that has run out by `now_ms`: the trial is expired and its search point goes back.
     pub fn expire(&mut self, now_ms: i64) -> Change {
-        let due: Vec<u64> = self
-            .open
-            .values()
-            .filter(|trial| trial.lease_expire_ms < now_ms)
-            .map(|trial| trial.number)
-            .collect();
+        let ended = self.leases.range(..(now_ms, 0));
+        let due: BTreeSet<u64> = ended.map(|&(_, number)| number).collect();
         let mut change = Change::default();
         let mut states = BTreeSet::new();
         for number in due {
             let Some(state) = self.open.get(&number).map(|trial| place(trial.state_id)) else {
                 continue;
             };
-            let carries = |tuner: &Tuner| tuner.work[state].exploration.as_ref().map(|e| e.open.len());
-            let before = carries(self);
+            let before = self.work[state].changes;
             change.trials.extend(self.take_back(number, TrialState::Expired));
-            if carries(self) != before {
+            if self.work[state].changes != before {
                 states.insert(state);
             }
         }
@@ -229,8 +226,23 @@ impl Tuner {
     }
 
     fn release(&mut self, trial: &Trial, feedback: Option<Feedback>) -> bool {
-        let exploration = &mut self.work[place(trial.state_id)].exploration;
-        exploration.as_mut().is_some_and(|exploration| exploration.release(trial.number, feedback))
+        let state = place(trial.state_id);
+        let Work { exploration: Some(exploration), changes, .. } = &mut self.work[state] else {
+            return false;
+        };
+        if !exploration.release(trial.number, feedback) {
+            return false;
+        }
+        *changes += 1;
+        // What is spent is not needed any more: the table knows what came of it.
+        let (knowledge, policy) = (&self.states[state].knowledge, &self.spec.policy);
+        if exploration.open.is_empty()
+            && is_spent(exploration, knowledge, policy)
+            && (policy.replicates == 1 || knowledge.is_settled(policy.replicates))
+        {
+            exploration.end();
+        }
+        true
     }
 
     /// Whether a record that is not open can be of this study.
@@ -238,6 +250,12 @@ impl Tuner {
         let states = 1..=self.states.len() as u64;
         trial.number <= self.last_trial && states.contains(&trial.state_id)
     }
+}
+
+/// Whether a search has no trial left to hand out that adds a configuration.
+pub(super) fn is_spent(exploration: &Exploration, knowledge: &Knowledge, policy: &Policy) -> bool {
+    let taken = knowledge.tried() + exploration.repeats() as usize + exploration.open.len();
+    taken >= policy.trials_per_state as usize
 }
 
 /// Whether nothing is to be learnt of a trial but that it cannot be run.

@@ -49,7 +49,7 @@ impl Tuner {
         let state = found.unwrap_or_else(|| self.found(normalised.clone()));
         let state_id = self.states[state].id;
         let mut change = Change::default();
-        let search_before = self.work[state].exploration.clone();
+        let changes_before = self.work[state].changes;
         let visit_before = self.visits.get(&ask.client_id).cloned();
         let pinned = pinned.or_else(|| self.in_shadow(&normalised, state));
         if pinned.is_none() {
@@ -72,7 +72,7 @@ impl Tuner {
         change.trials.push(trial.clone());
         let visit = self.visits.get(&ask.client_id);
         change.visits.extend(visit.filter(|visit| Some(*visit) != visit_before.as_ref()).cloned());
-        if found.is_none() || self.work[state].exploration != search_before {
+        if found.is_none() || self.work[state].changes != changes_before {
             change.states.push(self.state_record(state));
         }
         Ok((trial, change))
@@ -230,6 +230,8 @@ impl Tuner {
     pub(super) fn renew(&mut self, number: u64, now_ms: i64) -> Option<Trial> {
         let lease_expire_ms = now_ms.saturating_add(self.spec.policy.lease_ms());
         let trial = self.open.get_mut(&number)?;
+        self.leases.remove(&(trial.lease_expire_ms, number));
+        self.leases.insert((lease_expire_ms, number));
         trial.lease_expire_ms = lease_expire_ms;
         Some(trial.clone())
     }

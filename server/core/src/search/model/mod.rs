@@ -165,6 +165,13 @@ impl ModelSearch {
         self.setup.layout.set_held(held);
     }
 
+    /// Tells of a point that was measured before the search began; it then goes on without a design.
+    pub fn know(&mut self, x: Vec<f64>, verdict: Verdict) {
+        let point = self.launch(x, Step::Restart);
+        self.tell(point.id, Feedback { verdict, fresh: true });
+        self.queue.clear();
+    }
+
     fn random(&mut self) -> ChaCha8Rng {
         self.draws += 1;
         stream(self.setup.seed, Purpose::Search, self.setup.state_id, self.draws)

@@ -165,3 +165,64 @@ fn exploring_pays_off() {
     let random = costs[2];
     assert!(costs[..2].iter().all(|cost| *cost < 13.5 && cost + 1.0 < random), "medians {costs:?}");
 }
+
+#[test]
+fn a_search_is_dropped_once_its_budget_is_spent_and_goes_on_from_the_table_when_it_is_raised() {
+    for search in [SearchMethod::Auto, SearchMethod::Random] {
+        let mut tuner = tuner(Policy { search, trials_per_state: 12, ..explore_always() });
+        let before = run(&mut tuner, "a", 0.5, 0.5, 40);
+        let exploration = tuner.work[0].exploration.as_ref().expect("explored");
+        assert!(exploration.search.is_none(), "{search:?}");
+        assert!(exploration.pack().len() < 64, "{}", exploration.pack().len());
+        let tried = tuner.states[0].knowledge.tried() as u64;
+        assert!(tried + exploration.repeats() >= 12);
+        // What follows writes no search any more.
+        let (trial, change) = tuner.suggest(&ask("a", 0.5, 0.5), 0).expect("valid");
+        assert_eq!(change.states, []);
+        finish(&mut tuner, &trial, Outcome::Ok);
+
+        assert_eq!(tuner.set_policy(Policy { search, trials_per_state: 20, ..explore_always() }), Ok(false));
+        let after = run(&mut tuner, "a", 0.5, 0.5, 30);
+        let different = |trials: &[Trial]| -> BTreeSet<Configuration> {
+            trials.iter().map(|trial| trial.configuration.clone()).collect()
+        };
+        let fresh = different(&after).difference(&different(&before)).count();
+        assert!((1..=9).contains(&fresh), "{search:?}: {fresh} of the eight more");
+        assert!(after.iter().all(|trial| trial.reason.step != "latin_hypercube"), "{search:?}");
+        assert!(tuner.work[0].exploration.as_ref().is_some_and(|exploration| exploration.search.is_none()));
+    }
+}
+
+#[test]
+fn a_study_remembers_a_bounded_number_of_configurations() {
+    let policy = Policy { search: SearchMethod::Random, trials_per_state: 100, ..explore_always() };
+    let mut tuner = tuner(policy);
+    let mut best_of_first = None;
+    for place in 0..20 {
+        run(&mut tuner, "a", 0.2 * f64::from(place % 5), 0.25 * f64::from(place / 5), 100);
+        let remembered: usize = tuner.states.iter().map(|state| state.knowledge.remembered()).sum();
+        assert_eq!(remembered, tuner.remembered);
+        assert!(remembered <= crate::limits::RECORDS_PER_STUDY_MAX, "{remembered} configurations");
+        // The best and the default stay, and that others were tried is not forgotten.
+        let best = tuner.states[0].knowledge.best().map(|best| best.mean_cost);
+        assert_eq!(best, *best_of_first.get_or_insert(best));
+        assert!(tuner.states[0].knowledge.tried() >= 90);
+        assert!(tuner.default_cost(0).is_some());
+    }
+    assert_eq!(tuner.states.len(), 20);
+    assert!(tuner.states[0].knowledge.remembered() < 90);
+}
+
+#[test]
+fn a_search_is_stored_in_few_bytes() {
+    for (search, most) in [(SearchMethod::Auto, 3_500), (SearchMethod::Random, 500)] {
+        let mut tuner = tuner(Policy { search, trials_per_state: 80, ..explore_always() });
+        run(&mut tuner, "a", 0.5, 0.5, 75);
+        let exploration = tuner.work[0].exploration.as_ref().expect("explored");
+        assert!(exploration.search.is_some());
+        let (packed, text) = (exploration.pack(), serde_json::to_string(exploration).expect("plain data"));
+        println!("{search:?}: {} bytes packed, {} as text", packed.len(), text.len());
+        assert!(packed.len() <= most && packed.len() < text.len(), "{}", packed.len());
+        assert_eq!(Exploration::unpack(&packed).as_ref(), Ok(exploration));
+    }
+}

@@ -1,0 +1,213 @@
+//! What a long history costs: start-up to the first answer, memory, and the time of a frame, at any number of stored
+//! trials of one study of six parameters.
+//!
+//! `cargo run --release -p treewright-server --example growth -- DIRECTORY TRIALS [STATES]`
+//!
+//! The first 20,000 trials go through the daemon's own code, client after client. From then on the table is filled
+//! with the same rows again under new numbers, which is what that code would have written had the clients stayed in
+//! the states that are explored: the history then holds TRIALS trials, and all that is measured, loading them
+//! included, is real. Each measurement runs in a process of its own on the database as the one before left it: the
+//! first goes through all trials and saves a checkpoint, the second starts from that.
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::time::Instant;
+
+use sqlx::{AssertSqlSafe, Connection as _, Executor as _};
+use treewright_core::indicator::{Indicator, IndicatorSchema};
+use treewright_core::objective::{Objective, ObjectiveTerm};
+use treewright_core::policy::{Policy, SearchMethod};
+use treewright_core::space::{Domain, Parameter, Scale, Space};
+use treewright_core::study::StudySpec;
+use treewright_core::trial::{Outcome, Trial};
+use treewright_core::tuner::Ask;
+use treewright_core::value::Value;
+use treewright_server::clock::SystemClock;
+use treewright_server::convert::from_proto::{Report, Suggest};
+use treewright_server::convert::names::TrialName;
+use treewright_server::tuning::Tuning;
+use treewright_store::{SqliteStore, Store};
+
+type Done<T> = Result<T, Box<dyn Error + Send + Sync>>;
+
+const STUDY: &str = "growth";
+const SEEDED: u64 = 20_000;
+const FRAMES: usize = 2_000;
+const CLIENTS: u64 = 32;
+const COLUMNS: &str = "client_id, state_id, mode, state, outcome, outcome_reason, outcome_lower_bound, cost, \
+     predicted_cost, late, create_ms, lease_expire_ms, complete_ms, configuration, indicators, measurements, reason, \
+     fingerprint";
+
+fn spec() -> Done<StudySpec> {
+    let parameter = |number: usize| Parameter {
+        name: format!("parameter_{number}"),
+        domain: Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear },
+        default: Value::Float(0.5),
+        active_if: None,
+    };
+    let indicator = |name: &str| Indicator { name: name.into(), min: 0.0, max: 1.0, scale: Scale::Linear };
+    Ok(StudySpec {
+        display_name: String::new(),
+        space: Space::new((0..6).map(parameter).collect(), vec![])?,
+        indicators: IndicatorSchema::new(vec![indicator("x"), indicator("y")])?,
+        objective: Objective::new(vec![ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }])?,
+        state_tolerance: 0.001,
+        policy: Policy { search: SearchMethod::Random, ..Policy::default() },
+        seed: 1,
+    })
+}
+
+/// One frame of a client: report and suggest in one, as a stream does it.
+async fn frame(tuning: &Tuning, number: u64, states: u64, previous: Option<Trial>) -> Done<Trial> {
+    let place = (number / CLIENTS / 25 * 7 + number % CLIENTS) % states;
+    let ask = Ask {
+        client_id: format!("client-{:02}", number % CLIENTS),
+        indicators: BTreeMap::from([
+            ("x".to_owned(), place as f64 / states as f64),
+            ("y".to_owned(), (place * 37 % states) as f64 / states as f64),
+        ]),
+        ..Ask::default()
+    };
+    let report = previous.map(|trial| {
+        let value = |parameter: usize| {
+            trial
+                .configuration
+                .get(&format!("parameter_{parameter}"))
+                .and_then(Value::as_number)
+                .unwrap_or(0.5)
+        };
+        let cost: f64 = (0..6).map(|parameter| (value(parameter) - 0.15 * parameter as f64).powi(2)).sum();
+        let noise = 1.0 + 0.02 * ((trial.number * 7919 % 101) as f64 / 101.0);
+        Report {
+            trial: TrialName { study: STUDY.to_owned(), number: trial.number },
+            measurements: BTreeMap::from([("render_ms".to_owned(), 10.0 * noise * (1.0 + cost))]),
+            outcome: Outcome::Ok,
+        }
+    });
+    let reports = report.is_some();
+    let answer = tuning.frame(report, Some(Suggest { study: STUDY.to_owned(), ask, wanted: None })).await;
+    if reports {
+        answer.reported.ok_or("no answer to a report")??;
+    }
+    Ok(answer.suggested.ok_or("no answer to a question")??)
+}
+
+/// Frames of all clients in turn; the time of each in microseconds.
+async fn frames(tuning: &Tuning, count: u64, states: u64) -> Done<Vec<f64>> {
+    let mut held: Vec<Option<Trial>> = vec![None; CLIENTS as usize];
+    let mut times = Vec::new();
+    for number in 0..count {
+        let client = (number % CLIENTS) as usize;
+        let begun = Instant::now();
+        held[client] = Some(frame(tuning, number, states, held[client].take()).await?);
+        times.push(begun.elapsed().as_secs_f64() * 1e6);
+    }
+    for trial in held.into_iter().flatten() {
+        tuning.abandon(&TrialName { study: STUDY.to_owned(), number: trial.number }).await?;
+    }
+    Ok(times)
+}
+
+async fn seed(path: &Path, trials: u64, states: u64) -> Done<()> {
+    let store = Arc::new(SqliteStore::open(path).await?);
+    let tuning = Tuning::new(Arc::clone(&store) as _, Arc::new(SystemClock::default()));
+    tuning.create_study(STUDY, &spec()?).await?;
+    frames(&tuning, trials.min(SEEDED) + CLIENTS, states).await?;
+    store.close().await;
+    Ok(())
+}
+
+/// The completed rows again and again, under new numbers.
+async fn multiply(path: &Path, trials: u64) -> Done<()> {
+    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(path).foreign_keys(false);
+    let mut database = sqlx::SqliteConnection::connect_with(&options).await?;
+    database.execute("PRAGMA synchronous = OFF").await?;
+    // Given back at the end of the first part, they would stand in the way of the numbers that follow.
+    database.execute("DELETE FROM trials WHERE state <> 'COMPLETED'").await?;
+    let seeded: i64 = sqlx::query_scalar("SELECT max(number) FROM trials").fetch_one(&mut database).await?;
+    let count: i64 =
+        sqlx::query_scalar("SELECT max(completion) FROM trials").fetch_one(&mut database).await?;
+    let copies = i64::try_from(trials)? / count;
+    for copy in 1..copies {
+        let insert = format!(
+            "INSERT INTO trials (study, number, completion, {COLUMNS}) SELECT study, number + {}, completion + {}, \
+             {COLUMNS} FROM trials WHERE number <= {seeded} ORDER BY number",
+            copy * seeded,
+            copy * count
+        );
+        database.execute(AssertSqlSafe(insert)).await?;
+    }
+    database.execute("PRAGMA wal_checkpoint(TRUNCATE)").await?;
+    database.close().await?;
+    Ok(())
+}
+
+fn status(name: &str) -> Done<f64> {
+    let text = std::fs::read_to_string("/proc/self/status")?;
+    let line = text.lines().find(|line| line.starts_with(name)).ok_or("no such line in /proc/self/status")?;
+    let kib: f64 = line.split_whitespace().nth(1).ok_or("an empty line")?.parse()?;
+    Ok(kib / 1024.0)
+}
+
+async fn measure(path: &Path, states: u64) -> Done<()> {
+    let begun = Instant::now();
+    let store = Arc::new(SqliteStore::open(path).await?);
+    let tuning = Tuning::new(Arc::clone(&store) as _, Arc::new(SystemClock::default()));
+    let first = frame(&tuning, 0, states, None).await?;
+    let first_ms = begun.elapsed().as_secs_f64() * 1e3;
+    tuning.abandon(&TrialName { study: STUDY.to_owned(), number: first.number }).await?;
+    tuning.save_checkpoints().await;
+    let trials = tuning.get_study(STUDY).await?.statistics.completed_trials;
+    let mut times = frames(&tuning, FRAMES as u64, states).await?;
+    times.sort_by(f64::total_cmp);
+    let at = |share: f64| times[(share * (times.len() - 1) as f64) as usize];
+    println!(
+        "{trials:>9} trials  first answer {first_ms:>9.1} ms  frame p50 {:>6.0} us  p99 {:>6.0} us  resident {:>5.1} MB, \
+         at most {:>5.1} MB  file {:>8.1} MB",
+        at(0.5),
+        at(0.99),
+        status("VmRSS")?,
+        status("VmHWM")?,
+        std::fs::metadata(path)?.len() as f64 / 1e6,
+    );
+    store.close().await;
+    Ok(())
+}
+
+#[tokio::main(flavor = "multi_thread", worker_threads = 2)]
+async fn main() -> Done<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |place: usize, default| arguments.get(place).map_or(Ok(default), |text| text.parse::<u64>());
+    let usage = "usage: growth DIRECTORY TRIALS [STATES]";
+    let directory = PathBuf::from(arguments.first().ok_or(usage)?);
+    let (trials, states) = (number(1, 100_000)?, number(2, 64)?);
+    let path = directory.join("growth.db");
+    if arguments.get(3).is_some_and(|word| word == "measure") {
+        return measure(&path, states).await;
+    }
+    for suffix in ["", "-wal", "-shm", ".lock"] {
+        let _ = std::fs::remove_file(directory.join(format!("growth.db{suffix}")));
+    }
+    let begun = Instant::now();
+    seed(&path, trials, states).await?;
+    println!("filled by the daemon's code in {:.1} s", begun.elapsed().as_secs_f64());
+    let again = || -> Done<()> {
+        let (trials, states) = (trials.to_string(), states.to_string());
+        let status = Command::new(std::env::current_exe()?)
+            .arg(&directory)
+            .args([&trials, &states, "measure"])
+            .status()?;
+        if status.success() { Ok(()) } else { Err("a measurement failed".into()) }
+    };
+    again()?;
+    if trials > SEEDED {
+        let begun = Instant::now();
+        multiply(&path, trials).await?;
+        println!("multiplied in {:.1} s", begun.elapsed().as_secs_f64());
+        (0..3).try_for_each(|_| again())?;
+    }
+    Ok(())
+}
