@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod lifecycle;
+mod replicas;
 mod restart;
 mod storm;
 mod tuning;

@@ -1,0 +1,128 @@
+//! Three daemons on one PostgreSQL, killed and started again in mid-run, and the database restarted under
+//! them: no acknowledged report is lost, no trial is handed out twice, and no client fails for good.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::time::Duration;
+
+use treewright_client::{Client, Indicators, Options, Outcome, Scale, Space, Stats, StudySpec, TrialQuery};
+use treewright_test_postgres::{Database, Server};
+use treewright_tests::daemon::Daemon;
+use treewright_tests::programs::{run, stderr};
+
+const CLIENTS: usize = 6;
+const STUDIES: usize = 3;
+
+/// A parameter, an indicator, a metric; every state change explores.
+fn spec() -> StudySpec {
+    let space = Space::builder().integer("leaf", 1..=32).default(8).build().expect("a space");
+    let spec = StudySpec::builder(space).indicator("triangles", 0.0..=100.0, Scale::Linear);
+    spec.minimise("render_ms", 1.0).build().expect("a specification")
+}
+
+/// Renders until told to stop, at 50 frames a second, and returns the trials it was handed and the counts.
+async fn render(
+    urls: String,
+    number: usize,
+    mut stop: tokio::sync::watch::Receiver<bool>,
+) -> (usize, Vec<String>, Stats) {
+    let options = Options::new().client_id(format!("renderer-{number}")).deadline(Duration::from_millis(250));
+    let client = Client::connect(&urls, options).expect("good addresses");
+    let study = client.study(&format!("hall-{}", number % STUDIES), spec()).await.expect("a study");
+    let mut tuner = study.tuner();
+    let mut previous = None;
+    let mut trials = Vec::new();
+    while !*stop.borrow_and_update() {
+        let frame = trials.len() as f64;
+        let indicators = Indicators::from([("triangles", (number * 10) as f64 + frame % 3.0)]);
+        let suggestion = tuner.next(&indicators, previous.take()).await;
+        trials.extend(suggestion.trial().map(str::to_owned));
+        let cost = suggestion.configuration().integer("leaf").expect("a leaf") as f64;
+        let finished = suggestion.finished([("render_ms", cost)].into(), Outcome::Ok).expect("measured");
+        previous = Some(finished);
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    drop(previous);
+    client.flush(Duration::from_secs(60)).await.expect("every report is acknowledged");
+    (number, trials, client.stats())
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn clients_outlive_killed_daemons_and_a_restarted_database() {
+    let server = tokio::task::spawn_blocking(Server::start).await.expect("PostgreSQL starts");
+    let database = Database::create_on(&server.url("postgres")).await;
+    let path = Path::new(&database);
+    let mut daemons: Vec<Daemon> = (0..3).map(|_| Daemon::start(path)).collect();
+    let addresses: Vec<String> = daemons.iter().map(|daemon| daemon.address().to_owned()).collect();
+    let urls: Vec<String> = daemons.iter().map(|daemon| daemon.url().to_owned()).collect();
+
+    let (stop, stopped) = tokio::sync::watch::channel(false);
+    let mut renderers = tokio::task::JoinSet::new();
+    for number in 0..CLIENTS {
+        let mut mine = urls.clone();
+        mine.rotate_left(number % 3);
+        renderers.spawn(render(mine.join(","), number, stopped.clone()));
+    }
+    for round in 0..9 {
+        tokio::time::sleep(Duration::from_millis(600)).await;
+        if round % 3 == 2 {
+            server.stop();
+            tokio::time::sleep(Duration::from_millis(300)).await;
+            server.start_again();
+        } else {
+            let victim = round % daemons.len();
+            daemons.remove(victim).kill();
+            tokio::time::sleep(Duration::from_millis(200)).await;
+            // The address of the one that is gone; the list keeps the order of the addresses.
+            daemons.insert(victim, Daemon::start_at(path, &addresses[victim]));
+        }
+    }
+    tokio::time::sleep(Duration::from_millis(600)).await;
+    stop.send(true).expect("the renderers listen");
+
+    let mut handed_out = BTreeMap::new();
+    let mut acknowledged = 0;
+    while let Some(done) = renderers.join_next().await {
+        let (number, trials, stats) = done.expect("a renderer ends well");
+        assert_eq!((stats.dropped, stats.refused, stats.queued), (0, 0, 0), "{stats:?}");
+        assert!(stats.suggestions > stats.fallbacks, "most frames are tuned: {stats:?}");
+        acknowledged += stats.acknowledged;
+        for trial in trials {
+            // A client gets its own open trial again when an answer was lost; nobody else ever does.
+            let owner = *handed_out.entry(trial.clone()).or_insert(number);
+            assert_eq!(owner, number, "{trial} was handed out twice");
+        }
+    }
+    let client = Client::connect(&urls.join(","), Options::new()).expect("good addresses");
+    let mut completed = BTreeSet::new();
+    for number in 0..STUDIES {
+        let query = TrialQuery::all().filter("state = COMPLETED");
+        let mut trials = client.trials(&format!("hall-{number}"), query);
+        while let Some(trial) = trials.next().await.expect("a page") {
+            completed.insert(trial.name);
+        }
+    }
+    let reported: BTreeSet<String> = handed_out.into_keys().collect();
+    assert_eq!(completed, reported, "what was reported is stored, and nothing else");
+    assert!(completed.len() > 100, "{} trials are few", completed.len());
+    assert!(
+        acknowledged >= completed.len() as u64,
+        "{acknowledged} acknowledged, {} stored",
+        completed.len()
+    );
+    for daemon in daemons {
+        assert!(daemon.terminate().success());
+    }
+}
+
+#[test]
+fn a_database_that_does_not_answer_is_exit_code_4_without_the_password() {
+    let url = "postgres://anna:geheim@127.0.0.1:9/farm";
+    let arguments =
+        ["serve", "--listen", "127.0.0.1:0", "--database", url, "--database-wait-s", "0", "--log", "trace"];
+    let output = run("treewrightd", &arguments);
+    assert_eq!(output.status.code(), Some(4));
+    let said = stderr(&output);
+    assert!(said.contains("no PostgreSQL answers at postgres://anna@127.0.0.1:9/farm"), "{said}");
+    assert!(!said.contains("geheim"), "{said}");
+}
