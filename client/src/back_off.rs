@@ -34,6 +34,14 @@ impl BackOff {
     pub(crate) async fn sleep(self, failures: u32) {
         tokio::time::sleep(self.pause(failures, rand::random())).await;
     }
+
+    /// The same, but no shorter than the daemon asked for.
+    pub(crate) async fn sleep_at_least(self, failures: u32, hint: Option<Duration>) {
+        let pause = self.pause(failures, rand::random());
+        // A tenth of chance on top, so that all who were told the same do not come back together.
+        let hint = hint.unwrap_or_default().mul_f64(1.0 + 0.1 * rand::random::<f64>());
+        tokio::time::sleep(pause.max(hint)).await;
+    }
 }
 
 #[cfg(test)]

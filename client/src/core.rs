@@ -3,18 +3,23 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use tonic::service::interceptor::InterceptedService;
 use tonic::transport::Endpoint;
 use tonic_health::pb::HealthCheckRequest;
 use tonic_health::pb::health_check_response::ServingStatus;
 use tonic_health::pb::health_client::HealthClient;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 
+use crate::attach::Attach;
 use crate::back_off::BackOff;
 use crate::failover::Failover;
-use crate::link::Link;
+use crate::link::{Link, Status};
 use crate::outbox::{Lost, Outbox};
 use crate::stats::Counters;
-use crate::{ClientError, Options, limits, wire};
+use crate::{ClientError, Credentials, Options, limits, wire};
+
+/// The connection, with what goes along with every call.
+pub(crate) type Connection = InterceptedService<Failover, Attach>;
 
 /// Shared by a client, its studies and their suggestions.
 #[derive(Debug)]
@@ -27,13 +32,16 @@ pub(crate) struct Core {
     /// Tells this client from an earlier one of the same id.
     pub(crate) session: u64,
     channel: Failover,
+    attach: Attach,
 }
 
 impl Core {
     /// Makes the channel without connecting it. Must run inside a tokio runtime.
     pub(crate) fn new(url: &str, options: Options) -> Result<Self, ClientError> {
         options.check()?;
-        let channels = endpoints(url)?.into_iter().map(|endpoint| {
+        let session = new_session();
+        let attach = Attach::new(options.credentials.bearer(), session);
+        let channels = endpoints(url, &options.credentials)?.into_iter().map(|endpoint| {
             endpoint
                 .connect_timeout(limits::CONNECT)
                 .tcp_nodelay(true)
@@ -47,15 +55,20 @@ impl Core {
             link: Link::new(),
             outbox: Arc::new(Outbox::new(options.queue)),
             counters: Counters::default(),
-            session: new_session(),
+            session,
             channel,
+            attach,
             options,
         })
     }
 
+    fn connection(&self) -> Connection {
+        InterceptedService::new(self.channel.clone(), self.attach.clone())
+    }
+
     /// The generated client, on the shared connection.
-    pub(crate) fn rpc(&self) -> TuningServiceClient<Failover> {
-        TuningServiceClient::new(self.channel.clone()).max_decoding_message_size(limits::ANSWER_BYTES)
+    pub(crate) fn rpc(&self) -> TuningServiceClient<Connection> {
+        TuningServiceClient::new(self.connection()).max_decoding_message_size(limits::ANSWER_BYTES)
     }
 
     pub(crate) fn back_off(&self) -> BackOff {
@@ -64,7 +77,7 @@ impl Core {
 
     /// Looks for a daemon that serves: at another address first, where the one in use has failed.
     pub(crate) async fn look_for_daemon(&self) -> Result<(), ClientError> {
-        if self.link.problem().is_some() {
+        if matches!(self.link.status(), Status::Away { .. }) {
             self.channel.distrust();
         }
         // One address after the other may have to run out of time.
@@ -91,7 +104,11 @@ impl Core {
         };
         match &result {
             Err(problem) if problem.is_unreachable() => self.link.failure(Arc::new(problem.clone())),
-            Ok(_) | Err(_) => self.link.success(),
+            Ok(_) => self.link.success(),
+            Err(problem) => {
+                self.link.success();
+                self.link.note_hint(problem);
+            }
         }
         result
     }
@@ -99,7 +116,7 @@ impl Core {
     /// Asks the daemon's health service whether it serves.
     pub(crate) async fn probe(&self, limit: Duration) -> Result<(), ClientError> {
         let request = HealthCheckRequest { service: String::new() };
-        let mut client = HealthClient::new(self.channel.clone());
+        let mut client = HealthClient::new(self.connection());
         match tokio::time::timeout(limit, client.check(request)).await {
             Ok(Ok(response)) if response.get_ref().status() == ServingStatus::Serving => Ok(()),
             Ok(Ok(_)) => Err(ClientError::Away {
@@ -158,27 +175,21 @@ fn new_session() -> u64 {
 }
 
 /// Reads one address, or several that are parted by commas.
-fn endpoints(urls: &str) -> Result<Vec<Endpoint>, ClientError> {
+fn endpoints(urls: &str, credentials: &Credentials) -> Result<Vec<Endpoint>, ClientError> {
     let addresses: Vec<&str> = urls.split(',').map(str::trim).collect();
     if addresses.len() > limits::ADDRESSES {
         let reason =
             format!("it names {} addresses, and {} are the most", addresses.len(), limits::ADDRESSES);
         return Err(ClientError::BadUrl { url: urls.to_owned(), reason });
     }
-    addresses.into_iter().map(endpoint).collect()
+    addresses.into_iter().map(|url| endpoint(url, credentials)).collect()
 }
 
 /// Checks more than the HTTP library does, which takes any word for an address.
-fn endpoint(url: &str) -> Result<Endpoint, ClientError> {
+fn endpoint(url: &str, credentials: &Credentials) -> Result<Endpoint, ClientError> {
     let bad = |reason: String| ClientError::BadUrl { url: url.to_owned(), reason };
-    let Some(rest) = url.strip_prefix("http://") else {
-        let https = url.starts_with("https://");
-        let reason = if https {
-            "this build has no TLS, so it must begin with http://"
-        } else {
-            "it does not begin with http://"
-        };
-        return Err(bad(reason.into()));
+    let Some((scheme @ ("http" | "https"), rest)) = url.split_once("://") else {
+        return Err(bad("it begins with neither http:// nor https://".into()));
     };
     if rest.is_empty() || rest.starts_with(['/', ':']) {
         return Err(bad("it names no host".into()));
@@ -197,7 +208,20 @@ fn endpoint(url: &str) -> Result<Endpoint, ClientError> {
     if !matches!(uri.path(), "" | "/") {
         return Err(bad(format!("the path `{}` has no meaning here", uri.path())));
     }
+    if scheme == "https" {
+        let problem = |error| bad(format!("TLS cannot be set up: {}", crate::error::innermost(&error)));
+        return endpoint.tls_config(credentials.tls()).map_err(problem);
+    }
+    if credentials.bearer().is_some() && !uri.host().is_some_and(is_here) {
+        return Err(bad("a token would travel there in plain text; use https://".into()));
+    }
     Ok(endpoint)
+}
+
+/// Whether a host is this machine.
+fn is_here(host: &str) -> bool {
+    let address = host.trim_matches(['[', ']']).parse::<std::net::IpAddr>();
+    host == "localhost" || address.is_ok_and(|address| address.is_loopback())
 }
 
 #[cfg(test)]
@@ -206,7 +230,9 @@ mod tests {
 
     #[test]
     fn several_addresses_are_parted_by_commas() {
-        let count = |urls: &str| endpoints(urls).map(|all| all.len()).map_err(|error| error.to_string());
+        let count = |urls: &str| {
+            endpoints(urls, &Credentials::new()).map(|all| all.len()).map_err(|error| error.to_string())
+        };
         assert_eq!(count("http://a:1"), Ok(1));
         assert_eq!(count("http://a:1, http://b:2,http://c:3"), Ok(3));
         assert!(count("http://a:1,").is_err());
@@ -215,22 +241,32 @@ mod tests {
     }
 
     #[test]
+    fn tokens_travel_encrypted_or_not_at_all() {
+        let token = Credentials::new().token("tw1_1_2").unwrap();
+        for good in ["http://127.0.0.1:1", "http://[::1]:1", "http://localhost:1"] {
+            assert!(endpoint(good, &token).is_ok(), "{good}");
+        }
+        let refused = endpoint("http://render-farm:1", &token).err().map(|error| error.to_string());
+        assert!(refused.is_some_and(|text| text.contains("https://") && !text.contains("tw1_1_2")));
+    }
+
+    #[test]
     fn addresses_are_checked() {
         for good in ["http://127.0.0.1:50611", "http://[::1]:50611/", "http://render-farm"] {
-            assert!(endpoint(good).is_ok(), "{good}");
+            assert!(endpoint(good, &Credentials::new()).is_ok(), "{good}");
         }
         for bad in [
             "",
             "here",
             "http://",
             "http://:50611",
-            "https://x",
+            "ftp://x",
             "http://x:99999",
             "http://x:",
             "http://a b",
             "http://x/y",
         ] {
-            let error = endpoint(bad).err().map(|error| error.to_string());
+            let error = endpoint(bad, &Credentials::new()).err().map(|error| error.to_string());
             assert!(error.is_some_and(|text| text.contains("http://127.0.0.1:50611")), "{bad}");
         }
     }

@@ -38,7 +38,7 @@ async fn deliver(core: &Core) {
                 if worth_repeating(&problem, item.attempts) {
                     failures += 1;
                     core.count_lost(core.outbox.put_back(item));
-                    core.back_off().sleep(failures).await;
+                    core.back_off().sleep_at_least(failures, problem.retry_after()).await;
                     core.link.wait_until_worth_asking().await;
                 } else {
                     if let Message::Report(..) = item.message {
@@ -104,7 +104,8 @@ mod tests {
 
     #[test]
     fn only_what_may_pass_is_repeated() {
-        let refused = |code| ClientError::Refused { call: "Report", code, message: String::new() };
+        let refused =
+            |code| ClientError::from_status("http://x", "Report", &tonic::Status::new(code, String::new()));
         assert!(worth_repeating(&ClientError::Away { url: String::new(), reason: String::new() }, 1_000_000));
         assert!(worth_repeating(&refused(Code::ResourceExhausted), 1_000_000));
         assert!(

@@ -4,6 +4,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::attach::REQUEST_ID;
+
 /// Why a call did not succeed.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum ClientError {
@@ -50,7 +52,7 @@ pub enum ClientError {
     },
 
     /// The daemon answered that it will not do it.
-    #[error("the daemon refused {call}: {message} ({code:?})")]
+    #[error("the daemon refused {call}: {message} ({code:?}{})", request_words(request_id.as_deref()))]
     Refused {
         /// What was asked.
         call: &'static str,
@@ -58,6 +60,10 @@ pub enum ClientError {
         code: tonic::Code,
         /// The daemon's words.
         message: String,
+        /// When it may be asked again, if it said so.
+        retry_after: Option<Duration>,
+        /// By which the daemon's log tells more about it.
+        request_id: Option<String>,
     },
 
     /// The daemon's answer does not follow the wire contract.
@@ -128,6 +134,18 @@ impl ClientError {
         matches!(self, Self::Refused { code: tonic::Code::NotFound, .. })
     }
 
+    /// How long to leave the daemon in peace, if it said so; at most
+    /// [`LONGEST_HINT`](crate::limits::LONGEST_HINT).
+    #[must_use]
+    pub fn retry_after(&self) -> Option<Duration> {
+        match self {
+            Self::Refused { retry_after, .. } => {
+                retry_after.map(|wait| wait.min(crate::limits::LONGEST_HINT))
+            }
+            _ => None,
+        }
+    }
+
     pub(crate) fn invalid(what: impl Into<String>, problem: impl Into<String>) -> Self {
         Self::Invalid { what: what.into(), problem: problem.into() }
     }
@@ -135,6 +153,7 @@ impl ClientError {
     /// Sorts a gRPC status into "nobody there", "too late" and "refused".
     pub(crate) fn from_status(url: &str, call: &'static str, status: &tonic::Status) -> Self {
         use tonic::Code;
+        use tonic_types::StatusExt as _;
         let away = |reason: String| Self::Away { url: url.to_owned(), reason };
         // A status with a source was made on this side, out of a fault of the connection.
         if let Some(source) = std::error::Error::source(status) {
@@ -145,9 +164,23 @@ impl ClientError {
             Code::DeadlineExceeded | Code::Cancelled => {
                 away(format!("{:?}: {}", status.code(), status.message()))
             }
-            code => Self::Refused { call, code, message: status.message().to_owned() },
+            code => Self::Refused {
+                call,
+                code,
+                message: status.message().to_owned(),
+                retry_after: status.get_details_retry_info().and_then(|info| info.retry_delay),
+                request_id: status
+                    .metadata()
+                    .get(REQUEST_ID)
+                    .and_then(|id| id.to_str().ok())
+                    .map(str::to_owned),
+            },
         }
     }
+}
+
+fn request_words(request_id: Option<&str>) -> String {
+    request_id.map_or_else(String::new, |id| format!(", request {id}"))
 }
 
 /// The message at the bottom of a chain of errors, which is the one that says something.
@@ -174,6 +207,9 @@ mod tests {
             refused.to_string(),
             "the daemon refused Suggest: indicator a is not finite (InvalidArgument)"
         );
+        let mut named = tonic::Status::permission_denied("not yours");
+        named.metadata_mut().insert("x-request-id", tonic::metadata::MetadataValue::from_static("7-a"));
+        assert!(error(named).to_string().ends_with("(PermissionDenied, request 7-a)"));
     }
 
     #[test]

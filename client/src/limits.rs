@@ -59,3 +59,9 @@ pub const ADDRESSES: usize = 16;
 pub const CONNECT: Duration = Duration::from_secs(1);
 /// When the last handle is gone, queued reports are still sent for so long.
 pub const FLUSH_ON_DROP: Duration = Duration::from_secs(2);
+/// Longest time that a daemon's hint to try again later is obeyed before it is asked again all the same.
+pub const LONGEST_HINT: Duration = Duration::from_secs(60);
+/// Bytes of a token. Ours are far shorter.
+pub const TOKEN_BYTES: usize = 4096;
+/// Bytes of a token, certificate or key file.
+pub const CREDENTIAL_BYTES: u64 = 1 << 20;

@@ -2,9 +2,10 @@
 //! background, made after growing pauses, finds it answering again; so an absent daemon costs a frame
 //! one deadline at most, and not one after the other. A circuit breaker, after M. Nygard, "Release It!".
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::watch;
+use tokio::time::Instant;
 
 use crate::back_off::BackOff;
 use crate::{ClientError, SharedError};
@@ -29,6 +30,8 @@ pub enum Status {
 #[derive(Debug)]
 pub(crate) struct Link {
     state: watch::Sender<State>,
+    /// Until when the daemon asked to be left in peace, and with which words. It answers, so it is not away.
+    hint: Mutex<Option<(Instant, SharedError)>>,
 }
 
 #[derive(Debug, Clone)]
@@ -41,18 +44,36 @@ struct State {
 
 impl Link {
     pub(crate) fn new() -> Self {
-        Self { state: watch::Sender::new(State { status: Status::Unknown, failures: 0 }) }
+        let state = State { status: Status::Unknown, failures: 0 };
+        Self { state: watch::Sender::new(state), hint: Mutex::new(None) }
     }
 
     pub(crate) fn status(&self) -> Status {
         self.state.borrow().status.clone()
     }
 
-    /// Why the daemon is not worth waiting for at the moment.
+    /// Why the daemon is not worth waiting for at the moment: it is away, or asked to be left in peace.
     pub(crate) fn problem(&self) -> Option<SharedError> {
         match &self.state.borrow().status {
             Status::Away { problem, .. } => Some(Arc::clone(problem)),
-            Status::Unknown | Status::Connected => None,
+            Status::Unknown | Status::Connected => self.hint(),
+        }
+    }
+
+    fn hint(&self) -> Option<SharedError> {
+        let mut hint = self.hint.lock().unwrap_or_else(PoisonError::into_inner);
+        let over = hint.as_ref().is_some_and(|(until, _)| *until <= Instant::now());
+        if over {
+            *hint = None;
+        }
+        hint.as_ref().map(|(_, problem)| Arc::clone(problem))
+    }
+
+    /// Heeds what a refusal says about when to ask again.
+    pub(crate) fn note_hint(&self, problem: &ClientError) {
+        if let Some(wait) = problem.retry_after() {
+            let mut hint = self.hint.lock().unwrap_or_else(PoisonError::into_inner);
+            *hint = Some((Instant::now() + wait, Arc::new(problem.clone())));
         }
     }
 
@@ -94,7 +115,7 @@ impl Link {
                 self.state.subscribe().wait_for(|state| matches!(state.status, Status::Away { .. })).await;
             let failures = self.state.borrow().failures;
             back_off.sleep(failures).await;
-            if self.problem().is_some() {
+            if matches!(self.status(), Status::Away { .. }) {
                 self.probed(probe().await);
             }
         }
@@ -115,8 +136,6 @@ impl Link {
 mod tests {
     use std::sync::atomic::{AtomicU32, Ordering};
     use std::time::Duration;
-
-    use tokio::time::Instant;
 
     use super::*;
     use crate::Options;
@@ -179,6 +198,25 @@ mod tests {
             () = link.keep_probing(back_off(), probe) => unreachable!("it never ends"),
             () = ask_in_vain => {}
         }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_hint_is_heeded_until_its_time_is_over() {
+        use tonic_types::StatusExt as _;
+        let link = Link::new();
+        link.success();
+        let refused = |wait| {
+            let details = tonic_types::ErrorDetails::with_retry_info(wait);
+            let status = tonic::Status::with_error_details(tonic::Code::ResourceExhausted, "busy", details);
+            ClientError::from_status("http://x", "Suggest", &status)
+        };
+        link.note_hint(&refused(None));
+        assert!(link.problem().is_none());
+        link.note_hint(&refused(Some(Duration::from_secs(2))));
+        assert!(link.problem().is_some_and(|problem| problem.to_string().contains("busy")));
+        assert!(matches!(link.status(), Status::Connected), "it answers");
+        tokio::time::advance(Duration::from_secs(2)).await;
+        assert!(link.problem().is_none());
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::{ClientError, Fingerprint, limits};
+use crate::{ClientError, Credentials, Fingerprint, limits};
 
 /// Settings of a client; the defaults suit a renderer on the daemon's machine.
 #[derive(Debug, Clone)]
@@ -14,6 +14,8 @@ pub struct Options {
     pub client_id: String,
     /// The machine and software, sent with every suggestion. Default: [`Fingerprint::detect`].
     pub fingerprint: Fingerprint,
+    /// Token and certificates. Default: none.
+    pub credentials: Credentials,
     /// The frame loop stops every trial no later than when its cost reaches [`crate::Suggestion::abort_above`], even
     /// within a frame. A regret budget then sets far less aside for each trial. Default false.
     pub can_abort: bool,
@@ -35,6 +37,7 @@ impl Default for Options {
         Self {
             client_id: default_client_id(),
             fingerprint: Fingerprint::detect(),
+            credentials: Credentials::new(),
             can_abort: false,
             deadline: Duration::from_millis(50),
             call_deadline: Duration::from_secs(5),
@@ -63,6 +66,13 @@ impl Options {
     #[must_use]
     pub fn fingerprint(mut self, fingerprint: Fingerprint) -> Self {
         self.fingerprint = fingerprint;
+        self
+    }
+
+    /// Sets token and certificates.
+    #[must_use]
+    pub fn credentials(mut self, credentials: Credentials) -> Self {
+        self.credentials = credentials;
         self
     }
 

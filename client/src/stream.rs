@@ -3,6 +3,7 @@
 
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::Duration;
 
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::{Instant, timeout, timeout_at};
@@ -153,8 +154,13 @@ impl Stream<'_> {
     }
 
     fn refusal(&self, call: &'static str, error: &v1::TuneError) -> ClientError {
-        let status = tonic::Status::new(error.code.into(), error.message.clone());
-        ClientError::from_status(&self.shared.core.url, call, &status)
+        use tonic_types::StatusExt as _;
+        let wait = error.retry_after_ms.and_then(|ms| u64::try_from(ms).ok()).map(Duration::from_millis);
+        let details = tonic_types::ErrorDetails::with_retry_info(wait);
+        let status = tonic::Status::with_error_details(error.code.into(), error.message.clone(), details);
+        let problem = ClientError::from_status(&self.shared.core.url, call, &status);
+        self.shared.core.link.note_hint(&problem);
+        problem
     }
 
     fn ended(&self) -> ClientError {

@@ -298,7 +298,7 @@ impl Shared {
                         break Registration::Refused(Arc::new(problem));
                     }
                     tokio::select! {
-                        () = self.core.back_off().sleep(failures) => {}
+                        () = self.core.back_off().sleep_at_least(failures, problem.retry_after()) => {}
                         () = self.core.outbox.closing() => return,
                     }
                 }

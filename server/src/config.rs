@@ -1,6 +1,8 @@
 //! The command line of `treewrightd`. Every option can also be set by an environment variable.
 
 mod database;
+mod guard;
+mod token;
 
 use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::time::Duration;
@@ -11,6 +13,8 @@ use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum};
 use crate::limits::DRAIN_S;
 
 pub use database::{Database, DatabaseConfig, Given};
+pub use guard::GuardConfig;
+pub use token::{CreateConfig, ScopeWord, TokenCommand};
 
 /// A tuning service for ray-tracing acceleration structures.
 ///
@@ -29,10 +33,15 @@ pub struct Cli {
 pub enum Command {
     /// Serve until SIGTERM or Ctrl-C.
     ///
-    /// Prints one line on standard output when it is ready, "treewrightd listening on http://ADDRESS",
-    /// and logs to standard error. Exit codes: 0 stopped as asked, 1 failed, 2 wrong usage, 3 the address
+    /// Prints one line on standard output when it is ready, "treewrightd listening on http://ADDRESS" (https with
+    /// TLS), and logs to standard error. Exit codes: 0 stopped as asked, 1 failed, 2 wrong usage, 3 the address
     /// cannot be listened on, 4 the database cannot be opened.
-    Serve(ServeConfig),
+    Serve(Box<ServeConfig>),
+
+    /// Make, list and revoke tokens. Whoever may write the database file may do it, also while the daemon runs,
+    /// which follows at once.
+    #[command(subcommand)]
+    Token(TokenCommand),
 }
 
 /// How to serve.
@@ -46,10 +55,9 @@ pub struct ServeConfig {
     #[command(flatten)]
     pub database: DatabaseConfig,
 
-    /// Listen beyond this machine. There is no encryption and no authentication: whoever reaches the port
-    /// can read and change every study.
-    #[arg(long, env = "TREEWRIGHT_INSECURE")]
-    pub insecure: bool,
+    /// Who may enter, and over what.
+    #[command(flatten)]
+    pub guard: GuardConfig,
 
     /// How long requests may take to finish after SIGTERM, in seconds.
     #[arg(long, env = "TREEWRIGHT_DRAIN_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=DRAIN_S))]
@@ -77,6 +85,14 @@ impl ServeConfig {
     /// Checks what was given for the database, and that other replicas can reach this one.
     fn check_database(&self) -> Result<(), String> {
         let shared = matches!(self.database.read()?, Database::Postgres(_));
+        if shared && self.guard.asks_for_tokens(self.listen) {
+            return Err(
+                "tokens are kept in a database file only, as yet; with PostgreSQL listen on 127.0.0.1, or \
+                        say --insecure and let only machines in that you trust, by the network or by \
+                        --tls-client-ca"
+                    .to_owned(),
+            );
+        }
         match &self.database.advertise {
             None if shared && self.listen.ip().is_unspecified() => Err(format!(
                 "other daemons on the same database cannot be told to reach this one at {}; say --advertise URL",
@@ -107,13 +123,10 @@ impl Cli {
         T: Into<std::ffi::OsString> + Clone,
     {
         let cli = Self::try_parse_from(arguments)?;
-        let Command::Serve(serve) = &cli.command;
-        if !serve.listen.ip().is_loopback() && !serve.insecure {
-            let problem = format!(
-                "{} can be reached from other machines, without encryption or authentication; listen on \
-                 127.0.0.1, or say --insecure if the network is trusted",
-                serve.listen
-            );
+        let Command::Serve(serve) = &cli.command else {
+            return Ok(cli);
+        };
+        if let Err(problem) = serve.guard.check(serve.listen) {
             return Err(Self::command().error(ErrorKind::ValueValidation, problem));
         }
         if let Err(problem) = serve.check_database() {
@@ -141,8 +154,10 @@ mod tests {
 
     fn read(arguments: &[&str]) -> Result<ServeConfig, clap::Error> {
         let all = ["treewrightd", "serve"].iter().chain(arguments);
-        let Command::Serve(serve) = Cli::read(all)?.command;
-        Ok(serve)
+        match Cli::read(all)?.command {
+            Command::Serve(serve) => Ok(*serve),
+            Command::Token(_) => unreachable!("it says serve"),
+        }
     }
 
     #[test]
@@ -155,7 +170,8 @@ mod tests {
         let config = read(&["--database", "x.db"]).unwrap();
         assert!(config.listen.ip().is_loopback());
         assert_eq!(config.listen.port(), 50611);
-        assert!(!config.insecure);
+        assert!(!config.guard.insecure);
+        assert!(!config.guard.asks_for_tokens(config.listen));
         assert_eq!(config.drain(), Duration::from_secs(10));
     }
 
@@ -165,6 +181,9 @@ mod tests {
             (&["--listen", "127.0.0.1:0"][..], "--database"),
             (&["--database", "x", "--listen", "0.0.0.0:1"], "--insecure"),
             (&["--database", "x", "--listen", "[::]:1"], "--insecure"),
+            (&["--database", "x", "--listen", "0.0.0.0:1", "--tokens"], "--tls-cert"),
+            (&["--database", "x", "--tls-cert", "c"], "--tls-key"),
+            (&["--database", "x", "--tls-client-ca", "c"], "--tls-cert"),
             (&["--database", "x", "--listen", "127.0.0.1"], "ADDRESS:PORT"),
             (&["--database", "x", "--drain-s", "3601"], "3600"),
             (&["--database", "x", "--log-format", "xml"], "json"),
@@ -186,6 +205,10 @@ mod tests {
         let config = read(&[&shared[..], &["--advertise", "http://a:1"]].concat()).unwrap();
         assert!(!format!("{config:?}").contains("geheim"), "{config:?}");
         let trusted = ["--database", "x", "--listen", "0.0.0.0:1", "--insecure"];
-        assert!(read(&trusted).is_ok());
+        let trusted = read(&trusted).unwrap();
+        assert!(!trusted.guard.asks_for_tokens(trusted.listen));
+        let guarded = ["--database", "x", "--listen", "0.0.0.0:1", "--tls-cert", "c", "--tls-key", "k"];
+        let guarded = read(&guarded).unwrap();
+        assert!(guarded.guard.asks_for_tokens(guarded.listen));
     }
 }

@@ -6,11 +6,14 @@ use std::sync::Arc;
 
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
-use treewright_store::{OpenError, PostgresStore, SqliteStore, Store};
+use treewright_store::tokens::TokenError;
+use treewright_store::{OpenError, PostgresStore, SqliteStore, SqliteTokens, Store};
 
+use crate::access::Access;
 use crate::clock::SystemClock;
 use crate::config::{Database, ServeConfig};
-use crate::serve::{self, ServeError};
+use crate::serve::{self, Options, ServeError};
+use crate::tls::{Tls, TlsError};
 
 /// Why the daemon ended with an error. Each has an exit code of its own.
 #[derive(Debug, thiserror::Error)]
@@ -26,6 +29,12 @@ pub enum DaemonError {
     /// The database cannot be had.
     #[error("cannot open the database: {0}")]
     Database(#[from] OpenError),
+    /// The certificates cannot be used.
+    #[error("cannot use the certificates: {0}")]
+    Tls(#[from] TlsError),
+    /// The tokens cannot be read.
+    #[error("cannot read the tokens: {0}")]
+    Tokens(#[from] TokenError),
     /// Serving failed.
     #[error(transparent)]
     Serve(#[from] ServeError),
@@ -39,9 +48,9 @@ impl DaemonError {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Serve(_) | Self::System(_) => 1,
+            Self::Serve(_) | Self::System(_) | Self::Tls(_) => 1,
             Self::Listen { .. } => 3,
-            Self::Database(_) => 4,
+            Self::Database(_) | Self::Tokens(_) => 4,
         }
     }
 }
@@ -56,7 +65,10 @@ async fn open(
         Database::File(path) => Ok(Arc::new(SqliteStore::open(path).await?)),
         Database::Postgres(server) => {
             let advertise = config.database.advertise.clone();
-            let advertise = advertise.unwrap_or_else(|| format!("http://{listening}"));
+            let advertise = advertise.unwrap_or_else(|| {
+                let scheme = if config.guard.tls_cert.is_some() { "https" } else { "http" };
+                format!("{scheme}://{listening}")
+            });
             let wait = config.database.wait();
             Ok(Arc::new(PostgresStore::open(server.clone(), &advertise, wait).await?))
         }
@@ -70,25 +82,67 @@ async fn open(
 pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
     let mut terminate = signal(SignalKind::terminate())?;
     let mut interrupt = signal(SignalKind::interrupt())?;
+    // Without certificates to read again it is ignored: who closes a terminal does not mean to end the daemon.
+    let hang_up = signal(SignalKind::hangup())?;
     let listen_error = |problem| DaemonError::Listen { address: config.listen, problem };
+    let tls = config.guard.tls_files().map(Tls::load).transpose()?.map(Arc::new);
     let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
     let address = listener.local_addr()?;
     let database = config.database.read().map_err(|problem| OpenError::BadAddress { problem })?;
     let store = open(&config, &database, address).await?;
-    tracing::info!(%address, %database, "serving");
-
-    // Connections are queued from the moment of binding, so that whoever reads this line can connect.
-    let mut stdout = std::io::stdout();
-    writeln!(stdout, "treewrightd listening on http://{address}")?;
-    stdout.flush()?;
-
     let clock = Arc::new(SystemClock::default());
+    let access = match &database {
+        Database::File(path) if config.guard.asks_for_tokens(config.listen) => {
+            let tokens = SqliteTokens::open(path).await?;
+            Some(Arc::new(Access::open(Arc::new(tokens), Arc::clone(&clock) as _).await?))
+        }
+        // With PostgreSQL the command line has been refused if it asked for tokens.
+        Database::File(_) | Database::Postgres(_) => None,
+    };
+    announce(&config, &database, address, access.as_deref())?;
+
+    let reloading = tls.clone().map(|tls| tokio::spawn(async move { tls.follow(hang_up).await }));
     let shutdown = async {
         tokio::select! {
             _ = terminate.recv() => tracing::info!("SIGTERM"),
             _ = interrupt.recv() => tracing::info!("SIGINT"),
         }
     };
-    serve::run(listener, store, clock, config.drain(), shutdown).await?;
-    Ok(())
+    let options = Options { drain: config.drain(), access, tls };
+    let served = serve::run(listener, store, clock, options, shutdown).await;
+    if let Some(reloading) = reloading {
+        reloading.abort();
+    }
+    Ok(served?)
+}
+
+/// Says what is served, in the log and, in one line, on standard output.
+fn announce(
+    config: &ServeConfig,
+    database: &Database,
+    address: SocketAddr,
+    access: Option<&Access>,
+) -> std::io::Result<()> {
+    let guard = &config.guard;
+    let scheme = if guard.tls_cert.is_some() { "https" } else { "http" };
+    tracing::info!(
+        %address,
+        %database,
+        tls = guard.tls_cert.is_some(),
+        client_certificates = guard.tls_client_ca.is_some(),
+        tokens = access.map(Access::live),
+        "serving"
+    );
+    if access.is_some_and(|access| access.live() == 0) {
+        tracing::warn!(
+            "there is no token yet, so nobody can enter; make one with `treewrightd token create`"
+        );
+    }
+    if access.is_none() && !address.ip().is_loopback() {
+        tracing::warn!("no token is asked for: whoever reaches {address} can read and change every study");
+    }
+    // Connections are queued from the moment of binding, so that whoever reads this line can connect.
+    let mut stdout = std::io::stdout();
+    writeln!(stdout, "treewrightd listening on {scheme}://{address}")?;
+    stdout.flush()
 }

@@ -1,7 +1,10 @@
 //! What a request can fail with. How each is told to a client stands in [`status`](crate::status).
 
+use std::time::Duration;
+
 use treewright_core::tuner::{RestoreError, TunerError};
 use treewright_store::StoreError;
+use treewright_store::tokens::TokenError;
 
 /// Why a request was refused. Nothing of it was done.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -53,6 +56,31 @@ pub enum Error {
     /// The daemon is on its way out.
     #[error("the daemon is draining and takes no new requests; try again later")]
     Draining,
+    /// Whoever asks has not shown that it may be answered at all.
+    #[error("{0}")]
+    Unauthenticated(&'static str),
+    /// Whoever asks may not do this. The words are the same whether what was asked for exists or not.
+    #[error("{0}; ask the operator of the daemon for a token that does")]
+    Denied(&'static str),
+    /// The token's quota is used up.
+    #[error("the token's quota of {limit} {what} is used up")]
+    Quota {
+        /// What is counted.
+        what: &'static str,
+        /// How many.
+        limit: u64,
+        /// When to try again; never for a quota that no time renews.
+        retry: Option<Duration>,
+    },
+    /// The tokens cannot be read.
+    #[error("the token cannot be looked up: {0}")]
+    Tokens(TokenError),
+    /// The request took too long.
+    #[error("the request was not finished within {} s", limit.as_secs())]
+    Deadline {
+        /// The longest that a request may take.
+        limit: Duration,
+    },
     /// A part of the daemon ended that should not have.
     #[error("the daemon has a defect: {0}")]
     Defect(&'static str),

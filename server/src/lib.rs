@@ -1,10 +1,13 @@
 //! The Treewright daemon: the gRPC front of the tuning core.
 //!
-//! A request's way: `connections` and [`gate`] let it in, [`rpc`] reads it with [`convert`], [`tuning`]
-//! does its work on a tuner in memory and on the store, [`convert`] writes the answer, and [`status`] says
-//! what went wrong. [`serve`] runs all that until told to stop; [`daemon`] adds what makes it a process.
+//! A request's way: `connections` and [`tls`] bring it, [`front`] names it and asks [`access`] who sent it, [`gate`]
+//! lets it in, [`rpc`] reads it with [`convert`], [`tuning`] does its work on a tuner in memory and on the store,
+//! [`convert`] writes the answer, and [`status`] says what went wrong. [`serve`] runs all that until told to stop;
+//! [`daemon`] adds what makes it a process, and [`administration`] makes and revokes tokens.
 #![forbid(unsafe_code)]
 
+pub mod access;
+pub mod administration;
 pub mod clock;
 pub mod config;
 mod connections;
@@ -12,6 +15,7 @@ pub mod convert;
 pub mod daemon;
 pub mod error;
 pub mod forward;
+pub mod front;
 pub mod gate;
 pub mod limits;
 pub mod peers;
@@ -19,4 +23,5 @@ pub mod rpc;
 pub mod serve;
 pub mod status;
 pub mod telemetry;
+pub mod tls;
 pub mod tuning;

@@ -18,6 +18,49 @@ pub const CONNECTIONS: usize = 512;
 /// Calls and streams at once on one connection.
 pub const CALLS_PER_CONNECTION: u32 = 256;
 
+/// Streams on one connection that a client may reset before the daemon has looked at them. Who resets more is cut
+/// off ("rapid reset", CVE-2023-44487).
+pub const RESETS_PER_CONNECTION: usize = 32;
+
+/// Bytes of the headers of one request, as HTTP/2 counts them.
+pub const HEADER_BYTES: u32 = 8 << 10;
+
+/// Headers of one request.
+pub const HEADERS: usize = 48;
+
+/// Characters of a request id that is taken from a client.
+pub const REQUEST_ID_CHARACTERS: usize = 64;
+
+/// A TLS handshake may take so long.
+pub const HANDSHAKE: Duration = Duration::from_secs(5);
+
+/// The first bytes of HTTP/2 must be there within this time after the connection.
+pub const PREFACE: Duration = Duration::from_secs(5);
+
+/// The first whole request head must be there within this time after the connection.
+pub const FIRST_REQUEST: Duration = Duration::from_secs(20);
+
+/// A connection with no request and no stream for so long is closed.
+pub const IDLE: Duration = Duration::from_secs(900);
+
+/// A Tune stream without a whole frame for so long is ended.
+pub const TUNE_IDLE: Duration = Duration::from_secs(3600);
+
+/// A request may take so long, the reading of its message included.
+pub const REQUEST: Duration = Duration::from_secs(30);
+
+/// Most bytes of a certificate or key file.
+pub const CERTIFICATE_BYTES: u64 = 1 << 20;
+
+/// How often certificate files are looked at.
+pub const CERTIFICATES_PERIOD: Duration = Duration::from_secs(2);
+
+/// How often the daemon looks whether a token was made or revoked.
+pub const TOKENS_PERIOD: Duration = Duration::from_millis(100);
+
+/// How often what tokens used is stored. A crash forgets so much of it at most.
+pub const USAGE_PERIOD: Duration = Duration::from_secs(2);
+
 /// Requests that are being worked on at once; a frame of a Tune stream counts as one.
 pub const REQUESTS_IN_FLIGHT: usize = 384;
 

@@ -1,19 +1,17 @@
-//! `treewrightd`: reads the command line, runs the daemon, reports how it ended.
+//! `treewrightd`: reads the command line, runs the daemon or administers its tokens, reports how it ended.
 #![forbid(unsafe_code)]
 
+use std::io::Write as _;
 use std::process::ExitCode;
 
-use treewright_server::config::{Cli, Command};
-use treewright_server::{daemon, telemetry};
+use treewright_server::config::{Cli, Command, ServeConfig, TokenCommand};
+use treewright_server::{administration, daemon, telemetry};
 
 fn main() -> ExitCode {
-    let Command::Serve(config) = match Cli::read(std::env::args_os()) {
+    let command = match Cli::read(std::env::args_os()) {
         Ok(cli) => cli.command,
         Err(error) => error.exit(),
     };
-    if let Ok(filter) = telemetry::filter(&config.log) {
-        telemetry::begin(config.log_format, filter);
-    }
     let runtime = match tokio::runtime::Runtime::new() {
         Ok(runtime) => runtime,
         Err(error) => {
@@ -21,8 +19,40 @@ fn main() -> ExitCode {
             return ExitCode::FAILURE;
         }
     };
+    match command {
+        Command::Serve(config) => serve(&runtime, *config),
+        Command::Token(command) => token(&runtime, &command),
+    }
+}
+
+fn serve(runtime: &tokio::runtime::Runtime, config: ServeConfig) -> ExitCode {
+    if let Ok(filter) = telemetry::filter(&config.log) {
+        telemetry::begin(config.log_format, filter);
+    }
     match runtime.block_on(daemon::run(config)) {
         Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("treewrightd: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn token(runtime: &tokio::runtime::Runtime, command: &TokenCommand) -> ExitCode {
+    match runtime.block_on(administration::run(command)) {
+        Ok(said) => {
+            if !said.note.is_empty() {
+                eprintln!("{}", said.note);
+            }
+            // A token that nobody could read must not pass for one that was handed over.
+            if !said.out.is_empty()
+                && let Err(error) = writeln!(std::io::stdout(), "{}", said.out)
+            {
+                eprintln!("treewrightd: the result cannot be written: {error}");
+                return ExitCode::FAILURE;
+            }
+            ExitCode::SUCCESS
+        }
         Err(error) => {
             eprintln!("treewrightd: {error}");
             ExitCode::from(error.exit_code())

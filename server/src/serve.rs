@@ -11,13 +11,16 @@ use tonic_health::server::{HealthReporter, HealthService};
 use treewright_proto::v1::tuning_service_server::{SERVICE_NAME, TuningServiceServer};
 use treewright_store::Store;
 
+use crate::access::Access;
 use crate::clock::Clock;
 use crate::connections;
 use crate::forward::ForwardLayer;
+use crate::front::FrontLayer;
 use crate::gate::Gate;
 use crate::limits;
 use crate::peers::Peers;
 use crate::rpc::Service;
+use crate::tls::Tls;
 use crate::tuning::Tuning;
 
 /// Time for answers that have been given to leave the house, once nobody works on a request.
@@ -31,7 +34,24 @@ pub enum ServeError {
     Server(String),
 }
 
-/// Serves `store` on `listener` until `shutdown`, then drains for at most `drain` and closes the store.
+/// How to serve. Made of a [`Duration`] alone it is an open, plain server, which is what most tests want.
+#[derive(Default)]
+pub struct Options {
+    /// How long requests may take to finish at the end.
+    pub drain: Duration,
+    /// Who may enter; without it, everybody.
+    pub access: Option<Arc<Access>>,
+    /// With which certificates; without them, in plain text.
+    pub tls: Option<Arc<Tls>>,
+}
+
+impl From<Duration> for Options {
+    fn from(drain: Duration) -> Self {
+        Self { drain, ..Self::default() }
+    }
+}
+
+/// Serves `store` on `listener` until `shutdown`, then drains and closes the store.
 ///
 /// Draining: health turns NOT_SERVING, new requests are answered UNAVAILABLE, requests and stream frames
 /// that are being worked on are finished, streams end with UNAVAILABLE.
@@ -42,18 +62,18 @@ pub async fn run(
     listener: TcpListener,
     store: Arc<dyn Store>,
     clock: Arc<dyn Clock>,
-    drain: Duration,
+    options: impl Into<Options>,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
+    let Options { drain, access, tls } = options.into();
     let tuning = Arc::new(Tuning::new(Arc::clone(&store), clock));
     let peers = Peers::of(&store);
     let gate = Gate::default();
     let mut health = HealthReporter::new();
     set_health(&health, ServingStatus::Serving).await;
 
-    let service =
-        TuningServiceServer::new(Service::new(Arc::clone(&tuning), gate.clone()).with_peers(peers.clone()))
-            .max_decoding_message_size(limits::REQUEST_BYTES);
+    let service = Service::behind_front(Arc::clone(&tuning), gate.clone()).with_peers(peers.clone());
+    let service = TuningServiceServer::new(service).max_decoding_message_size(limits::REQUEST_BYTES);
     let health_service = tonic_health::pb::health_server::HealthServer::new(
         HealthService::from_health_reporter(health.clone()),
     );
@@ -63,9 +83,13 @@ pub async fn run(
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
     };
     let defect = |error: tonic_reflection::server::Error| ServeError::Server(error.to_string());
+    let front = FrontLayer::new(access.clone()).map_err(|error| ServeError::Server(error.to_string()))?;
     let stop = Gate::draining(&gate);
     let server = Server::builder()
+        .layer(front)
         .max_concurrent_streams(limits::CALLS_PER_CONNECTION)
+        .http2_max_pending_accept_reset_streams(Some(limits::RESETS_PER_CONNECTION))
+        .http2_max_header_list_size(limits::HEADER_BYTES)
         .http2_keepalive_interval(Some(limits::KEEPALIVE))
         .http2_keepalive_timeout(Some(limits::KEEPALIVE))
         .layer(ForwardLayer::new(peers.clone()))
@@ -73,11 +97,12 @@ pub async fn run(
         .add_service(reflection().build_v1().map_err(defect)?)
         .add_service(reflection().build_v1alpha().map_err(defect)?)
         .add_service(service)
-        .serve_with_incoming_shutdown(connections::accept(listener), stop);
+        .serve_with_incoming_shutdown(connections::accept(listener, tls), stop);
     tokio::pin!(server);
 
     let sweeper = tokio::spawn(sweep(Arc::clone(&tuning)));
     let checkpointer = tokio::spawn(save_checkpoints(tuning));
+    let follower = access.clone().map(|access| tokio::spawn(async move { access.follow().await }));
     let served = tokio::select! {
         served = &mut server => Some(served),
         () = shutdown => None,
@@ -114,6 +139,10 @@ pub async fn run(
     };
     sweeper.abort();
     checkpointer.abort();
+    if let (Some(access), Some(follower)) = (access, follower) {
+        follower.abort();
+        access.close().await;
+    }
     store.close().await;
     tracing::info!("stopped");
     served.map_err(|error| ServeError::Server(error.to_string()))

@@ -1,6 +1,12 @@
 //! The one place where errors become gRPC status codes, as the comments of the wire contract promise.
+//!
+//! What passes with time says when to try again: a `google.rpc.RetryInfo` in the status' details, and
+//! `retry_after_ms` in an error inside a stream.
+
+use std::time::Duration;
 
 use tonic::{Code, Status};
+use tonic_types::{ErrorDetails, StatusExt as _};
 use treewright_core::tuner::TunerError;
 use treewright_proto::v1::TuneError;
 use treewright_store::StoreError;
@@ -17,7 +23,11 @@ pub fn code(error: &Error) -> Code {
         Error::Store(error) => store_code(error),
         Error::NothingMeasured { .. } => Code::NotFound,
         Error::Reloading { .. } | Error::Draining => Code::Unavailable,
-        Error::Busy { .. } => Code::ResourceExhausted,
+        Error::Busy { .. } | Error::Quota { .. } => Code::ResourceExhausted,
+        Error::Tokens(_) => Code::Unavailable,
+        Error::Unauthenticated(_) => Code::Unauthenticated,
+        Error::Denied(_) => Code::PermissionDenied,
+        Error::Deadline { .. } => Code::DeadlineExceeded,
         Error::Restore { .. } | Error::Defect(_) => Code::Internal,
     }
 }
@@ -57,9 +67,30 @@ fn store_code(error: &StoreError) -> Code {
     }
 }
 
+/// When the same request is worth another try; `None` where time alone mends nothing.
+#[must_use]
+pub fn retry_after(error: &Error) -> Option<Duration> {
+    const SOON: Duration = Duration::from_millis(100);
+    const LATER: Duration = Duration::from_secs(1);
+    match error {
+        Error::Quota { retry, .. } => *retry,
+        Error::Busy { .. } | Error::Reloading { .. } => Some(SOON),
+        Error::Store(StoreError::QueueFull { .. } | StoreError::Fenced { .. }) => Some(SOON),
+        Error::Tuner(TunerError::TooManyOpenTrials { .. }) => Some(LATER),
+        error if code(error) == Code::Unavailable => Some(LATER),
+        _ => None,
+    }
+}
+
 impl From<Error> for Status {
     fn from(error: Error) -> Self {
-        let mut status = Status::new(code(&error), error.to_string());
+        let (code, message) = (code(&error), error.to_string());
+        let mut status = match retry_after(&error) {
+            None => Status::new(code, message),
+            Some(wait) => {
+                Status::with_error_details(code, message, ErrorDetails::with_retry_info(Some(wait)))
+            }
+        };
         if let Some(fate) = Fate::of(&error) {
             fate.write(status.metadata_mut());
         }
@@ -70,6 +101,34 @@ impl From<Error> for Status {
 /// The same inside a stream that stays open.
 impl From<Error> for TuneError {
     fn from(error: Error) -> Self {
-        TuneError { code: code(&error) as i32, message: error.to_string() }
+        let retry_after_ms = retry_after(&error).map(|wait| wait.as_millis().try_into().unwrap_or(i64::MAX));
+        TuneError { code: code(&error) as i32, message: error.to_string(), retry_after_ms }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_passes_says_when() {
+        let wait = Duration::from_millis(1234);
+        let quota = Error::Quota { what: "requests a second", limit: 5, retry: Some(wait) };
+        let status = Status::from(quota.clone());
+        assert_eq!(status.code(), Code::ResourceExhausted);
+        assert_eq!(status.get_details_retry_info().and_then(|info| info.retry_delay), Some(wait));
+        assert_eq!(TuneError::from(quota).retry_after_ms, Some(1234));
+        for passing in [
+            Error::Busy { what: "requests", limit: 1 },
+            Error::Draining,
+            Error::Reloading { study: String::new() },
+            Error::Store(StoreError::QueueFull { limit: 1 }),
+            Error::Store(StoreError::Unavailable { problem: String::new() }),
+        ] {
+            assert!(Status::from(passing).get_details_retry_info().is_some());
+        }
+        let status = Status::from(Error::Store(StoreError::TooManyStudies { limit: 1 }));
+        assert_eq!(status.code(), Code::ResourceExhausted);
+        assert!(status.get_details_retry_info().is_none());
     }
 }

@@ -1,10 +1,12 @@
-//! The log, on standard error.
+//! The log, on standard error. Whatever looks like a token is blotted out on its way there, whoever wrote it: at
+//! the finest level the libraries below log what they read from the wire.
 
-use std::io::IsTerminal as _;
+use std::io::{self, IsTerminal as _, Write};
 
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::filter::ParseError;
 
+use crate::access::token::{SECRET_CHARACTERS, TOKEN_MARK};
 use crate::config::LogFormat;
 
 /// Reads a filter such as `info,treewright_server=debug`.
@@ -17,10 +19,74 @@ pub fn filter(text: &str) -> Result<EnvFilter, ParseError> {
 
 /// Begins to log. Only the first call in a process counts.
 pub fn begin(format: LogFormat, filter: EnvFilter) {
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(|| Blotting(io::stderr()));
     // A second subscriber is refused, which a process with several daemons in it may ignore.
     let _ = match format {
         LogFormat::Text => log.with_ansi(std::io::stderr().is_terminal()).with_target(false).try_init(),
         LogFormat::Json => log.json().try_init(),
     };
+}
+
+/// Blots out the secrets of tokens in what is written through it. A line of the log comes as one piece.
+struct Blotting<W>(W);
+
+impl<W: Write> Write for Blotting<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match blotted(bytes) {
+            Some(clean) => self.0.write_all(&clean)?,
+            None => self.0.write_all(bytes)?,
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+/// The same without secrets, if there are any.
+fn blotted(bytes: &[u8]) -> Option<Vec<u8>> {
+    let mark = TOKEN_MARK.as_bytes();
+    let mut clean: Option<Vec<u8>> = None;
+    let mut place = 0;
+    while let Some(found) = bytes[place..].windows(mark.len()).position(|window| window == mark) {
+        // Behind the mark come the id, which is public, an underscore and the secret.
+        place += found + mark.len();
+        let Some(end) = bytes[place..].iter().position(|byte| *byte == b'_') else {
+            break;
+        };
+        place += end + 1;
+        let secret = bytes[place..]
+            .iter()
+            .take(SECRET_CHARACTERS)
+            .take_while(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_'));
+        let length = secret.count();
+        clean.get_or_insert_with(|| bytes.to_vec())[place..place + length].fill(b'*');
+        place += length;
+    }
+    clean
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::access::token::Token;
+
+    #[test]
+    fn secrets_are_blotted_out_wherever_they_stand() {
+        let (one, two) = (Token::make().unwrap(), Token::make().unwrap());
+        let line =
+            format!("a \"Bearer {}\" b={:?} tw1_ tw1_x", one.text(), two.text().as_bytes().escape_ascii());
+        let line = format!("{line} {}", two.text());
+        let clean = String::from_utf8(blotted(line.as_bytes()).unwrap()).unwrap();
+        for token in [one, two] {
+            let secret = &token.text()[TOKEN_MARK.len() + 13..];
+            assert!(line.contains(secret) && !clean.contains(secret), "{clean}");
+            assert!(clean.contains(token.id()));
+        }
+        assert!(blotted(b"nothing to hide").is_none());
+        let mut out = Vec::new();
+        Blotting(&mut out).write_all(b"plain").unwrap();
+        assert_eq!(out, b"plain");
+    }
 }

@@ -27,11 +27,27 @@ impl Daemon {
     /// # Panics
     /// When it does not say where it listens.
     pub fn start_at(database: &Path, address: &str) -> Self {
+        Self::spawn(database, &["--listen", address], Stdio::inherit())
+    }
+
+    /// Starts a daemon on any free port with further arguments, and its log in a file.
+    ///
+    /// # Panics
+    /// When it does not say where it listens.
+    pub fn start_with(database: &Path, arguments: &[&str], log: &Path) -> Self {
+        let log = std::fs::File::create(log).expect("a file for the log");
+        let mut all = vec!["--listen", "127.0.0.1:0"];
+        all.extend(arguments);
+        Self::spawn(database, &all, log.into())
+    }
+
+    fn spawn(database: &Path, arguments: &[&str], log: Stdio) -> Self {
         let mut process = Command::new(program("treewrightd"))
-            .args(["serve", "--listen", address, "--database"])
+            .args(["serve", "--database"])
             .arg(database)
+            .args(arguments)
             .stdout(Stdio::piped())
-            .stderr(Stdio::inherit())
+            .stderr(log)
             .spawn()
             .expect("treewrightd starts");
         let mut line = String::new();
@@ -39,18 +55,28 @@ impl Daemon {
             .read_line(&mut line)
             .expect("stdout is text");
         let url = line.trim().rsplit(' ').next().unwrap_or_default().to_owned();
-        assert!(url.starts_with("http://"), "treewrightd said {line:?} instead of its address");
+        assert!(url.contains("://"), "treewrightd said {line:?} instead of its address");
         Self { process, url }
     }
 
-    /// `http://127.0.0.1:PORT`.
+    /// `http://127.0.0.1:PORT`, or `https:` with TLS.
     pub fn url(&self) -> &str {
         &self.url
     }
 
     /// `127.0.0.1:PORT`.
     pub fn address(&self) -> &str {
-        self.url.trim_start_matches("http://")
+        self.url.split_once("://").map_or("", |(_, address)| address)
+    }
+
+    /// Sends a signal, such as `HUP`.
+    ///
+    /// # Panics
+    /// When it cannot be sent.
+    pub fn signal(&self, name: &str) {
+        let number = self.process.id().to_string();
+        let sent = Command::new("kill").args([&format!("-{name}"), &number]).status().expect("kill runs");
+        assert!(sent.success(), "SIG{name} could not be sent");
     }
 
     /// `kill -9`, and waits until it is gone.
@@ -67,9 +93,7 @@ impl Daemon {
     /// # Panics
     /// When it has not ended after half a minute.
     pub fn terminate(mut self) -> ExitStatus {
-        let sent =
-            Command::new("kill").args(["-TERM", &self.process.id().to_string()]).status().expect("kill runs");
-        assert!(sent.success(), "SIGTERM could not be sent");
+        self.signal("TERM");
         let patience = Instant::now() + Duration::from_secs(30);
         loop {
             if let Some(status) = self.process.try_wait().expect("the daemon can be waited for") {

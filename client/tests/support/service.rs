@@ -203,8 +203,11 @@ impl TuningService for Service {
 
 /// One answer of a stream; `None` breaks it.
 fn tune(book: &mut Book, request: v1::TuneRequest) -> Option<v1::TuneResponse> {
-    let error =
-        |status: Status| TuneError { code: status.code().into(), message: status.message().to_owned() };
+    let error = |status: Status| TuneError {
+        code: status.code().into(),
+        message: status.message().to_owned(),
+        retry_after_ms: None,
+    };
     let mut answer = v1::TuneResponse::default();
     if let Some(report) = request.report {
         match book.enter("streamed Report").and_then(|()| book.report(report)) {

@@ -55,6 +55,9 @@ pub(super) struct EntrantArguments {
     #[arg(long, value_name = "URL")]
     pub(super) server: Option<String>,
 
+    #[command(flatten)]
+    pub(super) credentials: treewright_client::CredentialArguments,
+
     /// Id of the daemon's study; made of scene, objective, size and space when left out. Its name is the one
     /// that `tune --objective render` gives, so that the prediction can rest on what was tuned before.
     #[arg(long, value_name = "ID", requires = "server")]
@@ -130,8 +133,12 @@ impl EntrantArguments {
         let Some(server) = &self.server else {
             return Ok(Vec::new());
         };
-        let server =
-            ServerArguments { server: server.clone(), study: self.study.clone(), deadline_ms: DEADLINE_MS };
+        let server = ServerArguments {
+            server: server.clone(),
+            study: self.study.clone(),
+            deadline_ms: DEADLINE_MS,
+            credentials: self.credentials.clone(),
+        };
         let client = server.connect(setting.threads)?;
         let scene = renderer.scene().clone();
         let space = Arc::new(self.space.of(&scene, Objective::Render, setting.threads)?);

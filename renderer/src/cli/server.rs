@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use clap::Args;
 use treewright_client::blocking::Client;
-use treewright_client::{Fingerprint, Options};
+use treewright_client::{CredentialArguments, Fingerprint, Options};
 
 use super::arguments::Size;
 use super::error::CliError;
@@ -26,6 +26,9 @@ pub(super) struct ServerArguments {
     /// How long a frame waits for the daemon at most, in milliseconds. Then it is rendered with the last good configuration.
     #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..=60_000))]
     pub(super) deadline_ms: u64,
+
+    #[command(flatten)]
+    pub(super) credentials: CredentialArguments,
 }
 
 impl ServerArguments {
@@ -35,8 +38,10 @@ impl ServerArguments {
         if threads > 0 {
             fingerprint = fingerprint.threads(u32::try_from(threads).unwrap_or(u32::MAX));
         }
-        let options =
-            Options::new().deadline(Duration::from_millis(self.deadline_ms)).fingerprint(fingerprint);
+        let options = Options::new()
+            .deadline(Duration::from_millis(self.deadline_ms))
+            .fingerprint(fingerprint)
+            .credentials(self.credentials.credentials()?);
         let client = Client::connect(&self.server, options)?;
         client.ping()?;
         Ok(client)

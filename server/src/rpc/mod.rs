@@ -1,7 +1,8 @@
 //! The gRPC service: reads each request, calls its use case, writes the answer.
 //!
-//! `studies` and `trials` hold the handlers by topic, `tune` the stream. What they share is here: every
-//! request passes the gate, and every refusal is logged once.
+//! `studies` and `trials` hold the handlers by topic, `tune` the stream. What they share is here: every request
+//! counts against its caller's quotas, passes the gate, and is logged once when it is refused. Handlers read names
+//! through the [`Caller`], so that nobody reaches a study that is not theirs.
 
 mod frames;
 mod studies;
@@ -10,14 +11,17 @@ mod tune;
 
 use std::sync::Arc;
 
-use tonic::{Code, Request, Response, Status, Streaming};
+use prost::Message;
+use tonic::{Request, Response, Status, Streaming};
 use treewright_proto::v1::tuning_service_server::TuningService;
 use treewright_proto::v1::{self as wire};
 
+use crate::access::caller::Caller;
+use crate::connections::UnderWay;
 use crate::error::Error;
+use crate::front::note_refusal;
 use crate::gate::Gate;
 use crate::peers::Peers;
-use crate::status;
 use crate::tuning::Tuning;
 
 /// `treewright.v1.TuningService`.
@@ -26,13 +30,21 @@ pub struct Service {
     tuning: Arc<Tuning>,
     gate: Gate,
     peers: Option<Arc<Peers>>,
+    /// Whether the front says who sent each request.
+    behind_front: bool,
 }
 
 impl Service {
-    /// The service on its use cases.
+    /// The service on its use cases, open to whoever holds it.
     #[must_use]
     pub fn new(tuning: Arc<Tuning>, gate: Gate) -> Self {
-        Self { tuning, gate, peers: None }
+        Self { tuning, gate, peers: None, behind_front: false }
+    }
+
+    /// The service behind the [front](crate::front): a request that did not pass it is refused.
+    #[must_use]
+    pub fn behind_front(tuning: Arc<Tuning>, gate: Gate) -> Self {
+        Self { behind_front: true, ..Self::new(tuning, gate) }
     }
 
     /// Passes frames of Tune streams on to the replicas that hold their studies.
@@ -41,33 +53,35 @@ impl Service {
         Self { peers, ..self }
     }
 
+    /// Who sent a request, as the front found out.
+    fn caller<Q>(&self, request: &Request<Q>) -> Result<Caller, Error> {
+        match request.extensions().get::<Caller>() {
+            Some(caller) => Ok(caller.clone()),
+            None if self.behind_front => Err(Error::Defect("a request came in without passing the front")),
+            None => Ok(Caller::Anyone),
+        }
+    }
+
     /// Lets a request in, does its work, and answers.
-    async fn answer<T>(
+    async fn answer<Q: Message, T>(
         &self,
-        rpc: &'static str,
-        work: impl Future<Output = Result<T, Error>> + Send,
+        request: Request<Q>,
+        work: impl AsyncFnOnce(&Tuning, &Caller, Q) -> Result<T, Error>,
     ) -> Result<Response<T>, Status> {
-        let answer = match self.gate.request() {
-            Ok(_entered) => work.await,
-            Err(error) => Err(error),
+        let answer = async {
+            let caller = self.caller(&request)?;
+            let request = request.into_inner();
+            caller.spend_request(request.encoded_len())?;
+            let _entered = self.gate.request()?;
+            work(&self.tuning, &caller, request).await
         };
-        match answer {
+        match answer.await {
             Ok(answer) => Ok(Response::new(answer)),
             Err(error) => {
-                note_refusal(rpc, &error);
+                note_refusal(&error);
                 Err(error.into())
             }
         }
-    }
-}
-
-/// One line for a request that was refused.
-fn note_refusal(rpc: &'static str, error: &Error) {
-    let code = status::code(error);
-    if code == Code::Internal {
-        tracing::error!(rpc, ?code, %error, "request failed");
-    } else {
-        tracing::warn!(rpc, ?code, %error, "request refused");
     }
 }
 
@@ -77,50 +91,43 @@ impl TuningService for Service {
         &self,
         request: Request<wire::CreateStudyRequest>,
     ) -> Result<Response<wire::Study>, Status> {
-        let work = studies::create(&self.tuning, request.into_inner());
-        self.answer("CreateStudy", work).await
+        self.answer(request, studies::create).await
     }
 
     async fn get_study(
         &self,
         request: Request<wire::GetStudyRequest>,
     ) -> Result<Response<wire::Study>, Status> {
-        let work = studies::get(&self.tuning, request.into_inner());
-        self.answer("GetStudy", work).await
+        self.answer(request, studies::get).await
     }
 
     async fn list_studies(
         &self,
         request: Request<wire::ListStudiesRequest>,
     ) -> Result<Response<wire::ListStudiesResponse>, Status> {
-        let work = studies::list(&self.tuning, request.into_inner());
-        self.answer("ListStudies", work).await
+        self.answer(request, studies::list).await
     }
 
     async fn update_study(
         &self,
         request: Request<wire::UpdateStudyRequest>,
     ) -> Result<Response<wire::Study>, Status> {
-        let work = studies::update(&self.tuning, request.into_inner());
-        self.answer("UpdateStudy", work).await
+        self.answer(request, studies::update).await
     }
 
     async fn delete_study(&self, request: Request<wire::DeleteStudyRequest>) -> Result<Response<()>, Status> {
-        let work = studies::delete(&self.tuning, request.into_inner());
-        self.answer("DeleteStudy", work).await
+        self.answer(request, studies::delete).await
     }
 
     async fn suggest(&self, request: Request<wire::SuggestRequest>) -> Result<Response<wire::Trial>, Status> {
-        let work = trials::suggest(&self.tuning, request.into_inner());
-        self.answer("Suggest", work).await
+        self.answer(request, trials::suggest).await
     }
 
     async fn report(
         &self,
         request: Request<wire::ReportRequest>,
     ) -> Result<Response<wire::ReportResponse>, Status> {
-        let work = trials::report(&self.tuning, request.into_inner());
-        self.answer("Report", work).await
+        self.answer(request, trials::report).await
     }
 
     type TuneStream = tune::Answers;
@@ -129,16 +136,21 @@ impl TuningService for Service {
         &self,
         request: Request<Streaming<wire::TuneRequest>>,
     ) -> Result<Response<Self::TuneStream>, Status> {
-        match self.gate.stream() {
-            Ok(entered) => {
-                let tuning = Arc::clone(&self.tuning);
+        let entered = self.caller(&request).and_then(|caller| Ok((caller, self.gate.stream()?)));
+        match entered {
+            Ok((caller, entered)) => {
+                let under_way = request.extensions().get::<Arc<UnderWay>>().cloned();
                 let way = frames::Frames::new(self.peers.clone(), request.metadata());
-                let frames = request.into_inner();
-                let answers = tune::serve(tuning, self.gate.clone(), entered, way, frames);
-                Ok(Response::new(answers))
+                let stream = tune::Stream {
+                    tuning: Arc::clone(&self.tuning),
+                    gate: self.gate.clone(),
+                    caller,
+                    _inside: (entered, under_way),
+                };
+                Ok(Response::new(stream.serve(way, request.into_inner())))
             }
             Err(error) => {
-                note_refusal("Tune", &error);
+                note_refusal(&error);
                 Err(error.into())
             }
         }
@@ -148,44 +160,38 @@ impl TuningService for Service {
         &self,
         request: Request<wire::PredictRequest>,
     ) -> Result<Response<wire::PredictResponse>, Status> {
-        let work = trials::predict(&self.tuning, request.into_inner());
-        self.answer("Predict", work).await
+        self.answer(request, trials::predict).await
     }
 
     async fn abandon_trial(
         &self,
         request: Request<wire::AbandonTrialRequest>,
     ) -> Result<Response<wire::Trial>, Status> {
-        let work = trials::abandon(&self.tuning, request.into_inner());
-        self.answer("AbandonTrial", work).await
+        self.answer(request, trials::abandon).await
     }
 
     async fn extend_lease(
         &self,
         request: Request<wire::ExtendLeaseRequest>,
     ) -> Result<Response<wire::Trial>, Status> {
-        let work = trials::extend_lease(&self.tuning, request.into_inner());
-        self.answer("ExtendLease", work).await
+        self.answer(request, trials::extend_lease).await
     }
 
     async fn get_trial(
         &self,
         request: Request<wire::GetTrialRequest>,
     ) -> Result<Response<wire::Trial>, Status> {
-        let work = trials::get(&self.tuning, request.into_inner());
-        self.answer("GetTrial", work).await
+        self.answer(request, trials::get).await
     }
 
     async fn query_trials(
         &self,
         request: Request<wire::QueryTrialsRequest>,
     ) -> Result<Response<wire::QueryTrialsResponse>, Status> {
-        let work = trials::query(&self.tuning, request.into_inner());
-        self.answer("QueryTrials", work).await
+        self.answer(request, trials::query).await
     }
 
     async fn get_best(&self, request: Request<wire::GetBestRequest>) -> Result<Response<wire::Best>, Status> {
-        let work = trials::best(&self.tuning, request.into_inner());
-        self.answer("GetBest", work).await
+        self.answer(request, trials::best).await
     }
 }

@@ -2,8 +2,10 @@
 
 use prost::Message as _;
 use treewright_proto::v1 as wire;
-use treewright_store::cursor;
+use treewright_store::limits::PAGE_SIZE_DEFAULT;
+use treewright_store::{StudyRecord, cursor};
 
+use crate::access::caller::Caller;
 use crate::convert::from_proto::{self, required};
 use crate::convert::policy::PolicyUpdate;
 use crate::convert::{names, to_proto};
@@ -14,20 +16,43 @@ use crate::tuning::Tuning;
 /// What a page token of ListStudies belongs to.
 const LIST_QUESTION: [&str; 1] = ["studies"];
 
-pub(super) async fn create(tuning: &Tuning, request: wire::CreateStudyRequest) -> Result<wire::Study, Error> {
+pub(super) async fn create(
+    tuning: &Tuning,
+    caller: &Caller,
+    request: wire::CreateStudyRequest,
+) -> Result<wire::Study, Error> {
     let id = names::study_id("study_id", &request.study_id)?;
+    caller.reach(&id)?;
     let spec = from_proto::study(request.study.ok_or_else(|| required("study"))?)?;
-    let record = tuning.create_study(&id, &spec).await?;
-    Ok(to_proto::study(&record))
+    let spent = match caller.spend_study() {
+        Ok(spent) => spent,
+        // Who may create no more may still find what there is.
+        Err(over) => {
+            return match tuning.get_study(&id).await {
+                Ok(_) => Ok(to_proto::study(&tuning.create_study(&id, &spec).await?.study)),
+                Err(_) => Err(over),
+            };
+        }
+    };
+    let created = tuning.create_study(&id, &spec).await?;
+    if created.is_new {
+        spent.keep();
+    }
+    Ok(to_proto::study(&created.study))
 }
 
-pub(super) async fn get(tuning: &Tuning, request: wire::GetStudyRequest) -> Result<wire::Study, Error> {
-    let id = names::study("name", &request.name)?;
+pub(super) async fn get(
+    tuning: &Tuning,
+    caller: &Caller,
+    request: wire::GetStudyRequest,
+) -> Result<wire::Study, Error> {
+    let id = caller.study("name", &request.name)?;
     Ok(to_proto::study(&tuning.get_study(&id).await?))
 }
 
 pub(super) async fn list(
     tuning: &Tuning,
+    caller: &Caller,
     request: wire::ListStudiesRequest,
 ) -> Result<wire::ListStudiesResponse, Error> {
     let size = from_proto::page_size(request.page_size)?;
@@ -38,7 +63,7 @@ pub(super) async fn list(
         }
     };
     // One more than fits tells whether another page follows.
-    let records = tuning.list_studies(after.as_deref(), size + 1).await?;
+    let records = visible(tuning, caller, after, size + 1).await?;
     let mut studies = Vec::new();
     let mut bytes = 0;
     for record in records.iter().take(size as usize) {
@@ -58,15 +83,45 @@ pub(super) async fn list(
     Ok(wire::ListStudiesResponse { studies, next_page_token })
 }
 
-pub(super) async fn update(tuning: &Tuning, request: wire::UpdateStudyRequest) -> Result<wire::Study, Error> {
+/// The next studies that the caller may know of.
+async fn visible(
+    tuning: &Tuning,
+    caller: &Caller,
+    mut after: Option<String>,
+    size: u32,
+) -> Result<Vec<StudyRecord>, Error> {
+    let mut found = Vec::new();
+    // Where most are hidden, small pages would mean many.
+    let page = if caller.is_limited() { size.max(PAGE_SIZE_DEFAULT) } else { size };
+    loop {
+        let records = tuning.list_studies(after.as_deref(), page).await?;
+        let last_page = records.len() < page as usize;
+        after = records.last().map(|record| record.id.clone());
+        found.extend(records.into_iter().filter(|record| caller.sees(&record.id)));
+        if last_page || found.len() >= size as usize {
+            found.truncate(size as usize);
+            return Ok(found);
+        }
+    }
+}
+
+pub(super) async fn update(
+    tuning: &Tuning,
+    caller: &Caller,
+    request: wire::UpdateStudyRequest,
+) -> Result<wire::Study, Error> {
     let study = request.study.ok_or_else(|| required("study"))?;
-    let id = names::study("study.name", &study.name)?;
+    let id = caller.study("study.name", &study.name)?;
     let update = PolicyUpdate::read(study.policy.unwrap_or_default(), request.update_mask)?;
     let record = tuning.update_policy(&id, &update).await?;
     Ok(to_proto::study(&record))
 }
 
-pub(super) async fn delete(tuning: &Tuning, request: wire::DeleteStudyRequest) -> Result<(), Error> {
-    let id = names::study("name", &request.name)?;
+pub(super) async fn delete(
+    tuning: &Tuning,
+    caller: &Caller,
+    request: wire::DeleteStudyRequest,
+) -> Result<(), Error> {
+    let id = caller.study("name", &request.name)?;
     tuning.delete_study(&id).await
 }

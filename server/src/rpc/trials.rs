@@ -6,22 +6,33 @@ use treewright_store::TrialQuery;
 use treewright_store::cursor::Cursor;
 use treewright_store::filter::{Filter, Order};
 
-use crate::convert::{from_proto, names, to_proto};
+use crate::access::caller::Caller;
+use crate::convert::{from_proto, to_proto};
 use crate::error::Error;
 use crate::limits::PAGE_BYTES;
 use crate::tuning::{Reported, Tuning};
 
-pub(super) async fn suggest(tuning: &Tuning, request: wire::SuggestRequest) -> Result<wire::Trial, Error> {
+pub(super) async fn suggest(
+    tuning: &Tuning,
+    caller: &Caller,
+    request: wire::SuggestRequest,
+) -> Result<wire::Trial, Error> {
     let suggest = from_proto::suggest(request)?;
+    caller.reach(&suggest.study)?;
+    let spent = caller.spend_trial()?;
     let study = suggest.study.clone();
-    Ok(to_proto::trial(&study, &tuning.suggest(suggest).await?))
+    let trial = tuning.suggest(suggest).await?;
+    spent.keep();
+    Ok(to_proto::trial(&study, &trial))
 }
 
 pub(super) async fn report(
     tuning: &Tuning,
+    caller: &Caller,
     request: wire::ReportRequest,
 ) -> Result<wire::ReportResponse, Error> {
     let report = from_proto::report(request)?;
+    caller.reach(&report.trial.study)?;
     let study = report.trial.study.clone();
     Ok(reported(&study, &tuning.report(report).await?))
 }
@@ -37,41 +48,49 @@ pub(super) fn reported(study: &str, reported: &Reported) -> wire::ReportResponse
 
 pub(super) async fn predict(
     tuning: &Tuning,
+    caller: &Caller,
     request: wire::PredictRequest,
 ) -> Result<wire::PredictResponse, Error> {
-    let study = names::study("study", &request.study)?;
+    let study = caller.study("study", &request.study)?;
     let prediction = tuning.predict(&study, &request.indicators).await?;
     Ok(to_proto::prediction(&prediction))
 }
 
 pub(super) async fn abandon(
     tuning: &Tuning,
+    caller: &Caller,
     request: wire::AbandonTrialRequest,
 ) -> Result<wire::Trial, Error> {
-    let name = names::trial("trial", &request.trial)?;
+    let name = caller.trial("trial", &request.trial)?;
     Ok(to_proto::trial(&name.study, &tuning.abandon(&name).await?))
 }
 
 pub(super) async fn extend_lease(
     tuning: &Tuning,
+    caller: &Caller,
     request: wire::ExtendLeaseRequest,
 ) -> Result<wire::Trial, Error> {
-    let name = names::trial("trial", &request.trial)?;
+    let name = caller.trial("trial", &request.trial)?;
     let trial = tuning.extend_lease(&name).await?;
     Ok(to_proto::trial(&name.study, &trial))
 }
 
-pub(super) async fn get(tuning: &Tuning, request: wire::GetTrialRequest) -> Result<wire::Trial, Error> {
-    let name = names::trial("name", &request.name)?;
+pub(super) async fn get(
+    tuning: &Tuning,
+    caller: &Caller,
+    request: wire::GetTrialRequest,
+) -> Result<wire::Trial, Error> {
+    let name = caller.trial("name", &request.name)?;
     let trial = tuning.get_trial(&name).await?;
     Ok(to_proto::trial(&name.study, &trial))
 }
 
 pub(super) async fn query(
     tuning: &Tuning,
+    caller: &Caller,
     request: wire::QueryTrialsRequest,
 ) -> Result<wire::QueryTrialsResponse, Error> {
-    let study = names::study("study", &request.study)?;
+    let study = caller.study("study", &request.study)?;
     let filter = Filter::parse(&request.filter).map_err(|error| Error::invalid("filter", error))?;
     let order = Order::parse(&request.order_by).map_err(|error| Error::invalid("order_by", error))?;
     let question = [study.as_str(), &request.filter, &request.order_by];
@@ -99,8 +118,12 @@ pub(super) async fn query(
     })
 }
 
-pub(super) async fn best(tuning: &Tuning, request: wire::GetBestRequest) -> Result<wire::Best, Error> {
-    let study = names::study("study", &request.study)?;
+pub(super) async fn best(
+    tuning: &Tuning,
+    caller: &Caller,
+    request: wire::GetBestRequest,
+) -> Result<wire::Best, Error> {
+    let study = caller.study("study", &request.study)?;
     let indicators = Some(&request.indicators).filter(|given| !given.is_empty());
     let best = tuning.best(&study, indicators).await?;
     Ok(to_proto::best(&study, &best))

@@ -2,15 +2,23 @@
 
 use std::sync::Arc;
 
+use prost::Message as _;
 use tokio::sync::mpsc;
+use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Status, Streaming};
+use tracing::Instrument as _;
 use treewright_proto::v1 as wire;
+use treewright_store::tokens::Scope;
 
 use super::frames::{Attempt, Frames};
-use super::{note_refusal, trials};
-use crate::convert::{from_proto, to_proto};
+use super::trials;
+use crate::access::caller::{Caller, Spent};
+use crate::connections::UnderWay;
+use crate::convert::from_proto::{self, Report, Suggest};
+use crate::convert::to_proto;
 use crate::error::Error;
+use crate::front::note_refusal;
 use crate::gate::{Entered, Gate};
 use crate::limits;
 use crate::peers::Fate;
@@ -19,88 +27,102 @@ use crate::tuning::Tuning;
 /// The answers of one stream.
 pub(super) type Answers = ReceiverStream<Result<wire::TuneResponse, Status>>;
 
-/// Serves a stream until the client ends it or the daemon drains. The work is a task of its own, so that
-/// a client that vanishes does not cut a frame in two.
-pub(super) fn serve(
-    tuning: Arc<Tuning>,
-    gate: Gate,
-    entered: Entered,
-    way: Frames,
-    mut frames: Streaming<wire::TuneRequest>,
-) -> Answers {
-    let (answers, stream) = mpsc::channel(limits::TUNE_ANSWERS_WAITING);
-    tokio::spawn(async move {
-        let _entered = entered;
-        let draining = gate.draining();
-        let here = Here { tuning, gate: gate.clone() };
-        tokio::pin!(draining);
-        loop {
-            let frame = tokio::select! {
-                // First, so that a client that never pauses does not keep the daemon from draining.
-                biased;
-                () = &mut draining => Err(Error::Draining.into()),
-                frame = frames.message() => frame,
-            };
-            let answer = match frame {
-                Ok(Some(frame)) => way.answer(frame, &here).await,
-                Ok(None) => break,
-                Err(status) => Err(status),
-            };
-            let last = answer.is_err();
-            // A client that no longer listens wants no more answers.
-            if answers.send(answer).await.is_err() || last {
-                break;
+/// What one stream works with.
+pub(super) struct Stream {
+    pub(super) tuning: Arc<Tuning>,
+    pub(super) gate: Gate,
+    pub(super) caller: Caller,
+    /// Held until the stream ends: a place among the streams, and the connection's right to stay.
+    pub(super) _inside: (Entered, Option<Arc<UnderWay>>),
+}
+
+impl Stream {
+    /// Serves until the client ends the stream, its token ends or the daemon drains. The work is a task of its own,
+    /// so that a client that vanishes does not cut a frame in two.
+    pub(super) fn serve(self, way: Frames, mut frames: Streaming<wire::TuneRequest>) -> Answers {
+        let (answers, stream) = mpsc::channel(limits::TUNE_ANSWERS_WAITING);
+        let work = async move {
+            let draining = self.gate.draining();
+            tokio::pin!(draining);
+            loop {
+                let frame = tokio::select! {
+                    // First, so that a client that never pauses does not keep the daemon from draining.
+                    biased;
+                    () = &mut draining => Err(Error::Draining.into()),
+                    frame = timeout(limits::TUNE_IDLE, frames.message()) => match frame {
+                        Ok(frame) => frame,
+                        Err(_) => Err(Error::Deadline { limit: limits::TUNE_IDLE }.into()),
+                    },
+                };
+                let answer = match frame {
+                    Ok(Some(frame)) => way.answer(frame, &self).await,
+                    Ok(None) => break,
+                    Err(status) => Err(status),
+                };
+                let last = answer.is_err();
+                // A client that no longer listens wants no more answers.
+                if answers.send(answer).await.is_err() || last {
+                    break;
+                }
             }
-        }
-    });
-    ReceiverStream::new(stream)
-}
-
-/// What is at hand in this replica.
-struct Here {
-    tuning: Arc<Tuning>,
-    gate: Gate,
-}
-
-impl Attempt for Here {
-    async fn attempt(&self, frame: wire::TuneRequest) -> Result<(wire::TuneResponse, Option<Fate>), Status> {
-        Ok(answer(&self.tuning, &self.gate, frame).await)
-    }
-}
-
-/// The answer to a frame, and where to try again if not everything of it could be done here.
-async fn answer(
-    tuning: &Tuning,
-    gate: &Gate,
-    frame: wire::TuneRequest,
-) -> (wire::TuneResponse, Option<Fate>) {
-    let wire::TuneRequest { report, suggest } = frame;
-    let entered = gate.request();
-    if let Err(error) = &entered {
-        note_refusal("Tune", error);
-        let response = wire::TuneResponse {
-            report_error: report.map(|_| error.clone().into()),
-            suggest_error: suggest.map(|_| error.clone().into()),
-            ..wire::TuneResponse::default()
         };
-        return (response, None);
+        tokio::spawn(work.in_current_span());
+        ReceiverStream::new(stream)
     }
-    let (report, report_error) = split(report.map(from_proto::report));
-    let (suggest, suggest_error) = split(suggest.map(from_proto::suggest));
-    let report_study = report.as_ref().map(|report| report.trial.study.clone());
-    let suggest_study = suggest.as_ref().map(|suggest| suggest.study.clone());
 
-    let done = tuning.frame(report, suggest).await;
-    let fate = done.fate();
-    let (reported, taking_error) = split(done.reported);
-    let (trial, suggesting_error) = split(done.suggested);
-    let response = wire::TuneResponse {
-        reported: reported.zip(report_study).map(|(reported, study)| trials::reported(&study, &reported)),
-        trial: trial.zip(suggest_study).map(|(trial, study)| to_proto::trial(&study, &trial)),
-        report_error: report_error.or(taking_error),
-        suggest_error: suggest_error.or(suggesting_error),
-    };
-    (response, fate)
+    fn report(&self, report: wire::ReportRequest) -> Result<Report, Error> {
+        let report = from_proto::report(report)?;
+        self.caller.reach(&report.trial.study)?;
+        Ok(report)
+    }
+
+    fn suggest(&self, suggest: wire::SuggestRequest) -> Result<(Suggest, Spent<'_>), Error> {
+        let suggest = from_proto::suggest(suggest)?;
+        self.caller.reach(&suggest.study)?;
+        Ok((suggest, self.caller.spend_trial()?))
+    }
+}
+
+impl Attempt for Stream {
+    /// An error of one frame comes back in its answer; the end of a token ends the stream.
+    async fn attempt(&self, frame: wire::TuneRequest) -> Result<(wire::TuneResponse, Option<Fate>), Status> {
+        if let Err(error) = self.caller.may(Scope::Tune) {
+            note_refusal(&error);
+            return Err(error.into());
+        }
+        let bytes = frame.encoded_len();
+        let wire::TuneRequest { report, suggest } = frame;
+        let entered = self.caller.spend_request(bytes).and_then(|()| self.gate.request());
+        if let Err(error) = &entered {
+            note_refusal(error);
+            let refused = wire::TuneResponse {
+                report_error: report.map(|_| error.clone().into()),
+                suggest_error: suggest.map(|_| error.clone().into()),
+                ..wire::TuneResponse::default()
+            };
+            return Ok((refused, None));
+        }
+        let (report, report_error) = split(report.map(|report| self.report(report)));
+        let (suggest, suggest_error) = split(suggest.map(|suggest| self.suggest(suggest)));
+        let (suggest, spent) = suggest.unzip();
+        let report_study = report.as_ref().map(|report| report.trial.study.clone());
+        let suggest_study = suggest.as_ref().map(|suggest| suggest.study.clone());
+
+        let done = self.tuning.frame(report, suggest).await;
+        let fate = done.fate();
+        if let (Some(Ok(_)), Some(spent)) = (&done.suggested, spent) {
+            spent.keep();
+        }
+        let (reported, taking_error) = split(done.reported);
+        let (trial, suggesting_error) = split(done.suggested);
+        let response = wire::TuneResponse {
+            reported: reported.zip(report_study).map(|(reported, study)| trials::reported(&study, &reported)),
+            trial: trial.zip(suggest_study).map(|(trial, study)| to_proto::trial(&study, &trial)),
+            report_error: report_error.or(taking_error),
+            suggest_error: suggest_error.or(suggesting_error),
+        };
+        Ok((response, fate))
+    }
 }
 
 /// Parts what went well from what did not.
@@ -109,7 +131,7 @@ fn split<T>(result: Option<Result<T, Error>>) -> (Option<T>, Option<wire::TuneEr
         None => (None, None),
         Some(Ok(value)) => (Some(value), None),
         Some(Err(error)) => {
-            note_refusal("Tune", &error);
+            note_refusal(&error);
             (None, Some(error.into()))
         }
     }

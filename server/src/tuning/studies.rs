@@ -1,7 +1,7 @@
 //! What concerns a study: create, read, list, change its policy, delete, and end leases everywhere.
 
 use treewright_core::study::StudySpec;
-use treewright_store::StudyRecord;
+use treewright_store::{Created, StudyRecord};
 
 use super::Tuning;
 use crate::convert::policy::PolicyUpdate;
@@ -12,7 +12,7 @@ impl Tuning {
     ///
     /// # Errors
     /// As the wire contract names them.
-    pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<StudyRecord, Error> {
+    pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<Created, Error> {
         let created = self.store.create_study(id, spec, self.clock.now_ms()).await?;
         if created.is_new {
             tracing::info!(
@@ -22,7 +22,7 @@ impl Tuning {
                 "study created"
             );
         }
-        Ok(created.study)
+        Ok(created)
     }
 
     /// Reads a study.

@@ -6,7 +6,7 @@
 //! come out; rows are an affair of the stores.
 //!
 //! [`filter`] is the language in which trials are asked for, [`cursor`] the page tokens, [`fence`] what
-//! keeps a copy in memory honest.
+//! keeps a copy in memory honest, [`tokens`] who may do what.
 #![forbid(unsafe_code)]
 
 mod assembly;
@@ -22,11 +22,13 @@ mod raw;
 mod rows;
 mod sqlite;
 mod store;
+pub mod tokens;
 mod words;
 
 pub use error::{OpenError, StoreError};
 pub use fence::{Fence, Receipt};
 pub use memory::MemoryStore;
 pub use postgres::{PostgresAddress, PostgresStore};
-pub use sqlite::SqliteStore;
+pub use sqlite::{SqliteStore, SqliteTokens};
 pub use store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+pub use tokens::{MemoryTokens, TokenStore};

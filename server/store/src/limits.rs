@@ -23,6 +23,9 @@ pub const TOKEN_CHARACTERS: usize = 256;
 /// Most studies in one database.
 pub const STUDIES: u32 = 10_000;
 
+/// Most tokens in one database, those that were revoked included.
+pub const TOKENS: u32 = 10_000;
+
 /// Writes that may wait for the writer. Each waits for one caller, so this is also the number of
 /// callers that can be waiting for the disk at once.
 pub const WRITE_QUEUE: usize = 1024;

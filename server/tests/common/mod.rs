@@ -41,8 +41,16 @@ impl Server {
     }
 
     pub(crate) async fn with(store: Arc<dyn Store>, now_ms: i64) -> Self {
+        Self::with_options(store, Arc::new(ManualClock::at(now_ms)), Duration::from_secs(5)).await
+    }
+
+    pub(crate) async fn with_options(
+        store: Arc<dyn Store>,
+        clock: Arc<ManualClock>,
+        options: impl Into<serve::Options>,
+    ) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
-        Self::on(listener, store, now_ms).await
+        Self::on(listener, store, clock, options.into()).await
     }
 
     /// One of several replicas on a database.
@@ -51,14 +59,19 @@ impl Server {
         let advertised = format!("http://{}", listener.local_addr().expect("an address"));
         let server = PostgresAddress::parse(database.url()).expect("an address");
         let store = PostgresStore::open(server, &advertised, Duration::ZERO).await.expect("a database");
-        Self::on(listener, Arc::new(store), START_MS).await
+        let clock = Arc::new(ManualClock::at(START_MS));
+        Self::on(listener, Arc::new(store), clock, Duration::from_secs(5).into()).await
     }
 
-    async fn on(listener: TcpListener, store: Arc<dyn Store>, now_ms: i64) -> Self {
+    async fn on(
+        listener: TcpListener,
+        store: Arc<dyn Store>,
+        clock: Arc<ManualClock>,
+        options: serve::Options,
+    ) -> Self {
         let address = listener.local_addr().expect("an address");
-        let clock = Arc::new(ManualClock::at(now_ms));
         let (stop, stopped) = oneshot::channel::<()>();
-        let served = serve::run(listener, store, Arc::clone(&clock) as _, Duration::from_secs(5), async {
+        let served = serve::run(listener, store, Arc::clone(&clock) as _, options, async {
             // A dropped server stops as well.
             let _ = stopped.await;
         });

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
-use treewright_client::{Operation, PredictorMethod, SearchMethod, Value};
+use treewright_client::{CredentialArguments, Operation, PredictorMethod, SearchMethod, Value};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -42,6 +42,9 @@ pub(crate) struct Arguments {
     /// How long to wait for the daemon, e.g. 500ms or 10s
     #[arg(long, global = true, value_name = "TIME", default_value = "5s", value_parser = humantime::parse_duration)]
     pub(crate) timeout: Duration,
+
+    #[command(flatten)]
+    pub(crate) credentials: CredentialArguments,
 
     #[command(subcommand)]
     pub(crate) command: Command,

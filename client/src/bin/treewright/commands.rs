@@ -10,7 +10,9 @@ use crate::show;
 
 /// Does what the command line says and returns what is to be printed.
 pub(crate) fn run(arguments: &Arguments) -> Result<String, Failure> {
-    let client = Client::connect(&arguments.server, Options::new().call_deadline(arguments.timeout))?;
+    let options =
+        Options::new().call_deadline(arguments.timeout).credentials(arguments.credentials.credentials()?);
+    let client = Client::connect(&arguments.server, options)?;
     let json = arguments.json;
     match &arguments.command {
         Command::Studies => studies(&client, json),

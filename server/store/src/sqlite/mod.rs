@@ -10,6 +10,7 @@ mod open;
 mod read;
 mod script;
 mod statements;
+mod tokens;
 mod writer;
 
 use std::path::{Path, PathBuf};
@@ -31,6 +32,7 @@ use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::rows::{self, Rows};
 use crate::store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+pub use tokens::SqliteTokens;
 use writer::{Answer, Command, Done, Job};
 
 /// Keeps everything in one SQLite file and survives being killed at any moment: what has been

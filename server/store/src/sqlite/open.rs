@@ -31,16 +31,10 @@ pub(super) struct Opened {
 pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
     check_path(path)?;
     let lock = DatabaseLock::take(path)?;
-    let options = SqliteConnectOptions::new()
-        .filename(path)
-        .create_if_missing(true)
-        .foreign_keys(true)
-        .busy_timeout(limits::BUSY_TIMEOUT)
-        .disable_statement_logging();
+    let options = options(path);
     inspect(path, &options).await?;
 
-    // A commit is on the disk when it returns: in WAL mode that takes FULL, not NORMAL.
-    let options = options.journal_mode(SqliteJournalMode::Wal).synchronous(SqliteSynchronous::Full);
+    let options = options.journal_mode(SqliteJournalMode::Wal);
     let mut writer = SqliteConnection::connect_with(&options).await.map_err(|error| explain(path, &error))?;
     migrate(path, &mut writer).await?;
 
@@ -51,6 +45,32 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
         .await
         .map_err(|error| explain(path, &error))?;
     Ok(Opened { lock, writer, readers })
+}
+
+/// How every connection to the file is made.
+fn options(path: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(path)
+        .create_if_missing(true)
+        .foreign_keys(true)
+        .busy_timeout(limits::BUSY_TIMEOUT)
+        .disable_statement_logging()
+        // A commit is on the disk when it returns: in WAL mode that takes FULL, not NORMAL.
+        .synchronous(SqliteSynchronous::Full)
+}
+
+/// Readies a connection to a file that a daemon may have. Where none has, the schema is brought up to date first.
+pub(super) async fn beside(path: &Path) -> Result<SqliteConnectOptions, OpenError> {
+    match open(path).await {
+        Ok(Opened { lock, writer, readers }) => {
+            readers.close().await;
+            writer.close().await.map_err(|error| explain(path, &error))?;
+            drop(lock);
+        }
+        Err(OpenError::InUse { .. }) => {}
+        Err(other) => return Err(other),
+    }
+    Ok(options(path).create_if_missing(false))
 }
 
 /// Answers what the system can answer better than SQLite, whose one message is "unable to open".
@@ -107,7 +127,7 @@ async fn migrate(path: &Path, writer: &mut SqliteConnection) -> Result<(), OpenE
 }
 
 /// Translates SQLite's primary result codes; see <https://sqlite.org/rescode.html>.
-fn explain(path: &Path, error: &sqlx::Error) -> OpenError {
+pub(super) fn explain(path: &Path, error: &sqlx::Error) -> OpenError {
     let path = path.to_owned();
     let problem = match error.as_database_error() {
         Some(database) => database.message().to_owned(),

@@ -1,0 +1,51 @@
+//! Credentials as command line arguments, the same for every program that talks to a daemon.
+
+use std::path::PathBuf;
+
+use crate::{ClientError, Credentials};
+
+/// The environment variable that holds a token. There is no argument for it: every user of a machine can read the
+/// arguments of every program.
+const TOKEN_VARIABLE: &str = "TREEWRIGHT_TOKEN";
+
+/// Token and certificates.
+#[derive(Debug, Clone, Default, clap::Args)]
+#[command(next_help_heading = "Security")]
+pub struct CredentialArguments {
+    /// File that holds the token to show; without it the variable TREEWRIGHT_TOKEN is looked at
+    #[arg(long, global = true, env = "TREEWRIGHT_TOKEN_FILE", value_name = "FILE")]
+    pub token_file: Option<PathBuf>,
+
+    /// Authority that the daemon's certificate must come from, in PEM; the system's when left out
+    #[arg(long, global = true, env = "TREEWRIGHT_TLS_CA", value_name = "FILE")]
+    pub tls_ca: Option<PathBuf>,
+
+    /// Certificate to show to a daemon that asks for one, in PEM
+    #[arg(long, global = true, env = "TREEWRIGHT_CLIENT_CERT", value_name = "FILE", requires = "tls_key")]
+    pub tls_cert: Option<PathBuf>,
+
+    /// Private key of that certificate, in PEM
+    #[arg(long, global = true, env = "TREEWRIGHT_CLIENT_KEY", value_name = "FILE", requires = "tls_cert")]
+    pub tls_key: Option<PathBuf>,
+}
+
+impl CredentialArguments {
+    /// Reads what the arguments name.
+    ///
+    /// Errors: [`ClientError::Invalid`] for a file that cannot be read or is not what it should be.
+    pub fn credentials(&self) -> Result<Credentials, ClientError> {
+        let mut credentials = Credentials::new();
+        if let Some(path) = &self.token_file {
+            credentials = credentials.token_file(path)?;
+        } else if let Ok(token) = std::env::var(TOKEN_VARIABLE) {
+            credentials = credentials.token(&token)?;
+        }
+        if let Some(path) = &self.tls_ca {
+            credentials = credentials.authority_file(path)?;
+        }
+        if let (Some(certificate), Some(key)) = (&self.tls_cert, &self.tls_key) {
+            credentials = credentials.certificate_files(certificate, key)?;
+        }
+        Ok(credentials)
+    }
+}

@@ -1,0 +1,275 @@
+//! Who sent a request: anybody, where no tokens are asked for, or the holder of a token, whose rights and quotas it
+//! then carries to where the request is understood.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
+use std::time::Duration;
+
+use tokio::time::Instant;
+use treewright_store::tokens::{Scope, TokenRecord, Usage, day};
+
+use super::rate::Rate;
+use crate::clock::Clock;
+use crate::convert::names::{self, TrialName};
+use crate::error::Error;
+
+/// Who sent a request. Cheap to clone.
+#[derive(Clone, Debug)]
+pub enum Caller {
+    /// No tokens are asked for.
+    Anyone,
+    /// The holder of a token.
+    Holder(Arc<Holder>),
+}
+
+/// A token that was shown since the daemon started. What may change about it can change while streams are open.
+pub struct Holder {
+    pub(super) id: String,
+    /// None once the token is forgotten.
+    terms: RwLock<Option<Arc<TokenRecord>>>,
+    rate: Rate,
+    used: Mutex<Used>,
+    clock: Arc<dyn Clock>,
+    /// Requests refused for a quota, so that the log is told of the first and of every thousandth.
+    refused: AtomicU64,
+}
+
+/// What the token has used, as far as this daemon knows.
+#[derive(Clone, Copy, Debug, Default)]
+struct Used {
+    day: i64,
+    all: Usage,
+    today: Usage,
+    /// The part of today's that is not stored yet.
+    unsaved: Usage,
+}
+
+impl Holder {
+    pub(super) fn new(record: TokenRecord, used: (Usage, Usage), clock: Arc<dyn Clock>) -> Self {
+        let day = day(clock.now_ms());
+        Self {
+            id: record.id.clone(),
+            terms: RwLock::new(Some(Arc::new(record))),
+            rate: Rate::default(),
+            used: Mutex::new(Used { day, all: used.0, today: used.1, unsaved: Usage::default() }),
+            clock,
+            refused: AtomicU64::new(0),
+        }
+    }
+
+    /// The terms as they are now, for whom the token is still good.
+    pub(super) fn terms(&self) -> Result<Arc<TokenRecord>, Error> {
+        let terms = self.terms.read().unwrap_or_else(PoisonError::into_inner).clone();
+        let now_ms = self.clock.now_ms();
+        match terms {
+            Some(terms) if terms.is_live(now_ms) => Ok(terms),
+            Some(terms) if terms.revoke_ms.is_none() => Err(Error::Unauthenticated("the token has expired")),
+            _ => Err(Error::Unauthenticated("the token was revoked")),
+        }
+    }
+
+    /// The stored terms, live or not.
+    pub(super) fn stored(&self) -> Option<Arc<TokenRecord>> {
+        self.terms.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(super) fn replace(&self, terms: Option<TokenRecord>) {
+        *self.terms.write().unwrap_or_else(PoisonError::into_inner) = terms.map(Arc::new);
+    }
+
+    /// Takes what is not stored yet, with its day.
+    pub(super) fn take_unsaved(&self) -> Option<(i64, Usage)> {
+        let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
+        let unsaved = std::mem::take(&mut used.unsaved);
+        (unsaved != Usage::default()).then_some((used.day, unsaved))
+    }
+
+    /// Puts back what could not be stored. Of a day that is over, it counts for the new one.
+    pub(super) fn put_back(&self, unsaved: Usage) {
+        self.used.lock().unwrap_or_else(PoisonError::into_inner).unsaved.add(unsaved);
+    }
+
+    /// Adds to what was used, where the quota allows it.
+    fn spend(&self, more: Usage) -> Result<(), Error> {
+        let quota = self.terms()?.quota;
+        let now_ms = self.clock.now_ms();
+        let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
+        let used = &mut *used;
+        let today = day(now_ms);
+        if used.day != today {
+            *used = Used { day: today, today: Usage::default(), ..*used };
+        }
+        let tomorrow = Duration::from_millis(((today + 1) * 86_400_000 - now_ms).max(0) as u64);
+        for (what, limit, used, more, retry) in [
+            ("studies", quota.studies, used.all.studies, more.studies, None),
+            ("trials", quota.trials, used.all.trials, more.trials, None),
+            ("trials a day", quota.trials_per_day, used.today.trials, more.trials, Some(tomorrow)),
+            ("bytes a day", quota.bytes_per_day, used.today.bytes, more.bytes, Some(tomorrow)),
+        ] {
+            if let Some(limit) = limit
+                && more > 0
+                && used.saturating_add(more) > limit
+            {
+                return Err(self.over(what, limit, retry));
+            }
+        }
+        for sum in [&mut used.all, &mut used.today, &mut used.unsaved] {
+            sum.add(more);
+        }
+        Ok(())
+    }
+
+    /// Takes back what was spent for something that did not come about.
+    fn refund(&self, less: Usage) {
+        let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
+        let used = &mut *used;
+        for sum in [&mut used.all, &mut used.today, &mut used.unsaved] {
+            sum.studies = sum.studies.saturating_sub(less.studies);
+            sum.trials = sum.trials.saturating_sub(less.trials);
+        }
+    }
+
+    fn over(&self, what: &'static str, limit: u64, retry: Option<Duration>) -> Error {
+        let refused = self.refused.fetch_add(1, Ordering::Relaxed);
+        if refused.is_multiple_of(1000) {
+            tracing::info!(token = self.id, what, limit, refused, "a quota is reached");
+        }
+        Error::Quota { what, limit, retry }
+    }
+}
+
+impl std::fmt::Debug for Holder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Holder").field("id", &self.id).finish_non_exhaustive()
+    }
+}
+
+impl Caller {
+    /// The token's public part; empty where none is asked for.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        match self {
+            Self::Anyone => "",
+            Self::Holder(holder) => &holder.id,
+        }
+    }
+
+    /// Whether the token is still good for this, at this moment.
+    ///
+    /// # Errors
+    /// [`Error::Unauthenticated`] and [`Error::Denied`].
+    pub fn may(&self, scope: Scope) -> Result<(), Error> {
+        let Self::Holder(holder) = self else {
+            return Ok(());
+        };
+        if holder.terms()?.scope >= scope {
+            Ok(())
+        } else {
+            Err(Error::Denied("the token's scope does not include this"))
+        }
+    }
+
+    /// Whether studies beyond this one's reach are hidden.
+    #[must_use]
+    pub fn is_limited(&self) -> bool {
+        matches!(self, Self::Holder(holder) if holder.stored().is_none_or(|terms| !terms.studies.0.is_empty()))
+    }
+
+    /// Whether the caller may know of a study.
+    #[must_use]
+    pub fn sees(&self, study: &str) -> bool {
+        match self {
+            Self::Anyone => true,
+            Self::Holder(holder) => holder.terms().is_ok_and(|terms| terms.studies.contains(study)),
+        }
+    }
+
+    /// A study that the caller may know of. The answer is the same whether it exists or not.
+    ///
+    /// # Errors
+    /// [`Error::Denied`].
+    pub fn reach(&self, study: &str) -> Result<(), Error> {
+        if self.sees(study) { Ok(()) } else { Err(Error::Denied("the token is not good for this study")) }
+    }
+
+    /// Reads `studies/{study}`, within the caller's reach.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] and [`Error::Denied`].
+    pub fn study(&self, field: &str, name: &str) -> Result<String, Error> {
+        let study = names::study(field, name)?;
+        self.reach(&study)?;
+        Ok(study)
+    }
+
+    /// Reads `studies/{study}/trials/{trial}`, within the caller's reach.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] and [`Error::Denied`].
+    pub fn trial(&self, field: &str, name: &str) -> Result<TrialName, Error> {
+        let trial = names::trial(field, name)?;
+        self.reach(&trial.study)?;
+        Ok(trial)
+    }
+
+    /// Counts a request or a frame of so many bytes.
+    ///
+    /// # Errors
+    /// [`Error::Quota`], or [`Error::Unauthenticated`] when the token has ended meanwhile.
+    pub fn spend_request(&self, bytes: usize) -> Result<(), Error> {
+        let Self::Holder(holder) = self else {
+            return Ok(());
+        };
+        if let Some(per_s) = holder.terms()?.quota.requests_per_s {
+            let taken = holder.rate.take(per_s, Instant::now());
+            taken.map_err(|wait| holder.over("requests a second", per_s.into(), Some(wait)))?;
+        }
+        holder.spend(Usage { bytes: bytes as u64, ..Usage::default() })
+    }
+
+    /// Counts a trial that is to be handed out.
+    ///
+    /// # Errors
+    /// As [`Self::spend_request`].
+    pub fn spend_trial(&self) -> Result<Spent<'_>, Error> {
+        self.spend(Usage { trials: 1, ..Usage::default() })
+    }
+
+    /// Counts a study that is to be created.
+    ///
+    /// # Errors
+    /// As [`Self::spend_request`].
+    pub fn spend_study(&self) -> Result<Spent<'_>, Error> {
+        self.spend(Usage { studies: 1, ..Usage::default() })
+    }
+
+    fn spend(&self, what: Usage) -> Result<Spent<'_>, Error> {
+        if let Self::Holder(holder) = self {
+            holder.spend(what)?;
+        }
+        Ok(Spent { caller: self, what: Some(what) })
+    }
+}
+
+/// Something counted against a quota, given back unless it is kept.
+#[derive(Debug)]
+#[must_use = "dropped, it is given back"]
+pub struct Spent<'a> {
+    caller: &'a Caller,
+    what: Option<Usage>,
+}
+
+impl Spent<'_> {
+    /// It came about.
+    pub fn keep(mut self) {
+        self.what = None;
+    }
+}
+
+impl Drop for Spent<'_> {
+    fn drop(&mut self) {
+        if let (Caller::Holder(holder), Some(what)) = (self.caller, self.what) {
+            holder.refund(what);
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! Who may enter: reads the token that a request shows, and keeps a copy of the stored ones in memory.
+//!
+//! [`token`] is the form of a token, [`rules`] what each RPC needs, [`caller`] who was let in and what they may
+//! still use, `rate` counts requests a second.
+//!
+//! The copy follows the database: its revision is read ten times a second, so a token that was made, changed or
+//! revoked by the command line counts at once, also on streams that are open. While the database cannot be read
+//! the copy stays as it was.
+
+pub mod caller;
+mod rate;
+pub mod rules;
+pub mod token;
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::{Arc, PoisonError, RwLock};
+
+use tokio::time::{MissedTickBehavior, interval};
+use treewright_store::TokenStore;
+use treewright_store::tokens::{TokenError, TokenRecord, Usage, day};
+
+use crate::clock::Clock;
+use crate::error::Error;
+use crate::limits;
+use caller::{Caller, Holder};
+use rules::Need;
+use token::Token;
+
+/// The tokens that let callers in.
+pub struct Access {
+    store: Arc<dyn TokenStore>,
+    clock: Arc<dyn Clock>,
+    known: RwLock<Known>,
+}
+
+#[derive(Default)]
+struct Known {
+    revision: Option<i64>,
+    records: HashMap<String, TokenRecord>,
+    /// Those that were shown since the start, which keeps memory small whatever is stored.
+    holders: HashMap<String, Arc<Holder>>,
+}
+
+impl Access {
+    /// Reads the stored tokens.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    pub async fn open(store: Arc<dyn TokenStore>, clock: Arc<dyn Clock>) -> Result<Self, TokenError> {
+        let access = Self { store, clock, known: RwLock::default() };
+        access.refresh().await?;
+        Ok(access)
+    }
+
+    /// How many tokens are good at the moment.
+    #[must_use]
+    pub fn live(&self) -> usize {
+        let now_ms = self.clock.now_ms();
+        let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
+        known.records.values().filter(|record| record.is_live(now_ms)).count()
+    }
+
+    /// Looks whether the stored tokens have changed, and if so reads them.
+    ///
+    /// # Errors
+    /// When they cannot be read; the copy stays as it was.
+    pub async fn refresh(&self) -> Result<(), TokenError> {
+        let revision = self.store.revision().await?;
+        if self.known.read().unwrap_or_else(PoisonError::into_inner).revision == Some(revision) {
+            return Ok(());
+        }
+        let records = self.store.list().await?;
+        let mut known = self.known.write().unwrap_or_else(PoisonError::into_inner);
+        known.records = records.into_iter().map(|record| (record.id.clone(), record)).collect();
+        known.revision = Some(revision);
+        for (id, holder) in &known.holders {
+            // A token of the same id with another secret is another token.
+            let same = |record: &&TokenRecord| holder.stored().is_some_and(|old| old.hash == record.hash);
+            holder.replace(known.records.get(id).filter(same).cloned());
+        }
+        let Known { records, holders, .. } = &mut *known;
+        holders.retain(|id, holder| records.contains_key(id) && holder.stored().is_some());
+        Ok(())
+    }
+
+    /// Follows the database, and stores what was used, until it is dropped.
+    pub async fn follow(&self) {
+        let mut looks = interval(limits::TOKENS_PERIOD);
+        let mut saves = interval(limits::USAGE_PERIOD);
+        looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        saves.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut failing = false;
+        loop {
+            tokio::select! {
+                _ = looks.tick() => match self.refresh().await {
+                    Ok(()) => failing = false,
+                    Err(error) if !failing => {
+                        failing = true;
+                        tracing::warn!(%error, "the tokens cannot be read; those known stay good");
+                    }
+                    Err(_) => {}
+                },
+                _ = saves.tick() => self.save().await,
+            }
+        }
+    }
+
+    /// Stores what was used.
+    pub async fn save(&self) {
+        let holders: Vec<_> = {
+            let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
+            known.holders.values().cloned().collect()
+        };
+        let mut by_day: BTreeMap<i64, Vec<(Arc<Holder>, Usage)>> = BTreeMap::new();
+        for holder in holders {
+            if let Some((day, used)) = holder.take_unsaved() {
+                by_day.entry(day).or_default().push((holder, used));
+            }
+        }
+        for (day, used) in by_day {
+            let rows: Vec<_> = used.iter().map(|(holder, used)| (holder.id.clone(), *used)).collect();
+            if let Err(error) = self.store.add_usage(day, &rows).await {
+                tracing::warn!(%error, "what tokens used cannot be stored; trying again");
+                for (holder, used) in used {
+                    holder.put_back(used);
+                }
+            }
+        }
+    }
+
+    /// Stores what was used and closes the store.
+    pub async fn close(&self) {
+        self.save().await;
+        self.store.close().await;
+    }
+
+    /// Lets a request in that shows what is needed.
+    ///
+    /// # Errors
+    /// [`Error::Unauthenticated`] for no token and for one that is wrong or has ended, [`Error::Denied`] for one
+    /// of too narrow a scope.
+    pub async fn admit(&self, need: Need, authorization: Authorization<'_>) -> Result<Caller, Error> {
+        let Need::Scope(scope) = need else {
+            return Ok(Caller::Anyone);
+        };
+        let text = match authorization {
+            Authorization::Missing => {
+                return Err(Error::Unauthenticated("no token; send it as `authorization: Bearer TOKEN`"));
+            }
+            Authorization::Malformed => {
+                return Err(Error::Unauthenticated("the authorization is not `Bearer TOKEN`"));
+            }
+            Authorization::Bearer(text) => text,
+        };
+        const WRONG: Error = Error::Unauthenticated("the token is not known here");
+        let token = Token::parse(text).ok_or(WRONG)?;
+        let (record, holder) = {
+            let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
+            (known.records.get(token.id()).cloned(), known.holders.get(token.id()).cloned())
+        };
+        // An id that is not known takes as long as one that is.
+        let hash = record.as_ref().map_or([0; 32], |record| record.hash);
+        let record = record.filter(|_| token.fits(&hash)).ok_or(WRONG)?;
+        let holder = match holder {
+            Some(holder) => holder,
+            None => self.hold(record).await?,
+        };
+        let caller = Caller::Holder(holder);
+        caller.may(scope)?;
+        Ok(caller)
+    }
+
+    /// The place in memory of a token that is shown for the first time.
+    async fn hold(&self, record: TokenRecord) -> Result<Arc<Holder>, Error> {
+        let used = self.store.usage(&record.id, day(self.clock.now_ms())).await.map_err(Error::Tokens)?;
+        let mut known = self.known.write().unwrap_or_else(PoisonError::into_inner);
+        // The terms may have changed while the use was read.
+        let current = known.records.get(&record.id).filter(|current| current.hash == record.hash).cloned();
+        let current = current.ok_or(Error::Unauthenticated("the token was revoked"))?;
+        let made = || Arc::new(Holder::new(current, used, Arc::clone(&self.clock)));
+        Ok(Arc::clone(known.holders.entry(record.id).or_insert_with(made)))
+    }
+}
+
+/// The `authorization` of a request.
+#[derive(Clone, Copy)]
+pub enum Authorization<'a> {
+    /// There is none.
+    Missing,
+    /// It is not a bearer token, or there are several.
+    Malformed,
+    /// What stands behind `Bearer`.
+    Bearer(&'a str),
+}
+
+impl<'a> Authorization<'a> {
+    /// Reads it from the headers.
+    #[must_use]
+    pub fn of(headers: &'a http::HeaderMap) -> Self {
+        let mut values = headers.get_all(http::header::AUTHORIZATION).iter();
+        let (Some(value), None) = (values.next(), values.next()) else {
+            let none = !headers.contains_key(http::header::AUTHORIZATION);
+            return if none { Self::Missing } else { Self::Malformed };
+        };
+        match value.to_str().ok().and_then(|text| text.split_once(' ')) {
+            Some((scheme, token)) if scheme.eq_ignore_ascii_case("bearer") => Self::Bearer(token.trim()),
+            _ => Self::Malformed,
+        }
+    }
+}

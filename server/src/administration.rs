@@ -1,0 +1,187 @@
+//! `treewrightd token`: makes, lists and revokes tokens in the database itself.
+//!
+//! There is no RPC for it, on purpose. Whoever may write the database file can do everything anyway, so that this
+//! needs no further credential, the first token is made like any other, and no stolen token can make more of them.
+
+use std::time::Duration;
+
+use treewright_store::tokens::{Scope, TokenError, TokenRecord, day};
+use treewright_store::{OpenError, SqliteTokens, TokenStore};
+
+use crate::access::token::Token;
+use crate::clock::{Clock as _, SystemClock};
+use crate::config::{CreateConfig, TokenCommand};
+
+/// Why tokens could not be administered.
+#[derive(Debug, thiserror::Error)]
+pub enum TokenCommandError {
+    /// The database cannot be had.
+    #[error("cannot open the database: {0}")]
+    Database(#[from] OpenError),
+    /// The database refuses.
+    #[error(transparent)]
+    Token(#[from] TokenError),
+    /// The system has no randomness.
+    #[error("the system has no randomness: {0}")]
+    Randomness(#[from] getrandom::Error),
+    /// The list cannot be written.
+    #[error("the list cannot be put into JSON: {0}")]
+    Json(#[from] serde_json::Error),
+}
+
+impl TokenCommandError {
+    /// The exit code, as for `serve`.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        if matches!(self, Self::Database(_)) { 4 } else { 1 }
+    }
+}
+
+/// What a command has to say: for standard output, and for the person before the screen.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub struct Said {
+    /// The result.
+    pub out: String,
+    /// Words about it.
+    pub note: String,
+}
+
+/// Does what the command says.
+///
+/// # Errors
+/// [`TokenCommandError`]; nothing was changed.
+pub async fn run(command: &TokenCommand) -> Result<Said, TokenCommandError> {
+    let now_ms = SystemClock::default().now_ms();
+    let database = match command {
+        TokenCommand::Create(create) => &create.database,
+        TokenCommand::List { database, .. } | TokenCommand::Revoke { database, .. } => database,
+    };
+    let tokens = SqliteTokens::open(&database.database).await?;
+    let said = match command {
+        TokenCommand::Create(config) => create(&tokens, config, now_ms).await,
+        TokenCommand::List { json, .. } => list(&tokens, *json, now_ms).await,
+        TokenCommand::Revoke { id, forget, .. } => revoke(&tokens, id, *forget, now_ms).await,
+    };
+    tokens.close().await;
+    said
+}
+
+async fn create(
+    tokens: &dyn TokenStore,
+    config: &CreateConfig,
+    now_ms: i64,
+) -> Result<Said, TokenCommandError> {
+    let token = Token::make()?;
+    let ms = |time: Duration| i64::try_from(time.as_millis()).unwrap_or(i64::MAX);
+    let record = TokenRecord {
+        id: token.id().to_owned(),
+        name: config.name.clone(),
+        hash: token.hash(),
+        scope: config.scope.into(),
+        studies: config.reach(),
+        quota: config.quota(),
+        create_ms: now_ms,
+        expire_ms: config.expires.map(|time| now_ms.saturating_add(ms(time))),
+        revoke_ms: None,
+    };
+    tokens.create(&record).await?;
+    let note = format!(
+        "treewrightd: token {} for {:?}: {}, {}, {}. Keep it: it is not shown again.",
+        record.id,
+        record.name,
+        scope(record.scope),
+        reach(&record),
+        ending(&record, now_ms),
+    );
+    Ok(Said { out: token.text(), note })
+}
+
+async fn list(tokens: &dyn TokenStore, json: bool, now_ms: i64) -> Result<Said, TokenCommandError> {
+    let records = tokens.list().await?;
+    let mut rows = Vec::new();
+    for record in &records {
+        rows.push((record, tokens.usage(&record.id, day(now_ms)).await?));
+    }
+    if json {
+        let all: Vec<_> = rows
+            .iter()
+            .map(|(record, (used, today))| {
+                serde_json::json!({
+                    "id": record.id,
+                    "name": record.name,
+                    "scope": scope(record.scope),
+                    "studies": record.studies,
+                    "quota": record.quota,
+                    "live": record.is_live(now_ms),
+                    "create_ms": record.create_ms,
+                    "expire_ms": record.expire_ms,
+                    "revoke_ms": record.revoke_ms,
+                    "used": { "studies": used.studies, "trials": used.trials, "bytes": used.bytes },
+                    "used_today": { "trials": today.trials, "bytes": today.bytes },
+                })
+            })
+            .collect();
+        return Ok(Said { out: serde_json::to_string_pretty(&all)?, note: String::new() });
+    }
+    if records.is_empty() {
+        return Ok(Said { note: "treewrightd: there is no token yet".to_owned(), ..Said::default() });
+    }
+    let mut table = comfy_table::Table::new();
+    table.load_style(comfy_table::presets::NOTHING);
+    table.set_header(["ID", "NAME", "SCOPE", "STUDIES", "STATE", "TRIALS", "TODAY"]);
+    for (record, (used, today)) in rows {
+        table.add_row([
+            record.id.clone(),
+            record.name.clone(),
+            scope(record.scope).to_owned(),
+            reach(record),
+            ending(record, now_ms),
+            used.trials.to_string(),
+            today.trials.to_string(),
+        ]);
+    }
+    Ok(Said { out: table.to_string(), note: String::new() })
+}
+
+async fn revoke(
+    tokens: &dyn TokenStore,
+    id: &str,
+    forget: bool,
+    now_ms: i64,
+) -> Result<Said, TokenCommandError> {
+    // A whole token by mistake: its id is meant, and the rest must not be repeated.
+    let parsed = Token::parse(id);
+    let id = parsed.as_ref().map_or(id, Token::id);
+    let done = if forget {
+        tokens.forget(id).await?;
+        "revoked and forgotten"
+    } else {
+        tokens.revoke(id, now_ms).await?;
+        "revoked"
+    };
+    Ok(Said { out: String::new(), note: format!("treewrightd: token {id} is {done}") })
+}
+
+fn scope(scope: Scope) -> &'static str {
+    match scope {
+        Scope::Read => "read",
+        Scope::Tune => "tune",
+        Scope::Admin => "admin",
+    }
+}
+
+fn reach(record: &TokenRecord) -> String {
+    if record.studies.0.is_empty() { "every study".to_owned() } else { record.studies.0.join(" ") }
+}
+
+fn ending(record: &TokenRecord, now_ms: i64) -> String {
+    match record.expire_ms {
+        _ if record.revoke_ms.is_some() => "revoked".to_owned(),
+        Some(expire_ms) if expire_ms <= now_ms => "expired".to_owned(),
+        Some(expire_ms) => {
+            let left = Duration::from_secs(expire_ms.saturating_sub(now_ms).max(0) as u64 / 1000);
+            format!("ends in {}", humantime::format_duration(left))
+        }
+        None => "never ends".to_owned(),
+    }
+}

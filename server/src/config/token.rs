@@ -1,0 +1,157 @@
+//! The command line of `treewrightd token`.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Subcommand, ValueEnum};
+use treewright_store::PostgresAddress;
+use treewright_store::tokens::{Quota, Scope, Studies};
+
+use crate::convert::names;
+
+/// What to do with tokens.
+#[derive(Debug, Subcommand)]
+pub enum TokenCommand {
+    /// Make a token and print it. It is shown this once: what is stored tells whether a token is right, not what
+    /// it is.
+    #[command(after_help = "\
+Examples:
+  treewrightd token create --database tuning.db --name operator --scope admin
+  treewrightd token create --database tuning.db --name farm-3 --scope tune --study 'farm-3-*' \\
+      --expires 90d --requests-per-s 500 --trials-per-day 1000000 > farm-3.token")]
+    Create(Box<CreateConfig>),
+    /// List all tokens, without their secrets.
+    List {
+        /// The database.
+        #[command(flatten)]
+        database: TokenDatabase,
+        /// Print JSON, for scripts.
+        #[arg(long)]
+        json: bool,
+    },
+    /// End a token, at once and for ever.
+    Revoke {
+        /// The database.
+        #[command(flatten)]
+        database: TokenDatabase,
+        /// The token's id, as `list` shows it.
+        id: String,
+        /// Also remove what is known of it from the database.
+        #[arg(long)]
+        forget: bool,
+    },
+}
+
+/// Where the tokens are.
+#[derive(Clone, Debug, Args)]
+pub struct TokenDatabase {
+    /// Database file of the daemon.
+    #[arg(long, env = "TREEWRIGHT_DATABASE", hide_env_values = true, value_name = "FILE", value_parser = file)]
+    pub database: PathBuf,
+}
+
+/// The token to make.
+#[derive(Debug, Args)]
+pub struct CreateConfig {
+    /// The database.
+    #[command(flatten)]
+    pub database: TokenDatabase,
+
+    /// Whom it is for, in words for people; at most 100 characters.
+    #[arg(long, value_parser = token_name)]
+    pub name: String,
+
+    /// What it lets its holder do.
+    #[arg(long)]
+    pub scope: ScopeWord,
+
+    /// Only for this study, or with a `*` at the end for all whose id begins so. Once for each; all when left out.
+    #[arg(long = "study", value_name = "ID", value_parser = pattern)]
+    pub studies: Vec<String>,
+
+    /// After how long it ends, e.g. 12h or 90d; never when left out.
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
+    pub expires: Option<Duration>,
+
+    /// Most requests and stream frames a second.
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub requests_per_s: Option<u32>,
+
+    /// Most studies that it may create.
+    #[arg(long, value_name = "COUNT")]
+    pub max_studies: Option<u64>,
+
+    /// Most trials that it may be handed, in all.
+    #[arg(long, value_name = "COUNT")]
+    pub max_trials: Option<u64>,
+
+    /// Most trials that it may be handed in a day (UTC).
+    #[arg(long, value_name = "COUNT")]
+    pub trials_per_day: Option<u64>,
+
+    /// Most bytes of requests in a day (UTC).
+    #[arg(long, value_name = "BYTES")]
+    pub bytes_per_day: Option<u64>,
+}
+
+impl CreateConfig {
+    /// The studies it is good for.
+    #[must_use]
+    pub fn reach(&self) -> Studies {
+        Studies(self.studies.clone())
+    }
+
+    /// How much it may use.
+    #[must_use]
+    pub fn quota(&self) -> Quota {
+        Quota {
+            requests_per_s: self.requests_per_s,
+            studies: self.max_studies,
+            trials: self.max_trials,
+            trials_per_day: self.trials_per_day,
+            bytes_per_day: self.bytes_per_day,
+        }
+    }
+}
+
+/// Scopes, as they are written on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ScopeWord {
+    /// Look at studies and trials, and predict.
+    Read,
+    /// Also create studies, change policies, and tune.
+    Tune,
+    /// Also delete studies.
+    Admin,
+}
+
+impl From<ScopeWord> for Scope {
+    fn from(word: ScopeWord) -> Self {
+        match word {
+            ScopeWord::Read => Self::Read,
+            ScopeWord::Tune => Self::Tune,
+            ScopeWord::Admin => Self::Admin,
+        }
+    }
+}
+
+fn file(text: &str) -> Result<PathBuf, String> {
+    if PostgresAddress::is_one(text) {
+        return Err("tokens are kept in a database file only, as yet".to_owned());
+    }
+    Ok(PathBuf::from(text))
+}
+
+fn token_name(text: &str) -> Result<String, String> {
+    let characters = text.chars().count();
+    if (1..=100).contains(&characters) && !text.chars().any(char::is_control) {
+        return Ok(text.to_owned());
+    }
+    Err("it must have 1 to 100 printable characters".to_owned())
+}
+
+/// A study's id, or the beginning of ids with a `*` behind it.
+fn pattern(text: &str) -> Result<String, String> {
+    let id = text.strip_suffix('*').unwrap_or(text);
+    names::study_id("study", id).map(|_| text.to_owned()).map_err(|error| error.to_string())
+}

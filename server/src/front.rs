@@ -1,0 +1,169 @@
+//! What stands before every RPC: gives the request a name, asks who sent it, and sets it a time limit.
+//!
+//! The request id comes from the client's `x-request-id` or is made here. It stands in the span in which everything
+//! about the request is logged, and goes back with the answer, so that a line in a renderer's log finds the lines in
+//! the daemon's.
+
+use std::convert::Infallible;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::task::{Context, Poll};
+
+use http::{HeaderMap, HeaderName, HeaderValue, Request, Response};
+use tonic::Status;
+use tonic::body::Body;
+use tower::{Layer, Service};
+use tracing::Instrument as _;
+
+use crate::access::caller::Caller;
+use crate::access::rules::{Rule, rule_for};
+use crate::access::{Access, Authorization};
+use crate::connections::Activity;
+use crate::error::Error;
+use crate::{limits, status};
+
+/// The metadata that carries the request id.
+const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+
+/// Puts the front before a service.
+#[derive(Clone)]
+pub struct FrontLayer {
+    shared: Arc<Shared>,
+}
+
+struct Shared {
+    /// None where no tokens are asked for.
+    access: Option<Arc<Access>>,
+    /// Tells the ids of this process from another's.
+    process: u32,
+    requests: AtomicU64,
+}
+
+impl FrontLayer {
+    /// A front that asks for tokens, or does not.
+    ///
+    /// # Errors
+    /// When the system has no randomness.
+    pub fn new(access: Option<Arc<Access>>) -> Result<Self, getrandom::Error> {
+        let shared = Shared { access, process: getrandom::u32()?, requests: AtomicU64::new(0) };
+        Ok(Self { shared: Arc::new(shared) })
+    }
+}
+
+impl<S> Layer<S> for FrontLayer {
+    type Service = Front<S>;
+
+    fn layer(&self, inner: S) -> Front<S> {
+        Front { inner, shared: Arc::clone(&self.shared) }
+    }
+}
+
+/// A service with the front before it.
+#[derive(Clone)]
+pub struct Front<S> {
+    inner: S,
+    shared: Arc<Shared>,
+}
+
+impl<S> Service<Request<Body>> for Front<S>
+where
+    S: Service<Request<Body>, Response = Response<Body>, Error = Infallible> + Clone + Send + 'static,
+    S::Future: Send,
+{
+    type Response = Response<Body>;
+    type Error = Infallible;
+    type Future = Pin<Box<dyn Future<Output = Result<Response<Body>, Infallible>> + Send>>;
+
+    fn poll_ready(&mut self, context: &mut Context<'_>) -> Poll<Result<(), Infallible>> {
+        self.inner.poll_ready(context)
+    }
+
+    fn call(&mut self, mut request: Request<Body>) -> Self::Future {
+        // The service that was asked whether it is ready is the one to call.
+        let next = self.inner.clone();
+        let inner = std::mem::replace(&mut self.inner, next);
+        let shared = Arc::clone(&self.shared);
+        let rule = rule_for(request.uri().path());
+        let id = shared.request_id(request.headers());
+        let under_way = request.extensions().get::<Arc<Activity>>().map(Activity::begin).map(Arc::new);
+        if let Some(under_way) = &under_way {
+            request.extensions_mut().insert(Arc::clone(under_way));
+        }
+        let span = tracing::info_span!(
+            "request",
+            id = id.to_str().unwrap_or_default(),
+            rpc = rule.rpc,
+            token = tracing::field::Empty
+        );
+        let work = async move {
+            let mut response = shared.serve(rule, request, inner).await;
+            response.headers_mut().insert(REQUEST_ID, id);
+            drop(under_way);
+            Ok(response)
+        };
+        Box::pin(work.instrument(span))
+    }
+}
+
+impl Shared {
+    /// The client's id, if it is one, or a new one.
+    fn request_id(&self, headers: &HeaderMap) -> HeaderValue {
+        let allowed = |b: &u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-');
+        let given = headers.get(REQUEST_ID).filter(|id| {
+            (1..=limits::REQUEST_ID_CHARACTERS).contains(&id.len()) && id.as_bytes().iter().all(allowed)
+        });
+        given.cloned().unwrap_or_else(|| {
+            let number = self.requests.fetch_add(1, Ordering::Relaxed);
+            let id = format!("{:08x}-{number:x}", self.process);
+            HeaderValue::from_str(&id).unwrap_or(HeaderValue::from_static("none"))
+        })
+    }
+
+    async fn serve<S>(&self, rule: Rule, mut request: Request<Body>, mut inner: S) -> Response<Body>
+    where
+        S: Service<Request<Body>, Response = Response<Body>, Error = Infallible>,
+    {
+        let caller = match self.admit(rule, request.headers()).await {
+            Ok(caller) => caller,
+            Err(error) => {
+                note_refusal(&error);
+                return Status::from(error).into_http();
+            }
+        };
+        if !caller.id().is_empty() {
+            tracing::Span::current().record("token", caller.id());
+        }
+        request.extensions_mut().insert(caller);
+        match tokio::time::timeout(limits::REQUEST, inner.call(request)).await {
+            Ok(Ok(response)) => response,
+            Ok(Err(never)) => match never {},
+            Err(_) => {
+                let error = Error::Deadline { limit: limits::REQUEST };
+                note_refusal(&error);
+                Status::from(error).into_http()
+            }
+        }
+    }
+
+    async fn admit(&self, rule: Rule, headers: &HeaderMap) -> Result<Caller, Error> {
+        if headers.len() > limits::HEADERS {
+            let problem = format!("{} of them, at most {} are taken", headers.len(), limits::HEADERS);
+            return Err(Error::invalid("metadata", problem));
+        }
+        match &self.access {
+            None => Ok(Caller::Anyone),
+            Some(access) => access.admit(rule.need, Authorization::of(headers)).await,
+        }
+    }
+}
+
+/// One line for a request that was refused, in the request's span.
+pub(crate) fn note_refusal(error: &Error) {
+    let code = status::code(error);
+    if code == tonic::Code::Internal {
+        tracing::error!(?code, %error, "request failed");
+    } else {
+        tracing::warn!(?code, %error, "request refused");
+    }
+}

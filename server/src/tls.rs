@@ -1,0 +1,261 @@
+//! Certificates: read from files, and read again when the files change.
+//!
+//! The files are looked at every two seconds by what they hold, not by their dates, so that links that are turned
+//! over (as orchestrators do) count as well; SIGHUP looks at once. A connection keeps the certificate it began with.
+//! What cannot be used is refused with a line in the log, and the old one stays.
+
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
+
+use tokio::signal::unix::Signal;
+use tokio_rustls::rustls::crypto::ring;
+use tokio_rustls::rustls::pki_types::pem::PemObject as _;
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use tokio_rustls::rustls::server::WebPkiClientVerifier;
+use tokio_rustls::rustls::{RootCertStore, ServerConfig, version};
+
+use crate::limits;
+
+/// Where certificates lie, as PEM.
+#[derive(Clone, Debug)]
+pub struct TlsFiles {
+    /// The daemon's certificate, and those between it and its authority.
+    pub certificate: PathBuf,
+    /// Its private key.
+    pub key: PathBuf,
+    /// Authorities of which clients must show a certificate; none asks for none.
+    pub client_authority: Option<PathBuf>,
+}
+
+/// Why TLS cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum TlsError {
+    /// A file cannot be read.
+    #[error("{}: {problem}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        problem: std::io::Error,
+    },
+    /// A file is not what it should be.
+    #[error("{}: {problem}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// The parts do not fit each other.
+    #[error("certificate {} with key {}: {problem}", certificate.display(), key.display())]
+    Mismatch {
+        /// The certificate's file.
+        certificate: PathBuf,
+        /// The key's file.
+        key: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+/// The contents of the files. Not to be printed: one is a private key.
+#[derive(PartialEq, Eq)]
+struct Contents {
+    certificate: Vec<u8>,
+    key: Vec<u8>,
+    client_authority: Option<Vec<u8>>,
+}
+
+/// The certificates in force.
+pub struct Tls {
+    files: TlsFiles,
+    current: RwLock<Arc<ServerConfig>>,
+    /// What was last looked at, usable or not.
+    seen: Mutex<Contents>,
+}
+
+impl Tls {
+    /// Reads the files.
+    ///
+    /// # Errors
+    /// Which of them cannot be used, and why.
+    pub fn load(files: TlsFiles) -> Result<Self, TlsError> {
+        let contents = files.read()?;
+        let config = files.config(&contents)?;
+        Ok(Self { files, current: RwLock::new(Arc::new(config)), seen: Mutex::new(contents) })
+    }
+
+    /// What a new connection is to use.
+    #[must_use]
+    pub fn current(&self) -> Arc<ServerConfig> {
+        Arc::clone(&self.current.read().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Looks at the files again. True when new certificates are in force.
+    ///
+    /// # Errors
+    /// Why changed files cannot be used; said once for each change. The old ones stay in force.
+    pub fn reload(&self) -> Result<bool, TlsError> {
+        let contents = self.files.read()?;
+        let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
+        if *seen == contents {
+            return Ok(false);
+        }
+        let config = self.files.config(&contents);
+        *seen = contents;
+        *self.current.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(config?);
+        Ok(true)
+    }
+
+    /// Follows the files until dropped. A signal has them looked at before their time.
+    pub async fn follow(&self, mut hang_up: Signal) {
+        let mut unreadable = false;
+        loop {
+            let asked = tokio::select! {
+                _ = hang_up.recv() => true,
+                () = tokio::time::sleep(limits::CERTIFICATES_PERIOD) => false,
+            };
+            match self.reload() {
+                Ok(true) => tracing::info!("new certificates are in force"),
+                Ok(false) if asked => tracing::info!("the certificates have not changed"),
+                Ok(false) => {}
+                // A file that is missing for a moment, while it is replaced, is not worth a line each time.
+                Err(TlsError::Read { .. }) if unreadable && !asked => continue,
+                Err(error) => {
+                    unreadable = matches!(error, TlsError::Read { .. });
+                    tracing::error!(%error, "the new certificates cannot be used; the old ones stay in force");
+                    continue;
+                }
+            }
+            unreadable = false;
+        }
+    }
+}
+
+impl TlsFiles {
+    fn read(&self) -> Result<Contents, TlsError> {
+        Ok(Contents {
+            certificate: read(&self.certificate)?,
+            key: read(&self.key)?,
+            client_authority: self.client_authority.as_deref().map(read).transpose()?,
+        })
+    }
+
+    fn config(&self, contents: &Contents) -> Result<ServerConfig, TlsError> {
+        let provider = Arc::new(ring::default_provider());
+        let chain = certificates(&self.certificate, &contents.certificate)?;
+        let key = PrivateKeyDer::from_pem_slice(&contents.key)
+            // Whatever could be said of it might quote it.
+            .map_err(|_| content(&self.key, "no private key in PEM".to_owned()))?;
+        // Every gRPC library of the last years speaks 1.3, and what it left behind need not be guarded.
+        let builder = ServerConfig::builder_with_provider(Arc::clone(&provider))
+            .with_protocol_versions(&[&version::TLS13])
+            .map_err(|error| self.mismatch(&error))?;
+        let builder = match (&self.client_authority, &contents.client_authority) {
+            (Some(path), Some(authority)) => {
+                let mut roots = RootCertStore::empty();
+                for root in certificates(path, authority)? {
+                    roots.add(root).map_err(|error| content(path, error.to_string()))?;
+                }
+                let verifier = WebPkiClientVerifier::builder_with_provider(Arc::new(roots), provider)
+                    .build()
+                    .map_err(|error| content(path, error.to_string()))?;
+                builder.with_client_cert_verifier(verifier)
+            }
+            _ => builder.with_no_client_auth(),
+        };
+        let mut config = builder.with_single_cert(chain, key).map_err(|error| self.mismatch(&error))?;
+        config.alpn_protocols = vec![b"h2".to_vec()];
+        Ok(config)
+    }
+
+    fn mismatch(&self, problem: &tokio_rustls::rustls::Error) -> TlsError {
+        TlsError::Mismatch {
+            certificate: self.certificate.clone(),
+            key: self.key.clone(),
+            problem: problem.to_string(),
+        }
+    }
+}
+
+fn content(path: &Path, problem: String) -> TlsError {
+    TlsError::Content { path: path.to_owned(), problem }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, TlsError> {
+    let failed = |problem| TlsError::Read { path: path.to_owned(), problem };
+    let mut bytes = Vec::new();
+    let file = File::open(path).map_err(failed)?;
+    file.take(limits::CERTIFICATE_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.len() as u64 > limits::CERTIFICATE_BYTES {
+        return Err(content(path, format!("larger than {} bytes", limits::CERTIFICATE_BYTES)));
+    }
+    Ok(bytes)
+}
+
+fn certificates(path: &Path, pem: &[u8]) -> Result<Vec<CertificateDer<'static>>, TlsError> {
+    let found: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(pem).collect();
+    match found {
+        Ok(found) if !found.is_empty() => Ok(found),
+        Ok(_) => Err(content(path, "no certificate in PEM".to_owned())),
+        Err(error) => Err(content(path, format!("no certificate in PEM ({error:?})"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(folder: &Path, name: &str) -> TlsFiles {
+        let made = rcgen::generate_simple_self_signed([name.to_owned()]).unwrap();
+        let (certificate, key) = (folder.join("cert.pem"), folder.join("key.pem"));
+        std::fs::write(&certificate, made.cert.pem()).unwrap();
+        std::fs::write(&key, made.signing_key.serialize_pem()).unwrap();
+        TlsFiles { certificate, key, client_authority: None }
+    }
+
+    #[test]
+    fn new_files_come_into_force_and_broken_ones_do_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = write(folder.path(), "one.example");
+        let tls = Tls::load(files.clone()).unwrap();
+        let first = tls.current();
+        assert!(!tls.reload().unwrap());
+
+        let old_key = std::fs::read(&files.key).unwrap();
+        write(folder.path(), "two.example");
+        let new_key = std::fs::read(&files.key).unwrap();
+        std::fs::write(&files.key, &old_key).unwrap();
+        assert!(matches!(tls.reload(), Err(TlsError::Mismatch { .. })), "a key of another certificate");
+        assert!(!tls.reload().unwrap(), "said once");
+        assert!(Arc::ptr_eq(&first, &tls.current()));
+
+        std::fs::write(&files.key, &new_key).unwrap();
+        assert!(tls.reload().unwrap());
+        assert!(!Arc::ptr_eq(&first, &tls.current()));
+
+        let second = tls.current();
+        for broken in [&b""[..], b"hello", b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n"]
+        {
+            std::fs::write(&files.certificate, broken).unwrap();
+            assert!(tls.reload().is_err());
+        }
+        std::fs::remove_file(&files.certificate).unwrap();
+        assert!(matches!(tls.reload(), Err(TlsError::Read { .. })));
+        assert!(Arc::ptr_eq(&second, &tls.current()));
+    }
+
+    #[test]
+    fn files_that_are_no_certificates_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = write(folder.path(), "one.example");
+        let missing = TlsFiles { key: folder.path().join("nowhere.pem"), ..files.clone() };
+        assert!(Tls::load(missing).err().unwrap().to_string().contains("nowhere.pem"));
+        let swapped = TlsFiles { certificate: files.key.clone(), ..files.clone() };
+        assert!(Tls::load(swapped).err().unwrap().to_string().contains("no certificate"));
+        let no_authority = TlsFiles { client_authority: Some(files.key.clone()), ..files };
+        assert!(Tls::load(no_authority).err().unwrap().to_string().contains("no certificate"));
+    }
+}

@@ -1,0 +1,194 @@
+//! Tokens in the SQLite file, over a connection of their own.
+//!
+//! The daemon's lock on the file keeps a second daemon out, and is not taken here: SQLite's own locks suffice for
+//! a few small rows, so the command line can make and revoke tokens while the daemon runs.
+
+use std::path::Path;
+
+use async_trait::async_trait;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::{ConnectOptions as _, Connection as _, Row as _};
+use tokio::sync::{Mutex, MutexGuard};
+
+use super::{open, store_error};
+use crate::error::{OpenError, StoreError};
+use crate::limits;
+use crate::tokens::rows::{hash, of_texts, texts};
+use crate::tokens::{Scope, TokenError, TokenRecord, TokenStore, Usage};
+
+/// Tokens in an SQLite file.
+#[derive(Debug)]
+pub struct SqliteTokens {
+    /// None once closed.
+    connection: Mutex<Option<SqliteConnection>>,
+}
+
+impl SqliteTokens {
+    /// Opens the tokens of a database file, also while a daemon has it. Where none has, the file is created and its
+    /// schema brought up to date first.
+    ///
+    /// # Errors
+    /// [`OpenError`] with the cause and a remedy.
+    pub async fn open(path: &Path) -> Result<Self, OpenError> {
+        let options = open::beside(path).await?;
+        let connection = options.connect().await.map_err(|error| open::explain(path, &error))?;
+        Ok(Self { connection: Mutex::new(Some(connection)) })
+    }
+
+    async fn lock(&self) -> Guard<'_> {
+        Guard(self.connection.lock().await)
+    }
+}
+
+/// The connection, for one use.
+struct Guard<'a>(MutexGuard<'a, Option<SqliteConnection>>);
+
+impl Guard<'_> {
+    fn open(&mut self) -> Result<&mut SqliteConnection, TokenError> {
+        self.0.as_mut().ok_or(TokenError::Store(StoreError::Closed))
+    }
+}
+
+fn failed(error: sqlx::Error) -> TokenError {
+    store_error(&error).into()
+}
+
+fn token(row: &SqliteRow) -> Result<TokenRecord, TokenError> {
+    let text = |column: &str| row.try_get::<String, _>(column).map_err(failed);
+    let (studies, quota) = of_texts(&text("studies")?, &text("quota")?)?;
+    Ok(TokenRecord {
+        id: text("id")?,
+        name: text("name")?,
+        hash: hash(&row.try_get::<Vec<u8>, _>("hash").map_err(failed)?)?,
+        scope: Scope::of_word(&text("scope")?)?,
+        studies,
+        quota,
+        create_ms: row.try_get("create_ms").map_err(failed)?,
+        expire_ms: row.try_get("expire_ms").map_err(failed)?,
+        revoke_ms: row.try_get("revoke_ms").map_err(failed)?,
+    })
+}
+
+fn usage(row: &SqliteRow) -> Result<Usage, TokenError> {
+    let count = |column: &str| row.try_get::<i64, _>(column).map(|count| count.max(0) as u64).map_err(failed);
+    Ok(Usage { studies: count("studies")?, trials: count("trials")?, bytes: count("bytes")? })
+}
+
+fn signed(count: u64) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
+}
+
+/// The one row that must have changed.
+fn changed(id: &str, rows: u64) -> Result<(), TokenError> {
+    if rows == 0 { Err(TokenError::NotFound { id: id.to_owned() }) } else { Ok(()) }
+}
+
+#[async_trait]
+impl TokenStore for SqliteTokens {
+    async fn create(&self, token: &TokenRecord) -> Result<(), TokenError> {
+        let mut guard = self.lock().await;
+        let connection = guard.open()?;
+        let count: i64 = sqlx::query_scalar("SELECT count(*) FROM tokens")
+            .fetch_one(&mut *connection)
+            .await
+            .map_err(failed)?;
+        if count >= i64::from(limits::TOKENS) {
+            return Err(TokenError::TooMany { limit: limits::TOKENS });
+        }
+        let (studies, quota) = texts(&token.studies, &token.quota)?;
+        let inserted = sqlx::query("INSERT INTO tokens VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)")
+            .bind(&token.id)
+            .bind(&token.name)
+            .bind(token.hash.as_slice())
+            .bind(token.scope.word())
+            .bind(studies)
+            .bind(quota)
+            .bind(token.create_ms)
+            .bind(token.expire_ms)
+            .bind(token.revoke_ms)
+            .execute(connection)
+            .await;
+        match inserted {
+            Ok(_) => Ok(()),
+            Err(error) if error.as_database_error().is_some_and(|error| error.is_unique_violation()) => {
+                Err(TokenError::Exists { id: token.id.clone() })
+            }
+            Err(error) => Err(failed(error)),
+        }
+    }
+
+    async fn list(&self) -> Result<Vec<TokenRecord>, TokenError> {
+        let rows = sqlx::query("SELECT * FROM tokens ORDER BY create_ms, id")
+            .fetch_all(self.lock().await.open()?)
+            .await
+            .map_err(failed)?;
+        rows.iter().map(token).collect()
+    }
+
+    async fn revoke(&self, id: &str, now_ms: i64) -> Result<(), TokenError> {
+        let done = sqlx::query("UPDATE tokens SET revoke_ms = coalesce(revoke_ms, ?) WHERE id = ?")
+            .bind(now_ms)
+            .bind(id)
+            .execute(self.lock().await.open()?)
+            .await
+            .map_err(failed)?;
+        changed(id, done.rows_affected())
+    }
+
+    async fn forget(&self, id: &str) -> Result<(), TokenError> {
+        let done = sqlx::query("DELETE FROM tokens WHERE id = ?")
+            .bind(id)
+            .execute(self.lock().await.open()?)
+            .await
+            .map_err(failed)?;
+        changed(id, done.rows_affected())
+    }
+
+    async fn revision(&self) -> Result<i64, TokenError> {
+        sqlx::query_scalar("SELECT revision FROM token_revision")
+            .fetch_one(self.lock().await.open()?)
+            .await
+            .map_err(failed)
+    }
+
+    async fn usage(&self, id: &str, day: i64) -> Result<(Usage, Usage), TokenError> {
+        const SUMS: &str = "SELECT coalesce(sum(studies), 0) AS studies, coalesce(sum(trials), 0) AS trials, \
+                            coalesce(sum(bytes), 0) AS bytes FROM token_usage WHERE token = ? AND day BETWEEN ? AND ?";
+        let mut guard = self.lock().await;
+        let mut sums = [Usage::default(); 2];
+        for (sum, (first, last)) in sums.iter_mut().zip([(i64::MIN, i64::MAX), (day, day)]) {
+            let row = sqlx::query(SUMS).bind(id).bind(first).bind(last).fetch_one(guard.open()?).await;
+            *sum = usage(&row.map_err(failed)?)?;
+        }
+        Ok((sums[0], sums[1]))
+    }
+
+    async fn add_usage(&self, day: i64, used: &[(String, Usage)]) -> Result<(), TokenError> {
+        const ADD: &str = "INSERT INTO token_usage SELECT id, ?, ?, ?, ? FROM tokens WHERE id = ? \
+                           ON CONFLICT (token, day) DO UPDATE SET studies = studies + excluded.studies, \
+                           trials = trials + excluded.trials, bytes = bytes + excluded.bytes";
+        let mut guard = self.lock().await;
+        let mut transaction = guard.open()?.begin().await.map_err(failed)?;
+        for (id, more) in used {
+            sqlx::query(ADD)
+                .bind(day)
+                .bind(signed(more.studies))
+                .bind(signed(more.trials))
+                .bind(signed(more.bytes))
+                .bind(id)
+                .execute(&mut *transaction)
+                .await
+                .map_err(failed)?;
+        }
+        transaction.commit().await.map_err(failed)
+    }
+
+    async fn close(&self) {
+        let connection = self.connection.lock().await.take();
+        if let Some(connection) = connection
+            && let Err(error) = connection.close().await
+        {
+            tracing::warn!(%error, "the tokens were not closed cleanly; nothing is lost");
+        }
+    }
+}
