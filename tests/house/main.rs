@@ -1,5 +1,6 @@
 //! The house rules as tests: which crate may know which, where `unsafe` and I/O may stand, how long a
-//! file may be, and what must not be left lying about.
+//! file may be, what it may be linked with, and what must not be left lying about.
 
+mod dependencies;
 mod layering;
 mod tidiness;

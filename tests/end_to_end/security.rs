@@ -1,0 +1,408 @@
+//! The table of attempts: everything that must not get into the daemon, against the real program over real TLS, and
+//! the status with which each is refused.
+
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use tonic::metadata::MetadataValue;
+use tonic::service::interceptor::InterceptedService;
+use tonic::transport::{Certificate, Channel, ClientTlsConfig, Identity};
+use tonic::{Code, Request, Status};
+use treewright_proto::v1 as pb;
+use treewright_proto::v1::tuning_service_client::TuningServiceClient;
+use treewright_tests::daemon::Daemon;
+use treewright_tests::programs::{run, stderr, stdout};
+
+use crate::wire;
+
+type Caller = TuningServiceClient<InterceptedService<Channel, Show>>;
+
+/// Shows a token with every request.
+#[derive(Clone)]
+struct Show(Option<String>);
+
+impl tonic::service::Interceptor for Show {
+    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
+        if let Some(token) = &self.0 {
+            let value = MetadataValue::try_from(format!("Bearer {token}")).expect("a header");
+            request.metadata_mut().insert("authorization", value);
+        }
+        Ok(request)
+    }
+}
+
+/// An authority, with a certificate for the daemon and one for clients.
+struct Authority {
+    issuer: rcgen::Issuer<'static, rcgen::KeyPair>,
+    pem: String,
+}
+
+impl Authority {
+    fn new() -> Self {
+        let key = rcgen::KeyPair::generate().expect("a key");
+        let mut parameters = rcgen::CertificateParams::new(Vec::new()).expect("parameters");
+        parameters.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
+        let pem = parameters.self_signed(&key).expect("a certificate").pem();
+        Self { issuer: rcgen::Issuer::new(parameters, key), pem }
+    }
+
+    /// Certificate and key in PEM.
+    fn issue(&self, name: &str) -> (String, String) {
+        let key = rcgen::KeyPair::generate().expect("a key");
+        let parameters = rcgen::CertificateParams::new(vec![name.to_owned()]).expect("parameters");
+        (parameters.signed_by(&key, &self.issuer).expect("a certificate").pem(), key.serialize_pem())
+    }
+}
+
+/// A daemon behind TLS and tokens.
+struct Guarded {
+    daemon: Daemon,
+    authority: Authority,
+    folder: tempfile::TempDir,
+}
+
+impl Guarded {
+    fn start(more: &[&str]) -> Self {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let authority = Authority::new();
+        let (certificate, key) = authority.issue("localhost");
+        write(folder.path(), "cert.pem", &certificate);
+        write(folder.path(), "key.pem", &key);
+        write(folder.path(), "ca.pem", &authority.pem);
+        let at = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
+        let (certificate, key) = (at("cert.pem"), at("key.pem"));
+        let mut arguments = vec!["--tls-cert", &certificate, "--tls-key", &key, "--tokens", "--log", "trace"];
+        arguments.extend(more);
+        let log = folder.path().join("log");
+        let daemon = Daemon::start_with(&folder.path().join("tuning.db"), &arguments, &log);
+        Self { daemon, authority, folder }
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Makes a token with the command line, beside the running daemon.
+    fn token(&self, arguments: &[&str]) -> String {
+        let database = self.file("tuning.db").to_string_lossy().into_owned();
+        let mut all = vec!["token", "create", "--database", &database, "--name", "a test"];
+        all.extend(arguments);
+        let output = run("treewrightd", &all);
+        assert!(output.status.success(), "{}", stderr(&output));
+        stdout(&output).trim().to_owned()
+    }
+
+    fn revoke(&self, token: &str) {
+        let database = self.file("tuning.db").to_string_lossy().into_owned();
+        let id = token.split('_').nth(1).expect("an id");
+        let output = run("treewrightd", &["token", "revoke", "--database", &database, id]);
+        assert!(output.status.success(), "{}", stderr(&output));
+    }
+
+    fn tls(&self) -> ClientTlsConfig {
+        ClientTlsConfig::new()
+            .ca_certificate(Certificate::from_pem(&self.authority.pem))
+            .domain_name("localhost")
+    }
+
+    async fn channel(&self, tls: ClientTlsConfig) -> Result<Channel, tonic::transport::Error> {
+        Channel::from_shared(self.daemon.url().to_owned())
+            .expect("an address")
+            .tls_config(tls)
+            .expect("TLS")
+            .connect()
+            .await
+    }
+
+    async fn caller(&self, token: Option<&str>) -> Caller {
+        let channel = self.channel(self.tls()).await.expect("a connection");
+        TuningServiceClient::with_interceptor(channel, Show(token.map(str::to_owned)))
+    }
+}
+
+fn write(folder: &Path, name: &str, text: &str) {
+    std::fs::write(folder.join(name), text).expect("a scratch file");
+}
+
+/// Waits until a call comes out as it should; the daemon follows changes of tokens by itself, at once.
+async fn until<T>(
+    what: &str,
+    mut call: impl AsyncFnMut() -> Result<T, Status>,
+    good: impl Fn(&Result<T, Status>) -> bool,
+) {
+    let patience = Instant::now() + Duration::from_secs(20);
+    loop {
+        let answer = call().await;
+        if good(&answer) {
+            return;
+        }
+        assert!(Instant::now() < patience, "{what}: {:?}", answer.err());
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+}
+
+fn list() -> pb::ListStudiesRequest {
+    pb::ListStudiesRequest::default()
+}
+
+#[tokio::test]
+async fn every_attempt_is_refused_with_the_right_status() {
+    let guarded = Guarded::start(&[]);
+    let admin = guarded.token(&["--scope", "admin"]);
+    let reader = guarded.token(&["--scope", "read"]);
+    let farm = guarded.token(&["--scope", "tune", "--study", "farm-*"]);
+    let short = guarded.token(&["--scope", "read", "--expires", "1s"]);
+    let ended = guarded.token(&["--scope", "read"]);
+    let slow = guarded.token(&["--scope", "read", "--requests-per-s", "1"]);
+    let mut owner = guarded.caller(Some(&admin)).await;
+    until("the tokens come into force", async || owner.list_studies(list()).await, Result::is_ok).await;
+    let create = |id: &str| pb::CreateStudyRequest { study_id: id.to_owned(), study: Some(wire::study()) };
+    owner.create_study(create("open")).await.expect("created");
+    guarded.revoke(&ended);
+    tokio::time::sleep(Duration::from_millis(1200)).await;
+
+    let wrong =
+        format!("{}{}", &admin[..admin.len() - 4], if admin.ends_with("AAAA") { "BBBB" } else { "AAAA" });
+    let name = "studies/open".to_owned();
+    let get = || pb::GetStudyRequest { name: name.clone() };
+    let query = |filter: &str| pb::QueryTrialsRequest {
+        study: name.clone(),
+        filter: filter.to_owned(),
+        ..pb::QueryTrialsRequest::default()
+    };
+    // (attempt, what came of it, what must)
+    let mut table: Vec<(&str, Option<Status>, Code)> = Vec::new();
+    for (attempt, token) in [
+        ("no token", None),
+        ("a token that is none", Some("letmein")),
+        ("a wrong secret", Some(wrong.as_str())),
+        ("an expired token", Some(&short)),
+        ("a revoked token", Some(&ended)),
+    ] {
+        let status = guarded.caller(token).await.get_study(get()).await.err();
+        table.push((attempt, status, Code::Unauthenticated));
+    }
+    let mut reading = guarded.caller(Some(&reader)).await;
+    table.push((
+        "writing with a scope to read",
+        reading.create_study(create("x")).await.err(),
+        Code::PermissionDenied,
+    ));
+    table.push((
+        "deleting with a scope to tune",
+        guarded
+            .caller(Some(&farm))
+            .await
+            .delete_study(pb::DeleteStudyRequest { name: "studies/farm-1".into() })
+            .await
+            .err(),
+        Code::PermissionDenied,
+    ));
+    let mut farming = guarded.caller(Some(&farm)).await;
+    table.push(("a study of others", farming.get_study(get()).await.err(), Code::PermissionDenied));
+    let nothing = pb::GetStudyRequest { name: "studies/nothing".into() };
+    table.push((
+        "a study of others that does not exist",
+        farming.get_study(nothing).await.err(),
+        Code::PermissionDenied,
+    ));
+    let mut hurried = guarded.caller(Some(&slow)).await;
+    hurried.get_study(get()).await.expect("the first");
+    table.push((
+        "more requests than the quota",
+        hurried.get_study(get()).await.err(),
+        Code::ResourceExhausted,
+    ));
+    for (attempt, filter) in [
+        ("a filter that ends the statement", "state = COMPLETED; DROP TABLE trials"),
+        ("a filter with a subquery", "number = (SELECT 1)"),
+        ("a filter with OR", "number = 1 OR 1 = 1"),
+        ("a filter with a comment", "number = 1 -- "),
+        ("a filter with a function", "cost < load_extension(\"x\")"),
+        ("a filter with a JSON path", "config.a\")) OR (\"1 = 1"),
+        ("a filter with text that is not closed", "client_id = \"x"),
+        ("a filter with a quoted quote", "client_id = 'x' OR 'a' = 'a'"),
+    ] {
+        table.push((attempt, owner.query_trials(query(filter)).await.err(), Code::InvalidArgument));
+    }
+    let order = pb::QueryTrialsRequest { order_by: "cost; DROP TABLE trials".into(), ..query("") };
+    table.push((
+        "an order that ends the statement",
+        owner.query_trials(order).await.err(),
+        Code::InvalidArgument,
+    ));
+    let injected = pb::GetStudyRequest { name: "studies/x' OR '1'='1".into() };
+    table.push(("a name with a quote", owner.get_study(injected).await.err(), Code::InvalidArgument));
+    let mut wide = wire::study();
+    let parameter = wide.space.as_ref().expect("a space").parameters[0].clone();
+    wide.space.as_mut().expect("a space").parameters =
+        (0..1000).map(|number| pb::Parameter { name: format!("p{number}"), ..parameter.clone() }).collect();
+    let thousand = pb::CreateStudyRequest { study_id: "wide".into(), study: Some(wide.clone()) };
+    table.push(("a thousand parameters", owner.create_study(thousand).await.err(), Code::InvalidArgument));
+    wide.space.as_mut().expect("a space").parameters = vec![pb::Parameter::default(); 1_000_000];
+    let million = pb::CreateStudyRequest { study_id: "wide".into(), study: Some(wide) };
+    table.push(("a million parameters", owner.create_study(million).await.err(), Code::OutOfRange));
+    let large = pb::GetStudyRequest { name: "x".repeat(2 << 20) };
+    table.push(("an oversize message", owner.get_study(large).await.err(), Code::OutOfRange));
+    let mut many = Request::new(get());
+    for number in 0..60 {
+        let key = tonic::metadata::MetadataKey::from_bytes(format!("x-{number}").as_bytes()).expect("a key");
+        many.metadata_mut().insert(key, MetadataValue::from_static("1"));
+    }
+    table.push(("sixty headers", owner.get_study(many).await.err(), Code::InvalidArgument));
+
+    for (attempt, status, code) in &table {
+        let came = status.as_ref().map(Status::code);
+        assert_eq!(came, Some(*code), "{attempt}: {status:?}");
+        println!("| {attempt} | {code:?} |");
+    }
+    // After all that the daemon serves, and nothing was dropped.
+    owner.get_study(get()).await.expect("still there");
+    assert!(owner.list_studies(list()).await.expect("a list").into_inner().studies.len() == 1);
+
+    // Nothing of it has brought a secret into the log, though that is at its finest.
+    assert!(guarded.daemon.terminate().success());
+    let log = std::fs::read_to_string(guarded.folder.path().join("log")).expect("a log");
+    assert!(log.contains("request refused") && log.contains("TRACE"), "the log is fine enough to tell");
+    for token in [&admin, &reader, &farm, &short, &ended, &slow, &wrong] {
+        let secret = token.splitn(3, '_').nth(2).expect("a secret");
+        assert!(!log.contains(secret), "the secret of {} is in the log", &token[..16]);
+    }
+}
+
+#[tokio::test]
+async fn plain_text_and_strangers_end_quickly() {
+    let guarded = Guarded::start(&[]);
+    let start = Instant::now();
+    // Plain HTTP/2 against TLS: an alert or an end, and soon.
+    let mut plain = TcpStream::connect(guarded.daemon.address()).expect("a connection");
+    plain.set_read_timeout(Some(Duration::from_secs(10))).expect("set");
+    plain.write_all(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n").expect("sent");
+    let mut answer = Vec::new();
+    // The end may be a reset.
+    let _ = plain.read_to_end(&mut answer);
+    assert!(!answer.starts_with(b"HTTP") && answer.len() < 64, "{answer:?}");
+    let insecure = TuningServiceClient::connect(guarded.daemon.url().replace("https", "http")).await;
+    if let Ok(mut insecure) = insecure {
+        insecure.list_studies(list()).await.expect_err("refused");
+    }
+    assert!(start.elapsed() < Duration::from_secs(10), "it took {:?}", start.elapsed());
+
+    // A client that trusts another authority does not go on.
+    let stranger = ClientTlsConfig::new()
+        .ca_certificate(Certificate::from_pem(Authority::new().pem))
+        .domain_name("localhost");
+    assert!(guarded.channel(stranger).await.is_err());
+}
+
+#[tokio::test]
+async fn a_client_without_the_right_certificate_is_refused() {
+    let guarded = {
+        // The authority of the clients is another one than the daemon's.
+        let clients = Authority::new();
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        write(folder.path(), "clients.pem", &clients.pem);
+        let file = folder.path().join("clients.pem").to_string_lossy().into_owned();
+        (Guarded::start(&["--tls-client-ca", &file]), clients, folder)
+    };
+    let (guarded, clients, _folder) = guarded;
+    let token = guarded.token(&["--scope", "read"]);
+    let ask = async |tls: ClientTlsConfig| {
+        let channel = guarded.channel(tls).await.map_err(|error| Status::unavailable(error.to_string()))?;
+        TuningServiceClient::with_interceptor(channel, Show(Some(token.clone()))).list_studies(list()).await
+    };
+    assert!(ask(guarded.tls()).await.is_err(), "no certificate");
+    let (certificate, key) = guarded.authority.issue("client");
+    assert!(
+        ask(guarded.tls().identity(Identity::from_pem(certificate, key))).await.is_err(),
+        "another authority's"
+    );
+    let (certificate, key) = clients.issue("client");
+    let good = guarded.tls().identity(Identity::from_pem(certificate, key));
+    until("the right certificate", async || ask(good.clone()).await, Result::is_ok).await;
+}
+
+#[tokio::test]
+async fn certificates_are_renewed_without_a_restart() {
+    let guarded = Guarded::start(&[]);
+    let token = guarded.token(&["--scope", "read"]);
+    let mut before = guarded.caller(Some(&token)).await;
+    until("the token", async || before.list_studies(list()).await, Result::is_ok).await;
+
+    // A broken certificate changes nothing.
+    std::fs::write(guarded.file("cert.pem"), "no certificate").expect("written");
+    guarded.daemon.signal("HUP");
+    let log = guarded.file("log");
+    let said = |words: &str| std::fs::read_to_string(&log).is_ok_and(|log| log.contains(words));
+    let patience = Instant::now() + Duration::from_secs(20);
+    while !said("the old ones stay in force") {
+        assert!(Instant::now() < patience, "nothing is said of the broken certificate");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    guarded.caller(Some(&token)).await.list_studies(list()).await.expect("the old one serves");
+
+    // A new one, of a new authority: the key first, as a careless operator would.
+    let other = Authority::new();
+    let (certificate, key) = other.issue("localhost");
+    std::fs::write(guarded.file("key.pem"), key).expect("written");
+    std::fs::write(guarded.file("cert.pem"), certificate).expect("written");
+    let tls =
+        || ClientTlsConfig::new().ca_certificate(Certificate::from_pem(&other.pem)).domain_name("localhost");
+    let patience = Instant::now() + Duration::from_secs(20);
+    while guarded.channel(tls()).await.is_err() {
+        assert!(Instant::now() < patience, "the new certificate does not come into force");
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    before.list_studies(list()).await.expect("who was connected stays so");
+}
+
+#[tokio::test]
+async fn the_command_line_client_shows_token_and_checks_certificate() {
+    let guarded = Guarded::start(&[]);
+    let token = guarded.token(&["--scope", "read"]);
+    let mut caller = guarded.caller(Some(&token)).await;
+    until("the token", async || caller.list_studies(list()).await, Result::is_ok).await;
+    std::fs::write(guarded.file("token"), format!("{token}\n")).expect("written");
+    let url = guarded.daemon.url().replace("127.0.0.1", "localhost");
+    let at = |name: &str| guarded.file(name).to_string_lossy().into_owned();
+    let (ca, token_file) = (at("ca.pem"), at("token"));
+    let good =
+        run("treewright", &["studies", "--server", &url, "--tls-ca", &ca, "--token-file", &token_file]);
+    assert!(good.status.success(), "{}", stderr(&good));
+    let without = run("treewright", &["studies", "--server", &url, "--tls-ca", &ca]);
+    assert_eq!(without.status.code(), Some(1), "{}", stderr(&without));
+    assert!(
+        stderr(&without).contains("token") && stderr(&without).contains("Unauthenticated"),
+        "{}",
+        stderr(&without)
+    );
+    let untrusted = run("treewright", &["studies", "--server", &url, "--token-file", &token_file]);
+    assert_eq!(untrusted.status.code(), Some(3), "{}", stderr(&untrusted));
+}
+
+#[test]
+fn a_slow_loris_is_cut_off_and_holds_up_nobody() {
+    let guarded = Guarded::start(&[]);
+    let start = Instant::now();
+    let mut idle: Vec<TcpStream> = (0..200)
+        .map(|_| {
+            let stream = TcpStream::connect(guarded.daemon.address()).expect("a connection");
+            stream.set_read_timeout(Some(Duration::from_secs(30))).expect("set");
+            stream
+        })
+        .collect();
+    // A byte now and then does not help.
+    for stream in &mut idle {
+        stream.write_all(b"\x16").expect("sent");
+    }
+    let mut end = [0; 16];
+    for stream in &mut idle {
+        assert!(matches!(stream.read(&mut end), Ok(0) | Err(_)), "it was answered");
+    }
+    assert!(start.elapsed() < Duration::from_secs(25), "they were kept for {:?}", start.elapsed());
+    let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+    let status = runtime.block_on(async { guarded.caller(None).await.list_studies(list()).await });
+    assert_eq!(status.expect_err("no token").code(), Code::Unauthenticated, "it serves");
+}
