@@ -59,6 +59,11 @@ pub struct ServeConfig {
     #[command(flatten)]
     pub guard: GuardConfig,
 
+    /// Address and port for those who watch: /metrics for Prometheus, /livez and /readyz. It asks for no token and
+    /// encrypts nothing, so beyond this machine it needs --insecure. None when left out.
+    #[arg(long, env = "TREEWRIGHT_METRICS", value_name = "ADDRESS", value_parser = address)]
+    pub metrics: Option<SocketAddr>,
+
     /// How long requests may take to finish after SIGTERM, in seconds.
     #[arg(long, env = "TREEWRIGHT_DRAIN_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=DRAIN_S))]
     pub drain_s: u64,
@@ -105,6 +110,17 @@ impl ServeConfig {
         }
     }
 
+    /// Checks that nobody beyond this machine sees the figures by mistake.
+    fn check_metrics(&self) -> Result<(), String> {
+        match self.metrics {
+            Some(address) if !address.ip().is_loopback() && !self.guard.insecure => Err(format!(
+                "--metrics {address} can be reached from other machines, without encryption or tokens; choose \
+                 127.0.0.1, or say --insecure if the network is trusted"
+            )),
+            _ => Ok(()),
+        }
+    }
+
     /// How long draining may take.
     #[must_use]
     pub fn drain(&self) -> Duration {
@@ -129,7 +145,7 @@ impl Cli {
         if let Err(problem) = serve.guard.check(serve.listen) {
             return Err(Self::command().error(ErrorKind::ValueValidation, problem));
         }
-        if let Err(problem) = serve.check_database() {
+        if let Err(problem) = serve.check_database().and_then(|()| serve.check_metrics()) {
             return Err(Self::command().error(ErrorKind::ValueValidation, problem));
         }
         if let Err(error) = crate::telemetry::filter(&serve.log) {
@@ -189,6 +205,8 @@ mod tests {
             (&["--database", "x", "--log-format", "xml"], "json"),
             (&["--database", "x", "--log", "a=b=c"], "--log"),
             (&["--database", "x", "--colour"], "--colour"),
+            (&["--database", "x", "--metrics", "0.0.0.0:1"], "--insecure"),
+            (&["--database", "x", "--metrics", "9464"], "ADDRESS:PORT"),
             (&["--database", "x", "--advertise", "http://a:1"], "--database postgres://"),
             (&["--database", "postgres://u:geheim@h/d", "--advertise", "a:1"], "write http://HOST:PORT"),
             (&["--database", "postgres://u:geheim@h"], "names no database"),

@@ -22,6 +22,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::server::Connected;
 
 use crate::limits;
+use crate::metrics::METRICS;
 use crate::tls::Tls;
 
 /// Bytes with which every HTTP/2 connection begins (RFC 9113, section 3.4).
@@ -64,6 +65,7 @@ pub(crate) fn accept(
                 }
             };
             let Ok(permit) = Arc::clone(&permits).try_acquire_owned() else {
+                METRICS.connection_lost("limit");
                 tracing::warn!(%address, limit = limits::CONNECTIONS, "connection refused: too many are open");
                 continue;
             };
@@ -87,10 +89,12 @@ async fn handshake(stream: TcpStream, address: SocketAddr, tls: Option<Arc<Tls>>
     match timeout(limits::HANDSHAKE, acceptor.accept(stream)).await {
         Ok(Ok(stream)) => Some(Transport::Tls(Box::new(stream))),
         Ok(Err(error)) => {
+            METRICS.connection_lost("tls");
             tracing::info!(%address, %error, "TLS handshake failed");
             None
         }
         Err(_) => {
+            METRICS.connection_lost("overdue");
             tracing::info!(%address, "TLS handshake took too long");
             None
         }
@@ -203,6 +207,7 @@ impl AsyncRead for Connection {
             let more = (buffer.filled().len() - before) as u64;
             self.activity.with(|state| state.bytes += more);
         } else if self.poll_overdue(context).is_ready() {
+            METRICS.connection_lost("overdue");
             tracing::debug!("a connection on which nothing happened in time is closed");
             return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
         }

@@ -26,6 +26,14 @@ pub enum DaemonError {
         /// What the system said.
         problem: std::io::Error,
     },
+    /// The address for metrics cannot be had.
+    #[error("cannot listen on {address} for metrics: {problem}; choose another address with --metrics")]
+    Metrics {
+        /// The address.
+        address: SocketAddr,
+        /// What the system said.
+        problem: std::io::Error,
+    },
     /// The database cannot be had.
     #[error("cannot open the database: {0}")]
     Database(#[from] OpenError),
@@ -49,7 +57,7 @@ impl DaemonError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Serve(_) | Self::System(_) | Self::Tls(_) => 1,
-            Self::Listen { .. } => 3,
+            Self::Listen { .. } | Self::Metrics { .. } => 3,
             Self::Database(_) | Self::Tokens(_) => 4,
         }
     }
@@ -88,6 +96,15 @@ pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
     let tls = config.guard.tls_files().map(Tls::load).transpose()?.map(Arc::new);
     let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
     let address = listener.local_addr()?;
+    let watch = match config.metrics {
+        Some(address) => {
+            let problem = |problem| DaemonError::Metrics { address, problem };
+            let watch = TcpListener::bind(address).await.map_err(problem)?;
+            tracing::info!(address = %watch.local_addr()?, "metrics are served");
+            Some(watch)
+        }
+        None => None,
+    };
     let database = config.database.read().map_err(|problem| OpenError::BadAddress { problem })?;
     let store = open(&config, &database, address).await?;
     let clock = Arc::new(SystemClock::default());
@@ -108,7 +125,7 @@ pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
             _ = interrupt.recv() => tracing::info!("SIGINT"),
         }
     };
-    let options = Options { drain: config.drain(), access, tls };
+    let options = Options { drain: config.drain(), access, tls, watch };
     let served = serve::run(listener, store, clock, options, shutdown).await;
     if let Some(reloading) = reloading {
         reloading.abort();

@@ -9,10 +9,11 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll};
+use std::time::Instant;
 
 use http::{HeaderMap, HeaderName, HeaderValue, Request, Response};
-use tonic::Status;
 use tonic::body::Body;
+use tonic::{Code, Status};
 use tower::{Layer, Service};
 use tracing::Instrument as _;
 
@@ -21,6 +22,7 @@ use crate::access::rules::{Rule, rule_for};
 use crate::access::{Access, Authorization};
 use crate::connections::Activity;
 use crate::error::Error;
+use crate::metrics::METRICS;
 use crate::{limits, status};
 
 /// The metadata that carries the request id.
@@ -97,7 +99,11 @@ where
             token = tracing::field::Empty
         );
         let work = async move {
+            let since = Instant::now();
             let mut response = shared.serve(rule, request, inner).await;
+            // Only an answer without a message carries its status in the head; others went well up to there.
+            let code = Status::from_header_map(response.headers()).map_or(Code::Ok, |status| status.code());
+            METRICS.answered(rule.rpc, code, since.elapsed());
             response.headers_mut().insert(REQUEST_ID, id);
             drop(under_way);
             Ok(response)
@@ -161,6 +167,7 @@ impl Shared {
 /// One line for a request that was refused, in the request's span.
 pub(crate) fn note_refusal(error: &Error) {
     let code = status::code(error);
+    METRICS.refused(status::reason(error));
     if code == tonic::Code::Internal {
         tracing::error!(?code, %error, "request failed");
     } else {

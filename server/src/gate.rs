@@ -49,7 +49,7 @@ impl Gate {
     }
 
     fn enter(&self, semaphore: &Arc<Semaphore>, what: &'static str, limit: usize) -> Result<Entered, Error> {
-        if *self.draining.borrow() {
+        if self.is_draining() {
             return Err(Error::Draining);
         }
         match Arc::clone(semaphore).try_acquire_owned() {
@@ -61,6 +61,19 @@ impl Gate {
     /// Closes the gate: those inside finish, streams end after the frame they are at.
     pub fn drain(&self) {
         self.draining.send_replace(true);
+    }
+
+    /// Whether the gate is closed.
+    #[must_use]
+    pub fn is_draining(&self) -> bool {
+        *self.draining.borrow()
+    }
+
+    /// Requests and streams that are inside.
+    #[must_use]
+    pub fn inside(&self) -> (usize, usize) {
+        let requests = limits::REQUESTS_IN_FLIGHT.saturating_sub(self.requests.available_permits());
+        (requests, limits::TUNE_STREAMS.saturating_sub(self.streams.available_permits()))
     }
 
     /// Waits until the gate closes.
@@ -90,11 +103,14 @@ mod tests {
         let inside: Vec<_> = (0..limits::REQUESTS_IN_FLIGHT).map(|_| gate.request().expect("room")).collect();
         assert!(matches!(gate.request(), Err(Error::Busy { .. })));
         let stream = gate.stream().expect("room");
+        assert_eq!(gate.inside(), (limits::REQUESTS_IN_FLIGHT, 1));
         drop(inside);
         gate.request().expect("room again");
 
+        assert!(!gate.is_draining());
         gate.drain();
         gate.draining().await;
+        assert!(gate.is_draining());
         assert_eq!(gate.request().unwrap_err(), Error::Draining);
         assert_eq!(gate.stream().unwrap_err(), Error::Draining);
         drop(stream);

@@ -2,7 +2,8 @@
 //!
 //! A request's way: `connections` and [`tls`] bring it, [`front`] names it and asks [`access`] who sent it, [`gate`]
 //! lets it in, [`rpc`] reads it with [`convert`], [`tuning`] does its work on a tuner in memory and on the store,
-//! [`convert`] writes the answer, and [`status`] says what went wrong. [`serve`] runs all that until told to stop;
+//! [`convert`] writes the answer, and [`status`] says what went wrong.
+//! `metrics` counts all that, and `watch` shows it. [`serve`] runs all that until told to stop;
 //! [`daemon`] adds what makes it a process, and [`administration`] makes and revokes tokens.
 #![forbid(unsafe_code)]
 
@@ -18,6 +19,7 @@ pub mod forward;
 pub mod front;
 pub mod gate;
 pub mod limits;
+mod metrics;
 pub mod peers;
 pub mod rpc;
 pub mod serve;
@@ -25,3 +27,4 @@ pub mod status;
 pub mod telemetry;
 pub mod tls;
 pub mod tuning;
+mod watch;

@@ -118,3 +118,12 @@ pub const KEEPALIVE: Duration = Duration::from_secs(20);
 
 /// Longest drain that can be asked for, in seconds.
 pub const DRAIN_S: u64 = 3600;
+
+/// The database may take so long to answer the question whether it is there.
+pub const READY: Duration = Duration::from_secs(2);
+
+/// Connections at once of those who ask for metrics.
+pub const WATCHERS: usize = 16;
+
+/// The head of a question for metrics must be there within this time.
+pub const WATCH: Duration = Duration::from_secs(5);

@@ -22,6 +22,7 @@ use crate::peers::Peers;
 use crate::rpc::Service;
 use crate::tls::Tls;
 use crate::tuning::Tuning;
+use crate::watch::{self, Watched};
 
 /// Time for answers that have been given to leave the house, once nobody works on a request.
 const FLUSH: Duration = Duration::from_millis(200);
@@ -43,6 +44,8 @@ pub struct Options {
     pub access: Option<Arc<Access>>,
     /// With which certificates; without them, in plain text.
     pub tls: Option<Arc<Tls>>,
+    /// Where to answer those who watch, if anywhere.
+    pub watch: Option<TcpListener>,
 }
 
 impl From<Duration> for Options {
@@ -65,7 +68,7 @@ pub async fn run(
     options: impl Into<Options>,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
-    let Options { drain, access, tls } = options.into();
+    let Options { drain, access, tls, watch: watch_listener } = options.into();
     let tuning = Arc::new(Tuning::new(Arc::clone(&store), clock));
     let peers = Peers::of(&store);
     let gate = Gate::default();
@@ -100,6 +103,10 @@ pub async fn run(
         .serve_with_incoming_shutdown(connections::accept(listener, tls), stop);
     tokio::pin!(server);
 
+    let watching = watch_listener.map(|listener| {
+        let watched = Watched { tuning: Arc::clone(&tuning), store: Arc::clone(&store), gate: gate.clone() };
+        tokio::spawn(watch::serve(listener, watched))
+    });
     let sweeper = tokio::spawn(sweep(Arc::clone(&tuning)));
     let checkpointer = tokio::spawn(save_checkpoints(tuning));
     let follower = access.clone().map(|access| tokio::spawn(async move { access.follow().await }));
@@ -137,6 +144,9 @@ pub async fn run(
             })
         }
     };
+    if let Some(watching) = watching {
+        watching.abort();
+    }
     sweeper.abort();
     checkpointer.abort();
     if let (Some(access), Some(follower)) = (access, follower) {

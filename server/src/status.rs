@@ -67,6 +67,25 @@ fn store_code(error: &StoreError) -> Code {
     }
 }
 
+/// The kind of an error in one word, for counting.
+#[must_use]
+pub fn reason(error: &Error) -> &'static str {
+    match error {
+        Error::Invalid { .. } => "invalid",
+        Error::Unauthenticated(_) => "token",
+        Error::Denied(_) => "scope",
+        Error::Quota { .. } => "quota",
+        Error::Busy { .. } => "busy",
+        Error::Draining => "draining",
+        Error::Deadline { .. } => "deadline",
+        Error::Reloading { .. } => "reloading",
+        Error::NothingMeasured { .. } => "nothing_measured",
+        Error::Tuner(_) => "tuner",
+        Error::Store(_) | Error::Tokens(_) => "store",
+        Error::Restore { .. } | Error::Defect(_) => "defect",
+    }
+}
+
 /// When the same request is worth another try; `None` where time alone mends nothing.
 #[must_use]
 pub fn retry_after(error: &Error) -> Option<Duration> {

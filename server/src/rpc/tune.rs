@@ -1,12 +1,13 @@
 //! The Tune stream: a report and the next suggestion in one round trip, frame after frame.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use prost::Message as _;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::{Status, Streaming};
+use tonic::{Code, Status, Streaming};
 use tracing::Instrument as _;
 use treewright_proto::v1 as wire;
 use treewright_store::tokens::Scope;
@@ -21,6 +22,7 @@ use crate::error::Error;
 use crate::front::note_refusal;
 use crate::gate::{Entered, Gate};
 use crate::limits;
+use crate::metrics::METRICS;
 use crate::peers::Fate;
 use crate::tuning::Tuning;
 
@@ -55,7 +57,12 @@ impl Stream {
                     },
                 };
                 let answer = match frame {
-                    Ok(Some(frame)) => way.answer(frame, &self).await,
+                    Ok(Some(frame)) => {
+                        let since = Instant::now();
+                        let answer = way.answer(frame, &self).await;
+                        METRICS.answered("Tune.frame", code(&answer), since.elapsed());
+                        answer
+                    }
                     Ok(None) => break,
                     Err(status) => Err(status),
                 };
@@ -122,6 +129,17 @@ impl Attempt for Stream {
             suggest_error: suggest_error.or(suggesting_error),
         };
         Ok((response, fate))
+    }
+}
+
+/// How a frame ended: as its first part that did not go well.
+fn code(answer: &Result<wire::TuneResponse, Status>) -> Code {
+    match answer {
+        Ok(answer) => {
+            let error = answer.report_error.as_ref().or(answer.suggest_error.as_ref());
+            error.map_or(Code::Ok, |error| Code::from_i32(error.code))
+        }
+        Err(status) => status.code(),
     }
 }
 

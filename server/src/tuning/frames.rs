@@ -7,6 +7,7 @@ use treewright_store::{Fence, Receipt, Store};
 use super::{Live, Tuning};
 use crate::convert::from_proto::{Report, Suggest};
 use crate::error::Error;
+use crate::metrics::METRICS;
 use crate::peers::Fate;
 
 /// How often a report of a closed trial is tried, should another request change such a trial meanwhile.
@@ -62,7 +63,7 @@ impl Tuning {
                 Ok::<_, TunerError>((trial, live.commit(store, &[change])))
             })
             .await??;
-        receipt.durable().await?;
+        METRICS.durable(receipt).await?;
         Ok(trial)
     }
 
@@ -116,7 +117,7 @@ impl Tuning {
             })
             .await;
         match computed {
-            Ok(Some((completed, suggested, receipt))) => match receipt.durable().await {
+            Ok(Some((completed, suggested, receipt))) => match METRICS.durable(receipt).await {
                 Ok(()) => FrameAnswer {
                     reported: Some(Ok(Reported::Taken(completed))),
                     suggested: Some(suggested.map_err(Error::from)),
@@ -139,7 +140,7 @@ impl Tuning {
         for _ in 0..TRIES {
             match answer {
                 Queued::Taken(completed, receipt) => {
-                    receipt.durable().await?;
+                    METRICS.durable(receipt).await?;
                     return Ok(Reported::Taken(completed));
                 }
                 Queued::Refused(error) => return Err(error.into()),

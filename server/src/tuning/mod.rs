@@ -88,6 +88,14 @@ impl Tuning {
         runtime
     }
 
+    /// Studies in memory, and the trials of theirs that are under a lease.
+    pub(crate) fn in_use(&self) -> (usize, u64) {
+        let studies = self.in_memory();
+        let open =
+            |(_, runtime): &(String, Arc<Runtime>)| runtime.peek(|live| live.tuner.statistics().open_trials);
+        (studies.len(), studies.iter().filter_map(open).sum())
+    }
+
     /// Every study in memory.
     fn in_memory(&self) -> Vec<(String, Arc<Runtime>)> {
         let runtimes = self.runtimes.lock().unwrap_or_else(PoisonError::into_inner);

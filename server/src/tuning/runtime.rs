@@ -13,6 +13,7 @@ use treewright_store::{Fence, Receipt, Store};
 use super::checkpoints::Saved;
 use super::loading::{self, Read};
 use crate::error::Error;
+use crate::metrics::METRICS;
 
 /// How often a study is loaded for one request, should its fence break at once each time.
 const LOADS_PER_REQUEST: usize = 3;
@@ -42,6 +43,7 @@ pub(super) struct Live {
 impl Live {
     /// Queues what the tuner decided. Must be called under the lock under which it was decided.
     pub(super) fn commit(&self, store: &dyn Store, changes: &[Change]) -> Receipt {
+        METRICS.decided(changes);
         store.commit(&self.fence, changes)
     }
 
@@ -51,6 +53,7 @@ impl Live {
             return;
         }
         let change = self.tuner.expire(now_ms);
+        METRICS.expired(change.trials.len());
         for trial in &change.trials {
             tracing::info!(
                 study = self.fence.study(),

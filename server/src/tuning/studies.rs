@@ -6,6 +6,7 @@ use treewright_store::{Created, StudyRecord};
 use super::Tuning;
 use crate::convert::policy::PolicyUpdate;
 use crate::error::Error;
+use crate::metrics::METRICS;
 
 impl Tuning {
     /// Creates a study, or finds an equal one.
@@ -55,7 +56,7 @@ impl Tuning {
                 Ok::<_, Error>(store.update_policy(live.fence(), &policy, live.tuner.models_since()))
             })
             .await??;
-        receipt.durable().await?;
+        METRICS.durable(receipt).await?;
         tracing::info!(study, "policy changed");
         self.get_study(study).await
     }
@@ -82,7 +83,7 @@ impl Tuning {
         for study in due {
             let swept = self.with_tuner(&study, |live, store, _| live.commit(store, &[])).await;
             let swept = match swept {
-                Ok(receipt) => receipt.durable().await.map_err(Error::from),
+                Ok(receipt) => METRICS.durable(receipt).await.map_err(Error::from),
                 Err(error) => Err(error),
             };
             result = result.and(swept);

@@ -10,6 +10,7 @@ use super::Tuning;
 use super::frames::ClosedMark;
 use crate::convert::names::TrialName;
 use crate::error::Error;
+use crate::metrics::METRICS;
 
 /// How often a closed trial is looked at, should another request change such a trial meanwhile.
 const TRIES: usize = 8;
@@ -39,7 +40,7 @@ impl Tuning {
         for _ in 0..TRIES {
             let mark = match found {
                 Found::Done(trial, receipt) => {
-                    receipt.durable().await?;
+                    METRICS.durable(receipt).await?;
                     return Ok(*trial);
                 }
                 Found::Closed(mark) => mark,
@@ -78,7 +79,7 @@ impl Tuning {
             .await??;
         match found {
             Found::Done(trial, receipt) => {
-                receipt.durable().await?;
+                METRICS.durable(receipt).await?;
                 Ok(*trial)
             }
             Found::Closed(mark) => {
@@ -90,7 +91,7 @@ impl Tuning {
 
     /// Reads a trial that is not open, once everything before is stored.
     pub(super) async fn closed_trial(&self, name: &TrialName, before: Receipt) -> Result<RawTrial, Error> {
-        before.durable().await?;
+        METRICS.durable(before).await?;
         Ok(self.store.get_trial(&name.study, name.number).await?)
     }
 
@@ -135,7 +136,7 @@ impl Tuning {
                 Ok::<_, TunerError>((best, live.commit(store, &[])))
             })
             .await??;
-        receipt.durable().await?;
+        METRICS.durable(receipt).await?;
         best.ok_or_else(|| Error::NothingMeasured {
             study: study.to_owned(),
             place: if indicators.is_some() { "in this state" } else { "in any state" },

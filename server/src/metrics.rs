@@ -1,0 +1,285 @@
+//! Figures for Prometheus. `watch` serves them.
+//!
+//! A process has one set of figures, so they are a static. Labels have few values, whatever clients send: RPCs come
+//! from the table of `access::rules`, codes are gRPC's seventeen, reasons stand in `status`, and studies are no label
+//! at all. The names and units follow OpenMetrics 1.0.
+
+use std::sync::{LazyLock, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use prometheus_client::encoding::EncodeLabelSet;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::Histogram;
+use prometheus_client::registry::{Registry, Unit};
+use tonic::Code;
+use treewright_core::trial::TrialState;
+use treewright_core::tuner::Change;
+use treewright_store::{Receipt, StoreError};
+
+/// An RPC.
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct Rpc {
+    rpc: &'static str,
+}
+
+/// An RPC and how it ended.
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct Ending {
+    rpc: &'static str,
+    code: &'static str,
+}
+
+/// Why something was refused, lost or closed.
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct Reason {
+    reason: &'static str,
+}
+
+/// The figures of this process.
+pub(crate) static METRICS: LazyLock<Metrics> = LazyLock::new(Metrics::new);
+
+/// The figures.
+#[derive(Debug)]
+pub(crate) struct Metrics {
+    registry: Mutex<Registry>,
+    requests: Family<Ending, Counter>,
+    request_seconds: Family<Rpc, Histogram, fn() -> Histogram>,
+    refusals: Family<Reason, Counter>,
+    connections_lost: Family<Reason, Counter>,
+    durable_seconds: Histogram,
+    store_queue: Gauge,
+    expired_leases: Counter,
+    late_reports: Counter,
+    now: Now,
+}
+
+/// What is looked up when somebody asks.
+#[derive(Debug, Default)]
+struct Now {
+    in_flight: Gauge,
+    streams: Gauge,
+    studies_in_memory: Gauge,
+    open_leases: Gauge,
+    memory: Gauge,
+    draining: Gauge,
+}
+
+/// What [`Metrics::text`] is told about this moment.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Moment {
+    /// Requests that are being worked on.
+    pub(crate) in_flight: usize,
+    /// Tune streams that are open.
+    pub(crate) streams: usize,
+    /// Studies whose tuner is in memory.
+    pub(crate) studies_in_memory: usize,
+    /// Trials of these studies that are under a lease.
+    pub(crate) open_leases: u64,
+    /// Whether the daemon is ending.
+    pub(crate) draining: bool,
+}
+
+/// From 50 µs to 13 s, each twice the one before.
+fn seconds() -> Histogram {
+    Histogram::new((0..19).map(|step| 50e-6 * f64::from(1_u32 << step)))
+}
+
+impl Metrics {
+    fn new() -> Self {
+        let metrics = Self {
+            registry: Mutex::new(Registry::with_prefix("treewright")),
+            requests: Family::default(),
+            request_seconds: Family::new_with_constructor(seconds),
+            refusals: Family::default(),
+            connections_lost: Family::default(),
+            durable_seconds: seconds(),
+            store_queue: Gauge::default(),
+            expired_leases: Counter::default(),
+            late_reports: Counter::default(),
+            now: Now::default(),
+        };
+        metrics.register();
+        metrics
+    }
+
+    fn register(&self) {
+        let mut registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
+        let r = &mut *registry;
+        r.register(
+            "requests",
+            "Requests, and frames of Tune streams, by RPC and gRPC code",
+            self.requests.clone(),
+        );
+        r.register_with_unit(
+            "request",
+            "From a request's head to the answer's, by RPC; of Tune.frame from the frame to its answer",
+            Unit::Seconds,
+            self.request_seconds.clone(),
+        );
+        r.register(
+            "refusals",
+            "Refused requests, frames and parts of frames, by reason",
+            self.refusals.clone(),
+        );
+        r.register(
+            "connections_lost",
+            "Connections refused or closed, by reason",
+            self.connections_lost.clone(),
+        );
+        r.register_with_unit(
+            "durable",
+            "From a decision to its being on the disk",
+            Unit::Seconds,
+            self.durable_seconds.clone(),
+        );
+        r.register("store_queue", "Decisions that wait for the disk", self.store_queue.clone());
+        r.register("expired_leases", "Leases that ran out", self.expired_leases.clone());
+        r.register("late_reports", "Reports that came after their lease", self.late_reports.clone());
+        let now = &self.now;
+        r.register("requests_in_flight", "Requests being worked on", now.in_flight.clone());
+        r.register("tune_streams", "Open Tune streams", now.streams.clone());
+        r.register("studies_in_memory", "Studies whose tuner is in memory", now.studies_in_memory.clone());
+        r.register("open_leases", "Trials under a lease, of studies in memory", now.open_leases.clone());
+        r.register("draining", "1 while the daemon is ending", now.draining.clone());
+        r.register_with_unit("resident_memory", "Memory of the process", Unit::Bytes, now.memory.clone());
+    }
+
+    /// A request, or a frame of a stream, has been answered.
+    pub(crate) fn answered(&self, rpc: &'static str, code: Code, took: Duration) {
+        self.requests.get_or_create(&Ending { rpc, code: code_name(code) }).inc();
+        self.request_seconds.get_or_create(&Rpc { rpc }).observe(took.as_secs_f64());
+    }
+
+    /// Something was refused.
+    pub(crate) fn refused(&self, reason: &'static str) {
+        self.refusals.get_or_create(&Reason { reason }).inc();
+    }
+
+    /// A connection was refused or closed: `limit`, `tls` or `overdue`.
+    pub(crate) fn connection_lost(&self, reason: &'static str) {
+        self.connections_lost.get_or_create(&Reason { reason }).inc();
+    }
+
+    /// A tuner has decided these changes.
+    pub(crate) fn decided(&self, changes: &[Change]) {
+        let trials = changes.iter().flat_map(|change| &change.trials);
+        let late = trials.filter(|trial| trial.late && trial.state == TrialState::Completed).count();
+        self.late_reports.inc_by(late as u64);
+    }
+
+    /// So many leases have run out.
+    pub(crate) fn expired(&self, leases: usize) {
+        self.expired_leases.inc_by(leases as u64);
+    }
+
+    /// Waits for the disk, and counts the wait.
+    pub(crate) async fn durable(&self, receipt: Receipt) -> Result<(), StoreError> {
+        let waiting = Waiting { queue: &self.store_queue, since: Instant::now() };
+        self.store_queue.inc();
+        let stored = receipt.durable().await;
+        self.durable_seconds.observe(waiting.since.elapsed().as_secs_f64());
+        stored
+    }
+
+    /// All figures in OpenMetrics' text form.
+    pub(crate) fn text(&self, moment: Moment) -> Result<String, std::fmt::Error> {
+        let now = &self.now;
+        for (gauge, value) in [
+            (&now.in_flight, moment.in_flight as u64),
+            (&now.streams, moment.streams as u64),
+            (&now.studies_in_memory, moment.studies_in_memory as u64),
+            (&now.open_leases, moment.open_leases),
+            (&now.draining, u64::from(moment.draining)),
+            (&now.memory, resident_bytes().unwrap_or(0)),
+        ] {
+            gauge.set(i64::try_from(value).unwrap_or(i64::MAX));
+        }
+        let mut text = String::new();
+        let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
+        prometheus_client::encoding::text::encode(&mut text, &registry)?;
+        Ok(text)
+    }
+}
+
+/// A place in the queue to the disk, also of a request that is given up while it waits.
+struct Waiting<'a> {
+    queue: &'a Gauge,
+    since: Instant,
+}
+
+impl Drop for Waiting<'_> {
+    fn drop(&mut self) {
+        self.queue.dec();
+    }
+}
+
+/// The code as the gRPC specification writes it.
+fn code_name(code: Code) -> &'static str {
+    match code {
+        Code::Ok => "OK",
+        Code::Cancelled => "CANCELLED",
+        Code::Unknown => "UNKNOWN",
+        Code::InvalidArgument => "INVALID_ARGUMENT",
+        Code::DeadlineExceeded => "DEADLINE_EXCEEDED",
+        Code::NotFound => "NOT_FOUND",
+        Code::AlreadyExists => "ALREADY_EXISTS",
+        Code::PermissionDenied => "PERMISSION_DENIED",
+        Code::ResourceExhausted => "RESOURCE_EXHAUSTED",
+        Code::FailedPrecondition => "FAILED_PRECONDITION",
+        Code::Aborted => "ABORTED",
+        Code::OutOfRange => "OUT_OF_RANGE",
+        Code::Unimplemented => "UNIMPLEMENTED",
+        Code::Internal => "INTERNAL",
+        Code::Unavailable => "UNAVAILABLE",
+        Code::DataLoss => "DATA_LOSS",
+        Code::Unauthenticated => "UNAUTHENTICATED",
+    }
+}
+
+/// Memory of this process, as Linux counts it.
+fn resident_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    let kilobytes: u64 = line.split_whitespace().next()?.parse().ok()?;
+    Some(kilobytes * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_are_written_with_few_labels() {
+        let metrics = Metrics::new();
+        metrics.answered("Suggest", Code::Ok, Duration::from_micros(300));
+        metrics.answered("Suggest", Code::PermissionDenied, Duration::from_micros(30));
+        metrics.connection_lost("tls");
+        metrics.refused("scope");
+        metrics.expired(2);
+        let text = metrics.text(Moment { open_leases: 3, ..Moment::default() }).unwrap();
+        for line in [
+            "treewright_requests_total{rpc=\"Suggest\",code=\"OK\"} 1",
+            "treewright_requests_total{rpc=\"Suggest\",code=\"PERMISSION_DENIED\"} 1",
+            "treewright_request_seconds_bucket{le=\"0.0004\",rpc=\"Suggest\"} 2",
+            "treewright_connections_lost_total{reason=\"tls\"} 1",
+            "treewright_refusals_total{reason=\"scope\"} 1",
+            "treewright_expired_leases_total 2",
+            "treewright_open_leases 3",
+            "# EOF",
+        ] {
+            assert!(text.contains(line), "{line} is not in\n{text}");
+        }
+        assert!(resident_bytes().is_some_and(|bytes| bytes > 1 << 20));
+    }
+
+    #[tokio::test]
+    async fn who_gives_up_waiting_leaves_the_queue() {
+        let metrics = Metrics::new();
+        let (_never, receipt) = Receipt::pending();
+        let waited = tokio::time::timeout(Duration::from_millis(5), metrics.durable(receipt)).await;
+        assert!(waited.is_err());
+        assert_eq!(metrics.store_queue.get(), 0);
+    }
+}
