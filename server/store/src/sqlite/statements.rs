@@ -77,8 +77,10 @@ pub(super) const TRIAL_UPSERT: &str = concat!(
 pub(super) const TRIAL_BY_NUMBER: &str =
     concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND number = $2");
 
+/// The sign before the number keeps the index of open trials in use: the order of the numbers would otherwise be had by
+/// reading all trials of the study.
 pub(super) const OPEN_TRIALS: &str =
-    concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND state = 'OPEN' ORDER BY number");
+    concat!("SELECT ", trial_columns!(), " FROM trials WHERE study = $1 AND state = 'OPEN' ORDER BY +number");
 
 /// A stretch of one index, wherever it begins.
 pub(super) const COMPLETED_TRIALS: &str = concat!(
@@ -139,12 +141,16 @@ mod tests {
             let rows = sqlx::query(explained).fetch_all(&mut connection).await.unwrap();
             for plan in rows.iter().map(|row| row.get::<String, _>("detail")) {
                 let scans = plan.starts_with("SCAN") && !plan.starts_with("SCAN studies");
-                assert!(!scans && !plan.contains("TEMP B-TREE"), "{plan}: {statement}");
+                // Open trials are few, and are put in order by themselves.
+                let sorts = plan.contains("TEMP B-TREE") && statement != OPEN_TRIALS;
+                assert!(!scans && !sorts, "{plan}: {statement}");
+                // The highest number or completion of a study is the end of an index.
+                let is_end = plan.contains(" t ") && plan.contains("(study=?)");
                 let narrow = !plan.contains("trials") && !plan.contains(" t ")
                     || plan.contains("number=?")
                     || plan.contains("completion>?")
                     || plan.contains("trials_open")
-                    || plan.contains("(study=?)");
+                    || is_end;
                 assert!(narrow, "{plan}: {statement}");
             }
         }
