@@ -203,8 +203,15 @@ impl Live {
         self.fence().is_same(fence) && self.closed_changes == closed_changes
     }
 
-    /// Checks a trial that comes from the store.
+    /// Checks a closed trial that comes from the store. One that is open there, or that this copy of the study never
+    /// handed out, tells that another replica has the study by now: the copy is given up, and whoever asks again
+    /// meets a fresh one.
     pub(super) fn check(&self, trial: RawTrial) -> Result<Trial, Error> {
+        if trial.state == TrialState::Open || trial.number > self.tuner.statistics().trials {
+            self.fence().break_up();
+            let study = self.fence().study().to_owned();
+            return Err(treewright_store::StoreError::Fenced { study }.into());
+        }
         trial.check(&self.tuner.spec().space).map_err(|error| {
             Error::Store(treewright_store::StoreError::Inconsistent {
                 problem: format!("a configuration does not fit its study: {error}"),
