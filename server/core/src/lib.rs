@@ -12,6 +12,7 @@
 //! [`predict`] carries knowledge from state to state; [`tuner`] decides.
 #![forbid(unsafe_code)]
 
+mod ascent;
 pub mod configuration;
 pub mod indicator;
 pub mod knowledge;

@@ -77,6 +77,7 @@ async fn carry(world: Arc<World>, client: u32, replica: usize, request: Request,
     };
     world.step("received");
     let number = machine.begin();
+    let known = world.known();
     let answer = requests::answer(&machine.service, &machine.tuning, request.clone()).await;
     machine.end(number);
     if !machine.is_alive() {
@@ -84,7 +85,7 @@ async fn carry(world: Arc<World>, client: u32, replica: usize, request: Request,
     }
     world.step("answered");
     let at_ms = world.elapsed_ms();
-    world.enter(|ledger, durable| ledger.answered(at_ms, client, &request, &answer, durable));
+    world.enter(|ledger, durable| ledger.answered((at_ms, known), client, &request, &answer, durable));
     if !arrives(&world, client) {
         return;
     }

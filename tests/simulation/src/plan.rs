@@ -13,6 +13,8 @@ pub enum Bug {
     LeaseWithoutClaim,
     /// Now and then nobody is told that a write has ended.
     LostWakeUp,
+    /// The study explores without the budget that clients were promised.
+    Overspending,
 }
 
 /// How a world is made: probabilities are per event, times in milliseconds of simulated time.
@@ -100,7 +102,11 @@ impl Plan {
             clock_jump_every_ms: or_never(clocks, between(5e3, 1e5)),
             clock_jump_ms: between(10.0, 1e7) as i64,
             misbehaviour: or_zero(people, between(0.005, 0.1)),
-            regret_budget: if budget { Some(between(0.02, 0.2)) } else { None },
+            regret_budget: if budget || bug == Some(Bug::Overspending) {
+                Some(between(0.02, 0.2))
+            } else {
+                None
+            },
             lease_s: between(1.0, 60.0) as i32,
             trials_per_state: between(5.0, 100.0) as i32,
             bug,

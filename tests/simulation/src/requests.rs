@@ -9,7 +9,7 @@ use treewright_server::convert::{from_proto, to_proto};
 use treewright_server::error::Error;
 use treewright_server::tuning::{Reported, Tuning};
 
-use crate::plan::Plan;
+use crate::plan::{Bug, Plan};
 
 /// The one study of a world.
 pub(crate) const STUDY: &str = "studies/world";
@@ -143,7 +143,7 @@ pub(crate) fn study(plan: &Plan) -> wire::Study {
             search: wire::SearchMethod::Random as i32,
             trials_per_state: plan.trials_per_state,
             lease_s: plan.lease_s,
-            regret_budget: plan.regret_budget,
+            regret_budget: plan.regret_budget.filter(|_| plan.bug != Some(Bug::Overspending)),
             ..wire::Policy::default()
         }),
         seed: plan.seed,

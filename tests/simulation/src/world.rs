@@ -242,6 +242,11 @@ impl World {
         }
     }
 
+    /// How many reports were acknowledged so far.
+    pub(crate) fn known(&self) -> i64 {
+        self.lock().ledger.known()
+    }
+
     /// Notes something that should not be.
     pub(crate) fn violation(&self, what: String) {
         let at_ms = self.elapsed_ms();

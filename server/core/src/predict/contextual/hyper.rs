@@ -1,12 +1,11 @@
 //! What is learnt of the covariance, and how: by climbing the posterior density of lengths and noise.
 //!
-//! The steps are those of iRprop (Igel and Hüsken, "Improving the Rprop learning algorithm", 2000), which needs
-//! only the signs of gradients, so that one step a lesson is enough and the next goes on where it ended. The
-//! prior on lengths grows with the root of the dimension (Hvarfner, Hellsten and Nardi, ICML 2024).
+//! The steps are those of [`ascent`](crate::ascent). The prior on lengths grows with the root of the dimension (Hvarfner, Hellsten and Nardi, ICML 2024).
 
 use serde::{Deserialize, Serialize};
 
 use super::field::{Field, Rows, shape};
+use crate::ascent::climb;
 
 /// Logarithms of each axis' weight (the inverse square of its length), then of the noise's variance as a
 /// share of the values'.
@@ -66,16 +65,9 @@ impl Hyper {
         for (index, likelihood) in gradient.into_iter().enumerate() {
             let (mean, spread, range) = prior[usize::from(index == dimension)];
             let slope = likelihood - (self.log[index] - mean) / (spread * spread);
-            let sign = i8::from(slope > 0.0) - i8::from(slope < 0.0);
-            let turned = sign * self.signs[index];
-            if turned > 0 {
-                self.steps[index] = (1.2 * self.steps[index]).min(STEP_MAX);
-            } else if turned < 0 {
-                self.steps[index] = (0.5 * self.steps[index]).max(STEP_MIN);
-            }
-            self.signs[index] = if turned < 0 { 0 } else { sign };
-            let moved = self.log[index] + f64::from(self.signs[index]) * self.steps[index];
-            self.log[index] = moved.clamp(range[0].ln(), range[1].ln());
+            let (log, step) = (&mut self.log[index], &mut self.steps[index]);
+            climb(log, step, &mut self.signs[index], slope, [STEP_MIN, STEP_MAX]);
+            *log = log.clamp(range[0].ln(), range[1].ln());
         }
     }
 

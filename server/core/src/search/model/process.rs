@@ -16,6 +16,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::ascent::climb;
 use crate::matrix::{Factor, dot, quadratic};
 use crate::search::layout::{INACTIVE, Metric};
 
@@ -87,21 +88,8 @@ impl Hyper {
                 Some(_) => (TREND_MEAN.ln(), TREND_SPREAD),
             };
             let slope = likelihood - (self.log[index] - mean) / (spread * spread);
-            let sign = if slope > 0.0 {
-                1
-            } else if slope < 0.0 {
-                -1
-            } else {
-                0
-            };
-            let turned = sign * self.signs[index];
-            if turned > 0 {
-                self.steps[index] = (1.2 * self.steps[index]).min(STEP_MAX);
-            } else if turned < 0 {
-                self.steps[index] = (0.5 * self.steps[index]).max(STEP_MIN);
-            }
-            self.signs[index] = if turned < 0 { 0 } else { sign };
-            self.log[index] += f64::from(self.signs[index]) * self.steps[index];
+            let (log, step) = (&mut self.log[index], &mut self.steps[index]);
+            climb(log, step, &mut self.signs[index], slope, [STEP_MIN, STEP_MAX]);
         }
         for (log, range) in self.log[dimension..].iter_mut().zip([NOISE_RANGE, TREND_RANGE]) {
             *log = log.clamp(range[0].ln(), range[1].ln());
