@@ -16,7 +16,7 @@ use tonic::{Code, Status};
 use tower::{Layer, Service, ServiceExt as _};
 
 use crate::limits;
-use crate::peers::{FORWARDED, Fate, Patience, Peers};
+use crate::peers::{FORWARDED, Fate, Peers, Seeking, find_answer};
 
 /// Bytes before a message: whether it is compressed, and its length.
 const MESSAGE_HEAD: usize = 5;
@@ -52,7 +52,7 @@ pub struct Forward<S> {
 
 impl<S> Service<Request<Body>> for Forward<S>
 where
-    S: Service<Request<Body>, Response = Response<Body>, Error = Infallible> + Clone + Send + 'static,
+    S: Service<Request<Body>, Response = Response<Body>, Error = Infallible> + Clone + Send + Sync + 'static,
     S::Future: Send,
 {
     type Response = Response<Body>;
@@ -84,7 +84,8 @@ fn is_single(path: &str) -> bool {
 
 async fn serve<S>(peers: &Peers, inner: S, request: Request<Body>) -> Response<Body>
 where
-    S: Service<Request<Body>, Response = Response<Body>, Error = Infallible> + Clone,
+    S: Service<Request<Body>, Response = Response<Body>, Error = Infallible> + Clone + Send + Sync,
+    S::Future: Send,
 {
     let (parts, body) = request.into_parts();
     // Beyond the limit the service itself refuses; here only memory is guarded.
@@ -92,42 +93,54 @@ where
         Ok(collected) => collected.to_bytes(),
         Err(_) => return Status::out_of_range("the request is too large, or broke off").into_http(),
     };
-    let request = |bytes: &Bytes| {
-        let mut request = Request::from_parts(parts.clone(), Body::new(Full::new(bytes.clone())));
+    let was_forwarded = parts.headers.contains_key(FORWARDED);
+    let single = Single { peers, inner, parts, bytes };
+    find_answer(&single, was_forwarded).await.unwrap_or_else(Status::into_http)
+}
+
+/// A single request, kept so that it can be tried again.
+struct Single<'a, S> {
+    peers: &'a Peers,
+    inner: S,
+    parts: http::request::Parts,
+    bytes: Bytes,
+}
+
+impl<S> Single<'_, S> {
+    fn request(&self) -> Request<Body> {
+        let mut request = Request::from_parts(self.parts.clone(), Body::new(Full::new(self.bytes.clone())));
         request.headers_mut().remove(http::header::CONTENT_LENGTH);
         request
-    };
-    let was_forwarded = parts.headers.contains_key(FORWARDED);
-    let mut patience = Patience::new();
-    loop {
-        let Ok(answer) = inner.clone().oneshot(request(&bytes)).await;
-        let answer = match Fate::read(answer.headers()) {
-            None => return answer,
-            Some(Fate::Elsewhere { .. }) if was_forwarded => return answer,
-            Some(Fate::Again { .. }) => answer,
-            Some(Fate::Elsewhere { study, address }) => {
-                let mut passed_on = request(&bytes);
-                passed_on.headers_mut().insert(FORWARDED, HeaderValue::from_static("1"));
-                match peers.channel(&address) {
-                    Err(status) => return status.into_http(),
-                    Ok(channel) => match channel.oneshot(passed_on).await {
-                        Ok(theirs) if !is_unavailable(&theirs) => return theirs,
-                        Ok(theirs) => {
-                            peers.doubt(&study);
-                            theirs
-                        }
-                        Err(error) => {
-                            tracing::debug!(study, address, %error, "the replica does not answer");
-                            peers.doubt(&study);
-                            answer
-                        }
-                    },
-                }
+    }
+}
+
+impl<S> Seeking for Single<'_, S>
+where
+    S: Service<Request<Body>, Response = Response<Body>, Error = Infallible> + Clone + Send + Sync,
+    S::Future: Send,
+{
+    type Answer = Response<Body>;
+
+    async fn here(&self) -> Result<(Response<Body>, Option<Fate>), Status> {
+        let Ok(answer) = self.inner.clone().oneshot(self.request()).await;
+        let fate = Fate::read(answer.headers());
+        Ok((answer, fate))
+    }
+
+    async fn there(&self, study: &str, address: &str) -> Result<Option<Response<Body>>, Status> {
+        let mut request = self.request();
+        request.headers_mut().insert(FORWARDED, HeaderValue::from_static("1"));
+        match self.peers.channel(address)?.oneshot(request).await {
+            Ok(theirs) => Ok(Some(theirs).filter(|theirs| !is_unavailable(theirs))),
+            Err(error) => {
+                tracing::debug!(study, address, %error, "the replica does not answer");
+                Ok(None)
             }
-        };
-        if !patience.wait().await {
-            return answer;
         }
+    }
+
+    fn doubt(&self, study: &str) {
+        self.peers.doubt(study);
     }
 }
 

@@ -3,7 +3,8 @@
 //! Where several daemons share a database, a study's tuner lives in one of them. A replica that is asked about
 //! a study of another's passes the request on, as it came, and the answer back. A request is passed on once:
 //! whoever gets it marked and does not hold the study says so, and the first looks again who does. If the
-//! holder is gone, the database lets the first take the study itself.
+//! holder is gone, the database lets the first take the study itself. [`find_answer`] is that search; single
+//! requests, frames of a stream and the fault simulator each say how they try here and there.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -77,7 +78,8 @@ impl Fate {
     }
 
     /// Reads it from the headers of an answer.
-    pub(crate) fn read(headers: &http::HeaderMap) -> Option<Self> {
+    #[must_use]
+    pub fn read(headers: &http::HeaderMap) -> Option<Self> {
         let text = |name| headers.get(name)?.to_str().ok().map(str::to_owned);
         let study = text(STUDY)?;
         Some(match text(HOLDER) {
@@ -93,19 +95,68 @@ pub struct Peers {
     channels: Mutex<HashMap<String, Channel>>,
 }
 
+/// A request that may have to look for its replica.
+pub trait Seeking: Sync {
+    /// What it ends with.
+    type Answer: Send;
+
+    /// Tries in this replica: the answer, and where to try again what could not be done here.
+    ///
+    /// # Errors
+    /// What ends the search.
+    fn here(&self) -> impl Future<Output = Result<(Self::Answer, Option<Fate>), Status>> + Send;
+
+    /// Tries in another replica, marked as passed on; none where that leaves the question open.
+    ///
+    /// # Errors
+    /// What ends the search.
+    fn there(
+        &self,
+        study: &str,
+        address: &str,
+    ) -> impl Future<Output = Result<Option<Self::Answer>, Status>> + Send;
+
+    /// The replica did not answer, or does not hold the study any more.
+    fn doubt(&self, study: &str);
+}
+
+/// Looks for the replica that answers a request until [`limits::PEER_PATIENCE`] is over; then the last answer of
+/// this replica stands. A request that was passed on is not passed on again.
+///
+/// # Errors
+/// Those of the request's own attempts.
+pub async fn find_answer<S: Seeking>(request: &S, was_forwarded: bool) -> Result<S::Answer, Status> {
+    let mut patience = Patience::new();
+    loop {
+        let (answer, fate) = request.here().await?;
+        match fate {
+            None => return Ok(answer),
+            Some(Fate::Elsewhere { .. }) if was_forwarded => return Ok(answer),
+            Some(Fate::Elsewhere { study, address }) => match request.there(&study, &address).await? {
+                Some(theirs) => return Ok(theirs),
+                None => request.doubt(&study),
+            },
+            Some(Fate::Again { .. }) => {}
+        }
+        if !patience.wait().await {
+            return Ok(answer);
+        }
+    }
+}
+
 /// How long a request has been looking for the replica that does it.
-pub(crate) struct Patience {
+struct Patience {
     until: Instant,
     pause: Duration,
 }
 
 impl Patience {
-    pub(crate) fn new() -> Self {
+    fn new() -> Self {
         Self { until: Instant::now() + limits::PEER_PATIENCE, pause: limits::PEER_PAUSE }
     }
 
     /// Waits a little, a little longer each time; false when the time is up.
-    pub(crate) async fn wait(&mut self) -> bool {
+    async fn wait(&mut self) -> bool {
         if Instant::now() + self.pause >= self.until {
             return false;
         }

@@ -1,10 +1,11 @@
-//! A storm of `kill -9` at random moments under 32 clients: nothing acknowledged is lost, no trial is handed to two
-//! clients, and every restart works by itself.
+//! A storm of `kill -9` at random moments under 32 clients, on one daemon with SQLite and on three with PostgreSQL:
+//! nothing acknowledged is lost, no trial is handed to two clients, and every restart works by itself.
 //!
 //! A dozen kills in a usual run; `TREEWRIGHT_STORM_KILLS=1000 cargo test --release -p treewright-tests --test end_to_end
 //! storm -- --nocapture` shows more and prints what happened.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -14,6 +15,7 @@ use tonic::Code;
 use tonic::transport::{Channel, Endpoint};
 use treewright_proto::v1 as pb;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
+use treewright_test_postgres::{Database, Server};
 use treewright_tests::daemon::Daemon;
 
 use crate::wire;
@@ -35,7 +37,8 @@ struct Book {
 }
 
 struct Storm {
-    url: String,
+    /// Where the daemons listen; any of them answers.
+    urls: Vec<String>,
     study: String,
     book: Mutex<Book>,
     is_over: AtomicBool,
@@ -66,25 +69,49 @@ impl Storm {
     }
 }
 
+/// A client's connections, one to each daemon, of which it uses one until a call on it fails.
+struct Connections {
+    all: Vec<TuningServiceClient<Channel>>,
+    current: usize,
+}
+
+impl Connections {
+    fn to(urls: &[String], first: u32) -> Self {
+        let connect = |url: &String| {
+            let endpoint = Endpoint::from_shared(url.clone()).expect("an address").timeout(DEADLINE);
+            TuningServiceClient::new(endpoint.connect_lazy())
+        };
+        Self { all: urls.iter().map(connect).collect(), current: first as usize % urls.len() }
+    }
+
+    fn current(&mut self) -> &mut TuningServiceClient<Channel> {
+        &mut self.all[self.current]
+    }
+
+    async fn failed(&mut self, storm: &Storm) {
+        self.current = (self.current + 1) % self.all.len();
+        storm.failed_calls.fetch_add(1, Ordering::Relaxed);
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+}
+
 async fn client(storm: Arc<Storm>, number: u32) {
     let client_id = format!("client-{number}");
-    let endpoint = Endpoint::from_shared(storm.url.clone()).expect("an address").timeout(DEADLINE);
-    let channel: Channel = endpoint.connect_lazy();
-    let mut client = TuningServiceClient::new(channel);
+    let mut connections = Connections::to(&storm.urls, number);
     let mut step = 0u32;
     while !storm.is_over.load(Ordering::Relaxed) {
         step += 1;
         let near = f64::from(number % 8) / 8.0 + f64::from(step / 20 % 3) / 40.0;
-        let Ok(trial) = client.suggest(wire::suggestion(&storm.study, &client_id, near)).await else {
-            storm.failed_calls.fetch_add(1, Ordering::Relaxed);
-            tokio::time::sleep(Duration::from_millis(5)).await;
+        let question = wire::suggestion(&storm.study, &client_id, near);
+        let Ok(trial) = connections.current().suggest(question).await else {
+            connections.failed(&storm).await;
             continue;
         };
         let trial = trial.into_inner();
         storm.handed(&trial, &client_id);
         // Told until somebody has heard it, also when the storm is over.
         loop {
-            match client.report(wire::report(&trial)).await {
+            match connections.current().report(wire::report(&trial)).await {
                 Ok(answer) => {
                     storm.acknowledged(answer.into_inner().trial.as_ref().expect("the stored trial"));
                     break;
@@ -94,26 +121,22 @@ async fn client(storm: Arc<Storm>, number: u32) {
                     storm.note(|book| book.wrong.push(problem));
                     break;
                 }
-                Err(_) => {
-                    storm.failed_calls.fetch_add(1, Ordering::Relaxed);
-                    tokio::time::sleep(Duration::from_millis(5)).await;
-                }
+                Err(_) => connections.failed(&storm).await,
             }
         }
     }
 }
 
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_storm_of_kills_loses_nothing() {
-    let kills =
+/// Kills one daemon after the other, at moments without a pattern, under 32 clients; then compares what clients were
+/// told with what is stored.
+async fn rage(database: &Path, replicas: usize) {
+    let kills: u32 =
         std::env::var("TREEWRIGHT_STORM_KILLS").map_or(KILLS, |kills| kills.parse().expect("a number"));
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let database = folder.path().join("storm.db");
-    let mut daemon = Daemon::start(&database);
-    let address = daemon.address().to_owned();
-    let study = wire::create(&mut wire::connect(daemon.url()).await, "storm").await;
+    let mut daemons: Vec<Daemon> = (0..replicas).map(|_| Daemon::start(database)).collect();
+    let addresses: Vec<String> = daemons.iter().map(|daemon| daemon.address().to_owned()).collect();
+    let study = wire::create(&mut wire::connect(daemons[0].url()).await, "storm").await;
     let storm = Arc::new(Storm {
-        url: daemon.url().to_owned(),
+        urls: daemons.iter().map(|daemon| daemon.url().to_owned()).collect(),
         study: study.clone(),
         book: Mutex::default(),
         is_over: AtomicBool::new(false),
@@ -126,19 +149,20 @@ async fn a_storm_of_kills_loses_nothing() {
     let begin = Instant::now();
     let mut longest_start = Duration::ZERO;
     for kill in 0..kills {
-        // Moments without a pattern: multiples of the golden ratio spread evenly (Weyl, 1916).
+        // Multiples of the golden ratio spread evenly (Weyl, 1916).
         let share = (f64::from(kill + 1) * 0.618_033_988_749_895).fract();
         tokio::time::sleep(Duration::from_millis(5 + (share * 400.0) as u64)).await;
-        daemon.kill();
+        let victim = kill as usize % replicas;
+        daemons.remove(victim).kill();
         let started = Instant::now();
-        daemon = Daemon::start_at(&database, &address);
+        daemons.insert(victim, Daemon::start_at(database, &addresses[victim]));
         longest_start = longest_start.max(started.elapsed());
     }
     storm.is_over.store(true, Ordering::Relaxed);
     while let Some(ended) = clients.join_next().await {
         ended.expect("a client ends");
     }
-    let mut reader = wire::connect(daemon.url()).await;
+    let mut reader = wire::connect(daemons[0].url()).await;
     let completed = wire::query(&mut reader, &study, "state = COMPLETED").await;
     let stored: BTreeMap<String, pb::Trial> =
         completed.into_iter().map(|trial| (trial.name.clone(), trial)).collect();
@@ -149,8 +173,8 @@ async fn a_storm_of_kills_loses_nothing() {
         .filter(|(name, cost)| stored.get(*name).is_none_or(|trial| trial.cost != **cost))
         .count();
     println!(
-        "{kills} kills in {:.0} s: {} reports acknowledged, {lost} lost, {} trials handed out, {} wrong, {} calls failed \
-         and were tried again, longest start {} ms",
+        "{replicas} daemons, {kills} kills in {:.0} s: {} reports acknowledged, {lost} lost, {} trials handed out, {} \
+         wrong, {} calls failed and were tried again, longest start {} ms",
         begin.elapsed().as_secs_f64(),
         book.acknowledged.len(),
         book.handed.len(),
@@ -165,4 +189,17 @@ async fn a_storm_of_kills_loses_nothing() {
         "only {} reports went through",
         book.acknowledged.len()
     );
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_storm_of_kills_loses_nothing() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    rage(&folder.path().join("storm.db"), 1).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_storm_over_three_replicas_loses_nothing() {
+    let server = tokio::task::spawn_blocking(Server::start).await.expect("PostgreSQL starts");
+    let database = Database::create_on(&server.url("postgres")).await;
+    rage(Path::new(&database), 3).await;
 }

@@ -1,4 +1,5 @@
-//! Finds the workspace's programs, building them first so that a test never runs a stale one.
+//! Finds the workspace's programs, building them first so that a test never runs a stale one; or takes those in the folder
+//! that `TREEWRIGHT_PROGRAMS` names, to test what was built before.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -19,6 +20,9 @@ pub fn workspace() -> PathBuf {
 pub fn program(name: &str) -> PathBuf {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
+        if let Some(folder) = std::env::var_os("TREEWRIGHT_PROGRAMS") {
+            return PathBuf::from(folder);
+        }
         let test = std::env::current_exe().expect("a test knows its own path");
         let folder = test.ancestors().nth(2).expect("tests lie in PROFILE/deps").to_path_buf();
         let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));

@@ -7,7 +7,7 @@ use tonic::Status;
 use tonic::metadata::MetadataMap;
 use treewright_proto::v1 as wire;
 
-use crate::peers::{FORWARDED, Fate, Patience, Peers, is_open};
+use crate::peers::{FORWARDED, Fate, Peers, Seeking, find_answer, is_open};
 
 /// Answers frames with what is at hand in this replica.
 pub(super) trait Attempt: Sync {
@@ -65,26 +65,38 @@ impl Frames {
         frame: wire::TuneRequest,
         here: &impl Attempt,
     ) -> Result<wire::TuneResponse, Status> {
-        let mut patience = Patience::new();
-        loop {
-            let (answer, fate) = here.attempt(frame.clone()).await?;
-            match fate {
-                None => return Ok(answer),
-                Some(Fate::Elsewhere { .. }) if self.metadata.contains_key(FORWARDED) => return Ok(answer),
-                Some(Fate::Elsewhere { study, address }) => {
-                    match peers.frame(&address, &self.metadata, frame.clone()).await {
-                        Ok(theirs) if !is_open(&theirs) => return Ok(theirs),
-                        Ok(_) => {}
-                        Err(error) => tracing::debug!(study, address, %error, "the replica does not answer"),
-                    }
-                    peers.doubt(&study);
-                }
-                Some(Fate::Again { .. }) => {}
-            }
-            if !patience.wait().await {
-                return Ok(answer);
+        let was_forwarded = self.metadata.contains_key(FORWARDED);
+        find_answer(&Frame { peers, metadata: &self.metadata, frame, here }, was_forwarded).await
+    }
+}
+
+/// One frame, kept so that it can be tried again.
+struct Frame<'a, A> {
+    peers: &'a Peers,
+    metadata: &'a MetadataMap,
+    frame: wire::TuneRequest,
+    here: &'a A,
+}
+
+impl<A: Attempt> Seeking for Frame<'_, A> {
+    type Answer = wire::TuneResponse;
+
+    async fn here(&self) -> Result<(wire::TuneResponse, Option<Fate>), Status> {
+        self.here.attempt(self.frame.clone()).await
+    }
+
+    async fn there(&self, study: &str, address: &str) -> Result<Option<wire::TuneResponse>, Status> {
+        match self.peers.frame(address, self.metadata, self.frame.clone()).await {
+            Ok(theirs) => Ok(Some(theirs).filter(|theirs| !is_open(theirs))),
+            Err(error) => {
+                tracing::debug!(study, address, %error, "the replica does not answer");
+                Ok(None)
             }
         }
+    }
+
+    fn doubt(&self, study: &str) {
+        self.peers.doubt(study);
     }
 }
 

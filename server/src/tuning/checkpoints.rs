@@ -5,11 +5,12 @@
 
 use std::sync::Arc;
 
-use treewright_core::limits::{CHECKPOINT_BYTES_PER_TRIAL, CHECKPOINT_TRIALS_MIN};
+use treewright_core::limits::CHECKPOINT_BYTES_PER_TRIAL;
 use treewright_core::tuner::Learnt;
 use treewright_store::{Fence, Receipt, Store};
 
 use super::Tuning;
+use super::loading::compute;
 use super::runtime::{Live, Runtime};
 use crate::error::Error;
 
@@ -22,8 +23,8 @@ pub(super) struct Saved {
 
 impl Saved {
     /// Whether so many trials were completed since that another one is worth its bytes.
-    fn is_due(self, completed: u64) -> bool {
-        let after = CHECKPOINT_TRIALS_MIN.max(self.bytes / CHECKPOINT_BYTES_PER_TRIAL);
+    fn is_due(self, completed: u64, after: u64) -> bool {
+        let after = after.max(self.bytes / CHECKPOINT_BYTES_PER_TRIAL);
         completed.saturating_sub(self.completion) >= after
     }
 }
@@ -36,9 +37,9 @@ struct Due {
 }
 
 impl Live {
-    fn take_due(&mut self, store: &dyn Store) -> Option<Due> {
+    fn take_due(&mut self, store: &dyn Store, after: u64) -> Option<Due> {
         let completed = self.tuner.statistics().completed_trials;
-        if !self.saved.is_due(completed) {
+        if !self.saved.is_due(completed, after) {
             return None;
         }
         // Should saving fail, the next attempt comes after as many trials again.
@@ -52,7 +53,7 @@ impl Tuning {
     /// Saves checkpoints where they are due, one study after the other. To be called now and then.
     pub async fn save_checkpoints(&self) {
         for (study, runtime) in self.in_memory() {
-            let due = runtime.peek(|live| live.take_due(&*self.store)).flatten();
+            let due = runtime.peek(|live| live.take_due(&*self.store, self.checkpoint_after)).flatten();
             let Some(due) = due else {
                 continue;
             };
@@ -68,8 +69,7 @@ impl Tuning {
 
     async fn save(&self, due: Due, runtime: &Arc<Runtime>) -> Result<Saved, Error> {
         let Due { learnt, fence, before } = due;
-        let packed = tokio::task::spawn_blocking(move || learnt.checkpoint());
-        let checkpoint = packed.await.map_err(|_| Error::Defect("packing a checkpoint panicked"))?;
+        let checkpoint = compute(move || learnt.checkpoint()).await?;
         before.durable().await?;
         self.store.save_checkpoint(&fence, &checkpoint).await?;
         let saved = Saved { completion: checkpoint.completion, bytes: checkpoint.bytes.len() as u64 };
@@ -88,6 +88,7 @@ mod tests {
 
     use prost_types::FieldMask;
     use treewright_core::indicator::{Indicator, IndicatorSchema};
+    use treewright_core::limits::CHECKPOINT_TRIALS_MIN;
     use treewright_core::objective::{Objective, ObjectiveTerm};
     use treewright_core::policy::{Policy, SearchMethod};
     use treewright_core::space::{Domain, Parameter, Scale, Space};

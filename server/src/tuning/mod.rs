@@ -14,6 +14,7 @@ mod trials;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use treewright_core::limits::CHECKPOINT_TRIALS_MIN;
 use treewright_store::Store;
 
 use crate::clock::Clock;
@@ -27,6 +28,8 @@ pub use frames::{FrameAnswer, Reported};
 pub struct Tuning {
     store: Arc<dyn Store>,
     clock: Arc<dyn Clock>,
+    /// Completed trials after which a checkpoint is worth its bytes, as long as it is small.
+    checkpoint_after: u64,
     runtimes: Mutex<Runtimes>,
 }
 
@@ -41,7 +44,13 @@ impl Tuning {
     /// The use cases on a store and a clock.
     #[must_use]
     pub fn new(store: Arc<dyn Store>, clock: Arc<dyn Clock>) -> Self {
-        Self { store, clock, runtimes: Mutex::default() }
+        Self { store, clock, checkpoint_after: CHECKPOINT_TRIALS_MIN, runtimes: Mutex::default() }
+    }
+
+    /// Saves checkpoints after so many completed trials, where the usual number would hide them from a test.
+    #[must_use]
+    pub fn with_checkpoints_after(self, trials: u64) -> Self {
+        Self { checkpoint_after: trials, ..self }
     }
 
     /// Computes on a study's tuner, with every lease that has run out ended before.

@@ -4,7 +4,7 @@
 //! has a queue and a writer that puts waiting writes into one transaction, as the real stores do. A crash at a random
 //! moment of a write loses the whole transaction or keeps it whole: that is what a checksummed log makes of a torn
 //! write. Each machine has fences of its own; whether the study was taken over by another shows when the transaction is
-//! applied, as with an epoch in a shared database.
+//! applied, as with an epoch in a shared database. Who may take a study is for [`claims`](crate::claims) to say.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,6 +21,7 @@ use treewright_store::{
     Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage, TrialQuery,
 };
 
+use crate::claims::{Claims, Known};
 use crate::plan::Bug;
 use crate::world::World;
 
@@ -55,8 +56,8 @@ enum Job {
 pub(crate) struct Durable {
     /// What is on the disk.
     pub(crate) store: MemoryStore,
-    /// The fence of whoever claimed a study last.
-    claims: Mutex<HashMap<String, Fence>>,
+    /// Who holds which study.
+    claims: Claims,
 }
 
 /// The last fence of each study that a machine was given: its own, and the durable store's behind it.
@@ -68,22 +69,32 @@ pub(crate) struct SimulatedDisk {
     durable: Arc<Durable>,
     queue: mpsc::Sender<Job>,
     fences: Arc<Mutex<Fences>>,
+    /// Which of the machines this is.
+    replica: usize,
+    /// Who it knows to hold which study.
+    known: Known,
     alive: Arc<AtomicBool>,
 }
 
 impl SimulatedDisk {
     /// A disk for a machine that starts. `alive` turns false when it crashes.
-    pub(crate) fn new(world: Arc<World>, durable: Arc<Durable>, alive: Arc<AtomicBool>) -> Self {
+    pub(crate) fn new(
+        world: Arc<World>,
+        durable: Arc<Durable>,
+        replica: usize,
+        alive: Arc<AtomicBool>,
+    ) -> Self {
         let (queue, waiting) = mpsc::channel(QUEUE);
         let fences = Arc::<Mutex<Fences>>::default();
         let writer = Writer {
             world: Arc::clone(&world),
             durable: Arc::clone(&durable),
             fences: Arc::clone(&fences),
+            replica,
             alive: Arc::clone(&alive),
         };
         tokio::spawn(writer.run(waiting));
-        Self { world, durable, queue, fences, alive }
+        Self { world, durable, queue, fences, replica, known: Known::default(), alive }
     }
 
     fn enqueue(&self, job: Job) {
@@ -108,7 +119,28 @@ impl SimulatedDisk {
 
     async fn read(&self) -> Result<(), StoreError> {
         sleep(self.world.time_ms(self.world.plan.write_ms * 0.2)).await;
-        if self.alive.load(Ordering::SeqCst) { Ok(()) } else { Err(StoreError::Closed) }
+        self.world.awake(self.replica).await;
+        if !self.alive.load(Ordering::SeqCst) {
+            Err(StoreError::Closed)
+        } else if self.world.is_away(self.replica) {
+            Err(StoreError::Unavailable { problem: "the simulated database is away".to_owned() })
+        } else {
+            Ok(())
+        }
+    }
+}
+
+/// The address that a machine advertises.
+fn address(replica: usize) -> String {
+    format!("replica-{replica}")
+}
+
+impl Job {
+    fn fence(&self) -> Option<&Fence> {
+        match self {
+            Job::Commit { fence, .. } | Job::Policy { fence, .. } => Some(fence),
+            Job::Barrier { .. } => None,
+        }
     }
 }
 
@@ -128,6 +160,7 @@ struct Writer {
     world: Arc<World>,
     durable: Arc<Durable>,
     fences: Arc<Mutex<Fences>>,
+    replica: usize,
     alive: Arc<AtomicBool>,
 }
 
@@ -144,6 +177,7 @@ impl Writer {
                 group = acknowledge_early(group);
             }
             sleep(self.world.time_ms(self.world.plan.write_ms)).await;
+            self.world.awake(self.replica).await;
             self.world.step("write");
             if !self.alive.load(Ordering::SeqCst) {
                 // The crash came in the middle: the log holds all of the transaction or none.
@@ -158,6 +192,10 @@ impl Writer {
                 self.world.count(|counts| counts.failed_writes += 1);
                 let error = StoreError::Unavailable { problem: "the simulated disk failed".to_owned() };
                 group.into_iter().for_each(|job| refuse(job, &error));
+                continue;
+            }
+            if self.world.is_away(self.replica) {
+                self.lose_touch(group);
                 continue;
             }
             let answers = self.apply(group);
@@ -176,6 +214,25 @@ impl Writer {
                 }
                 let _ = answer.send(result);
             }
+        }
+    }
+
+    /// The connection breaks during a transaction: it was committed or not, and nobody is told which.
+    fn lose_touch(&self, group: Vec<Job>) {
+        self.world.count(|counts| counts.unsure_writes += 1);
+        let error = StoreError::Unavailable { problem: "the simulated database is away".to_owned() };
+        if self.world.is_leaving(self.replica) && self.world.chance(0.5) {
+            for (fence, answer) in group.into_iter().map(|job| {
+                let fence = job.fence().cloned();
+                (fence, self.apply_one(job).0)
+            }) {
+                if let Some(fence) = fence {
+                    fence.break_up();
+                }
+                let _ = answer.send(Err(error.clone()));
+            }
+        } else {
+            group.into_iter().for_each(|job| refuse(job, &error));
         }
     }
 
@@ -209,9 +266,8 @@ impl Writer {
         let result = match found {
             Some((ours, durable)) if ours.holds() => {
                 if self.world.plan.bug == Some(Bug::LeaseWithoutClaim) && !durable.holds() {
-                    lock(&self.durable.claims)
-                        .get(fence.study())
-                        .map_or_else(|| Err(fenced()), |claim| now(write(claim).durable()))
+                    let claim = self.durable.claims.fence(fence.study());
+                    claim.map_or_else(|| Err(fenced()), |claim| now(write(&claim).durable()))
                 } else {
                     now(write(durable).durable())
                 }
@@ -278,16 +334,33 @@ impl Store for SimulatedDisk {
     }
 
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
+        let elsewhere =
+            |replica| StoreError::Elsewhere { study: study.to_owned(), address: address(replica) };
+        if let Some(holder) = self.known.holder(study) {
+            return Err(elsewhere(holder));
+        }
         self.barrier().await?;
         self.read().await?;
+        if let Some(holder) = self.durable.claims.other_holder(&self.world, study, self.replica) {
+            self.known.remember(study, holder);
+            return Err(elsewhere(holder));
+        }
         let loaded = self.durable.store.load(study).await?;
         let fence = Fence::new(study, 0);
-        lock(&self.durable.claims).insert(study.to_owned(), loaded.fence.clone());
+        self.durable.claims.take(study, loaded.fence.clone(), self.replica, &self.alive);
         if let Some((earlier, _)) = lock(&self.fences).insert(study.to_owned(), (fence.clone(), loaded.fence))
         {
             earlier.break_up();
         }
         Ok(Loaded { fence, ..loaded })
+    }
+
+    fn is_shared(&self) -> bool {
+        self.world.plan.replicas > 1
+    }
+
+    fn doubt(&self, study: &str) {
+        self.known.forget(study);
     }
 
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
@@ -316,6 +389,7 @@ impl Store for SimulatedDisk {
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
         sleep(self.world.time_ms(self.world.plan.write_ms)).await;
         self.read().await?;
+        self.world.count(|counts| counts.checkpoints += 1);
         self.durable.store.save_checkpoint(&self.behind(fence)?, checkpoint).await
     }
 

@@ -10,6 +10,7 @@ use treewright_server::clock::Clock;
 use treewright_server::gate::Gate;
 use treewright_server::rpc::Service;
 use treewright_server::tuning::Tuning;
+use treewright_store::Store;
 
 use crate::disk::SimulatedDisk;
 use crate::world::{START_MS, World};
@@ -17,8 +18,10 @@ use crate::world::{START_MS, World};
 /// A running service. Cheap to clone.
 #[derive(Clone)]
 pub(crate) struct Machine {
+    pub(crate) index: usize,
     pub(crate) service: Service,
     pub(crate) tuning: Arc<Tuning>,
+    disk: Arc<dyn Store>,
     alive: Arc<AtomicBool>,
     calls: Arc<Calls>,
 }
@@ -33,6 +36,11 @@ struct Calls {
 impl Machine {
     pub(crate) fn is_alive(&self) -> bool {
         self.alive.load(Ordering::SeqCst)
+    }
+
+    /// Doubts who holds a study.
+    pub(crate) fn doubt(&self, study: &str) {
+        self.disk.doubt(study);
     }
 
     /// A call begins.
@@ -72,13 +80,19 @@ pub(crate) async fn live(world: Arc<World>, index: usize) {
     tokio::spawn(set_the_clock(Arc::clone(&world), Arc::clone(&off_ms)));
     loop {
         let alive = Arc::new(AtomicBool::new(true));
-        let disk = SimulatedDisk::new(Arc::clone(&world), Arc::clone(&world.durable), Arc::clone(&alive));
+        let disk =
+            SimulatedDisk::new(Arc::clone(&world), Arc::clone(&world.durable), index, Arc::clone(&alive));
+        let disk: Arc<dyn Store> = Arc::new(disk);
         let clock = MachineClock { world: Arc::clone(&world), off_ms: Arc::clone(&off_ms) };
-        let tuning = Arc::new(Tuning::new(Arc::new(disk), Arc::new(clock)));
+        let tuning = Tuning::new(Arc::clone(&disk), Arc::new(clock))
+            .with_checkpoints_after(world.plan.checkpoint_after);
+        let tuning = Arc::new(tuning);
         let service = Service::new(Arc::clone(&tuning), Gate::default());
         let calls = Arc::default();
-        let machine = Machine { service, tuning: Arc::clone(&tuning), alive: Arc::clone(&alive), calls };
-        tokio::spawn(sweep(Arc::clone(&world), tuning, Arc::clone(&alive)));
+        let machine =
+            Machine { index, service, tuning: Arc::clone(&tuning), disk, alive: Arc::clone(&alive), calls };
+        tokio::spawn(sweep(Arc::clone(&world), index, Arc::clone(&tuning), Arc::clone(&alive)));
+        tokio::spawn(save_checkpoints(Arc::clone(&world), tuning, Arc::clone(&alive)));
         world.set_machine(index, Some(machine));
         world.step("start");
         if !world.wait_for_trouble(world.plan.crash_every_ms).await {
@@ -93,11 +107,20 @@ pub(crate) async fn live(world: Arc<World>, index: usize) {
 }
 
 /// Ends leases that have run out, as the service does once a second.
-async fn sweep(world: Arc<World>, tuning: Arc<Tuning>, alive: Arc<AtomicBool>) {
+async fn sweep(world: Arc<World>, index: usize, tuning: Arc<Tuning>, alive: Arc<AtomicBool>) {
     while alive.load(Ordering::SeqCst) && !world.is_over() {
         sleep(Duration::from_secs(1)).await;
+        world.awake(index).await;
         // A disk that fails is met by the next sweep again.
         let _ = tuning.sweep_leases().await;
+    }
+}
+
+/// Saves what was learnt, as the service does.
+async fn save_checkpoints(world: Arc<World>, tuning: Arc<Tuning>, alive: Arc<AtomicBool>) {
+    while alive.load(Ordering::SeqCst) && !world.is_over() {
+        sleep(Duration::from_secs(1)).await;
+        tuning.save_checkpoints().await;
     }
 }
 

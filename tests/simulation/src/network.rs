@@ -7,7 +7,8 @@ use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 use tonic::Code;
 
-use crate::requests::{self, Answer, Request};
+use crate::forward;
+use crate::requests::{Answer, Request};
 use crate::world::World;
 
 /// Why a call gave nothing.
@@ -76,13 +77,9 @@ async fn carry(world: Arc<World>, client: u32, replica: usize, request: Request,
         return;
     };
     world.step("received");
-    let number = machine.begin();
-    let known = world.known();
-    let answer = requests::answer(&machine.service, &machine.tuning, request.clone()).await;
-    machine.end(number);
-    if !machine.is_alive() {
+    let Some((answer, known)) = forward::answer(&world, &machine, &request).await else {
         return;
-    }
+    };
     world.step("answered");
     let at_ms = world.elapsed_ms();
     world.enter(|ledger, durable| ledger.answered((at_ms, known), client, &request, &answer, durable));

@@ -54,6 +54,16 @@ pub struct Plan {
     pub clock_jump_every_ms: f64,
     /// How far it jumps at most, either way.
     pub clock_jump_ms: i64,
+    /// The mean time until a machine is cut off from the database.
+    pub away_every_ms: f64,
+    /// For how long it is, on average.
+    pub away_ms: f64,
+    /// The mean time until a machine stops in its tracks for a while.
+    pub sleep_every_ms: f64,
+    /// For how long it does, on average.
+    pub sleep_ms: f64,
+    /// Trials between two checkpoints, as long as those are small.
+    pub checkpoint_after: u64,
     /// A client vanishes with an open trial, comes back, or says something twice.
     pub misbehaviour: f64,
     /// The share of frame time that exploring may cost; none for no budget.
@@ -76,6 +86,8 @@ impl Plan {
         let (network, partitions, crashes, disk, full, clocks, people) =
             (chance(0.7), chance(0.4), chance(0.7), chance(0.4), chance(0.3), chance(0.3), chance(0.7));
         let (many, budget) = (chance(0.5), chance(0.5));
+        let claimless = bug == Some(Bug::LeaseWithoutClaim);
+        let (away, asleep) = (chance(0.4), chance(0.4) || claimless);
         let mut between = |low: f64, high: f64| low * (high / low).powf(random.random::<f64>());
         let or_never = |is: bool, value: f64| if is { value } else { f64::INFINITY };
         let or_zero = |is: bool, value: f64| if is { value } else { 0.0 };
@@ -83,11 +95,7 @@ impl Plan {
             seed,
             steps,
             clients: between(1.0, 32.0) as u32,
-            replicas: if many || bug == Some(Bug::LeaseWithoutClaim) {
-                between(2.0, 3.9) as usize
-            } else {
-                1
-            },
+            replicas: if many || claimless { between(2.0, 3.9) as usize } else { 1 },
             places: between(1.0, 12.0) as u32,
             delay_ms: between(0.05, 50.0),
             loss: or_zero(network, between(0.001, 0.2)),
@@ -101,6 +109,11 @@ impl Plan {
             full_every_ms: or_never(full, between(1e4, 1e5)),
             clock_jump_every_ms: or_never(clocks, between(5e3, 1e5)),
             clock_jump_ms: between(10.0, 1e7) as i64,
+            away_every_ms: or_never(away, between(2e3, 1e5)),
+            away_ms: between(50.0, 3e4),
+            sleep_every_ms: or_never(asleep, between(2e3, 1e5)),
+            sleep_ms: between(50.0, 3e4),
+            checkpoint_after: between(20.0, 2e3) as u64,
             misbehaviour: or_zero(people, between(0.005, 0.1)),
             regret_budget: if budget || bug == Some(Bug::Overspending) {
                 Some(between(0.02, 0.2))

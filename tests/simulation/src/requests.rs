@@ -7,6 +7,7 @@ use treewright_proto::v1::tuning_service_server::TuningService;
 use treewright_proto::v1::{self as wire, outcome, parameter, value};
 use treewright_server::convert::{from_proto, to_proto};
 use treewright_server::error::Error;
+use treewright_server::peers::Fate;
 use treewright_server::tuning::{Reported, Tuning};
 
 use crate::plan::{Bug, Plan};
@@ -43,19 +44,32 @@ pub(crate) enum Answer {
     Other,
 }
 
-/// Answers a request.
+/// Answers a request, and says where to try again what could not be done.
 pub(crate) async fn answer(
     service: &impl TuningService,
     tuning: &Tuning,
     request: Request,
-) -> Result<Answer, Status> {
+) -> (Result<Answer, Status>, Option<Fate>) {
+    if let Request::Frame(report, suggest) = request {
+        return match frame(tuning, report, suggest).await {
+            Ok((answer, fate)) => (Ok(answer), fate),
+            Err(status) => (Err(status), None),
+        };
+    }
+    let answer = single(service, request).await;
+    let fate = answer.as_ref().err().and_then(|status| Fate::read(&status.metadata().clone().into_headers()));
+    (answer, fate)
+}
+
+/// Answers a request that has one answer.
+async fn single(service: &impl TuningService, request: Request) -> Result<Answer, Status> {
     let inner = |response: Response<wire::Trial>| Answer::Trial(Box::new(response.into_inner()));
     Ok(match request {
         Request::Suggest(request) => inner(service.suggest(Tonic::new(request)).await?),
         Request::Report(request) => {
             Answer::Reported(Box::new(service.report(Tonic::new(request)).await?.into_inner()))
         }
-        Request::Frame(report, suggest) => frame(tuning, report, suggest).await?,
+        Request::Frame(..) => unreachable!("frames are answered apart"),
         Request::Abandon(trial) => {
             inner(service.abandon_trial(Tonic::new(wire::AbandonTrialRequest { trial })).await?)
         }
@@ -96,10 +110,11 @@ async fn frame(
     tuning: &Tuning,
     report: wire::ReportRequest,
     suggest: wire::SuggestRequest,
-) -> Result<Answer, Status> {
+) -> Result<(Answer, Option<Fate>), Status> {
     let (report, suggest) = (from_proto::report(report)?, from_proto::suggest(suggest)?);
     let study = suggest.study.clone();
     let done = tuning.frame(Some(report), Some(suggest)).await;
+    let fate = done.fate();
     let code = |error: Error| Status::from(error).code();
     let reported = done.reported.map_or(Err(Code::Internal), |reported| match reported {
         Ok(Reported::Taken(trial)) => Ok((to_proto::trial(&study, &*trial), false)),
@@ -112,7 +127,7 @@ async fn frame(
         Ok(trial) => Ok(Box::new(to_proto::trial(&study, &trial))),
         Err(error) => Err(code(error)),
     });
-    Ok(Answer::Frame(reported, suggested))
+    Ok((Answer::Frame(reported, suggested), fate))
 }
 
 /// The study of a world: two numbers, one switch and a place.

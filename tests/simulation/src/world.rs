@@ -7,8 +7,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use tokio::sync::{Notify, oneshot};
-use tokio::time::{Instant, sleep};
+use tokio::time::{Instant, sleep, sleep_until};
 use treewright_server::convert::from_proto;
+use treewright_store::limits::REPLICA_LAPSE;
 use treewright_store::{Store as _, StoreError};
 
 use crate::disk::Durable;
@@ -65,6 +66,10 @@ struct Inner {
     machines: Vec<Option<Machine>>,
     full_until: Option<Instant>,
     cut_until: Vec<Option<Instant>>,
+    /// When each machine lost the database, and until when.
+    away: Vec<Option<(Instant, Instant)>>,
+    /// When each machine stopped in its tracks, and until when.
+    asleep: Vec<Option<(Instant, Instant)>>,
     /// Answers that the planted defect keeps for ever.
     forgotten: Vec<oneshot::Sender<Result<(), StoreError>>>,
 }
@@ -95,6 +100,8 @@ async fn live(plan: Plan) -> Outcome {
     }
     tokio::spawn(fill_the_disk(Arc::clone(&world)));
     tokio::spawn(cut_clients_off(Arc::clone(&world)));
+    tokio::spawn(cut_machines_off(Arc::clone(&world)));
+    tokio::spawn(put_machines_to_sleep(Arc::clone(&world)));
     tokio::spawn(watch(Arc::clone(&world)));
     let clients: Vec<_> = (0..world.plan.clients)
         .map(|number| tokio::spawn(client::live(Arc::clone(&world), number)))
@@ -148,6 +155,30 @@ async fn cut_clients_off(world: Arc<World>) {
     }
 }
 
+/// Cuts a machine off from a shared database now and then.
+async fn cut_machines_off(world: Arc<World>) {
+    while world.plan.replicas > 1 && world.wait_for_trouble(world.plan.away_every_ms).await {
+        let now = Instant::now();
+        let until = now + world.time_ms(world.plan.away_ms);
+        let replica = world.below(world.plan.replicas as u64) as usize;
+        world.lock().away[replica] = Some((now, until));
+        world.count(|counts| counts.absences += 1);
+        world.step("database away");
+    }
+}
+
+/// Stops a machine in its tracks now and then, as a hypervisor does; it goes on as if no time had passed.
+async fn put_machines_to_sleep(world: Arc<World>) {
+    while world.wait_for_trouble(world.plan.sleep_every_ms).await {
+        let now = Instant::now();
+        let until = now + world.time_ms(world.plan.sleep_ms).min(PATIENCE / 3);
+        let replica = world.below(world.plan.replicas as u64) as usize;
+        world.lock().asleep[replica] = Some((now, until));
+        world.count(|counts| counts.sleeps += 1);
+        world.step("asleep");
+    }
+}
+
 /// Looks for calls that are never answered.
 async fn watch(world: Arc<World>) {
     while !world.is_over() {
@@ -161,6 +192,8 @@ impl World {
         let inner = Inner {
             machines: (0..plan.replicas).map(|_| None).collect(),
             cut_until: vec![None; plan.clients as usize],
+            away: vec![None; plan.replicas],
+            asleep: vec![None; plan.replicas],
             fingerprint: 0xcbf2_9ce4_8422_2325,
             ..Inner::default()
         };
@@ -288,6 +321,39 @@ impl World {
     pub(crate) fn is_cut_off(&self, client: u32) -> bool {
         let inner = self.lock();
         !inner.is_calm && inner.cut_until[client as usize].is_some_and(|until| Instant::now() < until)
+    }
+
+    /// For how long a machine has been in a trouble.
+    fn troubled(&self, of: impl Fn(&Inner) -> Option<(Instant, Instant)>) -> Option<Duration> {
+        let inner = self.lock();
+        let (since, until) = of(&inner).filter(|_| !inner.is_calm)?;
+        let now = Instant::now();
+        (now < until).then(|| now - since)
+    }
+
+    /// Whether a machine cannot reach the database.
+    pub(crate) fn is_away(&self, replica: usize) -> bool {
+        self.troubled(|inner| inner.away[replica]).is_some()
+    }
+
+    /// Whether it has only just lost it, so that what it sent last may have arrived.
+    pub(crate) fn is_leaving(&self, replica: usize) -> bool {
+        self.troubled(|inner| inner.away[replica]).is_some_and(|time| time < Duration::from_secs(1))
+    }
+
+    /// Whether the database takes it for dead.
+    pub(crate) fn has_lapsed(&self, replica: usize) -> bool {
+        let away = self.troubled(|inner| inner.away[replica]);
+        let asleep = self.troubled(|inner| inner.asleep[replica]);
+        away.max(asleep).is_some_and(|time| time > REPLICA_LAPSE)
+    }
+
+    /// Waits until a machine is awake.
+    pub(crate) async fn awake(&self, replica: usize) {
+        while self.troubled(|inner| inner.asleep[replica]).is_some() {
+            let until = self.lock().asleep[replica].map_or_else(Instant::now, |(_, until)| until);
+            sleep_until(until).await;
+        }
     }
 
     pub(crate) fn machine(&self, index: usize) -> Option<Machine> {

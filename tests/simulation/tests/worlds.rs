@@ -23,6 +23,11 @@ fn nothing_is_wrong_in_the_first_worlds() {
         ("late reports", counts.late_reports),
         ("client restarts", counts.client_restarts),
         ("vanished clients", counts.vanished_clients),
+        ("machines without the database", counts.absences),
+        ("machines asleep", counts.sleeps),
+        ("writes with an unknown end", counts.unsure_writes),
+        ("forwarded messages", counts.forwarded_messages),
+        ("checkpoints", counts.checkpoints),
         ("explored frames", counts.explored_frames),
     ] {
         assert!(count > 0, "no {what} in all the worlds");
