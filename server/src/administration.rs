@@ -1,16 +1,17 @@
 //! `treewrightd token`: makes, lists and revokes tokens in the database itself.
 //!
-//! There is no RPC for it, on purpose. Whoever may write the database file can do everything anyway, so that this
+//! There is no RPC for it, on purpose. Whoever may write the database can do everything anyway, so that this
 //! needs no further credential, the first token is made like any other, and no stolen token can make more of them.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use treewright_store::tokens::{Scope, TokenError, TokenRecord, day};
-use treewright_store::{OpenError, SqliteTokens, TokenStore};
+use treewright_store::{OpenError, PostgresTokens, SqliteTokens, TokenStore};
 
 use crate::access::token::Token;
 use crate::clock::{Clock as _, SystemClock};
-use crate::config::{CreateConfig, TokenCommand};
+use crate::config::{CreateConfig, Database, DatabaseConfig, TokenCommand};
 
 /// Why tokens could not be administered.
 #[derive(Debug, thiserror::Error)]
@@ -46,6 +47,17 @@ pub struct Said {
     pub note: String,
 }
 
+/// Opens the tokens of a database, whatever its kind, also while daemons serve it.
+///
+/// # Errors
+/// [`OpenError`] with the cause and a remedy.
+pub async fn open(config: &DatabaseConfig) -> Result<Arc<dyn TokenStore>, OpenError> {
+    match config.read().map_err(|problem| OpenError::BadAddress { problem })? {
+        Database::File(path) => Ok(Arc::new(SqliteTokens::open(&path).await?)),
+        Database::Postgres(server) => Ok(Arc::new(PostgresTokens::open(&server, config.wait()).await?)),
+    }
+}
+
 /// Does what the command says.
 ///
 /// # Errors
@@ -56,11 +68,12 @@ pub async fn run(command: &TokenCommand) -> Result<Said, TokenCommandError> {
         TokenCommand::Create(create) => &create.database,
         TokenCommand::List { database, .. } | TokenCommand::Revoke { database, .. } => database,
     };
-    let tokens = SqliteTokens::open(&database.database).await?;
+    let tokens = open(database).await?;
+    let tokens = &*tokens;
     let said = match command {
-        TokenCommand::Create(config) => create(&tokens, config, now_ms).await,
-        TokenCommand::List { json, .. } => list(&tokens, *json, now_ms).await,
-        TokenCommand::Revoke { id, forget, .. } => revoke(&tokens, id, *forget, now_ms).await,
+        TokenCommand::Create(config) => create(tokens, config, now_ms).await,
+        TokenCommand::List { json, .. } => list(tokens, *json, now_ms).await,
+        TokenCommand::Revoke { id, forget, .. } => revoke(tokens, id, *forget, now_ms).await,
     };
     tokens.close().await;
     said

@@ -2,6 +2,7 @@
 
 mod database;
 mod guard;
+mod peers;
 mod token;
 
 use std::net::{SocketAddr, ToSocketAddrs as _};
@@ -10,16 +11,17 @@ use std::time::Duration;
 use clap::error::ErrorKind;
 use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum};
 
-use crate::limits::DRAIN_S;
+use crate::limits::{DRAIN_S, STUDIES_SHOWN};
 
 pub use database::{Database, DatabaseConfig, Given};
 pub use guard::GuardConfig;
+pub use peers::PeersConfig;
 pub use token::{CreateConfig, ScopeWord, TokenCommand};
 
 /// A tuning service for ray-tracing acceleration structures.
 ///
 /// Clients ask it over gRPC what to run next and tell how long it took; it keeps everything in one
-/// database file, and what it has acknowledged survives a crash.
+/// database, and what it has acknowledged survives a crash.
 #[derive(Debug, Parser)]
 #[command(name = "treewrightd", version, max_term_width = 100)]
 pub struct Cli {
@@ -38,8 +40,8 @@ pub enum Command {
     /// cannot be listened on, 4 the database cannot be opened.
     Serve(Box<ServeConfig>),
 
-    /// Make, list and revoke tokens. Whoever may write the database file may do it, also while the daemon runs,
-    /// which follows at once.
+    /// Make, list and revoke tokens. Whoever may write the database may do it, also while daemons run, which follow
+    /// at once.
     #[command(subcommand)]
     Token(TokenCommand),
 }
@@ -59,10 +61,23 @@ pub struct ServeConfig {
     #[command(flatten)]
     pub guard: GuardConfig,
 
+    /// The other daemons on the same database.
+    #[command(flatten)]
+    pub peers: PeersConfig,
+
     /// Address and port for those who watch: /metrics for Prometheus, /livez and /readyz. It asks for no token and
     /// encrypts nothing, so beyond this machine it needs --insecure. None when left out.
     #[arg(long, env = "TREEWRIGHT_METRICS", value_name = "ADDRESS", value_parser = address)]
     pub metrics: Option<SocketAddr>,
+
+    /// Of how many studies /metrics shows figures with their names: those used last. With 0 it names none.
+    #[arg(long, env = "TREEWRIGHT_METRICS_STUDIES", default_value_t = 16, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(..=i64::from(STUDIES_SHOWN)))]
+    pub metrics_studies: u16,
+
+    /// Collector of OpenTelemetry to send spans of requests to, over OTLP and gRPC, e.g. http://127.0.0.1:4317. None
+    /// when left out.
+    #[arg(long, env = "TREEWRIGHT_OTLP", value_name = "URL", value_parser = collector)]
+    pub otlp: Option<String>,
 
     /// How long requests may take to finish after SIGTERM, in seconds.
     #[arg(long, env = "TREEWRIGHT_DRAIN_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=DRAIN_S))]
@@ -89,25 +104,7 @@ pub enum LogFormat {
 impl ServeConfig {
     /// Checks what was given for the database, and that other replicas can reach this one.
     fn check_database(&self) -> Result<(), String> {
-        let shared = matches!(self.database.read()?, Database::Postgres(_));
-        if shared && self.guard.asks_for_tokens(self.listen) {
-            return Err(
-                "tokens are kept in a database file only, as yet; with PostgreSQL listen on 127.0.0.1, or \
-                        say --insecure and let only machines in that you trust, by the network or by \
-                        --tls-client-ca"
-                    .to_owned(),
-            );
-        }
-        match &self.database.advertise {
-            None if shared && self.listen.ip().is_unspecified() => Err(format!(
-                "other daemons on the same database cannot be told to reach this one at {}; say --advertise URL",
-                self.listen
-            )),
-            Some(url) if !(url.starts_with("http://") || url.starts_with("https://")) => {
-                Err(format!("--advertise {url:?}: write http://HOST:PORT or https://HOST:PORT"))
-            }
-            _ => Ok(()),
-        }
+        self.peers.check(&self.database.read()?, self.listen, &self.guard)
     }
 
     /// Checks that nobody beyond this machine sees the figures by mistake.
@@ -164,6 +161,17 @@ fn address(text: &str) -> Result<SocketAddr, String> {
     found.next().ok_or_else(|| "the name has no address".to_owned())
 }
 
+/// `http://ADDRESS:PORT` of a collector. One that is far away is best reached through one that is near.
+fn collector(text: &str) -> Result<String, String> {
+    match text.parse::<http::Uri>() {
+        Ok(url) if url.scheme_str() == Some("http") && url.host().is_some() => Ok(text.to_owned()),
+        _ => {
+            Err("write http://ADDRESS:PORT; for https let a collector on this machine pass spans on"
+                .to_owned())
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -207,7 +215,23 @@ mod tests {
             (&["--database", "x", "--colour"], "--colour"),
             (&["--database", "x", "--metrics", "0.0.0.0:1"], "--insecure"),
             (&["--database", "x", "--metrics", "9464"], "ADDRESS:PORT"),
+            (&["--database", "x", "--metrics-studies", "65"], "64"),
+            (&["--database", "x", "--otlp", "127.0.0.1:4317"], "http://ADDRESS:PORT"),
             (&["--database", "x", "--advertise", "http://a:1"], "--database postgres://"),
+            (&["--database", "postgres://u@h/d", "--peer-ca", "c"], "--tls-cert"),
+            (
+                &[
+                    "--database",
+                    "postgres://u@h/d",
+                    "--tls-cert",
+                    "c",
+                    "--tls-key",
+                    "k",
+                    "--advertise",
+                    "http://a:1",
+                ],
+                "by https://",
+            ),
             (&["--database", "postgres://u:geheim@h/d", "--advertise", "a:1"], "write http://HOST:PORT"),
             (&["--database", "postgres://u:geheim@h"], "names no database"),
             (&["--database", "postgres://u:geheim@h:x/d"], "postgres://USER@HOST"),
@@ -228,5 +252,9 @@ mod tests {
         let guarded = ["--database", "x", "--listen", "0.0.0.0:1", "--tls-cert", "c", "--tls-key", "k"];
         let guarded = read(&guarded).unwrap();
         assert!(guarded.guard.asks_for_tokens(guarded.listen));
+        let replica =
+            ["--database", "postgres://u@h/d", "--listen", "0.0.0.0:1", "--advertise", "https://a:1"];
+        let replica = read(&[&replica[..], &["--tls-cert", "c", "--tls-key", "k"]].concat()).unwrap();
+        assert!(replica.guard.asks_for_tokens(replica.listen));
     }
 }

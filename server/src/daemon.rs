@@ -7,9 +7,10 @@ use std::sync::Arc;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 use treewright_store::tokens::TokenError;
-use treewright_store::{OpenError, PostgresStore, SqliteStore, SqliteTokens, Store};
+use treewright_store::{OpenError, PostgresStore, SqliteStore, Store};
 
 use crate::access::Access;
+use crate::administration;
 use crate::clock::SystemClock;
 use crate::config::{Database, ServeConfig};
 use crate::serve::{self, Options, ServeError};
@@ -72,7 +73,7 @@ async fn open(
     match database {
         Database::File(path) => Ok(Arc::new(SqliteStore::open(path).await?)),
         Database::Postgres(server) => {
-            let advertise = config.database.advertise.clone();
+            let advertise = config.peers.advertise.clone();
             let advertise = advertise.unwrap_or_else(|| {
                 let scheme = if config.guard.tls_cert.is_some() { "https" } else { "http" };
                 format!("{scheme}://{listening}")
@@ -93,7 +94,7 @@ pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
     // Without certificates to read again it is ignored: who closes a terminal does not mean to end the daemon.
     let hang_up = signal(SignalKind::hangup())?;
     let listen_error = |problem| DaemonError::Listen { address: config.listen, problem };
-    let tls = config.guard.tls_files().map(Tls::load).transpose()?.map(Arc::new);
+    let tls = config.guard.tls_files(&config.peers).map(Tls::load).transpose()?.map(Arc::new);
     let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
     let address = listener.local_addr()?;
     let watch = match config.metrics {
@@ -108,13 +109,11 @@ pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
     let database = config.database.read().map_err(|problem| OpenError::BadAddress { problem })?;
     let store = open(&config, &database, address).await?;
     let clock = Arc::new(SystemClock::default());
-    let access = match &database {
-        Database::File(path) if config.guard.asks_for_tokens(config.listen) => {
-            let tokens = SqliteTokens::open(path).await?;
-            Some(Arc::new(Access::open(Arc::new(tokens), Arc::clone(&clock) as _).await?))
-        }
-        // With PostgreSQL the command line has been refused if it asked for tokens.
-        Database::File(_) | Database::Postgres(_) => None,
+    let access = if config.guard.asks_for_tokens(config.listen) {
+        let tokens = administration::open(&config.database).await?;
+        Some(Arc::new(Access::open(tokens, Arc::clone(&clock) as _).await?))
+    } else {
+        None
     };
     announce(&config, &database, address, access.as_deref())?;
 
@@ -125,7 +124,8 @@ pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
             _ = interrupt.recv() => tracing::info!("SIGINT"),
         }
     };
-    let options = Options { drain: config.drain(), access, tls, watch };
+    let studies_shown = config.metrics_studies;
+    let options = Options { drain: config.drain(), access, tls, watch, studies_shown };
     let served = serve::run(listener, store, clock, options, shutdown).await;
     if let Some(reloading) = reloading {
         reloading.abort();

@@ -6,16 +6,19 @@
 use std::convert::Infallible;
 use std::pin::Pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 
 use bytes::Bytes;
-use http::{HeaderValue, Request, Response};
+use http::request::Parts;
+use http::{Request, Response};
 use http_body_util::{BodyExt as _, Full, Limited};
 use tonic::body::Body;
 use tonic::{Code, Status};
 use tower::{Layer, Service, ServiceExt as _};
 
 use crate::limits;
+use crate::peers::key::Counted;
 use crate::peers::{FORWARDED, Fate, Peers, Seeking, find_answer};
 
 /// Bytes before a message: whether it is compressed, and its length.
@@ -87,14 +90,15 @@ where
     S: Service<Request<Body>, Response = Response<Body>, Error = Infallible> + Clone + Send + Sync,
     S::Future: Send,
 {
-    let (parts, body) = request.into_parts();
+    let (mut parts, body) = request.into_parts();
     // Beyond the limit the service itself refuses; here only memory is guarded.
     let bytes = match Limited::new(body, limits::REQUEST_BYTES + MESSAGE_HEAD).collect().await {
         Ok(collected) => collected.to_bytes(),
         Err(_) => return Status::out_of_range("the request is too large, or broke off").into_http(),
     };
+    parts.headers.remove(http::header::CONTENT_LENGTH);
     let was_forwarded = parts.headers.contains_key(FORWARDED);
-    let single = Single { peers, inner, parts, bytes };
+    let single = Single { peers, inner, parts, bytes, was_tried: AtomicBool::new(false) };
     find_answer(&single, was_forwarded).await.unwrap_or_else(Status::into_http)
 }
 
@@ -102,15 +106,14 @@ where
 struct Single<'a, S> {
     peers: &'a Peers,
     inner: S,
-    parts: http::request::Parts,
+    parts: Parts,
     bytes: Bytes,
+    was_tried: AtomicBool,
 }
 
 impl<S> Single<'_, S> {
     fn request(&self) -> Request<Body> {
-        let mut request = Request::from_parts(self.parts.clone(), Body::new(Full::new(self.bytes.clone())));
-        request.headers_mut().remove(http::header::CONTENT_LENGTH);
-        request
+        Request::from_parts(self.parts.clone(), Body::new(Full::new(self.bytes.clone())))
     }
 }
 
@@ -122,18 +125,26 @@ where
     type Answer = Response<Body>;
 
     async fn here(&self) -> Result<(Response<Body>, Option<Fate>), Status> {
-        let Ok(answer) = self.inner.clone().oneshot(self.request()).await;
+        let mut request = self.request();
+        // However often it is tried, it counts once against its caller's quotas.
+        if self.was_tried.swap(true, Ordering::Relaxed) {
+            request.extensions_mut().insert(Counted);
+        }
+        let Ok(answer) = self.inner.clone().oneshot(request).await;
         let fate = Fate::read(answer.headers());
         Ok((answer, fate))
     }
 
-    async fn there(&self, study: &str, address: &str) -> Result<Option<Response<Body>>, Status> {
+    async fn there(&self, _study: &str, address: &str) -> Result<Option<Response<Body>>, Status> {
         let mut request = self.request();
-        request.headers_mut().insert(FORWARDED, HeaderValue::from_static("1"));
-        match self.peers.channel(address)?.oneshot(request).await {
-            Ok(theirs) => Ok(Some(theirs).filter(|theirs| !is_unavailable(theirs))),
+        let channel = self.peers.pass_on(address, request.headers_mut())?;
+        match channel.oneshot(request).await {
+            Ok(theirs) => {
+                self.peers.answered(address);
+                Ok(Some(theirs).filter(|theirs| !is_unavailable(theirs)))
+            }
             Err(error) => {
-                tracing::debug!(study, address, %error, "the replica does not answer");
+                self.peers.silent(address, &error);
                 Ok(None)
             }
         }
@@ -141,6 +152,10 @@ where
 
     fn doubt(&self, study: &str) {
         self.peers.doubt(study);
+    }
+
+    fn gave_up(&self, study: &str) {
+        self.peers.gave_up(study);
     }
 }
 

@@ -23,6 +23,8 @@ use crate::access::{Access, Authorization};
 use crate::connections::Activity;
 use crate::error::Error;
 use crate::metrics::METRICS;
+use crate::peers::key::{self, ReplicaKey};
+use crate::telemetry::traces;
 use crate::{limits, status};
 
 /// The metadata that carries the request id.
@@ -37,18 +39,23 @@ pub struct FrontLayer {
 struct Shared {
     /// None where no tokens are asked for.
     access: Option<Arc<Access>>,
+    /// None where there are no other replicas.
+    replica_key: Option<ReplicaKey>,
     /// Tells the ids of this process from another's.
     process: u32,
     requests: AtomicU64,
 }
 
 impl FrontLayer {
-    /// A front that asks for tokens, or does not.
+    /// A front that asks for tokens, or does not, and knows requests of replicas by their key.
     ///
     /// # Errors
     /// When the system has no randomness.
-    pub fn new(access: Option<Arc<Access>>) -> Result<Self, getrandom::Error> {
-        let shared = Shared { access, process: getrandom::u32()?, requests: AtomicU64::new(0) };
+    pub fn new(
+        access: Option<Arc<Access>>,
+        replica_key: Option<ReplicaKey>,
+    ) -> Result<Self, getrandom::Error> {
+        let shared = Shared { access, replica_key, process: getrandom::u32()?, requests: AtomicU64::new(0) };
         Ok(Self { shared: Arc::new(shared) })
     }
 }
@@ -88,6 +95,9 @@ where
         let shared = Arc::clone(&self.shared);
         let rule = rule_for(request.uri().path());
         let id = shared.request_id(request.headers());
+        // Passed on, the request keeps its name.
+        request.headers_mut().insert(REQUEST_ID, id.clone());
+        key::check(shared.replica_key.as_ref(), &mut request);
         let under_way = request.extensions().get::<Arc<Activity>>().map(Activity::begin).map(Arc::new);
         if let Some(under_way) = &under_way {
             request.extensions_mut().insert(Arc::clone(under_way));
@@ -98,6 +108,7 @@ where
             rpc = rule.rpc,
             token = tracing::field::Empty
         );
+        traces::adopt(&span, request.headers());
         let work = async move {
             let since = Instant::now();
             let mut response = shared.serve(rule, request, inner).await;

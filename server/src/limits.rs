@@ -58,6 +58,10 @@ pub const CERTIFICATES_PERIOD: Duration = Duration::from_secs(2);
 /// How often the daemon looks whether a token was made or revoked.
 pub const TOKENS_PERIOD: Duration = Duration::from_millis(100);
 
+/// Tokens that could not be read again for so long let nobody in. So this is also the longest that a revoked token
+/// can be good for, at a daemon that is cut off from its database.
+pub const TOKENS_STALE: Duration = Duration::from_secs(30);
+
 /// How often what tokens used is stored. A crash forgets so much of it at most.
 pub const USAGE_PERIOD: Duration = Duration::from_secs(2);
 
@@ -121,6 +125,9 @@ pub const DRAIN_S: u64 = 3600;
 
 /// The database may take so long to answer the question whether it is there.
 pub const READY: Duration = Duration::from_secs(2);
+
+/// Most studies whose figures are shown with their names. Each has about 25 series.
+pub const STUDIES_SHOWN: u16 = 64;
 
 /// Connections at once of those who ask for metrics.
 pub const WATCHERS: usize = 16;

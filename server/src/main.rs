@@ -5,6 +5,7 @@ use std::io::Write as _;
 use std::process::ExitCode;
 
 use treewright_server::config::{Cli, Command, ServeConfig, TokenCommand};
+use treewright_server::telemetry::traces::Traces;
 use treewright_server::{administration, daemon, telemetry};
 
 fn main() -> ExitCode {
@@ -26,10 +27,24 @@ fn main() -> ExitCode {
 }
 
 fn serve(runtime: &tokio::runtime::Runtime, config: ServeConfig) -> ExitCode {
+    // Connections to the collector live on the runtime.
+    let inside = runtime.enter();
+    let traces = match config.otlp.as_deref().map(Traces::to).transpose() {
+        Ok(traces) => traces,
+        Err(error) => {
+            eprintln!("treewrightd: cannot send spans: {error}");
+            return ExitCode::FAILURE;
+        }
+    };
+    drop(inside);
     if let Ok(filter) = telemetry::filter(&config.log) {
-        telemetry::begin(config.log_format, filter);
+        telemetry::begin(config.log_format, filter, traces.as_ref());
     }
-    match runtime.block_on(daemon::run(config)) {
+    let ran = runtime.block_on(daemon::run(config));
+    if let Some(traces) = traces {
+        traces.end();
+    }
+    match ran {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("treewrightd: {error}");

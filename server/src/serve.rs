@@ -46,6 +46,8 @@ pub struct Options {
     pub tls: Option<Arc<Tls>>,
     /// Where to answer those who watch, if anywhere.
     pub watch: Option<TcpListener>,
+    /// How many studies are shown to them with their names: those used last.
+    pub studies_shown: u16,
 }
 
 impl From<Duration> for Options {
@@ -68,9 +70,9 @@ pub async fn run(
     options: impl Into<Options>,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
-    let Options { drain, access, tls, watch: watch_listener } = options.into();
+    let Options { drain, access, tls, watch: watch_listener, studies_shown } = options.into();
     let tuning = Arc::new(Tuning::new(Arc::clone(&store), clock));
-    let peers = Peers::of(&store);
+    let peers = Peers::of(&store, tls.clone());
     let gate = Gate::default();
     let mut health = HealthReporter::new();
     set_health(&health, ServingStatus::Serving).await;
@@ -86,7 +88,8 @@ pub async fn run(
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
     };
     let defect = |error: tonic_reflection::server::Error| ServeError::Server(error.to_string());
-    let front = FrontLayer::new(access.clone()).map_err(|error| ServeError::Server(error.to_string()))?;
+    let front = FrontLayer::new(access.clone(), peers.as_ref().map(|peers| peers.key().clone()))
+        .map_err(|error| ServeError::Server(error.to_string()))?;
     let stop = Gate::draining(&gate);
     let server = Server::builder()
         .layer(front)
@@ -104,7 +107,12 @@ pub async fn run(
     tokio::pin!(server);
 
     let watching = watch_listener.map(|listener| {
-        let watched = Watched { tuning: Arc::clone(&tuning), store: Arc::clone(&store), gate: gate.clone() };
+        let watched = Watched {
+            tuning: Arc::clone(&tuning),
+            store: Arc::clone(&store),
+            gate: gate.clone(),
+            studies_shown: studies_shown.into(),
+        };
         tokio::spawn(watch::serve(listener, watched))
     });
     let sweeper = tokio::spawn(sweep(Arc::clone(&tuning)));

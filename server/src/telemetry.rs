@@ -1,13 +1,18 @@
 //! The log, on standard error. Whatever looks like a token is blotted out on its way there, whoever wrote it: at
-//! the finest level the libraries below log what they read from the wire.
+//! the finest level the libraries below log what they read from the wire. `traces` sends spans to a collector.
+
+pub mod traces;
 
 use std::io::{self, IsTerminal as _, Write};
 
-use tracing_subscriber::EnvFilter;
 use tracing_subscriber::filter::ParseError;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
+use tracing_subscriber::{EnvFilter, Layer as _};
 
 use crate::access::token::{SECRET_CHARACTERS, TOKEN_MARK};
 use crate::config::LogFormat;
+use traces::Traces;
 
 /// Reads a filter such as `info,treewright_server=debug`.
 ///
@@ -17,14 +22,16 @@ pub fn filter(text: &str) -> Result<EnvFilter, ParseError> {
     EnvFilter::builder().parse(text)
 }
 
-/// Begins to log. Only the first call in a process counts.
-pub fn begin(format: LogFormat, filter: EnvFilter) {
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(|| Blotting(io::stderr()));
-    // A second subscriber is refused, which a process with several daemons in it may ignore.
-    let _ = match format {
-        LogFormat::Text => log.with_ansi(std::io::stderr().is_terminal()).with_target(false).try_init(),
-        LogFormat::Json => log.json().try_init(),
+/// Begins to log, and to make spans where they are sent somewhere. Only the first call in a process counts.
+pub fn begin(format: LogFormat, filter: EnvFilter, traces: Option<&Traces>) {
+    let log = tracing_subscriber::fmt::layer().with_writer(|| Blotting(io::stderr()));
+    let log = match format {
+        LogFormat::Text => log.with_ansi(std::io::stderr().is_terminal()).with_target(false).boxed(),
+        LogFormat::Json => log.json().boxed(),
     };
+    let all = tracing_subscriber::registry().with(log.with_filter(filter)).with(traces.map(Traces::layer));
+    // A second subscriber is refused, which a process with several daemons in it may ignore.
+    let _ = all.try_init();
 }
 
 /// Blots out the secrets of tokens in what is written through it. A line of the log comes as one piece.

@@ -15,11 +15,12 @@ use tokio_rustls::rustls::pki_types::pem::PemObject as _;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::rustls::server::WebPkiClientVerifier;
 use tokio_rustls::rustls::{RootCertStore, ServerConfig, version};
+use tonic::transport::{Certificate, ClientTlsConfig, Identity};
 
 use crate::limits;
 
 /// Where certificates lie, as PEM.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct TlsFiles {
     /// The daemon's certificate, and those between it and its authority.
     pub certificate: PathBuf,
@@ -27,6 +28,11 @@ pub struct TlsFiles {
     pub key: PathBuf,
     /// Authorities of which clients must show a certificate; none asks for none.
     pub client_authority: Option<PathBuf>,
+    /// Authorities by which other replicas' certificates are judged; without them those of the clients, and without
+    /// these the system's.
+    pub peer_authority: Option<PathBuf>,
+    /// The name to expect in other replicas' certificates, where it is not the one in their address.
+    pub peer_name: Option<String>,
 }
 
 /// Why TLS cannot be had.
@@ -66,12 +72,22 @@ struct Contents {
     certificate: Vec<u8>,
     key: Vec<u8>,
     client_authority: Option<Vec<u8>>,
+    peer_authority: Option<Vec<u8>>,
+}
+
+/// What is made of one state of the files.
+struct Made {
+    server: Arc<ServerConfig>,
+    /// For connections to other replicas. The daemon shows its own certificate there.
+    client: ClientTlsConfig,
+    /// Counts up, so that who made connections can tell that they are of yesterday.
+    number: u64,
 }
 
 /// The certificates in force.
 pub struct Tls {
     files: TlsFiles,
-    current: RwLock<Arc<ServerConfig>>,
+    current: RwLock<Made>,
     /// What was last looked at, usable or not.
     seen: Mutex<Contents>,
 }
@@ -83,14 +99,21 @@ impl Tls {
     /// Which of them cannot be used, and why.
     pub fn load(files: TlsFiles) -> Result<Self, TlsError> {
         let contents = files.read()?;
-        let config = files.config(&contents)?;
-        Ok(Self { files, current: RwLock::new(Arc::new(config)), seen: Mutex::new(contents) })
+        let made = files.make(&contents, 0)?;
+        Ok(Self { files, current: RwLock::new(made), seen: Mutex::new(contents) })
     }
 
     /// What a new connection is to use.
     #[must_use]
     pub fn current(&self) -> Arc<ServerConfig> {
-        Arc::clone(&self.current.read().unwrap_or_else(PoisonError::into_inner))
+        Arc::clone(&self.current.read().unwrap_or_else(PoisonError::into_inner).server)
+    }
+
+    /// What a new connection to another replica is to use, and a number that rises when that changes.
+    #[must_use]
+    pub fn outgoing(&self) -> (u64, ClientTlsConfig) {
+        let made = self.current.read().unwrap_or_else(PoisonError::into_inner);
+        (made.number, made.client.clone())
     }
 
     /// Looks at the files again. True when new certificates are in force.
@@ -103,9 +126,10 @@ impl Tls {
         if *seen == contents {
             return Ok(false);
         }
-        let config = self.files.config(&contents);
+        let number = self.outgoing().0 + 1;
+        let made = self.files.make(&contents, number);
         *seen = contents;
-        *self.current.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(config?);
+        *self.current.write().unwrap_or_else(PoisonError::into_inner) = made?;
         Ok(true)
     }
 
@@ -140,7 +164,30 @@ impl TlsFiles {
             certificate: read(&self.certificate)?,
             key: read(&self.key)?,
             client_authority: self.client_authority.as_deref().map(read).transpose()?,
+            peer_authority: self.peer_authority.as_deref().map(read).transpose()?,
         })
+    }
+
+    fn make(&self, contents: &Contents, number: u64) -> Result<Made, TlsError> {
+        let server = Arc::new(self.config(contents)?);
+        let authority = match (&self.peer_authority, &contents.peer_authority) {
+            (Some(path), Some(authority)) => {
+                certificates(path, authority)?;
+                Some(authority)
+            }
+            _ => contents.client_authority.as_ref(),
+        };
+        let identity = Identity::from_pem(&contents.certificate, &contents.key);
+        let client = ClientTlsConfig::new().identity(identity);
+        let client = match authority {
+            Some(authority) => client.ca_certificate(Certificate::from_pem(authority)),
+            None => client.with_native_roots(),
+        };
+        let client = match &self.peer_name {
+            Some(name) => client.domain_name(name),
+            None => client,
+        };
+        Ok(Made { server, client, number })
     }
 
     fn config(&self, contents: &Contents) -> Result<ServerConfig, TlsError> {
@@ -213,7 +260,7 @@ mod tests {
         let (certificate, key) = (folder.join("cert.pem"), folder.join("key.pem"));
         std::fs::write(&certificate, made.cert.pem()).unwrap();
         std::fs::write(&key, made.signing_key.serialize_pem()).unwrap();
-        TlsFiles { certificate, key, client_authority: None }
+        TlsFiles { certificate, key, ..TlsFiles::default() }
     }
 
     #[test]
@@ -233,8 +280,10 @@ mod tests {
         assert!(Arc::ptr_eq(&first, &tls.current()));
 
         std::fs::write(&files.key, &new_key).unwrap();
+        assert_eq!(tls.outgoing().0, 0, "what is in force has not changed");
         assert!(tls.reload().unwrap());
         assert!(!Arc::ptr_eq(&first, &tls.current()));
+        assert_eq!(tls.outgoing().0, 1, "connections to replicas are made anew");
 
         let second = tls.current();
         for broken in [&b""[..], b"hello", b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n"]
@@ -255,7 +304,9 @@ mod tests {
         assert!(Tls::load(missing).err().unwrap().to_string().contains("nowhere.pem"));
         let swapped = TlsFiles { certificate: files.key.clone(), ..files.clone() };
         assert!(Tls::load(swapped).err().unwrap().to_string().contains("no certificate"));
-        let no_authority = TlsFiles { client_authority: Some(files.key.clone()), ..files };
+        let no_authority = TlsFiles { client_authority: Some(files.key.clone()), ..files.clone() };
+        assert!(Tls::load(no_authority).err().unwrap().to_string().contains("no certificate"));
+        let no_authority = TlsFiles { peer_authority: Some(files.key.clone()), ..files };
         assert!(Tls::load(no_authority).err().unwrap().to_string().contains("no certificate"));
     }
 }

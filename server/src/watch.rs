@@ -30,6 +30,8 @@ pub(crate) struct Watched {
     pub(crate) tuning: Arc<Tuning>,
     pub(crate) store: Arc<dyn Store>,
     pub(crate) gate: Gate,
+    /// How many studies are shown with their names.
+    pub(crate) studies_shown: usize,
 }
 
 impl Watched {
@@ -49,7 +51,14 @@ impl Watched {
     fn moment(&self) -> Moment {
         let (in_flight, streams) = self.gate.inside();
         let (studies_in_memory, open_leases) = self.tuning.in_use();
-        Moment { in_flight, streams, studies_in_memory, open_leases, draining: self.gate.is_draining() }
+        Moment {
+            in_flight,
+            streams,
+            studies_in_memory,
+            open_leases,
+            draining: self.gate.is_draining(),
+            studies: self.tuning.figures(self.studies_shown),
+        }
     }
 
     async fn answer(&self, request: &Request<Incoming>) -> Response<String> {
@@ -63,7 +72,7 @@ impl Watched {
             return of(StatusCode::METHOD_NOT_ALLOWED, PLAIN, "only GET\n".to_owned());
         }
         match request.uri().path() {
-            "/metrics" => match METRICS.text(self.moment()) {
+            "/metrics" => match METRICS.text(&self.moment()) {
                 Ok(text) => of(StatusCode::OK, OPEN_METRICS, text),
                 Err(error) => of(StatusCode::INTERNAL_SERVER_ERROR, PLAIN, format!("{error}\n")),
             },

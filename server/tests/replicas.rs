@@ -2,11 +2,22 @@
 
 mod common;
 
+use std::sync::Arc;
 use std::time::Duration;
 
+use base64::Engine as _;
+use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use common::{Client, Server, ask, assert_refused, create, done, get, report, suggest};
+use prost::Message as _;
 use tonic::{Code, Request};
 use treewright_proto::v1 as wire;
+use treewright_server::access::Access;
+use treewright_server::access::token::Token;
+use treewright_server::clock::ManualClock;
+use treewright_server::peers::FORWARDED;
+use treewright_server::serve::Options;
+use treewright_store::tokens::{Quota, Scope, Studies, TokenRecord, Usage};
+use treewright_store::{PostgresAddress, PostgresTokens, TokenStore};
 use treewright_test_postgres::Database;
 
 async fn replicas(database: &Database) -> ([Server; 3], [Client; 3]) {
@@ -14,6 +25,13 @@ async fn replicas(database: &Database) -> ([Server; 3], [Client; 3]) {
         [Server::replica(database).await, Server::replica(database).await, Server::replica(database).await];
     let clients = [servers[0].client().await, servers[1].client().await, servers[2].client().await];
     (servers, clients)
+}
+
+/// What replicas show each other, read from where they find it.
+async fn replica_key(database: &Database) -> String {
+    let found = sqlx::query_scalar("SELECT key FROM replica_key");
+    let key: Vec<u8> = found.fetch_one(&mut database.connect().await).await.expect("there is a key");
+    format!("tw1_replicas_{}", URL_SAFE_NO_PAD.encode(key))
 }
 
 async fn frame(
@@ -112,12 +130,20 @@ async fn a_request_is_passed_on_once() {
     let (servers, [mut first, mut second, _]) = replicas(&database).await;
     create(&mut first, "hall").await;
     suggest(&mut first, "a", 10.0).await;
-    let mut marked = Request::new(ask("b", 10.0));
-    marked.metadata_mut().insert("treewright-forwarded", "1".parse().expect("a value"));
-    let refused = second.suggest(marked).await;
+    let marked = |mark: &str| {
+        let mut marked = Request::new(ask("b", 10.0));
+        marked.metadata_mut().insert(FORWARDED, mark.parse().expect("a value"));
+        marked
+    };
+    let key = replica_key(&database).await;
+    let refused = second.suggest(marked(&key)).await;
     let status = refused.expect_err("not passed on again");
     assert_eq!(status.code(), Code::Unavailable);
     assert!(status.message().contains("is held by the replica at http://127.0.0.1:"), "{status}");
+    // Who only says that it is a replica is treated as what it is.
+    for lie in ["1", "", &key[..key.len() - 1], "tw1_replicas_"] {
+        second.suggest(marked(lie)).await.expect("passed on");
+    }
     // A study that is deleted through one replica is gone for the one that held it.
     let name = "studies/hall".to_owned();
     second.delete_study(wire::DeleteStudyRequest { name }).await.expect("deleted");
@@ -131,4 +157,90 @@ async fn a_request_is_passed_on_once() {
     for server in servers {
         server.stop().await;
     }
+}
+
+/// A replica that asks for tokens, and the tokens as it sees them.
+async fn guarded(database: &Database) -> (Server, Arc<Access>, Arc<PostgresTokens>) {
+    let clock = Arc::new(ManualClock::at(common::START_MS));
+    let address = PostgresAddress::parse(database.url()).expect("an address");
+    let tokens = Arc::new(PostgresTokens::open(&address, Duration::ZERO).await.expect("a database"));
+    let access = Access::open(Arc::clone(&tokens) as _, Arc::clone(&clock) as _).await.expect("opened");
+    let access = Arc::new(access);
+    let options =
+        Options { drain: Duration::from_secs(5), access: Some(Arc::clone(&access)), ..Options::default() };
+    (Server::replica_with(database, clock, options).await, access, tokens)
+}
+
+#[tokio::test]
+async fn what_is_passed_on_counts_once_and_quotas_are_one_for_all_replicas() {
+    let database = Database::create().await;
+    let (first, first_access, tokens) = guarded(&database).await;
+    let (second, second_access, _) = guarded(&database).await;
+    let token = Token::make().expect("randomness");
+    let record = TokenRecord {
+        id: token.id().to_owned(),
+        name: "a farm".to_owned(),
+        hash: token.hash(),
+        scope: Scope::Tune,
+        studies: Studies::default(),
+        quota: Quota { trials: Some(6), ..Quota::default() },
+        create_ms: common::START_MS,
+        expire_ms: None,
+        revoke_ms: None,
+    };
+    tokens.create(&record).await.expect("stored");
+    for access in [&first_access, &second_access] {
+        access.refresh().await.expect("read");
+    }
+    let show = |message: wire::SuggestRequest, mark: Option<&str>| {
+        let mut request = Request::new(message);
+        let bearer = format!("Bearer {}", token.text()).parse().expect("a header");
+        request.metadata_mut().insert("authorization", bearer);
+        if let Some(mark) = mark {
+            request.metadata_mut().insert(FORWARDED, mark.parse().expect("a value"));
+        }
+        request
+    };
+    let (mut holder, mut other) = (first.client().await, second.client().await);
+    let mut creation =
+        Request::new(wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(common::study()) });
+    let bearer = format!("Bearer {}", token.text()).parse().expect("a header");
+    creation.metadata_mut().insert("authorization", bearer);
+    let mut bytes = creation.get_ref().encoded_len() as u64;
+    holder.create_study(creation).await.expect("created");
+
+    // The first makes its replica the holder. The others go by the second, whatever they say they are; one of them
+    // in a frame.
+    holder.suggest(show(ask("a", 1.0), None)).await.expect("a trial");
+    other.suggest(show(ask("b", 1.0), None)).await.expect("a trial");
+    other.suggest(show(ask("c", 1.0), Some("1"))).await.expect("a trial");
+    let in_frame = wire::TuneRequest { report: None, suggest: Some(ask("d", 1.0)) };
+    bytes += in_frame.encoded_len() as u64 + 3 * ask("a", 1.0).encoded_len() as u64;
+    let mut stream = show(ask("d", 1.0), None).map(|_| tokio_stream::once(in_frame));
+    stream.metadata_mut().insert(FORWARDED, "1".parse().expect("a value"));
+    let mut answers = other.tune(stream).await.expect("a stream").into_inner();
+    assert!(answers.message().await.expect("an answer").expect("one").trial.is_some());
+    for access in [&first_access, &second_access] {
+        access.save().await;
+    }
+    let (used, _) = tokens.usage(token.id(), 0).await.expect("read");
+    assert_eq!(used, Usage { studies: 1, trials: 4, bytes });
+
+    // Two more trials, and then the quota is used up wherever the client turns.
+    for client in ["e", "f"] {
+        other.suggest(show(ask(client, 1.0), None)).await.expect("a trial");
+    }
+    for access in [&first_access, &second_access] {
+        access.save().await;
+    }
+    for client in [&mut holder, &mut other] {
+        assert_refused(client.suggest(show(ask("g", 1.0), None)).await, Code::ResourceExhausted, "6 trials");
+    }
+    // Without a token not even a replica gets in.
+    let mut bare = Request::new(ask("h", 1.0));
+    let key = replica_key(&database).await;
+    bare.metadata_mut().insert(FORWARDED, key.parse().expect("a value"));
+    assert_refused(holder.suggest(bare).await, Code::Unauthenticated, "no token");
+    first.stop().await;
+    second.stop().await;
 }

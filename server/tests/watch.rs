@@ -6,7 +6,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use common::{START_MS, Server, create};
+use common::{START_MS, Server, create, done, suggest};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tonic::Code;
@@ -67,5 +67,39 @@ async fn figures_follow_what_happens_and_readiness_follows_the_database() {
     let ready = ask(address, "GET", "/readyz").await;
     assert!(ready.starts_with("HTTP/1.1 503"), "{ready}");
     assert!(ask(address, "GET", "/livez").await.starts_with("HTTP/1.1 200"));
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn figures_of_studies_are_shown_of_a_few() {
+    let watch = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let address = watch.local_addr().expect("an address");
+    let options =
+        Options { drain: Duration::from_secs(5), watch: Some(watch), studies_shown: 2, ..Options::default() };
+    let clock = Arc::new(ManualClock::at(START_MS));
+    let server = Server::with_options(Arc::new(MemoryStore::new()), Arc::clone(&clock), options).await;
+    let mut client = server.client().await;
+    for study in ["attic", "cellar", "hall"] {
+        create(&mut client, study).await;
+        let wanted = wire::SuggestRequest { study: format!("studies/{study}"), ..common::ask("a", 10.0) };
+        client.suggest(wanted).await.expect("a trial");
+    }
+    // Of two frames in one state the dearer is regretted.
+    for cost in [4.0, 7.0] {
+        let trial = suggest(&mut client, "a", 10.0).await;
+        done(&mut client, &trial.name, cost).await;
+    }
+    clock.advance_ms(2_000);
+    let text = ask(address, "GET", "/metrics").await;
+    assert_eq!(value(&text, "treewright_study_trials{study=\"cellar\"}"), Some(1.0));
+    assert_eq!(value(&text, "treewright_study_model_age_seconds{study=\"hall\"}"), Some(2.0));
+    assert_eq!(value(&text, "treewright_study_unsaved_trials{study=\"hall\"}"), Some(2.0));
+    let sum = |figure: &str| -> f64 {
+        let start = format!("treewright_study_{figure}_total{{study=\"hall\",mode=");
+        let lines = text.lines().filter_map(|line| line.strip_prefix(&start)?.split_once(' '));
+        lines.map(|(_, value)| value.parse::<f64>().expect("a number")).sum()
+    };
+    assert_eq!((sum("frames"), sum("cost"), sum("regret")), (2.0, 11.0, 3.0), "{text}");
+    assert!(!text.contains("attic"), "two were used since");
     server.stop().await;
 }

@@ -2,8 +2,10 @@
 
 mod bad_input;
 mod flood;
+mod guard;
 mod lifecycle;
 mod replicas;
+mod replicas_tls;
 mod restart;
 mod security;
 mod storm;

@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use tonic::metadata::MetadataValue;
-use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Identity};
 use tonic::{Code, Request, Status};
 use treewright_proto::v1 as pb;
@@ -15,46 +14,8 @@ use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{run, stderr, stdout};
 
+use crate::guard::{Authority, Caller, Show, until};
 use crate::wire;
-
-type Caller = TuningServiceClient<InterceptedService<Channel, Show>>;
-
-/// Shows a token with every request.
-#[derive(Clone)]
-struct Show(Option<String>);
-
-impl tonic::service::Interceptor for Show {
-    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
-        if let Some(token) = &self.0 {
-            let value = MetadataValue::try_from(format!("Bearer {token}")).expect("a header");
-            request.metadata_mut().insert("authorization", value);
-        }
-        Ok(request)
-    }
-}
-
-/// An authority, with a certificate for the daemon and one for clients.
-struct Authority {
-    issuer: rcgen::Issuer<'static, rcgen::KeyPair>,
-    pem: String,
-}
-
-impl Authority {
-    fn new() -> Self {
-        let key = rcgen::KeyPair::generate().expect("a key");
-        let mut parameters = rcgen::CertificateParams::new(Vec::new()).expect("parameters");
-        parameters.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
-        let pem = parameters.self_signed(&key).expect("a certificate").pem();
-        Self { issuer: rcgen::Issuer::new(parameters, key), pem }
-    }
-
-    /// Certificate and key in PEM.
-    fn issue(&self, name: &str) -> (String, String) {
-        let key = rcgen::KeyPair::generate().expect("a key");
-        let parameters = rcgen::CertificateParams::new(vec![name.to_owned()]).expect("parameters");
-        (parameters.signed_by(&key, &self.issuer).expect("a certificate").pem(), key.serialize_pem())
-    }
-}
 
 /// A daemon behind TLS and tokens.
 struct Guarded {
@@ -124,23 +85,6 @@ impl Guarded {
 
 fn write(folder: &Path, name: &str, text: &str) {
     std::fs::write(folder.join(name), text).expect("a scratch file");
-}
-
-/// Waits until a call comes out as it should; the daemon follows changes of tokens by itself, at once.
-async fn until<T>(
-    what: &str,
-    mut call: impl AsyncFnMut() -> Result<T, Status>,
-    good: impl Fn(&Result<T, Status>) -> bool,
-) {
-    let patience = Instant::now() + Duration::from_secs(20);
-    loop {
-        let answer = call().await;
-        if good(&answer) {
-            return;
-        }
-        assert!(Instant::now() < patience, "{what}: {:?}", answer.err());
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
 }
 
 fn list() -> pb::ListStudiesRequest {

@@ -6,12 +6,14 @@ use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 
 use tokio::time::Instant;
-use treewright_store::tokens::{Scope, TokenRecord, Usage, day};
+use treewright_store::StoreError;
+use treewright_store::tokens::{Quota, Scope, TokenError, TokenRecord, Usage, day};
 
 use super::rate::Rate;
 use crate::clock::Clock;
 use crate::convert::names::{self, TrialName};
 use crate::error::Error;
+use crate::limits;
 
 /// Who sent a request. Cheap to clone.
 #[derive(Clone, Debug)]
@@ -29,6 +31,7 @@ pub struct Holder {
     terms: RwLock<Option<Arc<TokenRecord>>>,
     rate: Rate,
     used: Mutex<Used>,
+    seen: Arc<Seen>,
     clock: Arc<dyn Clock>,
     /// Requests refused for a quota, so that the log is told of the first and of every thousandth.
     refused: AtomicU64,
@@ -42,16 +45,39 @@ struct Used {
     today: Usage,
     /// The part of today's that is not stored yet.
     unsaved: Usage,
+    /// Asked for and not yet come about. It counts against the quotas and is not stored.
+    reserved: Usage,
+}
+
+impl Used {
+    /// Begins a new day when it is one.
+    fn turn(&mut self, today: i64) {
+        if self.day != today {
+            *self = Self { day: today, today: Usage::default(), ..*self };
+        }
+    }
+
+    fn add(&mut self, more: Usage) {
+        for sum in [&mut self.all, &mut self.today, &mut self.unsaved] {
+            sum.add(more);
+        }
+    }
 }
 
 impl Holder {
-    pub(super) fn new(record: TokenRecord, used: (Usage, Usage), clock: Arc<dyn Clock>) -> Self {
+    pub(super) fn new(
+        record: TokenRecord,
+        used: (Usage, Usage),
+        seen: Arc<Seen>,
+        clock: Arc<dyn Clock>,
+    ) -> Self {
         let day = day(clock.now_ms());
         Self {
             id: record.id.clone(),
             terms: RwLock::new(Some(Arc::new(record))),
             rate: Rate::default(),
-            used: Mutex::new(Used { day, all: used.0, today: used.1, unsaved: Usage::default() }),
+            used: Mutex::new(Used { day, all: used.0, today: used.1, ..Used::default() }),
+            seen,
             clock,
             refused: AtomicU64::new(0),
         }
@@ -59,6 +85,7 @@ impl Holder {
 
     /// The terms as they are now, for whom the token is still good.
     pub(super) fn terms(&self) -> Result<Arc<TokenRecord>, Error> {
+        self.seen.check()?;
         let terms = self.terms.read().unwrap_or_else(PoisonError::into_inner).clone();
         let now_ms = self.clock.now_ms();
         match terms {
@@ -71,6 +98,11 @@ impl Holder {
     /// The stored terms, live or not.
     pub(super) fn stored(&self) -> Option<Arc<TokenRecord>> {
         self.terms.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Whether there is a limit to what it may use in all or in a day.
+    pub(super) fn is_limited(&self) -> bool {
+        self.stored().is_some_and(|terms| Quota { requests_per_s: None, ..terms.quota } != Quota::default())
     }
 
     pub(super) fn replace(&self, terms: Option<TokenRecord>) {
@@ -89,22 +121,34 @@ impl Holder {
         self.used.lock().unwrap_or_else(PoisonError::into_inner).unsaved.add(unsaved);
     }
 
-    /// Adds to what was used, where the quota allows it.
-    fn spend(&self, more: Usage) -> Result<(), Error> {
+    /// Learns what all replicas have stored, this one included.
+    pub(super) fn learn(&self, day: i64, (mut all, mut today): (Usage, Usage)) {
+        let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
+        if used.day == day {
+            all.add(used.unsaved);
+            today.add(used.unsaved);
+            *used = Used { all, today, ..*used };
+        }
+    }
+
+    /// Adds to what was used or, for something that may not come about, to what is reserved, where the quota
+    /// allows it.
+    fn spend(&self, more: Usage, reserve: bool) -> Result<(), Error> {
         let quota = self.terms()?.quota;
         let now_ms = self.clock.now_ms();
         let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
         let used = &mut *used;
         let today = day(now_ms);
-        if used.day != today {
-            *used = Used { day: today, today: Usage::default(), ..*used };
-        }
+        used.turn(today);
+        let (mut all, mut of_today) = (used.all, used.today);
+        all.add(used.reserved);
+        of_today.add(used.reserved);
         let tomorrow = Duration::from_millis(((today + 1) * 86_400_000 - now_ms).max(0) as u64);
         for (what, limit, used, more, retry) in [
-            ("studies", quota.studies, used.all.studies, more.studies, None),
-            ("trials", quota.trials, used.all.trials, more.trials, None),
-            ("trials a day", quota.trials_per_day, used.today.trials, more.trials, Some(tomorrow)),
-            ("bytes a day", quota.bytes_per_day, used.today.bytes, more.bytes, Some(tomorrow)),
+            ("studies", quota.studies, all.studies, more.studies, None),
+            ("trials", quota.trials, all.trials, more.trials, None),
+            ("trials a day", quota.trials_per_day, of_today.trials, more.trials, Some(tomorrow)),
+            ("bytes a day", quota.bytes_per_day, of_today.bytes, more.bytes, Some(tomorrow)),
         ] {
             if let Some(limit) = limit
                 && more > 0
@@ -113,19 +157,22 @@ impl Holder {
                 return Err(self.over(what, limit, retry));
             }
         }
-        for sum in [&mut used.all, &mut used.today, &mut used.unsaved] {
-            sum.add(more);
+        if reserve {
+            used.reserved.add(more)
+        } else {
+            used.add(more)
         }
         Ok(())
     }
 
-    /// Takes back what was spent for something that did not come about.
-    fn refund(&self, less: Usage) {
+    /// Ends a reservation. What came about counts as used.
+    fn settle(&self, what: Usage, came_about: bool) {
         let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
-        let used = &mut *used;
-        for sum in [&mut used.all, &mut used.today, &mut used.unsaved] {
-            sum.studies = sum.studies.saturating_sub(less.studies);
-            sum.trials = sum.trials.saturating_sub(less.trials);
+        used.reserved.studies = used.reserved.studies.saturating_sub(what.studies);
+        used.reserved.trials = used.reserved.trials.saturating_sub(what.trials);
+        if came_about {
+            used.turn(day(self.clock.now_ms()));
+            used.add(what);
         }
     }
 
@@ -224,7 +271,7 @@ impl Caller {
             let taken = holder.rate.take(per_s, Instant::now());
             taken.map_err(|wait| holder.over("requests a second", per_s.into(), Some(wait)))?;
         }
-        holder.spend(Usage { bytes: bytes as u64, ..Usage::default() })
+        holder.spend(Usage { bytes: bytes as u64, ..Usage::default() }, false)
     }
 
     /// Counts a trial that is to be handed out.
@@ -245,31 +292,57 @@ impl Caller {
 
     fn spend(&self, what: Usage) -> Result<Spent<'_>, Error> {
         if let Self::Holder(holder) = self {
-            holder.spend(what)?;
+            holder.spend(what, true)?;
         }
-        Ok(Spent { caller: self, what: Some(what) })
+        Ok(Spent { caller: self, what, came_about: false })
     }
 }
 
-/// Something counted against a quota, given back unless it is kept.
+/// Something reserved of a quota, given back unless it is kept.
 #[derive(Debug)]
 #[must_use = "dropped, it is given back"]
 pub struct Spent<'a> {
     caller: &'a Caller,
-    what: Option<Usage>,
+    what: Usage,
+    came_about: bool,
 }
 
 impl Spent<'_> {
     /// It came about.
     pub fn keep(mut self) {
-        self.what = None;
+        self.came_about = true;
     }
 }
 
 impl Drop for Spent<'_> {
     fn drop(&mut self) {
-        if let (Caller::Holder(holder), Some(what)) = (self.caller, self.what) {
-            holder.refund(what);
+        if let Caller::Holder(holder) = self.caller {
+            holder.settle(self.what, self.came_about);
         }
+    }
+}
+
+/// When the stored tokens were last read. A copy that is too old lets nobody in: somebody may have been shut out
+/// meanwhile.
+#[derive(Debug)]
+pub(super) struct Seen(Mutex<Instant>);
+
+impl Seen {
+    pub(super) fn now() -> Self {
+        Self(Mutex::new(Instant::now()))
+    }
+
+    pub(super) fn again(&self) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+    }
+
+    /// Whether the copy is still to be believed.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let age = self.0.lock().unwrap_or_else(PoisonError::into_inner).elapsed();
+        if age <= limits::TOKENS_STALE {
+            return Ok(());
+        }
+        let problem = format!("the tokens could not be read for {} s", age.as_secs());
+        Err(Error::Tokens(TokenError::Store(StoreError::Unavailable { problem })))
     }
 }

@@ -4,8 +4,12 @@
 //! still use, `rate` counts requests a second.
 //!
 //! The copy follows the database: its revision is read ten times a second, so a token that was made, changed or
-//! revoked by the command line counts at once, also on streams that are open. While the database cannot be read
-//! the copy stays as it was.
+//! revoked, by whomever and through whichever replica, counts at once, also on streams that are open. While the
+//! database cannot be read the copy stays as it was, for [`TOKENS_STALE`](crate::limits::TOKENS_STALE); then nobody
+//! is let in, since somebody may have been shut out meanwhile.
+//!
+//! What a token has used is counted here and added up in the database, from where the sum of all replicas comes
+//! back: they exceed a quota by what they let through between two such moments at most.
 
 pub mod caller;
 mod rate;
@@ -22,7 +26,7 @@ use treewright_store::tokens::{TokenError, TokenRecord, Usage, day};
 use crate::clock::Clock;
 use crate::error::Error;
 use crate::limits;
-use caller::{Caller, Holder};
+use caller::{Caller, Holder, Seen};
 use rules::Need;
 use token::Token;
 
@@ -31,6 +35,7 @@ pub struct Access {
     store: Arc<dyn TokenStore>,
     clock: Arc<dyn Clock>,
     known: RwLock<Known>,
+    seen: Arc<Seen>,
 }
 
 #[derive(Default)]
@@ -47,7 +52,7 @@ impl Access {
     /// # Errors
     /// When they cannot be read.
     pub async fn open(store: Arc<dyn TokenStore>, clock: Arc<dyn Clock>) -> Result<Self, TokenError> {
-        let access = Self { store, clock, known: RwLock::default() };
+        let access = Self { store, clock, known: RwLock::default(), seen: Arc::new(Seen::now()) };
         access.refresh().await?;
         Ok(access)
     }
@@ -67,9 +72,11 @@ impl Access {
     pub async fn refresh(&self) -> Result<(), TokenError> {
         let revision = self.store.revision().await?;
         if self.known.read().unwrap_or_else(PoisonError::into_inner).revision == Some(revision) {
+            self.seen.again();
             return Ok(());
         }
         let records = self.store.list().await?;
+        self.seen.again();
         let mut known = self.known.write().unwrap_or_else(PoisonError::into_inner);
         known.records = records.into_iter().map(|record| (record.id.clone(), record)).collect();
         known.revision = Some(revision);
@@ -96,7 +103,11 @@ impl Access {
                     Ok(()) => failing = false,
                     Err(error) if !failing => {
                         failing = true;
-                        tracing::warn!(%error, "the tokens cannot be read; those known stay good");
+                        tracing::warn!(
+                            %error,
+                            for_s = limits::TOKENS_STALE.as_secs(),
+                            "the tokens cannot be read; those known stay good for a while"
+                        );
                     }
                     Err(_) => {}
                 },
@@ -105,7 +116,7 @@ impl Access {
         }
     }
 
-    /// Stores what was used.
+    /// Stores what was used here, and learns what was used everywhere.
     pub async fn save(&self) {
         let holders: Vec<_> = {
             let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
@@ -123,6 +134,13 @@ impl Access {
                 tracing::warn!(%error, "what tokens used cannot be stored; trying again");
                 for (holder, used) in used {
                     holder.put_back(used);
+                }
+                continue;
+            }
+            for (holder, _) in used.iter().filter(|(holder, _)| holder.is_limited()) {
+                match self.store.usage(&holder.id, day).await {
+                    Ok(stored) => holder.learn(day, stored),
+                    Err(error) => tracing::warn!(%error, "what a token used elsewhere cannot be read"),
                 }
             }
         }
@@ -152,6 +170,7 @@ impl Access {
             }
             Authorization::Bearer(text) => text,
         };
+        self.seen.check()?;
         const WRONG: Error = Error::Unauthenticated("the token is not known here");
         let token = Token::parse(text).ok_or(WRONG)?;
         let (record, holder) = {
@@ -177,7 +196,7 @@ impl Access {
         // The terms may have changed while the use was read.
         let current = known.records.get(&record.id).filter(|current| current.hash == record.hash).cloned();
         let current = current.ok_or(Error::Unauthenticated("the token was revoked"))?;
-        let made = || Arc::new(Holder::new(current, used, Arc::clone(&self.clock)));
+        let made = || Arc::new(Holder::new(current, used, Arc::clone(&self.seen), Arc::clone(&self.clock)));
         Ok(Arc::clone(known.holders.entry(record.id).or_insert_with(made)))
     }
 }

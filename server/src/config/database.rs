@@ -21,14 +21,9 @@ pub struct DatabaseConfig {
     #[arg(long, env = "TREEWRIGHT_DATABASE_PASSWORD_FILE", value_name = "FILE")]
     pub database_password_file: Option<PathBuf>,
 
-    /// How long a starting daemon waits for PostgreSQL, in seconds.
+    /// How long to wait for a PostgreSQL that is not there yet, in seconds.
     #[arg(long, env = "TREEWRIGHT_DATABASE_WAIT_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=3600))]
     pub database_wait_s: u64,
-
-    /// Where other daemons on the same PostgreSQL reach this one, e.g. http://10.0.0.7:50611. Without it: where
-    /// it listens.
-    #[arg(long, env = "TREEWRIGHT_ADVERTISE", value_name = "URL")]
-    pub advertise: Option<String>,
 }
 
 /// What was given as the database. Only a file is shown.
@@ -75,12 +70,8 @@ impl DatabaseConfig {
     pub fn read(&self) -> Result<Database, String> {
         let Given(text) = &self.database;
         if !PostgresAddress::is_one(text) {
-            let only_for_postgres = [
-                ("--database-password-file", self.database_password_file.is_some()),
-                ("--advertise", self.advertise.is_some()),
-            ];
-            return match only_for_postgres.into_iter().find(|(_, given)| *given) {
-                Some((option, _)) => Err(format!("{option} goes with --database postgres://...")),
+            return match &self.database_password_file {
+                Some(_) => Err("--database-password-file goes with --database postgres://...".to_owned()),
                 None => Ok(Database::File(PathBuf::from(text))),
             };
         }

@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use super::peers::PeersConfig;
 use crate::tls::TlsFiles;
 
 /// Encryption and authentication.
@@ -54,8 +55,14 @@ impl GuardConfig {
 
     /// The certificates, if there is to be TLS.
     #[must_use]
-    pub fn tls_files(&self) -> Option<TlsFiles> {
+    pub fn tls_files(&self, peers: &PeersConfig) -> Option<TlsFiles> {
         let (certificate, key) = (self.tls_cert.clone()?, self.tls_key.clone()?);
-        Some(TlsFiles { certificate, key, client_authority: self.tls_client_ca.clone() })
+        Some(TlsFiles {
+            certificate,
+            key,
+            client_authority: self.tls_client_ca.clone(),
+            peer_authority: peers.peer_ca.clone(),
+            peer_name: peers.peer_name.clone(),
+        })
     }
 }

@@ -1,12 +1,11 @@
 //! The command line of `treewrightd token`.
 
-use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Subcommand, ValueEnum};
-use treewright_store::PostgresAddress;
 use treewright_store::tokens::{Quota, Scope, Studies};
 
+use super::database::DatabaseConfig;
 use crate::convert::names;
 
 /// What to do with tokens.
@@ -18,13 +17,15 @@ pub enum TokenCommand {
 Examples:
   treewrightd token create --database tuning.db --name operator --scope admin
   treewrightd token create --database tuning.db --name farm-3 --scope tune --study 'farm-3-*' \\
-      --expires 90d --requests-per-s 500 --trials-per-day 1000000 > farm-3.token")]
+      --expires 90d --requests-per-s 500 --trials-per-day 1000000 > farm-3.token
+  treewrightd token create --database postgres://treewright@db/treewright --database-password-file password \\
+      --name watcher --scope read")]
     Create(Box<CreateConfig>),
     /// List all tokens, without their secrets.
     List {
         /// The database.
         #[command(flatten)]
-        database: TokenDatabase,
+        database: DatabaseConfig,
         /// Print JSON, for scripts.
         #[arg(long)]
         json: bool,
@@ -33,7 +34,7 @@ Examples:
     Revoke {
         /// The database.
         #[command(flatten)]
-        database: TokenDatabase,
+        database: DatabaseConfig,
         /// The token's id, as `list` shows it.
         id: String,
         /// Also remove what is known of it from the database.
@@ -42,20 +43,12 @@ Examples:
     },
 }
 
-/// Where the tokens are.
-#[derive(Clone, Debug, Args)]
-pub struct TokenDatabase {
-    /// Database file of the daemon.
-    #[arg(long, env = "TREEWRIGHT_DATABASE", hide_env_values = true, value_name = "FILE", value_parser = file)]
-    pub database: PathBuf,
-}
-
 /// The token to make.
 #[derive(Debug, Args)]
 pub struct CreateConfig {
     /// The database.
     #[command(flatten)]
-    pub database: TokenDatabase,
+    pub database: DatabaseConfig,
 
     /// Whom it is for, in words for people; at most 100 characters.
     #[arg(long, value_parser = token_name)]
@@ -133,13 +126,6 @@ impl From<ScopeWord> for Scope {
             ScopeWord::Admin => Self::Admin,
         }
     }
-}
-
-fn file(text: &str) -> Result<PathBuf, String> {
-    if PostgresAddress::is_one(text) {
-        return Err("tokens are kept in a database file only, as yet".to_owned());
-    }
-    Ok(PathBuf::from(text))
 }
 
 fn token_name(text: &str) -> Result<String, String> {

@@ -3,14 +3,17 @@
 
 use std::sync::Arc;
 
-use tonic::Status;
 use tonic::metadata::MetadataMap;
+use tonic::{Code, Status};
 use treewright_proto::v1 as wire;
 
 use crate::peers::{FORWARDED, Fate, Peers, Seeking, find_answer, is_open};
 
 /// Answers frames with what is at hand in this replica.
 pub(super) trait Attempt: Sync {
+    /// Counts a frame against its caller's quotas. What it is refused with is its answer; an error ends the stream.
+    fn count(&self, frame: &wire::TuneRequest) -> Result<Option<wire::TuneResponse>, Status>;
+
     /// The answer, and where to try again what could not be done here. An error ends the stream.
     fn attempt(
         &self,
@@ -26,6 +29,11 @@ pub(super) struct Frames {
 }
 
 impl Frames {
+    /// Whether what is not done here may be done elsewhere.
+    pub(super) fn has_peers(&self) -> bool {
+        self.peers.is_some()
+    }
+
     pub(super) fn new(peers: Option<Arc<Peers>>, metadata: &MetadataMap) -> Self {
         let metadata = if peers.is_some() { metadata.clone() } else { MetadataMap::new() };
         Self { peers, metadata }
@@ -37,6 +45,10 @@ impl Frames {
         frame: wire::TuneRequest,
         here: &impl Attempt,
     ) -> Result<wire::TuneResponse, Status> {
+        // However often and wherever it is tried, it counts once.
+        if let Some(refused) = here.count(&frame)? {
+            return Ok(refused);
+        }
         let Some(peers) = &self.peers else {
             return Ok(here.attempt(frame).await?.0);
         };
@@ -85,11 +97,18 @@ impl<A: Attempt> Seeking for Frame<'_, A> {
         self.here.attempt(self.frame.clone()).await
     }
 
-    async fn there(&self, study: &str, address: &str) -> Result<Option<wire::TuneResponse>, Status> {
+    async fn there(&self, _study: &str, address: &str) -> Result<Option<wire::TuneResponse>, Status> {
         match self.peers.frame(address, self.metadata, self.frame.clone()).await {
-            Ok(theirs) => Ok(Some(theirs).filter(|theirs| !is_open(theirs))),
+            Ok(theirs) => {
+                self.peers.answered(address);
+                match theirs {
+                    Ok(theirs) => Ok(Some(theirs).filter(|theirs| !is_open(theirs))),
+                    Err(status) if status.code() == Code::Unavailable => Ok(None),
+                    Err(status) => Err(status),
+                }
+            }
             Err(error) => {
-                tracing::debug!(study, address, %error, "the replica does not answer");
+                self.peers.silent(address, &error);
                 Ok(None)
             }
         }
@@ -97,6 +116,10 @@ impl<A: Attempt> Seeking for Frame<'_, A> {
 
     fn doubt(&self, study: &str) {
         self.peers.doubt(study);
+    }
+
+    fn gave_up(&self, study: &str) {
+        self.peers.gave_up(study);
     }
 }
 

@@ -21,7 +21,8 @@ use crate::connections::UnderWay;
 use crate::error::Error;
 use crate::front::note_refusal;
 use crate::gate::Gate;
-use crate::peers::Peers;
+use crate::peers::key::Counted;
+use crate::peers::{Peers, note_refusal_here};
 use crate::tuning::Tuning;
 
 /// `treewright.v1.TuningService`.
@@ -70,15 +71,18 @@ impl Service {
     ) -> Result<Response<T>, Status> {
         let answer = async {
             let caller = self.caller(&request)?;
+            let is_counted = request.extensions().get::<Counted>().is_some();
             let request = request.into_inner();
-            caller.spend_request(request.encoded_len())?;
+            if !is_counted {
+                caller.spend_request(request.encoded_len())?;
+            }
             let _entered = self.gate.request()?;
             work(&self.tuning, &caller, request).await
         };
         match answer.await {
             Ok(answer) => Ok(Response::new(answer)),
             Err(error) => {
-                note_refusal(&error);
+                note_refusal_here(&error, self.peers.is_some());
                 Err(error.into())
             }
         }
@@ -145,6 +149,8 @@ impl TuningService for Service {
                     tuning: Arc::clone(&self.tuning),
                     gate: self.gate.clone(),
                     caller,
+                    is_counted: request.extensions().get::<Counted>().is_some(),
+                    has_peers: way.has_peers(),
                     _inside: (entered, under_way),
                 };
                 Ok(Response::new(stream.serve(way, request.into_inner())))

@@ -23,7 +23,7 @@ use crate::front::note_refusal;
 use crate::gate::{Entered, Gate};
 use crate::limits;
 use crate::metrics::METRICS;
-use crate::peers::Fate;
+use crate::peers::{Fate, note_refusal_here};
 use crate::tuning::Tuning;
 
 /// The answers of one stream.
@@ -34,6 +34,10 @@ pub(super) struct Stream {
     pub(super) tuning: Arc<Tuning>,
     pub(super) gate: Gate,
     pub(super) caller: Caller,
+    /// Its frames were counted by the replica that passed them on.
+    pub(super) is_counted: bool,
+    /// What is not done here may be done by another replica.
+    pub(super) has_peers: bool,
     /// Held until the stream ends: a place among the streams, and the connection's right to stay.
     pub(super) _inside: (Entered, Option<Arc<UnderWay>>),
 }
@@ -77,6 +81,18 @@ impl Stream {
         ReceiverStream::new(stream)
     }
 
+    /// Parts what went well from what did not.
+    fn split<T>(&self, result: Option<Result<T, Error>>) -> (Option<T>, Option<wire::TuneError>) {
+        match result {
+            None => (None, None),
+            Some(Ok(value)) => (Some(value), None),
+            Some(Err(error)) => {
+                note_refusal_here(&error, self.has_peers);
+                (None, Some(error.into()))
+            }
+        }
+    }
+
     fn report(&self, report: wire::ReportRequest) -> Result<Report, Error> {
         let report = from_proto::report(report)?;
         self.caller.reach(&report.trial.study)?;
@@ -91,26 +107,33 @@ impl Stream {
 }
 
 impl Attempt for Stream {
+    fn count(&self, frame: &wire::TuneRequest) -> Result<Option<wire::TuneResponse>, Status> {
+        if self.is_counted {
+            return Ok(None);
+        }
+        match self.caller.spend_request(frame.encoded_len()) {
+            Ok(()) => Ok(None),
+            Err(error @ Error::Unauthenticated(_)) => {
+                note_refusal(&error);
+                Err(error.into())
+            }
+            Err(error) => Ok(Some(refused(frame, &error))),
+        }
+    }
+
     /// An error of one frame comes back in its answer; the end of a token ends the stream.
     async fn attempt(&self, frame: wire::TuneRequest) -> Result<(wire::TuneResponse, Option<Fate>), Status> {
         if let Err(error) = self.caller.may(Scope::Tune) {
             note_refusal(&error);
             return Err(error.into());
         }
-        let bytes = frame.encoded_len();
+        let _entered = match self.gate.request() {
+            Ok(entered) => entered,
+            Err(error) => return Ok((refused(&frame, &error), None)),
+        };
         let wire::TuneRequest { report, suggest } = frame;
-        let entered = self.caller.spend_request(bytes).and_then(|()| self.gate.request());
-        if let Err(error) = &entered {
-            note_refusal(error);
-            let refused = wire::TuneResponse {
-                report_error: report.map(|_| error.clone().into()),
-                suggest_error: suggest.map(|_| error.clone().into()),
-                ..wire::TuneResponse::default()
-            };
-            return Ok((refused, None));
-        }
-        let (report, report_error) = split(report.map(|report| self.report(report)));
-        let (suggest, suggest_error) = split(suggest.map(|suggest| self.suggest(suggest)));
+        let (report, report_error) = self.split(report.map(|report| self.report(report)));
+        let (suggest, suggest_error) = self.split(suggest.map(|suggest| self.suggest(suggest)));
         let (suggest, spent) = suggest.unzip();
         let report_study = report.as_ref().map(|report| report.trial.study.clone());
         let suggest_study = suggest.as_ref().map(|suggest| suggest.study.clone());
@@ -120,8 +143,8 @@ impl Attempt for Stream {
         if let (Some(Ok(_)), Some(spent)) = (&done.suggested, spent) {
             spent.keep();
         }
-        let (reported, taking_error) = split(done.reported);
-        let (trial, suggesting_error) = split(done.suggested);
+        let (reported, taking_error) = self.split(done.reported);
+        let (trial, suggesting_error) = self.split(done.suggested);
         let response = wire::TuneResponse {
             reported: reported.zip(report_study).map(|(reported, study)| trials::reported(&study, &reported)),
             trial: trial.zip(suggest_study).map(|(trial, study)| to_proto::trial(&study, &trial)),
@@ -143,14 +166,12 @@ fn code(answer: &Result<wire::TuneResponse, Status>) -> Code {
     }
 }
 
-/// Parts what went well from what did not.
-fn split<T>(result: Option<Result<T, Error>>) -> (Option<T>, Option<wire::TuneError>) {
-    match result {
-        None => (None, None),
-        Some(Ok(value)) => (Some(value), None),
-        Some(Err(error)) => {
-            note_refusal(&error);
-            (None, Some(error.into()))
-        }
+/// The answer to a frame of which nothing was done.
+fn refused(frame: &wire::TuneRequest, error: &Error) -> wire::TuneResponse {
+    note_refusal(error);
+    wire::TuneResponse {
+        report_error: frame.report.as_ref().map(|_| error.clone().into()),
+        suggest_error: frame.suggest.as_ref().map(|_| error.clone().into()),
+        ..wire::TuneResponse::default()
     }
 }

@@ -190,7 +190,7 @@ pub(super) struct ClosedMark {
 
 impl Live {
     /// Marks this point. All writes before it are awaited by the mark's receipt.
-    pub(super) fn mark(&self, store: &dyn Store) -> ClosedMark {
+    pub(super) fn mark(&mut self, store: &dyn Store) -> ClosedMark {
         ClosedMark {
             receipt: self.commit(store, &[]),
             fence: self.fence().clone(),
@@ -238,7 +238,7 @@ fn take(tuner: &mut Tuner, report: &Report, now_ms: i64) -> Taken {
     }
 }
 
-fn queue(live: &Live, store: &dyn Store, taken: Taken) -> Queued {
+fn queue(live: &mut Live, store: &dyn Store, taken: Taken) -> Queued {
     match taken {
         Taken::Now(completed, change) => Queued::Taken(completed, live.commit(store, &[change])),
         Taken::Closed => Queued::Closed(live.mark(store)),

@@ -1,10 +1,12 @@
 //! The use cases of the daemon, apart from the wire: what each request does to tuner and store.
 //!
 //! The order is always the same: take the tuner's lock, compute, queue the change, let go, wait until it
-//! is durable, answer. Nothing is answered that is not on the disk. `runtime` holds the tuners, `loading` reads them, `checkpoints` spares that, `frames`
-//! suggests and reports, `trials` does what concerns one trial, `studies` what concerns a study.
+//! is durable, answer. Nothing is answered that is not on the disk. `runtime` holds the tuners, `loading` reads them,
+//! `checkpoints` spares that, `frames` suggests and reports, `trials` does what concerns one trial, `studies` what
+//! concerns a study, `figures` tells those who watch.
 
 mod checkpoints;
+pub(crate) mod figures;
 mod frames;
 mod loading;
 mod runtime;
@@ -103,6 +105,16 @@ impl Tuning {
         let open =
             |(_, runtime): &(String, Arc<Runtime>)| runtime.peek(|live| live.tuner.statistics().open_trials);
         (studies.len(), studies.iter().filter_map(open).sum())
+    }
+
+    /// The studies in memory that were used last, at most so many.
+    fn last_used(&self, most: usize) -> Vec<(String, Arc<Runtime>)> {
+        let runtimes = self.runtimes.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut all: Vec<_> = runtimes.by_study.iter().collect();
+        all.sort_by_key(|(_, (_, used))| std::cmp::Reverse(*used));
+        let pair =
+            |(study, (runtime, _)): (&String, &(Arc<Runtime>, u64))| (study.clone(), Arc::clone(runtime));
+        all.into_iter().take(most).map(pair).collect()
     }
 
     /// Every study in memory.

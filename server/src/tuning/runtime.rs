@@ -11,6 +11,7 @@ use treewright_core::tuner::{Change, Tuner};
 use treewright_store::{Fence, Receipt, Store};
 
 use super::checkpoints::Saved;
+use super::figures::Tally;
 use super::loading::{self, Read};
 use crate::error::Error;
 use crate::metrics::METRICS;
@@ -36,14 +37,17 @@ pub(super) struct Live {
     pub(super) closed_changes: u64,
     /// The last checkpoint.
     pub(super) saved: Saved,
+    /// For those who watch.
+    pub(super) tally: Tally,
     /// The tuner has to be read anew: its policy needs models that it lacks.
     pub(super) is_stale: bool,
 }
 
 impl Live {
     /// Queues what the tuner decided. Must be called under the lock under which it was decided.
-    pub(super) fn commit(&self, store: &dyn Store, changes: &[Change]) -> Receipt {
+    pub(super) fn commit(&mut self, store: &dyn Store, changes: &[Change]) -> Receipt {
         METRICS.decided(changes);
+        self.tally.take(&self.tuner, changes);
         store.commit(&self.fence, changes)
     }
 
@@ -114,7 +118,8 @@ impl Runtime {
         let Read { tuner, fence, saved } = loading::load(store, study).await?;
         let completed = tuner.statistics().completed_trials;
         tracing::info!(study, completed, from_checkpoint = saved.completion, "study loaded");
-        *self.lock() = Some(Live { tuner, fence, closed_changes: 0, saved, is_stale: false });
+        let tally = Tally::default();
+        *self.lock() = Some(Live { tuner, fence, closed_changes: 0, saved, tally, is_stale: false });
         Ok(())
     }
 }

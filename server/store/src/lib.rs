@@ -28,7 +28,7 @@ mod words;
 pub use error::{OpenError, StoreError};
 pub use fence::{Fence, Receipt};
 pub use memory::MemoryStore;
-pub use postgres::{PostgresAddress, PostgresStore};
+pub use postgres::{PostgresAddress, PostgresStore, PostgresTokens};
 pub use sqlite::{SqliteStore, SqliteTokens};
 pub use store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
 pub use tokens::{MemoryTokens, TokenStore};

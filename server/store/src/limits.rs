@@ -49,6 +49,9 @@ pub const READER_TIMEOUT: Duration = Duration::from_secs(10);
 /// writes in order; two, so that one gathers while the other waits for the disk.
 pub const POSTGRES_WRITERS: usize = 2;
 
+/// Connections of a replica that read and write tokens in PostgreSQL.
+pub const POSTGRES_TOKENS: u32 = 2;
+
 /// Longest wait for PostgreSQL to take one write. It lies above what a busy disk needs; a server that says
 /// nothing for so long is taken for gone.
 pub const POSTGRES_WRITE_TIMEOUT: Duration = Duration::from_secs(10);

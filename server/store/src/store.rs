@@ -95,9 +95,9 @@ pub trait Store: Send + Sync + 'static {
     /// holds the study.
     async fn load(&self, study: &str) -> Result<Loaded, StoreError>;
 
-    /// Whether other processes may serve the same store.
-    fn is_shared(&self) -> bool {
-        false
+    /// The secret by which the processes that share this store know each other; none where nobody else may serve it.
+    fn replica_key(&self) -> Option<[u8; 32]> {
+        None
     }
 
     /// Forgets which other replica holds the study, because it could not be reached: the next load looks anew.

@@ -1,7 +1,13 @@
 //! What every token store promises, run against each implementation. The memory store is the oracle.
 
+use std::time::Duration;
+
 use treewright_store::tokens::{Quota, Scope, Studies, TokenError, TokenRecord, Usage};
-use treewright_store::{MemoryTokens, SqliteStore, SqliteTokens, Store, StoreError, TokenStore};
+use treewright_store::{
+    MemoryTokens, PostgresAddress, PostgresStore, PostgresTokens, SqliteStore, SqliteTokens, Store,
+    StoreError, TokenStore,
+};
+use treewright_test_postgres::Database;
 
 macro_rules! contract {
     ($($name:ident),* $(,)?) => {
@@ -17,6 +23,13 @@ macro_rules! contract {
                 super::$name(&tokens).await;
             })*
         }
+        mod postgres {
+            $(#[tokio::test] async fn $name() {
+                let database = super::Database::create().await;
+                let tokens = super::postgres(&database).await;
+                super::$name(&tokens).await;
+            })*
+        }
     };
 }
 
@@ -28,6 +41,11 @@ contract!(
     use_adds_up_by_day,
     a_closed_store_says_so,
 );
+
+async fn postgres(database: &Database) -> PostgresTokens {
+    let address = PostgresAddress::parse(database.url()).expect("an address");
+    PostgresTokens::open(&address, Duration::ZERO).await.expect("a database")
+}
 
 fn token(id: &str, create_ms: i64) -> TokenRecord {
     TokenRecord {
@@ -138,4 +156,33 @@ async fn tokens_are_made_while_a_daemon_has_the_database() {
     let tokens = SqliteTokens::open(&path).await.unwrap();
     assert_eq!(tokens.list().await.unwrap(), [token("a", 1)]);
     SqliteStore::open(&path).await.unwrap();
+}
+
+#[tokio::test]
+async fn replicas_see_each_other_s_tokens_and_add_up_their_use() {
+    let database = Database::create().await;
+    let address = PostgresAddress::parse(database.url()).unwrap();
+    let daemon = PostgresStore::open(address, "http://127.0.0.1:1", Duration::ZERO).await.unwrap();
+    let (one, two) = (postgres(&database).await, postgres(&database).await);
+    let before = two.revision().await.unwrap();
+    one.create(&token("a", 1)).await.unwrap();
+    one.create(&token("b", 2)).await.unwrap();
+    assert!(two.revision().await.unwrap() > before);
+    assert_eq!(two.list().await.unwrap(), [token("a", 1), token("b", 2)]);
+    assert_eq!(two.create(&token("a", 1)).await, Err(TokenError::Exists { id: "a".to_owned() }));
+
+    // Both count the same tokens at the same time, in opposite orders.
+    let used =
+        |names: [&str; 2]| names.map(|name| (name.to_owned(), Usage { trials: 1, ..Usage::default() }));
+    let (forth, back) = (used(["a", "b"]), used(["b", "a"]));
+    for _ in 0..50 {
+        let (first, second) = tokio::join!(one.add_usage(7, &forth), two.add_usage(7, &back));
+        first.and(second).unwrap();
+    }
+    assert_eq!(one.usage("b", 7).await.unwrap().1.trials, 100);
+    two.revoke("a", 5).await.unwrap();
+    assert_eq!(one.list().await.unwrap()[0].revoke_ms, Some(5));
+    one.close().await;
+    two.close().await;
+    daemon.close().await;
 }

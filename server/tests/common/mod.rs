@@ -55,12 +55,20 @@ impl Server {
 
     /// One of several replicas on a database.
     pub(crate) async fn replica(database: &Database) -> Self {
+        let clock = Arc::new(ManualClock::at(START_MS));
+        Self::replica_with(database, clock, Duration::from_secs(5)).await
+    }
+
+    pub(crate) async fn replica_with(
+        database: &Database,
+        clock: Arc<ManualClock>,
+        options: impl Into<serve::Options>,
+    ) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
         let advertised = format!("http://{}", listener.local_addr().expect("an address"));
         let server = PostgresAddress::parse(database.url()).expect("an address");
         let store = PostgresStore::open(server, &advertised, Duration::ZERO).await.expect("a database");
-        let clock = Arc::new(ManualClock::at(START_MS));
-        Self::on(listener, Arc::new(store), clock, Duration::from_secs(5).into()).await
+        Self::on(listener, Arc::new(store), clock, options.into()).await
     }
 
     async fn on(

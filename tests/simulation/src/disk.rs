@@ -355,10 +355,6 @@ impl Store for SimulatedDisk {
         Ok(Loaded { fence, ..loaded })
     }
 
-    fn is_shared(&self) -> bool {
-        self.world.plan.replicas > 1
-    }
-
     fn doubt(&self, study: &str) {
         self.known.forget(study);
     }

@@ -197,6 +197,12 @@ impl Tuner {
         Ok(found.map(|(state, record)| self.best_answer(state, record)))
     }
 
+    /// What the best known configuration of a state costs; `None` when nothing has been measured there.
+    pub fn best_cost(&self, state_id: u64) -> Option<f64> {
+        let state = self.states.get(usize::try_from(state_id).ok()?.checked_sub(1)?)?;
+        state.knowledge.best().map(|best| best.mean_cost)
+    }
+
     fn best_answer(&self, state: usize, record: &Record) -> Best {
         Best {
             configuration: record.configuration.clone(),

@@ -7,7 +7,7 @@
 //!
 //! `open` connects, `replica` keeps this replica alive in the eyes of the others and hears what they do,
 //! `claim` takes studies, `writer` and `batch` write, `read` and `studies` ask, `filter` translates questions,
-//! `statements` holds the SQL, `shared` what they all know.
+//! `statements` holds the SQL, `shared` what they all know. `tokens` stands for itself.
 
 mod batch;
 mod claim;
@@ -18,6 +18,7 @@ mod replica;
 mod shared;
 mod statements;
 mod studies;
+mod tokens;
 mod writer;
 
 use std::collections::hash_map::DefaultHasher;
@@ -44,11 +45,13 @@ use shared::Shared;
 use writer::Job;
 
 pub use open::PostgresAddress;
+pub use tokens::PostgresTokens;
 
 /// Keeps everything in a PostgreSQL database that other replicas may serve as well.
 pub struct PostgresStore {
     shared: Arc<Shared>,
     readers: PgPool,
+    replica_key: [u8; 32],
     /// None once closed.
     open: Mutex<Option<Open>>,
 }
@@ -88,6 +91,7 @@ impl PostgresStore {
             server: database.shown(),
             problem: error.to_string(),
         };
+        let replica_key = open::replica_key(&mut connection, &database.shown()).await?;
         let me = replica::register(&mut connection, advertised).await.map_err(unreachable)?;
         let shared = Arc::new(Shared::new(database.clone(), advertised.to_owned(), me));
         let listener = replica::listener(&shared).await.map_err(unreachable)?;
@@ -107,7 +111,8 @@ impl PostgresStore {
             session: tokio::spawn(replica::live(Arc::clone(&shared), connection, left)),
             listener: Listening(tokio::spawn(replica::listen(Arc::clone(&shared), listener))),
         };
-        Ok(Self { readers: database.pool(), shared, open: Mutex::new(Some(open)) })
+        let readers = database.pool(limits::READERS);
+        Ok(Self { readers, replica_key, shared, open: Mutex::new(Some(open)) })
     }
 
     /// Gives a write its place in the order of writes of its study.
@@ -184,8 +189,8 @@ impl Store for PostgresStore {
         read::load(&mut *self.reader().await?, fence).await
     }
 
-    fn is_shared(&self) -> bool {
-        true
+    fn replica_key(&self) -> Option<[u8; 32]> {
+        Some(self.replica_key)
     }
 
     fn doubt(&self, study: &str) {

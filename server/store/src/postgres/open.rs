@@ -86,10 +86,10 @@ impl PostgresAddress {
         timeout(limits::POSTGRES_CONNECT_TIMEOUT, connecting).await.unwrap_or_else(|_| Err(silent()))
     }
 
-    /// Connections for questions. None is made yet.
-    pub(super) fn pool(&self) -> PgPool {
+    /// At most so many connections for questions. None is made yet.
+    pub(super) fn pool(&self, connections: u32) -> PgPool {
         PgPoolOptions::new()
-            .max_connections(limits::READERS)
+            .max_connections(connections)
             .acquire_timeout(limits::POSTGRES_READER_TIMEOUT)
             .after_connect(|connection, _| {
                 Box::pin(async move { connection.execute(sql::SETTINGS).await.map(|_| ()) })
@@ -155,6 +155,16 @@ async fn prepare(address: &PostgresAddress) -> Result<PgConnection, OpenError> {
         other => unfit(format!("its tables are not ours or have been altered ({other}); name another database or restore a backup")),
     })?;
     Ok(connection)
+}
+
+/// The secret that every replica finds in the database, and nobody else.
+pub(super) async fn replica_key(connection: &mut PgConnection, server: &str) -> Result<[u8; 32], OpenError> {
+    let found: Result<Vec<u8>, _> = sqlx::query_scalar(sql::REPLICA_KEY).fetch_one(connection).await;
+    let key = found.map_err(|error| explain(server, &error))?;
+    key.try_into().map_err(|_| OpenError::Unfit {
+        server: server.to_owned(),
+        problem: "the replicas' key has not 32 bytes; restore a backup".to_owned(),
+    })
 }
 
 /// Translates SQLSTATE classes; see the appendix "PostgreSQL Error Codes" of its manual.

@@ -49,6 +49,8 @@ pub(super) const FOREIGN: &str = "SELECT count(*) > 0 AND bool_and(c.relname <> 
 
 pub(super) const REPLICA_INSERT: &str = "INSERT INTO replicas (address) VALUES ($1) RETURNING id";
 
+pub(super) const REPLICA_KEY: &str = "SELECT key FROM replica_key";
+
 pub(super) const REPLICA_LOCK: &str = concat!("SELECT pg_try_advisory_lock(", lock_class!(), ", $1)");
 
 pub(super) const REPLICA_BEAT: &str = "UPDATE replicas SET heartbeat = clock_timestamp() WHERE id = $1";

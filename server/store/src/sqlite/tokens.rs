@@ -6,15 +6,15 @@
 use std::path::Path;
 
 use async_trait::async_trait;
-use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{ConnectOptions as _, Connection as _, Row as _};
+use sqlx::sqlite::SqliteConnection;
+use sqlx::{ConnectOptions as _, Connection as _};
 use tokio::sync::{Mutex, MutexGuard};
 
 use super::{open, store_error};
 use crate::error::{OpenError, StoreError};
 use crate::limits;
-use crate::tokens::rows::{hash, of_texts, texts};
-use crate::tokens::{Scope, TokenError, TokenRecord, TokenStore, Usage};
+use crate::tokens::rows::{TokenRow, UsageRow, changed, signed, texts};
+use crate::tokens::{TokenError, TokenRecord, TokenStore, Usage};
 
 /// Tokens in an SQLite file.
 #[derive(Debug)]
@@ -53,36 +53,6 @@ fn failed(error: sqlx::Error) -> TokenError {
     store_error(&error).into()
 }
 
-fn token(row: &SqliteRow) -> Result<TokenRecord, TokenError> {
-    let text = |column: &str| row.try_get::<String, _>(column).map_err(failed);
-    let (studies, quota) = of_texts(&text("studies")?, &text("quota")?)?;
-    Ok(TokenRecord {
-        id: text("id")?,
-        name: text("name")?,
-        hash: hash(&row.try_get::<Vec<u8>, _>("hash").map_err(failed)?)?,
-        scope: Scope::of_word(&text("scope")?)?,
-        studies,
-        quota,
-        create_ms: row.try_get("create_ms").map_err(failed)?,
-        expire_ms: row.try_get("expire_ms").map_err(failed)?,
-        revoke_ms: row.try_get("revoke_ms").map_err(failed)?,
-    })
-}
-
-fn usage(row: &SqliteRow) -> Result<Usage, TokenError> {
-    let count = |column: &str| row.try_get::<i64, _>(column).map(|count| count.max(0) as u64).map_err(failed);
-    Ok(Usage { studies: count("studies")?, trials: count("trials")?, bytes: count("bytes")? })
-}
-
-fn signed(count: u64) -> i64 {
-    i64::try_from(count).unwrap_or(i64::MAX)
-}
-
-/// The one row that must have changed.
-fn changed(id: &str, rows: u64) -> Result<(), TokenError> {
-    if rows == 0 { Err(TokenError::NotFound { id: id.to_owned() }) } else { Ok(()) }
-}
-
 #[async_trait]
 impl TokenStore for SqliteTokens {
     async fn create(&self, token: &TokenRecord) -> Result<(), TokenError> {
@@ -118,11 +88,11 @@ impl TokenStore for SqliteTokens {
     }
 
     async fn list(&self) -> Result<Vec<TokenRecord>, TokenError> {
-        let rows = sqlx::query("SELECT * FROM tokens ORDER BY create_ms, id")
+        let rows: Vec<TokenRow> = sqlx::query_as("SELECT * FROM tokens ORDER BY create_ms, id")
             .fetch_all(self.lock().await.open()?)
             .await
             .map_err(failed)?;
-        rows.iter().map(token).collect()
+        rows.into_iter().map(TokenRow::record).collect()
     }
 
     async fn revoke(&self, id: &str, now_ms: i64) -> Result<(), TokenError> {
@@ -157,8 +127,8 @@ impl TokenStore for SqliteTokens {
         let mut guard = self.lock().await;
         let mut sums = [Usage::default(); 2];
         for (sum, (first, last)) in sums.iter_mut().zip([(i64::MIN, i64::MAX), (day, day)]) {
-            let row = sqlx::query(SUMS).bind(id).bind(first).bind(last).fetch_one(guard.open()?).await;
-            *sum = usage(&row.map_err(failed)?)?;
+            let row = sqlx::query_as(SUMS).bind(id).bind(first).bind(last).fetch_one(guard.open()?).await;
+            *sum = row.map(|row: UsageRow| row.into()).map_err(failed)?;
         }
         Ok((sums[0], sums[1]))
     }

@@ -1,7 +1,65 @@
-//! Tokens as rows: the words and JSON texts of the tables, the same for every database.
+//! Tokens as rows: what the tables hold, the same for every database.
 
-use super::{Quota, Scope, Studies, TokenError, Usage};
+use super::{Quota, Scope, Studies, TokenError, TokenRecord, Usage};
 use crate::error::StoreError;
+
+/// A row of `tokens`, with its JSON columns as texts.
+#[derive(sqlx::FromRow)]
+pub(crate) struct TokenRow {
+    id: String,
+    name: String,
+    hash: Vec<u8>,
+    scope: String,
+    studies: String,
+    quota: String,
+    create_ms: i64,
+    expire_ms: Option<i64>,
+    revoke_ms: Option<i64>,
+}
+
+impl TokenRow {
+    /// Reads the row. What cannot be read lets nobody in.
+    pub(crate) fn record(self) -> Result<TokenRecord, TokenError> {
+        let json = |error: serde_json::Error| inconsistent(format!("a token cannot be read: {error}"));
+        let hash = self.hash.as_slice().try_into();
+        Ok(TokenRecord {
+            id: self.id,
+            name: self.name,
+            hash: hash.map_err(|_| inconsistent("a token's hash has not 32 bytes".to_owned()))?,
+            scope: Scope::of_word(&self.scope)?,
+            studies: serde_json::from_str(&self.studies).map_err(json)?,
+            quota: serde_json::from_str(&self.quota).map_err(json)?,
+            create_ms: self.create_ms,
+            expire_ms: self.expire_ms,
+            revoke_ms: self.revoke_ms,
+        })
+    }
+}
+
+/// Sums over rows of `token_usage`.
+#[derive(sqlx::FromRow)]
+pub(crate) struct UsageRow {
+    studies: i64,
+    trials: i64,
+    bytes: i64,
+}
+
+impl From<UsageRow> for Usage {
+    fn from(row: UsageRow) -> Self {
+        let count = |count: i64| count.max(0) as u64;
+        Self { studies: count(row.studies), trials: count(row.trials), bytes: count(row.bytes) }
+    }
+}
+
+/// A count as the tables keep it.
+pub(crate) fn signed(count: u64) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
+}
+
+/// The one row that must have changed.
+pub(crate) fn changed(id: &str, rows: u64) -> Result<(), TokenError> {
+    if rows == 0 { Err(TokenError::NotFound { id: id.to_owned() }) } else { Ok(()) }
+}
 
 impl Scope {
     /// The word in the tables.
@@ -14,7 +72,7 @@ impl Scope {
     }
 
     /// Reads the word.
-    pub(crate) fn of_word(word: &str) -> Result<Self, TokenError> {
+    fn of_word(word: &str) -> Result<Self, TokenError> {
         [Self::Read, Self::Tune, Self::Admin]
             .into_iter()
             .find(|scope| scope.word() == word)
@@ -35,17 +93,6 @@ impl Usage {
 pub(crate) fn texts(studies: &Studies, quota: &Quota) -> Result<(String, String), TokenError> {
     let json = |error: serde_json::Error| inconsistent(error.to_string());
     Ok((serde_json::to_string(studies).map_err(json)?, serde_json::to_string(quota).map_err(json)?))
-}
-
-/// Reads the JSON texts. What cannot be read lets nobody in.
-pub(crate) fn of_texts(studies: &str, quota: &str) -> Result<(Studies, Quota), TokenError> {
-    let json = |error: serde_json::Error| inconsistent(format!("a token cannot be read: {error}"));
-    Ok((serde_json::from_str(studies).map_err(json)?, serde_json::from_str(quota).map_err(json)?))
-}
-
-/// A hash of the right length.
-pub(crate) fn hash(bytes: &[u8]) -> Result<[u8; 32], TokenError> {
-    bytes.try_into().map_err(|_| inconsistent("a token's hash has not 32 bytes".to_owned()))
 }
 
 fn inconsistent(problem: String) -> TokenError {

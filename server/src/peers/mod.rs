@@ -5,24 +5,32 @@
 //! whoever gets it marked and does not hold the study says so, and the first looks again who does. If the
 //! holder is gone, the database lets the first take the study itself. [`find_answer`] is that search; single
 //! requests, frames of a stream and the fault simulator each say how they try here and there.
+//!
+//! `links` are the connections, `key` is how a replica tells another's request from a client's.
 
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+pub(crate) mod key;
+mod links;
+
+use std::sync::Arc;
 use std::time::Duration;
 
+use http::HeaderMap;
 use tokio::time::{Instant, sleep};
 use tonic::metadata::MetadataMap;
-use tonic::transport::{Channel, Endpoint};
+use tonic::transport::Channel;
 use tonic::{Code, Request, Status};
 use treewright_proto::v1 as wire;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_store::{Store, StoreError};
 
 use crate::error::Error;
+use crate::front::note_refusal;
 use crate::limits;
+use crate::metrics::METRICS;
+use crate::tls::Tls;
+use links::Links;
 
-/// Marks a request that another replica passed on.
-pub const FORWARDED: &str = "treewright-forwarded";
+pub use key::{FORWARDED, ReplicaKey};
 
 /// In an answer: which replica holds the study.
 pub const HOLDER: &str = "treewright-holder";
@@ -89,10 +97,11 @@ impl Fate {
     }
 }
 
-/// Connections to the other replicas, and the patience with them.
+/// The other replicas.
 pub struct Peers {
     store: Arc<dyn Store>,
-    channels: Mutex<HashMap<String, Channel>>,
+    key: ReplicaKey,
+    links: Links,
 }
 
 /// A request that may have to look for its replica.
@@ -118,6 +127,11 @@ pub trait Seeking: Sync {
 
     /// The replica did not answer, or does not hold the study any more.
     fn doubt(&self, study: &str);
+
+    /// No replica did what was asked for, in the time that there was.
+    fn gave_up(&self, study: &str) {
+        let _ = study;
+    }
 }
 
 /// Looks for the replica that answers a request until [`limits::PEER_PATIENCE`] is over; then the last answer of
@@ -129,16 +143,20 @@ pub async fn find_answer<S: Seeking>(request: &S, was_forwarded: bool) -> Result
     let mut patience = Patience::new();
     loop {
         let (answer, fate) = request.here().await?;
-        match fate {
+        let study = match fate {
             None => return Ok(answer),
             Some(Fate::Elsewhere { .. }) if was_forwarded => return Ok(answer),
             Some(Fate::Elsewhere { study, address }) => match request.there(&study, &address).await? {
                 Some(theirs) => return Ok(theirs),
-                None => request.doubt(&study),
+                None => {
+                    request.doubt(&study);
+                    study
+                }
             },
-            Some(Fate::Again { .. }) => {}
-        }
+            Some(Fate::Again { study }) => study,
+        };
         if !patience.wait().await {
+            request.gave_up(&study);
             return Ok(answer);
         }
     }
@@ -167,54 +185,85 @@ impl Patience {
 }
 
 impl Peers {
-    /// The replicas that share `store`; none where nobody else does.
+    /// The replicas that share `store`; none where nobody else does. `tls` is how those are reached that speak TLS.
     #[must_use]
-    pub fn of(store: &Arc<dyn Store>) -> Option<Arc<Self>> {
-        let store = Arc::clone(store);
-        store.is_shared().then(|| Arc::new(Self { store, channels: Mutex::default() }))
+    pub fn of(store: &Arc<dyn Store>, tls: Option<Arc<Tls>>) -> Option<Arc<Self>> {
+        let key = ReplicaKey::new(&store.replica_key()?);
+        Some(Arc::new(Self { store: Arc::clone(store), key, links: Links::new(tls) }))
     }
 
-    /// The replica did not answer, or does not hold the study any more.
+    /// By what replicas know each other's requests.
+    #[must_use]
+    pub fn key(&self) -> &ReplicaKey {
+        &self.key
+    }
+
+    /// Marks a request that is to be passed on, and finds the connection for it.
+    pub(crate) fn pass_on(&self, address: &str, headers: &mut HeaderMap) -> Result<Channel, Status> {
+        self.key.show(headers);
+        self.links.channel(address)
+    }
+
+    /// The replica does not hold the study any more, or did not answer.
     pub(crate) fn doubt(&self, study: &str) {
         self.store.doubt(study);
     }
 
-    /// A connection to a replica, made when it is used.
-    pub(crate) fn channel(&self, address: &str) -> Result<Channel, Status> {
-        let mut channels = self.channels.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(channel) = channels.get(address) {
-            return Ok(channel.clone());
-        }
-        let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|_| {
-            Status::internal(format!("the replica's address {address:?} is no URL; see its --advertise"))
-        })?;
-        let channel = endpoint
-            .connect_timeout(limits::PEER_CONNECT)
-            .tcp_nodelay(true)
-            .http2_keep_alive_interval(limits::KEEPALIVE)
-            .keep_alive_timeout(limits::KEEPALIVE)
-            .connect_lazy();
-        if channels.len() >= limits::PEERS {
-            channels.clear();
-        }
-        channels.insert(address.to_owned(), channel.clone());
-        Ok(channel)
+    /// The replica answered, whatever it said.
+    pub(crate) fn answered(&self, address: &str) {
+        self.links.answered(address);
     }
 
-    /// Passes one frame of a Tune stream on. `metadata` is the stream's own.
+    /// The replica did not answer.
+    pub(crate) fn silent(&self, address: &str, error: &(dyn std::error::Error + 'static)) {
+        self.links.silent(address, error);
+    }
+
+    /// Nobody did what was asked for, in the time that there was.
+    pub(crate) fn gave_up(&self, study: &str) {
+        METRICS.refused("elsewhere");
+        tracing::warn!(study, "request refused: the study found no replica in time");
+    }
+
+    /// Passes one frame of a Tune stream on. `metadata` is the stream's own. The inner error is the replica's answer
+    /// to the whole stream, such as that the token has ended; the outer one says that it did not answer.
     pub(crate) async fn frame(
         &self,
         address: &str,
         metadata: &MetadataMap,
         frame: wire::TuneRequest,
-    ) -> Result<wire::TuneResponse, Status> {
-        let mut client = TuningServiceClient::new(self.channel(address)?)
-            .max_decoding_message_size(limits::REQUEST_BYTES * 4);
+    ) -> Result<Result<wire::TuneResponse, Status>, Status> {
+        let mut headers = metadata.clone().into_headers();
+        let channel = self.pass_on(address, &mut headers)?;
+        let mut client =
+            TuningServiceClient::new(channel).max_decoding_message_size(limits::REQUEST_BYTES * 4);
         let mut request = Request::new(tokio_stream::once(frame));
-        *request.metadata_mut() = metadata.clone();
-        request.metadata_mut().insert(FORWARDED, tonic::metadata::MetadataValue::from_static("1"));
-        let mut answers = client.tune(request).await?.into_inner();
-        answers.message().await?.ok_or_else(|| Status::unavailable("the replica ended the stream"))
+        *request.metadata_mut() = MetadataMap::from_headers(headers);
+        let answer = match client.tune(request).await {
+            Ok(answers) => answers.into_inner().message().await,
+            Err(status) => Err(status),
+        };
+        match answer {
+            Ok(Some(answer)) => Ok(Ok(answer)),
+            Ok(None) => Err(Status::unavailable("the replica ended the stream")),
+            Err(status) if has_broken(&status) => Err(status),
+            Err(status) => Ok(Err(status)),
+        }
+    }
+}
+
+/// Whether a status was made on this side, of a connection that failed, rather than sent by the replica.
+fn has_broken(status: &Status) -> bool {
+    std::error::Error::source(status).is_some() || status.code() == Code::Unknown
+}
+
+/// Says and counts that something was refused, unless it is only not done here: another replica, or another attempt,
+/// is about to do it.
+pub(crate) fn note_refusal_here(error: &Error, has_peers: bool) {
+    if has_peers && Fate::of(error).is_some() {
+        tracing::debug!(%error, "not done here");
+    } else {
+        note_refusal(error);
     }
 }
 

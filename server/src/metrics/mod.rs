@@ -1,8 +1,10 @@
 //! Figures for Prometheus. `watch` serves them.
 //!
 //! A process has one set of figures, so they are a static. Labels have few values, whatever clients send: RPCs come
-//! from the table of `access::rules`, codes are gRPC's seventeen, reasons stand in `status`, and studies are no label
-//! at all. The names and units follow OpenMetrics 1.0.
+//! from the table of `access::rules`, codes are gRPC's seventeen, reasons stand in `status`, and of studies only some
+//! are shown (`studies`). The names and units follow OpenMetrics 1.0.
+
+mod studies;
 
 use std::sync::{LazyLock, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -17,6 +19,9 @@ use tonic::Code;
 use treewright_core::trial::TrialState;
 use treewright_core::tuner::Change;
 use treewright_store::{Receipt, StoreError};
+
+use crate::tuning::figures::StudyFigures;
+use studies::Studies;
 
 /// An RPC.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
@@ -37,6 +42,12 @@ struct Reason {
     reason: &'static str,
 }
 
+/// What came of something.
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct Outcome {
+    outcome: &'static str,
+}
+
 /// The figures of this process.
 pub(crate) static METRICS: LazyLock<Metrics> = LazyLock::new(Metrics::new);
 
@@ -48,11 +59,13 @@ pub(crate) struct Metrics {
     request_seconds: Family<Rpc, Histogram, fn() -> Histogram>,
     refusals: Family<Reason, Counter>,
     connections_lost: Family<Reason, Counter>,
+    forwarded: Family<Outcome, Counter>,
     durable_seconds: Histogram,
     store_queue: Gauge,
     expired_leases: Counter,
     late_reports: Counter,
     now: Now,
+    studies: Studies,
 }
 
 /// What is looked up when somebody asks.
@@ -67,7 +80,7 @@ struct Now {
 }
 
 /// What [`Metrics::text`] is told about this moment.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Moment {
     /// Requests that are being worked on.
     pub(crate) in_flight: usize,
@@ -79,6 +92,8 @@ pub(crate) struct Moment {
     pub(crate) open_leases: u64,
     /// Whether the daemon is ending.
     pub(crate) draining: bool,
+    /// The studies that are shown.
+    pub(crate) studies: Vec<StudyFigures>,
 }
 
 /// From 50 µs to 13 s, each twice the one before.
@@ -94,11 +109,13 @@ impl Metrics {
             request_seconds: Family::new_with_constructor(seconds),
             refusals: Family::default(),
             connections_lost: Family::default(),
+            forwarded: Family::default(),
             durable_seconds: seconds(),
             store_queue: Gauge::default(),
             expired_leases: Counter::default(),
             late_reports: Counter::default(),
             now: Now::default(),
+            studies: Studies::default(),
         };
         metrics.register();
         metrics
@@ -128,6 +145,11 @@ impl Metrics {
             "Connections refused or closed, by reason",
             self.connections_lost.clone(),
         );
+        r.register(
+            "forwarded",
+            "Requests and frames passed on to the replica that holds their study, by what came of it",
+            self.forwarded.clone(),
+        );
         r.register_with_unit(
             "durable",
             "From a decision to its being on the disk",
@@ -144,6 +166,14 @@ impl Metrics {
         r.register("open_leases", "Trials under a lease, of studies in memory", now.open_leases.clone());
         r.register("draining", "1 while the daemon is ending", now.draining.clone());
         r.register_with_unit("resident_memory", "Memory of the process", Unit::Bytes, now.memory.clone());
+        self.studies.register(r);
+        // What must be noticed when it first happens is shown before it does.
+        for reason in ["limit", "tls", "overdue"] {
+            drop(self.connections_lost.get_or_create(&Reason { reason }));
+        }
+        for outcome in ["answered", "silent"] {
+            drop(self.forwarded.get_or_create(&Outcome { outcome }));
+        }
     }
 
     /// A request, or a frame of a stream, has been answered.
@@ -160,6 +190,11 @@ impl Metrics {
     /// A connection was refused or closed: `limit`, `tls` or `overdue`.
     pub(crate) fn connection_lost(&self, reason: &'static str) {
         self.connections_lost.get_or_create(&Reason { reason }).inc();
+    }
+
+    /// A request was passed on to another replica: `answered` or `silent`.
+    pub(crate) fn forwarded(&self, outcome: &'static str) {
+        self.forwarded.get_or_create(&Outcome { outcome }).inc();
     }
 
     /// A tuner has decided these changes.
@@ -184,7 +219,10 @@ impl Metrics {
     }
 
     /// All figures in OpenMetrics' text form.
-    pub(crate) fn text(&self, moment: Moment) -> Result<String, std::fmt::Error> {
+    pub(crate) fn text(&self, moment: &Moment) -> Result<String, std::fmt::Error> {
+        // Held to the end, so that two who ask at once do not mix their moments.
+        let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
+        self.studies.show(&moment.studies);
         let now = &self.now;
         for (gauge, value) in [
             (&now.in_flight, moment.in_flight as u64),
@@ -197,7 +235,6 @@ impl Metrics {
             gauge.set(i64::try_from(value).unwrap_or(i64::MAX));
         }
         let mut text = String::new();
-        let registry = self.registry.lock().unwrap_or_else(PoisonError::into_inner);
         prometheus_client::encoding::text::encode(&mut text, &registry)?;
         Ok(text)
     }
@@ -248,7 +285,10 @@ fn resident_bytes() -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
+    use treewright_core::tuner::Statistics;
+
     use super::*;
+    use crate::tuning::figures::Tally;
 
     #[test]
     fn figures_are_written_with_few_labels() {
@@ -258,7 +298,7 @@ mod tests {
         metrics.connection_lost("tls");
         metrics.refused("scope");
         metrics.expired(2);
-        let text = metrics.text(Moment { open_leases: 3, ..Moment::default() }).unwrap();
+        let text = metrics.text(&Moment { open_leases: 3, ..Moment::default() }).unwrap();
         for line in [
             "treewright_requests_total{rpc=\"Suggest\",code=\"OK\"} 1",
             "treewright_requests_total{rpc=\"Suggest\",code=\"PERMISSION_DENIED\"} 1",
@@ -272,6 +312,35 @@ mod tests {
             assert!(text.contains(line), "{line} is not in\n{text}");
         }
         assert!(resident_bytes().is_some_and(|bytes| bytes > 1 << 20));
+    }
+
+    #[test]
+    fn studies_come_and_go() {
+        let metrics = Metrics::new();
+        let shown = |studies: &[&str]| {
+            let figures = |study: &&str| StudyFigures {
+                study: (*study).to_owned(),
+                statistics: Statistics { trials: 7, ..Statistics::default() },
+                tally: Tally { frames: [1, 2, 3, 0], cost: [1.0, 5.5, 2.0, 0.0], ..Tally::default() },
+                errors: vec![("contextual", 0.25)],
+                unsaved_trials: 2,
+                model_age_ms: Some(1500),
+            };
+            let studies = studies.iter().map(figures).collect();
+            metrics.text(&Moment { studies, ..Moment::default() }).unwrap()
+        };
+        for _ in 0..2 {
+            let text = shown(&["hall", "attic"]);
+            for line in [
+                "treewright_study_trials{study=\"hall\"} 7",
+                "treewright_study_cost_total{study=\"attic\",mode=\"explore\"} 5.5",
+                "treewright_study_model_error{study=\"hall\",predictor=\"contextual\"} 0.25",
+                "treewright_study_model_age_seconds{study=\"hall\"} 1.5",
+            ] {
+                assert!(text.contains(line), "{line} is not in\n{text}");
+            }
+        }
+        assert!(!shown(&["hall"]).contains("attic"));
     }
 
     #[tokio::test]

@@ -1,0 +1,59 @@
+//! The options by which daemons on one PostgreSQL find and know each other.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use super::database::Database;
+use super::guard::GuardConfig;
+
+/// Several daemons on one database pass requests on to the one that holds the study.
+#[derive(Clone, Debug, Default, clap::Args)]
+#[command(next_help_heading = "Several daemons on one PostgreSQL")]
+pub struct PeersConfig {
+    /// Where the others reach this daemon, e.g. https://10.0.0.7:50611. Without it: where it listens.
+    #[arg(long, env = "TREEWRIGHT_ADVERTISE", value_name = "URL")]
+    pub advertise: Option<String>,
+
+    /// Authorities by which the others' certificates are judged, in PEM. Without it: those of --tls-client-ca, and
+    /// without these the system's. Read again when it changes.
+    #[arg(long, env = "TREEWRIGHT_PEER_CA", value_name = "FILE", requires = "tls_cert")]
+    pub peer_ca: Option<PathBuf>,
+
+    /// The name to expect in the others' certificates, where it is not the one they are reached by: one certificate
+    /// can then serve them all.
+    #[arg(long, env = "TREEWRIGHT_PEER_NAME", value_name = "NAME", requires = "tls_cert")]
+    pub peer_name: Option<String>,
+}
+
+impl PeersConfig {
+    /// Checks that the others can reach this daemon, and that nobody passes credentials on in plain text by mistake.
+    pub(super) fn check(
+        &self,
+        database: &Database,
+        listen: SocketAddr,
+        guard: &GuardConfig,
+    ) -> Result<(), String> {
+        let given = [
+            ("--advertise", self.advertise.is_some()),
+            ("--peer-ca", self.peer_ca.is_some()),
+            ("--peer-name", self.peer_name.is_some()),
+        ];
+        let shared = matches!(database, Database::Postgres(_));
+        if let Some((option, _)) = given.into_iter().find(|(_, given)| *given && !shared) {
+            return Err(format!("{option} goes with --database postgres://..."));
+        }
+        match &self.advertise {
+            None if shared && listen.ip().is_unspecified() => Err(format!(
+                "other daemons on the same database cannot be told to reach this one at {listen}; say \
+                 --advertise URL"
+            )),
+            Some(url) if !(url.starts_with("http://") || url.starts_with("https://")) => {
+                Err(format!("--advertise {url:?}: write http://HOST:PORT or https://HOST:PORT"))
+            }
+            Some(url) if url.starts_with("http://") && guard.tls_cert.is_some() => Err(format!(
+                "--advertise {url:?}: this daemon speaks TLS, so the others must reach it by https://"
+            )),
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Figures of single studies. Their names are labels, and whoever creates studies chooses them: so only some studies
+//! are shown, those used last, each with a fixed number of series, and all are made anew whenever somebody asks.
+
+use std::sync::atomic::AtomicU64;
+
+use prometheus_client::encoding::EncodeLabelSet;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::registry::{Registry, Unit};
+
+use crate::tuning::figures::{MODES, StudyFigures};
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct Study {
+    study: String,
+}
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct Moded {
+    study: String,
+    mode: &'static str,
+}
+
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct Predicted {
+    study: String,
+    predictor: &'static str,
+}
+
+type Sum = Counter<f64, AtomicU64>;
+type Level = Gauge<f64, AtomicU64>;
+
+/// The figures, by study.
+#[derive(Debug, Default)]
+pub(super) struct Studies {
+    trials: Family<Study, Gauge>,
+    states: Family<Study, Gauge>,
+    open_leases: Family<Study, Gauge>,
+    expired_leases: Family<Study, Counter>,
+    frames: Family<Moded, Counter>,
+    cost: Family<Moded, Sum>,
+    regret: Family<Moded, Sum>,
+    model_error: Family<Predicted, Level>,
+    model_age: Family<Study, Level>,
+    unsaved_trials: Family<Study, Gauge>,
+}
+
+impl Studies {
+    pub(super) fn register(&self, r: &mut Registry) {
+        r.register("study_trials", "Trials that a study handed out in all", self.trials.clone());
+        r.register("study_states", "States that a study has met", self.states.clone());
+        r.register("study_open_leases", "Trials of a study under a lease", self.open_leases.clone());
+        r.register(
+            "study_expired_leases",
+            "Leases of a study that ran out, since it came into memory",
+            self.expired_leases.clone(),
+        );
+        r.register(
+            "study_frames",
+            "Reported frames with a cost, since the study came into memory",
+            self.frames.clone(),
+        );
+        r.register("study_cost", "What these frames cost, in units of the objective", self.cost.clone());
+        r.register(
+            "study_regret",
+            "What these frames cost above the best known of their state at that time",
+            self.regret.clone(),
+        );
+        r.register(
+            "study_model_error",
+            "Mean relative error of a predictor on trials it had not learnt, as the absolute natural logarithm",
+            self.model_error.clone(),
+        );
+        r.register_with_unit(
+            "study_model_age",
+            "Since the study's models last learnt",
+            Unit::Seconds,
+            self.model_age.clone(),
+        );
+        r.register(
+            "study_unsaved_trials",
+            "Completed trials that the last checkpoint does not cover",
+            self.unsaved_trials.clone(),
+        );
+    }
+
+    /// Shows these studies and no others.
+    pub(super) fn show(&self, figures: &[StudyFigures]) {
+        for family in [&self.trials, &self.states, &self.open_leases, &self.unsaved_trials] {
+            family.clear();
+        }
+        for family in [&self.cost, &self.regret] {
+            family.clear();
+        }
+        self.expired_leases.clear();
+        self.frames.clear();
+        self.model_error.clear();
+        self.model_age.clear();
+        let count = |count: u64| i64::try_from(count).unwrap_or(i64::MAX);
+        for StudyFigures { study, statistics, tally, errors, unsaved_trials, model_age_ms } in figures {
+            let label = Study { study: study.clone() };
+            self.trials.get_or_create(&label).set(count(statistics.trials));
+            self.states.get_or_create(&label).set(count(statistics.states));
+            self.open_leases.get_or_create(&label).set(count(statistics.open_trials));
+            self.unsaved_trials.get_or_create(&label).set(count(*unsaved_trials));
+            self.expired_leases.get_or_create(&label).inc_by(tally.expired);
+            if let Some(age_ms) = model_age_ms {
+                self.model_age.get_or_create(&label).set(*age_ms as f64 / 1000.0);
+            }
+            for (place, (_, mode)) in MODES.iter().enumerate() {
+                let label = Moded { study: study.clone(), mode };
+                self.frames.get_or_create(&label).inc_by(tally.frames[place]);
+                self.cost.get_or_create(&label).inc_by(tally.cost[place]);
+                self.regret.get_or_create(&label).inc_by(tally.regret[place]);
+            }
+            for (predictor, error) in errors {
+                let label = Predicted { study: study.clone(), predictor };
+                self.model_error.get_or_create(&label).set(*error);
+            }
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! Tokens in PostgreSQL, where every replica finds them.
+//!
+//! Each replica asks for the [revision](TokenStore::revision) often, so that a token made or revoked through any of
+//! them, or by the command line, counts everywhere soon. Changes of tokens wait for each other at the one row of
+//! the revision; what tokens used is added up by the database, whoever used it.
+
+use std::time::Duration;
+
+use async_trait::async_trait;
+use sqlx::pool::PoolConnection;
+use sqlx::postgres::{PgPool, Postgres};
+use sqlx::{Connection as _, Executor as _};
+
+use super::{PostgresAddress, failed as store_error, open};
+use crate::error::OpenError;
+use crate::limits;
+use crate::tokens::rows::{TokenRow, UsageRow, changed, signed, texts};
+use crate::tokens::{TokenError, TokenRecord, TokenStore, Usage};
+
+const LIST: &str = "SELECT id, name, hash, scope, studies::text AS studies, quota::text AS quota, create_ms, \
+                    expire_ms, revoke_ms FROM tokens ORDER BY create_ms, id";
+
+const INSERT: &str = "INSERT INTO tokens VALUES ($1, $2, $3, $4, $5::json, $6::json, $7, $8, $9)";
+
+const REVOKE: &str = "UPDATE tokens SET revoke_ms = coalesce(revoke_ms, $1) WHERE id = $2";
+
+/// Sums that do not fit are as good as the largest that do.
+const USAGE: &str = "SELECT least(coalesce(sum(studies), 0), 9223372036854775807)::bigint AS studies, \
+                     least(coalesce(sum(trials), 0), 9223372036854775807)::bigint AS trials, \
+                     least(coalesce(sum(bytes), 0), 9223372036854775807)::bigint AS bytes \
+                     FROM token_usage WHERE token = $1 AND day BETWEEN $2 AND $3";
+
+/// Adds in one statement, in the order of the ids, so that two replicas never wait for each other crosswise.
+const ADD_USAGE: &str = "INSERT INTO token_usage AS u (token, day, studies, trials, bytes) \
+                         SELECT t.id, $1, r.studies, r.trials, r.bytes \
+                         FROM unnest($2::text[], $3::bigint[], $4::bigint[], $5::bigint[]) \
+                             AS r (id, studies, trials, bytes) JOIN tokens t ON t.id = r.id ORDER BY t.id \
+                         ON CONFLICT (token, day) DO UPDATE SET studies = u.studies + excluded.studies, \
+                         trials = u.trials + excluded.trials, bytes = u.bytes + excluded.bytes";
+
+/// Tokens in a PostgreSQL database.
+#[derive(Debug)]
+pub struct PostgresTokens {
+    connections: PgPool,
+}
+
+impl PostgresTokens {
+    /// Opens the tokens of a database, also while daemons serve it, and brings its schema up to date first.
+    /// `patience` is how long a server may take to come up.
+    ///
+    /// # Errors
+    /// [`OpenError`] with the cause and a remedy, never with a password.
+    pub async fn open(database: &PostgresAddress, patience: Duration) -> Result<Self, OpenError> {
+        let connection = open::open(database, patience).await?;
+        if let Err(error) = connection.close().await {
+            tracing::debug!(%error, "a connection was not closed in order");
+        }
+        Ok(Self { connections: database.pool(limits::POSTGRES_TOKENS) })
+    }
+
+    async fn connection(&self) -> Result<PoolConnection<Postgres>, TokenError> {
+        self.connections.acquire().await.map_err(failed)
+    }
+}
+
+fn failed(error: sqlx::Error) -> TokenError {
+    store_error(error).into()
+}
+
+#[async_trait]
+impl TokenStore for PostgresTokens {
+    async fn create(&self, token: &TokenRecord) -> Result<(), TokenError> {
+        let (studies, quota) = texts(&token.studies, &token.quota)?;
+        let mut connection = self.connection().await?;
+        let mut transaction = connection.begin().await.map_err(failed)?;
+        // Whoever counts holds this row until the count is true again.
+        transaction.execute("SELECT FROM token_revision FOR UPDATE").await.map_err(failed)?;
+        let count: i64 = sqlx::query_scalar("SELECT count(*) FROM tokens")
+            .fetch_one(&mut *transaction)
+            .await
+            .map_err(failed)?;
+        if count >= i64::from(limits::TOKENS) {
+            return Err(TokenError::TooMany { limit: limits::TOKENS });
+        }
+        let inserted = sqlx::query(INSERT)
+            .bind(&token.id)
+            .bind(&token.name)
+            .bind(token.hash.as_slice())
+            .bind(token.scope.word())
+            .bind(studies)
+            .bind(quota)
+            .bind(token.create_ms)
+            .bind(token.expire_ms)
+            .bind(token.revoke_ms)
+            .execute(&mut *transaction)
+            .await;
+        match inserted {
+            Ok(_) => transaction.commit().await.map_err(failed),
+            Err(error) if error.as_database_error().is_some_and(|error| error.is_unique_violation()) => {
+                Err(TokenError::Exists { id: token.id.clone() })
+            }
+            Err(error) => Err(failed(error)),
+        }
+    }
+
+    async fn list(&self) -> Result<Vec<TokenRecord>, TokenError> {
+        let rows: Vec<TokenRow> =
+            sqlx::query_as(LIST).fetch_all(&mut *self.connection().await?).await.map_err(failed)?;
+        rows.into_iter().map(TokenRow::record).collect()
+    }
+
+    async fn revoke(&self, id: &str, now_ms: i64) -> Result<(), TokenError> {
+        let revoking = sqlx::query(REVOKE).bind(now_ms).bind(id);
+        let done = revoking.execute(&mut *self.connection().await?).await.map_err(failed)?;
+        changed(id, done.rows_affected())
+    }
+
+    async fn forget(&self, id: &str) -> Result<(), TokenError> {
+        let forgetting = sqlx::query("DELETE FROM tokens WHERE id = $1").bind(id);
+        let done = forgetting.execute(&mut *self.connection().await?).await.map_err(failed)?;
+        changed(id, done.rows_affected())
+    }
+
+    async fn revision(&self) -> Result<i64, TokenError> {
+        sqlx::query_scalar("SELECT revision FROM token_revision")
+            .fetch_one(&mut *self.connection().await?)
+            .await
+            .map_err(failed)
+    }
+
+    async fn usage(&self, id: &str, day: i64) -> Result<(Usage, Usage), TokenError> {
+        let mut connection = self.connection().await?;
+        let mut sums = [Usage::default(); 2];
+        for (sum, (first, last)) in sums.iter_mut().zip([(i64::MIN, i64::MAX), (day, day)]) {
+            let row = sqlx::query_as(USAGE).bind(id).bind(first).bind(last).fetch_one(&mut *connection).await;
+            *sum = row.map(|row: UsageRow| row.into()).map_err(failed)?;
+        }
+        Ok((sums[0], sums[1]))
+    }
+
+    async fn add_usage(&self, day: i64, used: &[(String, Usage)]) -> Result<(), TokenError> {
+        let column =
+            |of: fn(&Usage) -> u64| used.iter().map(|(_, used)| signed(of(used))).collect::<Vec<_>>();
+        let adding = sqlx::query(ADD_USAGE)
+            .bind(day)
+            .bind(used.iter().map(|(id, _)| id.as_str()).collect::<Vec<_>>())
+            .bind(column(|used| used.studies))
+            .bind(column(|used| used.trials))
+            .bind(column(|used| used.bytes));
+        adding.execute(&mut *self.connection().await?).await.map(|_| ()).map_err(failed)
+    }
+
+    async fn close(&self) {
+        self.connections.close().await;
+    }
+}
