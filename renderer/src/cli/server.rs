@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use clap::Args;
 use treewright_client::blocking::Client;
+use treewright_accel::Device;
 use treewright_client::{CredentialArguments, Fingerprint, Options};
 
 use super::arguments::Size;
@@ -34,7 +35,11 @@ pub(super) struct ServerArguments {
 impl ServerArguments {
     /// Connects, and makes sure that somebody answers.
     pub(super) fn connect(&self, threads: usize) -> Result<Client, CliError> {
-        let mut fingerprint = Fingerprint::detect().software("treewright-render", env!("CARGO_PKG_VERSION"));
+        let (major, minor, patch) = Device::open(threads)?.version();
+        // Another version of either may build and trace otherwise: what older ones measured does not hold for it.
+        let mut fingerprint = Fingerprint::detect()
+            .software("treewright-render", env!("CARGO_PKG_VERSION"))
+            .software("embree", format!("{major}.{minor}.{patch}"));
         if threads > 0 {
             fingerprint = fingerprint.threads(u32::try_from(threads).unwrap_or(u32::MAX));
         }

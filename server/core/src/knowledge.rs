@@ -335,6 +335,8 @@ pub struct KnownState {
     pub id: u64,
     /// The normalised indicators that founded it.
     pub anchor: Vec<f64>,
+    /// The machine whose measurements these are: its place in the study's [`Fleet`](crate::fleet::Fleet).
+    pub machine: u32,
     /// A search was begun in it.
     pub explored: bool,
     /// The table of its configurations.

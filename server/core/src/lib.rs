@@ -9,11 +9,12 @@
 //! The way through the crate, from the ground up: [`value`], [`space`] and [`configuration`] say what can
 //! be run; [`indicator`] and [`objective`] say what is known of an input and what is minimised; [`study`]
 //! joins them with a [`policy`]; [`trial`] is what is handed out; [`search`] explores one state;
-//! [`predict`] carries knowledge from state to state; [`tuner`] decides.
+//! [`predict`] carries knowledge from state to state, [`fleet`] from machine to machine; [`tuner`] decides.
 #![forbid(unsafe_code)]
 
 mod ascent;
 pub mod configuration;
+pub mod fleet;
 pub mod indicator;
 pub mod knowledge;
 pub mod limits;

@@ -54,6 +54,13 @@ pub const OPEN_TRIALS_PER_CLIENT_MAX: usize = 64;
 /// Most clients a study remembers the visits of.
 pub const CLIENTS_MAX: usize = 100_000;
 
+/// Most kinds of machine, told by their fingerprints, that a study tells apart at a time. One more displaces the one
+/// that has met no new state for longest: its measurements stay as those of another, and what remains
+/// of it is its fingerprint.
+pub const MACHINES_MAX: usize = if cfg!(test) { 6 } else { 256 };
+/// Most states of other machines that are linked to a state as the same input seen by others: the first.
+pub const SIBLINGS_MAX: usize = 32;
+
 /// Largest packed value, in bytes before it was packed: a damaged length must not take all memory.
 pub const UNPACKED_BYTES_MAX: usize = 1 << 30;
 
@@ -105,7 +112,7 @@ pub const FAILURES_PER_CONFIGURATION_MAX: u32 = 3;
 pub const NEIGHBOURS_MAX: usize = 5;
 /// Most configurations among which a radial basis model chooses: it looks at all of them for an answer.
 pub const CANDIDATES_MAX: usize = 48;
-/// Most clients, and most groups of them, that have a least-squares model of their own.
+/// Most machines, and most groups of them, that have a least-squares model of their own.
 pub const MODELS_MAX: usize = 32;
 /// The smallest cost that the radial basis model tells from zero: its reward is the inverse of the cost,
 /// and sums of rewards must stay finite.

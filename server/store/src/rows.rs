@@ -47,6 +47,7 @@ pub(crate) struct TrialRow {
 pub(crate) struct StateRow {
     pub(crate) id: i64,
     pub(crate) indicators: String,
+    pub(crate) fingerprint: Option<String>,
     pub(crate) search: Option<String>,
     pub(crate) search_packed: Option<Vec<u8>>,
 }
@@ -189,6 +190,7 @@ impl StateRow {
         Ok(Self {
             id: signed(state.id)?,
             indicators: write(&state.indicators)?,
+            fingerprint: state.fingerprint.as_ref().map(write).transpose()?,
             search: None,
             search_packed: state.search.as_ref().map(Exploration::pack),
         })
@@ -198,6 +200,7 @@ impl StateRow {
         Ok(StateRecord {
             id: unsigned(self.id)?,
             indicators: read("indicators", &self.indicators)?,
+            fingerprint: self.fingerprint.map(|text| read("fingerprint", &text)).transpose()?,
             search: match (self.search_packed, self.search) {
                 (Some(bytes), _) => {
                     Some(Exploration::unpack(&bytes).map_err(|e| inconsistent(e.to_string()))?)

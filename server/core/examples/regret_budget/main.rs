@@ -13,10 +13,17 @@ use std::process::ExitCode;
 use session::{Session, Weather};
 
 fn main() -> ExitCode {
-    let argument = |index: usize, default: u64| {
-        std::env::args().nth(index).map_or(default, |text| text.parse().expect("a number"))
+    let argument = |index: usize, default: u64| match std::env::args().nth(index) {
+        Some(text) => text.parse().ok().filter(|&count| count > 0),
+        None => Some(default),
     };
-    let (sessions, frames) = (argument(1, 10_000), argument(2, 400));
+    let (Some(sessions), Some(frames)) = (argument(1, 10_000), argument(2, 400)) else {
+        println!(
+            "usage: regret_budget [SESSIONS] [FRAMES], two counts of at least 1; 10000 and 400 unless given"
+        );
+        let is_help = std::env::args().skip(1).any(|text| text == "--help" || text == "-h");
+        return if is_help { ExitCode::SUCCESS } else { ExitCode::from(2) };
+    };
     let mut by_weather: BTreeMap<Weather, Vec<Session>> = BTreeMap::new();
     for seed in 0..sessions {
         let session = Session::run(seed, frames);

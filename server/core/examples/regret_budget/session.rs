@@ -160,7 +160,11 @@ impl Session {
             }
             session.share = regret / paid;
             session.worst = session.worst.max(session.share);
-            // Now and then a result is lost, or cannot be told.
+            // Now and then a report never arrives, and the client, which was started again, asks anew.
+            if random.random::<f64>() < 0.02 {
+                continue;
+            }
+            // Or a result is lost, or cannot be told.
             if random.random::<f64>() < 0.01 {
                 let _change = tuner.abandon(&trial).expect("it is open");
                 continue;

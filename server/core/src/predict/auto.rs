@@ -93,10 +93,7 @@ impl Predictors {
         if self.trials > TESTS_EAGER && !self.trials.is_multiple_of(TESTS_SHARE) {
             return;
         }
-        let words = PredictorMethod::SINGLE.map(|method| {
-            let expected = self.single(method).and_then(|single| single.estimate(query, configuration));
-            (method, expected)
-        });
+        let words = PredictorMethod::SINGLE.map(|method| (method, self.expect(method, query, configuration)));
         // The first trial of all is nobody's fault.
         if words.iter().all(|(_, expected)| expected.is_none()) {
             return;
@@ -130,6 +127,17 @@ impl Predictors {
             PredictorMethod::LeastSquares => self.least_squares.as_ref().map(|model| model as _),
             PredictorMethod::Contextual => self.contextual.as_ref().map(|model| model as _),
         }
+    }
+
+    /// What a single predictor expects. Models learn costs as they are on the first machine.
+    fn expect(
+        &self,
+        method: PredictorMethod,
+        query: &Query<'_>,
+        configuration: &Configuration,
+    ) -> Option<Estimate> {
+        let expected = self.single(method)?.estimate(query, configuration)?;
+        Some(on_machine(method, query, expected))
     }
 
     /// The one that erred least of late, the first listed among equals.
@@ -170,7 +178,7 @@ impl Predictors {
         query: &Query<'_>,
         configuration: &Configuration,
     ) -> Option<Estimate> {
-        let estimate = |method| self.single(method)?.estimate(query, configuration);
+        let estimate = |method| self.expect(method, query, configuration);
         if method != PredictorMethod::Auto {
             return estimate(method);
         }
@@ -201,9 +209,11 @@ impl Predictors {
     /// The answer to exploit, and whose it is: the method's own, else (a model can be without a clue) that of
     /// the nearest neighbour.
     pub fn predict(&self, method: PredictorMethod, query: &Query<'_>) -> Option<(Answer, PredictorMethod)> {
-        [self.speaker(method), PredictorMethod::NearestNeighbour]
-            .into_iter()
-            .find_map(|method| Some((self.single(method)?.predict(query)?, method)))
+        [self.speaker(method), PredictorMethod::NearestNeighbour].into_iter().find_map(|method| {
+            let answer = self.single(method)?.predict(query)?;
+            let expected = on_machine(method, query, answer.expected);
+            Some((Answer { expected, ..answer }, method))
+        })
     }
 
     /// What to explore first in a state where nothing was measured, and who says so; `None` when the method
@@ -217,4 +227,17 @@ impl Predictors {
         let proposer = self.speaker(method);
         self.single(proposer)?.propose(query, number).map(|answer| (answer, proposer))
     }
+}
+
+/// What a predictor said, on the asking machine. Those that look at tables have translated already.
+fn on_machine(method: PredictorMethod, query: &Query<'_>, expected: Estimate) -> Estimate {
+    let learns_costs = matches!(
+        method,
+        PredictorMethod::RbfGreedyGq | PredictorMethod::GaussianGreedyGq | PredictorMethod::LeastSquares
+    );
+    if !learns_costs || query.machine == 0 {
+        return expected;
+    }
+    let factor = query.fleet.factor(0, query.machine);
+    Estimate::new(factor * expected.cost, factor * expected.deviation)
 }

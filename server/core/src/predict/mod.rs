@@ -10,11 +10,13 @@ pub mod rbf;
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
+use crate::fleet::Fleet;
 use crate::knowledge::KnownState;
 use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::Neighbour;
 pub use atlas::Atlas;
+use atlas::Found;
 pub use auto::Predictors;
 pub use contextual::Contextual;
 pub use nearest::{Nearest, Weighted};
@@ -29,20 +31,20 @@ pub struct Lesson<'a> {
     pub configuration: &'a Configuration,
     /// Its point in the unit cube.
     pub point: &'a [f64],
-    /// What came of it.
+    /// What came of it, costs as they would be on the study's first machine.
     pub verdict: Verdict,
-    /// The mean cost of the default configuration in the same state, where it is known.
+    /// The mean cost of the default configuration in the same state, where it is known; on the same terms.
     pub default_cost: Option<f64>,
-    /// Who measured it, where that is known.
-    pub origin: Option<Origin>,
+    /// Which machine measured it.
+    pub origin: Origin,
 }
 
-/// Who measures: a client, and the kind of machine it runs on. Numbers that stand for names.
+/// Who measures: a machine, and those like it. Numbers that stand for names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
-    /// All clients on the same processor with the same software.
+    /// All machines with the same processor and the same software.
     pub group: u64,
-    /// The client.
+    /// The machine.
     pub node: u64,
 }
 
@@ -59,11 +61,40 @@ pub struct Query<'a> {
     pub atlas: &'a Atlas,
     /// The study's parameters.
     pub space: &'a Space,
-    /// Who asks, where that is known.
-    pub origin: Option<Origin>,
+    /// The machines of the study.
+    pub fleet: &'a Fleet,
+    /// Which of them asks. Costs in answers are those to expect there.
+    pub machine: u32,
 }
 
 impl Query<'_> {
+    /// The `count` measured states nearest to the asked one that pass `filter`, nearest first. Those of other
+    /// machines count as further away.
+    pub(crate) fn nearest(
+        &self,
+        count: usize,
+        explored: bool,
+        filter: impl Fn(&KnownState) -> bool,
+    ) -> Vec<Found> {
+        self.atlas.nearest(self.state, count, explored, |place| {
+            let known = self.known.get(place).filter(|known| filter(known))?;
+            Some(self.fleet.level(self.machine, known.machine).distance_2())
+        })
+    }
+
+    /// Numbers for who asks.
+    pub(crate) fn origin(&self) -> Origin {
+        self.fleet.origin(self.machine)
+    }
+
+    /// What a cost that was measured in a state is expected to be on the asking machine.
+    pub(crate) fn translate(&self, known: &KnownState, cost: f64) -> f64 {
+        if known.machine == self.machine {
+            return cost;
+        }
+        (cost * self.fleet.factor(known.machine, self.machine)).min(f64::MAX)
+    }
+
     /// Whether the configuration is known not to work in the asked state.
     pub fn excludes(&self, configuration: &Configuration) -> bool {
         self.here.is_some_and(|here| here.knowledge.is_infeasible(configuration))

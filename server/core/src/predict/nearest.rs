@@ -1,7 +1,7 @@
 //! The nearest-neighbour predictors: paper section 6.1 as it stands, and its distance-weighted form.
 
 use crate::configuration::Configuration;
-use crate::knowledge::KnownState;
+use crate::knowledge::{KnownState, Record};
 use crate::limits::NEIGHBOURS_MAX;
 use crate::predict::atlas::Found;
 use crate::predict::{Answer, Estimate, Lesson, Predictor, Query};
@@ -47,8 +47,8 @@ fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
             break;
         }
         let from = chosen.len();
-        let passes = |index: usize| place(index).is_some_and(|state| state.explored == explored);
-        let found = query.atlas.nearest(query.state, left, explored, passes);
+        let passes = |state: &KnownState| state.explored == explored && state.knowledge.best().is_some();
+        let found = query.nearest(left, explored, passes);
         let candidates = found.iter().filter_map(|found| {
             Some(Candidate { state: place(found.name as usize)?, distance: found.distance_2.sqrt() })
         });
@@ -73,7 +73,7 @@ fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
 /// gone through again after a restart, when it is no longer known at which moment each search began.
 fn closest<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
     let place = |place: usize| query.known.get(place).filter(|state| state.knowledge.best().is_some());
-    let found = query.atlas.nearest(query.state, count, false, |index| place(index).is_some());
+    let found = query.nearest(count, false, |state| state.knowledge.best().is_some());
     let candidate = |found: &Found| {
         Some(Candidate { state: place(found.name as usize)?, distance: found.distance_2.sqrt() })
     };
@@ -82,35 +82,39 @@ fn closest<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
 
 /// The known states nearest to the query, for reasons.
 pub(super) fn neighbours(query: &Query<'_>) -> Vec<Neighbour> {
-    listed(&candidates(query, NEIGHBOURS_MAX))
+    listed(query, &candidates(query, NEIGHBOURS_MAX))
 }
 
-fn listed(candidates: &[Candidate<'_>]) -> Vec<Neighbour> {
+fn listed(query: &Query<'_>, candidates: &[Candidate<'_>]) -> Vec<Neighbour> {
     let neighbour = |candidate: &Candidate<'_>| {
         let best = candidate.state.knowledge.best()?;
-        let (state_id, best_cost) = (candidate.state.id, best.mean_cost);
+        let (state_id, best_cost) = (candidate.state.id, query.translate(candidate.state, best.mean_cost));
         Some(Neighbour { state_id, distance: candidate.distance, best_cost })
     };
     candidates.iter().take(NEIGHBOURS_MAX).filter_map(neighbour).collect()
 }
 
-/// A state's table as points: its best configurations and their mean costs.
+/// A state's table as points: its best configurations and their mean costs, on the asking machine.
 struct Table<'a> {
     state: &'a KnownState,
+    factor: f64,
     points: Vec<(Vec<f64>, f64)>,
 }
 
 impl<'a> Table<'a> {
     fn of(query: &Query<'_>, state: &'a KnownState) -> Self {
         let records = state.knowledge.ranked().take(RECORDS);
-        let points = records.map(|record| (query.space.encode(&record.configuration), record.mean_cost));
-        Table { state, points: points.collect() }
+        let points = records.map(|record| {
+            (query.space.encode(&record.configuration), query.translate(state, record.mean_cost))
+        });
+        let factor = query.translate(state, 1.0);
+        Table { state, factor, points: points.collect() }
     }
 
     /// What a configuration costs in the state: its own mean, else that of the configuration most like it.
     fn cost(&self, configuration: &Configuration, point: &[f64]) -> Option<f64> {
         let own = self.state.knowledge.record(configuration).filter(|record| record.measurements > 0);
-        own.map(|record| record.mean_cost).or_else(|| {
+        own.map(|record| (self.factor * record.mean_cost).min(f64::MAX)).or_else(|| {
             let alike = |(other, _): &(Vec<f64>, f64)| -> f64 {
                 other.iter().zip(point).map(|(a, b)| (a - b) * (a - b)).sum()
             };
@@ -144,17 +148,20 @@ impl Predictor for Nearest {
 
     fn predict(&self, query: &Query<'_>) -> Option<Answer> {
         let candidates = candidates(query, NEIGHBOURS_MAX);
-        let record = candidates
+        let cost = |state: &KnownState, record: &Record| query.translate(state, record.mean_cost);
+        let (state, record) = candidates
             .iter()
-            .flat_map(|candidate| candidate.state.knowledge.ranked())
-            .find(|record| !query.excludes(&record.configuration))?;
-        let mut costs = vec![record.mean_cost];
-        let best = |candidate: &Candidate<'_>| candidate.state.knowledge.best().map(|best| best.mean_cost);
+            .flat_map(|candidate| candidate.state.knowledge.ranked().map(|record| (candidate.state, record)))
+            .find(|(_, record)| !query.excludes(&record.configuration))?;
+        let mut costs = vec![cost(state, record)];
+        let best = |candidate: &Candidate<'_>| {
+            candidate.state.knowledge.best().map(|best| cost(candidate.state, best))
+        };
         costs.extend(candidates.iter().skip(1).filter_map(best));
         Some(Answer {
             configuration: record.configuration.clone(),
             expected: first_word(&costs)?,
-            neighbours: listed(&candidates),
+            neighbours: listed(query, &candidates),
         })
     }
 }
@@ -192,7 +199,7 @@ impl Weighted {
     ) -> Option<(Estimate, f64)> {
         let (mut costs, mut score, mut total) = (Vec::new(), 0.0, 0.0);
         for (weight, table) in tables {
-            let best = table.state.knowledge.best().map(|best| best.mean_cost);
+            let best = table.state.knowledge.best().map(|best| table.factor * best.mean_cost);
             let (Some(cost), Some(best)) = (table.cost(configuration, point), best) else {
                 continue;
             };
@@ -211,7 +218,7 @@ impl Weighted {
     ) -> (Vec<(f64, Table<'a>)>, Vec<Neighbour>) {
         let weights = weights(&candidates);
         let tables = candidates.iter().map(|candidate| Table::of(query, candidate.state));
-        (weights.into_iter().zip(tables).collect(), listed(&candidates))
+        (weights.into_iter().zip(tables).collect(), listed(query, &candidates))
     }
 }
 

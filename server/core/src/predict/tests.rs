@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::policy::PredictorMethod;
 use crate::space::{Domain, Parameter, Scale, Space};
-use crate::trial::{Mode, Outcome, Reason, Trial, TrialState};
+use crate::trial::{Fingerprint, Mode, Outcome, Reason, Trial, TrialState};
 use crate::value::Value;
 
 pub(super) fn space(dimension: usize) -> Space {
@@ -30,6 +30,7 @@ pub(super) struct World {
     pub(super) space: Space,
     pub(super) states: Vec<KnownState>,
     pub(super) atlas: Atlas,
+    pub(super) fleet: Fleet,
     pub(super) predictors: Predictors,
     trials: u64,
 }
@@ -42,14 +43,23 @@ impl World {
             space,
             states: Vec::new(),
             atlas: Atlas::new(indicators),
+            fleet: Fleet::default(),
             trials: 0,
         }
     }
 
+    /// The place of a machine; those whose numbers share their tens are a group.
+    fn machine(&mut self, node: u64) -> u32 {
+        let threads = (node % 10) as u32;
+        let fingerprint =
+            Fingerprint { cpu_model: (node / 10).to_string(), threads, ..Fingerprint::default() };
+        self.fleet.found(Some(&fingerprint)).0
+    }
+
     pub(super) fn query<'a>(&'a self, state: &'a [f64]) -> Query<'a> {
         let here = self.states.iter().find(|known| known.anchor == state);
-        let World { space, states, atlas, .. } = self;
-        Query { state, here, known: states, atlas, space, origin: None }
+        let World { space, states, atlas, fleet, .. } = self;
+        Query { state, here, known: states, atlas, space, fleet, machine: 0 }
     }
 
     /// A trial as the tuner takes it: tested, entered in its state's table, learnt.
@@ -62,17 +72,23 @@ impl World {
         node: u64,
     ) {
         let configuration = self.space.decode(point);
+        let machine = self.machine(node);
+        let origin = self.fleet.origin(machine);
         let place = self.states.iter().position(|known| known.anchor == state).unwrap_or_else(|| {
             let id = self.states.len() as u64 + 1;
-            let founded =
-                KnownState { id, anchor: state.to_vec(), explored: true, knowledge: Default::default() };
+            let founded = KnownState {
+                id,
+                anchor: state.to_vec(),
+                machine,
+                explored: true,
+                knowledge: Default::default(),
+            };
             self.states.push(founded);
             self.states.len() - 1
         });
-        let origin = Some(Origin { group: node / 10, node });
         if let (Some(cost), Outcome::Ok) = (cost, &outcome) {
             let mut predictors = self.predictors.clone();
-            predictors.test(&Query { origin, ..self.query(state) }, &configuration, cost);
+            predictors.test(&Query { machine, ..self.query(state) }, &configuration, cost);
             self.predictors = predictors;
         }
         self.trials += 1;

@@ -26,6 +26,11 @@ impl AutoSearch {
         self.model.know(x, verdict);
     }
 
+    /// Tells of a point that was measured beside the search.
+    pub fn hear(&mut self, x: Vec<f64>, verdict: Verdict) {
+        self.model.hear(x, verdict);
+    }
+
     /// Leaves axes where they are, from the next point on.
     pub fn hold(&mut self, held: &[(usize, f64)]) {
         self.model.hold(held);

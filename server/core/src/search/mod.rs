@@ -241,6 +241,15 @@ impl AnySearch {
         }
     }
 
+    /// Tells of a point that was measured beside the search; whatever was planned goes on.
+    pub fn hear(&mut self, x: Vec<f64>, verdict: Verdict) {
+        match self {
+            AnySearch::Model(search) => search.hear(x, verdict),
+            AnySearch::Auto(search) => search.hear(x, verdict),
+            _ => {}
+        }
+    }
+
     fn inner(&mut self) -> &mut dyn Search {
         match self {
             AnySearch::NelderMead(search) => search,

@@ -16,6 +16,8 @@
 //! - Once it is reported it is charged all it cost, until the next frame of the reference in the same state shows what
 //!   that costs now. Then the charge falls to what it cost above [`GUARD`] times the cheapest of the last few frames
 //!   of the reference, before or after, so that neither noise nor a machine that changes its speed hides regret.
+//! - A trial that is handed out again because its report never came may have been run each time: what was set aside is
+//!   charged, and as much set aside anew; where too little is left for that, the client gets another answer.
 //! - A trial that comes back without a cost, or never, stays charged with its worst case. Trials that did better than
 //!   the reference earn nothing.
 
@@ -173,9 +175,17 @@ impl Account {
         }
     }
 
-    /// Whether something is set aside for a trial.
-    pub(super) fn covers(&self, trial: u64) -> bool {
-        self.out.contains_key(&trial)
+    /// Whether a trial that is out may be handed out again: something is set aside for it, and as much is left.
+    pub(super) fn covers_again(&self, trial: u64, budget: f64) -> bool {
+        self.out.get(&trial).is_some_and(|&worst| self.left(budget) >= worst)
+    }
+
+    /// Hands a trial out again, whose report never came. Whoever asks for it may have run it, so what was set aside
+    /// is charged, and as much is set aside once more.
+    pub(super) fn again(&mut self, trial: u64) {
+        if let Some(&worst) = self.out.get(&trial) {
+            self.charged.add(worst);
+        }
     }
 
     /// Takes a report. `cost` is what the frame cost, as far as it is known. Trials of other sessions are passed over.

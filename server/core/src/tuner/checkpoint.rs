@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use crate::fleet::Standing;
 use crate::knowledge::Knowledge;
 use crate::packed::{pack_in_order, unpack};
 use crate::policy::{Policy, PredictorMethod};
@@ -19,7 +20,7 @@ use crate::tuner::screening::Screening;
 use crate::tuner::{Checkpoint, Tuner};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
-const VERSION: u64 = 1;
+const VERSION: u64 = 2;
 
 /// What a tuner learnt. Taken in a moment, since it shares its tables with the tuner until either changes them.
 #[derive(Clone, Debug)]
@@ -34,6 +35,8 @@ struct Body {
     completed: u64,
     /// Of each state.
     knowledge: Vec<Arc<Knowledge>>,
+    /// Of each machine.
+    standings: Vec<Standing>,
     history: History,
     screening: Screening,
     forget_above: usize,
@@ -66,6 +69,7 @@ impl Tuner {
             body: Body {
                 completed: self.completed,
                 knowledge: self.states.iter().map(|state| Arc::clone(&state.knowledge)).collect(),
+                standings: self.fleet.standings(),
                 history: self.history.clone(),
                 screening: self.screening.clone(),
                 forget_above: self.forget_above,
@@ -93,6 +97,9 @@ impl Tuner {
         if body.knowledge.len() > self.states.len() || body.knowledge.len() != body.history.len() {
             return Err("it knows states that do not exist".into());
         }
+        if body.standings.len() > self.fleet.len() {
+            return Err("it knows machines that do not exist".into());
+        }
         let space = &self.spec.space;
         let tables = body.knowledge.iter_mut().all(|knowledge| Arc::make_mut(knowledge).settle(space));
         if !(tables && body.screening.settle(space) && body.predictors.settle(space)) {
@@ -107,6 +114,7 @@ impl Tuner {
         }
         (self.completed, self.last_completion) = (body.completed, checkpoint.completion);
         (self.screening, self.forget_above) = (body.screening, body.forget_above);
+        self.fleet.take_over(&body.standings);
         self.history = body.history;
         (self.history.len()..self.states.len()).for_each(|_| self.history.found());
         self.remembered = body.knowledge.iter().map(|knowledge| knowledge.remembered()).sum();

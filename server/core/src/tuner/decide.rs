@@ -15,7 +15,7 @@ impl Tuner {
     /// What would be exploited for these indicators. Changes nothing.
     pub fn predict(&self, indicators: &BTreeMap<String, f64>) -> Result<Prediction, TunerError> {
         let state = self.spec.indicators.normalise(indicators)?;
-        let here = self.recognise(None, &state);
+        let here = self.recognise_anywhere(&state);
         let prediction = self.pinned().unwrap_or_else(|| self.exploitation(&state, here));
         Ok(Prediction { insight: here.map(|here| self.insight(here)), ..prediction })
     }
@@ -90,8 +90,8 @@ impl Tuner {
         self.states[state].knowledge.tried() >= self.spec.policy.trials_per_state as usize
     }
 
-    /// The answer without a search: the best of the state itself once it is explored to the end, else what
-    /// the policy's predictor says, else (the radial basis model can be without a clue) what the nearest
+    /// The answer without a search: the best of the state itself once it is explored to the end, else what other
+    /// machines know of it as long as that counts for more, else what the policy's predictor says, else (the radial basis model can be without a clue) what the nearest
     /// neighbour says, else the default configuration.
     ///
     /// What is known to do clearly worse here than another measured configuration gives way to that one.
@@ -115,7 +115,10 @@ impl Tuner {
         {
             return prediction;
         }
-        let query = query(&self.spec, &self.states, &self.atlas, normalised, here);
+        if let Some(prediction) = here.and_then(|state| self.best_by_others(state)) {
+            return prediction;
+        }
+        let query = query(&self.spec, &self.states, &self.atlas, &self.fleet, normalised, here);
         if let Some((answer, method)) = self.predictors.predict(self.spec.policy.predictor, &query) {
             return exploit(answer, method);
         }

@@ -31,6 +31,9 @@ impl Tuner {
     /// spent), the best that is known, because a client never waits. The best may change from one answer to
     /// the next here: measuring the leaders again is what tells luck from merit.
     pub(super) fn explore(&mut self, state: usize, number: u64, normalised: &[f64]) -> Prediction {
+        if let Some(prediction) = self.transfer(state) {
+            return prediction;
+        }
         if let Some(prediction) = self.first_of_a_state(state, number, normalised) {
             return prediction;
         }
@@ -75,7 +78,7 @@ impl Tuner {
         {
             return None;
         }
-        let query = query(&self.spec, &self.states, &self.atlas, normalised, Some(state));
+        let query = query(&self.spec, &self.states, &self.atlas, &self.fleet, normalised, Some(state));
         let (answer, method) = self.predictors.propose(self.spec.policy.predictor, &query, number)?;
         let Answer { configuration, expected, neighbours } = answer;
         let summary = format!(
@@ -96,7 +99,8 @@ impl Tuner {
 
     /// Sees that the state has a search of the policy's kind, unless its budget is spent. Trials that carry points
     /// of an earlier search only feed the table from then on. Where an earlier one was dropped because its budget
-    /// was spent, and the budget was raised since, the new one is told what the table knows.
+    /// was spent, and the budget was raised since, the new one is told what the table knows, and so it is where that was
+    /// taken over from other machines.
     fn ensure_exploration(&mut self, state: usize) {
         let method = self.spec.policy.search;
         let mut was_dropped = false;
@@ -119,10 +123,13 @@ impl Tuner {
             layout: Layout::of(&self.spec.space),
         };
         let mut search = AnySearch::new(method, setup);
-        if was_dropped {
-            for record in self.states[state].knowledge.ranked().take(TOLD_MAX) {
-                let verdict = Verdict::Cost(record.mean_cost);
-                search.know(self.spec.space.encode(&record.configuration), verdict);
+        let from_others = !self.work[state].siblings.is_empty();
+        for record in self.states[state].knowledge.ranked().take(TOLD_MAX) {
+            let point = || self.spec.space.encode(&record.configuration);
+            match (was_dropped, from_others) {
+                (true, _) => search.know(point(), Verdict::Cost(record.mean_cost)),
+                (false, true) => search.hear(point(), Verdict::Cost(record.mean_cost)),
+                (false, false) => break,
             }
         }
         self.work[state].exploration = Some(Exploration::new(search));
@@ -175,7 +182,7 @@ impl Tuner {
     fn walk(&mut self, state: usize, held: &[(usize, f64)]) -> Walk {
         let Tuner { spec, states, work, .. } = self;
         let (space, policy, knowledge) = (&spec.space, &spec.policy, &states[state].knowledge);
-        let Work { exploration: Some(exploration), running, changes } = &mut work[state] else {
+        let Work { exploration: Some(exploration), running, changes, .. } = &mut work[state] else {
             return Walk::Wait;
         };
         let spent = is_spent(exploration, knowledge, policy);

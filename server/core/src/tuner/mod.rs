@@ -18,6 +18,7 @@ mod exploration;
 mod explore;
 mod history;
 mod insight;
+mod others;
 mod recognise;
 mod report;
 mod restore;
@@ -40,14 +41,14 @@ pub use types::{
 };
 
 use crate::configuration::Configuration;
+use crate::fleet::Fleet;
 use crate::knowledge::{KnownState, Record};
 use crate::limits::RECORDS_PER_STUDY_MAX;
 use crate::policy::{Policy, PredictorMethod};
 use crate::predict::prequential::Interval;
-use crate::predict::{Atlas, Origin, Predictors, Query};
-use crate::randomness::text_number;
+use crate::predict::{Atlas, Predictors, Query};
 use crate::study::{StudyError, StudySpec};
-use crate::trial::{Fingerprint, Trial};
+use crate::trial::Trial;
 use crate::tuner::history::History;
 use crate::tuner::screening::Screening;
 
@@ -70,6 +71,8 @@ pub struct Tuner {
     held: BTreeMap<String, BTreeMap<u64, u64>>,
     /// Where the states lie.
     atlas: Atlas,
+    /// Whose measurements they are.
+    fleet: Fleet,
     /// What the policy's predictor needs, see [`Tuner::set_policy`].
     predictors: Predictors,
     history: History,
@@ -91,6 +94,8 @@ struct Work {
     changes: u64,
     /// How many open trials run each configuration here. Only looked up, so its order does not matter.
     running: HashMap<Configuration, u32>,
+    /// The states that other machines met the same input as: their places, nearest relations first.
+    siblings: Vec<u32>,
 }
 
 impl Tuner {
@@ -101,6 +106,7 @@ impl Tuner {
         Ok(Tuner {
             atlas: Atlas::new(indicators),
             predictors: Predictors::new(spec.policy.predictor, &spec.space, indicators, spec.seed),
+            fleet: Fleet::default(),
             states: Vec::new(),
             work: Vec::new(),
             visits: BTreeMap::new(),
@@ -181,13 +187,13 @@ impl Tuner {
         self.predictors.errors()
     }
 
-    /// The best known configuration of the state that matches the indicators, or of all states where none
-    /// are given. `None` when nothing has been measured there.
+    /// The best known configuration of the state that matches the indicators (of the machine that has reported the
+    /// most frames from it), or of all states where none are given. `None` when nothing has been measured there.
     pub fn best(&self, indicators: Option<&BTreeMap<String, f64>>) -> Result<Option<Best>, TunerError> {
         let best_of = |state: usize| self.states[state].knowledge.best().map(|best| (state, best));
         let found = match indicators {
             Some(indicators) => {
-                let state = self.recognise(None, &self.spec.indicators.normalise(indicators)?);
+                let state = self.recognise_anywhere(&self.spec.indicators.normalise(indicators)?);
                 state.and_then(best_of)
             }
             None => (0..self.states.len())
@@ -226,6 +232,7 @@ impl Tuner {
         StateRecord {
             id: self.states[state].id,
             indicators: self.states[state].anchor.clone(),
+            fingerprint: self.fleet.fingerprint(self.states[state].machine).cloned(),
             search: self.work[state].exploration.clone(),
         }
     }
@@ -262,26 +269,18 @@ impl Tuner {
     }
 }
 
-/// A question about a state, known or not.
+/// A question about a state, known or not: then the study's first machine asks.
 fn query<'a>(
     spec: &'a StudySpec,
     states: &'a [KnownState],
     atlas: &'a Atlas,
+    fleet: &'a Fleet,
     normalised: &'a [f64],
     here: Option<usize>,
 ) -> Query<'a> {
     let here = here.map(|state| &states[state]);
-    Query { state: normalised, here, known: states, atlas, space: &spec.space, origin: None }
-}
-
-/// Numbers for a client and for its kind of machine: processor, instructions, threads and software.
-fn origin(client_id: &str, fingerprint: Option<&Fingerprint>) -> Origin {
-    let machine = fingerprint.map(|Fingerprint { cpu_model, isa, threads, software }| {
-        let software: Vec<String> =
-            software.iter().map(|(name, version)| format!("{name}={version}")).collect();
-        format!("{cpu_model}\n{isa}\n{threads}\n{}", software.join("\n"))
-    });
-    Origin { group: text_number(&machine.unwrap_or_default()), node: text_number(client_id) }
+    let machine = here.map_or(0, |here| here.machine);
+    Query { state: normalised, here, known: states, atlas, space: &spec.space, fleet, machine }
 }
 
 /// The place of a state in the tables.

@@ -7,8 +7,9 @@ use proptest::prelude::*;
 
 use super::tests::{ask, cost, measured, spec};
 use super::*;
+use crate::limits::MACHINES_MAX;
 use crate::policy::{Operation, Policy, PredictorMethod, SearchMethod};
-use crate::trial::{Outcome, RawTrial, Trial, TrialState};
+use crate::trial::{Fingerprint, Outcome, RawTrial, Trial, TrialState};
 
 /// A store as simple as can be: rows as text, so that what serde loses would be found missing.
 #[derive(Default)]
@@ -102,6 +103,12 @@ fn policy(which: usize) -> Policy {
     }
 }
 
+/// Machines of three groups.
+fn machine_of(number: usize) -> Fingerprint {
+    let software = BTreeMap::from([("embree".to_owned(), format!("4.{}", number % 3))]);
+    Fingerprint { cpu_model: "any".into(), isa: "avx2".into(), threads: number as u32, software }
+}
+
 fn outcome(kind: usize, trial: &Trial) -> Outcome {
     match kind {
         0 => Outcome::Infeasible { reason: "depth".into() },
@@ -123,7 +130,11 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
         Event::Suggest { client, place } => {
             let (x, y) = (0.1 * *place as f64, 0.3 + 0.01 * *client as f64);
             let session = rows.trials.len() as u64 / 40;
-            let question = Ask { session, can_abort: *client > 0, ..ask(&format!("client {client}"), x, y) };
+            // More machines than a study tells apart, and clients that change theirs.
+            let machine = (rows.trials.len() / 8 + 2 * *client) % (MACHINES_MAX + 2);
+            let fingerprint = (machine > 0).then(|| machine_of(machine));
+            let client_id = format!("client {client}");
+            let question = Ask { session, can_abort: *client > 0, fingerprint, ..ask(&client_id, x, y) };
             let answer = tuner.suggest(&question, *now_ms);
             answer.expect("a valid question")
         }

@@ -6,10 +6,10 @@ use std::sync::Arc;
 use crate::knowledge::Knowledge;
 use crate::limits::RECORDS_PER_STUDY_MAX;
 use crate::policy::Policy;
-use crate::predict::{Lesson, Predictors, Query};
+use crate::predict::{Lesson, Predictors};
 use crate::search::{Feedback, Step, Verdict};
 use crate::trial::{Mode, Outcome, Trial, TrialState};
-use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, Work, checks, origin, place, query};
+use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, Work, checks, place, query};
 
 impl Tuner {
     /// Takes the result of a trial and tells what must be stored before it is acknowledged.
@@ -64,7 +64,8 @@ impl Tuner {
         };
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
         change.visits.extend(visit);
-        if self.release(&completed, verdict.map(|verdict| Feedback { verdict, fresh: true })) {
+        let heard = self.tell_of_transfer(&completed, state, verdict);
+        if self.release(&completed, verdict.map(|verdict| Feedback { verdict, fresh: true })) || heard {
             change.states.push(self.state_record(state));
         }
         Ok((completed, change))
@@ -94,10 +95,11 @@ impl Tuner {
             && let Ok(normalised) = &self.spec.indicators.normalise(&trial.indicators)
         {
             // What would they have said of it? Asked before anything of the trial is known.
-            let origin = origin(&trial.client_id, trial.fingerprint.as_ref());
-            let query = query(&self.spec, &self.states, &self.atlas, normalised, Some(state));
-            let query = Query { origin: Some(origin), ..query };
+            let query = query(&self.spec, &self.states, &self.atlas, &self.fleet, normalised, Some(state));
             self.predictors.test(&query, &trial.configuration, cost);
+        }
+        if let Some(Verdict::Cost(cost)) = verdict {
+            self.compare(trial, state, cost);
         }
         let before = self.states[state].knowledge.remembered();
         Arc::make_mut(&mut self.states[state].knowledge).learn(trial, self.spec.space.default_ref());
@@ -121,13 +123,21 @@ impl Tuner {
             return;
         };
         let point = self.spec.space.encode(&trial.configuration);
+        let state = place(trial.state_id);
+        let machine = self.states[state].machine;
+        let factor = self.fleet.factor(machine, 0);
+        let on_the_first = |cost: f64| if machine == 0 { cost } else { (factor * cost).min(f64::MAX) };
         self.predictors.learn(&Lesson {
             state: &normalised,
             configuration: &trial.configuration,
             point: &point,
-            verdict,
-            default_cost: self.default_cost(place(trial.state_id)),
-            origin: Some(origin(&trial.client_id, trial.fingerprint.as_ref())),
+            verdict: match verdict {
+                Verdict::Cost(cost) => Verdict::Cost(on_the_first(cost)),
+                Verdict::AtLeast(bound) => Verdict::AtLeast(on_the_first(bound)),
+                Verdict::Infeasible => Verdict::Infeasible,
+            },
+            default_cost: self.default_cost(state).map(on_the_first),
+            origin: self.fleet.origin(machine),
         });
     }
 

@@ -146,7 +146,7 @@ impl Tuner {
     }
 
     fn restore_state(&mut self, record: StateRecord) -> Result<(), RestoreError> {
-        let StateRecord { id, indicators, search } = record;
+        let StateRecord { id, indicators, fingerprint, search } = record;
         let expected = self.states.len() as u64 + 1;
         if id != expected {
             return Err(inconsistent(format!("state {id} stands where state {expected} should")));
@@ -155,7 +155,7 @@ impl Tuner {
         if indicators.len() != width || indicators.iter().any(|value| !value.is_finite()) {
             return Err(inconsistent(format!("state {id} does not have {width} finite indicators")));
         }
-        let state = self.found(indicators);
+        let state = self.found(indicators, fingerprint.as_ref());
         self.states[state].explored = search.is_some();
         self.work[state].exploration = search;
         Ok(())

@@ -11,7 +11,8 @@ impl Tuner {
     /// Hands out a trial under a lease, and tells what must be stored before the client may hear of it.
     ///
     /// A client that still holds an open trial for the state gets that one again with a fresh lease (its
-    /// answer was lost), unless the policy began or ceased to pin since. `now_ms` is the caller's clock.
+    /// answer was lost), unless the policy began or ceased to pin since, or the client's regret budget does not
+    /// allow it to be run once more. `now_ms` is the caller's clock.
     pub fn suggest(&mut self, ask: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
         let fixed = self.pinned();
         self.trial(ask, fixed, now_ms)
@@ -43,10 +44,10 @@ impl Tuner {
         checks::client_id(&ask.client_id)?;
         checks::fingerprint(ask.fingerprint.as_ref())?;
         let normalised = self.spec.indicators.normalise(&ask.indicators)?;
-        let found = self.recognise(Some(&ask.client_id), &normalised);
+        let found = self.recognise(&ask.client_id, ask.fingerprint.as_ref(), &normalised);
         self.check_room(&ask.client_id, found)?;
         // From here on nothing fails.
-        let state = found.unwrap_or_else(|| self.found(normalised.clone()));
+        let state = found.unwrap_or_else(|| self.found(normalised.clone(), ask.fingerprint.as_ref()));
         let state_id = self.states[state].id;
         let mut change = Change::default();
         let changes_before = self.work[state].changes;
@@ -58,7 +59,12 @@ impl Tuner {
         }
         let held = self.held.get(&ask.client_id).and_then(|held| held.get(&state_id)).copied();
         let trial = match held.map(|number| (number, self.still_fits(number, pinned.as_ref()))) {
-            Some((number, true)) => self.renew(number, now_ms),
+            Some((number, true)) => {
+                if let Some(account) = self.account_mut(&ask.client_id) {
+                    account.again(number);
+                }
+                self.renew(number, now_ms)
+            }
             stale => {
                 if let Some((number, _)) = stale {
                     change.trials.extend(self.take_back(number, TrialState::Abandoned));
@@ -165,10 +171,13 @@ impl Tuner {
             Some(pinned) => trial.mode == pinned.mode && trial.configuration == pinned.configuration,
             None if trial.mode == Mode::Pinned => false,
             None if trial.mode == Mode::Explore => {
-                // What an earlier session explored, or what was handed out before there was a budget, is not covered.
+                // What an earlier session explored, or what was handed out before there was a budget, is not covered;
+                // nor is another run where there is too little left for one.
                 let account = self.visits.get(&trial.client_id).and_then(|visit| visit.account.as_ref());
-                let covered = account.is_some_and(|account| account.covers(number));
-                policy.operation == Operation::Tune && (policy.regret_budget.is_none() || covered)
+                let covered = policy
+                    .regret_budget
+                    .is_none_or(|budget| account.is_some_and(|account| account.covers_again(number, budget)));
+                policy.operation == Operation::Tune && covered
             }
             None => trial.reason.explanation.rule != Some(Rule::Shadow),
         }

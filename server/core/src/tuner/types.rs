@@ -27,7 +27,7 @@ pub struct Ask {
     pub client_id: String,
     /// A value for each indicator of the study.
     pub indicators: BTreeMap<String, f64>,
-    /// The machine, if the client names it.
+    /// The machine, if the client names it. Clients that name none count as one machine.
     pub fingerprint: Option<Fingerprint>,
     /// Tells the client's sessions apart; 0 for one endless session.
     pub session: u64,
@@ -42,6 +42,9 @@ pub struct StateRecord {
     pub id: u64,
     /// The normalised indicators that founded the state: its anchor.
     pub indicators: Vec<f64>,
+    /// The machine that founded it, and alone measures in it; `None` where it was not named.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fingerprint: Option<Fingerprint>,
     /// The search in it, if it was ever explored. Opaque to the store, exact through serde.
     pub search: Option<Exploration>,
 }

@@ -9,9 +9,9 @@ use crate::tuner::decide::plain_reason;
 use crate::tuner::{Account, Ask, Insight, Omission, OmissionReason, Prediction, Prospect, Tuner};
 
 /// The noise that is assumed before anything was measured twice: of frames, a tenth.
-const NOISE_PRIOR: f64 = 0.1;
+pub(super) const NOISE_PRIOR: f64 = 0.1;
 /// Noise is never taken to be less: timers and clocks are not that good.
-const NOISE_LEAST: f64 = 0.01;
+pub(super) const NOISE_LEAST: f64 = 0.01;
 /// Standard deviations by which a configuration must be dearer to be called clearly worse.
 const CLEARLY: f64 = 3.0;
 /// More measurements than this say nothing more about a configuration.
@@ -82,7 +82,7 @@ impl Tuner {
         }
     }
 
-    fn account_mut(&mut self, client_id: &str) -> Option<&mut Account> {
+    pub(super) fn account_mut(&mut self, client_id: &str) -> Option<&mut Account> {
         self.visits.get_mut(client_id)?.account.as_mut()
     }
 

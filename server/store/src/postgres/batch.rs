@@ -62,6 +62,7 @@ impl<'r> Batch<'r> {
             .bind(column(states(), |study, _| study))
             .bind(column(states(), |_, row| row.id))
             .bind(column(states(), |_, row| row.indicators.as_str()))
+            .bind(column(states(), |_, row| row.fingerprint.as_deref()))
             .bind(column(states(), |_, row| row.search_packed.as_deref()))
             .bind(column(visits(), |study, _| study))
             .bind(column(visits(), |_, row| row.client_id.as_str()))

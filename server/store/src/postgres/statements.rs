@@ -129,7 +129,8 @@ pub(super) const STUDY_PAGE: &str = study_select!("WHERE name > $1 ORDER BY name
 
 // Reading.
 
-pub(super) const STATES_OF_STUDY: &str = "SELECT id, indicators::text, NULL::text AS search, search AS search_packed \
+pub(super) const STATES_OF_STUDY: &str = "SELECT id, indicators::text, fingerprint::text, NULL::text AS search, \
+     search AS search_packed \
      FROM states WHERE study = $1 ORDER BY id";
 
 pub(super) const VISITS_OF_STUDY: &str = "SELECT client_id, state_id, number, decision::text, \
@@ -221,16 +222,17 @@ WITH held AS MATERIALIZED (
     JOIN unnest($1::bigint[], $2::bigint[]) AS f (study, epoch) ON s.id = f.study AND s.epoch = f.epoch
     WHERE s.name IS NOT NULL ORDER BY s.id FOR NO KEY UPDATE OF s
 ), stored_states AS (
-    INSERT INTO states (study, id, indicators, search)
-    SELECT r.study, r.id, r.indicators::json, r.search
-    FROM unnest($3::bigint[], $4::bigint[], $5::text[], $6::bytea[]) AS r (study, id, indicators, search)
+    INSERT INTO states (study, id, indicators, fingerprint, search)
+    SELECT r.study, r.id, r.indicators::json, r.fingerprint::json, r.search
+    FROM unnest($3::bigint[], $4::bigint[], $5::text[], $6::text[], $7::bytea[])
+        AS r (study, id, indicators, fingerprint, search)
     WHERE r.study IN (SELECT id FROM held)
     ON CONFLICT (study, id) DO UPDATE SET search = excluded.search
 ), stored_visits AS (
     INSERT INTO visits (study, client_id, state_id, number, decision, weighed, account)
     SELECT r.study, r.client_id, r.state_id, r.number, r.decision::json, r.weighed::json, r.account::json
-    FROM unnest($7::bigint[], $8::text[], $9::bigint[], $10::bigint[], $11::text[], $12::text[],
-        $13::text[]) AS r (study, client_id, state_id, number, decision, weighed, account)
+    FROM unnest($8::bigint[], $9::text[], $10::bigint[], $11::bigint[], $12::text[], $13::text[],
+        $14::text[]) AS r (study, client_id, state_id, number, decision, weighed, account)
     WHERE r.study IN (SELECT id FROM held)
     ON CONFLICT (study, client_id) DO UPDATE SET state_id = excluded.state_id,
         number = excluded.number, decision = excluded.decision, weighed = excluded.weighed,
@@ -243,10 +245,10 @@ WITH held AS MATERIALIZED (
         r.outcome_lower_bound, r.cost, r.predicted_cost, r.late, r.create_ms, r.lease_expire_ms,
         r.complete_ms, r.completion, r.configuration::json, r.indicators::json, r.measurements::json,
         r.reason::json, r.fingerprint::json
-    FROM unnest($14::bigint[], $15::bigint[], $16::text[], $17::bigint[], $18::text[], $19::text[],
-        $20::text[], $21::text[], $22::float8[], $23::float8[], $24::float8[], $25::boolean[],
-        $26::bigint[], $27::bigint[], $28::bigint[], $29::bigint[], $30::text[], $31::text[],
-        $32::text[], $33::text[], $34::text[]) AS r (study, number, client_id, state_id, mode, state,
+    FROM unnest($15::bigint[], $16::bigint[], $17::text[], $18::bigint[], $19::text[], $20::text[],
+        $21::text[], $22::text[], $23::float8[], $24::float8[], $25::float8[], $26::boolean[],
+        $27::bigint[], $28::bigint[], $29::bigint[], $30::bigint[], $31::text[], $32::text[],
+        $33::text[], $34::text[], $35::text[]) AS r (study, number, client_id, state_id, mode, state,
         outcome, outcome_reason, outcome_lower_bound, cost, predicted_cost, late, create_ms,
         lease_expire_ms, complete_ms, completion, configuration, indicators, measurements, reason,
         fingerprint)

@@ -51,7 +51,7 @@ fn bound(study: i64, rows: &Rows, text: String) -> Statements<'_> {
 }
 
 fn bind_state<'q>(script: Statements<'q>, study: i64, row: &'q StateRow) -> Statements<'q> {
-    script.bind(study).bind(row.id).bind(&row.indicators).bind(&row.search_packed)
+    script.bind(study).bind(row.id).bind(&row.indicators).bind(&row.fingerprint).bind(&row.search_packed)
 }
 
 fn bind_visit<'q>(script: Statements<'q>, study: i64, row: &'q VisitRow) -> Statements<'q> {

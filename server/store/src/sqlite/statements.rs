@@ -36,10 +36,10 @@ pub(super) const STUDY_BY_KEY: &str = study_select!("WHERE id = $1");
 pub(super) const STUDY_PAGE: &str = study_select!("WHERE name > $1 ORDER BY name LIMIT $2");
 
 pub(super) const STATES_OF_STUDY: &str =
-    "SELECT id, indicators, search, search_packed FROM states WHERE study = $1 ORDER BY id";
+    "SELECT id, indicators, fingerprint, search, search_packed FROM states WHERE study = $1 ORDER BY id";
 
-pub(super) const STATE_UPSERT: &str = "INSERT INTO states (study, id, indicators, search_packed) \
-     VALUES (?, ?, ?, ?) \
+pub(super) const STATE_UPSERT: &str = "INSERT INTO states (study, id, indicators, fingerprint, search_packed) \
+     VALUES (?, ?, ?, ?, ?) \
      ON CONFLICT (study, id) DO UPDATE SET search = NULL, search_packed = excluded.search_packed";
 
 pub(super) const VISITS_OF_STUDY: &str = "SELECT client_id, state_id, number, decision, weighed, account \

@@ -63,7 +63,9 @@ pub(crate) fn spec() -> StudySpec {
 }
 
 pub(crate) fn state(id: u64) -> StateRecord {
-    StateRecord { id, indicators: vec![0.1 * id as f64], search: None }
+    let machine = Fingerprint { cpu_model: "any".into(), threads: id as u32, ..Fingerprint::default() };
+    let fingerprint = (id > 1).then_some(machine);
+    StateRecord { id, indicators: vec![0.1 * id as f64], fingerprint, search: None }
 }
 
 /// An open trial of state 1.

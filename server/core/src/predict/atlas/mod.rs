@@ -2,6 +2,8 @@
 
 mod tree;
 
+use std::collections::BTreeMap;
+
 use crate::knowledge::KnownState;
 use tree::Tree;
 pub(crate) use tree::{Found, match_distance_2};
@@ -9,8 +11,8 @@ pub(crate) use tree::{Found, match_distance_2};
 /// An index over the anchors of the known states. States are named by their places in the tuner's list.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Atlas {
-    /// All states.
-    all: Tree,
+    /// All states of each machine that may be met again, in which states are recognised.
+    all: BTreeMap<u32, Tree>,
     /// States in which something was measured.
     measured: Tree,
     /// Those of them in which a search was begun.
@@ -25,7 +27,7 @@ impl Atlas {
     pub fn new(indicators: usize) -> Self {
         let tree = Tree::new(indicators);
         Atlas {
-            all: tree.clone(),
+            all: BTreeMap::new(),
             measured: tree.clone(),
             explored: tree,
             held: Vec::new(),
@@ -38,7 +40,8 @@ impl Atlas {
     pub fn note(&mut self, state: &KnownState) {
         let place = state.id as u32 - 1;
         if self.held.len() == place as usize {
-            self.all.insert(place, &state.anchor);
+            let tree = self.all.entry(state.machine).or_insert_with(|| Tree::new(self.weights.len()));
+            tree.insert(place, &state.anchor);
             self.held.push((false, false));
         }
         let (measured, explored) = &mut self.held[place as usize];
@@ -57,7 +60,7 @@ impl Atlas {
 
     /// How many states there are.
     pub fn len(&self) -> usize {
-        self.all.len()
+        self.held.len()
     }
 
     /// Whether there are none.
@@ -71,21 +74,32 @@ impl Atlas {
         terms.sum::<f64>().sqrt()
     }
 
-    /// The place of the nearest state of which no indicator is further from `state` than `tolerance`.
-    pub(crate) fn within(&self, state: &[f64], tolerance: f64) -> Option<usize> {
-        self.all.within(state, tolerance).map(|found| found.name as usize)
+    /// No state of the machine is recognised again; what was measured there goes on to count.
+    pub fn displace(&mut self, machine: u32) {
+        self.all.remove(&machine);
     }
 
-    /// The `count` nearest states in which something was measured, and `filter` passes, nearest first.
-    /// `explored` leaves out those without a search.
+    /// The place of a machine's nearest state of which no indicator is further from `state` than `tolerance`.
+    pub(crate) fn within(&self, machine: u32, state: &[f64], tolerance: f64) -> Option<usize> {
+        self.all.get(&machine)?.within(state, tolerance).map(|found| found.name as usize)
+    }
+
+    /// The same for each machine, the first one first.
+    pub(crate) fn within_each(&self, state: &[f64], tolerance: f64) -> impl Iterator<Item = usize> {
+        self.all.values().filter_map(move |tree| Some(tree.within(state, tolerance)?.name as usize))
+    }
+
+    /// The `count` nearest states in which something was measured, nearest first. `further` gives the square of what
+    /// counts as distance beside that of the indicators, and `None` for states to leave out. `explored` leaves out
+    /// those without a search.
     pub(crate) fn nearest(
         &self,
         state: &[f64],
         count: usize,
         explored: bool,
-        mut filter: impl FnMut(usize) -> bool,
+        mut further: impl FnMut(usize) -> Option<f64>,
     ) -> Vec<Found> {
         let tree = if explored { &self.explored } else { &self.measured };
-        tree.nearest(state, &self.weights, count, &mut |name| filter(name as usize))
+        tree.nearest(state, &self.weights, count, &mut |name| further(name as usize))
     }
 }

@@ -60,11 +60,6 @@ impl Tree {
         tree
     }
 
-    /// How many points there are.
-    pub(super) fn len(&self) -> usize {
-        self.names.len()
-    }
-
     /// Adds a point of finite coordinates.
     pub(super) fn insert(&mut self, name: u32, point: &[f64]) {
         let slot = self.names.len() as u32;
@@ -91,14 +86,14 @@ impl Tree {
         }
     }
 
-    /// The `count` points nearest to `state` that pass `filter`, nearest first, the first named first among
-    /// equals.
+    /// The `count` points nearest to `state`, nearest first, the first named first among equals. `further` gives
+    /// what is added to the square of a point's distance, at least 0, and `None` for points to leave out.
     pub(super) fn nearest(
         &self,
         state: &[f64],
         weights: &[f64],
         count: usize,
-        filter: &mut dyn FnMut(u32) -> bool,
+        further: &mut dyn FnMut(u32) -> Option<f64>,
     ) -> Vec<Found> {
         let mut found: Vec<Found> = Vec::with_capacity(count + 1);
         let mut open: Vec<(f64, u32)> = vec![(0.0, 0)];
@@ -121,9 +116,15 @@ impl Tree {
                         let Some(distance_2) = distance_2(self.point(slot), state, weights, limit) else {
                             continue;
                         };
-                        let new = Found { name: self.names[slot as usize], distance_2 };
+                        let name = self.names[slot as usize];
+                        let new = Found { name, distance_2 };
+                        if found.partition_point(|other| other.comes_before(&new)) == count {
+                            continue;
+                        }
+                        let Some(further) = further(name) else { continue };
+                        let new = Found { name, distance_2: distance_2 + further };
                         let place = found.partition_point(|other| other.comes_before(&new));
-                        if place < count && filter(new.name) {
+                        if place < count {
                             found.insert(place, new);
                             found.truncate(count);
                         }
@@ -291,10 +292,16 @@ mod tests {
     use super::*;
 
     /// What a tree must answer, found by looking at every point.
-    fn nearest(points: &[Vec<f64>], state: &[f64], weights: &[f64], count: usize) -> Vec<Found> {
+    fn nearest(
+        points: &[Vec<f64>],
+        state: &[f64],
+        weights: &[f64],
+        count: usize,
+        further: impl Fn(u32) -> Option<f64>,
+    ) -> Vec<Found> {
         let all = points.iter().enumerate().filter_map(|(index, point)| {
             let distance_2 = distance_2(point, state, weights, f64::INFINITY)?;
-            Some(Found { name: index as u32, distance_2 })
+            Some(Found { name: index as u32, distance_2: distance_2 + further(index as u32)? })
         });
         let mut all: Vec<Found> = all.collect();
         all.sort_by(|a, b| a.distance_2.total_cmp(&b.distance_2).then(a.name.cmp(&b.name)));
@@ -326,19 +333,19 @@ mod tests {
         let mut tree = Tree::new(1);
         (0..20_000u32).for_each(|index| tree.insert(index, &[f64::from(index)]));
         assert!(depth(&tree, 0) < 30, "{}", depth(&tree, 0));
-        assert_eq!(tree.len(), 20_000);
-        assert_eq!(tree.nearest(&[777.2], &[1.0], 1, &mut |_| true)[0].name, 777);
+        assert_eq!(tree.names.len(), 20_000);
+        assert_eq!(tree.nearest(&[777.2], &[1.0], 1, &mut |_| Some(0.0))[0].name, 777);
     }
 
     #[test]
     fn a_filter_and_no_coordinates_at_all_are_no_trouble() {
         let mut tree = Tree::new(2);
         (0..500u32).for_each(|index| tree.insert(index, &[f64::from(index % 20), f64::from(index / 20)]));
-        let even = tree.nearest(&[3.0, 3.0], &[1.0, 1.0], 1, &mut |name| name % 2 == 0);
+        let even = tree.nearest(&[3.0, 3.0], &[1.0, 1.0], 1, &mut |name| (name % 2 == 0).then_some(0.0));
         assert_eq!(even, vec![Found { name: 62, distance_2: 1.0 }], "(2, 3), first named of four");
         let mut tree = Tree::new(0);
         (0..100).for_each(|index| tree.insert(index, &[]));
-        assert_eq!(tree.nearest(&[], &[], 2, &mut |_| true).len(), 2);
+        assert_eq!(tree.nearest(&[], &[], 2, &mut |_| Some(0.0)).len(), 2);
         assert_eq!(tree.within(&[], 0.0), Some(Found { name: 0, distance_2: 0.0 }));
     }
 
@@ -367,7 +374,11 @@ mod tests {
             for (index, point) in all.iter().enumerate() {
                 tree.insert(index as u32, point);
             }
-            prop_assert_eq!(tree.nearest(&state, &weights, count, &mut |_| true), nearest(&all, &state, &weights, count));
+            let further = |name: u32| (name % 5 != 4).then(|| 0.01 * f64::from(name % 3));
+            for further in [&further as &dyn Fn(u32) -> Option<f64>, &|_| Some(0.0)] {
+                let found = tree.nearest(&state, &weights, count, &mut |name| further(name));
+                prop_assert_eq!(found, nearest(&all, &state, &weights, count, further));
+            }
             prop_assert_eq!(tree.within(&state, tolerance), within(&all, &state, tolerance));
         }
     }

@@ -37,6 +37,8 @@ const QUOTA_FIRST: usize = 48;
 const QUOTA_LEAST: usize = 8;
 /// Most lessons that lengths are learnt from: the latest.
 const LESSONS_MAX: usize = 64;
+/// What a measurement of the machine itself, of its group and of the fleet is worth: machines differ.
+const TRUST: [f64; 3] = [1.0, 0.5, 0.25];
 /// Lessons that are each worth a step; later ones share.
 const LESSONS_EAGER: u64 = 96;
 const LESSONS_SHARE: u64 = 32;
@@ -116,21 +118,20 @@ impl Contextual {
 
     /// The measurements that bear on a state: most of the nearest states', the best of each first.
     fn local<'a>(&self, query: &Query<'a>) -> Option<Local<'a>> {
-        let found = query.atlas.nearest(query.state, ROWS_MAX, false, |place| {
-            query.known.get(place).is_some_and(|state| state.knowledge.best().is_some())
-        });
+        let found = query.nearest(ROWS_MAX, false, |state| state.knowledge.best().is_some());
         let mut rows = Rows::new(self.metrics.clone());
         let (mut records, mut costs, mut quota, mut searched) = (Vec::new(), Vec::new(), QUOTA_FIRST, 0);
         for state in found.iter().filter_map(|found| query.known.get(found.name as usize)) {
             let taken = quota.min(ROWS_MAX - rows.len());
             let anchor: Vec<f64> = state.anchor.iter().map(|&x| draw_in(x)).collect();
+            let trust = TRUST[query.fleet.level(query.machine, state.machine) as usize];
             for record in selection(state, taken) {
                 rows.push(
                     &anchor,
                     &self.features(&query.space.encode(&record.configuration)),
-                    record.measurements as f64,
+                    trust * record.measurements as f64,
                 );
-                costs.push(record.mean_cost);
+                costs.push(query.translate(state, record.mean_cost));
                 records.push(record);
                 searched += usize::from(state.explored);
             }

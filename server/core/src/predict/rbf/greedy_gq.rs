@@ -142,6 +142,7 @@ impl Rbf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::predict::Origin;
 
     fn lesson<'a>(
         state: &'a [f64],
@@ -149,7 +150,14 @@ mod tests {
         point: &'a [f64],
         verdict: Verdict,
     ) -> Lesson<'a> {
-        Lesson { state, configuration, point, verdict, default_cost: None, origin: None }
+        Lesson {
+            state,
+            configuration,
+            point,
+            verdict,
+            default_cost: None,
+            origin: Origin { group: 0, node: 0 },
+        }
     }
 
     fn space() -> Space {

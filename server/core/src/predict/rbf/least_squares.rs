@@ -1,10 +1,10 @@
-//! Least squares over the paper's features, for each client, each kind of machine and the whole fleet.
+//! Least squares over the paper's features, for each machine, each group of machines and the whole fleet.
 //!
 //! The paper leaves per-node prediction to future work ("hierarchical optimization or per node optimization is
 //! promising"). Here every lesson teaches three models of the logarithm of cost: the fleet's, that of the
-//! client's group (same processor and software) and the client's own. An answer weighs them by precision
+//! machine's group (same processor and software) and the machine's own. An answer weighs them by precision
 //! (Gelman et al., "Bayesian Data Analysis", chapter 5): the inverse of how much each model missed this
-//! client's trials by, plus what the model does not know yet about the asked point. A new client's own model
+//! machine's trials by, plus what the model does not know yet about the asked point. A new machine's own model
 //! knows nothing, so the fleet answers; as its trials come in, its own takes over as far as it is better.
 
 use std::collections::BTreeMap;
@@ -29,7 +29,7 @@ const SURPRISE: f64 = 4.0;
 const SURPRISE_AFTER: u64 = 16;
 /// What an infeasible configuration counts as, above the worst cost seen, in logarithms.
 const INFEASIBLE: f64 = 1.0;
-/// What a model is thought to miss a new client's trials by, and the weight of that in lessons.
+/// What a model is thought to miss a new machine's trials by, and the weight of that in lessons.
 const MISS: f64 = 0.05;
 const MISS_WEIGHT: f64 = 3.0;
 /// Recent misses count more: an older one fades by this.
@@ -57,7 +57,7 @@ impl Miss {
     }
 }
 
-/// The model of a client or a group, and how the fleet's, the group's and its own did on its trials.
+/// The model of a machine or a group, and how the fleet's, the group's and its own did on its trials.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Member {
     solver: Solver,
@@ -113,10 +113,9 @@ impl LeastSquares {
         phi.push(1.0);
     }
 
-    /// What each model of a client's chain expects, with what it misses by there, the fleet's first.
-    fn chain(&self, phi: &[f64], origin: Option<Origin>) -> Vec<Belief> {
-        let node = origin.and_then(|origin| self.nodes.get(&origin.node));
-        let group = origin.and_then(|origin| self.groups.get(&origin.group));
+    /// What each model of a machine's chain expects, with what it misses by there, the fleet's first.
+    fn chain(&self, phi: &[f64], origin: Origin) -> Vec<Belief> {
+        let (node, group) = (self.nodes.get(&origin.node), self.groups.get(&origin.group));
         let misses = node.or(group).map(|member| member.misses);
         let belief = |solver: &Solver, level: usize| {
             let miss = misses.map_or(self.fleet_miss.mean(), |misses| misses[level].mean());
@@ -127,7 +126,7 @@ impl LeastSquares {
     }
 
     /// The precision-weighted word of all.
-    fn believe(&self, phi: &[f64], origin: Option<Origin>) -> Belief {
+    fn believe(&self, phi: &[f64], origin: Origin) -> Belief {
         let chain = self.chain(phi, origin);
         let precision = |belief: &Belief| 1.0 / belief.variance.max(f64::MIN_POSITIVE);
         let total: f64 = chain.iter().map(precision).sum();
@@ -143,7 +142,7 @@ impl LeastSquares {
         Some(Estimate::new(cost, cost * libm::expm1(belief.variance.sqrt())))
     }
 
-    /// Teaches the models of a client and its group, once there is more than one of each.
+    /// Teaches the models of a machine and its group, once there is more than one of each.
     fn teach(&mut self, phi: &[f64], value: f64, origin: Origin) {
         let Some(alone) = self.alone else {
             self.alone = Some(origin);
@@ -207,9 +206,7 @@ impl Predictor for LeastSquares {
             self.worst = self.worst.max(value);
             self.candidates.keep(lesson, cost, action_2);
         }
-        if let Some(origin) = lesson.origin {
-            self.teach(&phi, value, origin);
-        }
+        self.teach(&phi, value, lesson.origin);
         self.fleet_miss.take(value - self.fleet.value(&phi));
         self.fleet.learn(&mut phi, value);
     }
@@ -218,7 +215,7 @@ impl Predictor for LeastSquares {
         let action_2 = self.basis.action_2(&query.space.encode(configuration));
         let mut phi = Vec::new();
         self.features(&self.basis.state_2(query.state), &action_2, &mut phi);
-        self.expected(self.believe(&phi, query.origin))
+        self.expected(self.believe(&phi, query.origin()))
     }
 
     fn predict(&self, query: &Query<'_>) -> Option<Answer> {
@@ -228,7 +225,7 @@ impl Predictor for LeastSquares {
         for candidate in self.candidates.iter().filter(|candidate| !query.excludes(&candidate.configuration))
         {
             self.features(&state_2, &candidate.action_2, &mut phi);
-            let belief = self.believe(&phi, query.origin);
+            let belief = self.believe(&phi, query.origin());
             if best.is_none_or(|(_, best)| belief.mean < best.mean) {
                 best = Some((candidate, belief));
             }

@@ -167,9 +167,14 @@ impl ModelSearch {
 
     /// Tells of a point that was measured before the search began; it then goes on without a design.
     pub fn know(&mut self, x: Vec<f64>, verdict: Verdict) {
+        self.hear(x, verdict);
+        self.queue.clear();
+    }
+
+    /// Tells of a point that was measured beside the search; what is left of the design is still asked.
+    pub fn hear(&mut self, x: Vec<f64>, verdict: Verdict) {
         let point = self.launch(x, Step::Restart);
         self.tell(point.id, Feedback { verdict, fresh: true });
-        self.queue.clear();
     }
 
     fn random(&mut self) -> ChaCha8Rng {

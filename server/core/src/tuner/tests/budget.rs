@@ -43,3 +43,43 @@ fn an_infeasible_default_leaves_nothing_but_exploring() {
     finish(&mut tuner, &first, infeasible());
     assert_eq!(suggest(&mut tuner, "a", 0.5, 0.5).mode, Mode::Explore);
 }
+
+#[test]
+fn a_trial_that_is_handed_out_again_is_charged_again() {
+    let policy = Policy { regret_budget: Some(0.1), abort_above: Some(1.5), ..explore_always() };
+    let mut tuner = tuner(policy);
+    let question = Ask { can_abort: true, ..ask("a", 0.5, 0.5) };
+    let left = |tuner: &Tuner| {
+        let account = tuner.visits["a"].account.as_ref().expect("there is a budget");
+        account.left(0.1)
+    };
+    // Until enough is earned for two runs.
+    let explored = loop {
+        let trial = tuner.suggest(&question, 0).expect("valid").0;
+        let worst = trial.reason.explanation.set_aside.unwrap_or(f64::INFINITY);
+        if trial.mode == Mode::Explore && left(&tuner) >= worst {
+            break trial;
+        }
+        match trial.mode {
+            // Given back unmeasured, it stays charged; frames that do not explore earn it again.
+            Mode::Explore => drop(tuner.abandon(&trial).expect("it is open")),
+            _ => drop(finish(&mut tuner, &trial, Outcome::Ok)),
+        }
+    };
+    let worst = explored.reason.explanation.set_aside.expect("there is a budget");
+    let mut before = left(&tuner);
+    // The report never comes; the client asks again, runs it again, and so on.
+    let mut runs = 1;
+    loop {
+        let again = tuner.suggest(&question, 0).expect("valid").0;
+        if again.number != explored.number {
+            assert_ne!(again.mode, Mode::Explore, "nothing is left to explore with");
+            break;
+        }
+        runs += 1;
+        assert!((left(&tuner) - (before - worst)).abs() < 1e-9, "charged for the run before");
+        before = left(&tuner);
+    }
+    assert!(runs >= 2 && before < worst, "{runs} runs, {before} left of {worst}");
+    assert!((left(&tuner) - before).abs() < 1e-9, "what was set aside last stays charged");
+}

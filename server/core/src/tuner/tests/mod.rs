@@ -3,6 +3,7 @@
 mod budget;
 mod exploiting;
 mod exploring;
+mod fleet;
 mod leases;
 
 use std::collections::{BTreeMap, BTreeSet};

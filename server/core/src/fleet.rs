@@ -1,0 +1,373 @@
+//! The machines of a study: whose measurements hold for whom.
+//!
+//! A frame costs different things on different machines, by a factor above all, but what is best may differ as well.
+//! So a measurement belongs to the machine that took it: processor, instruction set, threads and software together,
+//! the client's [`Fingerprint`]. Everybody else's word counts by how near they are ([`Level`]): the same processor and
+//! software make a group, and all machines together are the fleet. How much a machine may rely on its group and on
+//! the fleet is not assumed but counted: each of its measurements is held against what they would have said of it.
+//! The paper leaves this to future work ("hierarchical optimization or per node optimization is promising", its
+//! section 9); the method is that of partial pooling (Gelman et al., "Bayesian Data Analysis", chapter 5).
+//!
+//! Other software makes another machine and another group. What was measured before a change of Embree or of the build
+//! thereby falls to the word of the fleet, and never counts as the machine's own again.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::limits::MACHINES_MAX;
+use crate::predict::Origin;
+use crate::randomness::text_number;
+use crate::trial::Fingerprint;
+
+/// By how much, as a logarithm, a group's and the fleet's word on a configuration are taken to be off before anything
+/// was compared, and how many comparisons that is worth.
+const MISS_PRIOR: [f64; 2] = [0.05, 0.15];
+const MISS_PRIOR_WEIGHT: f64 = 4.0;
+/// What is gained or lost against the default elsewhere is taken to be so here as well; this is the square of the
+/// difference, in logarithms, that outweighs it.
+const CARRIED_PRIOR: f64 = 0.25;
+/// An older comparison counts by so much less: machines may change.
+const MISS_FADE: f64 = 0.98;
+/// No single comparison counts as more than this: a factor of twenty.
+const MISS_MAX: f64 = 3.0;
+/// The factor between a machine's costs and the others' is the mean of so many of the latest comparisons.
+const EFFECT_MEMORY: f64 = 64.0;
+/// A state of the group, or of another machine of the fleet, counts as if it lay so much further away, in quadrature;
+/// indicators span 0 to 1.
+const DISTANCE: [f64; 3] = [0.0, 0.05, 0.1];
+
+/// Whose evidence it is, seen from one machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Level {
+    /// Its own: processor, instruction set, threads and software are the same.
+    Machine,
+    /// That of machines with the same processor and software.
+    Group,
+    /// That of all others.
+    Fleet,
+}
+
+impl Level {
+    /// The name that reasons carry.
+    pub fn name(self) -> &'static str {
+        match self {
+            Level::Machine => "machine",
+            Level::Group => "group",
+            Level::Fleet => "fleet",
+        }
+    }
+
+    /// The square of the distance that a state of that level is further away by.
+    pub(crate) fn distance_2(self) -> f64 {
+        let distance = DISTANCE[self as usize];
+        distance * distance
+    }
+}
+
+/// What comparisons with others taught of a machine. Costs are logarithms.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Standing {
+    /// By how much its costs are above those of the others.
+    effect: f64,
+    compared: f64,
+    /// How the differences to the default carry over from the group and from the fleet: sums of products of theirs
+    /// and its own, and of squares of theirs.
+    carried: [(f64, f64); 2],
+    /// Mean square of how far the group and the fleet were off, and the weight of that.
+    misses: [(f64, f64); 2],
+}
+
+impl Default for Standing {
+    fn default() -> Self {
+        let miss = |prior: f64| (prior * prior * MISS_PRIOR_WEIGHT, MISS_PRIOR_WEIGHT);
+        let carried = [(CARRIED_PRIOR, CARRIED_PRIOR); 2];
+        Standing { effect: 0.0, compared: 0.0, carried, misses: MISS_PRIOR.map(miss) }
+    }
+}
+
+/// One machine.
+#[derive(Clone, Debug, PartialEq)]
+struct Machine {
+    exact: u64,
+    group: u64,
+    /// Everything but the software.
+    hardware: u64,
+    fingerprint: Option<Fingerprint>,
+    /// Rises with every state that any machine founds.
+    latest: u64,
+    standing: Standing,
+}
+
+/// The machines of a study in the order in which they came. A client that names no machine is one of its own.
+///
+/// At most [`MACHINES_MAX`] are told apart at a time. When one more comes, the one that has met no new state for
+/// longest is displaced: what it measured stays as the others', and should it come back it begins as a new machine.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Fleet {
+    machines: Vec<Machine>,
+    /// Those that are told apart, by their numbers. Only what is in here is ever matched again.
+    current: BTreeMap<u64, u32>,
+    founded: u64,
+}
+
+impl Fleet {
+    /// The place of a machine, if it has a state.
+    pub fn find(&self, fingerprint: Option<&Fingerprint>) -> Option<u32> {
+        self.current.get(&exact(fingerprint)).copied()
+    }
+
+    /// Notes that a machine founds a state. Gives its place, and that of the machine it displaced, if any.
+    pub fn found(&mut self, fingerprint: Option<&Fingerprint>) -> (u32, Option<u32>) {
+        self.founded += 1;
+        if let Some(place) = self.find(fingerprint) {
+            self.machines[place as usize].latest = self.founded;
+            return (place, None);
+        }
+        let full = self.current.len() >= MACHINES_MAX;
+        let oldest = self.current.values().min_by_key(|&&place| self.machines[place as usize].latest);
+        let displaced = oldest.copied().filter(|_| full);
+        if let Some(place) = displaced {
+            self.current.remove(&self.machines[place as usize].exact);
+        }
+        let place = self.machines.len() as u32;
+        let (exact, group, hardware) = (exact(fingerprint), group(fingerprint), hardware(fingerprint));
+        self.current.insert(exact, place);
+        self.machines.push(Machine {
+            exact,
+            group,
+            hardware,
+            fingerprint: fingerprint.cloned(),
+            latest: self.founded,
+            standing: Standing::default(),
+        });
+        (place, displaced)
+    }
+
+    /// A machine's fingerprint.
+    pub(crate) fn fingerprint(&self, machine: u32) -> Option<&Fingerprint> {
+        self.machines.get(machine as usize)?.fingerprint.as_ref()
+    }
+
+    /// How many machines ever founded a state.
+    pub fn len(&self) -> usize {
+        self.machines.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.machines.is_empty()
+    }
+
+    /// Whose evidence `other`'s is, seen from a machine.
+    pub fn level(&self, machine: u32, other: u32) -> Level {
+        let group = |place: u32| self.machines.get(place as usize).map(|machine| machine.group);
+        match machine == other {
+            true => Level::Machine,
+            false if group(machine) == group(other) => Level::Group,
+            false => Level::Fleet,
+        }
+    }
+
+    /// Numbers for a machine and its group.
+    pub(crate) fn origin(&self, machine: u32) -> Origin {
+        let machine = self.machines.get(machine as usize);
+        machine.map_or(Origin { group: 0, node: 0 }, |machine| Origin {
+            group: machine.group,
+            node: machine.exact,
+        })
+    }
+
+    /// The factor that takes a cost on `from` to what it is expected to be on `to`; exactly 1 on one machine.
+    pub(crate) fn factor(&self, from: u32, to: u32) -> f64 {
+        if from == to { 1.0 } else { libm::exp(self.effect(to) - self.effect(from)) }
+    }
+
+    /// The logarithm of the factor between a machine's costs and those of the first.
+    pub(crate) fn effect(&self, machine: u32) -> f64 {
+        self.machines.get(machine as usize).map_or(0.0, |machine| machine.standing.effect)
+    }
+
+    /// The variance of what a level says of a machine's configurations.
+    pub(crate) fn miss_2(&self, machine: u32, level: Level) -> f64 {
+        match level {
+            Level::Machine => 0.0,
+            Level::Group | Level::Fleet => {
+                let (sum, weight) = self.machines[machine as usize].standing.misses[level as usize - 1];
+                sum / weight
+            }
+        }
+    }
+
+    /// Notes by how much a machine's measurement was off what the others' costs, and the factors so far, made
+    /// expect.
+    pub(crate) fn compare(&mut self, machine: u32, off: f64) {
+        // The first machine is the measure of all others.
+        if let Some(Machine { standing, .. }) =
+            self.machines.get_mut(machine as usize).filter(|_| machine > 0)
+        {
+            standing.compared = (standing.compared + 1.0).min(EFFECT_MEMORY);
+            standing.effect += off.clamp(-700.0, 700.0) / standing.compared;
+        }
+    }
+
+    /// Which share of a configuration's difference to the default carries over to a machine, 0 to 1: least squares
+    /// through the origin, beginning at 1. It is 0 where others' favourites do worse than the default here.
+    pub(crate) fn share(&self, machine: u32, level: Level) -> f64 {
+        match level {
+            Level::Machine => 1.0,
+            Level::Group | Level::Fleet => {
+                let (product, square) = self.machines[machine as usize].standing.carried[level as usize - 1];
+                (product / square).clamp(0.0, 1.0)
+            }
+        }
+    }
+
+    /// Notes that a configuration which a level has at `theirs` from the default was measured at `own`.
+    pub(crate) fn carry(&mut self, machine: u32, level: Level, theirs: f64, own: f64) {
+        if level == Level::Machine {
+            return;
+        }
+        let [theirs, own] = [theirs, own].map(|difference| difference.clamp(-MISS_MAX, MISS_MAX));
+        let off = own - self.share(machine, level) * theirs;
+        let Standing { carried, misses, .. } = &mut self.machines[machine as usize].standing;
+        let (product, square) = &mut carried[level as usize - 1];
+        (*product, *square) = (MISS_FADE * *product + own * theirs, MISS_FADE * *square + theirs * theirs);
+        // What fades gives way to the prior again.
+        *product += (1.0 - MISS_FADE) * CARRIED_PRIOR;
+        *square += (1.0 - MISS_FADE) * CARRIED_PRIOR;
+        let (sum, weight) = &mut misses[level as usize - 1];
+        (*sum, *weight) = (MISS_FADE * *sum + off * off, MISS_FADE * *weight + 1.0);
+    }
+
+    /// How the software of a machine differs from that of the machine of the same hardware that came last before
+    /// it: "embree 4.3.0 -> 4.4.0". `None` where there was no such machine.
+    pub(crate) fn change_of_software(&self, machine: u32) -> Option<String> {
+        let own = &self.machines[machine as usize];
+        let now = &own.fingerprint.as_ref()?.software;
+        let before = self.machines[..machine as usize].iter().rev();
+        let before = before.filter(|other| other.hardware == own.hardware && other.group != own.group);
+        let before = &before.filter_map(|other| other.fingerprint.as_ref()).next()?.software;
+        let names = before.keys().chain(now.keys().filter(|name| !before.contains_key(*name)));
+        let version = |of: &BTreeMap<String, String>, name: &String| {
+            of.get(name).cloned().unwrap_or_else(|| "none".into())
+        };
+        let changes: Vec<String> = names
+            .filter(|name| before.get(*name) != now.get(*name))
+            .map(|name| format!("{name} {} -> {}", version(before, name), version(now, name)))
+            .collect();
+        (!changes.is_empty()).then(|| changes.join(", "))
+    }
+
+    /// What comparisons taught, machine by machine.
+    pub(crate) fn standings(&self) -> Vec<Standing> {
+        self.machines.iter().map(|machine| machine.standing).collect()
+    }
+
+    /// Takes over what [`standings`](Fleet::standings) gave of the machines that were there then.
+    pub(crate) fn take_over(&mut self, standings: &[Standing]) {
+        let pairs = self.machines.iter_mut().zip(standings);
+        pairs.for_each(|(machine, standing)| machine.standing = *standing);
+    }
+}
+
+/// A number for the texts, which are told apart by their lengths.
+fn number<'a>(texts: impl IntoIterator<Item = &'a str>) -> u64 {
+    let joined: String = texts.into_iter().map(|text| format!("{}:{text}", text.len())).collect();
+    text_number(&joined)
+}
+
+fn software(fingerprint: &Fingerprint) -> impl Iterator<Item = &str> {
+    fingerprint.software.iter().flat_map(|(name, version)| [name.as_str(), version.as_str()])
+}
+
+/// Processor, instruction set, threads and software.
+fn exact(fingerprint: Option<&Fingerprint>) -> u64 {
+    fingerprint.map_or(0, |fingerprint| {
+        let Fingerprint { cpu_model, isa, threads, .. } = fingerprint;
+        number([cpu_model, isa, threads.to_string().as_str()].into_iter().chain(software(fingerprint)))
+    })
+}
+
+/// Processor and software.
+fn group(fingerprint: Option<&Fingerprint>) -> u64 {
+    fingerprint.map_or(0, |fingerprint| {
+        number([fingerprint.cpu_model.as_str()].into_iter().chain(software(fingerprint)))
+    })
+}
+
+/// Processor, instruction set and threads.
+fn hardware(fingerprint: Option<&Fingerprint>) -> u64 {
+    fingerprint.map_or(0, |Fingerprint { cpu_model, isa, threads, .. }| {
+        number([cpu_model, isa, threads.to_string().as_str()])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn machine(cpu: &str, threads: u32, embree: &str) -> Fingerprint {
+        let software = BTreeMap::from([("embree".to_owned(), embree.to_owned())]);
+        Fingerprint { cpu_model: cpu.into(), isa: "avx2".into(), threads, software }
+    }
+
+    #[test]
+    fn the_same_processor_and_software_make_a_group_and_other_software_does_not() {
+        let mut fleet = Fleet::default();
+        let all =
+            [machine("a", 8, "4.3"), machine("a", 4, "4.3"), machine("a", 8, "4.4"), machine("b", 8, "4.4")];
+        let places: Vec<u32> = all.iter().map(|machine| fleet.found(Some(machine)).0).collect();
+        assert_eq!(places, [0, 1, 2, 3]);
+        assert_eq!(fleet.found(Some(&all[1])), (1, None));
+        assert_eq!(fleet.find(None), None);
+        let levels = |from: u32| places.iter().map(|&to| fleet.level(from, to)).collect::<Vec<_>>();
+        assert_eq!(levels(0), [Level::Machine, Level::Group, Level::Fleet, Level::Fleet]);
+        assert_eq!(levels(2), [Level::Fleet, Level::Fleet, Level::Machine, Level::Fleet]);
+        assert_eq!(fleet.change_of_software(2).as_deref(), Some("embree 4.3 -> 4.4"));
+        assert_eq!((fleet.change_of_software(0), fleet.change_of_software(3)), (None, None));
+    }
+
+    #[test]
+    fn trust_follows_comparisons() {
+        let mut fleet = Fleet::default();
+        for threads in 0..2 {
+            fleet.found(Some(&machine("a", threads, "4")));
+        }
+        let before = fleet.miss_2(1, Level::Group);
+        assert!((before - 0.0025).abs() < 1e-12 && (fleet.miss_2(1, Level::Fleet) - 0.0225).abs() < 1e-12);
+        (0..50).for_each(|_| fleet.carry(1, Level::Group, -0.3, -0.3));
+        assert!(fleet.miss_2(1, Level::Group) < before / 5.0);
+        assert!((fleet.share(1, Level::Group) - 1.0).abs() < 1e-9);
+        // What the group gains half of is lost here.
+        (0..3).for_each(|_| fleet.carry(1, Level::Fleet, -0.7, 0.7));
+        assert_eq!(fleet.share(1, Level::Fleet), 0.0);
+        (0..3).for_each(|_| fleet.carry(1, Level::Group, 1.0, f64::INFINITY));
+        assert!(fleet.miss_2(1, Level::Group) > 0.1 && fleet.miss_2(1, Level::Group) <= 9.0);
+        (0..500).for_each(|_| fleet.carry(1, Level::Fleet, 0.0, 0.0));
+        assert!(fleet.share(1, Level::Fleet) > 0.9, "it is asked again in time");
+        assert_eq!(fleet.factor(0, 1), 1.0);
+        (0..9).for_each(|_| fleet.compare(1, libm::log(2.0) - fleet.effect(1)));
+        assert!((fleet.factor(0, 1) - 2.0).abs() < 1e-12 && (fleet.factor(1, 0) - 0.5).abs() < 1e-12);
+        // The first machine is the measure.
+        fleet.compare(0, 1.0);
+        assert_eq!((fleet.effect(0), fleet.factor(1, 1)), (0.0, 1.0));
+    }
+
+    #[test]
+    fn one_machine_too_many_displaces_the_one_that_met_nothing_new_for_longest() {
+        let mut fleet = Fleet::default();
+        let of = |threads: usize| machine("a", threads as u32, "4");
+        for threads in 0..MACHINES_MAX {
+            fleet.found(Some(&of(threads)));
+        }
+        fleet.found(Some(&of(0)));
+        assert_eq!(fleet.found(Some(&of(MACHINES_MAX))), (MACHINES_MAX as u32, Some(1)));
+        assert_eq!(fleet.find(Some(&of(1))), None);
+        assert_eq!(fleet.find(Some(&of(0))), Some(0));
+        // It comes back as a new one.
+        assert_eq!(fleet.found(Some(&of(1))), (MACHINES_MAX as u32 + 1, Some(2)));
+        assert_eq!(fleet.level(MACHINES_MAX as u32 + 1, 1), Level::Group);
+    }
+}

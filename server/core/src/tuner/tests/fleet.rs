@@ -1,0 +1,180 @@
+//! What machines learn from each other, and what they do not.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+use crate::trial::Fingerprint;
+
+/// A machine of a simulated fleet.
+#[derive(Clone, Copy)]
+struct Node {
+    threads: u32,
+    embree: &'static str,
+    /// All costs are so much higher than on the first.
+    factor: f64,
+    /// It wants the opposite of what the others want.
+    differs: bool,
+}
+
+impl Node {
+    fn like(threads: u32, factor: f64) -> Self {
+        Node { threads, embree: "4.3.0", factor, differs: false }
+    }
+
+    fn ask(&self) -> Ask {
+        let software = BTreeMap::from([("embree".to_owned(), self.embree.to_owned())]);
+        let (cpu_model, isa) = (format!("cpu {}", self.threads), "avx2".to_owned());
+        let fingerprint = Fingerprint { cpu_model, isa, threads: self.threads, software };
+        let client = format!("client {} {}", self.threads, self.embree);
+        Ask { fingerprint: Some(fingerprint), ..ask(&client, 0.6, 0.5) }
+    }
+
+    /// What a configuration costs here, without noise.
+    fn cost(&self, trial: &Trial) -> f64 {
+        let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
+        let (width, least, most) = (number("width"), number("min_leaf_size"), number("max_leaf_size"));
+        let travel = number("travel_cost");
+        let cost = if self.differs {
+            // The default's neighbourhood is good here, and what the others like is bad.
+            12.0 + 0.8 * width + 0.4 * least + 0.3 * (16.0 - most) + 0.7 * (travel - 1.5).abs()
+        } else {
+            16.0 - width + 0.25 * least + 0.5 * (most - 3.0).abs() + 0.9 * (travel - 6.0).abs()
+        };
+        self.factor * cost
+    }
+
+    /// One frame; its cost without noise, and whether it was exploited.
+    fn frame(&self, tuner: &mut Tuner, random: &mut ChaCha8Rng) -> (f64, Trial) {
+        let trial = tuner.suggest(&self.ask(), 0).expect("a valid question").0;
+        let cost = self.cost(&trial);
+        // Two uniforms: a triangle of 4 % standard deviation.
+        let noise = 1.0 + 0.1 * (random.random::<f64>() - random.random::<f64>());
+        let report = tuner.report(&trial, measured(noise * cost), Outcome::Ok, 1);
+        (cost, report.expect("a valid report").0)
+    }
+}
+
+const TRIALS: u32 = 48;
+
+fn study(seed: u64) -> Tuner {
+    let policy = Policy { epsilon: 1.0, trials_per_state: TRIALS, ..Policy::default() };
+    Tuner::new(Arc::new(StudySpec { seed, ..spec(policy) })).expect("valid")
+}
+
+/// Three machines that differ by a factor only have searched the state to the end.
+fn fleet(seed: u64) -> Tuner {
+    let mut tuner = study(seed);
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    for node in [Node::like(4, 1.0), Node::like(8, 0.55), Node::like(16, 3.0)] {
+        (0..TRIALS).for_each(|_| drop(node.frame(&mut tuner, &mut random)));
+    }
+    tuner
+}
+
+/// The frame at which a run first ran what costs no more than the least over 0.98.
+fn reached(costs: &[f64], least: f64) -> usize {
+    costs.iter().position(|&cost| cost <= least / 0.98).map_or(costs.len() + 1, |index| index + 1)
+}
+
+/// Costs of so many frames of a node, in a study.
+fn costs(mut tuner: Tuner, node: Node, frames: usize, seed: u64) -> Vec<f64> {
+    let mut random = ChaCha8Rng::seed_from_u64(1000 + seed);
+    (0..frames).map(|_| node.frame(&mut tuner, &mut random).0).collect()
+}
+
+#[test]
+fn a_new_machine_starts_from_what_the_fleet_knows() {
+    let node = Node::like(32, 2.3);
+    let (mut with, mut alone) = (0, 0);
+    for seed in 0..6 {
+        let (together, solo) = (
+            costs(fleet(seed), node, TRIALS as usize, seed),
+            costs(study(seed), node, TRIALS as usize, seed),
+        );
+        let least = together.iter().chain(&solo).copied().fold(f64::INFINITY, f64::min);
+        with += reached(&together, least);
+        alone += reached(&solo, least);
+    }
+    println!("frames to 98 %: {} with the fleet, {} alone", with as f64 / 6.0, alone as f64 / 6.0);
+    assert!(2 * with < alone, "{with} and {alone} in six runs");
+}
+
+#[test]
+fn a_machine_whose_optimum_differs_drifts_to_its_own() {
+    let node = Node { differs: true, ..Node::like(32, 1.7) };
+    let frames = TRIALS as usize + 24;
+    let (mut with, mut alone, mut end_with, mut end_alone) = (0.0, 0.0, 0.0, 0.0);
+    for seed in 0..6 {
+        let (together, solo) =
+            (costs(fleet(seed), node, frames, seed), costs(study(seed), node, frames, seed));
+        let least = together.iter().chain(&solo).copied().fold(f64::INFINITY, f64::min);
+        let regret = |costs: &[f64]| costs.iter().map(|cost| cost / least - 1.0).sum::<f64>() / 6.0;
+        (with, alone) = (with + regret(&together), alone + regret(&solo));
+        end_with += regret(&together[TRIALS as usize..]) / 24.0;
+        end_alone += regret(&solo[TRIALS as usize..]) / 24.0;
+    }
+    println!(
+        "regret: {with:.2} frames with the fleet, {alone:.2} alone; at the end {end_with:.4}, {end_alone:.4}"
+    );
+    // The others may cost it two frames of their favourites, which are twice as dear as the best here.
+    assert!(with <= alone + 2.0, "{with} and {alone}");
+    assert!(end_with <= end_alone + 0.02, "{end_with} and {end_alone}");
+}
+
+#[test]
+fn other_software_invalidates_what_was_measured_and_answers_say_so() {
+    let node = Node::like(16, 3.0);
+    let mut tuner = fleet(1);
+    let mut random = ChaCha8Rng::seed_from_u64(9);
+    // The machine itself has searched to the end.
+    let (_, before) = node.frame(&mut tuner, &mut random);
+    assert_eq!((before.mode, before.reason.source.as_str()), (Mode::Exploit, "best_known"));
+    let newer = Node { embree: "4.4.0", ..node };
+    let (_, first) = newer.frame(&mut tuner, &mut random);
+    assert_ne!(first.state_id, before.state_id);
+    assert_eq!(first.mode, Mode::Default, "machines are compared by the default first");
+    let (_, second) = newer.frame(&mut tuner, &mut random);
+    assert_eq!((second.mode, second.reason.step.as_str()), (Mode::Explore, "transfer"));
+    assert_eq!(second.reason.source, "fleet", "not its own any more, nor its group's");
+    assert!(second.reason.summary.contains("embree 4.3.0 -> 4.4.0"), "{}", second.reason.summary);
+    // It goes on to its own end, and the old one is where it was.
+    for _ in 0..TRIALS {
+        newer.frame(&mut tuner, &mut random);
+    }
+    let (_, last) = newer.frame(&mut tuner, &mut random);
+    assert_eq!((last.mode, last.reason.source.as_str()), (Mode::Exploit, "best_known"));
+    assert_eq!(node.frame(&mut tuner, &mut random).1.state_id, before.state_id);
+}
+
+#[test]
+fn a_machine_that_only_exploits_follows_its_group_before_the_fleet() {
+    let mut tuner = study(3);
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let ask_as = |cpu: &str, threads: u32, client: &str| {
+        let fingerprint = Fingerprint { cpu_model: cpu.into(), threads, ..Fingerprint::default() };
+        Ask { fingerprint: Some(fingerprint), ..ask(client, 0.6, 0.5) }
+    };
+    // One machine of another processor, one of the same; they want different things.
+    for (cpu, threads, node) in
+        [("far", 8, Node { differs: true, ..Node::like(1, 1.0) }), ("near", 8, Node::like(1, 1.0))]
+    {
+        for _ in 0..TRIALS {
+            let trial = tuner.suggest(&ask_as(cpu, threads, cpu), 0).expect("valid").0;
+            let cost = node.cost(&trial) * (1.0 + 0.02 * random.random::<f64>());
+            assert!(tuner.report(&trial, measured(cost), Outcome::Ok, 1).is_ok());
+        }
+    }
+    let near = tuner.best(None).expect("valid").expect("measured");
+    let policy = Policy { epsilon: 0.0, ..tuner.spec().policy.clone() };
+    assert_eq!(tuner.set_policy(policy), Ok(false));
+    let answer = tuner.suggest(&ask_as("near", 2, "new"), 0).expect("valid").0;
+    assert_eq!((answer.mode, answer.reason.source.as_str()), (Mode::Exploit, "group"));
+    assert_eq!(answer.configuration, near.configuration);
+    let stranger = tuner.suggest(&ask_as("third", 2, "stranger"), 0).expect("valid").0;
+    assert_eq!(stranger.reason.source, "fleet");
+    // The same machine under another client's name is the same machine.
+    let twin = tuner.suggest(&ask_as("near", 8, "twin"), 0).expect("valid").0;
+    assert_eq!((twin.state_id, &twin.configuration), (near.state_id, &near.configuration));
+    assert!(!["group", "fleet"].contains(&twin.reason.source.as_str()));
+}
