@@ -89,7 +89,8 @@ pub struct StateInsight {
 /// Something that is left out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Omission {
-    /// The parameter; `None` for the state's whole search.
+    /// The parameter, or for [`Constant`](OmissionReason::Constant) and [`Redundant`](OmissionReason::Redundant) the
+    /// indicator; `None` for the state's whole search.
     pub parameter: Option<String>,
     /// Why; `None` for reasons that this client does not know.
     pub reason: Option<OmissionReason>,
@@ -113,4 +114,8 @@ pub enum OmissionReason {
     BelowNoise,
     /// The gain to expect does not pay for the search.
     BelowCost,
+    /// The indicator is the same in all states: left out of distances and features.
+    Constant,
+    /// The indicator follows another in a straight line: left out of distances and features.
+    Redundant,
 }

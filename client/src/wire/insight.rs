@@ -62,6 +62,8 @@ fn omission(omission: v1::Omission) -> Omission {
         Ok(v1::OmissionReason::Insensitive) => Some(OmissionReason::Insensitive),
         Ok(v1::OmissionReason::BelowNoise) => Some(OmissionReason::BelowNoise),
         Ok(v1::OmissionReason::BelowCost) => Some(OmissionReason::BelowCost),
+        Ok(v1::OmissionReason::Constant) => Some(OmissionReason::Constant),
+        Ok(v1::OmissionReason::Redundant) => Some(OmissionReason::Redundant),
         Ok(v1::OmissionReason::Unspecified) | Err(_) => None,
     };
     Omission {

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use clap::Args;
-use treewright_client::blocking::Client;
 use treewright_accel::Device;
+use treewright_client::blocking::Client;
 use treewright_client::{CredentialArguments, Fingerprint, Options};
 
 use super::arguments::Size;

@@ -82,6 +82,9 @@ pub const RECORDS_PER_STATE_MAX: usize = 1024;
 pub const RECORDS_PER_STUDY_MAX: usize = if cfg!(test) { 1200 } else { 65_536 };
 /// How many trials from before a change of predictor the new one is taught.
 pub const MODELS_TRIALS_MAX: u64 = if cfg!(test) { 40 } else { 20_000 };
+/// How many configurations models are taught anew when other indicators are left out than before: some milliseconds
+/// of work.
+pub const RELEARNT_MAX: usize = 512;
 /// A checkpoint is due after at least so many trials, which a restart then has to go through again, and
 pub const CHECKPOINT_TRIALS_MIN: u64 = 4096;
 /// after one more for so many bytes of the last one, so that checkpoints write less than the trials do.

@@ -64,6 +64,8 @@ fn omission(omission: &Omission) -> v1::Omission {
             OmissionReason::Insensitive => v1::OmissionReason::Insensitive,
             OmissionReason::BelowNoise => v1::OmissionReason::BelowNoise,
             OmissionReason::BelowCost => v1::OmissionReason::BelowCost,
+            OmissionReason::Constant => v1::OmissionReason::Constant,
+            OmissionReason::Redundant => v1::OmissionReason::Redundant,
         }
         .into(),
         summary: omission.summary.clone(),

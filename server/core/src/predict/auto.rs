@@ -46,16 +46,17 @@ pub struct Predictors {
 
 impl Predictors {
     /// What `method` needs, having seen nothing yet; centres and choices are drawn from the study's seed.
-    pub fn new(method: PredictorMethod, space: &Space, indicators: usize, seed: u64) -> Self {
+    /// `mute` are the places of indicators that features leave out.
+    pub fn new(method: PredictorMethod, space: &Space, indicators: usize, seed: u64, mute: &[usize]) -> Self {
         let dimension = space.dimension();
         let chooses = method == PredictorMethod::Auto;
         let needs = |single| chooses || method == single;
-        let rbf = |shape| Rbf::new(shape, dimension, indicators, seed);
+        let rbf = |shape| Rbf::new(shape, dimension, indicators, seed, mute);
         Predictors {
             printed: needs(PredictorMethod::RbfGreedyGq).then(|| rbf(Shape::Printed)),
             gaussian: needs(PredictorMethod::GaussianGreedyGq).then(|| rbf(Shape::Gaussian)),
             least_squares: needs(PredictorMethod::LeastSquares)
-                .then(|| LeastSquares::new(dimension, indicators, seed)),
+                .then(|| LeastSquares::new(dimension, indicators, seed, mute)),
             contextual: needs(PredictorMethod::Contextual).then(|| Contextual::new(space, indicators, seed)),
             chooses,
             trials: 0,
@@ -106,14 +107,31 @@ impl Predictors {
 
     /// Teaches all.
     pub fn learn(&mut self, lesson: &Lesson<'_>) {
-        let Predictors { printed, gaussian, least_squares, contextual, .. } = self;
+        self.learn_features(lesson);
+        if let Some(model) = &mut self.contextual {
+            model.learn(lesson);
+        }
+    }
+
+    /// Begins the models of features anew, with those of `fresh`, which leave out other indicators.
+    pub(crate) fn begin_features(&mut self, fresh: Predictors) {
+        self.printed = fresh.printed;
+        self.gaussian = fresh.gaussian;
+        self.least_squares = fresh.least_squares;
+    }
+
+    /// Teaches the models of features alone.
+    pub(crate) fn learn_features(&mut self, lesson: &Lesson<'_>) {
+        let Predictors { printed, gaussian, least_squares, .. } = self;
         [printed, gaussian].into_iter().flatten().for_each(|model| model.learn(lesson));
         if let Some(model) = least_squares {
             model.learn(lesson);
         }
-        if let Some(model) = contextual {
-            model.learn(lesson);
-        }
+    }
+
+    /// Whether there are models of features.
+    pub(crate) fn have_features(&self) -> bool {
+        self.printed.is_some() || self.gaussian.is_some() || self.least_squares.is_some()
     }
 
     /// The predictor of a method; `None` for the choice among them, and for a model that is not needed.

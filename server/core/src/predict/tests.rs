@@ -39,7 +39,7 @@ impl World {
     pub(super) fn new(dimension: usize, indicators: usize) -> Self {
         let space = space(dimension);
         World {
-            predictors: Predictors::new(PredictorMethod::Auto, &space, indicators, 11),
+            predictors: Predictors::new(PredictorMethod::Auto, &space, indicators, 11, &[]),
             space,
             states: Vec::new(),
             atlas: Atlas::new(indicators),

@@ -14,6 +14,7 @@ use crate::knowledge::Knowledge;
 use crate::packed::{pack_in_order, unpack};
 use crate::policy::{Policy, PredictorMethod};
 use crate::predict::Predictors;
+use crate::predict::atlas::Spread;
 use crate::study::StudySpec;
 use crate::tuner::history::History;
 use crate::tuner::screening::Screening;
@@ -37,6 +38,7 @@ struct Body {
     knowledge: Vec<Arc<Knowledge>>,
     /// Of each machine.
     standings: Vec<Standing>,
+    spread: Spread,
     history: History,
     screening: Screening,
     forget_above: usize,
@@ -70,6 +72,7 @@ impl Tuner {
                 completed: self.completed,
                 knowledge: self.states.iter().map(|state| Arc::clone(&state.knowledge)).collect(),
                 standings: self.fleet.standings(),
+                spread: self.atlas.spread().clone(),
                 history: self.history.clone(),
                 screening: self.screening.clone(),
                 forget_above: self.forget_above,
@@ -97,6 +100,9 @@ impl Tuner {
         if body.knowledge.len() > self.states.len() || body.knowledge.len() != body.history.len() {
             return Err("it knows states that do not exist".into());
         }
+        if body.spread.width() != self.atlas.spread().width() {
+            return Err("it is of other indicators".into());
+        }
         if body.standings.len() > self.fleet.len() {
             return Err("it knows machines that do not exist".into());
         }
@@ -115,6 +121,7 @@ impl Tuner {
         (self.completed, self.last_completion) = (body.completed, checkpoint.completion);
         (self.screening, self.forget_above) = (body.screening, body.forget_above);
         self.fleet.take_over(&body.standings);
+        self.atlas.take_over(body.spread);
         self.history = body.history;
         (self.history.len()..self.states.len()).for_each(|_| self.history.found());
         self.remembered = body.knowledge.iter().map(|knowledge| knowledge.remembered()).sum();

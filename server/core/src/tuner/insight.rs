@@ -22,7 +22,7 @@ pub struct Insight {
     pub drifts: u64,
     /// What going on with the search is expected to bring.
     pub prospect: Option<Prospect>,
-    /// What is left out of the search.
+    /// What is left out of the search, and of what predictors see.
     pub omissions: Vec<Omission>,
 }
 
@@ -43,7 +43,8 @@ pub struct Prospect {
 /// Something that is left out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Omission {
-    /// The parameter; `None` for the whole search of the state.
+    /// The parameter, or for [`OmissionReason::Constant`] and [`OmissionReason::Redundant`] the indicator; `None` for
+    /// the whole search of the state.
     pub parameter: Option<String>,
     /// Why.
     pub reason: OmissionReason,
@@ -67,4 +68,8 @@ pub enum OmissionReason {
     BelowNoise,
     /// The gain to expect does not pay for the search.
     BelowCost,
+    /// The indicator is the same in all states: left out of distances and features.
+    Constant,
+    /// The indicator follows another in a straight line: left out of distances and features.
+    Redundant,
 }

@@ -105,7 +105,7 @@ impl Tuner {
         let indicators = spec.indicators.indicators().len();
         Ok(Tuner {
             atlas: Atlas::new(indicators),
-            predictors: Predictors::new(spec.policy.predictor, &spec.space, indicators, spec.seed),
+            predictors: Predictors::new(spec.policy.predictor, &spec.space, indicators, spec.seed, &[]),
             fleet: Fleet::default(),
             states: Vec::new(),
             work: Vec::new(),
@@ -153,7 +153,8 @@ impl Tuner {
     /// The models that a predictor needs, before they are taught anything.
     fn untaught(&self, predictor: PredictorMethod) -> Predictors {
         let indicators = self.spec.indicators.indicators().len();
-        Predictors::new(predictor, &self.spec.space, indicators, self.spec.seed)
+        let mute: Vec<usize> = self.atlas.mute().iter().map(|mute| mute.axis).collect();
+        Predictors::new(predictor, &self.spec.space, indicators, self.spec.seed, &mute)
     }
 
     /// The place in the order of completion at which the models in use were begun; to be stored with the policy.

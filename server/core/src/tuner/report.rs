@@ -1,10 +1,11 @@
 //! The second half of a client's frame, and the other ends a trial can come to.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use crate::knowledge::Knowledge;
-use crate::limits::RECORDS_PER_STUDY_MAX;
+use crate::limits::{RECORDS_PER_STUDY_MAX, RELEARNT_MAX};
 use crate::policy::Policy;
 use crate::predict::{Lesson, Predictors};
 use crate::search::{Feedback, Step, Verdict};
@@ -77,6 +78,9 @@ impl Tuner {
         self.last_completion = trial.completion.unwrap_or(self.last_completion + 1);
         let state = place(trial.state_id);
         self.history.frame(&trial.client_id, state);
+        if self.history.frames(state) == 1 && self.atlas.weigh(&self.states[state].anchor) {
+            self.begin_features();
+        }
         let verdict = verdict(trial);
         if is_silent(trial) {
             return;
@@ -111,6 +115,40 @@ impl Tuner {
         self.atlas.note(&self.states[state]);
         self.teach(trial);
         self.forget_somewhere();
+    }
+
+    /// Begins the models of features anew where other indicators are left out than before, and teaches them what the
+    /// tables hold of the states that were met last.
+    fn begin_features(&mut self) {
+        if !self.predictors.have_features() {
+            return;
+        }
+        self.predictors.begin_features(self.untaught(self.spec.policy.predictor));
+        let mut latest: Vec<usize> = (0..self.states.len()).collect();
+        latest.sort_unstable_by_key(|&state| Reverse((self.states[state].knowledge.latest(), state)));
+        let mut left = RELEARNT_MAX;
+        let enough = latest.iter().position(|&state| {
+            let records = self.states[state].knowledge.remembered();
+            let fits = records <= left;
+            left = left.saturating_sub(records);
+            !fits
+        });
+        latest.truncate(enough.unwrap_or(latest.len()));
+        for &state in latest.iter().rev() {
+            let known = &self.states[state];
+            let factor = self.fleet.factor(known.machine, 0);
+            let default = self.default_cost(state).map(|cost| (factor * cost).min(f64::MAX));
+            for record in known.knowledge.ranked() {
+                self.predictors.learn_features(&Lesson {
+                    state: &known.anchor,
+                    configuration: &record.configuration,
+                    point: &self.spec.space.encode(&record.configuration),
+                    verdict: Verdict::Cost((factor * record.mean_cost).min(f64::MAX)),
+                    default_cost: default,
+                    origin: self.fleet.origin(known.machine),
+                });
+            }
+        }
     }
 
     /// Teaches the models a completed trial whose result the tables hold.

@@ -2,6 +2,7 @@
 
 use crate::configuration::Configuration;
 use crate::policy::{ABORT_ABOVE_DEFAULT, Operation};
+use crate::predict::atlas::Mute;
 use crate::search::Verdict;
 use crate::trial::{Explanation, Mode, Rule};
 use crate::tuner::account::{Denied, Leave, Terms};
@@ -239,6 +240,24 @@ impl Tuner {
         }
     }
 
+    /// Indicators that predictors do not look at, and why.
+    fn omitted_indicators(&self, omissions: &mut Vec<Omission>) {
+        let name = |axis: usize| self.spec.indicators.indicators()[axis].name.clone();
+        let states = self.atlas.spread().states();
+        for Mute { axis, says } in self.atlas.mute() {
+            let (reason, summary) = match says {
+                None => (OmissionReason::Constant, format!("it is the same in all {states} states")),
+                Some(other) => {
+                    let summary =
+                        format!("in all {states} states it follows {} in a straight line", name(other));
+                    (OmissionReason::Redundant, summary)
+                }
+            };
+            let parameter = Some(name(axis));
+            omissions.push(Omission { parameter, reason, summary, saved_trials: 0.0, risk: None });
+        }
+    }
+
     /// What is known of a state.
     pub(super) fn insight(&self, state: usize) -> Insight {
         let knowledge = &self.states[state].knowledge;
@@ -266,6 +285,7 @@ impl Tuner {
             omissions.push(Omission { parameter: None, reason, summary, saved_trials, risk: None });
         }
         self.omitted_parameters(state, &mut omissions);
+        self.omitted_indicators(&mut omissions);
         Insight {
             state_id: self.states[state].id,
             tried: knowledge.tried() as u64,

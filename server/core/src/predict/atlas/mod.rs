@@ -1,10 +1,12 @@
 //! Where the known states lie: which are nearest, which one is met again.
 
+mod spread;
 mod tree;
 
 use std::collections::BTreeMap;
 
 use crate::knowledge::KnownState;
+pub(crate) use spread::{Mute, Spread};
 use tree::Tree;
 pub(crate) use tree::{Found, match_distance_2};
 
@@ -19,6 +21,8 @@ pub struct Atlas {
     explored: Tree,
     /// Which trees hold each state: measured, explored.
     held: Vec<(bool, bool)>,
+    /// What the measured states tell of the indicators, and the weights in distances that follow from it.
+    spread: Spread,
     weights: Vec<f64>,
 }
 
@@ -31,6 +35,7 @@ impl Atlas {
             measured: tree.clone(),
             explored: tree,
             held: Vec::new(),
+            spread: Spread::new(indicators),
             weights: vec![1.0; indicators],
         }
     }
@@ -56,6 +61,32 @@ impl Atlas {
             *explored = true;
             self.explored.insert(place, &state.anchor);
         }
+    }
+
+    /// Takes a state's indicators for evidence of how far they reach. To be told once of each state, in the order in
+    /// which something was measured first in them, so that it comes out the same when that is gone through again.
+    /// `true` where other indicators are left out than before.
+    pub(crate) fn weigh(&mut self, anchor: &[f64]) -> bool {
+        let before = self.spread.mute();
+        self.spread.take(anchor);
+        self.weights = self.spread.weights();
+        before != self.spread.mute()
+    }
+
+    /// The indicators that are left out of distances and features.
+    pub(crate) fn mute(&self) -> Vec<Mute> {
+        self.spread.mute()
+    }
+
+    /// The evidence of indicators.
+    pub(crate) fn spread(&self) -> &Spread {
+        &self.spread
+    }
+
+    /// Takes over evidence of as many indicators that was gathered before.
+    pub(crate) fn take_over(&mut self, spread: Spread) {
+        self.weights = spread.weights();
+        self.spread = spread;
     }
 
     /// How many states there are.

@@ -41,8 +41,9 @@ pub struct Rbf {
 
 impl Rbf {
     /// An untrained model for `parameters` and `indicators`, its centres drawn from the study's seed.
-    pub fn new(shape: Shape, parameters: usize, indicators: usize, seed: u64) -> Self {
-        let basis = Basis::new(shape, parameters, indicators, seed);
+    /// `mute` are the places of indicators that it does not look at.
+    pub fn new(shape: Shape, parameters: usize, indicators: usize, seed: u64, mute: &[usize]) -> Self {
+        let basis = Basis::new(shape, parameters, indicators, seed, mute);
         let theta = vec![0.0; basis.len()];
         Rbf { basis, theta, candidates: Candidates::default(), tested: 0, miss_2: 0.0 }
     }
@@ -166,7 +167,7 @@ mod tests {
 
     #[test]
     fn the_update_is_the_papers() {
-        let (space, mut model) = (space(), Rbf::new(Shape::Printed, 3, 2, 1));
+        let (space, mut model) = (space(), Rbf::new(Shape::Printed, 3, 2, 1, &[]));
         let (state, point) = ([0.3, 0.6], [0.1, 0.9, 0.5]);
         let configuration = space.decode(&point);
         let mut phi = Vec::new();
@@ -182,7 +183,7 @@ mod tests {
     #[test]
     fn infeasible_configurations_lose_their_value() {
         for shape in [Shape::Printed, Shape::Gaussian] {
-            let (space, mut model) = (space(), Rbf::new(shape, 3, 2, 1));
+            let (space, mut model) = (space(), Rbf::new(shape, 3, 2, 1, &[]));
             let (state, point) = ([0.2, 0.8], [0.4, 0.4, 0.4]);
             let configuration = space.decode(&point);
             for _ in 0..50 {
@@ -208,7 +209,7 @@ mod tests {
         for shape in [Shape::Printed, Shape::Gaussian] {
             for dimension in [1, 3, 60] {
                 let space = crate::predict::tests::space(dimension);
-                let mut model = Rbf::new(shape, dimension, 40, 1);
+                let mut model = Rbf::new(shape, dimension, 40, 1, &[]);
                 let (state, point) = (vec![0.5; 40], vec![0.5; dimension]);
                 let configuration = space.decode(&point);
                 let mut last = f64::INFINITY;

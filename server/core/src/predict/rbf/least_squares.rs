@@ -93,8 +93,9 @@ struct Belief {
 
 impl LeastSquares {
     /// An untrained model for `parameters` and `indicators`, its centres drawn from the study's seed.
-    pub fn new(parameters: usize, indicators: usize, seed: u64) -> Self {
-        let basis = Basis::new(Shape::Printed, parameters, indicators, seed);
+    /// `mute` are the places of indicators that it does not look at.
+    pub fn new(parameters: usize, indicators: usize, seed: u64, mute: &[usize]) -> Self {
+        let basis = Basis::new(Shape::Printed, parameters, indicators, seed, mute);
         LeastSquares {
             fleet: Solver::new(basis.len() + 1, PRIOR),
             fleet_miss: Miss::new(),

@@ -31,7 +31,8 @@ pub enum Shape {
     Gaussian,
 }
 
-/// `ceil(3.5 (parameters + indicators))`, in whole numbers.
+/// `ceil(3.5 (parameters + indicators))`, in whole numbers. Indicators that are left out count, so that a model keeps
+/// its size.
 pub fn feature_count(parameters: usize, indicators: usize) -> usize {
     (7 * (parameters + indicators)).div_ceil(2)
 }
@@ -42,17 +43,19 @@ struct Basis {
     shape: Shape,
     /// The state's part and the action's part of each centre.
     centres: Vec<(Vec<f64>, Vec<f64>)>,
+    /// The places of indicators that are left out.
+    mute: Vec<usize>,
 }
 
 impl Basis {
-    fn new(shape: Shape, parameters: usize, indicators: usize, seed: u64) -> Self {
+    fn new(shape: Shape, parameters: usize, indicators: usize, seed: u64, mute: &[usize]) -> Self {
         let mut random = stream(seed, Purpose::Centres, 0, 0);
         let centres = design(feature_count(parameters, indicators), indicators + parameters, &mut random);
         let halves = centres.into_iter().map(|mut state| {
             let action = state.split_off(indicators);
             (state, action)
         });
-        Basis { shape, centres: halves.collect() }
+        Basis { shape, centres: halves.collect(), mute: mute.to_vec() }
     }
 
     fn len(&self) -> usize {
@@ -63,7 +66,13 @@ impl Basis {
     /// in, so that features there do not vanish altogether.
     fn state_2(&self, state: &[f64]) -> Vec<f64> {
         let state: Vec<f64> = state.iter().map(|&x| draw_in(x)).collect();
-        self.centres.iter().map(|(centre, _)| distance_2(&state, centre)).collect()
+        let all = |centre: &Vec<f64>| distance_2(&state, centre);
+        let heard = |centre: &Vec<f64>| {
+            let terms = state.iter().zip(centre).enumerate().filter(|(axis, _)| !self.mute.contains(axis));
+            terms.map(|(_, (a, b))| (a - b) * (a - b)).sum()
+        };
+        let centres = self.centres.iter();
+        centres.map(|(centre, _)| if self.mute.is_empty() { all(centre) } else { heard(centre) }).collect()
     }
 
     /// The action's part of the squared distance to each centre.
@@ -146,7 +155,7 @@ mod tests {
     #[test]
     fn features_are_the_papers_formula_and_its_words() {
         for (shape, power) in [(Shape::Printed, 1), (Shape::Gaussian, 2)] {
-            let basis = Basis::new(shape, 2, 1, 5);
+            let basis = Basis::new(shape, 2, 1, 5, &[]);
             let (state, point, mut phi) = ([0.3], [0.1, 0.8], Vec::new());
             basis.features(&basis.state_2(&state), &basis.action_2(&point), &mut phi);
             assert_eq!(phi.len(), 11);
