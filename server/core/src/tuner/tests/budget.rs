@@ -46,26 +46,20 @@ fn an_infeasible_default_leaves_nothing_but_exploring() {
 
 #[test]
 fn a_trial_that_is_handed_out_again_is_charged_again() {
-    let policy = Policy { regret_budget: Some(0.1), abort_above: Some(1.5), ..explore_always() };
+    let policy = Policy { regret_budget: Some(0.1), abort_above: Some(1.5), ..exploit_always() };
     let mut tuner = tuner(policy);
-    let question = Ask { can_abort: true, ..ask("a", 0.5, 0.5) };
+    let question = Ask { can_abort: true, ..ask("a", 0.9, 0.5) };
     let left = |tuner: &Tuner| {
         let account = tuner.visits["a"].account.as_ref().expect("there is a budget");
         account.left(0.1)
     };
-    // Until enough is earned for two runs.
-    let explored = loop {
-        let trial = tuner.suggest(&question, 0).expect("valid").0;
-        let worst = trial.reason.explanation.set_aside.unwrap_or(f64::INFINITY);
-        if trial.mode == Mode::Explore && left(&tuner) >= worst {
-            break trial;
-        }
-        match trial.mode {
-            // Given back unmeasured, it stays charged; frames that do not explore earn it again.
-            Mode::Explore => drop(tuner.abandon(&trial).expect("it is open")),
-            _ => drop(finish(&mut tuner, &trial, Outcome::Ok)),
-        }
-    };
+    // Eighty frames of the default elsewhere earn more than four runs.
+    run(&mut tuner, "a", 0.5, 0.5, 80);
+    assert_eq!(tuner.set_policy(Policy { epsilon: 1.0, ..tuner.spec().policy.clone() }), Ok(false));
+    let first = tuner.suggest(&question, 0).expect("valid").0;
+    assert_eq!(finish(&mut tuner, &first, Outcome::Ok).mode, Mode::Default);
+    let explored = tuner.suggest(&question, 0).expect("valid").0;
+    assert_eq!(explored.mode, Mode::Explore);
     let worst = explored.reason.explanation.set_aside.expect("there is a budget");
     let mut before = left(&tuner);
     // The report never comes; the client asks again, runs it again, and so on.
