@@ -16,6 +16,16 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("treewright-renderer", &["treewright-accel", "treewright-client"]),
     ("treewright-test-postgres", &[]),
     (
+        "treewright-fuzz",
+        &[
+            "treewright-core",
+            "treewright-proto",
+            "treewright-renderer",
+            "treewright-server",
+            "treewright-store",
+        ],
+    ),
+    (
         "treewright-simulation",
         &["treewright-core", "treewright-proto", "treewright-server", "treewright-store"],
     ),

@@ -1,0 +1,29 @@
+//! What is fuzzed, apart from the fuzzer: each module takes any input and panics only when it finds a defect.
+//!
+//! `targets/` holds the programs that cargo-fuzz builds with coverage, `corpus/` what is kept: the [`seeds`] and every
+//! input that once found something. The tests run all of it, so that a finding stays found without a fuzzer.
+#![forbid(unsafe_code)]
+
+pub mod arguments;
+pub mod example;
+pub mod filters;
+pub mod requests;
+pub mod scenes;
+pub mod seeds;
+pub mod studies;
+
+/// A target by name, with bytes that are no text passed over where it wants text.
+#[must_use]
+pub fn target(name: &str) -> Option<fn(&[u8])> {
+    Some(match name {
+        "arguments" => |bytes| std::str::from_utf8(bytes).map_or((), arguments::run),
+        "filters" => |bytes| std::str::from_utf8(bytes).map_or((), filters::run),
+        "requests" => requests::run,
+        "scenes" => scenes::run,
+        "studies" => studies::run,
+        _ => return None,
+    })
+}
+
+/// The names of all targets.
+pub const TARGETS: [&str; 5] = ["arguments", "filters", "requests", "scenes", "studies"];

@@ -1,0 +1,121 @@
+//! Any bytes as any request, through the service with a study behind it: nothing panics, and nothing is refused with
+//! INTERNAL.
+
+use std::cell::RefCell;
+use std::sync::Arc;
+
+use crate::example;
+use prost::Message;
+use tokio::runtime::{Builder, Runtime};
+use tonic::{Code, Request, Status};
+use treewright_proto::v1 as wire;
+use treewright_proto::v1::tuning_service_server::TuningService;
+use treewright_server::clock::ManualClock;
+use treewright_server::gate::Gate;
+use treewright_server::rpc::Service;
+use treewright_server::tuning::Tuning;
+use treewright_store::MemoryStore;
+
+/// A service is used for so many requests; then it has grown enough.
+const REQUESTS: u32 = 2_000;
+
+struct Bench {
+    runtime: Runtime,
+    service: Service,
+    left: u32,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let runtime = Builder::new_current_thread().enable_time().build().expect("a runtime");
+        let clock = Arc::new(ManualClock::at(1_750_000_000_000));
+        let tuning = Arc::new(Tuning::new(Arc::new(MemoryStore::new()), clock));
+        let service = Service::new(tuning, Gate::default());
+        let study = wire::CreateStudyRequest { study_id: "s".into(), study: Some(example::study()) };
+        runtime.block_on(service.create_study(Request::new(study))).expect("a valid study");
+        let ask = example::suggest("c");
+        runtime.block_on(service.suggest(Request::new(ask))).expect("a valid question");
+        Bench { runtime, service, left: REQUESTS }
+    }
+}
+
+thread_local! {
+    static BENCH: RefCell<Option<Bench>> = const { RefCell::new(None) };
+}
+
+fn decode<M: Message + Default>(bytes: &[u8]) -> Option<Request<M>> {
+    M::decode(bytes).ok().map(Request::new)
+}
+
+/// The RPCs, by the byte that chooses one.
+#[derive(Clone, Copy, Debug)]
+#[allow(missing_docs)] // The names are those of the RPCs.
+pub enum Kind {
+    CreateStudy,
+    GetStudy,
+    ListStudies,
+    UpdateStudy,
+    DeleteStudy,
+    Suggest,
+    Report,
+    Predict,
+    AbandonTrial,
+    ExtendLease,
+    QueryTrials,
+    GetBest,
+    GetTrial,
+}
+
+const KINDS: [Kind; 13] = [
+    Kind::CreateStudy,
+    Kind::GetStudy,
+    Kind::ListStudies,
+    Kind::UpdateStudy,
+    Kind::DeleteStudy,
+    Kind::Suggest,
+    Kind::Report,
+    Kind::Predict,
+    Kind::AbandonTrial,
+    Kind::ExtendLease,
+    Kind::QueryTrials,
+    Kind::GetBest,
+    Kind::GetTrial,
+];
+
+async fn send(service: &Service, kind: Kind, bytes: &[u8]) -> Option<Result<(), Status>> {
+    Some(match kind {
+        Kind::CreateStudy => service.create_study(decode(bytes)?).await.map(drop),
+        Kind::GetStudy => service.get_study(decode(bytes)?).await.map(drop),
+        Kind::ListStudies => service.list_studies(decode(bytes)?).await.map(drop),
+        Kind::UpdateStudy => service.update_study(decode(bytes)?).await.map(drop),
+        Kind::DeleteStudy => service.delete_study(decode(bytes)?).await.map(drop),
+        Kind::Suggest => service.suggest(decode(bytes)?).await.map(drop),
+        Kind::Report => service.report(decode(bytes)?).await.map(drop),
+        Kind::Predict => service.predict(decode(bytes)?).await.map(drop),
+        Kind::AbandonTrial => service.abandon_trial(decode(bytes)?).await.map(drop),
+        Kind::ExtendLease => service.extend_lease(decode(bytes)?).await.map(drop),
+        Kind::QueryTrials => service.query_trials(decode(bytes)?).await.map(drop),
+        Kind::GetBest => service.get_best(decode(bytes)?).await.map(drop),
+        Kind::GetTrial => service.get_trial(decode(bytes)?).await.map(drop),
+    })
+}
+
+/// Sends a request: a byte that says which, and its message.
+///
+/// # Panics
+/// When it finds a defect.
+pub fn run(bytes: &[u8]) {
+    let Some((&kind, bytes)) = bytes.split_first() else { return };
+    let kind = KINDS[usize::from(kind) % KINDS.len()];
+    BENCH.with_borrow_mut(|bench| {
+        let current = bench.get_or_insert_with(Bench::new);
+        let answer = current.runtime.block_on(send(&current.service, kind, bytes));
+        if let Some(Err(status)) = answer {
+            assert_ne!(status.code(), Code::Internal, "{status}");
+        }
+        current.left -= 1;
+        if current.left == 0 {
+            *bench = None;
+        }
+    });
+}

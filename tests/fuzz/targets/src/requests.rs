@@ -1,0 +1,4 @@
+//! Fuzzes requests.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|input: &[u8]| treewright_fuzz::requests::run(input));

@@ -1,0 +1,4 @@
+//! Fuzzes specifications.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|input: &[u8]| treewright_fuzz::studies::run(input));
