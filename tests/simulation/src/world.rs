@@ -181,8 +181,11 @@ async fn put_machines_to_sleep(world: Arc<World>) {
 
 /// Looks for calls that are never answered.
 async fn watch(world: Arc<World>) {
-    while !world.is_over() {
+    loop {
         sleep(Duration::from_secs(10)).await;
+        if world.is_over() {
+            return;
+        }
         world.look_for_stuck_calls();
     }
 }
