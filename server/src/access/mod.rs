@@ -227,3 +227,69 @@ impl<'a> Authorization<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use treewright_store::MemoryTokens;
+    use treewright_store::tokens::{Quota, Scope, Studies};
+
+    use super::*;
+    use crate::clock::ManualClock;
+
+    const TUNE: Need = Need::Scope(Scope::Tune);
+
+    /// A token in a store, and who reads it.
+    async fn access(quota: Quota) -> (Arc<MemoryTokens>, Access, String) {
+        let (tokens, token) = (Arc::new(MemoryTokens::new()), Token::make().unwrap());
+        let record = TokenRecord {
+            id: token.id().to_owned(),
+            name: "a test".to_owned(),
+            hash: token.hash(),
+            scope: Scope::Tune,
+            studies: Studies::default(),
+            quota,
+            create_ms: 0,
+            expire_ms: None,
+            revoke_ms: None,
+        };
+        tokens.create(&record).await.unwrap();
+        let access = Access::open(Arc::clone(&tokens) as _, Arc::new(ManualClock::at(1))).await.unwrap();
+        (tokens, access, token.text())
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_daemon_that_is_cut_off_from_the_tokens_lets_nobody_in_after_a_while() {
+        let (tokens, access, text) = access(Quota::default()).await;
+        let caller = access.admit(TUNE, Authorization::Bearer(&text)).await.unwrap();
+        tokens.close().await;
+        tokio::time::advance(limits::TOKENS_STALE).await;
+        access.refresh().await.unwrap_err();
+        access.admit(TUNE, Authorization::Bearer(&text)).await.expect("still believed");
+        tokio::time::advance(limits::TOKENS_PERIOD).await;
+        let refused = access.admit(TUNE, Authorization::Bearer(&text)).await.unwrap_err();
+        assert!(matches!(refused, Error::Tokens(_)), "{refused}");
+        // Also on streams that are open.
+        assert!(matches!(caller.may(Scope::Tune), Err(Error::Tokens(_))));
+    }
+
+    #[tokio::test]
+    async fn what_is_reserved_counts_and_is_stored_only_once_it_came_about() {
+        let (tokens, access, text) = access(Quota { trials: Some(2), ..Quota::default() }).await;
+        let caller = access.admit(TUNE, Authorization::Bearer(&text)).await.unwrap();
+        let (one, other) = (caller.spend_trial().unwrap(), caller.spend_trial().unwrap());
+        assert!(matches!(caller.spend_trial(), Err(Error::Quota { limit: 2, .. })));
+        access.save().await;
+        assert_eq!(tokens.usage(caller.id(), 0).await.unwrap().0.trials, 0);
+        one.keep();
+        drop(other);
+        access.save().await;
+        assert_eq!(tokens.usage(caller.id(), 0).await.unwrap().0.trials, 1);
+
+        // Another replica uses the rest, which is learnt with the next of one's own.
+        let elsewhere = Usage { trials: 1, ..Usage::default() };
+        tokens.add_usage(0, &[(caller.id().to_owned(), elsewhere)]).await.unwrap();
+        caller.spend_request(10).unwrap();
+        access.save().await;
+        assert!(matches!(caller.spend_trial(), Err(Error::Quota { limit: 2, .. })));
+    }
+}
