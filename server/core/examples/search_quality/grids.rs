@@ -12,7 +12,7 @@ use crate::problem::{Kind, Problem, normal};
 /// Names and values of the parameters.
 type Grid = Vec<(&'static str, Vec<i64>)>;
 
-fn hash(values: &[f64], seed: u64) -> f64 {
+pub(crate) fn hash(values: &[f64], seed: u64) -> f64 {
     let mix = values.iter().fold(seed ^ 0x9e37_79b9_7f4a_7c15, |hash, value| {
         let hash = (hash ^ value.to_bits()).wrapping_mul(0xff51_afd7_ed55_8ccd);
         hash ^ (hash >> 32)

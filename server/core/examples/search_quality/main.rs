@@ -8,6 +8,7 @@
 
 mod bbob;
 mod grids;
+mod kernels;
 mod problem;
 mod recorded;
 mod trees;
@@ -81,6 +82,8 @@ fn suite(name: &str, seed: u64) -> Vec<Problem> {
             .flat_map(|name| [true, false].map(|n| grids::problem(name, seed, n, 0.02)))
             .collect(),
         "effects" => vec![grids::random_effects(seed)],
+        "kernels" => kernels::KERNELS.iter().map(|name| kernels::problem(name, seed)).collect(),
+        "unseen" => kernels::UNSEEN.iter().map(|name| kernels::problem(name, seed)).collect(),
         "stencil" => vec![grids::problem("stencil", seed, false, 0.02)],
         file => vec![recorded::problem(file)],
     }
