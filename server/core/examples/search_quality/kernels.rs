@@ -147,9 +147,11 @@ fn tiled_loops(at: &At) -> Option<f64> {
     }
     let working = 8.0 * (i * k + k * j + i * j);
     let (near, far) = (16_384.0 * (1.0 + at.device(0)), 262_144.0 * (1.0 + at.device(1)));
-    let cache = 1.0 + 0.6 * (working / near).log2().clamp(0.0, 4.0) / 4.0 + 1.2 * (working / far).log2().max(0.0);
+    let cache =
+        1.0 + 0.6 * (working / near).log2().clamp(0.0, 4.0) / 4.0 + 1.2 * (working / far).log2().max(0.0);
     let start = 1.0 + 6.0 / i + 10.0 / j + 4.0 / k;
-    let order = ["ijk", "ikj", "jik", "jki", "kij", "kji"].iter().position(|o| at.is("order", o)).unwrap_or(0);
+    let order =
+        ["ijk", "ikj", "jik", "jki", "kij", "kji"].iter().position(|o| at.is("order", o)).unwrap_or(0);
     let walk = [1.6, 1.0, 1.7, 2.4, 1.15, 2.5][order];
     let packed = if at.of("pack") > 0.5 { 1.1 } else { 1.0 + 0.25 * (walk - 1.0) };
     let wide = if order == 1 || order == 4 { 1.0 + 0.2 * off(at.of("vector"), 8.0) } else { 1.6 };
