@@ -46,6 +46,8 @@ pub enum Step {
     Default,
     /// A point of a Latin hypercube design.
     LatinHypercube,
+    /// The best point so far, one step along one axis: the design of a continuous space.
+    Coordinate,
     /// The worst vertex of a simplex mirrored at the centre of the others.
     Reflect,
     /// Further in the direction of a reflection that paid off.
@@ -72,6 +74,7 @@ impl Step {
         match self {
             Step::Default => "default",
             Step::LatinHypercube => "latin_hypercube",
+            Step::Coordinate => "coordinate",
             Step::Reflect => "reflect",
             Step::Expand => "expand",
             Step::Contract => "contract",

@@ -1,7 +1,7 @@
 //! A model-based search for few, dear and noisy measurements of mixed, conditional spaces.
 //!
 //! The frame is that of Jones, Schonlau and Welch, "Efficient global optimization of expensive black-box
-//! functions" (Journal of Global Optimization 13, 1998): a small design, then again and again a
+//! functions" (Journal of Global Optimization 13, 1998): a small design (`begin`), then again and again a
 //! Gaussian process (`process`) is fitted to all that was measured, and the point of highest expected
 //! improvement is measured next. What was added, and from where:
 //! - *Mixed, conditional spaces.* The model sees configurations, not points of the cube (see
@@ -26,6 +26,7 @@
 //!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010).
 
 mod acquire;
+mod begin;
 mod local;
 mod process;
 mod warp;
@@ -37,7 +38,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::randomness::{Purpose, stream};
 use crate::search::flight::Flight;
-use crate::search::latin_hypercube::design;
 use crate::search::layout::Layout;
 use crate::search::{Feedback, Point, Search, SearchSetup, Step, Verdict};
 use acquire::{Acquisition, Known};
@@ -60,10 +60,6 @@ const KEPT_MAX: usize = 512;
 const ROUNDS_FIRST: usize = 30;
 const ROUNDS: usize = 4;
 const ROUNDS_UNTIL: usize = 32;
-/// How far the design reaches along continuous axes, as a share of the cube, and from how many axes on: most of
-/// a cube of many dimensions are corners, which say nothing of the rest.
-const DESIGN_REACH: f64 = 0.75;
-const DESIGN_REACH_FROM: usize = 3;
 /// A trend is believed in from this logarithm of a likelihood ratio on: twenty to one.
 const TREND_EVIDENCE: f64 = 3.0;
 /// At most this share of the measurements goes to measuring the best again, and at most so many to one.
@@ -97,6 +93,9 @@ pub struct ModelSearch {
     flight: Flight,
     /// What is left of the design.
     queue: VecDeque<Vec<f64>>,
+    /// Whether that are steps from the best so far, not places.
+    #[serde(default)]
+    queue_of_steps: bool,
     seen: Vec<Seen>,
     cost: Hyper,
     failure: Hyper,
@@ -130,15 +129,16 @@ struct CostModel {
 }
 
 impl ModelSearch {
-    /// A fresh search: the default configuration, then a Latin hypercube.
+    /// A fresh search: the default configuration, then a design.
     pub fn new(mut setup: SearchSetup) -> Self {
         if setup.layout.is_empty() {
             setup.layout = Layout::plain(setup.start.clone(), &setup.levels);
         }
-        let (dimension, features) = (setup.dimension(), setup.layout.metrics().len());
+        let features = setup.layout.metrics().len();
         let mut search = ModelSearch {
             flight: Flight::default(),
             queue: VecDeque::new(),
+            queue_of_steps: false,
             seen: Vec::new(),
             cost: Hyper::new(features),
             failure: Hyper::new(features),
@@ -149,15 +149,25 @@ impl ModelSearch {
             scatter: (0, 0.0),
             setup,
         };
-        let count = (dimension + 2).clamp(4, (search.setup.budget as usize / 8).max(4));
-        let mut points = design(count - 1, dimension, &mut search.random());
-        for (axis, x) in points.iter_mut().flat_map(|point| point.iter_mut().enumerate()) {
-            if dimension >= DESIGN_REACH_FROM && search.setup.layout.cells(axis) == 0 {
-                *x = 0.5 + DESIGN_REACH * (*x - 0.5);
-            }
-        }
-        search.queue = points.into();
+        let random = &mut search.random();
+        search.queue_of_steps = begin::takes_steps(&search.setup);
+        search.queue = match search.queue_of_steps {
+            true => begin::steps(&search.setup, random),
+            false => begin::places(&search.setup, random),
+        };
         search
+    }
+
+    /// The best so far, or the default, a step further; the other way where the cube ends.
+    fn stepped(&self, step: &[f64]) -> Vec<f64> {
+        let measured = self.seen.iter().filter(|seen| matches!(seen.found, Found::Cost { .. }));
+        let best = measured.min_by(|a, b| a.found.rank().total_cmp(&b.found.rank()));
+        let from = best.map_or_else(
+            || self.setup.start.clone(),
+            |best| best.x.iter().map(|&x| f64::from(x) / GRID).collect(),
+        );
+        let to = |(x, step): (f64, f64)| if (0.0..=1.0).contains(&(x + step)) { x + step } else { x - step };
+        from.into_iter().zip(step.iter().copied()).map(to).collect()
     }
 
     /// Leaves axes where they are, from the next point on: places in the space, and coordinates in 0..1.
@@ -430,7 +440,12 @@ impl Search for ModelSearch {
             self.queue.clear();
         }
         if let Some(x) = self.queue.pop_front() {
-            return Some(self.launch(x, Step::LatinHypercube));
+            let (x, step) = if self.queue_of_steps {
+                (self.stepped(&x), Step::Coordinate)
+            } else {
+                (x, Step::LatinHypercube)
+            };
+            return Some(self.launch(x, step));
         }
         if let Some((x, step)) = self.propose() {
             return Some(self.launch(x, step));

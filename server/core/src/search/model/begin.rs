@@ -1,0 +1,123 @@
+//! What is measured before there is a model.
+//!
+//! Spaces with choices begin with a Latin hypercube of a few points. In a continuous space of several axes so few
+//! points say next to nothing, and half of them lie near corners. There the design goes one step along each axis in
+//! turn, from the best so far, as Powell's COBYLA builds its first simplex ("A direct search optimization method that
+//! models the objective and constraint functions by linear interpolation", 1994): the model then knows a slope along
+//! every axis, and the steps that were gains add up. Where the default is far from the middle of the cube, the middle
+//! is measured before the steps: the optimum is nearer to it than to most other places.
+
+use std::collections::VecDeque;
+
+use rand::RngExt;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use crate::search::SearchSetup;
+use crate::search::latin_hypercube::design;
+
+/// How far a Latin hypercube reaches along continuous axes, as a share of the cube, and from how many axes on: most
+/// of a cube of many dimensions are corners, which say nothing of the rest.
+const REACH: f64 = 0.75;
+const REACH_FROM: usize = 3;
+/// How long the steps are, and from how many axes on they are taken.
+const STEP: f64 = 0.25;
+const STEPS_FROM: usize = 4;
+
+/// Whether a space is begun by [`steps`].
+pub(super) fn takes_steps(setup: &SearchSetup) -> bool {
+    let dimension = setup.dimension();
+    dimension >= STEPS_FROM && (0..dimension).all(|axis| setup.layout.cells(axis) == 0)
+}
+
+/// A Latin hypercube, in a few points.
+pub(super) fn places(setup: &SearchSetup, random: &mut ChaCha8Rng) -> VecDeque<Vec<f64>> {
+    let dimension = setup.dimension();
+    let count = (dimension + 2).clamp(4, (setup.budget as usize / 8).max(4));
+    let mut points = design(count - 1, dimension, random);
+    for (axis, x) in points.iter_mut().flat_map(|point| point.iter_mut().enumerate()) {
+        if dimension >= REACH_FROM && setup.layout.cells(axis) == 0 {
+            *x = 0.5 + REACH * (*x - 0.5);
+        }
+    }
+    points.into()
+}
+
+/// Steps from the best so far: to the middle, unless the default is about there, then one along each axis in a random
+/// order, as far as a quarter of the budget goes.
+pub(super) fn steps(setup: &SearchSetup, random: &mut ChaCha8Rng) -> VecDeque<Vec<f64>> {
+    let dimension = setup.dimension();
+    let to_middle: Vec<f64> = setup.start.iter().map(|x| 0.5 - x).collect();
+    let is_there = to_middle.iter().all(|step| step.abs() <= STEP / 2.0);
+    let mut axes: Vec<usize> = (0..dimension).collect();
+    axes.shuffle(random);
+    let along = |axis: usize| {
+        let mut step = vec![0.0; dimension];
+        step[axis] = if random.random() { STEP } else { -STEP };
+        step
+    };
+    let affordable = (setup.budget as usize / 4).max(4);
+    let first = (!is_there).then_some(to_middle);
+    first.into_iter().chain(axes.into_iter().map(along)).take(affordable).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::search::{Feedback, Layout, ModelSearch, Search, Step, Verdict};
+
+    use super::*;
+
+    fn setup(start: f64, levels: Vec<u32>) -> SearchSetup {
+        let start = vec![start; 6];
+        SearchSetup { seed: 3, state_id: 1, start, budget: 80, levels, layout: Layout::default() }
+    }
+
+    #[test]
+    fn a_continuous_space_is_begun_by_steps_from_the_best_that_add_up() {
+        let mut search = ModelSearch::new(setup(0.5, Vec::new()));
+        // Less towards the far corner: every step forwards is a gain.
+        let cost = |x: &[f64]| 10.0 - x.iter().sum::<f64>();
+        let mut best: Option<Vec<f64>> = None;
+        for number in 0..7 {
+            let point = search.ask().expect("nothing is out");
+            search.tell(point.id, Feedback { verdict: Verdict::Cost(cost(&point.x)), fresh: true });
+            let Some(from) = &best else {
+                best = Some(point.x);
+                continue;
+            };
+            assert_eq!(point.step, Step::Coordinate, "{number}");
+            let moved: Vec<f64> = point.x.iter().zip(from).map(|(a, b)| (a - b).abs()).collect();
+            assert_eq!(moved.iter().filter(|moved| **moved > 0.0).count(), 1, "{moved:?}");
+            assert!((moved.iter().sum::<f64>() - STEP).abs() < 1e-6, "{moved:?}");
+            if cost(&point.x) < cost(from) {
+                best = Some(point.x);
+            }
+        }
+        let point = search.ask().expect("nothing is out");
+        assert_ne!(point.step, Step::Coordinate, "one step along each axis");
+    }
+
+    #[test]
+    fn the_middle_comes_first_where_the_default_is_far_from_it() {
+        let mut search = ModelSearch::new(setup(0.9, Vec::new()));
+        let first = search.ask().expect("nothing is out");
+        search.tell(first.id, Feedback { verdict: Verdict::Cost(1.0), fresh: true });
+        let middle = search.ask().expect("nothing is out");
+        assert!(middle.x.iter().all(|x| (x - 0.5).abs() < 1e-6), "{:?}", middle.x);
+        // Steps that would leave the cube go the other way.
+        search.tell(middle.id, Feedback { verdict: Verdict::Cost(2.0), fresh: true });
+        for _ in 0..6 {
+            let point = search.ask().expect("nothing is out");
+            assert!(point.x.iter().all(|x| (0.0..=1.0).contains(x)));
+            assert!(point.x.iter().any(|x| (x - 0.65).abs() < 1e-6), "{:?}", point.x);
+            search.tell(point.id, Feedback { verdict: Verdict::Infeasible, fresh: true });
+        }
+    }
+
+    #[test]
+    fn spaces_with_choices_are_begun_by_a_latin_hypercube() {
+        let mut search = ModelSearch::new(setup(0.5, vec![2]));
+        search.ask().expect("the default");
+        assert_eq!(search.ask().expect("a design").step, Step::LatinHypercube);
+    }
+}
