@@ -1,7 +1,8 @@
 //! How well the searches search: problems by methods by seeds, as tables.
 //!
 //! `cargo run --release -p treewright-core --example search_quality -- SUITE SEEDS METHOD...` with the suites
-//! bbob, bbob4, quiet, offset, trees, grids, effects and stencil, or a file of a recorded landscape. Scores are means over the problems of a suite after 20, 40 and
+//! bbob, bbob4, quiet, offset, trees, grids, effects, kernels, unseen (which nothing is tuned on) and stencil, or a file
+//! of a recorded landscape; `model@4` has four points out at a time. Scores are means over the problems of a suite after 20, 40 and
 //! 80 trials: decimal logarithms of gaps (less is better), or shares of the optimum (more is better), of the
 //! configuration that measured best; in brackets of the best that was ever tried. Ranks are among the methods
 //! given, on equal problems and seeds.
@@ -56,7 +57,16 @@ pub(crate) fn best_of(
     found
 }
 
-fn method(name: &str) -> SearchMethod {
+/// A method and how many points it has out at a time: `model` or `model@4`.
+fn method(name: &str) -> (SearchMethod, usize) {
+    let (name, in_flight) = match name.split_once('@') {
+        Some((name, count)) => (name, count.parse().expect("a number of points")),
+        None => (name, 1),
+    };
+    (search(name), in_flight)
+}
+
+fn search(name: &str) -> SearchMethod {
     match name {
         "nelder_mead" => SearchMethod::NelderMead,
         "latin_hypercube" => SearchMethod::LatinHypercube,
@@ -104,7 +114,11 @@ fn main() {
     let mut rows: Vec<(String, Kind, Vec<Run>)> = Vec::new();
     for seed in 0..seeds {
         for problem in suite(suite_name, seed) {
-            let runs = names.iter().map(|name| problem.run(method(name), seed, &MARKS)).collect();
+            let run = |name: &String| {
+                let (method, in_flight) = method(name);
+                problem.run(method, in_flight, seed, &MARKS)
+            };
+            let runs = names.iter().map(run).collect();
             rows.push((problem.name, problem.kind, runs));
         }
     }

@@ -1,6 +1,6 @@
 //! What is searched, and how well a search did on it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -67,8 +67,8 @@ impl Problem {
         }
     }
 
-    /// Runs a search the way the tuner does.
-    pub(crate) fn run(&self, method: SearchMethod, seed: u64, marks: &[usize]) -> Run {
+    /// Runs a search the way the tuner does, with so many points out at a time; the oldest is answered first.
+    pub(crate) fn run(&self, method: SearchMethod, in_flight: usize, seed: u64, marks: &[usize]) -> Run {
         let budget = marks[marks.len() - 1];
         let start = self.space.encode(&self.space.default_configuration());
         let setup = SearchSetup {
@@ -85,22 +85,29 @@ impl Problem {
         let (mut trials, mut in_a_row) = (0, 0);
         let mut run = Run { scores: vec![], touched: vec![], micros: vec![], infeasible: 0, repeats: 0 };
         let mut spent = 0.0;
+        let mut out = VecDeque::new();
         while trials < budget {
-            let clock = std::time::Instant::now();
-            let point = search.ask().expect("nothing is out");
-            spent += clock.elapsed().as_secs_f64() * 1e6;
-            let mut configuration = self.space.decode(&point.x);
-            if let (Some((verdict, ..)), false) = (known.get(&configuration), point.step == Step::Replicate) {
-                in_a_row += 1;
-                if in_a_row < KNOWN_POINTS_PER_SUGGESTION_MAX {
-                    search.tell(point.id, Feedback { verdict: *verdict, fresh: false });
-                    continue;
+            while out.len() < in_flight && trials + out.len() < budget {
+                let clock = std::time::Instant::now();
+                let Some(point) = search.ask() else { break };
+                spent += clock.elapsed().as_secs_f64() * 1e6;
+                let mut configuration = self.space.decode(&point.x);
+                if let (Some((verdict, ..)), false) =
+                    (known.get(&configuration), point.step == Step::Replicate)
+                {
+                    in_a_row += 1;
+                    if in_a_row < KNOWN_POINTS_PER_SUGGESTION_MAX {
+                        search.tell(point.id, Feedback { verdict: *verdict, fresh: false });
+                        continue;
+                    }
+                    search.withdraw(point.id);
+                    configuration = self.space.decode(&start_anew(&self.space, &mut random));
                 }
-                search.withdraw(point.id);
-                configuration = self.space.decode(&start_anew(&self.space, &mut random));
+                let lost = in_a_row >= KNOWN_POINTS_PER_SUGGESTION_MAX;
+                in_a_row = 0;
+                out.push_back((point, configuration, lost));
             }
-            let lost = in_a_row >= KNOWN_POINTS_PER_SUGGESTION_MAX;
-            in_a_row = 0;
+            let (point, configuration, lost) = out.pop_front().expect("only searches with points out wait");
             trials += 1;
             let truth = (self.truth)(&configuration);
             let measured = truth.map(|truth| truth * (self.noise * normal(&mut random)).exp() + self.offset);

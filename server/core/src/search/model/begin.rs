@@ -110,7 +110,7 @@ mod tests {
             let point = search.ask().expect("nothing is out");
             assert!(point.x.iter().all(|x| (0.0..=1.0).contains(x)));
             assert!(point.x.iter().any(|x| (x - 0.65).abs() < 1e-6), "{:?}", point.x);
-            search.tell(point.id, Feedback { verdict: Verdict::Infeasible, fresh: true });
+            search.tell(point.id, Feedback { verdict: Verdict::Cost(3.0), fresh: true });
         }
     }
 
