@@ -1,7 +1,8 @@
 //! Time, as an argument: the daemon reads one clock, and tests set theirs.
 
 use std::sync::atomic::{AtomicI64, Ordering};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Tells the time.
 pub trait Clock: Send + Sync + 'static {
@@ -9,8 +10,8 @@ pub trait Clock: Send + Sync + 'static {
     fn now_ms(&self) -> i64;
 }
 
-/// The system's clock. A step backwards, as after a correction by the network, is held back: the time it
-/// tells never decreases, so that a lease is not extended by one.
+/// The system's clock, for what is agreed upon by the calendar, such as the end of a token. A step backwards, as
+/// after a correction by the network, is held back: the time it tells never decreases.
 #[derive(Debug, Default)]
 pub struct SystemClock {
     latest_ms: AtomicI64,
@@ -18,10 +19,68 @@ pub struct SystemClock {
 
 impl Clock for SystemClock {
     fn now_ms(&self) -> i64 {
-        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let now_ms = i64::try_from(since.as_millis()).unwrap_or(i64::MAX);
+        let now_ms = i64::try_from(since_1970().as_millis()).unwrap_or(i64::MAX);
         self.latest_ms.fetch_max(now_ms, Ordering::Relaxed).max(now_ms)
     }
+}
+
+/// A clock for leases: it runs as evenly as the machine's monotonic one, and is drawn towards the system's time by at
+/// most a tenth of what has passed. So no correction, of seconds or of years, ends all leases at once or none for
+/// long; and after a while it shows the right time again. (Slewing instead of stepping, as of D. Mills, "Computer
+/// Network Time Synchronization", chapter 3, and of `adjtime`.)
+#[derive(Debug)]
+pub struct SteadyClock {
+    begun: Instant,
+    steady: Mutex<Steady>,
+}
+
+impl SteadyClock {
+    /// A clock that begins with the system's time.
+    #[must_use]
+    pub fn new() -> Self {
+        let steady = Steady { since: Duration::ZERO, shown: since_1970() };
+        Self { begun: Instant::now(), steady: Mutex::new(steady) }
+    }
+}
+
+impl Default for SteadyClock {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Clock for SteadyClock {
+    fn now_ms(&self) -> i64 {
+        // Whoever panicked with it has not harmed it: it is two numbers that are set together.
+        let mut steady = self.steady.lock().unwrap_or_else(PoisonError::into_inner);
+        let shown = steady.advance(self.begun.elapsed(), since_1970());
+        i64::try_from(shown.as_millis()).unwrap_or(i64::MAX)
+    }
+}
+
+/// What a steady clock showed last, and when that was by the monotonic clock.
+#[derive(Debug)]
+struct Steady {
+    since: Duration,
+    shown: Duration,
+}
+
+impl Steady {
+    /// Largest part of the time that has passed by which it runs faster or slower.
+    const SLEW: u32 = 10;
+
+    fn advance(&mut self, monotonic: Duration, system: Duration) -> Duration {
+        let passed = monotonic.saturating_sub(self.since);
+        let even = self.shown.saturating_add(passed);
+        let most = passed / Self::SLEW;
+        self.since = monotonic;
+        self.shown = system.clamp(even - most, even.saturating_add(most));
+        self.shown
+    }
+}
+
+fn since_1970() -> Duration {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
 }
 
 /// A clock that stands still until it is moved.
@@ -59,10 +118,43 @@ mod tests {
         clock.advance_ms(7);
         assert_eq!(clock.now_ms(), 12);
 
+        let steady = SteadyClock::new();
+        let wall_ms = SystemClock::default().now_ms();
+        assert!((steady.now_ms() - wall_ms).abs() < 60_000);
+
         let clock = SystemClock::default();
         let first_ms = clock.now_ms();
         assert!(first_ms > 1_700_000_000_000);
         clock.latest_ms.store(i64::MAX - 1, Ordering::Relaxed);
         assert_eq!(clock.now_ms(), i64::MAX - 1);
+    }
+
+    /// Jumps by a day and by forty years, either way: a minute stays a minute to within a tenth, and in the end the
+    /// clock is right.
+    #[test]
+    fn a_jump_of_the_systems_clock_is_made_up_for_slowly() {
+        const DAY: Duration = Duration::from_secs(86_400);
+        let start = DAY * 20_000;
+        let minute = Duration::from_secs(60);
+        for system in [start + DAY, start - DAY, start + DAY * 14_600, Duration::ZERO] {
+            let mut steady = Steady { since: Duration::ZERO, shown: start };
+            let (mut monotonic, mut last) = (Duration::ZERO, start);
+            for _ in 0..600 {
+                monotonic += Duration::from_millis(100);
+                let shown = steady.advance(monotonic, system + monotonic);
+                assert!(shown > last, "it never stands still");
+                last = shown;
+            }
+            let shown_minute = last - start;
+            assert!(shown_minute >= minute * 9 / 10 && shown_minute <= minute * 11 / 10, "{shown_minute:?}");
+        }
+        let mut steady = Steady { since: Duration::ZERO, shown: start };
+        let jumped = start + Duration::from_secs(30);
+        (1..=400).for_each(|second| {
+            steady.advance(Duration::from_secs(second), jumped + Duration::from_secs(second));
+        });
+        assert_eq!(steady.shown, jumped + Duration::from_secs(400));
+        // Who asks often is told the same as who asks seldom.
+        assert_eq!(steady.advance(Duration::from_secs(400), jumped), jumped + Duration::from_secs(400));
     }
 }

@@ -2,6 +2,7 @@
 
 mod database;
 mod guard;
+mod keeping;
 mod peers;
 mod token;
 
@@ -11,10 +12,11 @@ use std::time::Duration;
 use clap::error::ErrorKind;
 use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum};
 
-use crate::limits::{DRAIN_S, STUDIES_SHOWN};
+use crate::limits::{DRAIN_S, KEEP_TRIALS_MIN, STUDIES_SHOWN};
 
 pub use database::{Database, DatabaseConfig, Given};
 pub use guard::GuardConfig;
+pub use keeping::{BackupConfig, FileDatabase, RestoreConfig};
 pub use peers::PeersConfig;
 pub use token::{CreateConfig, ScopeWord, TokenCommand};
 
@@ -44,6 +46,19 @@ pub enum Command {
     /// at once.
     #[command(subcommand)]
     Token(TokenCommand),
+
+    /// Copy a database file while the daemon runs: all that was acknowledged before is in the copy. Exit codes: 0
+    /// done, 1 the copy cannot be written, 2 wrong usage, 4 the database cannot be read.
+    Backup(BackupConfig),
+
+    /// Put a backup in the place of a database file, while no daemon runs on it. What was there before is kept under
+    /// another name. Exit codes: 0 done, 1 the file cannot be written, 2 wrong usage, 4 the database or the backup
+    /// cannot be used.
+    Restore(RestoreConfig),
+
+    /// Look at all of a database file, also while the daemon runs. Exit codes: 0 sound, 1 it cannot be read, 2 wrong
+    /// usage, 4 damaged or not a database.
+    Check(FileDatabase),
 }
 
 /// How to serve.
@@ -78,6 +93,12 @@ pub struct ServeConfig {
     /// when left out.
     #[arg(long, env = "TREEWRIGHT_OTLP", value_name = "URL", value_parser = collector)]
     pub otlp: Option<String>,
+
+    /// Keep at least so many of the latest trials of each study, and beyond these only what the study rests on: the
+    /// trials that last measured what its states remember. Older ones are removed in the background once a checkpoint
+    /// covers what they taught. All are kept when left out.
+    #[arg(long, env = "TREEWRIGHT_KEEP_TRIALS", value_name = "COUNT", value_parser = clap::value_parser!(u64).range(KEEP_TRIALS_MIN..))]
+    pub keep_trials: Option<u64>,
 
     /// How long requests may take to finish after SIGTERM, in seconds.
     #[arg(long, env = "TREEWRIGHT_DRAIN_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=DRAIN_S))]
@@ -180,7 +201,7 @@ mod tests {
         let all = ["treewrightd", "serve"].iter().chain(arguments);
         match Cli::read(all)?.command {
             Command::Serve(serve) => Ok(*serve),
-            Command::Token(_) => unreachable!("it says serve"),
+            other => unreachable!("it says serve, not {other:?}"),
         }
     }
 
@@ -210,6 +231,7 @@ mod tests {
             (&["--database", "x", "--tls-client-ca", "c"], "--tls-cert"),
             (&["--database", "x", "--listen", "127.0.0.1"], "ADDRESS:PORT"),
             (&["--database", "x", "--drain-s", "3601"], "3600"),
+            (&["--database", "x", "--keep-trials", "19999"], "20000"),
             (&["--database", "x", "--log-format", "xml"], "json"),
             (&["--database", "x", "--log", "a=b=c"], "--log"),
             (&["--database", "x", "--colour"], "--colour"),

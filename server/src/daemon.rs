@@ -11,7 +11,7 @@ use treewright_store::{OpenError, PostgresStore, SqliteStore, Store};
 
 use crate::access::Access;
 use crate::administration;
-use crate::clock::SystemClock;
+use crate::clock::{SteadyClock, SystemClock};
 use crate::config::{Database, ServeConfig};
 use crate::serve::{self, Options, ServeError};
 use crate::tls::{Tls, TlsError};
@@ -108,10 +108,11 @@ pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
     };
     let database = config.database.read().map_err(|problem| OpenError::BadAddress { problem })?;
     let store = open(&config, &database, address).await?;
-    let clock = Arc::new(SystemClock::default());
+    // Tokens end by the calendar, leases after a time.
+    let (calendar, clock) = (Arc::new(SystemClock::default()), Arc::new(SteadyClock::new()));
     let access = if config.guard.asks_for_tokens(config.listen) {
         let tokens = administration::open(&config.database).await?;
-        Some(Arc::new(Access::open(tokens, Arc::clone(&clock) as _).await?))
+        Some(Arc::new(Access::open(tokens, calendar as _).await?))
     } else {
         None
     };
@@ -124,8 +125,8 @@ pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
             _ = interrupt.recv() => tracing::info!("SIGINT"),
         }
     };
-    let studies_shown = config.metrics_studies;
-    let options = Options { drain: config.drain(), access, tls, watch, studies_shown };
+    let (studies_shown, keep_trials) = (config.metrics_studies, config.keep_trials);
+    let options = Options { drain: config.drain(), access, tls, watch, studies_shown, keep_trials };
     let served = serve::run(listener, store, clock, options, shutdown).await;
     if let Some(reloading) = reloading {
         reloading.abort();

@@ -4,7 +4,8 @@
 //! lets it in, [`rpc`] reads it with [`convert`], [`tuning`] does its work on a tuner in memory and on the store,
 //! [`convert`] writes the answer, and [`status`] says what went wrong.
 //! `metrics` counts all that, and `watch` shows it. [`serve`] runs all that until told to stop;
-//! [`daemon`] adds what makes it a process, and [`administration`] makes and revokes tokens.
+//! [`daemon`] adds what makes it a process, and [`administration`] makes and revokes tokens, [`keeping`] copies,
+//! restores and checks database files.
 #![forbid(unsafe_code)]
 
 pub mod access;
@@ -18,6 +19,7 @@ pub mod error;
 pub mod forward;
 pub mod front;
 pub mod gate;
+pub mod keeping;
 pub mod limits;
 mod metrics;
 pub mod peers;

@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use treewright_core::limits::MODELS_TRIALS_MAX;
 use treewright_store::limits::WRITE_QUEUE;
 
 /// Largest request message, in bytes.
@@ -103,6 +104,15 @@ pub const STUDIES_IN_MEMORY: usize = 256;
 
 /// Completed trials that are read at once when a study is loaded: a few megabytes.
 pub const TRIALS_PER_READ: u32 = 1000;
+
+/// Fewest trials of a study that can be asked to be kept: what a change of predictor may need.
+pub const KEEP_TRIALS_MIN: u64 = MODELS_TRIALS_MAX;
+
+/// Trials that are removed in one write: what another write may have to wait for.
+pub const TRIALS_PER_REMOVAL: usize = 500;
+
+/// How often it is looked whether old trials can go.
+pub const THINNING_PERIOD: Duration = Duration::from_secs(5);
 
 /// Longest id of a study, in characters. The wire contract promises this figure.
 pub const STUDY_ID_CHARACTERS: usize = 64;

@@ -1,12 +1,14 @@
-//! `treewrightd`: reads the command line, runs the daemon or administers its tokens, reports how it ended.
+//! `treewrightd`: reads the command line, runs the daemon, administers its tokens or keeps its database, reports how it ended.
 #![forbid(unsafe_code)]
 
 use std::io::Write as _;
 use std::process::ExitCode;
 
-use treewright_server::config::{Cli, Command, ServeConfig, TokenCommand};
+use treewright_server::administration::Said;
+use treewright_server::config::{Cli, Command, ServeConfig};
 use treewright_server::telemetry::traces::Traces;
-use treewright_server::{administration, daemon, telemetry};
+use treewright_server::{administration, daemon, keeping, telemetry};
+use treewright_store::keep::KeepError;
 
 fn main() -> ExitCode {
     let command = match Cli::read(std::env::args_os()) {
@@ -22,7 +24,13 @@ fn main() -> ExitCode {
     };
     match command {
         Command::Serve(config) => serve(&runtime, *config),
-        Command::Token(command) => token(&runtime, &command),
+        Command::Token(command) => {
+            let done = runtime.block_on(administration::run(&command));
+            finish(done.map_err(|error| (error.exit_code(), error.to_string())))
+        }
+        Command::Backup(config) => finish(kept(runtime.block_on(keeping::back_up(&config)))),
+        Command::Restore(config) => finish(kept(runtime.block_on(keeping::restore(&config)))),
+        Command::Check(database) => finish(kept(runtime.block_on(keeping::check(&database)))),
     }
 }
 
@@ -53,8 +61,13 @@ fn serve(runtime: &tokio::runtime::Runtime, config: ServeConfig) -> ExitCode {
     }
 }
 
-fn token(runtime: &tokio::runtime::Runtime, command: &TokenCommand) -> ExitCode {
-    match runtime.block_on(administration::run(command)) {
+fn kept(done: Result<Said, KeepError>) -> Result<Said, (u8, String)> {
+    done.map_err(|error| (keeping::exit_code(&error), error.to_string()))
+}
+
+/// Says what a command has to say: the result, or exit code and cause.
+fn finish(done: Result<Said, (u8, String)>) -> ExitCode {
+    match done {
         Ok(said) => {
             if !said.note.is_empty() {
                 eprintln!("{}", said.note);
@@ -68,9 +81,9 @@ fn token(runtime: &tokio::runtime::Runtime, command: &TokenCommand) -> ExitCode 
             }
             ExitCode::SUCCESS
         }
-        Err(error) => {
-            eprintln!("treewrightd: {error}");
-            ExitCode::from(error.exit_code())
+        Err((code, cause)) => {
+            eprintln!("treewrightd: {cause}");
+            ExitCode::from(code)
         }
     }
 }

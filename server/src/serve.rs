@@ -48,6 +48,8 @@ pub struct Options {
     pub watch: Option<TcpListener>,
     /// How many studies are shown to them with their names: those used last.
     pub studies_shown: u16,
+    /// How many trials of a study to keep at least, where not all are kept.
+    pub keep_trials: Option<u64>,
 }
 
 impl From<Duration> for Options {
@@ -70,7 +72,7 @@ pub async fn run(
     options: impl Into<Options>,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
-    let Options { drain, access, tls, watch: watch_listener, studies_shown } = options.into();
+    let Options { drain, access, tls, watch: watch_listener, studies_shown, keep_trials } = options.into();
     let tuning = Arc::new(Tuning::new(Arc::clone(&store), clock));
     let peers = Peers::of(&store, tls.clone());
     let gate = Gate::default();
@@ -116,7 +118,8 @@ pub async fn run(
         tokio::spawn(watch::serve(listener, watched))
     });
     let sweeper = tokio::spawn(sweep(Arc::clone(&tuning)));
-    let checkpointer = tokio::spawn(save_checkpoints(tuning));
+    let checkpointer = tokio::spawn(save_checkpoints(Arc::clone(&tuning)));
+    let thinner = keep_trials.map(|keep| tokio::spawn(thin_trials(tuning, keep)));
     let follower = access.clone().map(|access| tokio::spawn(async move { access.follow().await }));
     let served = tokio::select! {
         served = &mut server => Some(served),
@@ -157,6 +160,9 @@ pub async fn run(
     }
     sweeper.abort();
     checkpointer.abort();
+    if let Some(thinner) = thinner {
+        thinner.abort();
+    }
     if let (Some(access), Some(follower)) = (access, follower) {
         follower.abort();
         access.close().await;
@@ -191,5 +197,15 @@ async fn save_checkpoints(tuning: Arc<Tuning>) {
     loop {
         ticks.tick().await;
         tuning.save_checkpoints().await;
+    }
+}
+
+/// Removes old trials now and then.
+async fn thin_trials(tuning: Arc<Tuning>, keep: u64) {
+    let mut ticks = interval(limits::THINNING_PERIOD);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        ticks.tick().await;
+        tuning.thin_trials(keep).await;
     }
 }

@@ -21,7 +21,8 @@ use treewright_core::trial::RawTrial;
 use treewright_core::tuner::{Change, Checkpoint};
 use treewright_proto::v1 as wire;
 use treewright_store::{
-    Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage, TrialQuery,
+    ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage,
+    TrialQuery,
 };
 
 /// Rounds of one client: the names and configurations it gets.
@@ -137,6 +138,18 @@ impl Store for Flaky {
 
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
         self.inner.save_checkpoint(fence, checkpoint).await
+    }
+    async fn closed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        up_to: u64,
+        size: u32,
+    ) -> Result<Vec<ClosedTrial>, StoreError> {
+        self.inner.closed_trials(fence, after, up_to, size).await
+    }
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError> {
+        self.inner.remove_trials(fence, numbers).await
     }
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
         self.inner.get_trial(study, number).await

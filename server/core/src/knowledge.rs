@@ -215,6 +215,11 @@ impl Knowledge {
         self.rank_all();
     }
 
+    /// All that is remembered, in no order that means anything.
+    pub fn records(&self) -> &[Record] {
+        &self.records
+    }
+
     /// How many configurations are remembered.
     pub fn remembered(&self) -> usize {
         self.records.len()

@@ -64,6 +64,7 @@ pub(crate) struct Metrics {
     store_queue: Gauge,
     expired_leases: Counter,
     late_reports: Counter,
+    removed_trials: Counter,
     now: Now,
     studies: Studies,
 }
@@ -114,6 +115,7 @@ impl Metrics {
             store_queue: Gauge::default(),
             expired_leases: Counter::default(),
             late_reports: Counter::default(),
+            removed_trials: Counter::default(),
             now: Now::default(),
             studies: Studies::default(),
         };
@@ -159,6 +161,7 @@ impl Metrics {
         r.register("store_queue", "Decisions that wait for the disk", self.store_queue.clone());
         r.register("expired_leases", "Leases that ran out", self.expired_leases.clone());
         r.register("late_reports", "Reports that came after their lease", self.late_reports.clone());
+        r.register("removed_trials", "Old trials that retention removed", self.removed_trials.clone());
         let now = &self.now;
         r.register("requests_in_flight", "Requests being worked on", now.in_flight.clone());
         r.register("tune_streams", "Open Tune streams", now.streams.clone());
@@ -207,6 +210,11 @@ impl Metrics {
     /// So many leases have run out.
     pub(crate) fn expired(&self, leases: usize) {
         self.expired_leases.inc_by(leases as u64);
+    }
+
+    /// So many old trials were removed.
+    pub(crate) fn removed(&self, trials: u64) {
+        self.removed_trials.inc_by(trials);
     }
 
     /// Waits for the disk, and counts the wait.

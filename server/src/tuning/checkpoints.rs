@@ -17,7 +17,10 @@ use crate::error::Error;
 /// The last checkpoint of a study: what it covers, and its length.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Saved {
+    /// Up to where it was last tried.
     pub(super) completion: u64,
+    /// Up to where it covers the trials for certain: it is on the disk, and this program can read it.
+    pub(super) stored: u64,
     pub(super) bytes: u64,
 }
 
@@ -58,7 +61,7 @@ impl Tuning {
                 continue;
             };
             match self.save(due, &runtime).await {
-                Ok(Saved { completion, bytes }) => {
+                Ok(Saved { completion, bytes, .. }) => {
                     tracing::debug!(study, completion, bytes, "checkpoint saved");
                 }
                 // It is only an accelerator.
@@ -72,7 +75,8 @@ impl Tuning {
         let checkpoint = compute(move || learnt.checkpoint()).await?;
         before.durable().await?;
         self.store.save_checkpoint(&fence, &checkpoint).await?;
-        let saved = Saved { completion: checkpoint.completion, bytes: checkpoint.bytes.len() as u64 };
+        let (completion, bytes) = (checkpoint.completion, checkpoint.bytes.len() as u64);
+        let saved = Saved { completion, stored: completion, bytes };
         runtime.peek(|live| {
             if live.fence().is_same(&fence) {
                 live.saved = saved;
@@ -83,7 +87,7 @@ impl Tuning {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::collections::BTreeMap;
 
     use prost_types::FieldMask;
@@ -105,7 +109,7 @@ mod tests {
     use crate::convert::names::TrialName;
     use crate::convert::policy::PolicyUpdate;
 
-    fn spec() -> StudySpec {
+    pub(in crate::tuning) fn spec() -> StudySpec {
         let scale = Scale::Linear;
         let parameter = |name: &str| Parameter {
             name: name.to_owned(),
@@ -127,7 +131,7 @@ mod tests {
     }
 
     /// Two clients, frame after frame; what they got.
-    async fn frames(tuning: &Tuning, numbers: std::ops::Range<u64>) -> Vec<Trial> {
+    pub(in crate::tuning) async fn frames(tuning: &Tuning, numbers: std::ops::Range<u64>) -> Vec<Trial> {
         let mut trials = Vec::new();
         for frame in numbers {
             // Later on in places that are new, where the models have a say.

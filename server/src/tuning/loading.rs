@@ -21,8 +21,13 @@ pub(super) struct Read {
 }
 
 /// Loads a study. Breaks earlier fences of it.
-pub(super) async fn load(store: &dyn Store, study: &str) -> Result<Read, Error> {
-    let Loaded { fence, study: record, snapshot, open_trials, checkpoint } = store.load(study).await?;
+pub(super) async fn load(store: &dyn Store, study: &str, now_ms: i64) -> Result<Read, Error> {
+    let Loaded { fence, study: record, snapshot, mut open_trials, checkpoint } = store.load(study).await?;
+    // A lease that was given before the clock was set back must not last until that time comes again.
+    for trial in &mut open_trials {
+        let lease_ms = trial.lease_expire_ms.saturating_sub(trial.create_ms);
+        trial.lease_expire_ms = trial.lease_expire_ms.min(now_ms.saturating_add(lease_ms));
+    }
     let spec = Arc::new(record.spec);
     let failed = |problem| Error::Restore { study: study.to_owned(), problem };
     // One from a database that was put back in part could be ahead of the trials.
@@ -34,7 +39,7 @@ pub(super) async fn load(store: &dyn Store, study: &str) -> Result<Read, Error> 
     if let Some(reason) = restoring.passed_over() {
         tracing::info!(study, reason, "the checkpoint is passed over; all trials are read");
     }
-    let saved = Saved { completion: restoring.after(), bytes };
+    let saved = Saved { completion: restoring.after(), stored: restoring.after(), bytes };
     loop {
         let trials = store.completed_trials(&fence, restoring.after(), limits::TRIALS_PER_READ).await?;
         if trials.is_empty() {
@@ -49,11 +54,11 @@ pub(super) async fn load(store: &dyn Store, study: &str) -> Result<Read, Error> 
 
 /// Learns trials that follow each other, as far as they are what comes next: a change of predictor goes back.
 fn learn(mut restoring: Restoring, trials: &[Trial]) -> Result<Restoring, RestoreError> {
-    for (place, trial) in trials.iter().enumerate() {
-        if place > 0 && trial.completion != Some(restoring.after() + 1) {
+    for trial in trials {
+        restoring.learn(trial)?;
+        if trial.completion != Some(restoring.after()) {
             break;
         }
-        restoring.learn(trial)?;
     }
     Ok(restoring)
 }

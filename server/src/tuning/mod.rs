@@ -2,13 +2,14 @@
 //!
 //! The order is always the same: take the tuner's lock, compute, queue the change, let go, wait until it
 //! is durable, answer. Nothing is answered that is not on the disk. `runtime` holds the tuners, `loading` reads them,
-//! `checkpoints` spares that, `frames` suggests and reports, `trials` does what concerns one trial, `studies` what
-//! concerns a study, `figures` tells those who watch.
+//! `checkpoints` spares that, `retention` lets old trials go, `frames` suggests and reports, `trials` does what concerns
+//! one trial, `studies` what concerns a study, `figures` tells those who watch.
 
 mod checkpoints;
 pub(crate) mod figures;
 mod frames;
 mod loading;
+mod retention;
 mod runtime;
 mod studies;
 mod trials;
@@ -64,7 +65,7 @@ impl Tuning {
         let runtime = self.runtime(study);
         let store = &*self.store;
         let computed = runtime
-            .with(store, study, |live| {
+            .with(store, study, &*self.clock, |live| {
                 let now_ms = self.clock.now_ms();
                 live.expire(store, now_ms);
                 compute(live, store, now_ms)

@@ -13,6 +13,7 @@ use treewright_store::{Fence, Receipt, Store};
 use super::checkpoints::Saved;
 use super::figures::Tally;
 use super::loading::{self, Read};
+use crate::clock::Clock;
 use crate::error::Error;
 use crate::metrics::METRICS;
 
@@ -39,6 +40,8 @@ pub(super) struct Live {
     pub(super) saved: Saved,
     /// For those who watch.
     pub(super) tally: Tally,
+    /// Up to which completion there was a checkpoint when trials were last looked through for what can go.
+    pub(super) thinned: u64,
     /// The tuner has to be read anew: its policy needs models that it lacks.
     pub(super) is_stale: bool,
 }
@@ -84,13 +87,14 @@ impl Runtime {
         &self,
         store: &dyn Store,
         study: &str,
+        clock: &dyn Clock,
         compute: impl FnOnce(&mut Live) -> T + Send,
     ) -> Result<T, Error> {
         for _ in 0..LOADS_PER_REQUEST {
             if let Some(live) = current(&mut self.lock()) {
                 return Ok(compute(live));
             }
-            self.load(store, study).await?;
+            self.load(store, study, clock).await?;
         }
         Err(Error::Reloading { study: study.to_owned() })
     }
@@ -110,16 +114,17 @@ impl Runtime {
         })
     }
 
-    async fn load(&self, store: &dyn Store, study: &str) -> Result<(), Error> {
+    async fn load(&self, store: &dyn Store, study: &str, clock: &dyn Clock) -> Result<(), Error> {
         let _alone = self.loading.lock().await;
         if current(&mut self.lock()).is_some() {
             return Ok(());
         }
-        let Read { tuner, fence, saved } = loading::load(store, study).await?;
+        let Read { tuner, fence, saved } = loading::load(store, study, clock.now_ms()).await?;
         let completed = tuner.statistics().completed_trials;
         tracing::info!(study, completed, from_checkpoint = saved.completion, "study loaded");
         let tally = Tally::default();
-        *self.lock() = Some(Live { tuner, fence, closed_changes: 0, saved, tally, is_stale: false });
+        *self.lock() =
+            Some(Live { tuner, fence, closed_changes: 0, saved, thinned: 0, tally, is_stale: false });
         Ok(())
     }
 }

@@ -6,7 +6,7 @@ use treewright_core::tuner::{Checkpoint, Snapshot, StateRecord, Statistics};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::rows::{TrialRow, VisitRow, inconsistent, into_specification, unsigned};
-use crate::store::{Loaded, StudyRecord, TrialPage, TrialQuery};
+use crate::store::{ClosedTrial, Loaded, StudyRecord, TrialPage, TrialQuery};
 
 /// A row of `studies` with its counts.
 #[derive(sqlx::FromRow)]
@@ -75,6 +75,14 @@ impl StudyRows {
         };
         Ok(Loaded { fence, snapshot, open_trials, checkpoint: self.checkpoint, study })
     }
+}
+
+/// Numbers and completions as they are read.
+pub(crate) fn closed(rows: Vec<(i64, Option<i64>)>) -> Result<Vec<ClosedTrial>, StoreError> {
+    let trial = |(number, completion): (i64, Option<i64>)| {
+        Ok(ClosedTrial { number: unsigned(number)?, completion: completion.map(unsigned).transpose()? })
+    };
+    rows.into_iter().map(trial).collect()
 }
 
 /// A page of the rows that were found: one row more than fits tells that another page follows.

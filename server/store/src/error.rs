@@ -117,6 +117,14 @@ pub enum OpenError {
         /// What SQLite said.
         problem: String,
     },
+    /// A database of ours that is not as it should be.
+    #[error("{} is damaged ({problems}); restore a backup with `treewrightd restore`, and keep the damaged file: `treewrightd check` says more", path.display())]
+    Damaged {
+        /// The path.
+        path: PathBuf,
+        /// What was found.
+        problems: String,
+    },
     /// An SQLite database that something else made.
     #[error("{} is a database of another program; choose another path", path.display())]
     Foreign {

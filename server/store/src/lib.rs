@@ -6,7 +6,8 @@
 //! come out; rows are an affair of the stores.
 //!
 //! [`filter`] is the language in which trials are asked for, [`cursor`] the page tokens, [`fence`] what
-//! keeps a copy in memory honest, [`tokens`] who may do what.
+//! keeps a copy in memory honest, [`tokens`] who may do what, [`keep`] how database files are copied, put back and
+//! checked.
 #![forbid(unsafe_code)]
 
 mod assembly;
@@ -14,6 +15,7 @@ pub mod cursor;
 mod error;
 pub mod fence;
 pub mod filter;
+pub mod keep;
 pub mod limits;
 mod memory;
 mod postgres;
@@ -30,5 +32,5 @@ pub use fence::{Fence, Receipt};
 pub use memory::MemoryStore;
 pub use postgres::{PostgresAddress, PostgresStore, PostgresTokens};
 pub use sqlite::{SqliteStore, SqliteTokens};
-pub use store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+pub use store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
 pub use tokens::{MemoryTokens, TokenStore};

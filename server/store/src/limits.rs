@@ -45,6 +45,19 @@ pub const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long a question waits for a connection that reads.
 pub const READER_TIMEOUT: Duration = Duration::from_secs(10);
 
+/// How long a start looks for damage in a database file. Some fifty megabytes are read in this time; larger files
+/// are looked at in part.
+pub const START_CHECK: Duration = Duration::from_millis(200);
+
+/// A write-ahead log that has become longer than this is cut again once it can be, in bytes.
+pub const WAL_BYTES_KEPT: u64 = 64 << 20;
+
+/// Free pages that a database file keeps in any case before it gives some back to the system.
+pub const PAGES_KEPT_FREE: i64 = 1024;
+
+/// Most pages that are given back at once: what another write may have to wait for.
+pub const PAGES_FREED: i64 = 128;
+
 /// Connections of a replica that write to PostgreSQL. A study always goes by the same one, which keeps its
 /// writes in order; two, so that one gathers while the other waits for the disk.
 pub const POSTGRES_WRITERS: usize = 2;

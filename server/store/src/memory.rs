@@ -13,7 +13,7 @@ use crate::error::StoreError;
 use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::raw::raw_trial;
-use crate::store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
 
 /// Keeps everything in memory and forgets it when dropped.
 #[derive(Debug, Default)]
@@ -78,16 +78,17 @@ fn not_found(id: &str) -> StoreError {
 
 impl MemoryStudy {
     fn record(&self, id: &str) -> StudyRecord {
-        let count = |state| self.trials.values().filter(|t| t.state == state).count() as u64;
+        let is_open = |trial: &&Trial| trial.state == TrialState::Open;
         StudyRecord {
             id: id.to_owned(),
             spec: self.spec.clone(),
             create_ms: self.create_ms,
             statistics: Statistics {
                 states: self.states.len() as u64,
-                trials: self.trials.len() as u64,
-                completed_trials: count(TrialState::Completed),
-                open_trials: count(TrialState::Open),
+                // Numbers and completions rise by one, and the last of each is never removed.
+                trials: self.trials.keys().last().copied().unwrap_or(0),
+                completed_trials: self.completed.keys().last().copied().unwrap_or(0),
+                open_trials: self.trials.values().filter(is_open).count() as u64,
             },
         }
     }
@@ -230,6 +231,36 @@ impl Store for MemoryStore {
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError> {
         self.lock()?.fenced(fence)?.checkpoint = Some(checkpoint.clone());
         Ok(())
+    }
+
+    async fn closed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        up_to: u64,
+        size: u32,
+    ) -> Result<Vec<ClosedTrial>, StoreError> {
+        let inner = self.lock()?;
+        let found = inner.study(fence.study())?.trials.range(after + 1..up_to.max(after) + 1);
+        let closed = found.map(|(_, trial)| trial).filter(|trial| trial.state != TrialState::Open);
+        let closed = closed.map(|trial| ClosedTrial { number: trial.number, completion: trial.completion });
+        Ok(closed.take(size as usize).collect())
+    }
+
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError> {
+        let mut inner = self.lock()?;
+        let study = inner.fenced(fence)?;
+        let mut removed = 0;
+        for number in numbers {
+            let is_closed = |trial: &Trial| trial.state != TrialState::Open;
+            if study.trials.get(number).is_some_and(is_closed) {
+                let trial = study.trials.remove(number);
+                let completion = trial.and_then(|trial| trial.completion);
+                completion.map(|completion| study.completed.remove(&completion));
+                removed += 1;
+            }
+        }
+        Ok(removed)
     }
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {

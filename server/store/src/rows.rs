@@ -202,13 +202,22 @@ impl StateRow {
             indicators: read("indicators", &self.indicators)?,
             fingerprint: self.fingerprint.map(|text| read("fingerprint", &text)).transpose()?,
             search: match (self.search_packed, self.search) {
-                (Some(bytes), _) => {
-                    Some(Exploration::unpack(&bytes).map_err(|e| inconsistent(e.to_string()))?)
-                }
-                (None, text) => text.map(|text| read("search", &text)).transpose()?,
+                (Some(bytes), _) => readable(self.id, Exploration::unpack(&bytes)),
+                (None, Some(text)) => readable(self.id, serde_json::from_str(&text)),
+                (None, None) => None,
             },
         })
     }
+}
+
+/// The search of a state, unless another version wrote it in a way that this one cannot read. A new one then begins
+/// with what the state knows; to refuse the whole study for it would help nobody.
+fn readable<E: std::fmt::Display>(state: i64, search: Result<Exploration, E>) -> Option<Exploration> {
+    search
+        .inspect_err(
+            |error| tracing::warn!(state, %error, "the search of a state cannot be read and begins anew"),
+        )
+        .ok()
 }
 
 impl VisitRow {
@@ -297,7 +306,7 @@ fn value<T: Copy>(list: &[(&str, T)], word: &str) -> Result<T, StoreError> {
     words::value(list, word).ok_or_else(|| inconsistent(format!("{word:?} has no meaning")))
 }
 
-fn write(value: &impl Serialize) -> Result<String, StoreError> {
+pub(crate) fn write(value: &impl Serialize) -> Result<String, StoreError> {
     serde_json::to_string(value).map_err(|error| inconsistent(error.to_string()))
 }
 

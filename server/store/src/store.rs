@@ -71,6 +71,15 @@ pub struct TrialPage {
     pub next: Option<Cursor>,
 }
 
+/// A trial that is over, as retention sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ClosedTrial {
+    /// Its number.
+    pub number: u64,
+    /// Its place in the order of completion; none of a trial that was abandoned or expired.
+    pub completion: Option<u64>,
+}
+
 /// Keeps studies, states, trials and visits.
 ///
 /// Two kinds of methods: the `async` ones are whole use cases. [`commit`](Store::commit) and
@@ -126,6 +135,21 @@ pub trait Store: Send + Sync + 'static {
     /// Saves a checkpoint in the place of earlier ones. Until it is there whole the earlier one stays; other
     /// writes do not wait for all of it. A failure leaves the fence as it is: a checkpoint is only an accelerator.
     async fn save_checkpoint(&self, fence: &Fence, checkpoint: &Checkpoint) -> Result<(), StoreError>;
+
+    /// The trials behind `after` and up to `up_to` that are not open, by rising number, at most `size` of them.
+    async fn closed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        up_to: u64,
+        size: u32,
+    ) -> Result<Vec<ClosedTrial>, StoreError>;
+
+    /// Removes trials for good, those that are open excepted, and returns how many that were. The trial with the
+    /// highest number and the one completed last must stay: they are what the study's counts are read from. Space that
+    /// becomes free in a file is given back in the same step where there is much of it. A failure leaves the fence as
+    /// it is.
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError>;
 
     /// Reads a trial.
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError>;

@@ -4,7 +4,7 @@ mod common;
 
 use common::{change, completed, open, spec, state, visit};
 use treewright_core::policy::{Policy, SearchMethod};
-use treewright_core::trial::{Mode, Outcome, RawTrial, TrialState};
+use treewright_core::trial::{Mode, Outcome, RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Checkpoint};
 use treewright_store::filter::{Filter, Order};
 use treewright_store::{Fence, MemoryStore, SqliteStore, Store, StoreError, TrialQuery};
@@ -41,6 +41,7 @@ contract!(
     everything_comes_back_as_it_was_stored,
     completed_trials_are_read_in_stretches,
     the_latest_checkpoint_comes_back_whole,
+    old_trials_go_and_the_counts_stay,
     of_two_changes_in_one_commit_the_last_wins,
     a_completed_trial_is_never_changed,
     a_commit_is_stored_whole_or_not_at_all,
@@ -200,6 +201,50 @@ async fn the_latest_checkpoint_comes_back_whole(store: &dyn Store) {
     store.delete_study("hall").await.unwrap();
     fence(store, "hall").await;
     assert_eq!(store.load("hall").await.unwrap().checkpoint, None);
+}
+
+async fn old_trials_go_and_the_counts_stay(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    let mut trials: Vec<_> = (1..=9).map(|number| completed(number, number, Outcome::Ok)).collect();
+    // One that was given back, one that ran out and was reported late, and two that are open.
+    trials[2] = Trial { state: TrialState::Abandoned, ..open(3) };
+    trials[4] = completed(5, 10, Outcome::Ok);
+    trials[6] = open(7);
+    for (trial, completion) in trials.iter_mut().filter(|trial| trial.completion.is_some()).zip(1..) {
+        trial.completion = Some(completion);
+    }
+    trials.push(open(10));
+    commit(store, &held, &[change(trials)]).await.unwrap();
+    let before = store.get_study("hall").await.unwrap().statistics;
+
+    let closed = |after, up_to, size| store.closed_trials(&held, after, up_to, size);
+    let all = closed(0, 100, 100).await.unwrap();
+    let pairs: Vec<_> = all.iter().map(|trial| (trial.number, trial.completion)).collect();
+    let expected = [(1, 1), (2, 2), (3, 0), (4, 3), (5, 4), (6, 5), (8, 6), (9, 7)];
+    assert_eq!(pairs, expected.map(|(number, at)| (number, Some(at).filter(|at| *at > 0))));
+    assert_eq!(closed(2, 6, 3).await.unwrap(), all[2..5]);
+    assert_eq!(closed(9, 3, 3).await.unwrap(), []);
+
+    // Numbers that are open or nobody's are passed over; what stays is as it was.
+    assert_eq!(store.remove_trials(&held, &[1, 2, 3, 5, 7, 99]).await.unwrap(), 4);
+    assert_eq!(store.remove_trials(&held, &[]).await.unwrap(), 0);
+    assert_eq!(numbers(store, "").await, [4, 6, 7, 8, 9, 10]);
+    assert_eq!(store.get_study("hall").await.unwrap().statistics, before);
+    let error = store.get_trial("hall", 1).await.unwrap_err();
+    assert!(matches!(error, StoreError::TrialNotFound { number: 1, .. }), "{error}");
+    let stretch = store.completed_trials(&held, 0, 2).await.unwrap();
+    assert_eq!(stretch.iter().map(|trial| trial.completion).collect::<Vec<_>>(), [Some(3), Some(5)]);
+    let loaded = store.load("hall").await.unwrap();
+    assert_eq!((loaded.snapshot.last_trial, loaded.open_trials.len()), (10, 2));
+
+    // Who has lost the study removes nothing, and a failure is no reason to give the study up.
+    let error = store.remove_trials(&held, &[4]).await.unwrap_err();
+    assert!(matches!(error, StoreError::Fenced { .. }), "{error}");
+    assert_eq!(numbers(store, "").await.len(), 6);
+    assert!(loaded.fence.holds());
+    // A number that went can be written again, as by a report that comes very late.
+    commit(store, &loaded.fence, &[change(vec![completed(3, 8, Outcome::Ok)])]).await.unwrap();
+    assert_eq!(numbers(store, "").await, [3, 4, 6, 7, 8, 9, 10]);
 }
 
 async fn of_two_changes_in_one_commit_the_last_wins(store: &dyn Store) {

@@ -222,3 +222,145 @@ async fn a_newer_schema_is_refused() {
     let error = refusal(&path).await;
     assert!(matches!(error, OpenError::Newer { version: 9999, known: 1..9999, .. }), "{error}");
 }
+
+#[tokio::test]
+async fn altered_tables_and_scratched_pages_are_refused_at_the_start() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    let store = SqliteStore::open(&path).await.unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    let fence = store.load("hall").await.unwrap().fence;
+    let trials = (1..=300).map(|number| completed(number, number, Outcome::Ok)).collect();
+    store.commit(&fence, &[change(trials)]).durable().await.unwrap();
+    store.close().await;
+
+    // Each in a file of its own: a refused one may still be being closed.
+    let mut count = 0;
+    let mut copy = || {
+        count += 1;
+        let altered = directory.path().join(format!("altered_{count}.db"));
+        std::fs::copy(&path, &altered).unwrap();
+        altered
+    };
+    for (sql, problem) in [
+        ("DROP INDEX trials_open", "index trials_open is missing"),
+        ("ALTER TABLE trials RENAME COLUMN reason TO because", "table trials was altered"),
+        ("DROP TRIGGER trials_completed_are_final", "trigger trials_completed_are_final is missing"),
+    ] {
+        let altered = copy();
+        let mut other = foreign(&altered).await;
+        other.execute(sql).await.unwrap();
+        other.close().await.unwrap();
+        let error = refusal(&altered).await;
+        assert!(matches!(&error, OpenError::Damaged { problems, .. } if problems == problem), "{error}");
+    }
+    // What somebody adds for his own questions is let be.
+    let altered = copy();
+    let mut other = foreign(&altered).await;
+    other.execute("CREATE INDEX mine ON trials (cost)").await.unwrap();
+    other.close().await.unwrap();
+    SqliteStore::open(&altered).await.expect("it is ours still").close().await;
+
+    let mut bytes = std::fs::read(&path).unwrap();
+    let middle = bytes.len() / 2 / 4096 * 4096;
+    bytes[middle..middle + 4096].fill(0x5a);
+    let altered = copy();
+    std::fs::write(&altered, &bytes).unwrap();
+    let error = refusal(&altered).await;
+    assert!(matches!(&error, OpenError::Damaged { .. }), "{error}");
+    // As after a copy that was broken off.
+    bytes.truncate(middle);
+    let altered = copy();
+    std::fs::write(&altered, &bytes).unwrap();
+    let error = refusal(&altered).await;
+    assert!(matches!(&error, OpenError::NotADatabase { .. } | OpenError::Damaged { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn new_files_can_shrink_and_every_commit_waits_for_the_disk() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    SqliteStore::open(&path).await.unwrap().close().await;
+    let mut other = foreign(&path).await;
+    for (pragma, expected) in [("PRAGMA auto_vacuum", 2), ("PRAGMA application_id", 0x5457_7274)] {
+        let value: i64 = sqlx::query_scalar(sqlx::AssertSqlSafe(pragma)).fetch_one(&mut other).await.unwrap();
+        assert_eq!(value, expected, "{pragma}");
+    }
+    let mode: String = sqlx::query_scalar("PRAGMA journal_mode").fetch_one(&mut other).await.unwrap();
+    assert_eq!(mode, "wal");
+}
+
+#[tokio::test]
+async fn a_file_shrinks_when_much_was_removed() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    let store = SqliteStore::open(&path).await.unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    let fence = store.load("hall").await.unwrap().fence;
+    let wide = |number| {
+        let mut trial = completed(number, number, Outcome::Ok);
+        trial.reason.summary = "long ".repeat(2000);
+        trial
+    };
+    for first in (1..=2000).step_by(100) {
+        let trials = (first..first + 100).map(wide).collect();
+        store.commit(&fence, &[change(trials)]).durable().await.unwrap();
+    }
+    let pages = async |pragma: &'static str| -> i64 {
+        let mut other = foreign(&path).await;
+        sqlx::query_scalar(pragma).fetch_one(&mut other).await.unwrap()
+    };
+    let before = pages("PRAGMA page_count").await;
+    for first in (1..2000u64).step_by(50) {
+        let some: Vec<u64> = (first..first + 50).collect();
+        store.remove_trials(&fence, &some).await.unwrap();
+    }
+    let after = pages("PRAGMA page_count").await;
+    assert!(after < before / 2, "{before} pages became {after}");
+    store.close().await;
+    treewright_store::keep::check(&path).await.expect("sound");
+    assert!(std::fs::metadata(&path).unwrap().len() < before as u64 * 4096 / 2);
+}
+
+/// SQLite would go on writing to a file that nobody finds again.
+#[tokio::test]
+async fn a_file_that_is_moved_away_is_not_written_any_more() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    let store = SqliteStore::open(&path).await.unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    for name in ["studies.db", "studies.db-wal"] {
+        let (file, elsewhere) = (directory.path().join(name), directory.path().join("elsewhere"));
+        let fence = store.load("hall").await.unwrap().fence;
+        std::fs::rename(&file, &elsewhere).unwrap();
+        let error = store.commit(&fence, &[change(vec![open(1)])]).durable().await.unwrap_err();
+        assert!(error.to_string().contains("moved, deleted or replaced"), "{error}");
+        assert!(!fence.holds());
+        // Another one in its place is not ours either, nor is a directory.
+        std::fs::create_dir(&file).unwrap();
+        assert!(store.create_study("later", &spec(), 5).await.is_err());
+        std::fs::remove_dir(&file).unwrap();
+        std::fs::rename(&elsewhere, &file).unwrap();
+        let fence = store.load("hall").await.unwrap().fence;
+        store.commit(&fence, &[change(vec![open(1)])]).durable().await.expect("it is back");
+    }
+}
+
+/// As when a daemon is told to stop and its last connections end first.
+#[tokio::test]
+async fn who_gives_up_waiting_for_the_end_does_not_keep_the_file_open() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    let store = SqliteStore::open(&path).await.unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    {
+        let mut closing = Box::pin(store.close());
+        let once = std::future::poll_fn(|context| {
+            std::task::Poll::Ready(closing.as_mut().poll(context).is_pending())
+        });
+        assert!(once.await, "it takes a while");
+    }
+    store.close().await;
+    assert!(!directory.path().join("studies.db-wal").exists());
+    SqliteStore::open(&path).await.expect("the lock is free").close().await;
+}

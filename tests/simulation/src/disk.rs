@@ -18,7 +18,8 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
 use treewright_core::tuner::{Change, Checkpoint};
 use treewright_store::{
-    Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage, TrialQuery,
+    ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage,
+    TrialQuery,
 };
 
 use crate::claims::{Claims, Known};
@@ -387,6 +388,23 @@ impl Store for SimulatedDisk {
         self.read().await?;
         self.world.count(|counts| counts.checkpoints += 1);
         self.durable.store.save_checkpoint(&self.behind(fence)?, checkpoint).await
+    }
+
+    async fn closed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        up_to: u64,
+        size: u32,
+    ) -> Result<Vec<ClosedTrial>, StoreError> {
+        self.read().await?;
+        self.durable.store.closed_trials(&self.behind(fence)?, after, up_to, size).await
+    }
+
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError> {
+        sleep(self.world.time_ms(self.world.plan.write_ms)).await;
+        self.read().await?;
+        self.durable.store.remove_trials(&self.behind(fence)?, numbers).await
     }
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {

@@ -5,6 +5,7 @@
 //! from the first. What follows from it is the same to the bit, which the replay tests hold. Searches, visits and
 //! open trials have rows of their own and are no part of it.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -52,6 +53,13 @@ impl Learnt {
     /// The place in the order of completion up to which it goes.
     pub fn completion(&self) -> u64 {
         self.completion
+    }
+
+    /// The number of the trial that last measured each remembered configuration, by rising number. With these
+    /// trials and the latest ones at hand, what a state knows can be learnt again without any checkpoint.
+    pub fn measured_by(&self) -> BTreeSet<u64> {
+        let records = self.body.knowledge.iter().flat_map(|knowledge| knowledge.records());
+        records.map(|record| record.last_trial).filter(|number| *number > 0).collect()
     }
 
     /// Packs it: some milliseconds for each megabyte.

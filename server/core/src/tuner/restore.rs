@@ -18,6 +18,9 @@ use crate::tuner::{Checkpoint, RestoreError, Snapshot, StateRecord, Tuner, Visit
 ///
 /// Where the policy's predictor was changed at some completion, [`after`](Restoring::after) goes back there once: the
 /// new models are taught the last trials before.
+///
+/// Trials may be missing between those that are there, where retention removed them: what they taught is then known
+/// from the checkpoint, or not any more.
 #[derive(Debug)]
 pub struct Restoring {
     tuner: Tuner,
@@ -62,22 +65,38 @@ impl Restoring {
         self.taught.unwrap_or(self.tuner.last_completion)
     }
 
-    /// Learns the next completed trial; its configuration was made by the study's space.
+    /// Learns the next completed trial; its configuration was made by the study's space. Where
+    /// [`after`](Restoring::after) then stands before the trial, it was not learnt: it went back, and the trial comes
+    /// again in its place.
     pub fn learn(&mut self, trial: &Trial) -> Result<(), RestoreError> {
         self.tuner.check_trial(trial)?;
-        if trial.state != TrialState::Completed || trial.completion != Some(self.after() + 1) {
+        let Some(completion) = trial
+            .completion
+            .filter(|completion| trial.state == TrialState::Completed && *completion > self.after())
+        else {
             return Err(inconsistent(format!("trial {} comes out of the order of completion", trial.number)));
-        }
+        };
         if trial.cost.is_some_and(|cost| !cost.is_finite() || cost < 0.0) {
             return Err(inconsistent(format!("trial {} has an impossible cost", trial.number)));
         }
+        // What stood between may be gone.
+        let since = self.tuner.models_since;
+        self.taught = self.taught.filter(|_| completion <= since);
+        if !self.models_begun && completion > since {
+            self.tuner.reach(since);
+            self.begin_models();
+            if self.taught.is_some() {
+                return Ok(());
+            }
+        }
         if let Some(taught) = &mut self.taught {
-            *taught += 1;
+            *taught = completion;
             self.tuner.teach(trial);
         } else {
+            self.tuner.reach(completion - 1);
             self.tuner.complete(trial);
         }
-        self.taught = self.taught.filter(|taught| *taught < self.tuner.models_since);
+        self.taught = self.taught.filter(|taught| *taught < since);
         self.begin_models();
         Ok(())
     }
@@ -139,10 +158,19 @@ impl Tuner {
                 TrialState::Abandoned | TrialState::Expired => {}
             }
         }
-        while let Some(trial) = completed.get(restoring.after() as usize) {
+        loop {
+            let after = restoring.after();
+            let next = completed.partition_point(|trial| trial.completion.is_some_and(|at| at <= after));
+            let Some(trial) = completed.get(next) else { break };
             restoring.learn(trial)?;
         }
         restoring.finish(open)
+    }
+
+    /// Goes on in the order of completion past trials that are not stored any more. They count all the same.
+    fn reach(&mut self, completion: u64) {
+        self.completed += completion - self.last_completion;
+        self.last_completion = completion;
     }
 
     fn restore_state(&mut self, record: StateRecord) -> Result<(), RestoreError> {
@@ -189,4 +217,83 @@ impl Tuner {
 
 fn inconsistent(what: String) -> RestoreError {
     RestoreError::Inconsistent(what)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::Policy;
+    use crate::trial::Outcome;
+    use crate::tuner::tests::{ask, cost, measured, spec};
+
+    /// A tuner after so many frames in three states, its rows, and its completed trials.
+    fn grown(policy: Policy, frames: u64) -> (Tuner, Snapshot, Vec<Trial>) {
+        let mut tuner = Tuner::new(Arc::new(spec(policy))).expect("valid");
+        let (mut states, mut completed) = (std::collections::BTreeMap::new(), Vec::new());
+        for frame in 0..frames {
+            let place = 0.3 * (frame / 5 % 3) as f64;
+            let (trial, handed) = tuner.suggest(&ask("a", place, 0.5), 0).expect("valid");
+            let (trial, told) = tuner.report(&trial, measured(cost(&trial)), Outcome::Ok, 1).expect("valid");
+            let rows = handed.states.into_iter().chain(told.states);
+            states.extend(rows.map(|state| (state.id, state)));
+            completed.push(trial);
+        }
+        let states = states.into_values().collect();
+        let snapshot = Snapshot { states, visits: vec![], last_trial: frames, models_since: 0 };
+        (tuner, snapshot, completed)
+    }
+
+    fn restored(tuner: &Tuner, snapshot: &Snapshot, trials: &[Trial], with: Option<&Checkpoint>) -> Tuner {
+        let mut restoring = Restoring::new(tuner.spec().clone(), snapshot.clone(), with).expect("consistent");
+        loop {
+            let after = restoring.after();
+            let Some(next) = trials.iter().find(|trial| trial.completion > Some(after)) else { break };
+            restoring.learn(next).expect("in order");
+        }
+        restoring.finish([]).expect("whole")
+    }
+
+    #[test]
+    fn trials_that_were_removed_behind_a_checkpoint_are_not_missed() {
+        for predictor in [PredictorMethod::NearestNeighbour, PredictorMethod::Auto] {
+            let (early, _, _) = grown(Policy { predictor, ..Policy::default() }, 90);
+            let checkpoint = early.learnt().checkpoint();
+            let (tuner, snapshot, all) = grown(Policy { predictor, ..Policy::default() }, 120);
+            let keep = early.learnt().measured_by();
+            let kept: Vec<Trial> = all
+                .iter()
+                .filter(|trial| trial.number > 90 || keep.contains(&trial.number))
+                .cloned()
+                .collect();
+            assert!(kept.len() < all.len());
+            let back = restored(&tuner, &snapshot, &kept, Some(&checkpoint));
+            assert_eq!(back.learnt().checkpoint(), tuner.learnt().checkpoint());
+
+            // Without it the counts are right still, and so is the best of each state.
+            let back = restored(&tuner, &snapshot, &kept, None);
+            assert_eq!(back.statistics(), tuner.statistics());
+            for (state, other) in back.states.iter().zip(&tuner.states) {
+                let best = |state: &crate::knowledge::KnownState| {
+                    state.knowledge.best().map(|best| (best.configuration.clone(), best.mean_cost))
+                };
+                assert_eq!(best(state), best(other));
+            }
+        }
+    }
+
+    #[test]
+    fn models_begin_where_their_first_trial_is_gone() {
+        let policy = Policy { predictor: PredictorMethod::LeastSquares, ..Policy::default() };
+        let (tuner, snapshot, all) = grown(policy, 60);
+        for since in [20, 30, 40] {
+            let snapshot = Snapshot { models_since: since, ..snapshot.clone() };
+            let kept: Vec<Trial> = all.iter().filter(|trial| trial.number > 30).cloned().collect();
+            let back = restored(&tuner, &snapshot, &kept, None);
+            assert_eq!(back.statistics().completed_trials, 60);
+        }
+        // Backwards is no order.
+        let mut restoring = Restoring::new(tuner.spec().clone(), snapshot, None).expect("consistent");
+        restoring.learn(&all[5]).expect("behind a gap");
+        assert!(restoring.learn(&all[5]).is_err() && restoring.learn(&all[2]).is_err());
+    }
 }

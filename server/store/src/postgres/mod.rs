@@ -40,7 +40,7 @@ use crate::error::{OpenError, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::rows::{self, Rows};
-use crate::store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
 use shared::Shared;
 use writer::Job;
 
@@ -241,6 +241,20 @@ impl Store for PostgresStore {
             saved.await.unwrap_or(Err(StoreError::Closed))?;
         }
         Ok(())
+    }
+
+    async fn closed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        up_to: u64,
+        size: u32,
+    ) -> Result<Vec<ClosedTrial>, StoreError> {
+        read::closed(&mut *self.reader().await?, fence, after, up_to, size).await
+    }
+
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError> {
+        studies::remove_trials(&mut *self.reader().await?, fence, numbers).await
     }
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {

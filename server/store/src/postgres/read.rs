@@ -6,11 +6,11 @@ use treewright_core::trial::RawTrial;
 use treewright_core::tuner::{Checkpoint, StateRecord};
 
 use super::{failed, filter, statements as sql};
-use crate::assembly::{StudyRow, StudyRows, page, study_not_found};
+use crate::assembly::{self, StudyRow, StudyRows, page, study_not_found};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::rows::{StateRow, TrialRow, signed, unsigned};
-use crate::store::{Loaded, StudyRecord, TrialPage, TrialQuery};
+use crate::store::{ClosedTrial, Loaded, StudyRecord, TrialPage, TrialQuery};
 
 /// The key of a study.
 async fn study_key(connection: &mut PgConnection, study: &str) -> Result<i64, StoreError> {
@@ -100,6 +100,25 @@ pub(super) async fn completed(
         .await
         .map_err(failed)?;
     rows.into_iter().map(TrialRow::into_trial).collect()
+}
+
+/// Reads which trials of a stretch of numbers are over.
+pub(super) async fn closed(
+    connection: &mut PgConnection,
+    fence: &Fence,
+    after: u64,
+    up_to: u64,
+    size: u32,
+) -> Result<Vec<ClosedTrial>, StoreError> {
+    let rows = sqlx::query_as(sql::CLOSED_TRIALS)
+        .bind(fence.key())
+        .bind(signed(after)?)
+        .bind(signed(up_to)?)
+        .bind(i64::from(size))
+        .fetch_all(connection)
+        .await
+        .map_err(failed)?;
+    assembly::closed(rows)
 }
 
 pub(super) async fn trial(

@@ -159,6 +159,10 @@ pub(super) const COMPLETED_TRIALS: &str = concat!(
     " FROM trials WHERE study = $1 AND completion IS NOT NULL AND completion > $2 ORDER BY completion LIMIT $3"
 );
 
+/// A stretch of the primary key.
+pub(super) const CLOSED_TRIALS: &str = "SELECT number, completion FROM trials WHERE study = $1 AND number > $2 \
+     AND number <= $3 AND state <> 'OPEN' ORDER BY number LIMIT $4";
+
 /// The latest checkpoint that has all its parts.
 pub(super) const CHECKPOINT: &str = "SELECT completion FROM checkpoints WHERE study = $1 \
      GROUP BY completion HAVING count(*) = max(parts) AND max(parts) = min(parts) \
@@ -205,6 +209,13 @@ pub(super) const PART_UPSERT: &str = "WITH held AS (SELECT id FROM studies \
      WHERE id = $1 AND epoch = $2 AND name IS NOT NULL FOR NO KEY UPDATE) \
      INSERT INTO checkpoints (study, completion, part, parts, bytes) SELECT id, $3, $4, $5, $6 FROM held \
      ON CONFLICT (study, completion, part) DO UPDATE SET parts = excluded.parts, bytes = excluded.bytes";
+
+/// Removes closed trials of a study whose epoch still holds: whether it does, and how many that were.
+pub(super) const TRIALS_DELETE: &str = "WITH held AS MATERIALIZED (SELECT id FROM studies \
+     WHERE id = $1 AND epoch = $2 AND name IS NOT NULL FOR NO KEY UPDATE), \
+     gone AS (DELETE FROM trials t USING held WHERE t.study = held.id AND t.number = ANY($3) \
+     AND t.state <> 'OPEN' RETURNING t.number) \
+     SELECT (SELECT count(*) FROM held), (SELECT count(*) FROM gone)";
 
 /// Also what an earlier attempt at the same one left, should that have had more parts.
 pub(super) const OTHER_CHECKPOINTS_DELETE: &str =

@@ -6,8 +6,9 @@ use treewright_core::study::StudySpec;
 use super::{failed, read, statements as sql};
 use crate::assembly::study_not_found;
 use crate::error::StoreError;
+use crate::fence::Fence;
 use crate::limits;
-use crate::rows;
+use crate::rows::{self, signed, unsigned};
 use crate::store::Created;
 
 /// Creates a study, or finds an equal one. Two replicas may try at once: one of them creates it, and both
@@ -54,6 +55,27 @@ pub(super) async fn delete(connection: &mut PgConnection, study: &str) -> Result
         .await
         .map_err(failed)?
         .ok_or_else(|| study_not_found(study))
+}
+
+/// Removes closed trials of a study, if its epoch still holds.
+pub(super) async fn remove_trials(
+    connection: &mut PgConnection,
+    fence: &Fence,
+    numbers: &[u64],
+) -> Result<u64, StoreError> {
+    fence.check()?;
+    let numbers = numbers.iter().map(|number| signed(*number)).collect::<Result<Vec<i64>, _>>()?;
+    let (held, gone): (i64, i64) = sqlx::query_as(sql::TRIALS_DELETE)
+        .bind(fence.key())
+        .bind(fence.epoch())
+        .bind(numbers)
+        .fetch_one(connection)
+        .await
+        .map_err(failed)?;
+    if held == 0 {
+        return Err(StoreError::Fenced { study: fence.study().to_owned() });
+    }
+    unsigned(gone)
 }
 
 /// Takes away a piece of a deleted study that no other replica works on; false when there is none.

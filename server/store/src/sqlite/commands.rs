@@ -1,5 +1,6 @@
 //! What each write does inside the transaction that the writer has opened.
 
+use sqlx::AssertSqlSafe;
 use sqlx::sqlite::SqliteConnection;
 use treewright_core::study::StudySpec;
 
@@ -53,6 +54,10 @@ pub(super) async fn apply(
             save_part(connection, fence.key(), row).await.map_err(refused)?;
             Ok(Done::Nothing)
         }
+        Command::Remove { fence, numbers } => {
+            fence.check()?;
+            remove(connection, fence.key(), numbers).await.map(Done::Removed).map_err(refused)
+        }
         Command::Commit { fence, rows } => {
             fence.check()?;
             script::rows(fence.key(), rows).execute(connection).await.map_err(refused)?;
@@ -84,6 +89,21 @@ async fn save_part(
             .await?;
     }
     Ok(())
+}
+
+/// Removes closed trials, and gives pages back to the system where many are free. Some are kept for what comes next:
+/// to let a file shrink and grow again and again helps nobody.
+async fn remove(connection: &mut SqliteConnection, study: i64, numbers: &str) -> Result<u64, sqlx::Error> {
+    let removed = sqlx::query(sql::TRIALS_DELETE).bind(study).bind(numbers).execute(&mut *connection).await?;
+    let (free, all): (i64, i64) = sqlx::query_as(sql::PAGES).fetch_one(&mut *connection).await?;
+    let spare = limits::PAGES_KEPT_FREE.max(all / 8);
+    if free > spare {
+        let pages = (free - spare).min(limits::PAGES_FREED);
+        let shrink = format!("PRAGMA incremental_vacuum({pages})");
+        // It gives back one page a step, so it is done when it yields nothing more.
+        sqlx::query(AssertSqlSafe(shrink)).fetch_all(connection).await?;
+    }
+    Ok(removed.rows_affected())
 }
 
 async fn create(

@@ -10,13 +10,13 @@ use crate::error::OpenError;
 /// Held for as long as the store is open. The file stays behind: to delete it could delete the lock of
 /// a daemon that has just opened it.
 #[derive(Debug)]
-pub(super) struct DatabaseLock {
+pub(crate) struct DatabaseLock {
     _file: File,
 }
 
 impl DatabaseLock {
     /// Takes the lock, or names the process that holds it.
-    pub(super) fn take(database: &Path) -> Result<Self, OpenError> {
+    pub(crate) fn take(database: &Path) -> Result<Self, OpenError> {
         let path = lock_path(database);
         let not_writable =
             |error: std::io::Error| OpenError::NotWritable { path: path.clone(), problem: error.to_string() };

@@ -1,12 +1,15 @@
 //! The store on SQLite: a write-ahead log, one writer, a few readers.
 //!
-//! `open` readies the file, `lock` keeps a second daemon out, `writer`, `commands` and `script` write, `read`
+//! `open` readies the file, `lock` keeps a second daemon out, `check` looks whether it is
+//! sound, `place` whether it lies where it did, `writer`, `commands` and `script` write, `read`
 //! reads, `filter` translates questions, `statements` holds the fixed SQL.
 
+mod check;
 mod commands;
 mod filter;
 mod lock;
 mod open;
+mod place;
 mod read;
 mod script;
 mod statements;
@@ -14,7 +17,7 @@ mod tokens;
 mod writer;
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use async_trait::async_trait;
 use sqlx::Connection as _;
@@ -31,9 +34,18 @@ use crate::error::{OpenError, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::rows::{self, Rows};
-use crate::store::{Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
 pub use tokens::SqliteTokens;
 use writer::{Answer, Command, Done, Job};
+
+/// What those need of a file who keep it: see [`keep`](crate::keep).
+pub(crate) mod file {
+    pub(crate) use super::check::{check, check_pages};
+    pub(crate) use super::lock::DatabaseLock;
+    pub(crate) use super::open::{check_path, explain, known_version, message, options, owner};
+}
+pub(crate) use check::{Depth, Looked, Unsound};
+pub(crate) use open::Owner;
 
 /// Keeps everything in one SQLite file and survives being killed at any moment: what has been
 /// acknowledged is on the disk.
@@ -43,6 +55,8 @@ pub struct SqliteStore {
     readers: SqlitePool,
     /// None once closed.
     open: Mutex<Option<Open>>,
+    /// Held while the file is being closed.
+    closing: Arc<tokio::sync::Mutex<()>>,
 }
 
 #[derive(Debug)]
@@ -62,11 +76,12 @@ impl SqliteStore {
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
         let opened = open::open(path).await?;
         let (queue, waiting) = mpsc::channel(limits::WRITE_QUEUE);
-        let writer = tokio::spawn(writer::run(opened.writer, waiting));
+        let writer = tokio::spawn(writer::run(opened.writer, place::Place::of(path), waiting));
         Ok(Self {
             path: path.to_owned(),
             readers: opened.readers,
             open: Mutex::new(Some(Open { queue, writer, lock: opened.lock })),
+            closing: Arc::default(),
         })
     }
 
@@ -194,6 +209,24 @@ impl Store for SqliteStore {
         Ok(())
     }
 
+    async fn closed_trials(
+        &self,
+        fence: &Fence,
+        after: u64,
+        up_to: u64,
+        size: u32,
+    ) -> Result<Vec<ClosedTrial>, StoreError> {
+        read::closed(&mut *self.reader().await?, fence, after, up_to, size).await
+    }
+
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError> {
+        let numbers = rows::write(&numbers)?;
+        match self.write(Command::Remove { fence: fence.clone(), numbers }).await? {
+            Done::Removed(count) => Ok(count),
+            _ => Err(mismatch()),
+        }
+    }
+
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
         read::trial(&mut *self.reader().await?, study, number).await
     }
@@ -207,23 +240,37 @@ impl Store for SqliteStore {
     }
 
     async fn close(&self) {
+        let closing = Arc::clone(&self.closing).lock_owned().await;
         let taken = self.open.lock().unwrap_or_else(PoisonError::into_inner).take();
-        let Some(Open { queue, writer, lock }) = taken else {
+        let Some(open) = taken else {
             return;
         };
-        // With its last sender gone the queue runs dry, and the writer ends.
-        drop(queue);
-        let connection = writer.await;
-        self.readers.close().await;
-        // Closing the last connection folds the write-ahead log into the file.
-        let closed = match connection {
-            Ok(connection) => connection.close().await.map_err(|error| error.to_string()),
-            Err(error) => Err(error.to_string()),
-        };
-        if let Err(error) = closed {
-            tracing::warn!(error, "the database was not closed cleanly; nothing is lost");
+        let readers = self.readers.clone();
+        // On a task of its own: who waits for it may give up, and the file is closed in order all the same.
+        let closed = tokio::spawn(async move {
+            close(open, readers).await;
+            drop(closing);
+        });
+        if let Err(error) = closed.await {
+            tracing::warn!(%error, "closing the database ended badly; nothing is lost");
         }
-        // Only now may another daemon have the file.
-        drop(lock);
     }
+}
+
+async fn close(open: Open, readers: SqlitePool) {
+    let Open { queue, writer, lock } = open;
+    // With its last sender gone the queue runs dry, and the writer ends.
+    drop(queue);
+    let connection = writer.await;
+    readers.close().await;
+    // Closing the last connection folds the write-ahead log into the file.
+    let closed = match connection {
+        Ok(connection) => connection.close().await.map_err(|error| error.to_string()),
+        Err(error) => Err(error.to_string()),
+    };
+    if let Err(error) = closed {
+        tracing::warn!(error, "the database was not closed cleanly; nothing is lost");
+    }
+    // Only now may another daemon have the file.
+    drop(lock);
 }

@@ -5,17 +5,18 @@ use std::path::Path;
 
 use sqlx::migrate::{MigrateError, Migrator};
 use sqlx::sqlite::{
-    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
-    SqliteSynchronous,
+    SqliteAutoVacuum, SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool,
+    SqlitePoolOptions, SqliteSynchronous,
 };
 use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
 
+use super::check::{self, Looked, Unsound};
 use super::lock::DatabaseLock;
 use crate::error::OpenError;
 use crate::limits;
 
 /// The schema, from the first version to the one this program knows.
-static MIGRATIONS: Migrator = sqlx::migrate!("../../migrations/sqlite");
+pub(super) static MIGRATIONS: Migrator = sqlx::migrate!("../../migrations/sqlite");
 
 /// Marks a file as ours ("TWrt"), so that another program's database is not migrated by accident.
 const APPLICATION_ID: i64 = 0x5457_7274;
@@ -35,8 +36,14 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
     inspect(path, &options).await?;
 
     let options = options.journal_mode(SqliteJournalMode::Wal);
-    let mut writer = SqliteConnection::connect_with(&options).await.map_err(|error| explain(path, &error))?;
+    let mut making = options.clone();
+    if std::fs::metadata(path).is_ok_and(|file| file.len() == 0) {
+        // What retention frees can then be given back to the system piece by piece. Only a new file takes this on.
+        making = making.auto_vacuum(SqliteAutoVacuum::Incremental);
+    }
+    let mut writer = SqliteConnection::connect_with(&making).await.map_err(|error| explain(path, &error))?;
     migrate(path, &mut writer).await?;
+    look_at(path, &mut writer).await?;
 
     let readers = SqlitePoolOptions::new()
         .max_connections(limits::READERS)
@@ -47,8 +54,34 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
     Ok(Opened { lock, writer, readers })
 }
 
+/// A look at the file for a moment: a damaged one should be told at the start, not at some client's request.
+async fn look_at(path: &Path, writer: &mut SqliteConnection) -> Result<(), OpenError> {
+    match check::at_start(writer).await {
+        Ok(Looked::Through) => Ok(()),
+        Ok(Looked::InPart) => {
+            tracing::info!(
+                "the database is large and was checked in part only; `treewrightd check` looks at all of it"
+            );
+            Ok(())
+        }
+        Err(Unsound::Problems(problems)) => {
+            Err(OpenError::Damaged { path: path.to_owned(), problems: in_words(&problems) })
+        }
+        Err(Unsound::Unreadable(error)) => Err(explain(path, &error)),
+    }
+}
+
+/// The first of many problems.
+pub(crate) fn in_words(problems: &[String]) -> String {
+    let first = problems.first().map_or("", |problem| problem.trim());
+    match problems.len() {
+        0 | 1 => first.to_owned(),
+        more => format!("{first}; and {} more", more - 1),
+    }
+}
+
 /// How every connection to the file is made.
-fn options(path: &Path) -> SqliteConnectOptions {
+pub(crate) fn options(path: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new()
         .filename(path)
         .create_if_missing(true)
@@ -57,6 +90,8 @@ fn options(path: &Path) -> SqliteConnectOptions {
         .disable_statement_logging()
         // A commit is on the disk when it returns: in WAL mode that takes FULL, not NORMAL.
         .synchronous(SqliteSynchronous::Full)
+        // A write-ahead log that a long read has let grow becomes small again.
+        .pragma("journal_size_limit", limits::WAL_BYTES_KEPT.to_string())
 }
 
 /// Readies a connection to a file that a daemon may have. Where none has, the schema is brought up to date first.
@@ -74,7 +109,7 @@ pub(super) async fn beside(path: &Path) -> Result<SqliteConnectOptions, OpenErro
 }
 
 /// Answers what the system can answer better than SQLite, whose one message is "unable to open".
-fn check_path(path: &Path) -> Result<(), OpenError> {
+pub(crate) fn check_path(path: &Path) -> Result<(), OpenError> {
     if path.is_dir() {
         return Err(OpenError::Directory { path: path.to_owned() });
     }
@@ -100,39 +135,57 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), Open
     for statement in ["BEGIN IMMEDIATE", "ROLLBACK"] {
         sqlx::query(statement).execute(&mut connection).await.map_err(explained)?;
     }
-    let application: i64 =
-        sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut connection).await.map_err(explained)?;
-    let tables: i64 = sqlx::query_scalar("SELECT count(*) FROM sqlite_master")
-        .fetch_one(&mut connection)
-        .await
-        .map_err(explained)?;
-    if application != APPLICATION_ID && (tables > 0 || application != 0) {
+    if owner(&mut connection).await.map_err(explained)? == Owner::Foreign {
         return Err(OpenError::Foreign { path: path.to_owned() });
     }
     connection.close().await.map_err(explained)
+}
+
+/// Whose a file is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Owner {
+    Ours,
+    /// Nothing is in it.
+    Nobody,
+    Foreign,
+}
+
+pub(crate) async fn owner(connection: &mut SqliteConnection) -> Result<Owner, sqlx::Error> {
+    let application: i64 = sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *connection).await?;
+    let tables: i64 =
+        sqlx::query_scalar("SELECT count(*) FROM sqlite_master").fetch_one(&mut *connection).await?;
+    Ok(match (application, tables) {
+        (APPLICATION_ID, _) => Owner::Ours,
+        (0, 0) => Owner::Nobody,
+        _ => Owner::Foreign,
+    })
+}
+
+/// The newest schema version that this program knows.
+pub(crate) fn known_version() -> i64 {
+    MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or(0)
 }
 
 async fn migrate(path: &Path, writer: &mut SqliteConnection) -> Result<(), OpenError> {
     let mark = format!("PRAGMA application_id = {APPLICATION_ID}");
     sqlx::query(AssertSqlSafe(mark)).execute(&mut *writer).await.map_err(|error| explain(path, &error))?;
     MIGRATIONS.run(&mut *writer).await.map_err(|error| match error {
-        MigrateError::VersionMissing(version) => OpenError::Newer {
-            path: path.to_owned(),
-            version,
-            known: MIGRATIONS.iter().map(|m| m.version).max().unwrap_or(0),
-        },
+        MigrateError::VersionMissing(version) => {
+            OpenError::Newer { path: path.to_owned(), version, known: known_version() }
+        }
         MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => explain(path, &error),
+        MigrateError::VersionMismatch(version) => OpenError::Damaged {
+            path: path.to_owned(),
+            problems: format!("schema version {version} was made by another migration"),
+        },
         other => OpenError::Other { path: path.to_owned(), problem: other.to_string() },
     })
 }
 
 /// Translates SQLite's primary result codes; see <https://sqlite.org/rescode.html>.
-pub(super) fn explain(path: &Path, error: &sqlx::Error) -> OpenError {
+pub(crate) fn explain(path: &Path, error: &sqlx::Error) -> OpenError {
     let path = path.to_owned();
-    let problem = match error.as_database_error() {
-        Some(database) => database.message().to_owned(),
-        None => error.to_string(),
-    };
+    let problem = message(error);
     match primary_code(error) {
         Some(5 | 6) => OpenError::Locked { path },
         Some(3 | 8 | 14) => OpenError::NotWritable { path, problem },
@@ -141,8 +194,16 @@ pub(super) fn explain(path: &Path, error: &sqlx::Error) -> OpenError {
     }
 }
 
+/// What SQLite says, without what sqlx says of it.
+pub(crate) fn message(error: &sqlx::Error) -> String {
+    match error.as_database_error() {
+        Some(database) => database.message().to_owned(),
+        None => error.to_string(),
+    }
+}
+
 /// The low byte of SQLite's extended result code.
-fn primary_code(error: &sqlx::Error) -> Option<i32> {
+pub(crate) fn primary_code(error: &sqlx::Error) -> Option<i32> {
     let code = error.as_database_error()?.code()?;
     code.parse::<i32>().ok().map(|code| code & 0xff)
 }

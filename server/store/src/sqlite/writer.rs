@@ -11,6 +11,7 @@ use sqlx::sqlite::SqliteConnection;
 use tokio::sync::{mpsc, oneshot};
 use treewright_core::study::StudySpec;
 
+use super::place::Place;
 use super::{commands, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
@@ -42,6 +43,11 @@ pub(super) enum Command {
         fence: Fence,
         row: PartRow,
     },
+    /// Removes closed trials: a JSON list of numbers. Its failure breaks no fence.
+    Remove {
+        fence: Fence,
+        numbers: String,
+    },
     Commit {
         fence: Fence,
         rows: Rows,
@@ -53,6 +59,7 @@ pub(super) enum Done {
     Nothing,
     Created(Box<Created>),
     Fenced(Fence),
+    Removed(u64),
 }
 
 /// A write and where its answer goes.
@@ -104,6 +111,7 @@ struct Failure {
 /// Writes until the queue is closed and empty, then hands the connection back.
 pub(super) async fn run(
     mut connection: SqliteConnection,
+    mut place: Place,
     mut queue: mpsc::Receiver<Job>,
 ) -> SqliteConnection {
     let mut fences = Fences::new();
@@ -114,7 +122,10 @@ pub(super) async fn run(
         {
             group.push(job);
         }
-        write(&mut connection, &mut fences, group).await;
+        match place.check() {
+            Ok(()) => write(&mut connection, &mut fences, group).await,
+            Err(error) => group.into_iter().for_each(|job| job.refuse(error.clone())),
+        }
     }
     connection
 }

@@ -1,0 +1,54 @@
+//! The command lines of `treewrightd backup`, `restore` and `check`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use treewright_store::PostgresAddress;
+
+/// What a file cannot be when the database is PostgreSQL's.
+const POSTGRES: &str = "PostgreSQL is kept with its own tools: pg_dump --format=custom --file=FILE URL copies a \
+                        database while daemons run, pg_restore --clean --if-exists --dbname=URL FILE puts it back, \
+                        pg_amcheck looks for damage (docs/operations.md)";
+
+/// Whose database.
+#[derive(Clone, Debug, Args)]
+pub struct FileDatabase {
+    /// Database file of the daemon.
+    #[arg(long, env = "TREEWRIGHT_DATABASE", hide_env_values = true, value_name = "FILE", value_parser = file)]
+    pub database: PathBuf,
+}
+
+/// How to copy a database.
+#[derive(Clone, Debug, Args)]
+pub struct BackupConfig {
+    /// The database.
+    #[command(flatten)]
+    pub database: FileDatabase,
+
+    /// File to write. It gets its name when it is whole, checked and on the disk.
+    #[arg(long, value_name = "FILE")]
+    pub to: PathBuf,
+
+    /// Replace the file if it exists.
+    #[arg(long)]
+    pub replace: bool,
+}
+
+/// How to put a copy back.
+#[derive(Clone, Debug, Args)]
+pub struct RestoreConfig {
+    /// The database.
+    #[command(flatten)]
+    pub database: FileDatabase,
+
+    /// The backup. It is only read.
+    #[arg(long, value_name = "FILE")]
+    pub from: PathBuf,
+}
+
+fn file(text: &str) -> Result<PathBuf, String> {
+    if PostgresAddress::is_one(text) {
+        return Err(POSTGRES.to_owned());
+    }
+    Ok(PathBuf::from(text))
+}

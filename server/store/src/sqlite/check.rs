@@ -1,0 +1,155 @@
+//! Is a database file sound? The tables against what the migrations make, the pages by SQLite's own checks, and
+//! what SQLite cannot know: that documents can be read and counts agree.
+//!
+//! At every start the same is done for a moment only, so that a start takes no longer with a long history; the rest
+//! is left to `treewrightd check`.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use sqlx::Connection as _;
+use sqlx::sqlite::SqliteConnection;
+
+use super::open::MIGRATIONS;
+use crate::limits;
+
+/// SQLite asks after so many steps whether it should go on; each is at most a page.
+const STEPS: i32 = 256;
+
+/// How much to look at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Depth {
+    /// As far as one comes in this time.
+    For(Duration),
+    /// Pages, but not whether indexes and tables agree: enough for what was just written anew.
+    Pages,
+    /// Everything.
+    Whole,
+}
+
+/// What was found in a file without problems.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Looked {
+    /// All that was to be looked at.
+    Through,
+    /// The time was over before.
+    InPart,
+}
+
+/// Why a check did not come to the end.
+#[derive(Debug)]
+pub(crate) enum Unsound {
+    /// What is wrong, at least one thing, each in a line.
+    Problems(Vec<String>),
+    /// The file cannot be read at all.
+    Unreadable(sqlx::Error),
+}
+
+impl From<sqlx::Error> for Unsound {
+    fn from(error: sqlx::Error) -> Self {
+        // SQLITE_CORRUPT and SQLITE_NOTADB are findings.
+        match super::open::primary_code(&error) {
+            Some(11 | 26) => Self::Problems(vec![super::open::message(&error)]),
+            _ => Self::Unreadable(error),
+        }
+    }
+}
+
+impl Unsound {
+    fn unless_empty(problems: Vec<String>) -> Result<(), Self> {
+        if problems.is_empty() { Ok(()) } else { Err(Self::Problems(problems)) }
+    }
+}
+
+/// Checks a database whose schema is up to date.
+pub(crate) async fn check(connection: &mut SqliteConnection, depth: Depth) -> Result<Looked, Unsound> {
+    Unsound::unless_empty(schema(connection).await?)?;
+    match depth {
+        Depth::For(time) => check_for(connection, time).await,
+        Depth::Pages => check_pages(connection).await.map(|()| Looked::Through),
+        Depth::Whole => {
+            look(connection, "PRAGMA integrity_check(20)").await?;
+            Unsound::unless_empty(strays(connection).await?)?;
+            Unsound::unless_empty(contents(connection).await?)?;
+            Ok(Looked::Through)
+        }
+    }
+}
+
+/// Checks the pages alone, whatever the schema.
+pub(crate) async fn check_pages(connection: &mut SqliteConnection) -> Result<(), Unsound> {
+    look(connection, "PRAGMA quick_check(20)").await
+}
+
+async fn check_for(connection: &mut SqliteConnection, time: Duration) -> Result<Looked, Unsound> {
+    let until = Instant::now() + time;
+    connection.lock_handle().await?.set_progress_handler(STEPS, move || Instant::now() < until);
+    let looked = check_pages(connection).await;
+    connection.lock_handle().await?.remove_progress_handler();
+    match looked {
+        Ok(()) => Ok(Looked::Through),
+        // SQLITE_INTERRUPT: the time is over.
+        Err(Unsound::Unreadable(error)) if super::open::primary_code(&error) == Some(9) => Ok(Looked::InPart),
+        Err(other) => Err(other),
+    }
+}
+
+/// Asks SQLite, which answers "ok" or with problems.
+async fn look(connection: &mut SqliteConnection, pragma: &'static str) -> Result<(), Unsound> {
+    let mut found: Vec<String> = sqlx::query_scalar(pragma).fetch_all(connection).await?;
+    found.retain(|line| line != "ok");
+    Unsound::unless_empty(found)
+}
+
+/// Rows that refer to others that are not there.
+async fn strays(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
+    let sql = "SELECT \"table\" || ' row ' || coalesce(rowid, '?') || ' refers to a missing row of ' || parent \
+               FROM pragma_foreign_key_check LIMIT 20";
+    Ok(sqlx::query_scalar(sql).fetch_all(connection).await?)
+}
+
+/// Documents that cannot be read: SQLite keeps no check sums, so that a bit that fell over inside a text shows, if
+/// anywhere, here.
+async fn contents(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
+    let sql = "SELECT 'trial ' || number || ' of study ' || study || ' cannot be read' FROM trials \
+               WHERE NOT (json_valid(configuration) AND json_valid(indicators) AND json_valid(measurements) \
+               AND json_valid(reason) AND json_valid(coalesce(fingerprint, 'null'))) \
+               UNION ALL SELECT 'study ' || name || ' cannot be read' FROM studies \
+               WHERE NOT (json_valid(specification) AND json_valid(policy)) LIMIT 20";
+    Ok(sqlx::query_scalar(sql).fetch_all(connection).await?)
+}
+
+/// Tables, indexes and triggers that are missing or differ from what the migrations make. What somebody added for
+/// his own questions is let be.
+async fn schema(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
+    let found = objects(connection).await?;
+    let mut fresh = SqliteConnection::connect("sqlite::memory:").await?;
+    let migrated = MIGRATIONS.run(&mut fresh).await;
+    migrated.map_err(|error| Unsound::Unreadable(sqlx::Error::Protocol(error.to_string())))?;
+    let expected = objects(&mut fresh).await?;
+    fresh.close().await?;
+    let problem = |((kind, name), sql): ((String, String), String)| {
+        let key = (kind, name);
+        match found.get(&key) {
+            None => Some(format!("{} {} is missing", key.0, key.1)),
+            Some(other) if *other != sql => Some(format!("{} {} was altered", key.0, key.1)),
+            Some(_) => None,
+        }
+    };
+    Ok(expected.into_iter().filter_map(problem).collect())
+}
+
+/// All that the schema holds but SQLite's and the migrator's own: kind and name, and how it was made.
+async fn objects(
+    connection: &mut SqliteConnection,
+) -> Result<BTreeMap<(String, String), String>, sqlx::Error> {
+    let sql = "SELECT type, name, sql FROM sqlite_master WHERE sql IS NOT NULL AND name NOT LIKE 'sqlite%' \
+               AND name <> '_sqlx_migrations'";
+    let rows: Vec<(String, String, String)> = sqlx::query_as(sql).fetch_all(connection).await?;
+    Ok(rows.into_iter().map(|(kind, name, sql)| ((kind, name), sql)).collect())
+}
+
+/// What a start does: for a moment, and no longer.
+pub(super) async fn at_start(connection: &mut SqliteConnection) -> Result<Looked, Unsound> {
+    check(connection, Depth::For(limits::START_CHECK)).await
+}
