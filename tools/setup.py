@@ -85,6 +85,22 @@ def need_postgres():
         apt(["postgresql"], "PostgreSQL is needed by the tests, which start a private server (or set DATABASE_URL)")
 
 
+def want_fault_tools():
+    """Tests of faults (docs/durability.md) pass by what is not there, so these are only installed where that is easy."""
+    missing = [package for package, there in {
+        "strace": shutil.which("strace"),
+        "iproute2": shutil.which("ip"),
+        "libfaketime": any(pathlib.Path("/usr/lib").glob("**/faketime/libfaketime.so.1")),
+    }.items() if not there]
+    if not missing or os.geteuid() != 0 or not shutil.which("apt-get"):
+        return
+    say(f"installing {' '.join(missing)}")
+    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+    for step in (["update", "-q"], ["install", "-y", "--no-install-recommends", *missing]):
+        if subprocess.run(["apt-get", *step], env=environment, stdout=subprocess.DEVNULL).returncode != 0:
+            return say(f"without {' '.join(missing)} some tests of faults are passed by")
+
+
 def need_pip():
     if subprocess.run([sys.executable, "-m", "pip", "--version"], capture_output=True).returncode != 0:
         apt(["python3-pip"], "pip is needed to fetch the Embree library")
@@ -212,6 +228,7 @@ def main():
     need_compiler()
     if "--tests" in sys.argv[1:]:
         need_postgres()
+        want_fault_tools()
     setup_embree()
     setup_libclang()
 

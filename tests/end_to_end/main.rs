@@ -1,9 +1,13 @@
 //! End to end: the daemon, the renderer and the command line as separate processes.
 
+mod backup;
 mod bad_input;
+mod faults;
 mod flood;
 mod guard;
 mod lifecycle;
+mod network;
+mod power;
 mod replicas;
 mod replicas_tls;
 mod restart;

@@ -27,7 +27,7 @@ impl Daemon {
     /// # Panics
     /// When it does not say where it listens.
     pub fn start_at(database: &Path, address: &str) -> Self {
-        Self::spawn(database, &["--listen", address], Stdio::inherit())
+        Self::spawn(Command::new(program("treewrightd")), database, &["--listen", address], Stdio::inherit())
     }
 
     /// Starts a daemon on any free port with further arguments, and its log in a file.
@@ -38,11 +38,20 @@ impl Daemon {
         let log = std::fs::File::create(log).expect("a file for the log");
         let mut all = vec!["--listen", "127.0.0.1:0"];
         all.extend(arguments);
-        Self::spawn(database, &all, log.into())
+        Self::spawn(Command::new(program("treewrightd")), database, &all, log.into())
     }
 
-    fn spawn(database: &Path, arguments: &[&str], log: Stdio) -> Self {
-        let mut process = Command::new(program("treewrightd"))
+    /// Starts a daemon on any free port by a command that ends in the program, which it becomes: one of a
+    /// [sandbox](crate::sandbox).
+    ///
+    /// # Panics
+    /// When it does not say where it listens.
+    pub fn start_by(command: Command, database: &Path) -> Self {
+        Self::spawn(command, database, &["--listen", "127.0.0.1:0"], Stdio::inherit())
+    }
+
+    fn spawn(mut command: Command, database: &Path, arguments: &[&str], log: Stdio) -> Self {
+        let mut process = command
             .args(["serve", "--database"])
             .arg(database)
             .args(arguments)

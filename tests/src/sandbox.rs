@@ -1,0 +1,124 @@
+//! Places where faults do no harm: a small disk, a network of one's own, a clock that can be set. The first two are
+//! namespaces of Linux, which vanish with the process that holds them; they need root. Where the system does not give
+//! what a test needs, the test says so and ends.
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+/// Says, past the capturing of the test runner, why a test was not run.
+pub fn skip(what: &str, why: &str) {
+    let line = format!("skipped: {what}: {}\n", why.trim());
+    // There is nobody else to tell.
+    let _ = std::io::stderr().write_all(line.as_bytes());
+}
+
+/// A file system in memory, seen by the programs that are started in it.
+pub struct SmallDisk {
+    holder: Child,
+    folder: PathBuf,
+}
+
+impl SmallDisk {
+    /// Mounts one at a folder, with options such as `size=8m`.
+    ///
+    /// # Errors
+    /// Why it cannot be had here.
+    pub fn mount(folder: &Path, options: &str) -> Result<Self, String> {
+        // It ends when its standard input does, so at the latest with this process.
+        let script = "mount -t tmpfs -o \"$2\" tmpfs \"$1\" && echo ready && exec cat";
+        let mut holder = Command::new("unshare")
+            .args(["--mount", "--propagation", "private", "sh", "-c", script, "sh"])
+            .arg(folder)
+            .arg(options)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(|error| format!("unshare: {error}"))?;
+        let mut line = String::new();
+        if let Some(stdout) = holder.stdout.as_mut() {
+            let _ = BufReader::new(stdout).read_line(&mut line);
+        }
+        let disk = Self { holder, folder: folder.to_owned() };
+        if line.trim() == "ready" { Ok(disk) } else { Err(disk.said()) }
+    }
+
+    fn said(mut self) -> String {
+        let mut said = String::new();
+        if let Some(mut stderr) = self.holder.stderr.take() {
+            let _ = stderr.read_to_string(&mut said);
+        }
+        if said.is_empty() { "no mount namespace".to_owned() } else { said }
+    }
+
+    /// A program that sees the disk.
+    pub fn command(&self, program: impl AsRef<Path>) -> Command {
+        let mut command = Command::new("nsenter");
+        command.args(["--target", &self.holder.id().to_string(), "--mount"]).arg(program.as_ref());
+        command
+    }
+
+    /// The folder as it is seen from outside.
+    pub fn view(&self) -> PathBuf {
+        let inside = self.folder.strip_prefix("/").unwrap_or(&self.folder);
+        PathBuf::from(format!("/proc/{}/root", self.holder.id())).join(inside)
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = self.holder.kill();
+        let _ = self.holder.wait();
+    }
+}
+
+/// A clock for one program: what `libfaketime` adds to the system's, taken anew from a file at every look. The
+/// monotonic clock stays the machine's, as when somebody sets the time.
+pub struct Clock {
+    library: PathBuf,
+    file: PathBuf,
+}
+
+impl Clock {
+    /// A clock that shows the system's time.
+    ///
+    /// # Errors
+    /// Why it cannot be had here.
+    pub fn new(folder: &Path) -> Result<Self, String> {
+        let places = [
+            "/usr/lib/x86_64-linux-gnu/faketime",
+            "/usr/lib/aarch64-linux-gnu/faketime",
+            "/usr/lib/faketime",
+        ];
+        let libraries = places.iter().map(|place| Path::new(place).join("libfaketime.so.1"));
+        let library = libraries.into_iter().find(|library| library.exists());
+        let library = library.ok_or("libfaketime is not installed")?;
+        let clock = Self { library, file: folder.join("clock") };
+        clock.set("+0");
+        Ok(clock)
+    }
+
+    /// Sets it, for example to `+1d` or `-1d`.
+    ///
+    /// # Panics
+    /// When its file cannot be written.
+    pub fn set(&self, offset: &str) {
+        // By a rename, so that nobody reads half of it.
+        let draft = self.file.with_extension("new");
+        std::fs::write(&draft, format!("{offset}\n")).expect("the clock's file can be written");
+        std::fs::rename(&draft, &self.file).expect("the clock's file can be replaced");
+    }
+
+    /// A program that goes by it.
+    pub fn command(&self, program: impl AsRef<Path>) -> Command {
+        let mut command = Command::new(program.as_ref());
+        command
+            .env("LD_PRELOAD", &self.library)
+            .env("FAKETIME_TIMESTAMP_FILE", &self.file)
+            .env("FAKETIME_NO_CACHE", "1")
+            .env("FAKETIME_DONT_FAKE_MONOTONIC", "1")
+            .env("DONT_FAKE_MONOTONIC", "1");
+        command
+    }
+}
