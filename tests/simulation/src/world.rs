@@ -124,6 +124,9 @@ async fn live(plan: Plan) -> Outcome {
     let durable = Arc::clone(&world.durable);
     world.lock().ledger.check_all(&durable);
     let mut inner = world.lock();
+    // They know the world, and the world knows them.
+    inner.machines.clear();
+    inner.forgotten.clear();
     Outcome {
         plan: world.plan.clone(),
         counts: inner.ledger.counts.clone(),
