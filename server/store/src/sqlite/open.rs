@@ -45,12 +45,21 @@ pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
     migrate(path, &mut writer).await?;
     look_at(path, &mut writer).await?;
 
+    // All of them now and for good: while the file is moved away none can be opened, and reads go on all the same.
     let readers = SqlitePoolOptions::new()
+        .min_connections(limits::READERS)
         .max_connections(limits::READERS)
+        .idle_timeout(None)
+        .max_lifetime(None)
         .acquire_timeout(limits::READER_TIMEOUT)
         .connect_with(options.create_if_missing(false).pragma("query_only", "ON"))
         .await
         .map_err(|error| explain(path, &error))?;
+    let mut opened = Vec::new();
+    for _ in 0..limits::READERS {
+        opened.push(readers.acquire().await.map_err(|error| explain(path, &error))?);
+    }
+    drop(opened);
     Ok(Opened { lock, writer, readers })
 }
 
