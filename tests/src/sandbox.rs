@@ -76,7 +76,7 @@ impl Drop for SmallDisk {
 /// A clock for one program: what `libfaketime` adds to the system's, taken anew from a file at every look. The
 /// monotonic clock stays the machine's, as when somebody sets the time.
 pub struct Clock {
-    library: PathBuf,
+    faketime: PathBuf,
     file: PathBuf,
 }
 
@@ -92,9 +92,9 @@ impl Clock {
             "/usr/lib/faketime",
         ];
         let libraries = places.iter().map(|place| Path::new(place).join("libfaketime.so.1"));
-        let library = libraries.into_iter().find(|library| library.exists());
-        let library = library.ok_or("libfaketime is not installed")?;
-        let clock = Self { library, file: folder.join("clock") };
+        let faketime = libraries.into_iter().find(|library| library.exists());
+        let faketime = faketime.ok_or("libfaketime is not installed")?;
+        let clock = Self { faketime, file: folder.join("clock") };
         clock.set("+0");
         Ok(clock)
     }
@@ -114,7 +114,7 @@ impl Clock {
     pub fn command(&self, program: impl AsRef<Path>) -> Command {
         let mut command = Command::new(program.as_ref());
         command
-            .env("LD_PRELOAD", &self.library)
+            .env("LD_PRELOAD", &self.faketime)
             .env("FAKETIME_TIMESTAMP_FILE", &self.file)
             .env("FAKETIME_NO_CACHE", "1")
             .env("FAKETIME_DONT_FAKE_MONOTONIC", "1")
