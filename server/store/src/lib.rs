@@ -21,6 +21,7 @@ mod memory;
 mod postgres;
 mod question;
 mod raw;
+mod read;
 mod rows;
 mod sqlite;
 mod store;

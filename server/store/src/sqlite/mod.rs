@@ -157,7 +157,7 @@ impl Store for SqliteStore {
     }
 
     async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError> {
-        read::studies(&self.readers, after, size).await
+        read::studies(&mut *self.reader().await?, after, size).await
     }
 
     async fn delete_study(&self, study: &str) -> Result<(), StoreError> {

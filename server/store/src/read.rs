@@ -1,0 +1,180 @@
+//! The questions that only read, once for both databases.
+//!
+//! They are the same but for the type of a connection, and what sqlx asks of a type to be any database's connection
+//! is longer than the questions. So they are written out for each by [`reads!`], in a module that has the database's
+//! statements as `sql`, its `filter` and its `failed` at hand.
+
+/// The functions that read, for one type of connection.
+macro_rules! reads {
+    ($connection:ty) => {
+        use tokio_stream::StreamExt as _;
+        use treewright_core::trial::RawTrial;
+        use treewright_core::tuner::{Checkpoint, StateRecord};
+
+        use crate::assembly::{self, StudyRow, StudyRows, page, study_not_found};
+        use crate::error::StoreError;
+        use crate::fence::Fence;
+        use crate::rows::{StateRow, TrialRow, signed, unsigned};
+        use crate::store::{ClosedTrial, Loaded, StudyRecord, TrialPage, TrialQuery};
+
+        /// The key of a study.
+        pub(super) async fn study_key(connection: &mut $connection, study: &str) -> Result<i64, StoreError> {
+            sqlx::query_scalar(sql::STUDY_KEY)
+                .bind(study)
+                .fetch_optional(connection)
+                .await
+                .map_err(failed)?
+                .ok_or_else(|| study_not_found(study))
+        }
+
+        pub(super) async fn study(
+            connection: &mut $connection,
+            study: &str,
+        ) -> Result<StudyRecord, StoreError> {
+            let row: Option<StudyRow> = sqlx::query_as(sql::STUDY_BY_NAME)
+                .bind(study)
+                .fetch_optional(connection)
+                .await
+                .map_err(failed)?;
+            row.ok_or_else(|| study_not_found(study))?.into_record()
+        }
+
+        pub(super) async fn studies(
+            connection: &mut $connection,
+            after: Option<&str>,
+            size: u32,
+        ) -> Result<Vec<StudyRecord>, StoreError> {
+            let rows: Vec<StudyRow> = sqlx::query_as(sql::STUDY_PAGE)
+                .bind(after.unwrap_or_default())
+                .bind(i64::from(size))
+                .fetch_all(connection)
+                .await
+                .map_err(failed)?;
+            rows.into_iter().map(StudyRow::into_record).collect()
+        }
+
+        /// Reads all of a study but its closed trials. The fence keeps others from changing it meanwhile.
+        pub(super) async fn load(connection: &mut $connection, fence: Fence) -> Result<Loaded, StoreError> {
+            let key = fence.key();
+            let study: Option<StudyRow> = sqlx::query_as(sql::STUDY_BY_KEY)
+                .bind(key)
+                .fetch_optional(&mut *connection)
+                .await
+                .map_err(failed)?;
+            let study = study.ok_or_else(|| study_not_found(fence.study()))?;
+            let visits = sqlx::query_as(sql::VISITS_OF_STUDY)
+                .bind(key)
+                .fetch_all(&mut *connection)
+                .await
+                .map_err(failed)?;
+            let open_trials = sqlx::query_as(sql::OPEN_TRIALS)
+                .bind(key)
+                .fetch_all(&mut *connection)
+                .await
+                .map_err(failed)?;
+            let states = states(connection, key).await?;
+            let checkpoint = checkpoint(connection, key).await?;
+            StudyRows { study, states, visits, open_trials, checkpoint }.into_loaded(fence)
+        }
+
+        /// Row by row, since a study may have a million of them.
+        async fn states(connection: &mut $connection, key: i64) -> Result<Vec<StateRecord>, StoreError> {
+            let mut rows = sqlx::query_as::<_, StateRow>(sql::STATES_OF_STUDY).bind(key).fetch(connection);
+            let mut states = Vec::new();
+            while let Some(row) = rows.next().await {
+                states.push(row.map_err(failed)?.into_state()?);
+            }
+            Ok(states)
+        }
+
+        async fn checkpoint(
+            connection: &mut $connection,
+            key: i64,
+        ) -> Result<Option<Checkpoint>, StoreError> {
+            let latest: Option<i64> = sqlx::query_scalar(sql::CHECKPOINT)
+                .bind(key)
+                .fetch_optional(&mut *connection)
+                .await
+                .map_err(failed)?;
+            let Some(completion) = latest else {
+                return Ok(None);
+            };
+            let parts: Vec<Vec<u8>> = sqlx::query_scalar(sql::CHECKPOINT_PARTS)
+                .bind(key)
+                .bind(completion)
+                .fetch_all(connection)
+                .await
+                .map_err(failed)?;
+            Ok(Some(Checkpoint { completion: unsigned(completion)?, bytes: parts.concat() }))
+        }
+
+        /// Reads completed trials behind a place in their order.
+        pub(super) async fn completed(
+            connection: &mut $connection,
+            fence: &Fence,
+            after: u64,
+            size: u32,
+        ) -> Result<Vec<RawTrial>, StoreError> {
+            let rows: Vec<TrialRow> = sqlx::query_as(sql::COMPLETED_TRIALS)
+                .bind(fence.key())
+                .bind(signed(after)?)
+                .bind(i64::from(size))
+                .fetch_all(connection)
+                .await
+                .map_err(failed)?;
+            rows.into_iter().map(TrialRow::into_trial).collect()
+        }
+
+        /// Reads which trials of a stretch of numbers are over.
+        pub(super) async fn closed(
+            connection: &mut $connection,
+            fence: &Fence,
+            after: u64,
+            up_to: u64,
+            size: u32,
+        ) -> Result<Vec<ClosedTrial>, StoreError> {
+            let rows = sqlx::query_as(sql::CLOSED_TRIALS)
+                .bind(fence.key())
+                .bind(signed(after)?)
+                .bind(signed(up_to)?)
+                .bind(i64::from(size))
+                .fetch_all(connection)
+                .await
+                .map_err(failed)?;
+            assembly::closed(rows)
+        }
+
+        pub(super) async fn trial(
+            connection: &mut $connection,
+            study: &str,
+            number: u64,
+        ) -> Result<RawTrial, StoreError> {
+            let key = study_key(&mut *connection, study).await?;
+            let not_found = || StoreError::TrialNotFound { study: study.to_owned(), number };
+            let row: Option<TrialRow> = sqlx::query_as(sql::TRIAL_BY_NUMBER)
+                .bind(key)
+                // A number that the column cannot hold is a number that no trial has.
+                .bind(signed(number).map_err(|_| not_found())?)
+                .fetch_optional(&mut *connection)
+                .await
+                .map_err(failed)?;
+            row.ok_or_else(not_found)?.into_trial()
+        }
+
+        pub(super) async fn trials(
+            connection: &mut $connection,
+            study: &str,
+            query: &TrialQuery,
+        ) -> Result<TrialPage, StoreError> {
+            let key = study_key(&mut *connection, study).await?;
+            let rows: Vec<TrialRow> = filter::trial_page(key, query)?
+                .build_query_as()
+                .fetch_all(&mut *connection)
+                .await
+                .map_err(failed)?;
+            page(rows, query)
+        }
+    };
+}
+
+pub(crate) use reads;
