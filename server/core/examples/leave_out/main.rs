@@ -10,15 +10,15 @@
 #[path = "../search_quality/problem.rs"]
 #[allow(dead_code)]
 mod problem;
+mod roofline;
 #[path = "../search_quality/trees.rs"]
 mod trees;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use rand::{Rng, RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use treewright_core::configuration::Configuration;
 use treewright_core::indicator::{Indicator, IndicatorSchema};
 use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::Policy;
@@ -28,39 +28,10 @@ use treewright_core::trial::Outcome;
 use treewright_core::tuner::{Ask, Tuner};
 
 use problem::{Problem, normal};
+pub(crate) use roofline::best_of;
 
 /// The share of the roofline that counts as arrived.
 const ARRIVED: f64 = 0.98;
-
-/// The lowest cost that a long climb finds.
-pub(crate) fn best_of(
-    space: &Space,
-    cost: impl Fn(&Configuration) -> Option<f64>,
-    random: &mut impl Rng,
-) -> f64 {
-    let dimension = space.dimension();
-    let value = |x: &[f64]| cost(&space.decode(x)).unwrap_or(f64::INFINITY);
-    let mut found = f64::INFINITY;
-    for _ in 0..6 {
-        let mut best = (f64::INFINITY, vec![0.5; dimension]);
-        for draw in 0..4000 {
-            let mut x: Vec<f64> = best.1.clone();
-            if draw < 1500 {
-                x.fill_with(|| random.random());
-            } else {
-                for _ in 0..random.random_range(1..4) {
-                    x[random.random_range(0..dimension)] = random.random();
-                }
-            }
-            let cost = value(&x);
-            if cost <= best.0 {
-                best = (cost, x);
-            }
-        }
-        found = found.min(best.0);
-    }
-    found
-}
 
 fn flat(space: &Space) -> Space {
     let parameters = space.parameters().iter().cloned();

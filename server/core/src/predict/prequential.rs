@@ -13,8 +13,10 @@ use crate::sum::Sum;
 
 /// An error counts as no more than this: a thousandfold.
 pub const ERROR_MAX: f64 = 6.907_755_278_982_137;
-/// An older error's weight after one more, in the recent mean.
+/// An older error's weight after one more, in the recent mean
 const FADE: f64 = 1.0 - 1.0 / 400.0;
+/// and in the mean of the last few.
+const FADE_LAST: f64 = 1.0 - 1.0 / 20.0;
 
 /// The error of one prediction; [`ERROR_MAX`] where there was none.
 pub fn error(expected: Option<Estimate>, cost: f64) -> f64 {
@@ -28,8 +30,26 @@ pub struct Tally {
     count: u64,
     sum: Sum,
     squares: Sum,
-    recent: f64,
+    recent: Fading,
+    last: Fading,
+}
+
+/// A mean in which what is old fades.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Fading {
+    sum: f64,
     weight: f64,
+}
+
+impl Fading {
+    fn take(&mut self, error: f64, fade: f64) {
+        self.sum = fade * self.sum + error;
+        self.weight = fade * self.weight + 1.0;
+    }
+
+    fn mean(&self) -> Option<f64> {
+        (self.weight > 0.0).then(|| self.sum / self.weight)
+    }
 }
 
 /// A mean error and where it lies with 95 % confidence, by the normal approximation.
@@ -51,13 +71,18 @@ impl Tally {
         self.count += 1;
         self.sum.add(error);
         self.squares.add(error * error);
-        self.recent = FADE * self.recent + error;
-        self.weight = FADE * self.weight + 1.0;
+        self.recent.take(error, FADE);
+        self.last.take(error, FADE_LAST);
     }
 
     /// The mean error of late; the choice goes by it. Infinite before the first.
     pub fn recent(&self) -> f64 {
-        if self.count == 0 { f64::INFINITY } else { self.recent / self.weight }
+        self.recent.mean().unwrap_or(f64::INFINITY)
+    }
+
+    /// The mean error of the last twenty or so; the blend's weights go by it. `None` before the first.
+    pub fn last(&self) -> Option<f64> {
+        self.last.mean()
     }
 
     /// The mean error of all trials; `None` before the first.
@@ -89,6 +114,16 @@ mod tests {
         assert!((error(expected, 4.0) - std::f64::consts::LN_2).abs() < 1e-15);
         assert_eq!(error(expected, 0.0), ERROR_MAX);
         assert_eq!(error(None, 1.0), ERROR_MAX);
+    }
+
+    #[test]
+    fn the_last_errors_outweigh_the_old() {
+        let mut tally = Tally::default();
+        assert_eq!((tally.recent(), tally.last()), (f64::INFINITY, None));
+        (0..400).for_each(|_| tally.take(1.0));
+        (0..40).for_each(|_| tally.take(0.0));
+        assert!((tally.last().expect("tested") - 0.95f64.powi(40)).abs() < 1e-9);
+        assert!(tally.recent() > 0.8);
     }
 
     #[test]

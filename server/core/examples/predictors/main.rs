@@ -9,6 +9,8 @@
 //!
 //! `cargo run --release -p treewright-core --example predictors -- [STATES]`; a million unless told otherwise.
 
+mod streams;
+
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -18,43 +20,20 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use treewright_core::fleet::Fleet;
-use treewright_core::indicator::{Indicator, IndicatorSchema};
 use treewright_core::knowledge::{Knowledge, KnownState};
-use treewright_core::objective::{Objective, ObjectiveTerm};
-use treewright_core::policy::{Policy, PredictorMethod, SearchMethod};
+use treewright_core::policy::{Policy, PredictorMethod};
 use treewright_core::predict::{
     Atlas, LeastSquares, Lesson, Nearest, Origin, Predictor, Query, Rbf, Shape, Weighted,
 };
 use treewright_core::search::Verdict;
-use treewright_core::space::{Domain, Parameter, Scale, Space};
-use treewright_core::study::StudySpec;
 use treewright_core::trial::{Outcome, Trial};
 use treewright_core::tuner::{Ask, Tuner};
+
+use streams::{Stream, study};
 
 const PARAMETERS: usize = 11;
 const INDICATORS: usize = 17;
 const QUESTIONS: usize = 2000;
-
-fn study(parameters: usize, indicators: usize, policy: Policy, seed: u64) -> StudySpec {
-    let parameter = |index: usize| Parameter {
-        name: format!("p{index}"),
-        domain: Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear },
-        default: treewright_core::value::Value::Float(0.5),
-        active_if: None,
-    };
-    let indicator =
-        |index: usize| Indicator { name: format!("i{index}"), min: 0.0, max: 1.0, scale: Scale::Linear };
-    let term = ObjectiveTerm { metric: "cost".into(), weight: 1.0 };
-    StudySpec {
-        display_name: "predictors".into(),
-        space: Space::new((0..parameters).map(parameter).collect(), vec![]).expect("a valid space"),
-        indicators: IndicatorSchema::new((0..indicators).map(indicator).collect()).expect("valid"),
-        objective: Objective::new(vec![term]).expect("a valid objective"),
-        state_tolerance: 1e-3,
-        policy,
-        seed,
-    }
-}
 
 /// A state as scenes give them: seventeen numbers that follow from four.
 fn scene(random: &mut ChaCha8Rng) -> Vec<f64> {
@@ -160,94 +139,43 @@ fn features() {
     }
 }
 
-/// A stream of trials: over how many states, how much of the time a predictor decides, and what a configuration costs.
-struct Stream {
-    states: usize,
-    epsilon: f64,
-    cost: fn(&[f64], &[f64], usize) -> f64,
-}
-
-fn bowl(state: &[f64], point: &[f64], _: usize) -> f64 {
-    1.0 + point.iter().zip(state.iter().cycle()).map(|(p, s)| 3.0 * (p - s) * (p - s)).sum::<f64>()
-}
-
-fn level(state: &[f64], point: &[f64], frame: usize) -> f64 {
-    libm::exp(3.0 * state[0]) * bowl(&state[1..], point, frame)
-}
-
-fn cliff(state: &[f64], point: &[f64], frame: usize) -> f64 {
-    bowl(state, point, frame) * if point[0] > state[0] { 5.0 } else { 1.0 }
-}
-
-fn drift(state: &[f64], point: &[f64], frame: usize) -> f64 {
-    bowl(state, point, frame) * (1.0 + frame as f64 / 400.0)
-}
-
-fn flat(state: &[f64], _: &[f64], _: usize) -> f64 {
-    1.0 + state[0]
-}
-
-fn errors() {
-    let mut streams = Vec::new();
-    for (states, epsilon, how) in [(400, 0.2, "fresh"), (12, 1.0, "searched"), (12, 0.2, "visited")] {
-        for (kind, cost) in [
-            ("bowl", bowl as fn(&[f64], &[f64], usize) -> f64),
-            ("level", level),
-            ("cliff", cliff),
-            ("drift", drift),
-            ("flat", flat),
-        ] {
-            streams.push((format!("{kind}, {how}"), Stream { states, epsilon, cost }));
-        }
-    }
-    let mut most = 0.0f64;
-    for (name, Stream { states, epsilon, cost }) in streams {
+/// Errors of each predictor and of `auto` on a stream, a run a seed, and how far `auto` is above the least: of the
+/// means over the seeds, and in the worst run.
+fn errors(which: &str, streams: &[Stream], seeds: std::ops::Range<u64>) -> Vec<f64> {
+    let mut ratios = Vec::new();
+    for stream in streams {
         let mut sums: BTreeMap<PredictorMethod, f64> = BTreeMap::new();
-        for seed in 0..4 {
-            let policy = Policy {
-                predictor: PredictorMethod::Auto,
-                search: SearchMethod::Random,
-                epsilon,
-                trials_per_state: 60,
-                ..Policy::default()
+        let mut worst = 0.0f64;
+        for seed in seeds.clone() {
+            let errors = stream.run(seed, |_, _| {}).predictor_errors();
+            let mean = |auto: bool| {
+                let chosen =
+                    errors.iter().filter(move |(method, _)| (*method == PredictorMethod::Auto) == auto);
+                chosen.map(|(_, interval)| interval.mean).fold(f64::INFINITY, f64::min)
             };
-            let mut tuner = Tuner::new(Arc::new(study(4, 3, policy, seed))).expect("a valid study");
-            let mut random = ChaCha8Rng::seed_from_u64(seed);
-            let places: Vec<[f64; 3]> =
-                (0..states).map(|_| std::array::from_fn(|_| random.random())).collect();
-            for frame in 0..400 {
-                let state = &places[if states == 400 { frame } else { (frame / 5) % states }];
-                let indicators = (0..3).map(|axis| (format!("i{axis}"), state[axis])).collect();
-                let ask = Ask { client_id: "a".into(), indicators, ..Ask::default() };
-                let trial = tuner.suggest(&ask, 0).expect("a valid question").0;
-                let point: Vec<f64> = (0..4)
-                    .map(|axis| {
-                        trial
-                            .configuration
-                            .get(&format!("p{axis}"))
-                            .and_then(|x| x.as_number())
-                            .unwrap_or(0.5)
-                    })
-                    .collect();
-                let noise = 1.0 + 0.1 * (random.random::<f64>() - random.random::<f64>());
-                let measurements = BTreeMap::from([("cost".to_owned(), noise * cost(state, &point, frame))]);
-                let _stored = tuner.report(&trial, measurements, Outcome::Ok, 1).expect("a valid report");
-            }
-            for (method, interval) in tuner.predictor_errors() {
-                *sums.entry(method).or_default() += interval.mean / 4.0;
+            worst = worst.max(mean(true) / mean(false));
+            for (method, interval) in errors {
+                *sums.entry(method).or_default() += interval.mean / (seeds.end - seeds.start) as f64;
             }
         }
         let auto = sums.remove(&PredictorMethod::Auto).unwrap_or(f64::NAN);
         let (best, least) =
             sums.iter().min_by(|a, b| a.1.total_cmp(b.1)).map_or(("none", f64::NAN), |(m, e)| (m.name(), *e));
-        most = most.max(auto / least);
+        ratios.push(auto / least);
         let each: BTreeMap<&str, f64> = sums.iter().map(|(method, error)| (method.name(), *error)).collect();
-        println!(
-            "{}",
-            json!({ "errors": name, "auto": auto, "best": best, "auto_over_best": auto / least, "each": each })
-        );
+        let found = json!({
+            "errors": stream.name, "streams": which, "auto": auto, "best": best, "auto_over_best": auto / least,
+            "worst_run": worst, "each": each,
+        });
+        println!("{found}");
     }
-    println!("{}", json!({ "auto_over_best_at_most": most }));
+    let (most, above) =
+        (ratios.iter().copied().fold(0.0, f64::max), ratios.iter().filter(|&&r| r > 1.05).count());
+    println!(
+        "{}",
+        json!({ "streams": which, "auto_over_best_at_most": most, "above_1.05": above, "of": ratios.len() })
+    );
+    ratios
 }
 
 fn main() -> ExitCode {
@@ -261,7 +189,8 @@ fn main() -> ExitCode {
         return if is_help { ExitCode::SUCCESS } else { ExitCode::from(2) };
     };
     features();
-    errors();
+    errors("known", &streams::known(), 0..4);
+    errors("unseen", &streams::unseen(), 100..104);
     nearest(states);
     ExitCode::SUCCESS
 }
