@@ -102,6 +102,9 @@ pub const TUNE_ANSWERS_WAITING: usize = 4;
 /// Studies whose tuner is held in memory. Another one replaces the least recently used.
 pub const STUDIES_IN_MEMORY: usize = 256;
 
+/// How long a question waits for a processor to think about it; then it is answered from the tables.
+pub const THINKING_WAIT: Duration = Duration::from_millis(5);
+
 /// Completed trials that are read at once when a study is loaded: a few megabytes.
 pub const TRIALS_PER_READ: u32 = 1000;
 

@@ -283,7 +283,7 @@ impl Knowledge {
     }
 
     /// The measured configurations that can be run, best mean first.
-    pub fn ranked(&self) -> impl Iterator<Item = &Record> {
+    pub fn ranked(&self) -> impl ExactSizeIterator<Item = &Record> {
         self.ranking.iter().map(|rank| &self.records[rank.index])
     }
 

@@ -61,6 +61,8 @@ pub(crate) struct Metrics {
     connections_lost: Family<Reason, Counter>,
     forwarded: Family<Outcome, Counter>,
     durable_seconds: Histogram,
+    thinking_seconds: Histogram,
+    unthought: Counter,
     store_queue: Gauge,
     expired_leases: Counter,
     late_reports: Counter,
@@ -112,6 +114,8 @@ impl Metrics {
             connections_lost: Family::default(),
             forwarded: Family::default(),
             durable_seconds: seconds(),
+            thinking_seconds: seconds(),
+            unthought: Counter::default(),
             store_queue: Gauge::default(),
             expired_leases: Counter::default(),
             late_reports: Counter::default(),
@@ -157,6 +161,17 @@ impl Metrics {
             "From a decision to its being on the disk",
             Unit::Seconds,
             self.durable_seconds.clone(),
+        );
+        r.register_with_unit(
+            "thinking",
+            "Fits of models for one question, apart from the study",
+            Unit::Seconds,
+            self.thinking_seconds.clone(),
+        );
+        r.register(
+            "unthought",
+            "Questions answered from the tables because no processor was free to think in time",
+            self.unthought.clone(),
         );
         r.register("store_queue", "Decisions that wait for the disk", self.store_queue.clone());
         r.register("expired_leases", "Leases that ran out", self.expired_leases.clone());
@@ -224,6 +239,19 @@ impl Metrics {
         let stored = receipt.durable().await;
         self.durable_seconds.observe(waiting.since.elapsed().as_secs_f64());
         stored
+    }
+
+    /// Waits for somebody who thinks about a question, and counts the time.
+    pub(crate) async fn thought<T>(&self, thinking: impl Future<Output = T>) -> T {
+        let since = Instant::now();
+        let thought = thinking.await;
+        self.thinking_seconds.observe(since.elapsed().as_secs_f64());
+        thought
+    }
+
+    /// A question was answered without having been thought about.
+    pub(crate) fn not_thought(&self) {
+        self.unthought.inc();
     }
 
     /// All figures in OpenMetrics' text form.

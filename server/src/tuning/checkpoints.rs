@@ -130,30 +130,31 @@ pub(super) mod tests {
         }
     }
 
+    /// A frame of a client; what it got.
+    pub(in crate::tuning) async fn frame(tuning: &Tuning, client_id: &str, place: f64) -> Trial {
+        let indicators = BTreeMap::from([("x".to_owned(), place)]);
+        let ask = Ask { client_id: client_id.to_owned(), indicators, ..Ask::default() };
+        let suggest = Suggest { study: "hall".to_owned(), ask, wanted: None };
+        let trial = tuning.suggest(suggest).await.expect("a trial");
+        let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).expect("active");
+        let cost = 1.0 + (number("a") - 9.0 * place).abs() + number("b");
+        let report = Report {
+            trial: TrialName { study: "hall".to_owned(), number: trial.number },
+            measurements: BTreeMap::from([("render_ms".to_owned(), cost)]),
+            outcome: Outcome::Ok,
+        };
+        tuning.report(report).await.expect("taken");
+        trial
+    }
+
     /// Two clients, frame after frame; what they got.
     pub(in crate::tuning) async fn frames(tuning: &Tuning, numbers: std::ops::Range<u64>) -> Vec<Trial> {
         let mut trials = Vec::new();
-        for frame in numbers {
+        for number in numbers {
             // Later on in places that are new, where the models have a say.
-            let shift = if frame > CHECKPOINT_TRIALS_MIN + 300 { 0.05 } else { 0.0 };
-            let place = (frame / 10 % 9) as f64 / 9.0 + shift;
-            let ask = Ask {
-                client_id: format!("client-{}", frame % 2),
-                indicators: BTreeMap::from([("x".to_owned(), place)]),
-                ..Ask::default()
-            };
-            let suggest = Suggest { study: "hall".to_owned(), ask, wanted: None };
-            let trial = tuning.suggest(suggest).await.expect("a trial");
-            let number =
-                |name: &str| trial.configuration.get(name).and_then(Value::as_number).expect("active");
-            let cost = 1.0 + (number("a") - 9.0 * place).abs() + number("b");
-            let report = Report {
-                trial: TrialName { study: "hall".to_owned(), number: trial.number },
-                measurements: BTreeMap::from([("render_ms".to_owned(), cost)]),
-                outcome: Outcome::Ok,
-            };
-            tuning.report(report).await.expect("taken");
-            trials.push(trial);
+            let shift = if number > CHECKPOINT_TRIALS_MIN + 300 { 0.05 } else { 0.0 };
+            let place = (number / 10 % 9) as f64 / 9.0 + shift;
+            trials.push(frame(tuning, &format!("client-{}", number % 2), place).await);
         }
         trials
     }

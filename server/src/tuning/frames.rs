@@ -1,7 +1,7 @@
 //! Suggest and report, apart and in one: what a client does every frame.
 
 use treewright_core::trial::{RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, Tuner, TunerError};
+use treewright_core::tuner::{Change, Errand, Thoughts, Tuner, TunerError};
 use treewright_store::{Fence, Receipt, Store};
 
 use super::{Live, Tuning};
@@ -56,9 +56,10 @@ impl Tuning {
     /// # Errors
     /// As the wire contract names them.
     pub async fn suggest(&self, suggest: Suggest) -> Result<Trial, Error> {
+        let errand = |tuner: &Tuner, is_free: &dyn Fn(u64) -> bool| errand(tuner, &suggest, is_free);
         let (trial, receipt) = self
-            .with_tuner(&suggest.study, |live, store, now_ms| {
-                let (trial, change) = ask(&mut live.tuner, &suggest, now_ms)?;
+            .with_thoughts(&suggest.study, errand, |live, store, thoughts, now_ms| {
+                let (trial, change) = ask(&mut live.tuner, &suggest, thoughts, now_ms)?;
                 note(&suggest, &trial, &change);
                 Ok::<_, TunerError>((trial, live.commit(store, &[change])))
             })
@@ -101,32 +102,46 @@ impl Tuning {
     }
 
     async fn joint_frame(&self, report: Report, suggest: Suggest) -> FrameAnswer {
-        type Joint = (Box<Trial>, Result<Trial, TunerError>, Receipt);
+        /// The report, what was suggested unless that takes thinking, when it is durable, and whether the models owe
+        /// something to it.
+        type Joint = (Box<Trial>, Option<Result<Trial, TunerError>>, Receipt, bool);
+        let study = suggest.study.clone();
         let computed: Result<Option<Joint>, Error> = self
-            .with_tuner(&suggest.study, |live, store, now_ms| {
+            .with_tuner(&study, |live, store, now_ms| {
                 let Taken::Now(completed, change) = take(&mut live.tuner, &report, now_ms) else {
                     return None;
                 };
                 let mut changes = vec![change];
-                let suggested = ask(&mut live.tuner, &suggest, now_ms).map(|(trial, change)| {
-                    note(&suggest, &trial, &change);
-                    changes.push(change);
-                    trial
+                let thinks = live.needs_thoughts(&suggest);
+                let suggested = (!thinks).then(|| {
+                    let suggested = ask(&mut live.tuner, &suggest, Thoughts::default(), now_ms);
+                    suggested.map(|(trial, change)| {
+                        note(&suggest, &trial, &change);
+                        changes.push(change);
+                        trial
+                    })
                 });
-                Some((completed, suggested, live.commit(store, &changes)))
+                Some((completed, suggested, live.commit(store, &changes), live.tuner.owes()))
             })
             .await;
         match computed {
-            Ok(Some((completed, suggested, receipt))) => match METRICS.durable(receipt).await {
-                Ok(()) => FrameAnswer {
-                    reported: Some(Ok(Reported::Taken(completed))),
-                    suggested: Some(suggested.map_err(Error::from)),
-                },
-                Err(error) => FrameAnswer {
-                    reported: Some(Err(error.clone().into())),
-                    suggested: Some(Err(error.into())),
-                },
-            },
+            Ok(Some((completed, None, receipt, _))) => {
+                let (durable, suggested) = tokio::join!(METRICS.durable(receipt), self.suggest(suggest));
+                let reported = durable.map(|()| Reported::Taken(completed)).map_err(Error::from);
+                FrameAnswer { reported: Some(reported), suggested: Some(suggested) }
+            }
+            Ok(Some((completed, Some(suggested), receipt, owes))) => {
+                match self.durable(&study, receipt, owes).await {
+                    Ok(()) => FrameAnswer {
+                        reported: Some(Ok(Reported::Taken(completed))),
+                        suggested: Some(suggested.map_err(Error::from)),
+                    },
+                    Err(error) => FrameAnswer {
+                        reported: Some(Err(error.clone().into())),
+                        suggested: Some(Err(error.into())),
+                    },
+                }
+            }
             // A report that is late, repeated or wrong goes its own way, and the suggestion another.
             Ok(None) => FrameAnswer {
                 reported: Some(self.report(report).await),
@@ -139,8 +154,8 @@ impl Tuning {
     async fn reported(&self, report: Report, mut answer: Queued) -> Result<Reported, Error> {
         for _ in 0..TRIES {
             match answer {
-                Queued::Taken(completed, receipt) => {
-                    METRICS.durable(receipt).await?;
+                Queued::Taken(completed, receipt, owes) => {
+                    self.durable(&report.trial.study, receipt, owes).await?;
                     return Ok(Reported::Taken(completed));
                 }
                 Queued::Refused(error) => return Err(error.into()),
@@ -175,7 +190,8 @@ impl Tuning {
 
 /// An answer that waits for the disk.
 enum Queued {
-    Taken(Box<Trial>, Receipt),
+    /// Whether the models owe something to it.
+    Taken(Box<Trial>, Receipt, bool),
     Closed(ClosedMark),
     Refused(TunerError),
 }
@@ -189,6 +205,11 @@ pub(super) struct ClosedMark {
 }
 
 impl Live {
+    /// Whether a question has to be thought about.
+    fn needs_thoughts(&self, suggest: &Suggest) -> bool {
+        errand(&self.tuner, suggest, &|state| self.searched.is_free(state)).is_some()
+    }
+
     /// Marks this point. All writes before it are awaited by the mark's receipt.
     pub(super) fn mark(&mut self, store: &dyn Store) -> ClosedMark {
         ClosedMark {
@@ -220,10 +241,20 @@ impl Live {
     }
 }
 
-fn ask(tuner: &mut Tuner, suggest: &Suggest, now_ms: i64) -> Result<(Trial, Change), TunerError> {
+/// What has to be thought about before [`ask`].
+fn errand(tuner: &Tuner, suggest: &Suggest, is_free: &dyn Fn(u64) -> bool) -> Option<Errand> {
+    if suggest.wanted.is_some() { None } else { tuner.errand(&suggest.ask, is_free) }
+}
+
+fn ask(
+    tuner: &mut Tuner,
+    suggest: &Suggest,
+    thoughts: Thoughts,
+    now_ms: i64,
+) -> Result<(Trial, Change), TunerError> {
     match &suggest.wanted {
         Some(wanted) => tuner.suggest_wanted(&suggest.ask, wanted.clone(), now_ms),
-        None => tuner.suggest(&suggest.ask, now_ms),
+        None => tuner.suggest_ahead(&suggest.ask, thoughts, now_ms),
     }
 }
 
@@ -240,7 +271,9 @@ fn take(tuner: &mut Tuner, report: &Report, now_ms: i64) -> Taken {
 
 fn queue(live: &mut Live, store: &dyn Store, taken: Taken) -> Queued {
     match taken {
-        Taken::Now(completed, change) => Queued::Taken(completed, live.commit(store, &[change])),
+        Taken::Now(completed, change) => {
+            Queued::Taken(completed, live.commit(store, &[change]), live.tuner.owes())
+        }
         Taken::Closed => Queued::Closed(live.mark(store)),
         Taken::Refused(error) => Queued::Refused(error),
     }

@@ -1,7 +1,8 @@
 //! The use cases of the daemon, apart from the wire: what each request does to tuner and store.
 //!
 //! The order is always the same: take the tuner's lock, compute, queue the change, let go, wait until it
-//! is durable, answer. Nothing is answered that is not on the disk. `runtime` holds the tuners, `loading` reads them,
+//! is durable, answer. Nothing is answered that is not on the disk, and nothing is computed under the lock that takes
+//! a model to be fitted: `thinking` does that before. `runtime` holds the tuners, `loading` reads them,
 //! `checkpoints` spares that, `retention` lets old trials go, `frames` suggests and reports, `trials` does what concerns
 //! one trial, `studies` what concerns a study, `figures` tells those who watch.
 
@@ -12,11 +13,13 @@ mod loading;
 mod retention;
 mod runtime;
 mod studies;
+mod thinking;
 mod trials;
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use tokio::sync::Semaphore;
 use treewright_core::limits::CHECKPOINT_TRIALS_MIN;
 use treewright_store::Store;
 
@@ -33,6 +36,8 @@ pub struct Tuning {
     clock: Arc<dyn Clock>,
     /// Completed trials after which a checkpoint is worth its bytes, as long as it is small.
     checkpoint_after: u64,
+    /// Places for those who think.
+    thinking: Semaphore,
     runtimes: Mutex<Runtimes>,
 }
 
@@ -47,7 +52,8 @@ impl Tuning {
     /// The use cases on a store and a clock.
     #[must_use]
     pub fn new(store: Arc<dyn Store>, clock: Arc<dyn Clock>) -> Self {
-        Self { store, clock, checkpoint_after: CHECKPOINT_TRIALS_MIN, runtimes: Mutex::default() }
+        let (checkpoint_after, thinking) = (CHECKPOINT_TRIALS_MIN, thinking::places());
+        Self { store, clock, checkpoint_after, thinking, runtimes: Mutex::default() }
     }
 
     /// Saves checkpoints after so many completed trials, where the usual number would hide them from a test.

@@ -13,6 +13,7 @@ use treewright_store::{Fence, Receipt, Store};
 use super::checkpoints::Saved;
 use super::figures::Tally;
 use super::loading::{self, Read};
+use super::thinking::Searched;
 use crate::clock::Clock;
 use crate::error::Error;
 use crate::metrics::METRICS;
@@ -38,6 +39,8 @@ pub(super) struct Live {
     pub(super) closed_changes: u64,
     /// The last checkpoint.
     pub(super) saved: Saved,
+    /// The states whose search somebody thinks about.
+    pub(super) searched: Searched,
     /// For those who watch.
     pub(super) tally: Tally,
     /// Up to which completion there was a checkpoint when trials were last looked through for what can go.
@@ -119,12 +122,21 @@ impl Runtime {
         if current(&mut self.lock()).is_some() {
             return Ok(());
         }
-        let Read { tuner, fence, saved } = loading::load(store, study, clock.now_ms()).await?;
+        let Read { mut tuner, fence, saved } = loading::load(store, study, clock.now_ms()).await?;
+        tuner.defer();
         let completed = tuner.statistics().completed_trials;
         tracing::info!(study, completed, from_checkpoint = saved.completion, "study loaded");
-        let tally = Tally::default();
-        *self.lock() =
-            Some(Live { tuner, fence, closed_changes: 0, saved, thinned: 0, tally, is_stale: false });
+        let (tally, searched) = (Tally::default(), Searched::default());
+        *self.lock() = Some(Live {
+            tuner,
+            fence,
+            closed_changes: 0,
+            saved,
+            thinned: 0,
+            searched,
+            tally,
+            is_stale: false,
+        });
         Ok(())
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use treewright_core::trial::{RawTrial, Trial};
-use treewright_core::tuner::{Best, Prediction, TunerError};
+use treewright_core::tuner::{Best, Prediction, Tuner, TunerError};
 use treewright_store::{Receipt, TrialPage, TrialQuery};
 
 use super::Tuning;
@@ -120,7 +120,12 @@ impl Tuning {
         study: &str,
         indicators: &BTreeMap<String, f64>,
     ) -> Result<Prediction, Error> {
-        let predicted = self.with_tuner(study, |live, _, _| live.tuner.predict(indicators)).await?;
+        let errand = |tuner: &Tuner, _: &dyn Fn(u64) -> bool| tuner.prediction_errand(indicators);
+        let predicted = self
+            .with_thoughts(study, errand, |live, _, thoughts, _| {
+                live.tuner.predict_ahead(indicators, thoughts)
+            })
+            .await?;
         Ok(predicted?)
     }
 

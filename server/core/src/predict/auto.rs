@@ -1,13 +1,15 @@
 //! All predictors of a study, and the choice among them.
 
-use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
-use crate::limits::REWARD_COST_MIN;
 use crate::policy::PredictorMethod;
-use crate::predict::prequential::{Interval, Tally, error};
+use crate::predict::blend::Tallies;
+use crate::predict::contextual::Request;
+use crate::predict::debt::{Debt, Debts, Settled};
+use crate::predict::prequential::Interval;
 use crate::predict::{
     Answer, Contextual, Estimate, LeastSquares, Lesson, Nearest, Predictor, Query, Rbf, Shape, Weighted,
 };
@@ -22,12 +24,6 @@ const TESTS_SHARE: u64 = 16;
 /// confirm itself: who always repeats one configuration predicts its cost well.
 const TRUSTED: f64 = 3.0;
 const TRUSTED_ERROR: f64 = 0.25;
-/// Half the error is worth so many doublings of the weight; errors below the least are all the same. The weights go by
-/// the last twenty tests or so: who errs in a state is likely to err there again. On the streams of
-/// `examples/predictors` powers of 6 to 10 and 12 to 30 tests do about as well; a power of 4 over 400 tests left the
-/// blend up to a tenth above the best single predictor.
-const WEIGHT_POWER: i32 = 8;
-const ERROR_LEAST: f64 = 1e-6;
 /// Fewer tests than this do not tell predictors apart.
 const TESTS_MIN: u64 = 8;
 
@@ -43,8 +39,10 @@ pub struct Predictors {
     /// Whether there is a choice to be made, for which all are tested.
     chooses: bool,
     trials: u64,
-    /// Errors of each predictor, and of the choice among them.
-    tallies: BTreeMap<PredictorMethod, Tally>,
+    tallies: Tallies,
+    /// What is yet to be settled, oldest first. A checkpoint is [settled](Predictors::settle_all) before it is stored.
+    #[serde(skip)]
+    debts: Vec<Arc<Debt>>,
 }
 
 impl Predictors {
@@ -63,7 +61,8 @@ impl Predictors {
             contextual: needs(PredictorMethod::Contextual).then(|| Contextual::new(space, indicators, seed)),
             chooses,
             trials: 0,
-            tallies: BTreeMap::new(),
+            tallies: Tallies::default(),
+            debts: Vec::new(),
         }
     }
 
@@ -87,8 +86,8 @@ impl Predictors {
             && least_squares.as_mut().is_none_or(|model| model.settle(space))
     }
 
-    /// Notes how far each would have been off a measured cost. To be called before the trial is learnt, and
-    /// before the table of its state holds it.
+    /// Notes what is needed to tell how far each would have been off a measured cost; the telling is left to be
+    /// settled. To be called before the trial is learnt, and before the table of its state holds it.
     pub fn test(&mut self, query: &Query<'_>, configuration: &Configuration, cost: f64) {
         if !self.chooses {
             return;
@@ -97,22 +96,52 @@ impl Predictors {
         if self.trials > TESTS_EAGER && !self.trials.is_multiple_of(TESTS_SHARE) {
             return;
         }
-        let words = PredictorMethod::SINGLE.map(|method| (method, self.expect(method, query, configuration)));
-        // The first trial of all is nobody's fault.
-        if words.iter().all(|(_, expected)| expected.is_none()) {
+        let words = Box::new(PredictorMethod::SINGLE.map(|method| match method {
+            PredictorMethod::Contextual => (method, None),
+            _ => (method, self.expect(method, query, configuration)),
+        }));
+        let question = self.contextual.as_ref().map(|model| model.question(query));
+        let configuration = configuration.clone();
+        self.debts.push(Arc::new(Debt::Test { words, question, configuration, cost }));
+    }
+
+    /// Teaches all. What takes long is left to be settled.
+    pub fn learn(&mut self, lesson: &Lesson<'_>) {
+        self.learn_features(lesson);
+        let exercise = self.contextual.as_mut().and_then(|model| model.note(lesson));
+        self.debts.extend(exercise.map(Debt::Exercise).map(Arc::new));
+    }
+
+    /// How much is left to be settled.
+    pub fn owed(&self) -> usize {
+        self.debts.len()
+    }
+
+    /// What is left to be settled, to be settled apart; `None` where there is nothing.
+    pub fn debts(&self) -> Option<Debts> {
+        let hyper = || self.contextual.as_ref().map(|model| model.hyper().clone());
+        let debts = || Debts { debts: self.debts.clone(), hyper: hyper(), tallies: self.tallies.clone() };
+        (!self.debts.is_empty()).then(debts)
+    }
+
+    /// Takes over what was settled apart, unless somebody was faster.
+    pub fn hand_in(&mut self, settled: Settled) {
+        let Debts { debts, hyper, tallies } = settled.0;
+        let same = self.debts.iter().zip(&debts).filter(|(own, settled)| Arc::ptr_eq(own, settled)).count();
+        if same < debts.len() {
             return;
         }
-        let blend = self.blend(&words);
-        for (method, expected) in words.into_iter().chain([(PredictorMethod::Auto, blend)]) {
-            self.tallies.entry(method).or_default().take(error(expected, cost));
+        self.debts.drain(..same);
+        self.tallies = tallies;
+        if let (Some(model), Some(hyper)) = (&mut self.contextual, hyper) {
+            model.set_hyper(hyper);
         }
     }
 
-    /// Teaches all.
-    pub fn learn(&mut self, lesson: &Lesson<'_>) {
-        self.learn_features(lesson);
-        if let Some(model) = &mut self.contextual {
-            model.learn(lesson);
+    /// Settles everything.
+    pub fn settle_all(&mut self, space: &Space) {
+        if let Some(debts) = self.debts() {
+            self.hand_in(debts.settle(space));
         }
     }
 
@@ -163,13 +192,7 @@ impl Predictors {
 
     /// The one that erred least of late, the first listed among equals.
     pub fn leader(&self) -> PredictorMethod {
-        let recent = |method: &PredictorMethod| self.recent(*method);
-        let methods = PredictorMethod::SINGLE;
-        methods.into_iter().min_by(|a, b| recent(a).total_cmp(&recent(b))).unwrap_or(methods[0])
-    }
-
-    fn recent(&self, method: PredictorMethod) -> f64 {
-        self.tallies.get(&method).map_or(f64::INFINITY, Tally::recent)
+        self.tallies.leader()
     }
 
     /// Who answers and proposes for a method.
@@ -178,18 +201,16 @@ impl Predictors {
             return method;
         }
         let (contextual, leader) = (PredictorMethod::Contextual, self.leader());
-        let tests =
-            self.tallies.get(&contextual).and_then(Tally::interval).map_or(0, |interval| interval.count);
-        let trusted = tests < TESTS_MIN
-            || self.recent(contextual) <= (TRUSTED * self.recent(leader)).max(TRUSTED_ERROR);
+        let recent = |method| self.tallies.recent(method);
+        let trusted = self.tallies.tests(contextual) < TESTS_MIN
+            || recent(contextual) <= (TRUSTED * recent(leader)).max(TRUSTED_ERROR);
         if trusted { contextual } else { leader }
     }
 
     /// The mean errors of every predictor and of the choice among them (`Auto`), with 95 % intervals. Empty
     /// before the second trial, and where nothing is to be chosen.
     pub fn errors(&self) -> Vec<(PredictorMethod, Interval)> {
-        let interval = |(&method, tally): (&PredictorMethod, &Tally)| Some((method, tally.interval()?));
-        self.tallies.iter().filter_map(interval).collect()
+        self.tallies.errors()
     }
 
     /// What is expected of one configuration.
@@ -203,40 +224,44 @@ impl Predictors {
         if method != PredictorMethod::Auto {
             return estimate(method);
         }
-        self.blend(&PredictorMethod::SINGLE.map(|method| (method, estimate(method))))
-    }
-
-    /// The word of all, weighted by how little each erred in the last tests: the mean of logarithms, since errors
-    /// are ratios. To follow one at a time would pay for every change of the lead; and since weights rest on errors
-    /// that fade, whoever was bad for long is back after a few good tests, which is what sharing weights does for
-    /// those who track the best expert (Herbster and Warmuth, Machine Learning 32, 1998).
-    fn blend(&self, words: &[(PredictorMethod, Option<Estimate>)]) -> Option<Estimate> {
-        let said: Vec<(f64, Estimate)> =
-            words.iter().filter_map(|(method, word)| Some((self.weight(*method), (*word)?))).collect();
-        let total: f64 = said.iter().map(|(weight, _)| weight).sum();
-        if said.is_empty() {
-            return None;
-        }
-        let log = |cost: f64| libm::log(cost.max(REWARD_COST_MIN));
-        let mean: f64 = said.iter().map(|(weight, word)| weight / total * log(word.cost)).sum();
-        let deviation: f64 = said.iter().map(|(weight, word)| weight / total * word.deviation).sum();
-        Some(Estimate::new(libm::exp(mean), deviation))
-    }
-
-    /// The weight of a predictor in the blend: all the same before the first test.
-    fn weight(&self, method: PredictorMethod) -> f64 {
-        let last = self.tallies.get(&method).and_then(Tally::last);
-        last.map_or(1.0, |error| error.max(ERROR_LEAST).powi(-WEIGHT_POWER))
+        self.tallies.blend(&PredictorMethod::SINGLE.map(|method| (method, estimate(method))))
     }
 
     /// The answer to exploit, and whose it is: the method's own, else (a model can be without a clue) that of
     /// the nearest neighbour.
     pub fn predict(&self, method: PredictorMethod, query: &Query<'_>) -> Option<(Answer, PredictorMethod)> {
-        [self.speaker(method), PredictorMethod::NearestNeighbour].into_iter().find_map(|method| {
-            let answer = self.single(method)?.predict(query)?;
-            let expected = on_machine(method, query, answer.expected);
-            Some((Answer { expected, ..answer }, method))
-        })
+        let speaker = self.speaker(method);
+        let own = self.single(speaker).and_then(|predictor| predictor.predict(query));
+        self.or_nearest(speaker, own, query)
+    }
+
+    /// The same where what takes long was [requested](Predictors::request) and answered before.
+    pub(crate) fn predict_ahead(
+        &self,
+        method: PredictorMethod,
+        query: &Query<'_>,
+        answer: Option<&Answer>,
+    ) -> Option<(Answer, PredictorMethod)> {
+        match self.speaker(method) {
+            PredictorMethod::Contextual => {
+                self.or_nearest(PredictorMethod::Contextual, answer.cloned(), query)
+            }
+            _ => self.predict(method, query),
+        }
+    }
+
+    fn or_nearest(
+        &self,
+        speaker: PredictorMethod,
+        own: Option<Answer>,
+        query: &Query<'_>,
+    ) -> Option<(Answer, PredictorMethod)> {
+        let (answer, method) = match own {
+            Some(answer) => (answer, speaker),
+            None => (Nearest.predict(query)?, PredictorMethod::NearestNeighbour),
+        };
+        let expected = on_machine(method, query, answer.expected);
+        Some((Answer { expected, ..answer }, method))
     }
 
     /// What to explore first in a state where nothing was measured, and who says so; `None` when the method
@@ -249,6 +274,40 @@ impl Predictors {
     ) -> Option<(Answer, PredictorMethod)> {
         let proposer = self.speaker(method);
         self.single(proposer)?.propose(query, number).map(|answer| (answer, proposer))
+    }
+
+    /// The same where what takes long was requested and answered before.
+    pub(crate) fn propose_ahead(
+        &self,
+        method: PredictorMethod,
+        query: &Query<'_>,
+        number: u64,
+        answer: Option<&Answer>,
+    ) -> Option<(Answer, PredictorMethod)> {
+        match self.speaker(method) {
+            PredictorMethod::Contextual => Some((answer?.clone(), PredictorMethod::Contextual)),
+            _ => self.propose(method, query, number),
+        }
+    }
+
+    /// What has to be answered before [`Predictors::predict`] is a matter of microseconds; `None` if it is already.
+    pub(crate) fn request(&self, method: PredictorMethod, query: &Query<'_>) -> Option<Request> {
+        self.thinker(method).map(|model| model.request(query))
+    }
+
+    /// The same for [`Predictors::propose`].
+    pub(crate) fn proposal(
+        &self,
+        method: PredictorMethod,
+        query: &Query<'_>,
+        number: u64,
+    ) -> Option<Request> {
+        self.thinker(method).map(|model| model.proposal(query, number))
+    }
+
+    /// The model whose answers take a fit, if it is the one that answers.
+    fn thinker(&self, method: PredictorMethod) -> Option<&Contextual> {
+        self.contextual.as_ref().filter(|_| self.speaker(method) == PredictorMethod::Contextual)
     }
 }
 

@@ -2,7 +2,9 @@
 
 pub mod atlas;
 mod auto;
+mod blend;
 pub mod contextual;
+mod debt;
 pub mod nearest;
 pub mod prequential;
 pub mod rbf;
@@ -19,6 +21,7 @@ pub use atlas::Atlas;
 use atlas::Found;
 pub use auto::Predictors;
 pub use contextual::Contextual;
+pub use debt::{Debts, Settled};
 pub use nearest::{Nearest, Weighted};
 pub use rbf::{LeastSquares, Rbf, Shape};
 

@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::search::{Feedback, ModelSearch, Point, Search, SearchSetup, Verdict};
+use crate::search::{Feedback, ModelSearch, Plan, Point, Search, SearchSetup, Verdict};
 
 /// The search. See the head of this module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,6 +34,21 @@ impl AutoSearch {
     /// Leaves axes where they are, from the next point on.
     pub fn hold(&mut self, held: &[(usize, f64)]) {
         self.model.hold(held);
+    }
+
+    /// Whether the next point is at hand.
+    pub fn is_ready(&self) -> bool {
+        self.model.is_ready()
+    }
+
+    /// Thinks of the next point. Takes the search, which is a copy.
+    pub fn plan(self) -> Plan {
+        self.model.plan()
+    }
+
+    /// Takes over what a copy has found.
+    pub fn adopt(&mut self, plan: Plan) {
+        self.model.adopt(plan);
     }
 }
 

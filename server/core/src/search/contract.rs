@@ -79,6 +79,34 @@ proptest! {
     }
 
     #[test]
+    fn a_copy_thinks_of_the_same_point(
+        seed: u64, steps in 0usize..60, out in 0usize..4, method in 0usize..METHODS.len(),
+    ) {
+        let mut search = AnySearch::new(METHODS[method], setup(seed, 4, 60));
+        run(&mut search, steps, 1.0);
+        (0..out).for_each(|_| drop(search.ask()));
+        let mut helped = search.clone();
+        match search.is_ready() {
+            true => prop_assert!(search.clone().ask().is_some() || METHODS[method] == SearchMethod::NelderMead),
+            false => helped.adopt(search.clone().plan().expect("something to think about")),
+        }
+        prop_assert!(helped.is_ready());
+        prop_assert_eq!(helped.ask(), search.ask());
+        prop_assert_eq!(helped, search);
+    }
+
+    #[test]
+    fn an_old_thought_is_no_measurement_twice(seed: u64, steps in 10usize..40, late in 1usize..8) {
+        let mut search = AnySearch::new(SearchMethod::Model, setup(seed, 4, 60));
+        run(&mut search, steps, 1.0);
+        let plan = search.clone().plan().expect("something to think about");
+        let told = run(&mut search, late, 1.0);
+        search.adopt(plan);
+        let point = search.ask().expect("nothing is out");
+        prop_assert!(point.step == Step::Replicate || told.iter().all(|before| before.x != point.x));
+    }
+
+    #[test]
     fn points_do_not_depend_on_the_unit_of_the_cost(seed: u64, scale in 1e-3f64..1e3, method in 0usize..METHODS.len()) {
         let mut plain = AnySearch::new(METHODS[method], setup(seed, 4, 80));
         let mut scaled = plain.clone();

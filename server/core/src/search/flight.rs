@@ -42,6 +42,11 @@ impl Flight {
         }
     }
 
+    /// Whether a point that came back waits to go out again.
+    pub(super) fn has_returned(&self) -> bool {
+        !self.back.is_empty()
+    }
+
     /// How many points were ever launched.
     pub(super) fn launched(&self) -> u64 {
         self.next_id

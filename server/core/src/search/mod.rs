@@ -23,7 +23,7 @@ pub use auto::AutoSearch;
 pub use latin_hypercube::LatinHypercubeSearch;
 pub use layout::Layout;
 pub use levels::levels;
-pub use model::ModelSearch;
+pub use model::{ModelSearch, Plan};
 pub use nelder_mead::NelderMead;
 pub use random::RandomSearch;
 
@@ -249,6 +249,35 @@ impl AnySearch {
         match self {
             AnySearch::Model(search) => search.hear(x, verdict),
             AnySearch::Auto(search) => search.hear(x, verdict),
+            _ => {}
+        }
+    }
+
+    /// Whether the next [`ask`](Search::ask) is a matter of microseconds: no model has to be fitted for it.
+    pub fn is_ready(&self) -> bool {
+        match self {
+            AnySearch::Model(search) => search.is_ready(),
+            AnySearch::Auto(search) => search.is_ready(),
+            _ => true,
+        }
+    }
+
+    /// Thinks of the next point, without changing the search that this is a copy of. `None` where there is nothing to
+    /// think about.
+    pub fn plan(self) -> Option<Plan> {
+        match self {
+            AnySearch::Model(search) => Some(search.plan()),
+            AnySearch::Auto(search) => Some(search.plan()),
+            _ => None,
+        }
+    }
+
+    /// Takes over what a copy of this search has [found](AnySearch::plan), if it is still worth something. Asked next,
+    /// a search that was not told anything since gives the same point as if it had thought of it itself.
+    pub fn adopt(&mut self, plan: Plan) {
+        match self {
+            AnySearch::Model(search) => search.adopt(plan),
+            AnySearch::Auto(search) => search.adopt(plan),
             _ => {}
         }
     }

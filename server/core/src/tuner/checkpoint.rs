@@ -29,6 +29,7 @@ const VERSION: u64 = 3;
 pub struct Learnt {
     mark: u64,
     completion: u64,
+    spec: Arc<StudySpec>,
     body: Body,
 }
 
@@ -64,7 +65,9 @@ impl Learnt {
 
     /// Packs it: some milliseconds for each megabyte.
     pub fn checkpoint(&self) -> Checkpoint {
-        let packed = pack_in_order(&self.body);
+        let mut body = self.body.clone();
+        body.predictors.settle_all(&self.spec.space);
+        let packed = pack_in_order(&body);
         let head = [self.mark, sum_of(&packed)].map(u64::to_le_bytes);
         Checkpoint { completion: self.completion, bytes: [&head[0][..], &head[1][..], &packed[..]].concat() }
     }
@@ -76,6 +79,7 @@ impl Tuner {
         Learnt {
             mark: mark(&self.spec),
             completion: self.last_completion,
+            spec: Arc::clone(&self.spec),
             body: Body {
                 completed: self.completed,
                 knowledge: self.states.iter().map(|state| Arc::clone(&state.knowledge)).collect(),

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use rand::RngExt;
 
+use crate::configuration::Configuration;
 use crate::knowledge::{KnownState, Record};
 use crate::policy::{Operation, PredictorMethod};
 use crate::predict::Answer;
@@ -42,22 +43,20 @@ impl Tuner {
         state: usize,
     ) -> (Decision, Explanation) {
         let policy = &self.spec.policy;
-        let draw: f64 = stream(self.spec.seed, Purpose::Decision, text_number(client_id), number).random();
         let epsilon = self.epsilon(state);
         let weigh = |rule| Explanation { epsilon: Some(epsilon), ..Explanation::of(rule) };
-        let frozen = policy.operation == Operation::Freeze;
-        let finished = self.is_finished(state);
-        let mut weighed = match (frozen, finished) {
+        let mut weighed = match (policy.operation == Operation::Freeze, self.is_finished(state)) {
             (true, _) => Explanation::of(Rule::Frozen),
             (false, true) => Explanation::of(Rule::Finished),
-            (false, false) if draw < epsilon => weigh(Rule::Explore),
+            (false, false) if self.draws(client_id, number, Some(state)) => weigh(Rule::Explore),
             (false, false) => weigh(Rule::Exploit),
         };
-        let exploitation = self.exploitation(normalised, Some(state));
+        let fails = |configuration: &Configuration| self.states[state].knowledge.is_infeasible(configuration);
+        let mut exploitation = None;
         if weighed.rule == Some(Rule::Exploit) {
-            let knows_nothing = exploitation.mode == Mode::Default;
-            let default_fails = self.states[state].knowledge.is_infeasible(&exploitation.configuration);
-            if knows_nothing && (policy.epsilon > 0.0 || default_fails) {
+            let would = &*exploitation.insert(self.exploitation(normalised, Some(state)));
+            let knows_nothing = would.mode == Mode::Default;
+            if knows_nothing && (policy.epsilon > 0.0 || fails(&would.configuration)) {
                 weighed.rule = Some(Rule::NothingKnown);
             }
         }
@@ -67,15 +66,19 @@ impl Tuner {
                 weighed.expected_gain = Some(prospect.gain);
                 weighed.expected_frames = Some(prospect.frames);
                 weighed.exploring_cost = Some(prospect.exploring_cost);
-                let default_fails = self.states[state].knowledge.is_infeasible(&exploitation.configuration);
-                if !default_fails && self.not_worth(state, &prospect).is_some() {
-                    weighed.rule = Some(Rule::Gain);
+                if self.not_worth(state, &prospect).is_some() {
+                    let would =
+                        &*exploitation.get_or_insert_with(|| self.exploitation(normalised, Some(state)));
+                    if !fails(&would.configuration) {
+                        weighed.rule = Some(Rule::Gain);
+                    }
                 }
             }
             if weighed.rule != Some(Rule::Gain) {
                 return (Decision::Explore, weighed);
             }
         }
+        let exploitation = exploitation.unwrap_or_else(|| self.exploitation(normalised, Some(state)));
         let Prediction { configuration, mode, predicted_cost, mut reason, .. } = exploitation;
         // What was rolled back says so itself.
         if reason.explanation.rule.is_none() {
@@ -83,6 +86,12 @@ impl Tuner {
         }
         let reason = Box::new(reason);
         (Decision::Exploit { configuration, mode, predicted_cost, reason }, Explanation::default())
+    }
+
+    /// Whether the dice of visit `number` of a client to a state, known or not, fall on exploring.
+    pub(super) fn draws(&self, client_id: &str, number: u64, state: Option<usize>) -> bool {
+        let draw: f64 = stream(self.spec.seed, Purpose::Decision, text_number(client_id), number).random();
+        draw < state.map_or(self.spec.policy.epsilon, |state| self.epsilon(state))
     }
 
     /// Whether the state's search has spent its budget.
@@ -119,7 +128,12 @@ impl Tuner {
             return prediction;
         }
         let query = query(&self.spec, &self.states, &self.atlas, &self.fleet, normalised, here);
-        if let Some((answer, method)) = self.predictors.predict(self.spec.policy.predictor, &query) {
+        let predictor = self.spec.policy.predictor;
+        let said = match &self.thoughts {
+            None => self.predictors.predict(predictor, &query),
+            Some(thoughts) => self.predictors.predict_ahead(predictor, &query, thoughts.answer(normalised)),
+        };
+        if let Some((answer, method)) = said {
             return exploit(answer, method);
         }
         Prediction {

@@ -73,13 +73,17 @@ impl Tuner {
     /// gained. A client that stays goes on with the state's search; where every input is met once, this is all
     /// the exploring there is.
     fn first_of_a_state(&self, state: usize, number: u64, normalised: &[f64]) -> Option<Prediction> {
-        let work = &self.work[state];
-        if work.exploration.is_some() || !work.running.is_empty() || self.states[state].knowledge.tried() > 0
-        {
+        if !self.is_untouched(state) {
             return None;
         }
         let query = query(&self.spec, &self.states, &self.atlas, &self.fleet, normalised, Some(state));
-        let (answer, method) = self.predictors.propose(self.spec.policy.predictor, &query, number)?;
+        let predictor = self.spec.policy.predictor;
+        let (answer, method) = match &self.thoughts {
+            None => self.predictors.propose(predictor, &query, number),
+            Some(thoughts) => {
+                self.predictors.propose_ahead(predictor, &query, number, thoughts.first(normalised))
+            }
+        }?;
         let Answer { configuration, expected, neighbours } = answer;
         let summary = format!(
             "Nothing was measured in this state; by what is known of others this may do better than the rest: \
@@ -141,24 +145,29 @@ impl Tuner {
     /// The axes that the next point of a state's search leaves where they are: decided anew every few trials, and
     /// now and then none, so that there is evidence against it.
     fn hold(&mut self, state: usize) -> Vec<(usize, f64)> {
-        let Tuner { spec, states, work, screening, .. } = self;
-        let Work { exploration: Some(exploration), changes, .. } = &mut work[state] else {
+        let work = &mut self.work[state];
+        let Some(mut exploration) = work.exploration.take_if(|exploration| exploration.search.is_some())
+        else {
             return Vec::new();
         };
-        if exploration.search.is_none() {
-            return Vec::new();
-        }
-        *changes += 1;
-        let Some(risk) = spec.policy.freeze_risk else {
+        work.changes += 1;
+        let held = self.held_axes(&mut exploration, state);
+        self.work[state].exploration = Some(exploration);
+        held
+    }
+
+    /// The same on a copy of the exploration.
+    pub(super) fn held_axes(&self, exploration: &mut Exploration, state: usize) -> Vec<(usize, f64)> {
+        let Some(risk) = self.spec.policy.freeze_risk else {
             exploration.held = None;
             return Vec::new();
         };
-        let knowledge = &states[state].knowledge;
+        let knowledge = &self.states[state].knowledge;
         let tried = knowledge.tried();
-        if screening.is_due(exploration.held.as_ref(), tried) {
-            let best = knowledge.best().map_or(spec.space.default_ref(), |best| &best.configuration);
+        if self.screening.is_due(exploration.held.as_ref(), tried) {
+            let best = knowledge.best().map_or(self.spec.space.default_ref(), |best| &best.configuration);
             let before = exploration.held.as_ref();
-            exploration.held = Some(screening.judge(&spec.space, state, best, risk, before, tried));
+            exploration.held = Some(self.screening.judge(&self.spec.space, state, best, risk, before, tried));
         }
         let Some(held) = exploration.held.as_mut().filter(|held| !held.axes.is_empty()) else {
             return Vec::new();
@@ -180,7 +189,7 @@ impl Tuner {
     /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
     /// whose configuration runs just now in this state go back until it is reported.
     fn walk(&mut self, state: usize, held: &[(usize, f64)]) -> Walk {
-        let Tuner { spec, states, work, .. } = self;
+        let Tuner { spec, states, work, thoughts, .. } = self;
         let (space, policy, knowledge) = (&spec.space, &spec.policy, &states[state].knowledge);
         let Work { exploration: Some(exploration), running, changes, .. } = &mut work[state] else {
             return Walk::Wait;
@@ -191,10 +200,15 @@ impl Tuner {
         };
         *changes += 1;
         let moves = !search.hold(held);
+        let thinks = thoughts.is_none();
+        if let Some(plan) = thoughts.as_mut().and_then(|thoughts| thoughts.take_plan(states[state].id)) {
+            search.adopt(plan);
+        }
         let mut waiting = Vec::new();
         let mut walk = Walk::OnlyKnown;
         for _ in 0..KNOWN_POINTS_PER_SUGGESTION_MAX {
-            let Some(point) = search.ask() else {
+            let is_at_hand = thinks || search.is_ready();
+            let Some(point) = is_at_hand.then(|| search.ask()).flatten() else {
                 walk = Walk::Wait;
                 break;
             };

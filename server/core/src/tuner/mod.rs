@@ -11,6 +11,7 @@
 //! search, `suggest` and `report` are the two halves of a client's frame, `restore` rebuilds.
 
 pub mod account;
+mod ahead;
 mod checkpoint;
 mod checks;
 mod decide;
@@ -31,6 +32,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
 pub use account::Account;
+pub use ahead::{Errand, Thoughts};
 pub use checkpoint::Learnt;
 pub use exploration::Exploration;
 pub use insight::{Insight, Omission, OmissionReason, Prospect};
@@ -54,7 +56,8 @@ use crate::tuner::screening::Screening;
 
 /// The state machine of one study. Pure: time comes in as `now_ms`, randomness from the study's seed.
 ///
-/// No call costs more when there are more trials; recognising a state grows with the logarithm of their number.
+/// No call costs more when there are more trials; recognising a state grows with the logarithm of their number. What
+/// takes milliseconds all the same can be done [apart](Errand).
 #[derive(Clone, Debug)]
 pub struct Tuner {
     spec: Arc<StudySpec>,
@@ -84,6 +87,10 @@ pub struct Tuner {
     /// How many configurations are remembered in all states, and above which count some are forgotten.
     remembered: usize,
     forget_above: usize,
+    /// While a question is answered whose thinking was done before.
+    thoughts: Option<Thoughts>,
+    /// Whether reports leave to others what takes long.
+    defers: bool,
 }
 
 /// The work that goes on in one state.
@@ -121,6 +128,8 @@ impl Tuner {
             models_since: 0,
             remembered: 0,
             forget_above: RECORDS_PER_STUDY_MAX,
+            thoughts: None,
+            defers: false,
             spec,
         })
     }

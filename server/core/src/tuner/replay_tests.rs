@@ -118,6 +118,16 @@ fn outcome(kind: usize, trial: &Trial) -> Outcome {
     }
 }
 
+/// What a daemon does, where nobody else does anything meanwhile.
+fn think_apart(tuner: &mut Tuner, question: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
+    let spec = Arc::clone(tuner.spec());
+    if let Some(debts) = tuner.debts() {
+        tuner.hand_in(debts.settle(&spec.space));
+    }
+    let thoughts = tuner.errand(question, |_| true).map(Errand::run);
+    tuner.suggest_ahead(question, thoughts.unwrap_or_default(), now_ms)
+}
+
 /// Lets `event` happen to one tuner.
 fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -> Option<Trial> {
     *now_ms += 100;
@@ -135,7 +145,10 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
             let fingerprint = (machine > 0).then(|| machine_of(machine));
             let client_id = format!("client {client}");
             let question = Ask { session, can_abort: *client > 0, fingerprint, ..ask(&client_id, x, y) };
-            let answer = tuner.suggest(&question, *now_ms);
+            let answer = match tuner.defers {
+                true => think_apart(tuner, &question, *now_ms),
+                false => tuner.suggest(&question, *now_ms),
+            };
             answer.expect("a valid question")
         }
         Event::Report { which, kind } => {
@@ -151,7 +164,8 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
         }
         Event::Policy { which } => {
             if tuner.set_policy(policy(*which)).expect("valid") {
-                *tuner = rows.restore(tuner, None);
+                let defers = tuner.defers;
+                *tuner = Tuner { defers, ..rows.restore(tuner, None) };
             }
             return None;
         }
@@ -191,6 +205,21 @@ proptest! {
             prop_assert_eq!(restarted.predict(&indicators), steady.predict(&indicators));
             prop_assert_eq!(restarted.best(Some(&indicators)), steady.best(Some(&indicators)));
         }
+    }
+
+    #[test]
+    fn a_tuner_that_is_thought_for_gives_the_same_answers(events in prop::collection::vec(event(), 1..160)) {
+        let fresh = || Tuner::new(Arc::new(spec(policy(0)))).expect("valid");
+        let (mut here, mut here_rows, mut here_ms) = (fresh(), Rows::default(), 0);
+        let (mut apart, mut apart_rows, mut apart_ms) = (fresh(), Rows::default(), 0);
+        apart.defer();
+        for event in &events {
+            let expected = happen(&mut here, &mut here_rows, event, &mut here_ms);
+            prop_assert_eq!(happen(&mut apart, &mut apart_rows, event, &mut apart_ms), expected);
+        }
+        prop_assert_eq!(&apart_rows.states, &here_rows.states);
+        prop_assert_eq!(&apart_rows.visits, &here_rows.visits);
+        prop_assert_eq!(apart.learnt().checkpoint(), here.learnt().checkpoint());
     }
 
     #[test]

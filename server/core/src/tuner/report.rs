@@ -114,6 +114,7 @@ impl Tuner {
         }
         self.atlas.note(&self.states[state]);
         self.teach(trial);
+        self.settle_debts();
         self.forget_somewhere();
     }
 

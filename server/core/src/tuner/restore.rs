@@ -92,6 +92,7 @@ impl Restoring {
         if let Some(taught) = &mut self.taught {
             *taught = completion;
             self.tuner.teach(trial);
+            self.tuner.settle_debts();
         } else {
             self.tuner.reach(completion - 1);
             self.tuner.complete(trial);

@@ -129,26 +129,35 @@ impl Tuner {
     /// infeasible or clearly worse than another here meanwhile is decided anew, and so is whether exploring pays
     /// whenever a stay has doubled its length.
     fn visit(&mut self, client_id: &str, normalised: &[f64], state: usize) {
-        let state_id = self.states[state].id;
-        let current = self.visits.get(client_id);
-        let number = match current {
-            Some(visit) if visit.state_id == state_id => match &visit.decision {
-                Decision::Exploit { configuration, reason, .. }
-                    if self.states[state].knowledge.is_infeasible(configuration)
-                        || self.gives_way(state, configuration)
-                        || self.is_weighed_again(client_id, state, reason) =>
-                {
-                    visit.number
-                }
-                _ => return,
-            },
-            Some(visit) => visit.number + 1,
-            None => 1,
+        let Some(number) = self.decides(client_id, Some(state)) else {
+            return;
         };
+        let state_id = self.states[state].id;
         let (decision, weighed) = self.decide(client_id, number, normalised, state);
         let account = self.visits.get(client_id).and_then(|visit| visit.account.clone());
         let visit = Visit { client_id: client_id.to_owned(), state_id, number, decision, weighed, account };
         self.visits.insert(visit.client_id.clone(), visit);
+    }
+
+    /// The number of the visit that a decision is to be taken for in a state, known or not; `None` where the last
+    /// one holds.
+    pub(super) fn decides(&self, client_id: &str, state: Option<usize>) -> Option<u64> {
+        let Some(visit) = self.visits.get(client_id) else {
+            return Some(1);
+        };
+        let Some(state) = state.filter(|&state| visit.state_id == self.states[state].id) else {
+            return Some(visit.number + 1);
+        };
+        match &visit.decision {
+            Decision::Exploit { configuration, reason, .. }
+                if self.states[state].knowledge.is_infeasible(configuration)
+                    || self.gives_way(state, configuration)
+                    || self.is_weighed_again(client_id, state, reason) =>
+            {
+                Some(visit.number)
+            }
+            _ => None,
+        }
     }
 
     fn gives_way(&self, state: usize, configuration: &Configuration) -> bool {
@@ -162,7 +171,7 @@ impl Tuner {
     }
 
     /// Whether a held trial is what the policy would still have the client run.
-    fn still_fits(&self, number: u64, pinned: Option<&Prediction>) -> bool {
+    pub(super) fn still_fits(&self, number: u64, pinned: Option<&Prediction>) -> bool {
         let Some(trial) = self.open.get(&number) else {
             return false;
         };

@@ -1,7 +1,7 @@
 //! Whether exploring is worth it, and whether it can be afforded: the rules of the policy beside the dice.
 
 use crate::configuration::Configuration;
-use crate::policy::{ABORT_ABOVE_DEFAULT, Operation};
+use crate::policy::{ABORT_ABOVE_DEFAULT, Operation, Policy};
 use crate::predict::atlas::Mute;
 use crate::search::Verdict;
 use crate::trial::{Explanation, Mode, Rule};
@@ -17,6 +17,12 @@ pub(super) const NOISE_LEAST: f64 = 0.01;
 const CLEARLY: f64 = 3.0;
 /// More measurements than this say nothing more about a configuration.
 const MEASUREMENTS_COUNTED: u64 = 16;
+
+/// On which terms a policy lets clients explore within a budget.
+pub(super) fn terms(policy: &Policy, budget: f64) -> Terms {
+    let abort_above = policy.abort_above.unwrap_or(ABORT_ABOVE_DEFAULT);
+    Terms { budget, abort_above, worst_factor: policy.worst_factor }
+}
 
 impl Tuner {
     /// The probability of exploring a state, after the visits that it has had.
@@ -121,12 +127,7 @@ impl Tuner {
             }
             return prediction;
         };
-        let terms = Terms {
-            budget,
-            abort_above: policy.abort_above.unwrap_or(ABORT_ABOVE_DEFAULT),
-            worst_factor: policy.worst_factor,
-        };
-        match account.leave(terms, ask.can_abort, self.default_runs(state)) {
+        match account.leave(terms(policy, budget), ask.can_abort, self.default_runs(state)) {
             Ok(leave) => self.explore_on(leave, weighed, ask, number, normalised, state),
             Err(denied) => {
                 let left = account.left(budget);
@@ -165,7 +166,7 @@ impl Tuner {
     }
 
     /// Whether the default can be run in a state, as far as is known.
-    fn default_runs(&self, state: usize) -> bool {
+    pub(super) fn default_runs(&self, state: usize) -> bool {
         let settled = self.states[state].knowledge.settled(self.spec.space.default_ref(), 1);
         settled != Some(Verdict::Infeasible)
     }

@@ -10,7 +10,7 @@ use crate::ascent::climb;
 /// Logarithms of each axis' weight (the inverse square of its length), then of the noise's variance as a
 /// share of the values'.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Hyper {
+pub(crate) struct Hyper {
     log: Vec<f64>,
     steps: Vec<f64>,
     signs: Vec<i8>,

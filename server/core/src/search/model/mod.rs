@@ -26,6 +26,7 @@
 //!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010).
 
 mod acquire;
+mod ahead;
 mod begin;
 mod local;
 mod process;
@@ -41,6 +42,7 @@ use crate::search::flight::Flight;
 use crate::search::layout::Layout;
 use crate::search::{Feedback, Point, Search, SearchSetup, Step, Verdict};
 use acquire::{Acquisition, Known};
+pub use ahead::Plan;
 use local::Near;
 use process::{Hyper, Process, Sample};
 use warp::Warp;
@@ -110,6 +112,9 @@ pub struct ModelSearch {
     draws: u64,
     /// Replicates, and the sum of the squares of their relative deviations from the means before.
     scatter: (u64, f64),
+    /// The next point, where a copy has thought of it. Not stored: it would be thought of again.
+    #[serde(skip)]
+    planned: Option<Plan>,
 }
 
 /// A configuration that was seen, as the models see it.
@@ -147,6 +152,7 @@ impl ModelSearch {
             told: 0,
             draws: 0,
             scatter: (0, 0.0),
+            planned: None,
             setup,
         };
         let random = &mut search.random();
@@ -430,6 +436,7 @@ impl Found {
 
 impl Search for ModelSearch {
     fn ask(&mut self) -> Option<Point> {
+        let planned = self.planned.take();
         if let Some(point) = self.flight.relaunch() {
             return Some(point);
         }
@@ -447,7 +454,8 @@ impl Search for ModelSearch {
             };
             return Some(self.launch(x, step));
         }
-        if let Some((x, step)) = self.propose() {
+        let planned = planned.filter(|plan| self.is_good(plan));
+        if let Some((x, step)) = planned.map_or_else(|| self.propose(), |plan| plan.point) {
             return Some(self.launch(x, step));
         }
         let mut random = self.random();

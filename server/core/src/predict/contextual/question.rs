@@ -1,0 +1,194 @@
+//! A question to the model, with all that bears on it and apart from the study's tables.
+//!
+//! To collect it takes microseconds, to answer it a fit of a process and a climb: that is done where nobody waits
+//! for the tables.
+
+use std::sync::Arc;
+
+use rand_chacha::ChaCha8Rng;
+
+use crate::configuration::Configuration;
+use crate::knowledge::{Knowledge, KnownState, Record};
+use crate::predict::contextual::Frame;
+use crate::predict::contextual::climb::{Climber, Place};
+use crate::predict::contextual::field::{Field, Rows};
+use crate::predict::contextual::hyper::Hyper;
+use crate::predict::contextual::values::Values;
+use crate::predict::{Answer, Estimate, Query, draw_in};
+use crate::space::Space;
+use crate::trial::Neighbour;
+
+/// Most measurements that a process is fitted to.
+const ROWS_MAX: usize = 96;
+/// No process is fitted to less.
+const ROWS_MIN: usize = 2;
+/// Most measurements of the nearest state among them; each further state gives half as many, but
+const QUOTA_FIRST: usize = 48;
+/// at least so many.
+const QUOTA_LEAST: usize = 8;
+/// What a measurement of the machine itself, of its group and of the fleet is worth: machines differ.
+const TRUST: [f64; 3] = [1.0, 0.5, 0.25];
+
+/// A state whose measurements bear on the asked one.
+#[derive(Clone, Debug, PartialEq)]
+struct Bearing {
+    anchor: Vec<f64>,
+    knowledge: Arc<Knowledge>,
+    /// How many of its measurements count.
+    quota: usize,
+    trust: f64,
+    /// What a cost there is to be multiplied by.
+    factor: f64,
+    explored: bool,
+}
+
+/// The question. See the head of this module.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Question {
+    frame: Arc<Frame>,
+    bearings: Vec<Bearing>,
+    /// The normalised indicators, drawn in.
+    state: Vec<f64>,
+    /// The table of the asked state.
+    here: Option<Arc<Knowledge>>,
+}
+
+/// What is measured near the asked state.
+struct Local<'a> {
+    rows: Rows,
+    values: Vec<f64>,
+    transform: Values,
+    records: Vec<&'a Record>,
+}
+
+fn drawn_in(state: &[f64]) -> Vec<f64> {
+    state.iter().map(|&x| draw_in(x)).collect()
+}
+
+impl Question {
+    /// Collects what bears on a question: most of the nearest states', the best of each first.
+    pub(super) fn new(frame: &Arc<Frame>, query: &Query<'_>) -> Self {
+        let found = query.nearest(ROWS_MAX, false, |state| state.knowledge.best().is_some());
+        let (mut bearings, mut quota, mut rows) = (Vec::new(), QUOTA_FIRST, 0);
+        for state in found.iter().filter_map(|found| query.known.get(found.name as usize)) {
+            let taken = quota.min(ROWS_MAX - rows);
+            bearings.push(Bearing::of(query, state, taken));
+            rows += state.knowledge.ranked().len().min(taken);
+            quota = (quota / 2).max(QUOTA_LEAST);
+            if rows >= ROWS_MAX {
+                break;
+            }
+        }
+        Question {
+            frame: Arc::clone(frame),
+            bearings,
+            state: drawn_in(query.state),
+            here: query.here.map(|here| Arc::clone(&here.knowledge)),
+        }
+    }
+
+    /// The share of the measurements that come from states which were searched.
+    pub(super) fn is_mostly_searched(&self) -> bool {
+        let rows = |bearing: &Bearing| bearing.knowledge.ranked().len().min(bearing.quota);
+        let searched = self.bearings.iter().filter(|bearing| bearing.explored).map(rows).sum::<usize>();
+        2 * searched > self.bearings.iter().map(rows).sum()
+    }
+
+    /// The measurements that bear on it, as the process sees them.
+    fn local(&self, space: &Space) -> Option<Local<'_>> {
+        let mut rows = Rows::new(self.frame.metrics.clone());
+        let (mut records, mut costs) = (Vec::new(), Vec::new());
+        for bearing in &self.bearings {
+            let anchor = drawn_in(&bearing.anchor);
+            for record in selection(&bearing.knowledge, bearing.quota) {
+                let features = self.frame.features(&space.encode(&record.configuration));
+                rows.push(&anchor, &features, bearing.trust * record.measurements as f64);
+                costs.push(bearing.translate(record.mean_cost));
+                records.push(record);
+            }
+        }
+        let transform = Values::of(&costs)?;
+        let values = costs.iter().map(|&cost| transform.see(cost)).collect();
+        (rows.len() >= ROWS_MIN).then_some(Local { rows, values, transform, records })
+    }
+
+    /// The configuration of the least cost, less `optimism` deviations.
+    pub(super) fn answer(
+        &self,
+        hyper: &Hyper,
+        space: &Space,
+        optimism: f64,
+        neighbours: &[Neighbour],
+        random: &mut ChaCha8Rng,
+    ) -> Option<Answer> {
+        let local = self.local(space)?;
+        let field = Field::fit(&local.rows, &local.values, hyper)?;
+        let towards = field.towards(&self.state);
+        let place = Place { field: &field, layout: &self.frame.layout, towards: &towards, optimism };
+        let known = local.records.iter().map(|record| space.encode(&record.configuration));
+        let excludes =
+            |x: &[f64]| self.here.as_ref().is_some_and(|here| here.is_infeasible(&space.decode(x)));
+        let Climber { x, belief, .. } = place.best(known, random, excludes)?;
+        let variance = belief.deviation * belief.deviation + field.noise();
+        Some(Answer {
+            configuration: space.decode(&x),
+            expected: estimate(&local.transform, belief.mean, variance),
+            neighbours: neighbours.to_vec(),
+        })
+    }
+
+    /// What is expected of one configuration.
+    pub(crate) fn estimate(
+        &self,
+        hyper: &Hyper,
+        space: &Space,
+        configuration: &Configuration,
+    ) -> Option<Estimate> {
+        let local = self.local(space)?;
+        let field = Field::fit(&local.rows, &local.values, hyper)?;
+        let towards = field.towards(&self.state);
+        let belief = field.at(&towards, &self.frame.features(&space.encode(configuration)));
+        let variance = belief.deviation * belief.deviation + field.noise();
+        Some(estimate(&local.transform, belief.mean, variance))
+    }
+}
+
+impl Bearing {
+    fn of(query: &Query<'_>, state: &KnownState, quota: usize) -> Self {
+        Bearing {
+            anchor: state.anchor.clone(),
+            knowledge: Arc::clone(&state.knowledge),
+            quota,
+            trust: TRUST[query.fleet.level(query.machine, state.machine) as usize],
+            factor: if state.machine == query.machine {
+                1.0
+            } else {
+                query.fleet.factor(state.machine, query.machine)
+            },
+            explored: state.explored,
+        }
+    }
+
+    fn translate(&self, cost: f64) -> f64 {
+        (cost * self.factor).min(f64::MAX)
+    }
+}
+
+/// A belief in the objective's units. The deviation is that of a single measurement.
+fn estimate(transform: &Values, mean: f64, variance: f64) -> Estimate {
+    let cost = transform.cost(mean);
+    let above = transform.cost(mean + variance.sqrt());
+    Estimate::new(cost, above - cost)
+}
+
+/// At most `count` of a state's records: the better half of them the best, the others evenly from the rest.
+fn selection(knowledge: &Knowledge, count: usize) -> Vec<&Record> {
+    let all: Vec<&Record> = knowledge.ranked().collect();
+    if all.len() <= count {
+        return all;
+    }
+    let best = count.div_ceil(2);
+    let rest = count - best;
+    let step = |index: usize| best + (index * (all.len() - best)) / rest.max(1);
+    all[..best].iter().copied().chain((0..rest).map(|index| all[step(index)])).collect()
+}

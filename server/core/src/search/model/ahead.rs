@@ -1,0 +1,60 @@
+//! The next point by the models, made apart from the search and taken over later.
+//!
+//! Fitting the models takes a thousand times as long as all else that a search does. So a copy of the search can
+//! do it while the search itself is told of other points; what it found counts as long as nobody has measured it
+//! meanwhile.
+
+use crate::search::Step;
+use crate::search::model::process::Hyper;
+use crate::search::model::{ModelSearch, steps};
+
+/// A point by the models, and what fitting them taught.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Where to measure and why; `None` where there is nothing to model.
+    pub(super) point: Option<(Vec<f64>, Step)>,
+    cost: Hyper,
+    failure: Hyper,
+    trended: Option<Hyper>,
+    fitted: u64,
+    draws: u64,
+}
+
+impl ModelSearch {
+    /// Whether the next point is at hand: what came back, the design, or a plan that was taken over.
+    pub fn is_ready(&self) -> bool {
+        let begins = self.flight.launched() == 0 || self.flight.has_returned();
+        let designs = !self.queue.is_empty() && !self.is_mostly_infeasible();
+        begins || designs || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
+    }
+
+    /// Thinks of the next point. Takes the search, which is a copy: the models move in it.
+    pub fn plan(mut self) -> Plan {
+        let point = self.propose();
+        let ModelSearch { cost, failure, trended, fitted, draws, .. } = self;
+        Plan { point, cost, failure, trended, fitted, draws }
+    }
+
+    /// Takes over what a copy has found. A plan that rests on fewer measurements than the last fit is passed over.
+    pub fn adopt(&mut self, plan: Plan) {
+        if plan.fitted < self.fitted {
+            return;
+        }
+        self.cost = plan.cost.clone();
+        self.failure = plan.failure.clone();
+        self.trended = plan.trended.clone();
+        self.fitted = plan.fitted;
+        self.draws = self.draws.max(plan.draws);
+        self.planned = Some(plan);
+    }
+
+    /// Whether the planned point is still worth a measurement.
+    pub(super) fn is_good(&self, plan: &Plan) -> bool {
+        let Some((x, step)) = &plan.point else {
+            return true;
+        };
+        let grid = steps(x);
+        let is_out = self.flight.points().any(|point| self.grid(&point.x).0 == grid);
+        !is_out && (*step == Step::Replicate || self.seen.iter().all(|seen| seen.x != grid))
+    }
+}
