@@ -94,25 +94,60 @@ async fn clients_outlive_killed_daemons_and_a_restarted_database() {
         }
     }
     let client = Client::connect(&urls.join(","), Options::new()).expect("good addresses");
-    let mut completed = BTreeSet::new();
+    let mut stored = BTreeSet::new();
     for number in 0..STUDIES {
-        let query = TrialQuery::all().filter("state = COMPLETED");
-        let mut trials = client.trials(&format!("hall-{number}"), query);
-        while let Some(trial) = trials.next().await.expect("a page") {
-            completed.insert(trial.name);
-        }
+        stored.extend(completed(&client, &format!("hall-{number}")).await);
     }
     let reported: BTreeSet<String> = handed_out.into_keys().collect();
-    assert_eq!(completed, reported, "what was reported is stored, and nothing else");
-    assert!(completed.len() > 100, "{} trials are few", completed.len());
-    assert!(
-        acknowledged >= completed.len() as u64,
-        "{acknowledged} acknowledged, {} stored",
-        completed.len()
-    );
+    assert_eq!(stored, reported, "what was reported is stored, and nothing else");
+    assert!(stored.len() > 100, "{} trials are few", stored.len());
+    assert!(acknowledged >= stored.len() as u64, "{acknowledged} acknowledged, {} stored", stored.len());
     for daemon in daemons {
         assert!(daemon.terminate().success());
     }
+}
+
+/// The trials of a study that are completed.
+async fn completed(client: &Client, study: &str) -> BTreeSet<String> {
+    let mut trials = client.trials(study, TrialQuery::all().filter("state = COMPLETED"));
+    let mut names = BTreeSet::new();
+    while let Some(trial) = trials.next().await.expect("a page") {
+        names.insert(trial.name);
+    }
+    names
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_client_with_two_addresses_loses_no_frame_when_the_one_in_use_is_killed() {
+    let database = Database::create().await;
+    let path = Path::new(database.url());
+    let (in_use, other) = (Daemon::start(path), Daemon::start(path));
+    let (stop, stopped) = tokio::sync::watch::channel(false);
+    let both = format!("{},{}", in_use.url(), other.url());
+    let renderer = tokio::spawn(render(both, 0, stopped));
+    let watching = Client::connect(other.url(), Options::new()).expect("a good address");
+    let until = async |count: usize| {
+        for _ in 0..1500 {
+            // The study is there once the renderer has made it.
+            let found = watching.trials("hall-0", TrialQuery::all()).next().await;
+            if found.is_ok() && completed(&watching, "hall-0").await.len() >= count {
+                return;
+            }
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+        panic!("there are never {count} completed trials");
+    };
+    until(20).await;
+    in_use.kill();
+    let before = completed(&watching, "hall-0").await.len();
+    until(before + 20).await;
+    stop.send(true).expect("the renderer listens");
+
+    let (_, trials, stats) = renderer.await.expect("the renderer ends well");
+    assert_eq!((stats.dropped, stats.refused, stats.queued), (0, 0, 0), "{stats:?}");
+    let handed_out: BTreeSet<String> = trials.into_iter().collect();
+    assert_eq!(completed(&watching, "hall-0").await, handed_out, "every frame that was tuned is stored");
+    assert!(other.terminate().success());
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! One, two and three daemons on one PostgreSQL, side by side: trials a second and times of a trial, durable; then three
-//! daemons of which one is killed every two seconds, as renderers see it.
+//! daemons of which one is killed every two seconds, as renderers see it, with searches that draw points and with those
+//! that fit models.
 //!
 //! `cargo run --release -p treewright-tests --example scale_out -- [SECONDS] [CLIENTS]` (10 seconds a row and 32 clients
 //! unless told). Prints a table in Markdown. PostgreSQL is started privately, or `DATABASE_URL` names one. The
@@ -142,13 +143,21 @@ struct Seen {
     longest: Duration,
 }
 
-async fn render(urls: String, number: usize, stop: watch::Receiver<Option<Instant>>) -> Seen {
+async fn render(
+    urls: String,
+    number: usize,
+    search: SearchMethod,
+    stop: watch::Receiver<Option<Instant>>,
+) -> Seen {
     let options = Options::new().client_id(format!("renderer-{number}")).deadline(DEADLINE);
     let client = Client::connect(&urls, options).expect("good addresses");
-    let space = Space::builder().integer("leaf", 1..=32).default(8).build().expect("a space");
+    let space = (0..5).fold(Space::builder().integer("leaf", 1..=32).default(8), |space, number| {
+        space.float(&format!("p{number}"), 0.0..=1.0).default(0.5)
+    });
+    let space = space.build().expect("a space");
     let spec = StudySpec::builder(space).indicator("triangles", 0.0..=100.0, Scale::Linear);
-    // Without a model: this is about who answers, not about what a search computes.
-    let spec = spec.policy(Policy::new().search(SearchMethod::Random));
+    // All explore, all the time.
+    let spec = spec.policy(Policy::new().search(search).epsilon(1.0).trials_per_state(100_000));
     let spec = spec.minimise("render_ms", 1.0).build().expect("a specification");
     let study = client.study(&format!("hall-{}", number % STUDIES), spec).await.expect("a study");
     let mut tuner = study.tuner();
@@ -169,8 +178,9 @@ async fn render(urls: String, number: usize, stop: watch::Receiver<Option<Instan
     Seen { fallbacks: stats.fallbacks, dropped: stats.dropped + stats.refused, ..seen }
 }
 
-/// Renderers at three daemons, of which one after the other is killed, or none.
-async fn under_fire(server: &Server, clients: usize, time: Duration, is_calm: bool) {
+/// Renderers at three daemons, of which one after the other is killed, or none; `search` tells whether a suggestion
+/// takes a model to be fitted.
+async fn under_fire(server: &Server, clients: usize, search: SearchMethod, time: Duration, is_calm: bool) {
     let database = Database::create_on(&server.url("postgres")).await;
     let path = Path::new(&database);
     let mut daemons: Vec<Daemon> = (0..REPLICAS_MAX).map(|_| Daemon::start(path)).collect();
@@ -181,7 +191,7 @@ async fn under_fire(server: &Server, clients: usize, time: Duration, is_calm: bo
     for number in 0..clients {
         let mut mine = urls.clone();
         mine.rotate_left(number % REPLICAS_MAX);
-        renderers.spawn(render(mine.join(","), number, stopped.clone()));
+        renderers.spawn(render(mine.join(","), number, search, stopped.clone()));
     }
     let until = Instant::now() + time;
     let mut kills = 0;
@@ -205,7 +215,7 @@ async fn under_fire(server: &Server, clients: usize, time: Duration, is_calm: bo
         all.longest = all.longest.max(seen.longest);
     }
     println!(
-        "\n{REPLICAS_MAX} daemons, {kills} kills, one every {:.1} s, {clients} renderers of at most {:.0} frames a second: \
+        "\n{search:?}: {REPLICAS_MAX} daemons, {kills} kills, one every {:.1} s, {clients} renderers of at most {:.0} frames a second: \
          {} frames, {} of them with the configuration at hand for want of an answer within {} ms, {} reports dropped, \
          longest wait {:.1} ms",
         (KILL_EVERY + KILL_EVERY / 4).as_secs_f64(),
@@ -237,6 +247,8 @@ async fn main() {
             measure(&server, replicas, Spread::ByClient, clients, time).await;
         }
     }
-    under_fire(&server, clients, time, true).await;
-    under_fire(&server, clients, time.max(KILL_EVERY * 10), false).await;
+    for search in [SearchMethod::Random, SearchMethod::Auto] {
+        under_fire(&server, clients, search, time, true).await;
+        under_fire(&server, clients, search, time.max(KILL_EVERY * 10), false).await;
+    }
 }

@@ -47,7 +47,7 @@ enum Step<T> {
     /// The models owe something to earlier reports, and are about to be asked.
     Settle,
     /// Somebody has to think, and has this state's search for that time.
-    Think(Errand, Option<Arc<()>>),
+    Think(Box<Errand>, Option<Arc<()>>),
 }
 
 impl Tuning {
@@ -70,7 +70,7 @@ impl Tuning {
                             return Step::Settle;
                         }
                         let token = errand.searched_state().map(|state| live.searched.take(state));
-                        return Step::Think(errand, token);
+                        return Step::Think(Box::new(errand), token);
                     }
                     let answer = answer.take().expect("a question is answered once");
                     Step::Answered(answer(live, store, thoughts.take().unwrap_or_default(), now_ms))
@@ -80,7 +80,7 @@ impl Tuning {
                 Step::Answered(answer) => return Ok(answer),
                 Step::Settle => self.settle(study).await,
                 Step::Think(errand, token) => {
-                    thoughts = Some(self.think(errand).await?);
+                    thoughts = Some(self.think(*errand).await?);
                     drop(token);
                 }
             }
