@@ -151,9 +151,9 @@ async fn render(
 ) -> Seen {
     let options = Options::new().client_id(format!("renderer-{number}")).deadline(DEADLINE);
     let client = Client::connect(&urls, options).expect("good addresses");
-    let space = (0..5).fold(Space::builder().integer("leaf", 1..=32).default(8), |space, number| {
-        space.float(&format!("p{number}"), 0.0..=1.0).default(0.5)
-    });
+    let space = Space::builder().integer("leaf", 1..=32).default(8).float("p0", 0.0..=1.0).default(0.5);
+    let space =
+        (1..5).fold(space, |space, number| space.float(&format!("p{number}"), 0.0..=1.0).default(0.5));
     let space = space.build().expect("a space");
     let spec = StudySpec::builder(space).indicator("triangles", 0.0..=100.0, Scale::Linear);
     // All explore, all the time.
