@@ -245,14 +245,22 @@ impl Core {
         study: &str,
         indicators: &Indicators,
     ) -> Result<Prediction, ClientError> {
-        let request = v1::PredictRequest { study: study.to_owned(), indicators: indicators.0.clone() };
+        let request = v1::PredictRequest {
+            study: study.to_owned(),
+            indicators: indicators.0.clone(),
+            fingerprint: Some(wire::fingerprint_to_wire(&self.options.fingerprint)),
+        };
         let mut rpc = self.rpc();
         let prediction = self.admin("Predict", rpc.predict(request)).await?;
         wire::prediction_from_wire(prediction).map_err(|problem| self.malformed("Predict", problem))
     }
 
     pub(crate) async fn best(&self, study: &str, indicators: &Indicators) -> Result<Best, ClientError> {
-        let request = v1::GetBestRequest { study: study.to_owned(), indicators: indicators.0.clone() };
+        let request = v1::GetBestRequest {
+            study: study.to_owned(),
+            indicators: indicators.0.clone(),
+            fingerprint: Some(wire::fingerprint_to_wire(&self.options.fingerprint)),
+        };
         let mut rpc = self.rpc();
         let best = self.admin("GetBest", rpc.get_best(request)).await?;
         wire::best_from_wire(best).map_err(|problem| self.malformed("GetBest", problem))

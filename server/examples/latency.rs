@@ -172,7 +172,7 @@ async fn measure(address: &str) -> Outcome<()> {
     for frame in 0..ROUNDS {
         let wire::SuggestRequest { study, indicators, .. } = ask("calls", frame);
         let begin = Instant::now();
-        let question = wire::PredictRequest { study, indicators };
+        let question = wire::PredictRequest { study, indicators, ..Default::default() };
         let answer = client.predict(question).await?.into_inner();
         predictions.push(begin.elapsed());
         answer.configuration.ok_or("no configuration")?;

@@ -55,6 +55,19 @@ async fn a_new_machine_starts_from_its_group_and_new_software_from_the_fleet() {
     assert!(predicted > 2.0 * best && predicted < 8.0 * best, "{predicted} and {best}");
     assert_ne!(default.state_id, 1);
 
+    // Each is told of its own measurements, and who names no machine of the one with the most frames.
+    let own = ask("second", 10.0).fingerprint.map(|own| wire::Fingerprint {
+        threads: 4,
+        software: BTreeMap::from([("embree".to_owned(), "4.4.0".to_owned())]),
+        ..own
+    });
+    for (fingerprint, factor) in [(own, 4.0), (None, 1.0)] {
+        let (study, indicators) = ("studies/hall".to_owned(), ask("second", 10.0).indicators);
+        let question = wire::GetBestRequest { study, indicators, fingerprint };
+        let told = client.get_best(question).await.expect("measured").into_inner();
+        assert!((told.cost - factor * best).abs() < 1e-9, "{told:?}");
+    }
+
     // The same after a restart; and a machine of the same hardware with other software is no group any more.
     server.stop().await;
     let server = Server::on_disk(&path, common::START_MS + 1000).await;

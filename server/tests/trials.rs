@@ -181,9 +181,16 @@ async fn malformed_questions_and_results_are_refused() {
 #[tokio::test]
 async fn predictions_and_the_best_rest_on_reports() {
     let (_server, mut client) = server().await;
-    let predict =
-        |count| wire::PredictRequest { study: "studies/hall".to_owned(), indicators: triangles(count) };
-    let best = |indicators| wire::GetBestRequest { study: "studies/hall".to_owned(), indicators };
+    let predict = |count| wire::PredictRequest {
+        study: "studies/hall".to_owned(),
+        indicators: triangles(count),
+        ..Default::default()
+    };
+    let best = |indicators| wire::GetBestRequest {
+        study: "studies/hall".to_owned(),
+        indicators,
+        ..Default::default()
+    };
     let before = client.predict(predict(10.0)).await.unwrap().into_inner();
     assert_eq!(before.mode(), wire::Mode::Default);
     assert_eq!(before.predicted_cost, None);

@@ -139,8 +139,8 @@ impl TuningService for Service {
         if request.indicators.is_empty() {
             return Err(Status::invalid_argument("indicators: `triangles` is missing"));
         }
-        let best =
-            self.book().best(&v1::GetBestRequest { study: request.study, indicators: request.indicators })?;
+        let v1::PredictRequest { study, indicators, fingerprint } = request;
+        let best = self.book().best(&v1::GetBestRequest { study, indicators, fingerprint })?;
         let reason = v1::Reason {
             summary: "The nearest known state is 0.25 away.".into(),
             source: "nearest_neighbour".into(),

@@ -95,14 +95,14 @@ impl Session {
                 Ok(json!({ "told": trial }))
             }
             Request::Best(indicators) => {
-                let best = tuner.best(Some(&indicators)).map_err(refused)?;
+                let best = tuner.best(Some(&indicators), None).map_err(refused)?;
                 Ok(json!({
                     "configuration": best.as_ref().map(|best| plain(&best.configuration)),
                     "cost": best.as_ref().map(|best| best.cost),
                 }))
             }
             Request::Predict(indicators) => {
-                let prediction = tuner.predict(&indicators).map_err(refused)?;
+                let prediction = tuner.predict(&indicators, None).map_err(refused)?;
                 Ok(json!({
                     "configuration": plain(&prediction.configuration),
                     "mode": prediction.mode,

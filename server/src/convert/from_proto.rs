@@ -175,7 +175,11 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
     })
 }
 
-fn fingerprint(wire: v1::Fingerprint) -> Result<Fingerprint, Error> {
+/// Who asks.
+///
+/// # Errors
+/// When the number of threads is negative.
+pub fn fingerprint(wire: v1::Fingerprint) -> Result<Fingerprint, Error> {
     let threads = u32::try_from(wire.threads)
         .map_err(|_| Error::invalid("fingerprint.threads", "must not be negative"))?;
     Ok(Fingerprint { cpu_model: wire.cpu_model, isa: wire.isa, threads, software: wire.software })

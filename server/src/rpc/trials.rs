@@ -52,7 +52,8 @@ pub(super) async fn predict(
     request: wire::PredictRequest,
 ) -> Result<wire::PredictResponse, Error> {
     let study = caller.study("study", &request.study)?;
-    let prediction = tuning.predict(&study, &request.indicators).await?;
+    let fingerprint = request.fingerprint.map(from_proto::fingerprint).transpose()?;
+    let prediction = tuning.predict(&study, &request.indicators, fingerprint.as_ref()).await?;
     Ok(to_proto::prediction(&prediction))
 }
 
@@ -125,6 +126,7 @@ pub(super) async fn best(
 ) -> Result<wire::Best, Error> {
     let study = caller.study("study", &request.study)?;
     let indicators = Some(&request.indicators).filter(|given| !given.is_empty());
-    let best = tuning.best(&study, indicators).await?;
+    let fingerprint = request.fingerprint.map(from_proto::fingerprint).transpose()?;
+    let best = tuning.best(&study, indicators, fingerprint.as_ref()).await?;
     Ok(to_proto::best(&study, &best))
 }

@@ -179,11 +179,13 @@ mod tests {
         let all = u32::try_from(tuning.thinking.available_permits()).expect("few processors");
         let places = tuning.thinking.acquire_many(all).await.expect("never closed");
         assert_eq!(suggest(&tuning, "two").await.mode, Mode::Exploit);
-        let predicted = tuning.predict("hall", &[("x".to_owned(), 0.9)].into()).await.expect("an answer");
+        let predicted =
+            tuning.predict("hall", &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
         assert_eq!(predicted.reason.source, "nearest_neighbour");
         drop(places);
         assert_eq!(suggest(&tuning, "three").await.mode, Mode::Explore);
-        let predicted = tuning.predict("hall", &[("x".to_owned(), 0.9)].into()).await.expect("an answer");
+        let predicted =
+            tuning.predict("hall", &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
         assert_eq!(predicted.reason.source, "contextual");
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use treewright_core::trial::{RawTrial, Trial};
+use treewright_core::trial::{Fingerprint, RawTrial, Trial};
 use treewright_core::tuner::{Best, Prediction, Tuner, TunerError};
 use treewright_store::{Receipt, TrialPage, TrialQuery};
 
@@ -119,11 +119,13 @@ impl Tuning {
         &self,
         study: &str,
         indicators: &BTreeMap<String, f64>,
+        fingerprint: Option<&Fingerprint>,
     ) -> Result<Prediction, Error> {
-        let errand = |tuner: &Tuner, _: &dyn Fn(u64) -> bool| tuner.prediction_errand(indicators);
+        let errand =
+            |tuner: &Tuner, _: &dyn Fn(u64) -> bool| tuner.prediction_errand(indicators, fingerprint);
         let predicted = self
             .with_thoughts(study, errand, |live, _, thoughts, _| {
-                live.tuner.predict_ahead(indicators, thoughts)
+                live.tuner.predict_ahead(indicators, fingerprint, thoughts)
             })
             .await?;
         Ok(predicted?)
@@ -134,10 +136,15 @@ impl Tuning {
     ///
     /// # Errors
     /// As the wire contract names them.
-    pub async fn best(&self, study: &str, indicators: Option<&BTreeMap<String, f64>>) -> Result<Best, Error> {
+    pub async fn best(
+        &self,
+        study: &str,
+        indicators: Option<&BTreeMap<String, f64>>,
+        fingerprint: Option<&Fingerprint>,
+    ) -> Result<Best, Error> {
         let (best, receipt) = self
             .with_tuner(study, |live, store, _| {
-                let best = live.tuner.best(indicators)?;
+                let best = live.tuner.best(indicators, fingerprint)?;
                 Ok::<_, TunerError>((best, live.commit(store, &[])))
             })
             .await??;

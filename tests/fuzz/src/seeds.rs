@@ -79,7 +79,11 @@ fn requests() -> Vec<(Kind, Vec<u8>)> {
         ),
         (Kind::Report, report(outcome::Kind::Ok(wire::Ok {})).encode_to_vec()),
         (Kind::Report, report(outcome::Kind::Aborted(wire::Aborted { lower_bound: 9.0 })).encode_to_vec()),
-        (Kind::Predict, wire::PredictRequest { study: study(), indicators: indicators() }.encode_to_vec()),
+        (
+            Kind::Predict,
+            wire::PredictRequest { study: study(), indicators: indicators(), ..Default::default() }
+                .encode_to_vec(),
+        ),
         (Kind::AbandonTrial, wire::AbandonTrialRequest { trial: trial() }.encode_to_vec()),
         (Kind::ExtendLease, wire::ExtendLeaseRequest { trial: trial() }.encode_to_vec()),
         (Kind::QueryTrials, query.encode_to_vec()),

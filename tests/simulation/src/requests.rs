@@ -90,7 +90,7 @@ async fn single(service: &impl TuningService, request: Request) -> Result<Answer
             }
         }
         Request::Predict(indicators) => {
-            let request = wire::PredictRequest { study: STUDY.into(), indicators };
+            let request = wire::PredictRequest { study: STUDY.into(), indicators, ..Default::default() };
             service.predict(Tonic::new(request)).await?;
             Answer::Other
         }

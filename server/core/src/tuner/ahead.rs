@@ -17,7 +17,7 @@ use crate::predict::contextual::Request;
 use crate::predict::{Answer, Debts, Query, Settled};
 use crate::search::{AnySearch, Plan};
 use crate::study::StudySpec;
-use crate::trial::Trial;
+use crate::trial::{Fingerprint, Trial};
 use crate::tuner::report::is_spent;
 use crate::tuner::weigh::terms;
 use crate::tuner::{Ask, Change, Decision, Prediction, Tuner, TunerError, query};
@@ -147,9 +147,13 @@ impl Tuner {
     }
 
     /// The same for [`Tuner::predict_ahead`].
-    pub fn prediction_errand(&self, indicators: &BTreeMap<String, f64>) -> Option<Errand> {
+    pub fn prediction_errand(
+        &self,
+        indicators: &BTreeMap<String, f64>,
+        fingerprint: Option<&Fingerprint>,
+    ) -> Option<Errand> {
         let normalised = self.spec.indicators.normalise(indicators).ok()?;
-        let here = self.recognise_anywhere(&normalised);
+        let here = self.recognise_for(fingerprint, &normalised);
         if self.spec.policy.pinned.is_some() || !self.needs_predictor(here) {
             return None;
         }
@@ -175,10 +179,11 @@ impl Tuner {
     pub fn predict_ahead(
         &mut self,
         indicators: &BTreeMap<String, f64>,
+        fingerprint: Option<&Fingerprint>,
         thoughts: Thoughts,
     ) -> Result<Prediction, TunerError> {
         self.thoughts = Some(thoughts);
-        let predicted = self.predict(indicators);
+        let predicted = self.predict(indicators, fingerprint);
         self.thoughts = None;
         predicted
     }

@@ -9,14 +9,19 @@ use crate::knowledge::{KnownState, Record};
 use crate::policy::{Operation, PredictorMethod};
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream, text_number};
-use crate::trial::{Explanation, Mode, Neighbour, Reason, Rule};
-use crate::tuner::{Decision, Prediction, Tuner, TunerError, query};
+use crate::trial::{Explanation, Fingerprint, Mode, Neighbour, Reason, Rule};
+use crate::tuner::{Decision, Prediction, Tuner, TunerError, checks, query};
 
 impl Tuner {
-    /// What would be exploited for these indicators. Changes nothing.
-    pub fn predict(&self, indicators: &BTreeMap<String, f64>) -> Result<Prediction, TunerError> {
+    /// What would be exploited for these indicators, on a machine where one is named. Changes nothing.
+    pub fn predict(
+        &self,
+        indicators: &BTreeMap<String, f64>,
+        fingerprint: Option<&Fingerprint>,
+    ) -> Result<Prediction, TunerError> {
+        checks::fingerprint(fingerprint)?;
         let state = self.spec.indicators.normalise(indicators)?;
-        let here = self.recognise_anywhere(&state);
+        let here = self.recognise_for(fingerprint, &state);
         let prediction = self.pinned().unwrap_or_else(|| self.exploitation(&state, here));
         Ok(Prediction { insight: here.map(|here| self.insight(here)), ..prediction })
     }

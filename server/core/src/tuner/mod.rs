@@ -50,7 +50,7 @@ use crate::policy::{Policy, PredictorMethod};
 use crate::predict::prequential::Interval;
 use crate::predict::{Atlas, Predictors, Query};
 use crate::study::{StudyError, StudySpec};
-use crate::trial::Trial;
+use crate::trial::{Fingerprint, Trial};
 use crate::tuner::history::History;
 use crate::tuner::screening::Screening;
 
@@ -197,13 +197,19 @@ impl Tuner {
         self.predictors.errors()
     }
 
-    /// The best known configuration of the state that matches the indicators (of the machine that has reported the
-    /// most frames from it), or of all states where none are given. `None` when nothing has been measured there.
-    pub fn best(&self, indicators: Option<&BTreeMap<String, f64>>) -> Result<Option<Best>, TunerError> {
+    /// The best known configuration of the state that matches the indicators, or of all states where none are given.
+    /// `None` when nothing has been measured there. The state is that of the named machine if it has been there, else of
+    /// the one that has reported the most frames from it.
+    pub fn best(
+        &self,
+        indicators: Option<&BTreeMap<String, f64>>,
+        fingerprint: Option<&Fingerprint>,
+    ) -> Result<Option<Best>, TunerError> {
+        checks::fingerprint(fingerprint)?;
         let best_of = |state: usize| self.states[state].knowledge.best().map(|best| (state, best));
         let found = match indicators {
             Some(indicators) => {
-                let state = self.recognise_anywhere(&self.spec.indicators.normalise(indicators)?);
+                let state = self.recognise_for(fingerprint, &self.spec.indicators.normalise(indicators)?);
                 state.and_then(best_of)
             }
             None => (0..self.states.len())

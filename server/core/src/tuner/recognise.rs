@@ -30,9 +30,16 @@ impl Tuner {
         self.atlas.within(machine, state, tolerance)
     }
 
+    /// The state of the machine, if one is named that has been there, else of any.
+    pub(super) fn recognise_for(&self, fingerprint: Option<&Fingerprint>, state: &[f64]) -> Option<usize> {
+        let own = fingerprint.and_then(|_| self.fleet.find(fingerprint));
+        let there = own.and_then(|machine| self.atlas.within(machine, state, self.spec.state_tolerance));
+        there.or_else(|| self.recognise_anywhere(state))
+    }
+
     /// The same without a machine: of those that know the state the one with the most frames, the first among
     /// equals.
-    pub(super) fn recognise_anywhere(&self, state: &[f64]) -> Option<usize> {
+    fn recognise_anywhere(&self, state: &[f64]) -> Option<usize> {
         let matches = self.atlas.within_each(state, self.spec.state_tolerance);
         matches.min_by_key(|&state| Reverse(self.history.frames(state)))
     }

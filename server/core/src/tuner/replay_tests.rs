@@ -202,8 +202,8 @@ proptest! {
         prop_assert_eq!(restarted.statistics(), steady.statistics());
         for place in 0..6 {
             let indicators = ask("z", 0.1 * f64::from(place), 0.31).indicators;
-            prop_assert_eq!(restarted.predict(&indicators), steady.predict(&indicators));
-            prop_assert_eq!(restarted.best(Some(&indicators)), steady.best(Some(&indicators)));
+            prop_assert_eq!(restarted.predict(&indicators, None), steady.predict(&indicators, None));
+            prop_assert_eq!(restarted.best(Some(&indicators), None), steady.best(Some(&indicators), None));
         }
     }
 

@@ -36,7 +36,7 @@ fn a_search_may_measure_its_best_again_within_the_budget() {
         assert_eq!(reported.state, TrialState::Completed);
     }
     assert!((1..=5).contains(&repeats), "{repeats} repeats");
-    let best = tuner.best(None).expect("valid").expect("measured");
+    let best = tuner.best(None, None).expect("valid").expect("measured");
     let next = suggest(&mut tuner, "a", 0.5, 0.5);
     assert_eq!((next.mode, &next.configuration), (Mode::Exploit, &best.configuration));
 }
@@ -51,7 +51,7 @@ fn replicates_measure_each_configuration_as_often_as_asked() {
     }
     assert_eq!(counts.len(), 10);
     assert!(counts.values().all(|&count| count == 3));
-    assert_eq!(tuner.best(None).expect("valid").expect("measured").measurements, 3);
+    assert_eq!(tuner.best(None, None).expect("valid").expect("measured").measurements, 3);
 }
 
 #[test]
@@ -108,7 +108,7 @@ fn an_aborted_trial_carries_its_bound_and_is_not_the_best() {
     let slow = suggest(&mut tuner, "a", 0.5, 0.5);
     let stopped = finish(&mut tuner, &slow, Outcome::Aborted { lower_bound: 0.5 });
     assert_eq!(stopped.cost, Some(0.5));
-    let best = tuner.best(None).expect("valid").expect("measured");
+    let best = tuner.best(None, None).expect("valid").expect("measured");
     assert_eq!((best.configuration, best.trial), (trials[0].configuration.clone(), 1));
     assert_ne!(suggest(&mut tuner, "a", 0.5, 0.5).configuration, slow.configuration);
 }
@@ -156,7 +156,7 @@ fn exploring_pays_off() {
                 let trials = run(&mut tuner, "a", 0.5, 0.5, 80);
                 // The default costs 30.25; the optimum is 12.75.
                 assert_eq!(trials[0].cost, Some(30.25));
-                tuner.best(None).expect("valid").expect("measured").cost
+                tuner.best(None, None).expect("valid").expect("measured").cost
             })
             .collect();
         all.sort_by(f64::total_cmp);
