@@ -13,6 +13,7 @@ use treewright_core::tuner::Learnt;
 use treewright_store::{ClosedTrial, Fence};
 
 use super::Tuning;
+use super::loading::compute;
 use super::runtime::Live;
 use crate::error::Error;
 use crate::limits::{TRIALS_PER_READ, TRIALS_PER_REMOVAL};
@@ -55,8 +56,8 @@ impl Tuning {
         self.thin_beyond(keep, MODELS_TRIALS_MAX).await;
     }
 
-    /// `models`: how many completed trials a change of predictor may ask for.
-    async fn thin_beyond(&self, keep: u64, models: u64) {
+    /// The same where a change of predictor asks for no more than `models` completed trials.
+    pub async fn thin_beyond(&self, keep: u64, models: u64) {
         for (study, runtime) in self.in_memory() {
             let Some(due) = runtime.peek(|live| live.take_thinning(keep, models)).flatten() else {
                 continue;
@@ -75,8 +76,7 @@ impl Tuning {
     /// How many were removed, and how many of those that were looked at stay.
     async fn thin(&self, due: Due) -> Result<(u64, u64), Error> {
         let Due { learnt, fence, number, completion } = due;
-        let measured_by = tokio::task::spawn_blocking(move || learnt.measured_by()).await;
-        let measured_by = measured_by.map_err(|_| Error::Defect("listing trials panicked"))?;
+        let measured_by = compute(move || learnt.measured_by()).await?;
         let may_go = |trial: &ClosedTrial| {
             trial.completion.is_none_or(|at| at <= completion) && !measured_by.contains(&trial.number)
         };

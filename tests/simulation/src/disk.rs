@@ -7,7 +7,7 @@
 //! applied, as with an epoch in a shared database. Who may take a study is for [`claims`](crate::claims) to say.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use async_trait::async_trait;
@@ -59,6 +59,8 @@ pub(crate) struct Durable {
     pub(crate) store: MemoryStore,
     /// Who holds which study.
     claims: Claims,
+    /// Up to which completion a checkpoint on the disk covers the trials.
+    covered: AtomicU64,
 }
 
 /// The last fence of each study that a machine was given: its own, and the durable store's behind it.
@@ -387,7 +389,9 @@ impl Store for SimulatedDisk {
         sleep(self.world.time_ms(self.world.plan.write_ms)).await;
         self.read().await?;
         self.world.count(|counts| counts.checkpoints += 1);
-        self.durable.store.save_checkpoint(&self.behind(fence)?, checkpoint).await
+        self.durable.store.save_checkpoint(&self.behind(fence)?, checkpoint).await?;
+        self.durable.covered.store(checkpoint.completion, Ordering::SeqCst);
+        Ok(())
     }
 
     async fn closed_trials(
@@ -404,7 +408,15 @@ impl Store for SimulatedDisk {
     async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError> {
         sleep(self.world.time_ms(self.world.plan.write_ms)).await;
         self.read().await?;
-        self.durable.store.remove_trials(&self.behind(fence)?, numbers).await
+        let behind = self.behind(fence)?;
+        let trials: Vec<RawTrial> = numbers
+            .iter()
+            .filter_map(|number| now(self.durable.store.get_trial(fence.study(), *number)).ok())
+            .collect();
+        let removed = self.durable.store.remove_trials(&behind, numbers).await?;
+        let covered = self.durable.covered.load(Ordering::SeqCst);
+        self.world.enter(|ledger, durable| ledger.removed(&trials, covered, durable));
+        Ok(removed)
     }
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {

@@ -1,10 +1,10 @@
 //! The books of a world: what was promised to whom, and whether it is kept.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 use tonic::{Code, Status};
-use treewright_core::trial::TrialState;
+use treewright_core::trial::{RawTrial, TrialState};
 use treewright_proto::v1 as wire;
 use treewright_store::Store as _;
 
@@ -35,6 +35,7 @@ pub struct Counts {
     pub unsure_writes: u64,
     pub forwarded_messages: u64,
     pub checkpoints: u64,
+    pub removed_trials: u64,
     pub explored_frames: u64,
     pub frames: u64,
 }
@@ -63,6 +64,7 @@ impl Counts {
             unsure_writes,
             forwarded_messages,
             checkpoints,
+            removed_trials,
             explored_frames,
             frames,
         } = other;
@@ -87,6 +89,7 @@ impl Counts {
             (&mut self.unsure_writes, unsure_writes),
             (&mut self.forwarded_messages, forwarded_messages),
             (&mut self.checkpoints, checkpoints),
+            (&mut self.removed_trials, removed_trials),
             (&mut self.explored_frames, explored_frames),
             (&mut self.frames, frames),
         ] {
@@ -121,6 +124,8 @@ pub(crate) struct Ledger {
     handed: BTreeMap<u64, (String, wire::Configuration)>,
     /// The cost of each acknowledged report.
     acknowledged: BTreeMap<u64, Option<f64>>,
+    /// Trials that retention has removed.
+    removed: BTreeSet<u64>,
     purses: BTreeMap<u32, Purse>,
 }
 
@@ -184,6 +189,7 @@ impl Ledger {
         self.counts.refusals += 1;
         let may_be = match code {
             Code::Unavailable | Code::ResourceExhausted => true,
+            Code::NotFound => request.trial().is_some_and(|name| self.removed.contains(&number(name))),
             // Of a trial that is no longer open.
             Code::FailedPrecondition => matches!(
                 request,
@@ -247,7 +253,26 @@ impl Ledger {
                 );
                 self.wrong(at_ms, what);
             }
+            Err(_) if self.removed.contains(&number) => {}
             Err(error) => self.wrong(at_ms, format!("acknowledged trial {number} is lost: {error}")),
+        }
+    }
+
+    /// Retention has removed trials: they were over, a checkpoint on the disk covers them, and they are no longer where a
+    /// new trial's number could come from.
+    pub(crate) fn removed(&mut self, trials: &[RawTrial], covered: u64, durable: &Durable) {
+        for trial in
+            trials.iter().filter(|trial| now(durable.store.get_trial("world", trial.number)).is_err())
+        {
+            self.counts.removed_trials += 1;
+            self.removed.insert(trial.number);
+            let is_last = self.handed.keys().next_back().is_none_or(|last| *last <= trial.number);
+            if trial.state == TrialState::Open || is_last || trial.completion.is_some_and(|at| at > covered) {
+                let (number, state, completion) = (trial.number, trial.state, trial.completion);
+                let what =
+                    format!("trial {number} was removed: {state:?}, {completion:?}, {covered} are covered");
+                self.wrong(i64::MAX, what);
+            }
         }
     }
 

@@ -92,7 +92,10 @@ pub(crate) async fn live(world: Arc<World>, index: usize) {
         let machine =
             Machine { index, service, tuning: Arc::clone(&tuning), disk, alive: Arc::clone(&alive), calls };
         tokio::spawn(sweep(Arc::clone(&world), index, Arc::clone(&tuning), Arc::clone(&alive)));
-        tokio::spawn(save_checkpoints(Arc::clone(&world), tuning, Arc::clone(&alive)));
+        tokio::spawn(save_checkpoints(Arc::clone(&world), Arc::clone(&tuning), Arc::clone(&alive)));
+        if let Some(keep) = world.plan.keep_trials {
+            tokio::spawn(thin_trials(Arc::clone(&world), tuning, keep, Arc::clone(&alive)));
+        }
         world.set_machine(index, Some(machine));
         world.step("start");
         if !world.wait_for_trouble(world.plan.crash_every_ms).await {
@@ -121,6 +124,15 @@ async fn save_checkpoints(world: Arc<World>, tuning: Arc<Tuning>, alive: Arc<Ato
     while alive.load(Ordering::SeqCst) && !world.is_over() {
         sleep(Duration::from_secs(1)).await;
         tuning.save_checkpoints().await;
+    }
+}
+
+/// Removes old trials, as the service does where it is asked to. The policy's predictor never changes, so that no trial
+/// may still have to be taught.
+async fn thin_trials(world: Arc<World>, tuning: Arc<Tuning>, keep: u64, alive: Arc<AtomicBool>) {
+    while alive.load(Ordering::SeqCst) && !world.is_over() {
+        sleep(Duration::from_secs(2)).await;
+        tuning.thin_beyond(keep, 0).await;
     }
 }
 

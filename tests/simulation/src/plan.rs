@@ -64,6 +64,8 @@ pub struct Plan {
     pub sleep_ms: f64,
     /// Trials between two checkpoints, as long as those are small.
     pub checkpoint_after: u64,
+    /// How many trials are kept of the study; none for all.
+    pub keep_trials: Option<u64>,
     /// A client vanishes with an open trial, comes back, or says something twice.
     pub misbehaviour: f64,
     /// The share of frame time that exploring may cost; none for no budget.
@@ -122,6 +124,7 @@ impl Plan {
             },
             lease_s: between(1.0, 60.0) as i32,
             trials_per_state: between(5.0, 100.0) as i32,
+            keep_trials: Some(between(5.0, 500.0) as u64).filter(|keep| *keep < 50),
             bug,
         }
     }

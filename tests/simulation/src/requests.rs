@@ -32,6 +32,17 @@ pub(crate) enum Request {
     Update(Box<wire::UpdateStudyRequest>),
 }
 
+impl Request {
+    /// The trial that it is about.
+    pub(crate) fn trial(&self) -> Option<&str> {
+        match self {
+            Request::Report(report) | Request::Frame(report, _) => Some(&report.trial),
+            Request::Abandon(name) | Request::Extend(name) | Request::GetTrial(name) => Some(name),
+            _ => None,
+        }
+    }
+}
+
 /// What comes back.
 #[derive(Clone, Debug)]
 pub(crate) enum Answer {
