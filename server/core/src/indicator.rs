@@ -224,7 +224,10 @@ mod tests {
             a in finite(), b in finite(), low in finite(), high in finite(), log in any::<bool>(),
         ) {
             let (low, high) = (low.min(high), low.max(high));
-            prop_assume!(low < high);
+            // Such an indicator is refused. An assumption would end long runs, which may drop so many cases only.
+            if low == high {
+                return Ok(());
+            }
             let indicator = indicator(low, high, if log { Scale::Log } else { Scale::Linear });
             let (small, large) = (a.min(b), a.max(b));
             let (small, large) = (indicator.normalise(small), indicator.normalise(large));

@@ -1,13 +1,14 @@
 //! Contextual tuning: every round brings another input, and the best configuration moves with it.
 //!
-//! Each problem has four parameters and two indicators in 0..1. The cost is `1 + depth × distance`, where the
-//! distance grows with the square of each parameter's way from an optimum that moves smoothly with the
-//! indicators; measurements carry 5 % of relative noise. Every round draws a fresh context, asks the whole
+//! Each problem has four parameters and two indicators in 0..1. The cost rises with each parameter's way from an
+//! optimum that moves smoothly with the indicators: as a bowl or a cone, with kinks, across the axes, in waves, over
+//! magnitudes; measurements carry 5 % of relative noise. Every round draws a fresh context, asks the whole
 //! tuner, and reports the noisy cost. Regret is the noiseless cost above the least possible in that context,
 //! divided so that the best fixed configuration (found on 4,000 contexts) has a mean regret of 0.60: a method
 //! that knows no context cannot do better than that.
 //!
-//! `cargo run --release -p treewright-core --example contextual -- [SEEDS]` prints a JSON object a problem.
+//! `cargo run --release -p treewright-core --example contextual -- [SEEDS] [PREDICTOR...]` prints a JSON object a
+//! problem and predictor: all of them unless some are named.
 
 mod problem;
 
@@ -72,8 +73,10 @@ fn main() {
         (PredictorMethod::LeastSquares, 0.2),
         (PredictorMethod::RbfGreedyGq, 0.2),
     ];
+    let named: Vec<String> = std::env::args().skip(2).collect();
+    let wanted = |method: PredictorMethod| named.is_empty() || named.iter().any(|name| name == method.name());
     for problem in problem::all() {
-        for (predictor, epsilon) in methods {
+        for (predictor, epsilon) in methods.into_iter().filter(|(method, _)| wanted(*method)) {
             let policy = Policy { predictor, epsilon, ..Policy::default() };
             let (mut regrets, mut times, mut errors) = (vec![0.0; ROUNDS], Vec::new(), BTreeMap::new());
             for seed in 0..seeds {

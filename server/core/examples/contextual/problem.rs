@@ -20,7 +20,7 @@ pub(crate) struct Problem {
     pub(crate) name: &'static str,
     /// Where the optimum of each parameter lies in a context.
     optimum: fn(&[f64; 2]) -> [f64; 4],
-    /// The cost above the least, of the squared ways from the optimum.
+    /// The cost above the least, of the ways from the optimum.
     rise: fn(&[f64; 4]) -> f64,
     /// The least cost in a context.
     least: fn(&[f64; 2]) -> f64,
@@ -39,16 +39,53 @@ fn slope(&[u, v]: &[f64; 2]) -> [f64; 4] {
     [0.1 + 0.8 * u, 0.9 - 0.8 * v, 0.1 + 0.4 * (u + v), 0.5 + 0.4 * (u - v)]
 }
 
-fn bowl(squares: &[f64; 4]) -> f64 {
-    4.0 * squares.iter().sum::<f64>()
+/// Round a circle, at a steady pace.
+fn turn(&[u, v]: &[f64; 2]) -> [f64; 4] {
+    let angle = std::f64::consts::PI * (u + 0.5 * v);
+    [0.5 + 0.35 * angle.cos(), 0.5 + 0.35 * angle.sin(), 0.2 + 0.6 * u * v, 0.5 - 0.3 * (u - v).powi(2)]
 }
 
-fn uneven(squares: &[f64; 4]) -> f64 {
-    8.0 * squares[0] + 4.0 * squares[1] + 2.0 * squares[2] + squares[3]
+fn bowl(ways: &[f64; 4]) -> f64 {
+    4.0 * ways.iter().map(|way| way * way).sum::<f64>()
 }
 
-fn cone(squares: &[f64; 4]) -> f64 {
-    2.0 * squares.iter().sum::<f64>().sqrt()
+fn uneven(&[a, b, c, d]: &[f64; 4]) -> f64 {
+    8.0 * a * a + 4.0 * b * b + 2.0 * c * c + d * d
+}
+
+fn cone(ways: &[f64; 4]) -> f64 {
+    2.0 * ways.iter().map(|way| way * way).sum::<f64>().sqrt()
+}
+
+/// A kink along each axis.
+fn roof(ways: &[f64; 4]) -> f64 {
+    ways.iter().map(|way| way.abs()).sum()
+}
+
+/// Factors that multiply, two of them with a kink.
+fn factors(&[a, b, c, d]: &[f64; 4]) -> f64 {
+    (1.0 + 3.0 * a * a) * (1.0 + b.abs()) * (1.0 + 3.0 * c * c) * (1.0 + 0.5 * d.abs()) - 1.0
+}
+
+/// A valley across the axes, ten times as steep as it is long.
+fn ridge(&[a, b, c, d]: &[f64; 4]) -> f64 {
+    10.0 * ((a - b).powi(2) + (c + d).powi(2)) + (a + b).powi(2) + (c - d).powi(2)
+}
+
+/// Waves on a bowl: valleys a half apart.
+fn waves(ways: &[f64; 4]) -> f64 {
+    let wave = |way: &f64| 3.0 * way * way + 0.15 * (1.0 - (4.0 * std::f64::consts::PI * way).cos());
+    ways.iter().map(wave).sum()
+}
+
+/// Steep near the optimum and level far away.
+fn funnel(ways: &[f64; 4]) -> f64 {
+    2.0 * (1.0 - (-6.0 * ways.iter().map(|way| way * way).sum::<f64>()).exp())
+}
+
+/// A cost that rises over two magnitudes.
+fn exponential(ways: &[f64; 4]) -> f64 {
+    (3.0 * ways.iter().map(|way| way * way).sum::<f64>()).exp() - 1.0
 }
 
 fn one(_: &[f64; 2]) -> f64 {
@@ -73,6 +110,16 @@ pub(crate) fn all() -> Vec<Problem> {
         problem("wave, uneven, level", wave, uneven, hill, false),
         problem("wave, cone", wave, cone, one, false),
         problem("slope, uneven, integers", slope, uneven, hill, true),
+        problem("wave, roof", wave, roof, one, false),
+        problem("slope, roof, level", slope, roof, hill, false),
+        problem("wave, factors, level", wave, factors, hill, false),
+        problem("slope, ridge", slope, ridge, one, false),
+        problem("wave, ridge", wave, ridge, one, false),
+        problem("slope, waves", slope, waves, one, false),
+        problem("wave, funnel", wave, funnel, one, false),
+        problem("wave, exponential, level", wave, exponential, hill, false),
+        problem("turn, bowl", turn, bowl, one, false),
+        problem("turn, cone, level", turn, cone, hill, false),
     ]
 }
 
@@ -86,8 +133,8 @@ impl Problem {
     /// The noiseless cost of a point of the unit cube.
     pub(crate) fn cost(&self, context: &[f64; 2], point: &[f64]) -> f64 {
         let optimum = (self.optimum)(context);
-        let squares: [f64; 4] = std::array::from_fn(|axis| (point[axis] - optimum[axis]).powi(2));
-        (self.least)(context) * (1.0 + (self.rise)(&squares))
+        let ways: [f64; 4] = std::array::from_fn(|axis| point[axis] - optimum[axis]);
+        (self.least)(context) * (1.0 + (self.rise)(&ways))
     }
 
     /// The regret of a cost.
