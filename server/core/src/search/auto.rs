@@ -1,9 +1,9 @@
 //! The search that a study gets when it names none.
 //!
-//! For budgets of 20 to 80 trials one method came out ahead on the suites of `examples/search_quality`, whatever
-//! the kind of the axes, but for choices with random effects at 80 trials, where Nelder-Mead was level:
-//! [`ModelSearch`]. So there is nothing to choose yet, and this is where a choice by dimension, budget and
-//! parallelism has its place when another method earns it.
+//! For budgets of 20 to 80 trials one method came out ahead on the suites of `examples/search_quality`, whatever the
+//! kind of the axes, but for one recorded landscape of trees, where Nelder-Mead was level: [`ModelSearch`]. So there is
+//! nothing to choose yet, and this is where a choice by dimension, budget and parallelism has its place when another
+//! method earns it.
 
 use serde::{Deserialize, Serialize};
 

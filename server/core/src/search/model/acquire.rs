@@ -23,6 +23,8 @@ pub(super) struct Acquisition<'a> {
     /// Predicts 1 for points that cannot be run; `None` while every point could.
     pub(super) failure: Option<&'a Process>,
     pub(super) dimension: usize,
+    /// Deviations of cost count as so many times what the model says.
+    pub(super) doubt: f64,
 }
 
 /// A point on the way up.
@@ -61,10 +63,10 @@ impl Acquisition<'_> {
         let mean = cost.mean(&nearness);
         let improvement = |deviation: f64| log_improvement((best - mean) / deviation) + deviation.ln();
         // Nothing unknown could make more of it than this; most points end here.
-        if improvement(cost.deviation_max(&nearness)) <= floor {
+        if improvement(self.doubt * cost.deviation_max(&nearness)) <= floor {
             return f64::NEG_INFINITY;
         }
-        let improvement = improvement(cost.deviation(&nearness));
+        let improvement = improvement(self.doubt * cost.deviation(&nearness));
         if improvement <= floor { f64::NEG_INFINITY } else { improvement + self.feasible(&features).ln() }
     }
 

@@ -15,10 +15,10 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::Place;
 use super::acquire::{Acquisition, Known, log_improvement, standard_normal};
 use super::process::{Hyper, Process, Sample};
 use super::warp::Warp;
+use super::{OUT_COUNT, Place};
 use crate::matrix::Factor;
 use crate::search::layout::{Layout, Metric};
 
@@ -29,6 +29,8 @@ const NEAREST: usize = 6;
 const ROUNDS: usize = 12;
 /// Points closer to a measurement than this share of the radius teach nothing.
 const APART_MIN: f64 = 0.05;
+/// The same of points that are out: what comes of them is not known, and may be the better place to be close to.
+const APART_OUT_MIN: f64 = 0.3;
 /// Random points to begin with, how many of them climb, and in how many steps.
 const BEGIN: usize = 100;
 const CLIMBERS: usize = 3;
@@ -166,7 +168,8 @@ impl Near {
         }
         let feature = |u: &[f64]| -> Vec<f64> { u.iter().map(|u| 0.5 + 0.5 * u / radius).collect() };
         let features: Vec<Vec<f64>> = places.iter().map(|u| feature(u)).collect();
-        let flying: Vec<Vec<f64>> = out.iter().map(|x| feature(&frame.enter(&pick(x)))).collect();
+        let out: Vec<Vec<f64>> = out.iter().map(|x| frame.enter(&pick(x))).collect();
+        let flying: Vec<Vec<f64>> = out.iter().map(|u| feature(u)).collect();
         let process = self.fit(&chosen, &features, &flying)?;
         let best = features.iter().map(|f| process.at(f).mean).fold(f64::INFINITY, f64::min);
         let value = |mut u: Vec<f64>, floor: f64| {
@@ -181,8 +184,8 @@ impl Near {
             // Where the cube or a cell moves the point, it counts where it is.
             let u = frame.enter(&pick(&x));
             let apart = |v: &Vec<f64>| v.iter().zip(&u).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
-            let closest = places.iter().map(apart).fold(f64::INFINITY, f64::min).sqrt();
-            if closest < APART_MIN * radius {
+            let closest = |to: &[Vec<f64>]| to.iter().map(apart).fold(f64::INFINITY, f64::min).sqrt();
+            if closest(&places) < APART_MIN * radius || closest(&out) < APART_OUT_MIN * radius {
                 return (f64::NEG_INFINITY, u, x);
             }
             let nearness = process.nearness(&feature(&u));
@@ -213,7 +216,7 @@ impl Near {
         }
         let mut values = views[view].0.clone();
         values.extend(flying.iter().map(|features| process.at(features).mean));
-        counts.extend(flying.iter().map(|_| 1.0));
+        counts.extend(flying.iter().map(|_| OUT_COUNT));
         points.extend(flying.iter().map(Vec::as_slice));
         let sample = Sample::new(metrics, &points, counts);
         Process::fit(sample, &[(values, 0.0)], &mut hyper, 0, false).map(|(process, _)| process)

@@ -18,12 +18,16 @@
 //! - *Grids.* Where there is nothing continuous to look at more closely, every other point is that of a model
 //!   with a quadratic trend, if the measurements speak for one: costs of kernels and trees are near products of
 //!   powers of their parameters. A trend that is not there misleads, hence the proof and the other half.
+//! - *Doubt.* Where there are choices the model is too sure of itself: cliffs and interactions that it has not met
+//!   make it keep to the surroundings of a poor default. There deviations count the more at the points in between
+//!   the longer nothing better was found.
 //! - *Trials that were stopped early.* They count as measured at the mean of what the model expects above
 //!   the bound (Schmee and Hahn, "A simple method for regression analysis with censored data",
 //!   Technometrics 21, 1979; for model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `warp`).
 //! - *Several clients.* Points that are out count as measured, at what the model expects of them (the
-//!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010).
+//!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010), and nearly without noise: what has the noise of
+//!   a measurement leaves its surroundings attractive, and several clients would measure almost the same point.
 
 mod acquire;
 mod ahead;
@@ -64,6 +68,12 @@ const ROUNDS: usize = 4;
 const ROUNDS_UNTIL: usize = 32;
 /// A trend is believed in from this logarithm of a likelihood ratio on: twenty to one.
 const TREND_EVIDENCE: f64 = 3.0;
+/// Where there are choices, deviations count once more at every other point for so many configurations that were
+/// no better than the best before them, up to so many times more.
+const DOUBT_EVERY: f64 = 8.0;
+const DOUBT_MAX: f64 = 2.0;
+/// A point that is out counts as so many measurements.
+const OUT_COUNT: f64 = 20.0;
 /// At most this share of the measurements goes to measuring the best again, and at most so many to one.
 const REPEAT_SHARE: f64 = 0.04;
 const REPEATS_MAX: f64 = 5.0;
@@ -228,6 +238,16 @@ impl ModelSearch {
         failed >= 2 && 2 * failed >= self.seen.len() && failed < self.seen.len()
     }
 
+    /// How many times more deviations count than the model says, by how long ago the best was found.
+    fn doubt(&self) -> f64 {
+        let has_choices = (0..self.setup.dimension()).any(|axis| self.setup.layout.cells(axis) > 0);
+        let newest_first = self.seen.iter().rev().enumerate();
+        // Of equals the oldest.
+        let best = newest_first.rev().min_by(|a, b| a.1.found.rank().total_cmp(&b.1.found.rank()));
+        let since = best.map_or(0, |(since, _)| since);
+        if has_choices { (since as f64 / DOUBT_EVERY).min(DOUBT_MAX) } else { 0.0 }
+    }
+
     /// A configuration that was seen, as the models see it.
     fn place(&self, index: usize) -> Place {
         let mut x: Vec<f64> = self.seen[index].x.iter().map(|&x| f64::from(x) / GRID).collect();
@@ -302,6 +322,7 @@ impl ModelSearch {
             cost: cost.as_ref().map(|cost| &cost.process),
             failure: failure.as_ref(),
             dimension: self.setup.dimension(),
+            doubt: if is_other { 1.0 } else { 1.0 + self.doubt() },
         };
         let out: Vec<Vec<u32>> = self.flight.points().map(|point| self.grid(&point.x).0).collect();
         let taken = |x: &[f64]| {
@@ -370,7 +391,7 @@ impl ModelSearch {
         }
         let mut values = views[view].0.clone();
         values.extend(out.iter().map(|features| process.at(features).mean));
-        counts.extend(out.iter().map(|_| 1.0));
+        counts.extend(out.iter().map(|_| OUT_COUNT));
         points.extend(out.iter().map(Vec::as_slice));
         let sample = Sample::new(metrics, &points, counts);
         let (process, _) = Process::fit(sample, &[(values, 0.0)], hyper, 0, false)?;
