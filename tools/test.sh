@@ -24,6 +24,8 @@ RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet
 [ "${1:-all}" = lint ] && exit 0
 
 step "unit, property and end-to-end tests"
+# The audit of what is linked in reads all of it, also what only other systems need.
+cargo fetch --locked --quiet
 # The end-to-end tests start the real programs, which this puts beside them.
 cargo build --workspace --bins --locked --quiet
 cargo test --workspace --locked
