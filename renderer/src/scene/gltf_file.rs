@@ -47,6 +47,12 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
             json.accessors.len()
         )));
     }
+    let mut addresses = json.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
+    if let Some(address) = addresses.find(|address| !is_readable(address)) {
+        return Err(malformed(format!(
+            "a buffer's address is not UTF-8 behind its percent signs: {address:.80}"
+        )));
+    }
     let document = Document::from_json(json).map_err(|error| malformed(told(&error)))?;
     let base = path.parent();
     let buffers = gltf::import_buffers(&document, base, blob).map_err(|error| malformed(told(&error)))?;
@@ -83,6 +89,13 @@ fn check_header(bytes: &[u8]) -> Result<(), String> {
         }
         Some(_) => Ok(()),
     }
+}
+
+/// Whether the name of a file beside this one is text once its percent signs are decoded. The importer takes that for
+/// granted.
+pub(super) fn is_readable(address: &str) -> bool {
+    // With a scheme it is no such name.
+    address.contains(':') || urlencoding::decode(address).is_ok()
 }
 
 /// The parser's error in one line, with the places of a failed validation.

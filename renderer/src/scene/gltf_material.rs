@@ -10,6 +10,7 @@ use gltf::texture::Texture;
 
 use super::Material;
 use super::assemble::Assembler;
+use super::gltf_file::is_readable;
 use super::gltf_geometry::Buffers;
 
 /// Where the document's materials went.
@@ -101,6 +102,11 @@ fn mean_color(texture: &Texture, base: Option<&Path>, buffers: &Buffers) -> Opti
         if end > buffers.get(view.buffer().index())?.0.len() {
             return None;
         }
+    }
+    if let gltf::image::Source::Uri { uri, .. } = &source
+        && !is_readable(uri)
+    {
+        return None;
     }
     let image = Data::from_source(source, base, buffers).ok()?;
     // Grey images stand for all three colours.

@@ -178,6 +178,17 @@ fn gltf_text_with_embedded_data_and_scene_extras() {
 }
 
 #[test]
+fn a_picture_that_cannot_be_named_leaves_its_material_plain() {
+    let (mut document, data) = triangle_document();
+    document["images"] = json!([{"uri": "bark%AA.png"}]);
+    document["textures"] = json!([{"source": 0}]);
+    document["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]);
+    document["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let scene = load_bytes("plain.glb", &glb(&document, &data)).unwrap();
+    assert_eq!(scene.triangles.len(), 1);
+}
+
+#[test]
 fn damaged_gltf_files() {
     let (document, data) = triangle_document();
     let whole = glb(&document, &data);
@@ -190,6 +201,9 @@ fn damaged_gltf_files() {
         *document.pointer_mut(pointer).unwrap() = value;
         glb(&document, &data)
     };
+    let strange = json!([{"byteLength": data.len(), "uri": "wedge%AA.bin"}]);
+    let strange = error_of("strange.glb", &changed("/buffers", strange));
+    assert!(strange.contains("not UTF-8") && strange.contains("wedge%AA.bin"), "{strange}");
     let far = error_of("far.glb", &changed("/accessors/0/count", json!(3_000_000)));
     assert!(far.contains("wedge") && far.contains("outside its buffer"), "{far}");
     assert!(error_of("huge.glb", &changed("/accessors/0/count", json!(u64::MAX))).contains("limit"));

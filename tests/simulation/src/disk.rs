@@ -114,9 +114,11 @@ impl SimulatedDisk {
         answered.await.unwrap_or(Err(StoreError::Closed))
     }
 
-    /// The durable store's fence of a study.
+    /// The durable store's fence behind one that this machine was given, as long as it was given no later one.
     fn behind(&self, fence: &Fence) -> Result<Fence, StoreError> {
-        let found = lock(&self.fences).get(fence.study()).map(|(_, durable)| durable.clone());
+        let fences = lock(&self.fences);
+        let found = fences.get(fence.study()).filter(|(own, _)| own.is_same(fence));
+        let found = found.map(|(_, durable)| durable.clone());
         found.ok_or_else(|| StoreError::Fenced { study: fence.study().to_owned() })
     }
 
