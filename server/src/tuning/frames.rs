@@ -4,6 +4,7 @@ use treewright_core::trial::{RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Errand, Thoughts, Tuner, TunerError};
 use treewright_store::{Fence, Receipt, Store};
 
+use super::thinking::Apart;
 use super::{Live, Tuning};
 use crate::convert::from_proto::{Report, Suggest};
 use crate::error::Error;
@@ -56,9 +57,13 @@ impl Tuning {
     /// # Errors
     /// As the wire contract names them.
     pub async fn suggest(&self, suggest: Suggest) -> Result<Trial, Error> {
-        let errand = |tuner: &Tuner, is_free: &dyn Fn(u64) -> bool| errand(tuner, &suggest, is_free);
+        self.suggest_after(suggest, None).await
+    }
+
+    /// The same, where something was found to be done apart first.
+    async fn suggest_after(&self, suggest: Suggest, begun: Option<Apart>) -> Result<Trial, Error> {
         let (trial, receipt) = self
-            .with_thoughts(&suggest.study, errand, |live, store, thoughts, now_ms| {
+            .with_thoughts(&suggest.study, begun, errand(&suggest), |live, store, thoughts, now_ms| {
                 let (trial, change) = ask(&mut live.tuner, &suggest, thoughts, now_ms)?;
                 note(&suggest, &trial, &change);
                 Ok::<_, TunerError>((trial, live.commit(store, &[change])))
@@ -102,9 +107,9 @@ impl Tuning {
     }
 
     async fn joint_frame(&self, report: Report, suggest: Suggest) -> FrameAnswer {
-        /// The report, what was suggested unless that takes thinking, when it is durable, and whether the models owe
-        /// something to it.
-        type Joint = (Box<Trial>, Option<Result<Trial, TunerError>>, Receipt, bool);
+        /// The report, what was suggested or has to be done apart first, when it is durable, and whether the models
+        /// owe something to it.
+        type Joint = (Box<Trial>, Result<Result<Trial, TunerError>, Apart>, Receipt, bool);
         let study = suggest.study.clone();
         let computed: Result<Option<Joint>, Error> = self
             .with_tuner(&study, |live, store, now_ms| {
@@ -112,25 +117,27 @@ impl Tuning {
                     return None;
                 };
                 let mut changes = vec![change];
-                let thinks = live.needs_thoughts(&suggest);
-                let suggested = (!thinks).then(|| {
-                    let suggested = ask(&mut live.tuner, &suggest, Thoughts::default(), now_ms);
-                    suggested.map(|(trial, change)| {
-                        note(&suggest, &trial, &change);
-                        changes.push(change);
-                        trial
-                    })
-                });
+                let suggested = match live.apart(errand(&suggest), false) {
+                    Some(apart) => Err(apart),
+                    None => Ok(ask(&mut live.tuner, &suggest, Thoughts::default(), now_ms).map(
+                        |(trial, change)| {
+                            note(&suggest, &trial, &change);
+                            changes.push(change);
+                            trial
+                        },
+                    )),
+                };
                 Some((completed, suggested, live.commit(store, &changes), live.tuner.owes()))
             })
             .await;
         match computed {
-            Ok(Some((completed, None, receipt, _))) => {
-                let (durable, suggested) = tokio::join!(METRICS.durable(receipt), self.suggest(suggest));
+            Ok(Some((completed, Err(apart), receipt, _))) => {
+                let suggested = self.suggest_after(suggest, Some(apart));
+                let (durable, suggested) = tokio::join!(METRICS.durable(receipt), suggested);
                 let reported = durable.map(|()| Reported::Taken(completed)).map_err(Error::from);
                 FrameAnswer { reported: Some(reported), suggested: Some(suggested) }
             }
-            Ok(Some((completed, Some(suggested), receipt, owes))) => {
+            Ok(Some((completed, Ok(suggested), receipt, owes))) => {
                 match self.durable(&study, receipt, owes).await {
                     Ok(()) => FrameAnswer {
                         reported: Some(Ok(Reported::Taken(completed))),
@@ -205,11 +212,6 @@ pub(super) struct ClosedMark {
 }
 
 impl Live {
-    /// Whether a question has to be thought about.
-    fn needs_thoughts(&self, suggest: &Suggest) -> bool {
-        errand(&self.tuner, suggest, &|state| self.searched.is_free(state)).is_some()
-    }
-
     /// Marks this point. All writes before it are awaited by the mark's receipt.
     pub(super) fn mark(&mut self, store: &dyn Store) -> ClosedMark {
         ClosedMark {
@@ -242,8 +244,10 @@ impl Live {
 }
 
 /// What has to be thought about before [`ask`].
-fn errand(tuner: &Tuner, suggest: &Suggest, is_free: &dyn Fn(u64) -> bool) -> Option<Errand> {
-    if suggest.wanted.is_some() { None } else { tuner.errand(&suggest.ask, is_free) }
+fn errand(suggest: &Suggest) -> impl Fn(&Tuner, &dyn Fn(u64) -> bool) -> Option<Errand> {
+    move |tuner, is_free| {
+        if suggest.wanted.is_some() { None } else { tuner.errand(&suggest.ask, is_free) }
+    }
 }
 
 fn ask(

@@ -41,50 +41,70 @@ impl Searched {
     }
 }
 
-/// What a question has come to.
-enum Step<T> {
-    Answered(T),
+/// What has to be done apart from a tuner before it can answer a question.
+pub(super) enum Apart {
     /// The models owe something to earlier reports, and are about to be asked.
     Settle,
     /// Somebody has to think, and has this state's search for that time.
     Think(Box<Errand>, Option<Arc<()>>),
 }
 
+impl Live {
+    /// What has to be done apart before a question is answered whose errand this is; nothing where the tables have the
+    /// answer.
+    pub(super) fn apart(
+        &mut self,
+        errand: impl FnOnce(&Tuner, &dyn Fn(u64) -> bool) -> Option<Errand>,
+        is_settled: bool,
+    ) -> Option<Apart> {
+        let errand = errand(&self.tuner, &|state| self.searched.is_free(state))?;
+        if !is_settled && self.tuner.owes() {
+            return Some(Apart::Settle);
+        }
+        let token = errand.searched_state().map(|state| self.searched.take(state));
+        Some(Apart::Think(Box::new(errand), token))
+    }
+}
+
 impl Tuning {
-    /// Computes on a study's tuner with what `errand` had thought about before, if that is needed.
+    /// Computes on a study's tuner with what `errand` had thought about before, if that is needed. `begun` is what was
+    /// found to be done apart already.
     pub(super) async fn with_thoughts<T>(
         &self,
         study: &str,
+        begun: Option<Apart>,
         errand: impl Fn(&Tuner, &dyn Fn(u64) -> bool) -> Option<Errand> + Send + Sync,
         answer: impl FnOnce(&mut Live, &dyn Store, Thoughts, i64) -> T + Send,
     ) -> Result<T, Error> {
         let mut answer = Some(answer);
-        let (mut thoughts, mut settled) = (None, false);
+        let (mut apart, mut thoughts, mut is_settled) = (begun, None, false);
         loop {
-            let step = self
-                .with_tuner(study, |live, store, now_ms| {
-                    if thoughts.is_none()
-                        && let Some(errand) = errand(&live.tuner, &|state| live.searched.is_free(state))
-                    {
-                        if !settled && live.tuner.owes() {
-                            return Step::Settle;
-                        }
-                        let token = errand.searched_state().map(|state| live.searched.take(state));
-                        return Step::Think(Box::new(errand), token);
-                    }
-                    let answer = answer.take().expect("a question is answered once");
-                    Step::Answered(answer(live, store, thoughts.take().unwrap_or_default(), now_ms))
-                })
-                .await?;
-            match step {
-                Step::Answered(answer) => return Ok(answer),
-                Step::Settle => self.settle(study).await,
-                Step::Think(errand, token) => {
+            match apart.take() {
+                None => {}
+                Some(Apart::Settle) => {
+                    self.settle(study).await;
+                    is_settled = true;
+                }
+                Some(Apart::Think(errand, token)) => {
                     thoughts = Some(self.think(*errand).await?);
                     drop(token);
                 }
             }
-            settled = true;
+            let step = self
+                .with_tuner(study, |live, store, now_ms| {
+                    if thoughts.is_none()
+                        && let Some(apart) = live.apart(&errand, is_settled)
+                    {
+                        return Err(apart);
+                    }
+                    let answer = answer.take().expect("a question is answered once");
+                    Ok(answer(live, store, thoughts.take().unwrap_or_default(), now_ms))
+                })
+                .await?;
+            match step {
+                Ok(answer) => return Ok(answer),
+                Err(more) => apart = Some(more),
+            }
         }
     }
 

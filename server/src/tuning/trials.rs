@@ -124,7 +124,7 @@ impl Tuning {
         let errand =
             |tuner: &Tuner, _: &dyn Fn(u64) -> bool| tuner.prediction_errand(indicators, fingerprint);
         let predicted = self
-            .with_thoughts(study, errand, |live, _, thoughts, _| {
+            .with_thoughts(study, None, errand, |live, _, thoughts, _| {
                 live.tuner.predict_ahead(indicators, fingerprint, thoughts)
             })
             .await?;
