@@ -27,6 +27,8 @@ pub struct FrameSet {
     warm_up: usize,
     abort_above: Option<f64>,
     costs: Vec<f64>,
+    /// The least cost of a frame that was itself stopped, and so is known from below only.
+    stopped_from: f64,
 }
 
 /// What a trial of several frames came to, in the units of the frames.
@@ -52,7 +54,13 @@ impl FrameSet {
     /// The same with a cap of one's own.
     #[must_use]
     pub fn with_cap(abort_above: Option<f64>, frames: usize) -> Self {
-        Self { planned: frames.max(1), warm_up: 0, abort_above, costs: Vec::new() }
+        Self {
+            planned: frames.max(1),
+            warm_up: 0,
+            abort_above,
+            costs: Vec::new(),
+            stopped_from: f64::INFINITY,
+        }
     }
 
     /// Runs so many more frames before those that count.
@@ -69,6 +77,14 @@ impl FrameSet {
         } else {
             self.costs.push(cost);
         }
+    }
+
+    /// Takes a frame that was left unfinished because it had cost more than the cap: it would have cost at least this.
+    pub fn push_stopped(&mut self, lower_bound: f64) {
+        if self.warm_up == 0 {
+            self.stopped_from = self.stopped_from.min(lower_bound);
+        }
+        self.push(lower_bound);
     }
 
     /// Whether another frame is to be run.
@@ -98,11 +114,16 @@ impl FrameSet {
         let mut sorted = self.costs.clone();
         sorted.sort_by(f64::total_cmp);
         let middle = sorted.len() / 2;
-        FrameSetResult::Measured(match sorted.len() {
+        let median = match sorted.len() {
             0 => 0.0,
             count if count % 2 == 1 => sorted[middle],
             _ => sorted[middle - 1] / 2.0 + sorted[middle] / 2.0,
-        })
+        };
+        // What lies above the middle may lie higher still.
+        if sorted.get(middle).is_some_and(|&cost| cost >= self.stopped_from) {
+            return FrameSetResult::Stopped { lower_bound: median };
+        }
+        FrameSetResult::Measured(median)
     }
 }
 
@@ -135,7 +156,32 @@ mod tests {
         // The bound is true whatever the last frame would have cost.
         assert_eq!(run(FrameSet::with_cap(None, 5), &costs), (5, FrameSetResult::Measured(25.0)));
         assert_eq!(run(FrameSet::with_cap(Some(50.0), 5), &costs).1, FrameSetResult::Measured(25.0));
-        // One frame cannot be ended early.
+        // One frame cannot be ended early but by itself.
         assert_eq!(run(FrameSet::with_cap(Some(1.0), 1), &costs), (1, FrameSetResult::Measured(30.0)));
+    }
+
+    #[test]
+    fn frames_that_were_stopped_count_from_below() {
+        let mut one = FrameSet::with_cap(Some(20.0), 1);
+        one.push_stopped(20.5);
+        assert!(!one.goes_on());
+        assert_eq!(one.result(), FrameSetResult::Stopped { lower_bound: 20.5 });
+        // One of three is no matter to the median, two of four are.
+        let mut three = FrameSet::with_cap(Some(20.0), 3);
+        three.push_stopped(21.0);
+        three.push(10.0);
+        three.push(12.0);
+        assert_eq!((three.goes_on(), three.result()), (false, FrameSetResult::Measured(12.0)));
+        let mut four = FrameSet::with_cap(Some(20.0), 4);
+        four.push_stopped(22.0);
+        four.push(10.0);
+        four.push_stopped(21.0);
+        four.push(12.0);
+        assert_eq!(four.result(), FrameSetResult::Stopped { lower_bound: 16.5 });
+        // Warm-up frames count for nothing.
+        let mut warm = FrameSet::with_cap(Some(20.0), 1).leave_out(1);
+        warm.push_stopped(30.0);
+        warm.push(10.0);
+        assert_eq!(warm.result(), FrameSetResult::Measured(10.0));
     }
 }

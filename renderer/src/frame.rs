@@ -4,7 +4,7 @@
 //! add up. Real-time: build for each frame. Build and render are timed apart and reported raw.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use treewright_accel::{
@@ -13,7 +13,7 @@ use treewright_accel::{
 };
 
 use crate::film::Film;
-use crate::integrator::{Counts, Needs, Prepared, View, render_sample};
+use crate::integrator::{Counts, Needs, Prepared, View, render_sample_until};
 use crate::render_options::RenderOptions;
 use crate::scene::Scene;
 
@@ -187,15 +187,33 @@ impl Renderer {
         options: &RenderOptions,
         film: &mut Film,
     ) -> (f64, Counts) {
-        let sample = Sample { prepared: &self.prepared, view, options, needs, film };
+        let sample = Sample { prepared: &self.prepared, view, options, needs, film, until: None };
         let begin = Instant::now();
-        let counts = self.pool.install(|| structure.visit(sample));
+        let (counts, _) = self.pool.install(|| structure.visit(sample));
         (milliseconds(begin), counts)
     }
 
     /// Adds one sample with the kept structure. `None` while there is none.
     pub fn render(&self, view: &View, options: &RenderOptions, film: &mut Film) -> Option<(f64, Counts)> {
         Some(self.render_with(self.structure.as_ref()?, view, options, film))
+    }
+
+    /// The same, but no tile is begun once so many milliseconds are over (`None`: all are). Returns how long it took,
+    /// and whether that is a whole frame; the film of one that is not is of no use until it is cleared.
+    pub fn render_within(
+        &self,
+        limit_ms: Option<f64>,
+        view: &View,
+        options: &RenderOptions,
+        film: &mut Film,
+    ) -> Option<(f64, bool)> {
+        let structure = self.structure.as_ref()?;
+        let begin = Instant::now();
+        let limit = limit_ms.and_then(|limit_ms| Duration::try_from_secs_f64(limit_ms.max(0.0) / 1e3).ok());
+        let until = limit.and_then(|limit| begin.checked_add(limit));
+        let sample = Sample { prepared: &self.prepared, view, options, needs: self.needs(), film, until };
+        let (_, is_whole) = self.pool.install(|| structure.visit(sample));
+        Some((milliseconds(begin), is_whole))
     }
 
     /// Runs something on the render threads.
@@ -211,13 +229,17 @@ struct Sample<'a> {
     options: &'a RenderOptions,
     needs: Needs,
     film: &'a mut Film,
+    /// When no further tile is begun.
+    until: Option<Instant>,
 }
 
 impl Visitor for Sample<'_> {
-    type Output = Counts;
+    /// And whether it is a whole sample.
+    type Output = (Counts, bool);
 
-    fn visit<I: Intersector>(self, intersector: &I) -> Counts {
-        render_sample(self.prepared, intersector, self.view, self.options, self.needs, self.film)
+    fn visit<I: Intersector>(self, intersector: &I) -> Self::Output {
+        let Self { prepared, view, options, needs, film, until } = self;
+        render_sample_until(prepared, intersector, view, options, needs, film, until)
     }
 }
 

@@ -65,12 +65,14 @@ pub(super) fn print(results: &Results) {
             )
         }
     }
-    let failed = results.trials.iter().filter(|trial| trial.times.is_none()).count();
+    let (failed, stopped, all) = (results.failed(), results.stopped(), results.trials.len());
     if failed > 0 {
         println!(
-            "{failed} of {} configurations could not be built, which is ordinary feedback for the search",
-            results.trials.len()
+            "{failed} of {all} configurations could not be built, which is ordinary feedback for the search"
         );
+    }
+    if stopped > 0 {
+        println!("{stopped} of {all} trials were stopped once they had cost too much");
     }
     let client = &results.client;
     if client.fallbacks + client.dropped + client.refused > 0 {

@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
 use treewright_accel::{Intersector, Ray};
 
@@ -48,6 +49,23 @@ pub fn render_sample<I: Intersector>(
     needs: Needs,
     film: &mut Film,
 ) -> Counts {
+    render_sample_until(prepared, intersector, view, options, needs, film, None).0
+}
+
+/// The same, but no tile is begun after `until`. Says whether there was time for all of them; where there was not,
+/// the film has a part of a sample and is of no use until it is cleared.
+///
+/// # Panics
+/// If `needs` do not cover those of the scene.
+pub fn render_sample_until<I: Intersector>(
+    prepared: &Prepared,
+    intersector: &I,
+    view: &View,
+    options: &RenderOptions,
+    needs: Needs,
+    film: &mut Film,
+    until: Option<Instant>,
+) -> (Counts, bool) {
     assert!(needs.covers(prepared.needs), "the kernel must be able to do what the scene needs");
     let frame = Frame {
         prepared,
@@ -63,6 +81,7 @@ pub fn render_sample<I: Intersector>(
     // Tiles differ in cost by an order of magnitude, so each thread fetches the next when it is done with one.
     // That is one uncontended lock a tile, none a ray.
     let tiles = Mutex::new(film.tiles(options.tile, options.tile_order).into_iter());
+    let is_late = || until.is_some_and(|until| Instant::now() >= until);
     let next = || tiles.lock().unwrap_or_else(PoisonError::into_inner).next();
     let threads = match options.threads {
         0 => usize::MAX,
@@ -72,7 +91,9 @@ pub fn render_sample<I: Intersector>(
         let mut counts = Counts::default();
         if context.index() < threads {
             BUFFERS.with_borrow_mut(|buffers| {
-                while let Some(mut tile) = next() {
+                while !is_late()
+                    && let Some(mut tile) = next()
+                {
                     if options.staged {
                         stages::render(&frame, intersector, buffers, &mut tile, &mut counts);
                     } else {
@@ -83,12 +104,16 @@ pub fn render_sample<I: Intersector>(
         }
         counts
     });
+    let is_whole = next().is_none();
     drop(tiles);
-    film.count_sample();
-    counts.into_iter().fold(Counts::default(), |mut sum, counts| {
+    if is_whole {
+        film.count_sample();
+    }
+    let counts = counts.into_iter().fold(Counts::default(), |mut sum, counts| {
         sum += counts;
         sum
-    })
+    });
+    (counts, is_whole)
 }
 
 impl Frame<'_> {

@@ -33,7 +33,7 @@ use glam::Vec3;
 use serde::Serialize;
 
 pub use bsdf::{Bsdf, BsdfSample, Scatter, Seen};
-pub use frame::render_sample;
+pub use frame::{render_sample, render_sample_until};
 pub use lens::Lens;
 pub use lights::{LightSample, Lights};
 pub use needs::{Needs, Omission};

@@ -52,8 +52,15 @@ fn draw(results: &Results, svg: &mut String) -> Result<(), Box<dyn std::error::E
         .iter()
         .filter_map(|trial| Some((f64::from(trial.number), (trial.cost? / results.reference_ms).min(CAP))))
         .collect();
+    let stopped: Vec<(f64, f64)> = results
+        .trials
+        .iter()
+        .filter_map(|trial| {
+            Some((f64::from(trial.number), (trial.stopped_at()? / results.reference_ms).min(CAP)))
+        })
+        .collect();
     let last = results.trials.len().max(2) as f64;
-    let top = curve.iter().map(|(_, y)| *y).fold(1.3_f64, f64::max) * 1.05;
+    let top = curve.iter().chain(&stopped).map(|(_, y)| *y).fold(1.3_f64, f64::max) * 1.05;
 
     let root = SVGBackend::with_string(svg, (WIDTH, HEIGHT)).into_drawing_area();
     let mut chart = ChartBuilder::on(&root)
@@ -87,6 +94,7 @@ fn draw(results: &Results, svg: &mut String) -> Result<(), Box<dyn std::error::E
     chart.draw_series(
         curve.iter().filter(|(_, y)| *y >= CAP).map(|(x, y)| TriangleMarker::new((*x, *y), 6, INK.filled())),
     )?;
+    chart.draw_series(stopped.iter().map(|at| TriangleMarker::new(*at, 6, FAILED.filled())))?;
     chart.draw_series(DashedLineSeries::new(line(best), 9, 5, BEST.stroke_width(3)))?;
     if let Some(predicted) = predicted(results) {
         chart.draw_series(LineSeries::new(line(predicted), PREDICTED.stroke_width(3)))?;
@@ -94,7 +102,7 @@ fn draw(results: &Results, svg: &mut String) -> Result<(), Box<dyn std::error::E
     let failed: Vec<f64> = results
         .trials
         .iter()
-        .filter(|trial| trial.cost.is_none())
+        .filter(|trial| trial.has_failed())
         .map(|trial| f64::from(trial.number))
         .collect();
     if !failed.is_empty() {

@@ -91,15 +91,19 @@ pub(super) fn standings(results: &Results) -> Vec<StandingRow> {
 }
 
 pub(super) fn search_summary(results: &Results) -> String {
-    let failed = results.trials.iter().filter(|trial| trial.times.is_none()).count();
-    let failures = match failed {
+    let stops = match results.stopped() {
+        0 => String::new(),
+        1 => " One was stopped once it had cost too much.".to_owned(),
+        stopped => format!(" {stopped} were stopped once they had cost too much."),
+    };
+    let failures = match results.failed() {
         0 => String::new(),
         1 => " One of them could not be built at all, which the search takes as an answer, too.".to_owned(),
-        _ => {
+        failed => {
             format!(" {failed} of them could not be built at all, which the search takes as an answer, too.")
         }
     };
-    format!("The search tried {} configurations.{failures}", results.trials.len())
+    format!("The search tried {} configurations.{failures}{stops}", results.trials.len())
 }
 
 pub(super) fn prediction(results: &Results) -> Option<String> {

@@ -121,6 +121,17 @@ fn the_page_says_what_was_measured() {
 }
 
 #[test]
+fn a_stopped_trial_is_neither_measured_nor_failed() {
+    let mut results = results(50.0, "hall");
+    results.trials[1].outcome = Outcome::aborted(180.0);
+    let html = page(&results, &grey(), &grey()).expect("the page is made");
+    assert!(html.contains("One was stopped once it had cost too much."));
+    assert!(
+        html.contains("stopped: it would have cost more than this") && !html.contains("could not be built")
+    );
+}
+
+#[test]
 fn nothing_is_loaded_from_elsewhere() {
     let html = page(&results(50.0, "hall"), &grey(), &grey()).expect("the page is made");
     let links = html.replace("http://www.w3.org/2000/svg", "");

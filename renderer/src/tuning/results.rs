@@ -127,6 +127,16 @@ impl Overhead {
 }
 
 impl Results {
+    /// Trials that could not be built, or failed otherwise.
+    pub fn failed(&self) -> usize {
+        self.trials.iter().filter(|trial| trial.has_failed()).count()
+    }
+
+    /// Trials that were stopped because they had cost too much.
+    pub fn stopped(&self) -> usize {
+        self.trials.iter().filter(|trial| trial.stopped_at().is_some()).count()
+    }
+
     /// The standing of that name.
     pub fn standing(&self, name: &str) -> Option<&Standing> {
         self.standings.iter().find(|standing| standing.name == name)

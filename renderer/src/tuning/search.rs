@@ -1,7 +1,8 @@
 //! The loop itself: ask, build, render, tell.
 //!
 //! A build that fails is an outcome like any other, and the frame is skipped; a daemon that is away costs
-//! one deadline at most, and the frame is rendered with the last good configuration.
+//! one deadline at most, and the frame is rendered with the last good configuration. Nobody looks at the frames of a
+//! search, so one that costs more than its trial is allowed ([`Suggestion::abort_above`]) is left unfinished.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -9,7 +10,8 @@ use std::time::Instant;
 use serde::Serialize;
 use treewright_client::blocking::Tuner;
 use treewright_client::{
-    ClientError, Configuration, Finished, Indicators, Measurements, Mode, Outcome, Source, Suggestion,
+    ClientError, Configuration, Finished, FrameSet, FrameSetResult, Indicators, Measurements, Mode, Outcome,
+    Source, Suggestion,
 };
 
 use super::objective::{BUILD_MS, Objective, RENDER_MS};
@@ -42,7 +44,7 @@ pub struct Iteration {
     pub predicted_cost: Option<f64>,
     /// How it ended.
     pub outcome: Outcome,
-    /// The frame's times; absent when the structure could not be built.
+    /// The frame's times; absent when the structure could not be built, or the trial was stopped.
     pub times: Option<FrameTimes>,
     /// The objective.
     pub cost: Option<f64>,
@@ -50,6 +52,21 @@ pub struct Iteration {
     pub waiting_ms: f64,
     /// Everything this iteration took.
     pub total_ms: f64,
+}
+
+impl Iteration {
+    /// What it had cost when it was stopped, if it was.
+    pub fn stopped_at(&self) -> Option<f64> {
+        match self.outcome {
+            Outcome::Aborted { lower_bound } => Some(lower_bound),
+            _ => None,
+        }
+    }
+
+    /// Whether there is neither a cost nor a bound of one.
+    pub fn has_failed(&self) -> bool {
+        self.cost.is_none() && self.stopped_at().is_none()
+    }
 }
 
 /// What stays the same during a search.
@@ -132,7 +149,8 @@ pub fn run(
         let begin = Instant::now();
         let suggestion = tuner.next(&setting.indicators, previous.take());
         let waiting_ms = milliseconds(begin);
-        let (outcome, times) = frame(renderer, suggestion.configuration(), setting, &mut film);
+        let (configuration, cap_ms) = (suggestion.configuration(), suggestion.abort_above());
+        let (outcome, times) = trial(renderer, configuration, cap_ms, setting, &mut film);
         let iteration = describe(
             number,
             &suggestion,
@@ -158,20 +176,22 @@ pub fn run(
 /// Costs of some frames of the baseline.
 fn reference(renderer: &mut Renderer, setting: &Setting, film: &mut Film) -> Vec<f64> {
     (0..REFERENCE_FRAMES)
-        .filter_map(|_| run_choice(renderer, &setting.baseline, setting, film).1)
+        .filter_map(|_| run_choice(renderer, &setting.baseline, None, setting, film).1)
         .map(|times| setting.objective.cost(times))
         .collect()
 }
 
-/// Builds and renders one trial. The same sample each time, so that all trials are asked the same rays.
-pub fn frame(
+/// Builds and renders one trial. The same sample each time, so that all trials are asked the same rays. It is stopped
+/// once it is known to cost more than `cap_ms`, but for the build, which Embree finishes.
+fn trial(
     renderer: &mut Renderer,
     configuration: &Configuration,
+    cap_ms: Option<f64>,
     setting: &Setting,
     film: &mut Film,
 ) -> (Outcome, Option<FrameTimes>) {
     match setting.space.choice(configuration) {
-        Ok(choice) => run_choice(renderer, &choice, setting, film),
+        Ok(choice) => run_choice(renderer, &choice, cap_ms, setting, film),
         Err(error) => (Outcome::failed(error.to_string()), None),
     }
 }
@@ -179,6 +199,7 @@ pub fn frame(
 fn run_choice(
     renderer: &mut Renderer,
     choice: &Choice,
+    cap_ms: Option<f64>,
     setting: &Setting,
     film: &mut Film,
 ) -> (Outcome, Option<FrameTimes>) {
@@ -189,15 +210,22 @@ fn run_choice(
         }
         Err(error) => return (Outcome::failed(error.to_string()), None),
     };
-    let mut render_ms = Vec::new();
-    for _ in 0..setting.frames {
+    // What a frame may take, so that it and its share of the build stay below the cap.
+    let built = setting.objective.cost(FrameTimes { build_ms, render_ms: 0.0 });
+    let limit_ms = cap_ms.map(|cap_ms| cap_ms - built);
+    let mut frames = FrameSet::with_cap(limit_ms, setting.frames as usize);
+    while frames.goes_on() {
         film.clear();
-        match renderer.render(&setting.view, &choice.render, film) {
-            Some((frame_ms, _)) => render_ms.push(frame_ms),
+        match renderer.render_within(limit_ms, &setting.view, &choice.render, film) {
+            Some((frame_ms, true)) => frames.push(frame_ms),
+            Some((stopped_ms, false)) => frames.push_stopped(stopped_ms),
             None => return (Outcome::failed("no structure was built"), None),
         }
     }
-    (Outcome::Ok, Some(FrameTimes { build_ms, render_ms: Summary::of(&render_ms).median }))
+    match frames.result() {
+        FrameSetResult::Measured(render_ms) => (Outcome::Ok, Some(FrameTimes { build_ms, render_ms })),
+        FrameSetResult::Stopped { lower_bound } => (Outcome::aborted(built + lower_bound), None),
+    }
 }
 
 /// The raw measurements of a trial of so many frames, as they are reported.
@@ -235,5 +263,46 @@ fn describe(
         cost: times.map(|times| objective.cost(times)),
         waiting_ms,
         total_ms,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::builtin::{self, Options};
+    use crate::space::{Premises, Preset};
+    use crate::tuning::verdict::baseline;
+
+    #[test]
+    fn a_trial_is_stopped_by_its_cap_and_by_nothing_else() {
+        let scene =
+            builtin::build("quick", &Options { detail: 0.02, ..Options::default() }).expect("a scene");
+        let mut renderer = Renderer::new(Arc::new(scene), 0).expect("Embree is set up");
+        let space = Arc::new(TuningSpace::new(Preset::Full, &Premises::all()));
+        let camera = renderer.scene().cameras[0];
+        let mut setting = Setting {
+            objective: Objective::Total,
+            space: Arc::clone(&space),
+            baseline: baseline(Preset::Full).choice,
+            view: View { camera, seed: 1, bounces: 1 },
+            width: 40,
+            height: 30,
+            frames: 1,
+            indicators: Indicators::new(),
+        };
+        let default = space.default_configuration();
+        let mut film = Film::new(setting.width, setting.height);
+        for frames in [1, 3] {
+            setting.frames = frames;
+            let (outcome, times) = trial(&mut renderer, &default, Some(0.0), &setting, &mut film);
+            let Outcome::Aborted { lower_bound } = outcome else { panic!("{outcome:?}") };
+            assert!(lower_bound > 0.0 && lower_bound.is_finite() && times.is_none());
+            assert_eq!(film.samples(), 0, "what was stopped is no sample");
+            for cap_ms in [None, Some(1e9), Some(f64::MAX)] {
+                let (outcome, times) = trial(&mut renderer, &default, cap_ms, &setting, &mut film);
+                assert_eq!((outcome, film.samples()), (Outcome::Ok, 1));
+                assert!(times.is_some_and(|times| times.render_ms > 0.0));
+            }
+        }
     }
 }
