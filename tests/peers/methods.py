@@ -150,8 +150,25 @@ class Random(Method):
         return {each.name: from_unit(each, self.random.random()) for each in self.parameters}
 
 
+class ScipySobol(Method):
+    """The points of a scrambled Sobol sequence."""
+
+    def __init__(self, parameters, budget, seed):
+        from scipy.stats import qmc
+
+        super().__init__(parameters, budget, seed)
+        sequence = qmc.Sobol(len(parameters), seed=seed)
+        self.points = iter(sequence.random_base2(math.ceil(math.log2(budget))))
+
+    def ask(self):
+        return {each.name: from_unit(each, u) for each, u in zip(self.parameters, next(self.points))}
+
+
 class ScipyNelderMead(Method):
     """A Latin hypercube of a quarter of the budget, then scipy's Nelder-Mead from its best point, in a thread."""
+
+    method = "Nelder-Mead"
+    options = {"initial_simplex": None, "xatol": 1e-9, "fatol": 0.0, "maxfev": 10_000}
 
     def __init__(self, parameters, budget, seed):
         import queue
@@ -179,8 +196,7 @@ class ScipyNelderMead(Method):
             start = design[int(numpy.argmin(costs))]
             seed = self.seed
             while True:
-                minimize(self._cost, start, method="Nelder-Mead", bounds=[(0.0, 1.0)] * dimension,
-                         options={"initial_simplex": None, "xatol": 1e-9, "fatol": 0.0, "maxfev": 10_000})
+                minimize(self._cost, start, method=self.method, bounds=[(0.0, 1.0)] * dimension, options=self.options)
                 seed += 1
                 start = numpy.random.default_rng(seed).random(dimension)
         except SystemExit:
@@ -195,6 +211,13 @@ class ScipyNelderMead(Method):
 
     def close(self):
         self.answers.put(StopIteration)
+
+
+class ScipyPowell(ScipyNelderMead):
+    """The same with Powell's method, which searches along one axis after the other before it learns directions."""
+
+    method = "Powell"
+    options = {"xtol": 1e-3, "ftol": 0.0, "maxfev": 10_000}
 
 
 class Optuna(Method):
@@ -357,7 +380,9 @@ METHODS = {
     "treewright-nelder-mead": TreewrightNelderMead,
     "treewright-model": TreewrightModel,
     "random": Random,
+    "scipy-sobol": ScipySobol,
     "scipy-lhs-nm": ScipyNelderMead,
+    "scipy-lhs-powell": ScipyPowell,
     "optuna-tpe": Optuna,
     "optuna-cma": OptunaCmaEs,
     "optuna-gp": OptunaGp,
