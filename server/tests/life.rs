@@ -148,8 +148,8 @@ impl Store for Flaky {
     ) -> Result<Vec<ClosedTrial>, StoreError> {
         self.inner.closed_trials(fence, after, up_to, size).await
     }
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError> {
-        self.inner.remove_trials(fence, numbers).await
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
+        self.inner.remove_trials(fence, numbers, covered).await
     }
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {
         self.inner.get_trial(study, number).await

@@ -1,7 +1,8 @@
 //! Retention: of a long history only the latest trials are kept, and what the study still rests on.
 //!
 //! A trial goes when all of this holds: it is over; so many were handed out after it; a checkpoint on the disk covers it,
-//! so that what it taught is known without it; no model could still have to be taught it; and it is not the one that
+//! so that what it taught is known without it (one that had run out may be reported late, even while it is being
+//! removed: then it stays); no model could still have to be taught it; and it is not the one that
 //! last measured a configuration which its state remembers. Those stay, so that a later version of the daemon, which
 //! cannot read the checkpoint, still knows each state's best. Trials go in small steps beside the requests.
 
@@ -92,7 +93,7 @@ impl Tuning {
             stayed += (closed.len() - gone.len()) as u64;
             for some in gone.chunks(TRIALS_PER_REMOVAL) {
                 let begun = Instant::now();
-                let count = self.store.remove_trials(&fence, some).await?;
+                let count = self.store.remove_trials(&fence, some, completion).await?;
                 METRICS.removed(count);
                 removed += count;
                 // At most half of the disk's time is for this.

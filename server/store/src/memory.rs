@@ -247,13 +247,15 @@ impl Store for MemoryStore {
         Ok(closed.take(size as usize).collect())
     }
 
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError> {
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
         let mut inner = self.lock()?;
         let study = inner.fenced(fence)?;
         let mut removed = 0;
         for number in numbers {
-            let is_closed = |trial: &Trial| trial.state != TrialState::Open;
-            if study.trials.get(number).is_some_and(is_closed) {
+            let may_go = |trial: &Trial| {
+                trial.state != TrialState::Open && trial.completion.is_none_or(|at| at <= covered)
+            };
+            if study.trials.get(number).is_some_and(may_go) {
                 let trial = study.trials.remove(number);
                 let completion = trial.and_then(|trial| trial.completion);
                 completion.map(|completion| study.completed.remove(&completion));

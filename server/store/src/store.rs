@@ -145,11 +145,12 @@ pub trait Store: Send + Sync + 'static {
         size: u32,
     ) -> Result<Vec<ClosedTrial>, StoreError>;
 
-    /// Removes trials for good, those that are open excepted, and returns how many that were. The trial with the
+    /// Removes trials for good, and returns how many that were. Those that are open stay, and those that were completed
+    /// after the completion `covered`: one that had run out when the caller looked may have been reported since. The trial with the
     /// highest number and the one completed last must stay: they are what the study's counts are read from. Space that
     /// becomes free in a file is given back in the same step where there is much of it. A failure leaves the fence as
     /// it is.
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError>;
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError>;
 
     /// Reads a trial.
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError>;

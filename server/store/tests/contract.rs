@@ -225,9 +225,9 @@ async fn old_trials_go_and_the_counts_stay(store: &dyn Store) {
     assert_eq!(closed(2, 6, 3).await.unwrap(), all[2..5]);
     assert_eq!(closed(9, 3, 3).await.unwrap(), []);
 
-    // Numbers that are open or nobody's are passed over; what stays is as it was.
-    assert_eq!(store.remove_trials(&held, &[1, 2, 3, 5, 7, 99]).await.unwrap(), 4);
-    assert_eq!(store.remove_trials(&held, &[]).await.unwrap(), 0);
+    // Numbers that are open, nobody's or completed too late are passed over; what stays is as it was.
+    assert_eq!(store.remove_trials(&held, &[1, 2, 3, 5, 6, 7, 99], 4).await.unwrap(), 4);
+    assert_eq!(store.remove_trials(&held, &[], 4).await.unwrap(), 0);
     assert_eq!(numbers(store, "").await, [4, 6, 7, 8, 9, 10]);
     assert_eq!(store.get_study("hall").await.unwrap().statistics, before);
     let error = store.get_trial("hall", 1).await.unwrap_err();
@@ -238,7 +238,7 @@ async fn old_trials_go_and_the_counts_stay(store: &dyn Store) {
     assert_eq!((loaded.snapshot.last_trial, loaded.open_trials.len()), (10, 2));
 
     // Who has lost the study removes nothing, and a failure is no reason to give the study up.
-    let error = store.remove_trials(&held, &[4]).await.unwrap_err();
+    let error = store.remove_trials(&held, &[4], 4).await.unwrap_err();
     assert!(matches!(error, StoreError::Fenced { .. }), "{error}");
     assert_eq!(numbers(store, "").await.len(), 6);
     assert!(loaded.fence.holds());

@@ -407,7 +407,7 @@ impl Store for SimulatedDisk {
         self.durable.store.closed_trials(&self.behind(fence)?, after, up_to, size).await
     }
 
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError> {
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
         sleep(self.world.time_ms(self.world.plan.write_ms)).await;
         self.read().await?;
         let behind = self.behind(fence)?;
@@ -415,7 +415,7 @@ impl Store for SimulatedDisk {
             .iter()
             .filter_map(|number| now(self.durable.store.get_trial(fence.study(), *number)).ok())
             .collect();
-        let removed = self.durable.store.remove_trials(&behind, numbers).await?;
+        let removed = self.durable.store.remove_trials(&behind, numbers, covered).await?;
         let covered = self.durable.covered.load(Ordering::SeqCst);
         self.world.enter(|ledger, durable| ledger.removed(&trials, covered, durable));
         Ok(removed)

@@ -253,8 +253,8 @@ impl Store for PostgresStore {
         read::closed(&mut *self.reader().await?, fence, after, up_to, size).await
     }
 
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError> {
-        studies::remove_trials(&mut *self.reader().await?, fence, numbers).await
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
+        studies::remove_trials(&mut *self.reader().await?, fence, numbers, covered).await
     }
 
     async fn get_trial(&self, study: &str, number: u64) -> Result<RawTrial, StoreError> {

@@ -210,11 +210,12 @@ pub(super) const PART_UPSERT: &str = "WITH held AS (SELECT id FROM studies \
      INSERT INTO checkpoints (study, completion, part, parts, bytes) SELECT id, $3, $4, $5, $6 FROM held \
      ON CONFLICT (study, completion, part) DO UPDATE SET parts = excluded.parts, bytes = excluded.bytes";
 
-/// Removes closed trials of a study whose epoch still holds: whether it does, and how many that were.
+/// Removes closed trials of a study whose epoch still holds, unless completed after `$4`: whether it does, and how many
+/// that were.
 pub(super) const TRIALS_DELETE: &str = "WITH held AS MATERIALIZED (SELECT id FROM studies \
      WHERE id = $1 AND epoch = $2 AND name IS NOT NULL FOR NO KEY UPDATE), \
      gone AS (DELETE FROM trials t USING held WHERE t.study = held.id AND t.number = ANY($3) \
-     AND t.state <> 'OPEN' RETURNING t.number) \
+     AND t.state <> 'OPEN' AND (t.completion IS NULL OR t.completion <= $4) RETURNING t.number) \
      SELECT (SELECT count(*) FROM held), (SELECT count(*) FROM gone)";
 
 /// Also what an earlier attempt at the same one left, should that have had more parts.

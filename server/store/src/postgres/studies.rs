@@ -62,6 +62,7 @@ pub(super) async fn remove_trials(
     connection: &mut PgConnection,
     fence: &Fence,
     numbers: &[u64],
+    covered: u64,
 ) -> Result<u64, StoreError> {
     fence.check()?;
     let numbers = numbers.iter().map(|number| signed(*number)).collect::<Result<Vec<i64>, _>>()?;
@@ -69,6 +70,7 @@ pub(super) async fn remove_trials(
         .bind(fence.key())
         .bind(fence.epoch())
         .bind(numbers)
+        .bind(signed(covered)?)
         .fetch_one(connection)
         .await
         .map_err(failed)?;

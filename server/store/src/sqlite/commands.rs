@@ -54,9 +54,9 @@ pub(super) async fn apply(
             save_part(connection, fence.key(), row).await.map_err(refused)?;
             Ok(Done::Nothing)
         }
-        Command::Remove { fence, numbers } => {
+        Command::Remove { fence, numbers, covered } => {
             fence.check()?;
-            remove(connection, fence.key(), numbers).await.map(Done::Removed).map_err(refused)
+            remove(connection, fence.key(), numbers, *covered).await.map(Done::Removed).map_err(refused)
         }
         Command::Commit { fence, rows } => {
             fence.check()?;
@@ -93,8 +93,14 @@ async fn save_part(
 
 /// Removes closed trials, and gives pages back to the system where many are free. Some are kept for what comes next:
 /// to let a file shrink and grow again and again helps nobody.
-async fn remove(connection: &mut SqliteConnection, study: i64, numbers: &str) -> Result<u64, sqlx::Error> {
-    let removed = sqlx::query(sql::TRIALS_DELETE).bind(study).bind(numbers).execute(&mut *connection).await?;
+async fn remove(
+    connection: &mut SqliteConnection,
+    study: i64,
+    numbers: &str,
+    covered: i64,
+) -> Result<u64, sqlx::Error> {
+    let removed = sqlx::query(sql::TRIALS_DELETE).bind(study).bind(numbers).bind(covered);
+    let removed = removed.execute(&mut *connection).await?;
     let (free, all): (i64, i64) = sqlx::query_as(sql::PAGES).fetch_one(&mut *connection).await?;
     let spare = limits::PAGES_KEPT_FREE.max(all / 8);
     if free > spare {

@@ -219,9 +219,9 @@ impl Store for SqliteStore {
         read::closed(&mut *self.reader().await?, fence, after, up_to, size).await
     }
 
-    async fn remove_trials(&self, fence: &Fence, numbers: &[u64]) -> Result<u64, StoreError> {
-        let numbers = rows::write(&numbers)?;
-        match self.write(Command::Remove { fence: fence.clone(), numbers }).await? {
+    async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
+        let (numbers, covered) = (rows::write(&numbers)?, rows::signed(covered)?);
+        match self.write(Command::Remove { fence: fence.clone(), numbers, covered }).await? {
             Done::Removed(count) => Ok(count),
             _ => Err(mismatch()),
         }

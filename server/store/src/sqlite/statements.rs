@@ -93,9 +93,10 @@ pub(super) const COMPLETED_TRIALS: &str = concat!(
 pub(super) const CLOSED_TRIALS: &str = "SELECT number, completion FROM trials WHERE study = $1 AND number > $2 \
      AND number <= $3 AND state <> 'OPEN' ORDER BY number LIMIT $4";
 
-/// `$2`: a JSON list of numbers.
+/// `$2`: a JSON list of numbers, `$3`: the last completion of which one may go.
 pub(super) const TRIALS_DELETE: &str = "DELETE FROM trials WHERE study = $1 \
-     AND number IN (SELECT value FROM json_each($2)) AND state <> 'OPEN'";
+     AND number IN (SELECT value FROM json_each($2)) AND state <> 'OPEN' \
+     AND (completion IS NULL OR completion <= $3)";
 
 /// Free pages, and all pages.
 pub(super) const PAGES: &str =

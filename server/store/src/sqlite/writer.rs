@@ -47,6 +47,7 @@ pub(super) enum Command {
     Remove {
         fence: Fence,
         numbers: String,
+        covered: i64,
     },
     Commit {
         fence: Fence,
