@@ -24,7 +24,7 @@ mod predictors;
 #[path = "../search_quality/problem.rs"]
 #[allow(dead_code)]
 mod problem;
-#[path = "../leave_out/roofline.rs"]
+#[path = "../search_quality/roofline.rs"]
 mod roofline;
 mod searches;
 #[path = "../predictors/streams.rs"]

@@ -1,16 +1,18 @@
 //! What leaving out saves: trials until 90, 95 and 98 % of the roofline of the modelled renderer space, with and
 //! without conditional knowledge and held parameters.
 //!
-//! `cargo run --release -p treewright-core --example leave_out -- [SEEDS] [SCENES_BEFORE] [TRIALS] [NOISE]`. Each run
-//! asks the tuner itself, one client in one scene after the other; measurements carry so much noise (the standard
-//! deviation of their logarithm; 0.07 unless told), which decides how soon effects of a few percent can be seen at all. "flat" is the space as a list of parameters that are always
-//! active; "conditional" tells which parameter means something beside which; "held" also holds what is shown not to
-//! matter (risk 0.05). "+ N scenes" are runs in a scene that N others were explored before. Runs that do not arrive
-//! count as the budget.
+//! `cargo run --release -p treewright-core --example leave_out -- [SEEDS] [SCENES_BEFORE] [TRIALS] [NOISE] [ARM...]`. Each
+//! run asks the tuner itself, one client in one scene after the other; measurements carry so much noise (the standard
+//! deviation of their logarithm; 0.07 unless told), which decides how soon effects of a few percent can be seen at all.
+//! "flat" is the space as a list of parameters that are always active; "conditional" tells which parameter means
+//! something beside which; "held" also holds what is shown not to matter (risk 0.05). "scenes" are runs in a scene that
+//! others were explored before; where they are "unlike", every other parameter means the opposite there. Runs that do not
+//! arrive count as the budget. Names of arms choose among them.
 
 #[path = "../search_quality/problem.rs"]
 #[allow(dead_code)]
 mod problem;
+#[path = "../search_quality/roofline.rs"]
 mod roofline;
 #[path = "../search_quality/trees.rs"]
 mod trees;
@@ -20,6 +22,7 @@ use std::sync::Arc;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use treewright_core::configuration::Configuration;
 use treewright_core::indicator::{Indicator, IndicatorSchema};
 use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::Policy;
@@ -54,6 +57,16 @@ fn spec(space: Space, seed: u64, trials: u32, freeze_risk: Option<f64>) -> Study
     }
 }
 
+/// An arm of the comparison.
+struct Arm {
+    name: &'static str,
+    is_flat: bool,
+    freeze_risk: Option<f64>,
+    before: u64,
+    /// Whether the scenes before are unlike the one that counts.
+    unlike: bool,
+}
+
 struct Run {
     /// Trials until each share; `None` where it was not reached.
     arrived: [Option<usize>; ARRIVED.len()],
@@ -61,15 +74,16 @@ struct Run {
     share: f64,
 }
 
+/// The configuration with the other end of every other parameter.
+fn opposite(space: &Space, configuration: &Configuration) -> Configuration {
+    let mut x = space.encode(configuration);
+    x.iter_mut().step_by(2).for_each(|x| *x = 1.0 - *x);
+    space.decode(&x)
+}
+
 /// Explores `before` scenes and then one that counts.
-fn run(
-    seed: u64,
-    before: u64,
-    trials: u32,
-    noise: Option<f64>,
-    is_flat: bool,
-    freeze_risk: Option<f64>,
-) -> Run {
+fn run(arm: &Arm, seed: u64, trials: u32, noise: Option<f64>) -> Run {
+    let &Arm { is_flat, freeze_risk, before, unlike, .. } = arm;
     let first: Problem = trees::problem(seed);
     let space = if is_flat { flat(&first.space) } else { first.space.clone() };
     let mut tuner = Tuner::new(Arc::new(spec(space, seed, trials, freeze_risk))).expect("valid");
@@ -78,13 +92,17 @@ fn run(
     for scene in 0..=before {
         let counts = scene == before;
         let problem = if counts { trees::problem(seed) } else { trees::problem(1000 + 50 * seed + scene) };
+        let turned = unlike && !counts;
         let mut best = f64::INFINITY;
         for number in 1..=trials as usize {
             let place = scene as f64 / 50.0;
             let indicators = BTreeMap::from([("scene".to_owned(), place)]);
             let ask = Ask { client_id: "a".into(), indicators, ..Ask::default() };
             let trial = tuner.suggest(&ask, 0).expect("a valid question").0;
-            let truth = (problem.truth)(&trial.configuration);
+            let truth = match turned {
+                true => (problem.truth)(&opposite(&problem.space, &trial.configuration)),
+                false => (problem.truth)(&trial.configuration),
+            };
             if counts {
                 result.held = result.held.max(trial.reason.explanation.held.len());
             }
@@ -121,15 +139,23 @@ fn main() {
     print!("{:24}", "mean trials (arrived) to");
     ARRIVED.iter().for_each(|share| print!("{:>8.0} %      ", 100.0 * share));
     println!("{:>8}{:>10}", "held", "at end");
-    let arms: [(&str, bool, Option<f64>, u64); 5] = [
-        ("flat", true, None, 0),
-        ("conditional", false, None, 0),
-        ("conditional, held", false, Some(0.05), 0),
-        ("conditional + scenes", false, None, before),
-        ("held + scenes", false, Some(0.05), before),
+    let named: Vec<String> = std::env::args().skip(5).collect();
+    let arm = |name, is_flat, freeze_risk, before| Arm { name, is_flat, freeze_risk, before, unlike: false };
+    let arms = [
+        arm("flat", true, None, 0),
+        arm("conditional", false, None, 0),
+        arm("conditional, held", false, Some(0.05), 0),
+        arm("flat + scenes", true, None, before),
+        arm("conditional + scenes", false, None, before),
+        arm("held + scenes", false, Some(0.05), before),
+        Arm { unlike: true, ..arm("conditional + unlike", false, None, before) },
     ];
-    for (name, is_flat, risk, before) in arms {
-        let runs: Vec<Run> = (0..seeds).map(|seed| run(seed, before, trials, noise, is_flat, risk)).collect();
+    for arm in arms {
+        let Arm { name, .. } = arm;
+        if !named.is_empty() && !named.iter().any(|part| name == part) {
+            continue;
+        }
+        let runs: Vec<Run> = (0..seeds).map(|seed| run(&arm, seed, trials, noise)).collect();
         let mean = |of: &dyn Fn(&Run) -> f64| runs.iter().map(of).sum::<f64>() / runs.len() as f64;
         print!("{name:24}");
         for place in 0..ARRIVED.len() {

@@ -12,50 +12,15 @@ mod grids;
 mod kernels;
 mod problem;
 mod recorded;
+mod roofline;
 mod trees;
 
-use rand::{Rng, RngExt};
-use treewright_core::configuration::Configuration;
 use treewright_core::policy::SearchMethod;
-use treewright_core::space::Space;
 
 use problem::{Kind, Problem, Run};
+pub(crate) use roofline::best_of;
 
 const MARKS: [usize; 3] = [20, 40, 80];
-
-/// The lowest cost that a long climb finds: random points, then changes of one or two parameters.
-pub(crate) fn best_of(
-    space: &Space,
-    cost: impl Fn(&Configuration) -> Option<f64>,
-    random: &mut impl Rng,
-) -> f64 {
-    let dimension = space.dimension();
-    let value = |x: &[f64]| cost(&space.decode(x)).unwrap_or(f64::INFINITY);
-    let mut found = f64::INFINITY;
-    for _ in 0..6 {
-        let anywhere = |random: &mut dyn Rng| (0..dimension).map(|_| random.random()).collect::<Vec<f64>>();
-        let mut best = (f64::INFINITY, anywhere(random));
-        for _ in 0..1500 {
-            let x = anywhere(random);
-            let cost = value(&x);
-            if cost < best.0 {
-                best = (cost, x);
-            }
-        }
-        for _ in 0..2500 {
-            let mut x = best.1.clone();
-            for _ in 0..random.random_range(1..4) {
-                x[random.random_range(0..dimension)] = random.random();
-            }
-            let cost = value(&x);
-            if cost <= best.0 {
-                best = (cost, x);
-            }
-        }
-        found = found.min(best.0);
-    }
-    found
-}
 
 /// A method and how many points it has out at a time: `model` or `model@4`.
 fn method(name: &str) -> (SearchMethod, usize) {

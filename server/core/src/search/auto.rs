@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::search::{Feedback, ModelSearch, Plan, Point, Search, SearchSetup, Verdict};
+use crate::search::{Feedback, Guide, ModelSearch, Plan, Point, Search, SearchSetup, Verdict};
 
 /// The search. See the head of this module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +29,11 @@ impl AutoSearch {
     /// Tells of a point that was measured beside the search.
     pub fn hear(&mut self, x: Vec<f64>, verdict: Verdict) {
         self.model.hear(x, verdict);
+    }
+
+    /// Has it profit from other states.
+    pub fn follow(&mut self, guide: Guide, first: Vec<Vec<f64>>) {
+        self.model.follow(guide, first);
     }
 
     /// Leaves axes where they are, from the next point on.

@@ -9,6 +9,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::search::guide::Guide;
 use crate::space::{Domain, Space};
 use crate::value::Value;
 
@@ -48,6 +49,9 @@ pub struct Layout {
     /// Axes that are left where they are, and where. Points that were measured elsewhere stay what they are.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     held: Vec<(usize, f64)>,
+    /// What other states say of points.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    guide: Option<Guide>,
 }
 
 /// How two values of an axis compare.
@@ -57,11 +61,15 @@ pub(crate) enum Metric {
     Ordered,
     /// By being equal or not.
     Unordered,
+    /// No distance at all: what is measured may depend on it linearly.
+    Guide,
 }
 
 /// The value of an axis that is inactive, among [`Layout::features`].
 pub(crate) const INACTIVE: f64 = -1.0;
 
+/// Most values of an axis that are looked at one by one for what they decide.
+const DECIDING_MAX: u32 = 16;
 /// Most cells that are counted; finer axes pass for continuous.
 const CELLS_MAX: u64 = 1 << 16;
 
@@ -87,6 +95,7 @@ impl Layout {
             order: order.filter_map(|pair| Some((place(&pair.lesser)?, place(&pair.greater)?))).collect(),
             default: space.encode(space.default_ref()),
             held: Vec::new(),
+            guide: None,
         }
     }
 
@@ -100,12 +109,23 @@ impl Layout {
             };
             Axis { kind, gate: None }
         };
-        Layout { axes: (0..default.len()).map(axis).collect(), order: Vec::new(), default, held: Vec::new() }
+        Layout {
+            axes: (0..default.len()).map(axis).collect(),
+            order: Vec::new(),
+            default,
+            held: Vec::new(),
+            guide: None,
+        }
     }
 
     /// Holds axes from now on, and no others.
     pub(super) fn set_held(&mut self, held: &[(usize, f64)]) {
         self.held = held.to_vec();
+    }
+
+    /// Has features end with what a guide says of them.
+    pub(super) fn set_guide(&mut self, guide: Guide) {
+        self.guide = Some(guide);
     }
 
     /// Moves the held axes of a point to where they are held.
@@ -132,7 +152,18 @@ impl Layout {
             _ => Metric::Ordered,
         };
         let twice = self.axes.iter().filter(|axis| axis.is_seen_twice()).map(|_| Metric::Unordered);
-        self.axes.iter().map(metric).chain(twice).collect()
+        let guide = self.guide.iter().map(|_| Metric::Guide);
+        self.axes.iter().map(metric).chain(twice).chain(guide).collect()
+    }
+
+    /// The axes that always count, have few values, and by these decide which others count.
+    pub(super) fn deciding(&self) -> Vec<usize> {
+        let decides = |axis: &usize| {
+            let mut gates = self.axes.iter().filter_map(|other| other.gate.as_ref());
+            let is_root = self.axes[*axis].gate.is_none() && self.cells(*axis) <= DECIDING_MAX;
+            is_root && gates.any(|gate| gate.parent == *axis)
+        };
+        (0..self.axes.len()).filter(decides).collect()
     }
 
     /// How many values an axis has; 0 for a continuous one.
@@ -266,7 +297,8 @@ impl Layout {
             Kind::Number(_) => None,
         };
         let twice = self.axes.iter().enumerate().filter_map(cell_of);
-        (0..x.len()).map(feature).chain(twice).collect()
+        let guide = self.guide.iter().map(|guide| guide.at(self, x, active));
+        (0..x.len()).map(feature).chain(twice).chain(guide).collect()
     }
 }
 

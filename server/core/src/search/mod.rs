@@ -7,6 +7,7 @@
 
 pub mod auto;
 mod flight;
+pub mod guide;
 pub mod latin_hypercube;
 pub(crate) mod layout;
 mod levels;
@@ -20,6 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::policy::SearchMethod;
 pub use auto::AutoSearch;
+pub use guide::{Elsewhere, Guide};
 pub use latin_hypercube::LatinHypercubeSearch;
 pub use layout::Layout;
 pub use levels::levels;
@@ -46,6 +48,8 @@ pub enum Step {
     Default,
     /// A point of a Latin hypercube design.
     LatinHypercube,
+    /// What did well in other states of the study.
+    Elsewhere,
     /// The best point so far, one step along one axis: the design of a continuous space.
     Coordinate,
     /// The worst vertex of a simplex mirrored at the centre of the others.
@@ -74,6 +78,7 @@ impl Step {
         match self {
             Step::Default => "default",
             Step::LatinHypercube => "latin_hypercube",
+            Step::Elsewhere => "elsewhere",
             Step::Coordinate => "coordinate",
             Step::Reflect => "reflect",
             Step::Expand => "expand",
@@ -249,6 +254,21 @@ impl AnySearch {
         match self {
             AnySearch::Model(search) => search.hear(x, verdict),
             AnySearch::Auto(search) => search.hear(x, verdict),
+            _ => {}
+        }
+    }
+
+    /// Whether [`follow`](AnySearch::follow) makes a difference.
+    pub fn can_follow(&self) -> bool {
+        matches!(self, AnySearch::Model(_) | AnySearch::Auto(_))
+    }
+
+    /// Has a search that has just begun profit from other states: `first` are points to begin with, after the default.
+    /// Searches without a model pass it over.
+    pub fn follow(&mut self, guide: Guide, first: Vec<Vec<f64>>) {
+        match self {
+            AnySearch::Model(search) => search.follow(guide, first),
+            AnySearch::Auto(search) => search.follow(guide, first),
             _ => {}
         }
     }

@@ -136,6 +136,12 @@ impl Tuner {
                 (false, false) => break,
             }
         }
+        if !was_dropped
+            && search.can_follow()
+            && let Some((guide, first)) = self.elsewhere(state)
+        {
+            search.follow(guide, first);
+        }
         self.work[state].exploration = Some(Exploration::new(search));
         self.work[state].changes += 1;
         self.states[state].explored = true;
@@ -261,16 +267,24 @@ impl Tuner {
             (Step::Default, _) => {
                 (Mode::Default, "The baseline comes first in a state that is explored.".to_owned())
             }
+            (_, None) if point.step == Step::Elsewhere => {
+                (Mode::Explore, "It did well in other states; here it was not measured yet.".to_owned())
+            }
             (_, None) => (Mode::Explore, "The next point of the state's search.".to_owned()),
             (_, Some(record)) => {
                 let count = record.measurements;
                 (Mode::Explore, format!("Another replicate, after {count} measurements."))
             }
         };
+        let neighbours = match point.step {
+            Step::Elsewhere => self.neighbours(state),
+            _ => Vec::new(),
+        };
         let reason = Reason {
             summary,
             source: self.spec.policy.search.name().to_owned(),
             step: point.step.name().to_owned(),
+            neighbours,
             ..Reason::default()
         };
         if let Some(exploration) = &mut self.work[state].exploration {

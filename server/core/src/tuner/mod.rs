@@ -15,6 +15,7 @@ mod ahead;
 mod checkpoint;
 mod checks;
 mod decide;
+mod elsewhere;
 mod exploration;
 mod explore;
 mod history;

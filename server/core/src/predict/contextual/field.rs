@@ -55,6 +55,7 @@ impl Rows {
 fn apart_on(metric: Metric, a: f64, b: f64) -> f64 {
     match metric {
         _ if a == b => 0.0,
+        Metric::Guide => 0.0,
         Metric::Unordered => 1.0,
         Metric::Ordered if a == INACTIVE || b == INACTIVE => (a.max(b) - 0.5).powi(2) + 0.25,
         Metric::Ordered => (a - b) * (a - b),

@@ -24,7 +24,7 @@ impl ModelSearch {
     /// Whether the next point is at hand: what came back, the design, or a plan that was taken over.
     pub fn is_ready(&self) -> bool {
         let begins = self.flight.launched() == 0 || self.flight.has_returned();
-        let designs = !self.queue.is_empty() && !self.is_mostly_infeasible();
+        let designs = self.believes_others() || !self.queue.is_empty() && !self.is_mostly_infeasible();
         begins || designs || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
     }
 

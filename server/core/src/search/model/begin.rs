@@ -6,6 +6,9 @@
 //! models the objective and constraint functions by linear interpolation", 1994): the model then knows a slope along
 //! every axis, and the steps that were gains add up. Where the default is far from the middle of the cube, the middle
 //! is measured before the steps: the optimum is nearer to it than to most other places.
+//!
+//! Where other states of the study are known, what did well there comes before either, and little is left of a Latin
+//! hypercube if it does well here too.
 
 use std::collections::VecDeque;
 
@@ -13,8 +16,10 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use crate::search::SearchSetup;
+use super::process::Hyper;
+use super::{ModelSearch, Seen};
 use crate::search::latin_hypercube::design;
+use crate::search::{Guide, SearchSetup};
 
 /// How far a Latin hypercube reaches along continuous axes, as a share of the cube, and from how many axes on: most
 /// of a cube of many dimensions are corners, which say nothing of the rest.
@@ -23,6 +28,49 @@ const REACH_FROM: usize = 3;
 /// How long the steps are, and from how many axes on they are taken.
 const STEP: f64 = 0.25;
 const STEPS_FROM: usize = 4;
+
+/// Of what did well in other states no more is tried once so many points, the default among them, were no better than
+/// it; where one was, so many points of a Latin hypercube are left.
+const PATIENCE: usize = 3;
+const DESIGN_LEFT: usize = 4;
+
+impl ModelSearch {
+    /// Has the search profit from other states, before any model was fitted. `first` are points to begin with, after
+    /// the default.
+    pub fn follow(&mut self, guide: Guide, first: Vec<Vec<f64>>) {
+        self.setup.layout.set_guide(guide);
+        let metrics = self.setup.layout.metrics();
+        (self.cost, self.failure) = (Hyper::new(&metrics), Hyper::new(&metrics));
+        self.elsewhere = first.into();
+    }
+
+    /// Whether something is known to be better than the default.
+    fn has_gained(&self) -> bool {
+        let start = self.grid(&self.setup.start).0;
+        let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.found.rank());
+        let better = |default: f64| self.seen.iter().any(|seen: &Seen| seen.found.rank() < default);
+        default.is_some_and(better)
+    }
+
+    /// Whether there is something left that did well in other states, and the first of it has not shown that this
+    /// means nothing here.
+    pub(super) fn believes_others(&self) -> bool {
+        !self.elsewhere.is_empty() && (self.seen.len() < PATIENCE || self.has_gained())
+    }
+
+    /// The next point that did well in other states.
+    pub(super) fn next_from_elsewhere(&mut self) -> Option<Vec<f64>> {
+        if !self.believes_others() {
+            self.elsewhere.clear();
+            return None;
+        }
+        let next = self.elsewhere.pop_front();
+        if self.elsewhere.is_empty() && !self.queue_of_steps && self.has_gained() {
+            self.queue.truncate(DESIGN_LEFT);
+        }
+        next
+    }
+}
 
 /// Whether a space is begun by [`steps`].
 pub(super) fn takes_steps(setup: &SearchSetup) -> bool {
@@ -63,7 +111,7 @@ pub(super) fn steps(setup: &SearchSetup, random: &mut ChaCha8Rng) -> VecDeque<Ve
 
 #[cfg(test)]
 mod tests {
-    use crate::search::{Feedback, Layout, ModelSearch, Search, Step, Verdict};
+    use crate::search::{Elsewhere, Feedback, Layout, Search, Step, Verdict};
 
     use super::*;
 
@@ -119,5 +167,73 @@ mod tests {
         let mut search = ModelSearch::new(setup(0.5, vec![2]));
         search.ask().expect("the default");
         assert_eq!(search.ask().expect("a design").step, Step::LatinHypercube);
+    }
+
+    /// A search of six axes, the first a choice, that is told of others where costs fell along the last axis.
+    fn following(first: &[[f64; 6]]) -> ModelSearch {
+        let setup = setup(0.5, vec![2]);
+        let layout = Layout::plain(setup.start.clone(), &setup.levels);
+        let measured = (0..40).map(|index| {
+            let x: Vec<f64> = (0..6).map(|axis| f64::from(index * (axis + 3) % 7) / 7.0).collect();
+            Elsewhere { state: 0, log_cost: -x[5], x }
+        });
+        let guide = Guide::of(&layout, &measured.collect::<Vec<_>>()).expect("a slope");
+        let mut search = ModelSearch::new(setup);
+        search.follow(guide, first.iter().map(|x| x.to_vec()).collect());
+        search
+    }
+
+    fn walk(search: &mut ModelSearch, steps: usize, cost: impl Fn(&[f64]) -> f64) -> Vec<(Step, f64)> {
+        let one = |_| {
+            let point = search.ask().expect("nothing is out");
+            let cost = cost(&point.x);
+            search.tell(point.id, Feedback { verdict: Verdict::Cost(cost), fresh: true });
+            (point.step, cost)
+        };
+        (0..steps).map(one).collect()
+    }
+
+    const FIRST: [[f64; 6]; 3] =
+        [[0.25, 0.5, 0.5, 0.5, 0.5, 1.0], [0.75, 0.5, 0.5, 0.5, 0.5, 0.9], [0.25, 0.1, 0.5, 0.5, 0.5, 0.8]];
+
+    #[test]
+    fn what_did_well_elsewhere_comes_before_a_shorter_design() {
+        let mut search = following(&FIRST);
+        let steps = walk(&mut search, 40, |x| 2.0 - x[5]);
+        let of = |step: Step| steps.iter().filter(|(other, _)| *other == step).count();
+        assert_eq!(steps[0].0, Step::Default);
+        assert!(steps[1..4].iter().all(|(step, _)| *step == Step::Elsewhere), "{steps:?}");
+        assert_eq!((of(Step::Elsewhere), of(Step::LatinHypercube)), (3, DESIGN_LEFT));
+    }
+
+    #[test]
+    fn others_lose_their_say_where_they_are_wrong() {
+        // Costs rise where they fell elsewhere.
+        let opposite = |x: &[f64]| 1.0 + x[5] + (x[2] - 0.5).powi(2);
+        let mut search = following(&FIRST);
+        let steps = walk(&mut search, 40, opposite);
+        let of = |step: Step| steps.iter().filter(|(other, _)| *other == step).count();
+        let design = ModelSearch::new(setup(0.5, vec![2])).queue.len();
+        assert_eq!((of(Step::Elsewhere), of(Step::LatinHypercube)), (PATIENCE - 1, design), "{steps:?}");
+        let best = steps.iter().map(|(_, cost)| *cost).fold(f64::INFINITY, f64::min);
+        assert!(best < 1.05, "{best}");
+    }
+
+    #[test]
+    fn a_guided_search_that_is_stored_goes_on() {
+        let mut search = following(&FIRST);
+        let cost = |x: &[f64]| 2.0 - x[5] + (x[3] - 0.2).abs();
+        for steps in [0, 2, 9, 20] {
+            walk(&mut search, steps, cost);
+            let text = serde_json::to_string(&search).expect("plain data");
+            let mut copy: ModelSearch = serde_json::from_str(&text).expect("own output");
+            assert_eq!(copy, search);
+            // Thinking apart comes to the same.
+            if !search.is_ready() {
+                let plan = search.clone().plan();
+                copy.adopt(plan);
+            }
+            assert_eq!(walk(&mut copy, 3, cost), walk(&mut search, 3, cost));
+        }
     }
 }

@@ -207,7 +207,7 @@ impl Near {
         let mut counts: Vec<f64> = chosen.iter().map(|&index| self.measured[index].count).collect();
         let mut points: Vec<&[f64]> = features.iter().map(Vec::as_slice).collect();
         let metrics = vec![Metric::Ordered; d];
-        let mut hyper = Hyper::with_trend(d);
+        let mut hyper = Hyper::with_trend(&metrics);
         let views = Warp::new(&costs).views();
         let sample = Sample::new(metrics.clone(), &points, counts.clone());
         let (process, view) = Process::fit(sample, &views, &mut hyper, ROUNDS, false)?;

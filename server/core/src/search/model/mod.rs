@@ -24,6 +24,9 @@
 //! - *Trials that were stopped early.* They count as measured at the mean of what the model expects above
 //!   the bound (Schmee and Hahn, "A simple method for regression analysis with censored data",
 //!   Technometrics 21, 1979; for model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
+//! - *Other states.* What other states of the study know, a [`Guide`](crate::search::Guide) adds up: the search begins with what it and the
+//!   best of the others name, and costs may depend on it linearly. Its weight is learnt like a length, so that it
+//!   fades where it does not agree with what is measured here.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `warp`).
 //! - *Several clients.* Points that are out count as measured, at what the model expects of them (the
 //!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010), and nearly without noise: what has the noise of
@@ -105,6 +108,9 @@ pub struct ModelSearch {
     flight: Flight,
     /// What is left of the design.
     queue: VecDeque<Vec<f64>>,
+    /// What did well in other states, and comes before the design.
+    #[serde(default, skip_serializing_if = "VecDeque::is_empty")]
+    elsewhere: VecDeque<Vec<f64>>,
     /// Whether that are steps from the best so far, not places.
     #[serde(default)]
     queue_of_steps: bool,
@@ -149,14 +155,15 @@ impl ModelSearch {
         if setup.layout.is_empty() {
             setup.layout = Layout::plain(setup.start.clone(), &setup.levels);
         }
-        let features = setup.layout.metrics().len();
+        let metrics = setup.layout.metrics();
         let mut search = ModelSearch {
             flight: Flight::default(),
             queue: VecDeque::new(),
+            elsewhere: VecDeque::new(),
             queue_of_steps: false,
             seen: Vec::new(),
-            cost: Hyper::new(features),
-            failure: Hyper::new(features),
+            cost: Hyper::new(&metrics),
+            failure: Hyper::new(&metrics),
             trended: None,
             fitted: 0,
             told: 0,
@@ -356,7 +363,7 @@ impl ModelSearch {
         let (mut hyper, rounds) = match self.trended.take() {
             // Asked for half as often, it learns twice as much at a time.
             Some(hyper) => (hyper, if learn { (2 * rounds).max(1) } else { 0 }),
-            None => (Hyper::with_trend(self.setup.layout.metrics().len()), ROUNDS_FIRST),
+            None => (Hyper::with_trend(&self.setup.layout.metrics()), ROUNDS_FIRST),
         };
         let model = self.costs(measured, &mut hyper, rounds, learn);
         self.trended = Some(hyper);
@@ -463,6 +470,9 @@ impl Search for ModelSearch {
         }
         if self.flight.launched() == 0 {
             return Some(self.flight.launch(self.setup.start.clone(), Step::Default));
+        }
+        if let Some(x) = self.next_from_elsewhere() {
+            return Some(self.launch(x, Step::Elsewhere));
         }
         if self.is_mostly_infeasible() {
             self.queue.clear();

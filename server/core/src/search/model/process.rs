@@ -13,6 +13,9 @@
 //! A process may have a quadratic trend: the covariance of a random quadratic function around the middle of
 //! the features, a polynomial kernel (chapter 4.2.2), is added, its share learnt like all else. Near a
 //! minimum that says how axes act together, which a sum of distances cannot; far from one it misleads.
+//!
+//! What a guide says of a point (see [`Metric::Guide`]) is no place, and adds nothing to a distance: values may depend
+//! on it linearly, with a coefficient around zero whose variance is learnt in place of a length (chapter 2.7).
 
 use serde::{Deserialize, Serialize};
 
@@ -47,18 +50,26 @@ const NOISE_RANGE: [f64; 2] = [1e-6, 4.0];
 const TREND_MEAN: f64 = 1.0;
 const TREND_SPREAD: f64 = 2.0;
 const TREND_RANGE: [f64; 2] = [1e-4, 1e4];
+/// The same of the coefficient of a guide.
+const GUIDE_MEAN: f64 = 1.0;
+const GUIDE_SPREAD: f64 = 2.0;
 
 impl Hyper {
     /// The middle of the prior, of a process without a trend.
-    pub(super) fn new(dimension: usize) -> Self {
-        let mut log = vec![Self::weight_mean(dimension); dimension];
+    pub(super) fn new(metrics: &[Metric]) -> Self {
+        let dimension = metrics.len();
+        let weight = |metric: &Metric| match metric {
+            Metric::Guide => GUIDE_MEAN.ln(),
+            _ => Self::weight_mean(dimension),
+        };
+        let mut log: Vec<f64> = metrics.iter().map(weight).collect();
         log.push(NOISE_MEAN.ln());
         Hyper { steps: vec![STEP_START; log.len()], signs: vec![0; log.len()], log }
     }
 
     /// The same with a quadratic trend.
-    pub(super) fn with_trend(dimension: usize) -> Self {
-        let mut hyper = Hyper::new(dimension);
+    pub(super) fn with_trend(metrics: &[Metric]) -> Self {
+        let mut hyper = Hyper::new(metrics);
         hyper.log.push(TREND_MEAN.ln());
         hyper.steps.push(STEP_START);
         hyper.signs.push(0);
@@ -79,10 +90,12 @@ impl Hyper {
     }
 
     /// One step of the ascent along the gradient of the log posterior density.
-    fn climb(&mut self, dimension: usize, gradient: &[f64]) {
+    fn climb(&mut self, metrics: &[Metric], gradient: &[f64]) {
+        let dimension = metrics.len();
         let weight_mean = Self::weight_mean(dimension);
         for (index, &likelihood) in gradient.iter().enumerate().take(self.log.len()) {
             let (mean, spread) = match index.checked_sub(dimension) {
+                None if metrics[index] == Metric::Guide => (GUIDE_MEAN.ln(), GUIDE_SPREAD),
                 None => (weight_mean, 2.0 * LENGTH_SPREAD),
                 Some(0) => (NOISE_MEAN.ln(), NOISE_SPREAD),
                 Some(_) => (TREND_MEAN.ln(), TREND_SPREAD),
@@ -108,6 +121,8 @@ pub(super) struct Sample {
     apart: Vec<f64>,
     /// What the trend sees of each point, point by point.
     centred: Vec<f64>,
+    /// The axis of the guide, if there is one: the last.
+    guide: Option<usize>,
 }
 
 impl Sample {
@@ -124,7 +139,8 @@ impl Sample {
             }
         }
         let centred = points.iter().flat_map(|point| centred(&metrics, point)).collect();
-        Sample { metrics, columns, counts, apart, centred }
+        let guide = metrics.iter().position(|metric| *metric == Metric::Guide);
+        Sample { metrics, columns, counts, apart, centred, guide }
     }
 
     fn len(&self) -> usize {
@@ -150,6 +166,11 @@ impl Sample {
                 (matrix[p * n + q], slopes[p * n + q]) = matern(squared);
             }
             matrix[p * n + p] = 1.0 + hyper.noise(dimension) / self.counts[p];
+            if let Some(guide) = self.guide {
+                let column = &self.columns[guide];
+                let own = weights[guide] * column[p];
+                matrix[p * n..=p * n + p].iter_mut().zip(column).for_each(|(sum, other)| *sum += own * other);
+            }
             if trend > 0.0 {
                 let weighted: Vec<f64> = weights.iter().zip(self.centred(p)).map(|(w, x)| w * x).collect();
                 for q in 0..=p {
@@ -178,8 +199,8 @@ fn centred(metrics: &[Metric], point: &[f64]) -> Vec<f64> {
 
 fn apart_on(metric: Metric, a: f64, b: f64) -> f64 {
     match metric {
-        _ if a == b => 0.0,
-        Metric::Unordered => 1.0,
+        _ if a == b || metric == Metric::Guide => 0.0,
+        Metric::Unordered | Metric::Guide => 1.0,
         // A point beside the axis, half its length away from its middle.
         Metric::Ordered if a == INACTIVE || b == INACTIVE => (a.max(b) - 0.5).powi(2) + 0.25,
         Metric::Ordered => (a - b) * (a - b),
@@ -274,14 +295,14 @@ impl Process {
                 let noise = hyper.noise(dimension) * variance;
                 let trend = hyper.trend(dimension);
                 if learn {
-                    hyper.climb(dimension, &climb);
+                    hyper.climb(&sample.metrics, &climb);
                 }
                 let evidence = log_density + views[view].1;
                 let process =
                     Process { sample, weights, inverse, alpha, mean, variance, noise, trend, evidence };
                 return Some((process, view));
             }
-            hyper.climb(dimension, &climb);
+            hyper.climb(&sample.metrics, &climb);
         }
         None
     }
@@ -311,7 +332,7 @@ impl Process {
                     let beside = (x - 0.5) * (x - 0.5) + 0.25;
                     *sum += weight * if other == INACTIVE { beside } else { (x - other) * (x - other) };
                 }
-            } else {
+            } else if metric != Metric::Guide {
                 for (sum, &other) in squared.iter_mut().zip(column) {
                     *sum += weight * apart_on(metric, x, other);
                 }
@@ -325,6 +346,12 @@ impl Process {
         let mut others = self.distances(point);
         others.iter_mut().for_each(|squared| *squared = matern(*squared).0);
         let mut own = 1.0;
+        if let Some(guide) = self.sample.guide {
+            let weighted = self.weights[guide] * point[guide];
+            own += weighted * point[guide];
+            let column = &self.sample.columns[guide];
+            others.iter_mut().zip(column).for_each(|(sum, other)| *sum += weighted * other);
+        }
         if self.trend > 0.0 {
             let centred = centred(&self.sample.metrics, point);
             let weighted: Vec<f64> = self.weights.iter().zip(&centred).map(|(w, x)| w * x).collect();
@@ -378,6 +405,13 @@ fn gradient(
             let Some(apart) = pairs.next() else { break };
             let factor = pull(p, q) * slopes[p * n + q];
             gradient.iter_mut().zip(apart).for_each(|(sum, apart)| *sum += factor * apart);
+        }
+        if let Some(guide) = sample.guide {
+            let column = &sample.columns[guide];
+            for q in 0..=p {
+                let factor = if p == q { 0.5 } else { 1.0 } * pull(p, q);
+                gradient[guide] += factor * column[p] * column[q];
+            }
         }
         if trend > 0.0 {
             let own = sample.centred(p);

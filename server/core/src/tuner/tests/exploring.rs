@@ -226,3 +226,28 @@ fn a_search_is_stored_in_few_bytes() {
         assert_eq!(Exploration::unpack(&packed).as_ref(), Ok(exploration));
     }
 }
+
+#[test]
+fn a_new_state_begins_with_the_default_and_then_with_what_did_well_in_others() {
+    for (search, follows) in [(SearchMethod::Auto, true), (SearchMethod::NelderMead, false)] {
+        let mut tuner =
+            tuner(Policy { search, predictor: PredictorMethod::NearestNeighbour, ..explore_always() });
+        let first = run(&mut tuner, "a", 0.5, 0.5, 30);
+        assert!(first.iter().all(|trial| trial.reason.step != "elsewhere"), "nothing is known of others");
+        let best = tuner.best(None, None).expect("valid").expect("measured");
+        let second = run(&mut tuner, "a", 0.7, 0.5, 30);
+        let begins = second.iter().position(|trial| trial.mode == Mode::Default).expect("the default");
+        let told = |trial: &&Trial| trial.reason.step == "elsewhere";
+        let told: Vec<&Trial> = second.iter().filter(told).collect();
+        assert_eq!(!told.is_empty(), follows, "{search:?}");
+        for trial in &told {
+            assert!(trial.number > second[begins].number, "the default comes first");
+            assert_eq!(trial.mode, Mode::Explore);
+            assert!(trial.reason.summary.contains("other states"), "{}", trial.reason.summary);
+            assert_eq!(trial.reason.neighbours[0].state_id, 1);
+            assert_eq!(trial.reason.neighbours[0].best_cost, best.cost);
+        }
+        let own = second.iter().map(|trial| &trial.configuration).take(6);
+        assert_eq!(own.clone().any(|configuration| *configuration == best.configuration), follows);
+    }
+}

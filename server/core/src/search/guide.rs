@@ -1,0 +1,296 @@
+//! What other states of a study say of a new one: which values are cheap, parameter by parameter.
+//!
+//! Scenes differ, but much of what makes a configuration good is common to them. So before a search begins in a new
+//! state, the logarithms of what was measured in others are fitted by a sum of one effect for each active parameter,
+//! each state with a level of its own: an analysis of variance by main effects (Box, Hunter and Hunter, "Statistics for
+//! Experimenters", 1978), each shrunk towards nothing (ridge regression: Hoerl and Kennard, Technometrics 12, 1970).
+//! Hundreds of noisy measurements add up in it to a few numbers for each parameter, which is what makes effects of a
+//! few percent visible at all.
+//!
+//! It is a guide and no prior truth. The model of the new state sees the sum as one more feature, on which costs may
+//! depend linearly ([`Metric::Guide`](super::layout::Metric)); how much is learnt from what is measured here, so that
+//! a guide that does not agree with it loses its say (after multi-task and stacked processes: Golovin et al., "Google
+//! Vizier: a service for black-box optimization", KDD 2017, section 3.3).
+
+use serde::{Deserialize, Serialize};
+
+use crate::search::layout::Layout;
+
+/// Axes of more values are seen through that many points, with straight lines between them.
+const KNOTS: usize = 6;
+const CELLS_MAX: u32 = 8;
+/// An effect counts as known to be nothing from so many measurements.
+const RIDGE: f64 = 3.0;
+/// Sweeps over all effects.
+const SWEEPS: usize = 12;
+/// Where the effects together change the logarithm of a cost by less, they are rounding errors.
+const DEVIATION_MIN: f64 = 1e-9;
+/// Effects are rounded to so many steps, lest rounding errors of a change of unit get through to the points.
+const STEPS_PER_DEVIATION: f64 = (1u64 << 20) as f64;
+/// Most ways around the parameters on the way down.
+const ROUNDS_MAX: usize = 16;
+
+/// A measurement of another state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Elsewhere {
+    /// Which state, from 0.
+    pub state: usize,
+    /// Its point.
+    pub x: Vec<f64>,
+    /// The logarithm of its cost.
+    pub log_cost: f64,
+}
+
+/// The effects. See the head of this module.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Guide {
+    /// Of each axis: at its knots, or of its values by rank, in deviations of the whole.
+    effects: Vec<Vec<f64>>,
+    /// The mean over what it was made from.
+    mean: f64,
+}
+
+/// Where a coordinate lies among the effects of an axis: the first of two, and the share of the second.
+fn among(layout: &Layout, axis: usize, x: f64) -> (usize, f64) {
+    match layout.cells(axis) {
+        0 | CELLS_MAX.. => {
+            let at = x.clamp(0.0, 1.0) * (KNOTS - 1) as f64;
+            let first = (at as usize).min(KNOTS - 2);
+            (first, at - first as f64)
+        }
+        _ => (layout.rank(axis, x) as usize, 0.0),
+    }
+}
+
+fn count(layout: &Layout, axis: usize) -> usize {
+    match layout.cells(axis) {
+        0 | CELLS_MAX.. => KNOTS,
+        cells => cells as usize,
+    }
+}
+
+impl Guide {
+    /// Fits it. `None` where nothing follows: fewer than two measurements, or all alike.
+    pub fn of(layout: &Layout, measured: &[Elsewhere]) -> Option<Guide> {
+        let dimension = layout.dimension();
+        let states = measured.iter().map(|one| one.state + 1).max()?;
+        let mut from = vec![states];
+        for axis in 0..dimension {
+            from.push(from[axis] + count(layout, axis));
+        }
+        // Of each effect, the measurements that it is part of and its share in them.
+        let mut columns: Vec<Vec<(usize, f64)>> = vec![Vec::new(); from[dimension]];
+        for (row, one) in measured.iter().enumerate() {
+            columns[one.state].push((row, 1.0));
+            let mut x = one.x.clone();
+            let active = layout.canonical(&mut x);
+            for axis in (0..dimension).filter(|&axis| active[axis]) {
+                let (first, share) = among(layout, axis, x[axis]);
+                let mut enter = |place: usize, share: f64| {
+                    if share > 0.0 {
+                        columns[from[axis] + place].push((row, share));
+                    }
+                };
+                enter(first, 1.0 - share);
+                enter(first + 1, share);
+            }
+        }
+        let mut levels = vec![(0.0, 0.0); states];
+        for one in measured {
+            let (sum, count) = &mut levels[one.state];
+            (*sum, *count) = (*sum + one.log_cost, *count + 1.0);
+        }
+        let level = |state: usize| levels[state].0 / levels[state].1;
+        // What the effects so far leave unexplained; the levels among them are corrections of the means.
+        let mut left: Vec<f64> = measured.iter().map(|one| one.log_cost - level(one.state)).collect();
+        let mut effects = vec![0.0; columns.len()];
+        for _ in 0..SWEEPS {
+            for (index, (effect, column)) in effects.iter_mut().zip(&columns).enumerate() {
+                let ridge = if index < states { 1e-6 } else { RIDGE };
+                let (mut along, mut squares) = (0.0, ridge);
+                for &(row, share) in column {
+                    along += share * (left[row] + share * *effect);
+                    squares += share * share;
+                }
+                let now = along / squares;
+                column.iter().for_each(|&(row, share)| left[row] -= share * (now - *effect));
+                *effect = now;
+            }
+        }
+        let effects = (0..dimension).map(|axis| effects[from[axis]..from[axis + 1]].to_vec()).collect();
+        let mut guide = Guide { effects, mean: 0.0 };
+        let sum_of = |one: &Elsewhere| {
+            let mut x = one.x.clone();
+            let active = layout.canonical(&mut x);
+            guide.sum(layout, &x, &active)
+        };
+        let sums: Vec<f64> = measured.iter().map(sum_of).collect();
+        let mean = sums.iter().sum::<f64>() / sums.len() as f64;
+        let deviation = (sums.iter().map(|sum| (sum - mean).powi(2)).sum::<f64>() / sums.len() as f64).sqrt();
+        if !(deviation > DEVIATION_MIN && deviation.is_finite()) {
+            return None;
+        }
+        let rounded = |value: f64| (value / deviation * STEPS_PER_DEVIATION).round() / STEPS_PER_DEVIATION;
+        guide.effects.iter_mut().flatten().for_each(|effect| *effect = rounded(*effect));
+        guide.mean = rounded(mean);
+        Some(guide)
+    }
+
+    fn sum(&self, layout: &Layout, x: &[f64], active: &[bool]) -> f64 {
+        let mut sum = 0.0;
+        for (axis, effects) in self.effects.iter().enumerate().filter(|(axis, _)| active[*axis]) {
+            let (first, share) = among(layout, axis, x[axis]);
+            sum += effects[first];
+            if share > 0.0 {
+                sum += share * (effects[first + 1] - effects[first]);
+            }
+        }
+        sum
+    }
+
+    /// How dear a canonical point was elsewhere: zero on average over what was measured there, one a deviation more.
+    pub(super) fn at(&self, layout: &Layout, x: &[f64], active: &[bool]) -> f64 {
+        self.sum(layout, x, active) - self.mean
+    }
+
+    /// The cheapest point that is found downhill from one, and from every other value of the parameters by which
+    /// others count: what such a value is worth shows only once its own parameters are well chosen.
+    pub(crate) fn cheapest(&self, layout: &Layout, from: &[f64]) -> Vec<f64> {
+        let mut best = self.descend(layout, from.to_vec(), None);
+        for axis in layout.deciding() {
+            for rank in 0..layout.cells(axis) {
+                let mut x = best.1.clone();
+                x[axis] = layout.at_rank(axis, rank);
+                let other = self.descend(layout, x, Some(axis));
+                if other.0 < best.0 {
+                    best = other;
+                }
+            }
+        }
+        best.1
+    }
+
+    /// Goes downhill from a point, one parameter after the other, until no other value of any but a `fixed` one is
+    /// cheaper. How dear it is in the end, and the point.
+    fn descend(&self, layout: &Layout, from: Vec<f64>, fixed: Option<usize>) -> (f64, Vec<f64>) {
+        let enter = |mut x: Vec<f64>| {
+            let active = layout.canonical(&mut x);
+            (self.at(layout, &x, &active), x)
+        };
+        let mut best = enter(from);
+        for _ in 0..ROUNDS_MAX {
+            let before = best.0;
+            for axis in (0..self.effects.len()).filter(|&axis| fixed != Some(axis)) {
+                for place in 0..self.effects[axis].len() {
+                    let mut x = best.1.clone();
+                    x[axis] = match layout.cells(axis) {
+                        0 | CELLS_MAX.. => place as f64 / (KNOTS - 1) as f64,
+                        _ => layout.at_rank(axis, place as u32),
+                    };
+                    let other = enter(x);
+                    if other.0 < best.0 {
+                        best = other;
+                    }
+                }
+            }
+            if best.0 >= before {
+                break;
+            }
+        }
+        best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::space::{Condition, Domain, Parameter, Scale, Space};
+    use crate::value::Value;
+
+    /// A back end, a depth that only one of them has, a width and a float.
+    fn layout() -> Layout {
+        let text = |value: &str| Value::Text(value.into());
+        let parameter = |name: &str, domain, default, active_if| Parameter {
+            name: name.into(),
+            domain,
+            default,
+            active_if,
+        };
+        let backends = Domain::Categorical { values: ["a", "b", "c"].map(text).to_vec() };
+        let depth = Domain::Integer { min: 1, max: 40, scale: Scale::Linear };
+        let widths = Domain::Categorical { values: [2, 4, 8].map(Value::Integer).to_vec() };
+        let cost = Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear };
+        let only_b = Condition { parameter: "backend".into(), any_of: vec![text("b")] };
+        let parameters = vec![
+            parameter("backend", backends, text("a"), None),
+            parameter("depth", depth, Value::Integer(8), Some(only_b)),
+            parameter("width", widths, Value::Integer(2), None),
+            parameter("cost", cost, Value::Float(0.5), None),
+        ];
+        Layout::of(&Space::new(parameters, vec![]).expect("a valid space"))
+    }
+
+    /// The logarithm of a cost that is a product of factors: best with the second back end, a middling depth, the
+    /// widest nodes and a low cost.
+    fn log_cost(layout: &Layout, x: &[f64]) -> f64 {
+        let mut x = x.to_vec();
+        let active = layout.canonical(&mut x);
+        let backend = [0.3, 0.0, 0.5][layout.rank(0, x[0]) as usize];
+        let depth = if active[1] { (x[1] - 0.6).abs() } else { 0.0 };
+        backend + depth - 0.1 * f64::from(layout.rank(2, x[2])) + 0.4 * x[3]
+    }
+
+    fn measured(layout: &Layout, count: usize, noise: f64, level: f64) -> Vec<Elsewhere> {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        let one = |place: usize| {
+            let x: Vec<f64> = (0..layout.dimension()).map(|_| random.random()).collect();
+            let state = place % 3;
+            let level = level + 2.0 * state as f64;
+            let log_cost = level + log_cost(layout, &x) + noise * (2.0 * random.random::<f64>() - 1.0);
+            Elsewhere { state, x, log_cost }
+        };
+        (0..count).map(one).collect()
+    }
+
+    #[test]
+    fn many_noisy_measurements_add_up_to_the_best_of_every_parameter() {
+        let layout = layout();
+        let guide = Guide::of(&layout, &measured(&layout, 300, 0.2, 0.0)).expect("something follows");
+        let best = guide.cheapest(&layout, &[0.1, 0.1, 0.1, 0.9]);
+        assert_eq!((layout.rank(0, best[0]), layout.rank(2, best[2])), (1, 2), "{best:?}");
+        assert!((0.35..0.85).contains(&best[1]) && best[3] < 0.25, "{best:?}");
+        let at = |x: &[f64]| {
+            let mut x = x.to_vec();
+            let active = layout.canonical(&mut x);
+            guide.at(&layout, &x, &active)
+        };
+        let mut random = ChaCha8Rng::seed_from_u64(6);
+        let points: Vec<Vec<f64>> = (0..200).map(|_| (0..4).map(|_| random.random()).collect()).collect();
+        let in_order = points.windows(2).filter(|pair| {
+            let truth = log_cost(&layout, &pair[0]) < log_cost(&layout, &pair[1]);
+            (at(&pair[0]) < at(&pair[1])) == truth
+        });
+        let in_order = in_order.count();
+        assert!(in_order > 170, "{in_order} of 199");
+    }
+
+    #[test]
+    fn what_a_whole_state_costs_says_nothing() {
+        let layout = layout();
+        let guide = |level: f64| Guide::of(&layout, &measured(&layout, 60, 0.1, level));
+        assert_eq!(guide(0.0), guide(300.0));
+    }
+
+    #[test]
+    fn nothing_follows_from_nothing_or_equal_costs() {
+        let layout = layout();
+        assert_eq!(Guide::of(&layout, &[]), None);
+        assert_eq!(Guide::of(&layout, &measured(&layout, 1, 0.0, 0.0)), None);
+        let mut equal = measured(&layout, 40, 0.1, 0.0);
+        equal.iter_mut().for_each(|one| one.log_cost = 0.1 + one.state as f64);
+        assert_eq!(Guide::of(&layout, &equal), None);
+    }
+}
