@@ -12,6 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use async_trait::async_trait;
 use tokio::sync::{mpsc, oneshot};
+use tokio::task::unconstrained;
 use tokio::time::sleep;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
@@ -306,9 +307,10 @@ fn acknowledge_early(group: Vec<Job>) -> Vec<Job> {
     held
 }
 
-/// The result of a future that never waits: those of the memory store.
+/// The result of a future that never waits: those of the memory store. Not under the runtime's budget, by which a task
+/// that has polled many futures in a row is made to wait for no other reason.
 pub(crate) fn now<T>(future: impl Future<Output = T>) -> T {
-    let mut future = std::pin::pin!(future);
+    let mut future = std::pin::pin!(unconstrained(future));
     let mut context = std::task::Context::from_waker(std::task::Waker::noop());
     match future.as_mut().poll(&mut context) {
         std::task::Poll::Ready(value) => value,
