@@ -91,8 +91,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "P", default_value_t = 1.0, value_parser = unit_interval)]
     epsilon: f32,
 
-    /// Stop a trial once it has cost so many times as much as the best so far; 2 to 4 saves time on slow
-    /// configurations and loses next to nothing. Without it the study's policy decides.
+    /// Stop a trial once it has cost so many times as much as the best so far, which bounds what a bad configuration can
+    /// cost; a build is finished all the same. Without it the study's policy decides.
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, value_parser = factor)]
     abort_above: Option<f64>,
 
