@@ -153,34 +153,17 @@ impl Guide {
         self.sum(layout, x, active) - self.mean
     }
 
-    /// The cheapest point that is found downhill from one, and from every other value of the parameters by which
-    /// others count: what such a value is worth shows only once its own parameters are well chosen.
-    pub(crate) fn cheapest(&self, layout: &Layout, from: &[f64]) -> Vec<f64> {
-        let mut best = self.descend(layout, from.to_vec(), None);
-        for axis in layout.deciding() {
-            for rank in 0..layout.cells(axis) {
-                let mut x = best.1.clone();
-                x[axis] = layout.at_rank(axis, rank);
-                let other = self.descend(layout, x, Some(axis));
-                if other.0 < best.0 {
-                    best = other;
-                }
-            }
-        }
-        best.1
-    }
-
-    /// Goes downhill from a point, one parameter after the other, until no other value of any but a `fixed` one is
-    /// cheaper. How dear it is in the end, and the point.
-    fn descend(&self, layout: &Layout, from: Vec<f64>, fixed: Option<usize>) -> (f64, Vec<f64>) {
+    /// Goes downhill from a point, one parameter after the other, until no other value of any is cheaper. From a
+    /// configuration that proved good that stays near what was measured together, where the sum can be believed.
+    pub(crate) fn descend(&self, layout: &Layout, from: &[f64]) -> Vec<f64> {
         let enter = |mut x: Vec<f64>| {
             let active = layout.canonical(&mut x);
             (self.at(layout, &x, &active), x)
         };
-        let mut best = enter(from);
+        let mut best = enter(from.to_vec());
         for _ in 0..ROUNDS_MAX {
             let before = best.0;
-            for axis in (0..self.effects.len()).filter(|&axis| fixed != Some(axis)) {
+            for axis in 0..self.effects.len() {
                 for place in 0..self.effects[axis].len() {
                     let mut x = best.1.clone();
                     x[axis] = match layout.cells(axis) {
@@ -197,7 +180,7 @@ impl Guide {
                 break;
             }
         }
-        best
+        best.1
     }
 }
 
@@ -259,7 +242,7 @@ mod tests {
     fn many_noisy_measurements_add_up_to_the_best_of_every_parameter() {
         let layout = layout();
         let guide = Guide::of(&layout, &measured(&layout, 300, 0.2, 0.0)).expect("something follows");
-        let best = guide.cheapest(&layout, &[0.1, 0.1, 0.1, 0.9]);
+        let best = guide.descend(&layout, &[0.5, 0.5, 0.1, 0.9]);
         assert_eq!((layout.rank(0, best[0]), layout.rank(2, best[2])), (1, 2), "{best:?}");
         assert!((0.35..0.85).contains(&best[1]) && best[3] < 0.25, "{best:?}");
         let at = |x: &[f64]| {

@@ -68,8 +68,6 @@ pub(crate) enum Metric {
 /// The value of an axis that is inactive, among [`Layout::features`].
 pub(crate) const INACTIVE: f64 = -1.0;
 
-/// Most values of an axis that are looked at one by one for what they decide.
-const DECIDING_MAX: u32 = 16;
 /// Most cells that are counted; finer axes pass for continuous.
 const CELLS_MAX: u64 = 1 << 16;
 
@@ -154,16 +152,6 @@ impl Layout {
         let twice = self.axes.iter().filter(|axis| axis.is_seen_twice()).map(|_| Metric::Unordered);
         let guide = self.guide.iter().map(|_| Metric::Guide);
         self.axes.iter().map(metric).chain(twice).chain(guide).collect()
-    }
-
-    /// The axes that always count, have few values, and by these decide which others count.
-    pub(super) fn deciding(&self) -> Vec<usize> {
-        let decides = |axis: &usize| {
-            let mut gates = self.axes.iter().filter_map(|other| other.gate.as_ref());
-            let is_root = self.axes[*axis].gate.is_none() && self.cells(*axis) <= DECIDING_MAX;
-            is_root && gates.any(|gate| gate.parent == *axis)
-        };
-        (0..self.axes.len()).filter(decides).collect()
     }
 
     /// How many values an axis has; 0 for a continuous one.

@@ -47,7 +47,7 @@ impl Tuner {
         }
         let layout = Layout::of(space);
         let guide = Guide::of(&layout, &measured)?;
-        let mut first = vec![guide.cheapest(&layout, named.first()?)];
+        let mut first = vec![guide.descend(&layout, named.first()?)];
         for x in named {
             if !first.contains(&x) {
                 first.push(x);
