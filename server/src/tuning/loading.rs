@@ -22,16 +22,25 @@ pub(super) struct Read {
 
 /// Loads a study. Breaks earlier fences of it.
 pub(super) async fn load(store: &dyn Store, study: &str, now_ms: i64) -> Result<Read, Error> {
-    let Loaded { fence, study: record, snapshot, mut open_trials, checkpoint } = store.load(study).await?;
+    let loaded = store.load(study).await?;
+    read(store, loaded, now_ms).await
+}
+
+/// Reads what a loaded study has learnt. Another daemon may take it meanwhile; the copy is then as it was when it was
+/// loaded, and its fence has broken or the store will refuse what it decides.
+async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Error> {
+    let Loaded { fence, study: record, snapshot, mut open_trials, checkpoint } = loaded;
+    let study = fence.study().to_owned();
     // A lease that was given before the clock was set back must not last until that time comes again.
     for trial in &mut open_trials {
         let lease_ms = trial.lease_expire_ms.saturating_sub(trial.create_ms);
         trial.lease_expire_ms = trial.lease_expire_ms.min(now_ms.saturating_add(lease_ms));
     }
+    let known = record.statistics.completed_trials;
     let spec = Arc::new(record.spec);
-    let failed = |problem| Error::Restore { study: study.to_owned(), problem };
+    let failed = |problem| Error::Restore { study: study.clone(), problem };
     // One from a database that was put back in part could be ahead of the trials.
-    let checkpoint = checkpoint.filter(|one| one.completion <= record.statistics.completed_trials);
+    let checkpoint = checkpoint.filter(|one| one.completion <= known);
     let bytes = checkpoint.as_ref().map_or(0, |one| one.bytes.len() as u64);
     let begun = Arc::clone(&spec);
     let mut restoring =
@@ -41,7 +50,9 @@ pub(super) async fn load(store: &dyn Store, study: &str, now_ms: i64) -> Result<
     }
     let saved = Saved { completion: restoring.after(), stored: restoring.after(), bytes };
     loop {
-        let trials = store.completed_trials(&fence, restoring.after(), limits::TRIALS_PER_READ).await?;
+        let mut trials = store.completed_trials(&fence, restoring.after(), limits::TRIALS_PER_READ).await?;
+        // Later ones are of another daemon, which has the study by now: this copy must not mix with them.
+        trials.retain(|trial| trial.completion.is_some_and(|at| at <= known));
         if trials.is_empty() {
             break;
         }
@@ -81,5 +92,34 @@ pub(super) async fn compute<T: Send + 'static>(
         _ => tokio::task::spawn_blocking(work)
             .await
             .map_err(|_| Error::Defect("rebuilding or packing a study panicked")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_store::MemoryStore;
+
+    use super::super::Tuning;
+    use super::super::checkpoints::tests::{frame, spec};
+    use super::*;
+    use crate::clock::ManualClock;
+
+    #[tokio::test]
+    async fn a_study_that_goes_to_another_daemon_while_it_is_read_is_read_as_it_was() {
+        let store = Arc::new(MemoryStore::new());
+        let first = Tuning::new(Arc::clone(&store) as _, Arc::new(ManualClock::at(1_000)));
+        first.create_study("hall", &spec()).await.expect("created");
+        for _ in 0..5 {
+            frame(&first, "one", 0.5).await;
+        }
+        let loaded = store.load("hall").await.expect("it is there");
+        let before = loaded.study.statistics;
+        let second = Tuning::new(Arc::clone(&store) as _, Arc::new(ManualClock::at(1_000)));
+        for _ in 0..5 {
+            frame(&second, "two", 0.5).await;
+        }
+        let late = read(store.as_ref(), loaded, 1_000).await.expect("what was loaded fits together");
+        assert_eq!(late.tuner.statistics(), before);
+        assert!(!late.fence.holds(), "the other has the study");
     }
 }

@@ -53,9 +53,14 @@ macro_rules! reads {
             rows.into_iter().map(StudyRow::into_record).collect()
         }
 
-        /// Reads all of a study but its closed trials. The fence keeps others from changing it meanwhile.
+        /// Reads all of a study but its closed trials, as it is at one moment.
         pub(super) async fn load(connection: &mut $connection, fence: Fence) -> Result<Loaded, StoreError> {
+            use sqlx::Connection as _;
+
             let key = fence.key();
+            // One moment for all of it: the study may go to another daemon, which writes on, while this one reads.
+            let mut moment = connection.begin_with(sql::BEGIN_READING).await.map_err(failed)?;
+            let connection = &mut *moment;
             let study: Option<StudyRow> = sqlx::query_as(sql::STUDY_BY_KEY)
                 .bind(key)
                 .fetch_optional(&mut *connection)
@@ -74,6 +79,7 @@ macro_rules! reads {
                 .map_err(failed)?;
             let states = states(connection, key).await?;
             let checkpoint = checkpoint(connection, key).await?;
+            moment.commit().await.map_err(failed)?;
             StudyRows { study, states, visits, open_trials, checkpoint }.into_loaded(fence)
         }
 

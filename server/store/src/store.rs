@@ -123,8 +123,8 @@ pub trait Store: Send + Sync + 'static {
     fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt;
 
     /// Reads the completed trials behind a place in the order of completion, in that order, at most `size` of
-    /// them. They never change, so the fence only names the study: it may have broken meanwhile. Costs the same
-    /// wherever in the history it is asked.
+    /// them. They never change, so the fence only names the study: it may have broken meanwhile, and others may have
+    /// been completed since. Costs the same wherever in the history it is asked.
     async fn completed_trials(
         &self,
         fence: &Fence,

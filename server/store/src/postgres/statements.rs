@@ -70,6 +70,9 @@ pub(super) const REPLICAS_REAP: &str = "DELETE FROM replicas WHERE id IN (SELECT
 
 // Studies.
 
+/// Begins a transaction that only reads, and reads the database as it is at its first question.
+pub(super) const BEGIN_READING: &str = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
+
 pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1";
 
 pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies WHERE name IS NOT NULL";

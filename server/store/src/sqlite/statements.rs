@@ -1,6 +1,9 @@
 //! The fixed SQL. For `script` the upserts have parameters without numbers, which count on from one
 //! statement to the next.
 
+/// Begins a transaction that only reads, and reads the database as it is at its first question.
+pub(super) const BEGIN_READING: &str = "BEGIN";
+
 pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1";
 
 pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies";
