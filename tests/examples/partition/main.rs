@@ -31,8 +31,8 @@ fn costs() -> Costs {
         std::env::args().nth(index).map_or(default, |text| text.parse().expect("a number of microseconds"))
     };
     Costs {
-        daemon_us: argument(1, 75.0),
-        database_us: argument(2, 70.0),
+        daemon_us: argument(1, 95.0),
+        database_us: argument(2, 85.0),
         client_us: argument(3, 30.0),
         durable_us: argument(4, 150.0),
     }
