@@ -1,7 +1,7 @@
 //! Thinking apart: what takes a suggestion long is done on copies, before, and without the tuner.
 //!
-//! A suggestion is a matter of microseconds but for two things: a search with a model fits it, and the contextual
-//! predictor fits a process to what was measured near by. Where many clients share a tuner they must not wait for
+//! A suggestion is a matter of microseconds but for three things: a search with a model fits it, one that begins is
+//! told what other states know, and the contextual predictor fits a process to what was measured near by. Where many clients share a tuner they must not wait for
 //! that. So whoever holds the tuner first asks for the [`Errand`] of a question, lets go of the tuner, has the errand
 //! run, and then asks the question with the [`Thoughts`] that came of it. A question with thoughts never fits a
 //! model: where there are none for what it turns out to need (another client changed the state meanwhile, or is
@@ -18,6 +18,7 @@ use crate::predict::{Answer, Debts, Query, Settled};
 use crate::search::{AnySearch, Plan};
 use crate::study::StudySpec;
 use crate::trial::{Fingerprint, Trial};
+use crate::tuner::elsewhere::{Beginning, Others};
 use crate::tuner::report::is_spent;
 use crate::tuner::weigh::terms;
 use crate::tuner::{Ask, Change, Decision, Prediction, Tuner, TunerError, query};
@@ -30,6 +31,8 @@ pub struct Errand {
     answer: Option<Request>,
     first: Option<Request>,
     search: Option<(u64, Box<AnySearch>)>,
+    /// What others tell the search of a state that begins; one without an id is not there yet.
+    others: Option<(Option<u64>, Others)>,
 }
 
 /// What came of an [`Errand`].
@@ -42,6 +45,8 @@ pub struct Thoughts {
     first: Option<Answer>,
     /// The next point of a state's search.
     plan: Option<(u64, Plan)>,
+    /// What the search of a state begins with, if anything follows from the others.
+    beginning: Option<(Option<u64>, Option<Beginning>)>,
 }
 
 impl Errand {
@@ -56,11 +61,12 @@ impl Errand {
         let answer = |request: Option<Request>| request.and_then(|request| request.answer(space));
         let (answer, first) = (answer(self.answer), answer(self.first));
         let plan = self.search.and_then(|(state, search)| Some((state, search.plan()?)));
-        Thoughts { normalised: self.normalised, answer, first, plan }
+        let beginning = self.others.map(|(state, others)| (state, others.beginning(space)));
+        Thoughts { normalised: self.normalised, answer, first, plan, beginning }
     }
 
     fn is_empty(&self) -> bool {
-        self.answer.is_none() && self.first.is_none() && self.search.is_none()
+        self.answer.is_none() && self.first.is_none() && self.search.is_none() && self.others.is_none()
     }
 }
 
@@ -71,6 +77,11 @@ impl Thoughts {
 
     pub(super) fn first(&self, normalised: &[f64]) -> Option<&Answer> {
         self.first.as_ref().filter(|_| self.normalised == normalised)
+    }
+
+    pub(super) fn take_beginning(&mut self, state: u64, anchor: &[f64]) -> Option<Option<Beginning>> {
+        let is_of = |of: Option<u64>| of.map_or(self.normalised == anchor, |of| of == state);
+        self.beginning.take_if(|(of, _)| is_of(*of)).map(|(_, beginning)| beginning)
     }
 
     pub(super) fn take_plan(&mut self, state: u64) -> Option<Plan> {
@@ -111,6 +122,7 @@ impl Tuner {
             answer: None,
             first: None,
             search: None,
+            others: None,
         };
         let explores = match self.decides(&ask.client_id, here) {
             _ if policy.operation == Operation::Shadow => false,
@@ -131,17 +143,25 @@ impl Tuner {
                 if self.is_untouched(here) {
                     errand.first = first();
                 }
+                let begins = errand.first.is_none() && self.work[here].exploration.is_none();
+                if begins && self.hears_others() && self.transfer(here).is_none() && self.affords(ask, here) {
+                    errand.others = Some((Some(self.states[here].id), self.told_by_others(here)));
+                }
                 if policy.weigh_gain && self.not_worth(here, &self.prospect(&ask.client_id, here)).is_some() {
                     errand.answer = answer();
                 }
             }
             None if explores && policy.operation == Operation::Tune => {
                 errand.first = first();
+                if errand.first.is_none() && self.hears_others() {
+                    errand.others = Some((None, self.told_of(&query())));
+                }
                 // Whether exploring pays is weighed once the state is known.
                 errand.answer = policy.weigh_gain.then(answer).flatten();
             }
             _ => errand.answer = answer(),
         }
+        errand.others = errand.others.filter(|(_, others)| !others.is_empty());
         errand.normalised.clone_from(&normalised);
         (!errand.is_empty()).then_some(errand)
     }
@@ -159,7 +179,8 @@ impl Tuner {
         }
         let query = query(&self.spec, &self.states, &self.atlas, &self.fleet, &normalised, here);
         let answer = Some(self.predictors.request(self.spec.policy.predictor, &query)?);
-        Some(Errand { spec: Arc::clone(&self.spec), answer, first: None, search: None, normalised })
+        let spec = Arc::clone(&self.spec);
+        Some(Errand { spec, answer, first: None, search: None, others: None, normalised })
     }
 
     /// [`Tuner::suggest`] in microseconds, with what was thought of before.

@@ -136,11 +136,14 @@ impl Tuner {
                 (false, false) => break,
             }
         }
-        if !was_dropped
-            && search.can_follow()
-            && let Some((guide, first)) = self.elsewhere(state)
-        {
-            search.follow(guide, first);
+        if !was_dropped && search.can_follow() {
+            let (thoughts, known) = (&mut self.thoughts, &self.states[state]);
+            let thought =
+                thoughts.as_mut().and_then(|thoughts| thoughts.take_beginning(known.id, &known.anchor));
+            let beginning = thought.unwrap_or_else(|| self.told_by_others(state).beginning(&self.spec.space));
+            if let Some((guide, first)) = beginning {
+                search.follow(guide, first);
+            }
         }
         self.work[state].exploration = Some(Exploration::new(search));
         self.work[state].changes += 1;

@@ -251,3 +251,27 @@ fn a_new_state_begins_with_the_default_and_then_with_what_did_well_in_others() {
         assert_eq!(own.clone().any(|configuration| *configuration == best.configuration), follows);
     }
 }
+
+#[test]
+fn what_others_know_is_thought_about_apart() {
+    let policy = Policy {
+        search: SearchMethod::Auto,
+        predictor: PredictorMethod::NearestNeighbour,
+        ..explore_always()
+    };
+    let mut alone = tuner(policy);
+    run(&mut alone, "a", 0.5, 0.5, 30);
+    let mut shared = alone.clone();
+    for frame in 0..12 {
+        let ask = ask("a", 0.7, 0.5);
+        let errand = shared.errand(&ask, |_| true);
+        assert!(frame > 0 || errand.is_some(), "a guide is no lookup");
+        let thoughts = errand.map(Errand::run).unwrap_or_default();
+        let (one, _) = alone.suggest(&ask, 0).expect("a valid question");
+        let (other, _) = shared.suggest_ahead(&ask, thoughts, 0).expect("a valid question");
+        assert_eq!(one, other);
+        for tuner in [&mut alone, &mut shared] {
+            let _change = tuner.report(&one, measured(cost(&one)), Outcome::Ok, 1).expect("a valid report");
+        }
+    }
+}
