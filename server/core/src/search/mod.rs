@@ -258,11 +258,6 @@ impl AnySearch {
         }
     }
 
-    /// Whether [`follow`](AnySearch::follow) makes a difference.
-    pub fn can_follow(&self) -> bool {
-        matches!(self, AnySearch::Model(_) | AnySearch::Auto(_))
-    }
-
     /// Has a search that has just begun profit from other states: `first` are points to begin with, after the default.
     /// Searches without a model pass it over.
     pub fn follow(&mut self, guide: Guide, first: Vec<Vec<f64>>) {

@@ -1,12 +1,13 @@
 //! Thinking apart: what takes a suggestion long is done on copies, before, and without the tuner.
 //!
 //! A suggestion is a matter of microseconds but for three things: a search with a model fits it, one that begins is
-//! told what other states know, and the contextual predictor fits a process to what was measured near by. Where many clients share a tuner they must not wait for
-//! that. So whoever holds the tuner first asks for the [`Errand`] of a question, lets go of the tuner, has the errand
+//! told what other states know, and the contextual predictor fits a process to what was measured near by. Where many
+//! clients share a tuner they must not wait for that. So whoever holds the tuner first asks for the [`Errand`] of a question, lets go of the tuner, has the errand
 //! run, and then asks the question with the [`Thoughts`] that came of it. A question with thoughts never fits a
 //! model: where there are none for what it turns out to need (another client changed the state meanwhile, or is
 //! thinking about the same search), it is answered from the tables, because a client never waits. A client that is alone
-//! gets the same answers either way.
+//! gets the same answers either way. One thing is still done at once where nobody thought of it, once for a state:
+//! what others tell a search that begins.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

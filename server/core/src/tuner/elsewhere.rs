@@ -6,8 +6,8 @@
 //! Hutter, "Initializing Bayesian hyperparameter optimization via meta-learning", AAAI 2015).
 //!
 //! Making the guide takes some milliseconds, so what it rests on is copied and thought about apart where the tuner is
-//! shared (see `ahead`). A beginning is all that is taken over. The search is stored with its guide, so that a tuner that is restored has
-//! the same, whatever the others have learnt since.
+//! shared (see `ahead`). A beginning is all that is taken over. The search is stored with its guide, so that a tuner
+//! that is restored has the same, whatever the others have learnt since.
 
 use crate::configuration::Configuration;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};

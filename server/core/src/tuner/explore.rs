@@ -136,7 +136,7 @@ impl Tuner {
                 (false, false) => break,
             }
         }
-        if !was_dropped && search.can_follow() {
+        if !was_dropped && self.hears_others() {
             let (thoughts, known) = (&mut self.thoughts, &self.states[state]);
             let thought =
                 thoughts.as_mut().and_then(|thoughts| thoughts.take_beginning(known.id, &known.anchor));
