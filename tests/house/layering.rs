@@ -7,18 +7,20 @@ use treewright_tests::programs::workspace;
 
 /// What each crate may depend on among ours. Anything else is an arrow against the grain.
 const ARROWS: &[(&str, &[&str])] = &[
-    ("treewright-proto", &[]),
-    ("treewright-core", &[]),
+    ("treewright-model", &[]),
+    ("treewright-proto", &["treewright-model"]),
+    ("treewright-core", &["treewright-model"]),
     ("treewright-accel", &[]),
-    ("treewright-store", &["treewright-core"]),
-    ("treewright-server", &["treewright-core", "treewright-proto", "treewright-store"]),
-    ("treewright-client", &["treewright-proto"]),
+    ("treewright-store", &["treewright-core", "treewright-model"]),
+    ("treewright-server", &["treewright-core", "treewright-model", "treewright-proto", "treewright-store"]),
+    ("treewright-client", &["treewright-model", "treewright-proto"]),
     ("treewright-renderer", &["treewright-accel", "treewright-client"]),
     ("treewright-test-postgres", &[]),
     (
         "treewright-fuzz",
         &[
             "treewright-core",
+            "treewright-model",
             "treewright-proto",
             "treewright-renderer",
             "treewright-server",
@@ -27,15 +29,18 @@ const ARROWS: &[(&str, &[&str])] = &[
     ),
     (
         "treewright-simulation",
-        &["treewright-core", "treewright-proto", "treewright-server", "treewright-store"],
+        &["treewright-core", "treewright-model", "treewright-proto", "treewright-server", "treewright-store"],
     ),
 ];
 
-/// Crates that would bring I/O, clocks or threads into the core.
-const NOT_IN_CORE: &[&str] = &["tokio", "sqlx", "tonic", "prost", "reqwest", "rusqlite", "tracing", "chrono"];
+/// The crates that compute and do nothing else, with their sources.
+const PURE: &[(&str, &str)] = &[("treewright-model", "model/src"), ("treewright-core", "server/core/src")];
 
-/// Standard library paths that the core must not name: it computes, the shell does.
-const NOT_SAID_IN_CORE: &[&str] = &[
+/// Crates that would bring I/O, clocks or threads into them.
+const NOT_IN_PURE: &[&str] = &["tokio", "sqlx", "tonic", "prost", "reqwest", "rusqlite", "tracing", "chrono"];
+
+/// Standard library paths that they must not name: they compute, the shell does.
+const NOT_SAID_IN_PURE: &[&str] = &[
     "std::fs",
     "std::io",
     "std::net",
@@ -84,20 +89,19 @@ fn arrows_point_one_way() {
 }
 
 #[test]
-fn the_core_does_no_io() {
-    for name in &dependencies()["treewright-core"] {
-        assert!(!NOT_IN_CORE.contains(&name.as_str()), "treewright-core must not depend on {name}");
-    }
-    for file in super::tidiness::rust_files().filter(|file| file.path.starts_with("server/core/src")) {
-        for phrase in NOT_SAID_IN_CORE {
-            let code =
-                file.text.lines().find(|line| !line.trim_start().starts_with("//") && line.contains(phrase));
-            assert!(
-                code.is_none(),
-                "{}: the core must not use {phrase}: {}",
-                file.path,
-                code.unwrap_or_default()
-            );
+fn pure_crates_do_no_io() {
+    let dependencies = dependencies();
+    for (package, folder) in PURE {
+        for name in &dependencies[*package] {
+            assert!(!NOT_IN_PURE.contains(&name.as_str()), "{package} must not depend on {name}");
+        }
+        for file in super::tidiness::rust_files().filter(|file| file.path.starts_with(folder)) {
+            for phrase in NOT_SAID_IN_PURE {
+                let says = |line: &&str| !line.trim_start().starts_with("//") && line.contains(phrase);
+                if let Some(code) = file.text.lines().find(says) {
+                    panic!("{}: {package} must not use {phrase}: {code}", file.path);
+                }
+            }
         }
     }
 }

@@ -6,32 +6,26 @@
 //! the comments of this crate). The core does no I/O, reads no clock and no environment, and owns no
 //! randomness it was not handed: the same specification and the same calls give the same bytes.
 //!
-//! The way through the crate, from the ground up: [`value`], [`space`] and [`configuration`] say what can
+//! The way through the crate, from the ground up: of the shared words (`treewright-model`), [`value`], [`space`] and [`configuration`] say what can
 //! be run; [`indicator`] and [`objective`] say what is known of an input and what is minimised; [`study`]
 //! joins them with a [`policy`]; [`trial`] is what is handed out; [`search`] explores one state;
 //! [`predict`] carries knowledge from state to state, [`fleet`] from machine to machine; [`tuner`] decides.
 #![forbid(unsafe_code)]
 
+pub use treewright_model::{configuration, indicator, names, objective, policy, space, study, trial, value};
+
 mod ascent;
-pub mod configuration;
 pub mod fleet;
-pub mod indicator;
 pub mod knowledge;
 pub mod limits;
 mod matrix;
-pub mod names;
-pub mod objective;
 pub mod packed;
-pub mod policy;
 pub mod predict;
 mod randomness;
 pub mod robust;
 pub mod search;
-pub mod space;
-pub mod study;
 pub mod sum;
 #[cfg(test)]
+#[path = "../../../model/src/testing.rs"]
 mod testing;
-pub mod trial;
 pub mod tuner;
-pub mod value;

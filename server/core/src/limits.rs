@@ -1,50 +1,10 @@
-//! Every limit of the core in one place, as the comments of the wire contract state them.
+//! Every limit of the core in one place: how much is remembered of studies, states, clients and machines. The limits of
+//! what is said to the daemon are those of [`treewright_model::limits`], and stand here too.
 //!
 //! A limit that is reached is answered with an error that names the field and the limit, never with
 //! silent truncation.
 
-/// Longest name of a parameter, an indicator or a metric, in characters.
-pub const NAME_CHARACTERS_MAX: usize = 64;
-/// Longest `display_name` of a study, in characters.
-pub const DISPLAY_NAME_CHARACTERS_MAX: usize = 200;
-/// Longest `client_id`, in characters.
-pub const CLIENT_ID_CHARACTERS_MAX: usize = 128;
-/// Longest text value of a categorical parameter, in characters.
-pub const TEXT_VALUE_CHARACTERS_MAX: usize = 256;
-/// Longest reason of an infeasible or failed outcome, in characters.
-pub const OUTCOME_REASON_CHARACTERS_MAX: usize = 1000;
-/// Longest entry of a fingerprint, in characters.
-pub const FINGERPRINT_TEXT_CHARACTERS_MAX: usize = 256;
-/// Most software entries of a fingerprint.
-pub const FINGERPRINT_SOFTWARE_MAX: usize = 32;
-
-/// Most parameters of a space.
-pub const PARAMETERS_MAX: usize = 128;
-/// Most constraints of a space.
-pub const CONSTRAINTS_MAX: usize = 64;
-/// Most values of a categorical domain, and of a condition.
-pub const CATEGORIES_MAX: usize = 64;
-/// Largest magnitude of an integer: beyond 2^53 a double can no longer tell neighbours apart.
-pub const INTEGER_MAGNITUDE_MAX: i64 = 1 << 53;
-/// Most indicators of a study.
-pub const INDICATORS_MAX: usize = 128;
-/// Most terms of an objective.
-pub const OBJECTIVE_TERMS_MAX: usize = 16;
-/// Most measurements of a report.
-pub const MEASUREMENTS_MAX: usize = 64;
-
-/// Most measured configurations a state's search may take.
-pub const TRIALS_PER_STATE_MAX: u32 = 100_000;
-/// Most measurements of one configuration in one state before the search goes on.
-pub const REPLICATES_MAX: u32 = 100;
-/// Most visits after which epsilon is halved.
-pub const EPSILON_HALVES_AFTER_MAX: u32 = 1_000_000;
-/// Most trials at the start of a session that are not learnt.
-pub const WARM_UP_MAX: u32 = 10_000;
-/// Largest factor between the costs of a configuration and the reference that a policy may name.
-pub const COST_FACTOR_MAX: f64 = 1e6;
-/// Longest lease, in seconds: one day.
-pub const LEASE_S_MAX: u32 = 86_400;
+pub use treewright_model::limits::*;
 
 /// Most states of a study. They are looked up in an index; a million anchors of 17 indicators are 136 MB,
 /// and up to three times as much in it.
@@ -63,10 +23,6 @@ pub const SIBLINGS_MAX: usize = 32;
 
 /// Largest packed value, in bytes before it was packed: a damaged length must not take all memory.
 pub const UNPACKED_BYTES_MAX: usize = 1 << 30;
-
-/// Largest magnitude of a normalised indicator. Values further out of the declared range than a billion
-/// times its width are held here, so that squares and sums of them stay finite.
-pub const NORMALISED_MAGNITUDE_MAX: f64 = 1e9;
 
 /// Most exploring trials of a client that wait to be settled; the oldest is charged in full when there are more.
 pub const CHARGES_MAX: usize = 16;

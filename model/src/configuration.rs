@@ -69,16 +69,18 @@ impl From<Configuration> for RawConfiguration {
 }
 
 /// For checkpoints alone, whose reader checks every configuration against its space before anyone else sees it.
-pub(crate) mod unchecked {
+pub mod unchecked {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     use super::{Configuration, RawConfiguration};
 
-    pub(crate) fn serialize<S: Serializer>(value: &Configuration, serializer: S) -> Result<S::Ok, S::Error> {
+    /// Writes the values.
+    pub fn serialize<S: Serializer>(value: &Configuration, serializer: S) -> Result<S::Ok, S::Error> {
         value.serialize(serializer)
     }
 
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Configuration, D::Error> {
+    /// Reads values without checking them.
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Configuration, D::Error> {
         RawConfiguration::deserialize(deserializer).map(Configuration::from_checked)
     }
 }

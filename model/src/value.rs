@@ -46,7 +46,7 @@ impl Value {
     }
 
     /// The canonical form: a negative zero becomes zero.
-    pub(crate) fn canonical(self) -> Value {
+    pub fn canonical(self) -> Value {
         match self {
             // Adding a positive zero turns -0.0 into 0.0 and leaves every other number alone.
             Value::Float(float) => Value::Float(float + 0.0),

@@ -73,7 +73,7 @@ impl Domain {
     }
 
     /// How many values there are beside one, numbers in four steps at most: what trying each of them once takes.
-    pub(crate) fn alternatives(&self) -> u64 {
+    pub fn alternatives(&self) -> u64 {
         match self {
             Domain::Boolean => 1,
             Domain::Categorical { values } => values.len() as u64 - 1,
@@ -86,7 +86,7 @@ impl Domain {
     ///
     /// Floats are rounded to twelve significant digits: that keeps the names of configurations short and
     /// lets values that people write survive the way there and back.
-    pub(crate) fn decode(&self, coordinate: f64) -> Value {
+    pub fn decode(&self, coordinate: f64) -> Value {
         let x = if coordinate.is_nan() { 0.0 } else { coordinate.clamp(0.0, 1.0) };
         match self {
             Domain::Integer { min, max, scale: Scale::Linear } => {
@@ -115,7 +115,7 @@ impl Domain {
     }
 
     /// The coordinate of a value of this domain, 0 to 1: for discrete domains the middle of its cell.
-    pub(crate) fn encode(&self, value: &Value) -> f64 {
+    pub fn encode(&self, value: &Value) -> f64 {
         let coordinate = match (self, value) {
             (Domain::Integer { min, max, scale: Scale::Linear }, Value::Integer(integer)) => {
                 ((integer - min) as f64 + 0.5) / ((max - min) as f64 + 1.0)

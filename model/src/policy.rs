@@ -13,7 +13,7 @@ use crate::space::{Space, SpaceError};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SearchMethod {
-    /// Whatever suits the space, the budget and what was measured so far; see [`crate::search::auto`].
+    /// Whatever suits the space, the budget and what was measured so far; see `treewright_core::search::auto`.
     #[default]
     Auto,
     /// Latin hypercube start, then a stochastic Nelder-Mead after Chang (2012) (paper section 6).
@@ -22,7 +22,7 @@ pub enum SearchMethod {
     LatinHypercube,
     /// Independent uniform samples.
     Random,
-    /// Gaussian processes and expected improvement; see [`crate::search::model`].
+    /// Gaussian processes and expected improvement; see `treewright_core::search::model`.
     Model,
 }
 
@@ -39,7 +39,7 @@ impl SearchMethod {
     }
 }
 
-/// Predictors across states; see [`crate::predict`].
+/// Predictors across states; see `treewright_core::predict`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PredictorMethod {
@@ -128,7 +128,7 @@ pub struct Policy<C = Configuration> {
     #[serde(default)]
     pub epsilon_halves_after: u32,
     /// Exploring may cost each client at most this share of its frame time in each session, 0 to 1: see
-    /// [`crate::tuner::account`]. `None`, the default, for no limit.
+    /// `treewright_core::tuner::account`. `None`, the default, for no limit.
     #[serde(default)]
     pub regret_budget: Option<f64>,
     /// An exploring trial is told to stop when its cost exceeds that of the reference by this factor, above 1.

@@ -239,7 +239,7 @@ impl Space {
     }
 
     /// Whether a configuration of unknown origin is one of this space.
-    pub(crate) fn owns(&self, configuration: &Configuration) -> bool {
+    pub fn owns(&self, configuration: &Configuration) -> bool {
         self.configuration(configuration.to_raw()).is_ok_and(|own| own == *configuration)
     }
 
@@ -248,7 +248,8 @@ impl Space {
         self.default.clone()
     }
 
-    pub(crate) fn default_ref(&self) -> &Configuration {
+    /// The same without a copy.
+    pub fn default_ref(&self) -> &Configuration {
         &self.default
     }
 

@@ -1,0 +1,52 @@
+//! Every limit of what is said between a client and the daemon in one place, as the comments of the wire contract state
+//! them. What the daemon keeps for itself has limits of its own (`treewright_core::limits`).
+//!
+//! A limit that is reached is answered with an error that names the field and the limit, never with
+//! silent truncation.
+
+/// Longest name of a parameter, an indicator or a metric, in characters.
+pub const NAME_CHARACTERS_MAX: usize = 64;
+/// Longest `display_name` of a study, in characters.
+pub const DISPLAY_NAME_CHARACTERS_MAX: usize = 200;
+/// Longest `client_id`, in characters.
+pub const CLIENT_ID_CHARACTERS_MAX: usize = 128;
+/// Longest text value of a categorical parameter, in characters.
+pub const TEXT_VALUE_CHARACTERS_MAX: usize = 256;
+/// Longest reason of an infeasible or failed outcome, in characters.
+pub const OUTCOME_REASON_CHARACTERS_MAX: usize = 1000;
+/// Longest entry of a fingerprint, in characters.
+pub const FINGERPRINT_TEXT_CHARACTERS_MAX: usize = 256;
+/// Most software entries of a fingerprint.
+pub const FINGERPRINT_SOFTWARE_MAX: usize = 32;
+
+/// Most parameters of a space.
+pub const PARAMETERS_MAX: usize = 128;
+/// Most constraints of a space.
+pub const CONSTRAINTS_MAX: usize = 64;
+/// Most values of a categorical domain, and of a condition.
+pub const CATEGORIES_MAX: usize = 64;
+/// Largest magnitude of an integer: beyond 2^53 a double can no longer tell neighbours apart.
+pub const INTEGER_MAGNITUDE_MAX: i64 = 1 << 53;
+/// Most indicators of a study.
+pub const INDICATORS_MAX: usize = 128;
+/// Most terms of an objective.
+pub const OBJECTIVE_TERMS_MAX: usize = 16;
+/// Most measurements of a report.
+pub const MEASUREMENTS_MAX: usize = 64;
+
+/// Most measured configurations a state's search may take.
+pub const TRIALS_PER_STATE_MAX: u32 = 100_000;
+/// Most measurements of one configuration in one state before the search goes on.
+pub const REPLICATES_MAX: u32 = 100;
+/// Most visits after which epsilon is halved.
+pub const EPSILON_HALVES_AFTER_MAX: u32 = 1_000_000;
+/// Most trials at the start of a session that are not learnt.
+pub const WARM_UP_MAX: u32 = 10_000;
+/// Largest factor between the costs of a configuration and the reference that a policy may name.
+pub const COST_FACTOR_MAX: f64 = 1e6;
+/// Longest lease, in seconds: one day.
+pub const LEASE_S_MAX: u32 = 86_400;
+
+/// Largest magnitude of a normalised indicator. Values further out of the declared range than a billion
+/// times its width are held here, so that squares and sums of them stay finite.
+pub const NORMALISED_MAGNITUDE_MAX: f64 = 1e9;
