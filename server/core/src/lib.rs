@@ -9,7 +9,8 @@
 //! The way through the crate, from the ground up: of the shared words (`treewright-model`), [`value`], [`space`] and [`configuration`] say what can
 //! be run; [`indicator`] and [`objective`] say what is known of an input and what is minimised; [`study`]
 //! joins them with a [`policy`]; [`trial`] is what is handed out; [`search`] explores one state;
-//! [`predict`] carries knowledge from state to state, [`fleet`] from machine to machine; [`tuner`] decides.
+//! [`predict`] carries knowledge from state to state, [`fleet`] from machine to machine; [`statistics`] says what
+//! measurements prove; [`tuner`] decides.
 #![forbid(unsafe_code)]
 
 pub use treewright_model::{configuration, indicator, names, objective, policy, space, study, trial, value};
@@ -24,6 +25,7 @@ pub mod predict;
 mod randomness;
 pub mod robust;
 pub mod search;
+pub mod statistics;
 pub mod sum;
 #[cfg(test)]
 #[path = "../../../model/src/testing.rs"]

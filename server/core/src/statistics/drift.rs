@@ -1,0 +1,162 @@
+//! How fast a client's machine is at the moment.
+//!
+//! Clocks rise and fall, and other programs come and go: all costs of a client are multiplied by one factor that changes
+//! over time. Its logarithm is taken for a random walk and followed by a scalar Kalman filter (Kalman, "A new approach to
+//! linear filtering and prediction problems", Journal of Basic Engineering 82, 1960). What it is held by are repeated
+//! measurements of the incumbent, whose cost is known; every other measurement is divided by the factor of its time. A step
+//! that is far outside of what the walk allows is a jump: the filter then forgets what it held and believes what it
+//! sees (a gate on the normalised innovation: Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking
+//! and navigation", 2001, section 5.4).
+
+use serde::{Deserialize, Serialize};
+
+/// Standard deviation of one step of the walk, from one trial to the next, in deviations of a measurement: what changes
+/// by less cannot be seen anyhow.
+const STEP: f64 = 0.25;
+/// What the filter is unsure of after a jump, and at the beginning of a session.
+const JUMP: f64 = 0.5;
+/// Innovations of more standard deviations are jumps.
+const GATE: f64 = 4.0;
+/// The incumbent is due once the factor's deviation exceeds so many deviations of a measurement.
+const DUE: f64 = 1.0;
+
+/// A client's speed, relative to when it was first measured. Opaque, exact through serde.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Speed {
+    /// Logarithm of the factor on all costs, and its variance.
+    log_factor: f64,
+    variance: f64,
+    /// The last innovation went over the gate: the next one decides whether it was a jump or a wild measurement.
+    suspects: Option<f64>,
+    jumps: u64,
+}
+
+impl Default for Speed {
+    fn default() -> Self {
+        Speed { log_factor: 0.0, variance: 0.0, suspects: None, jumps: 0 }
+    }
+}
+
+impl Speed {
+    /// A trial has passed. `noise` is the standard deviation of the logarithm of one measurement.
+    pub fn step(&mut self, noise: f64) {
+        let step = STEP * noise;
+        self.variance = (self.variance + step * step).min(JUMP * JUMP);
+    }
+
+    /// Takes a measurement of a configuration whose cost is known to be `expected` at the factor 1. Both costs are above 0. One measurement far off is taken for
+    /// an accident; a second one like it for a jump.
+    pub fn hold(&mut self, cost: f64, expected: f64, noise: f64) {
+        let seen = libm::log(cost.max(f64::MIN_POSITIVE)) - libm::log(expected.max(f64::MIN_POSITIVE));
+        let innovation = seen - self.log_factor;
+        let spread = (self.variance + noise * noise).sqrt();
+        if innovation.abs() > GATE * spread {
+            let agrees = self.suspects.is_some_and(|before| (seen - before).abs() <= GATE * noise);
+            if !agrees {
+                self.suspects = Some(seen);
+                return;
+            }
+            self.variance = JUMP * JUMP;
+            self.jumps += 1;
+        }
+        self.suspects = None;
+        let gain = self.variance / (self.variance + noise * noise).max(f64::MIN_POSITIVE);
+        self.log_factor += gain * innovation;
+        self.variance *= 1.0 - gain;
+    }
+
+    /// What a cost would have been at the factor 1.
+    pub fn corrected(&self, cost: f64) -> f64 {
+        (cost * libm::exp(-self.log_factor)).min(f64::MAX)
+    }
+
+    /// The factor on all costs at the moment.
+    pub fn factor(&self) -> f64 {
+        libm::exp(self.log_factor)
+    }
+
+    /// Whether the incumbent should be measured again before anything else is believed.
+    pub fn is_due(&self, noise: f64) -> bool {
+        self.suspects.is_some() || self.variance.sqrt() > DUE * noise
+    }
+
+    /// How often the speed jumped.
+    pub fn jumps(&self) -> u64 {
+        self.jumps
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::statistics::simulated::normal;
+
+    /// Runs 80 trials of challengers of cost 8 on a machine with that factor, the incumbent of cost 10 whenever it is due;
+    /// the mean error of the corrected and the raw logarithms, and how often the incumbent ran.
+    fn run(factor: impl Fn(usize) -> f64, noise: f64) -> (f64, f64, usize) {
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let mut speed = Speed::default();
+        let (mut corrected, mut raw, mut trials, mut held) = (0.0, 0.0, 0, 0);
+        for time in 0..80 {
+            speed.step(noise);
+            let measured =
+                |cost: f64, random: &mut ChaCha8Rng| cost * factor(time) * (noise * normal(random)).exp();
+            if speed.is_due(noise) {
+                speed.hold(measured(10.0, &mut random), 10.0, noise);
+                held += 1;
+            } else {
+                let cost = measured(8.0, &mut random);
+                corrected += (speed.corrected(cost) / 8.0).ln().abs();
+                raw += (cost / 8.0).ln().abs();
+                trials += 1;
+            }
+        }
+        (corrected / f64::from(trials), raw / f64::from(trials), held)
+    }
+
+    #[test]
+    fn load_that_comes_and_goes_is_taken_out() {
+        let load = |time: usize| if (time / 16) % 2 == 1 { 1.6 } else { 1.0 };
+        let (corrected, raw, held) = run(load, 0.03);
+        assert!(corrected < 0.6 * raw, "{corrected} of {raw}");
+        assert!(held < 30, "{held} of 80 trials held the speed");
+    }
+
+    #[test]
+    fn a_slow_change_of_the_clock_is_followed() {
+        let (corrected, raw, _) = run(|time| (0.006 * time as f64).exp(), 0.03);
+        assert!(corrected < 0.5 * raw, "{corrected} of {raw}");
+    }
+
+    #[test]
+    fn a_quiet_machine_loses_little_by_it() {
+        let (corrected, raw, held) = run(|_| 1.0, 0.05);
+        assert!(corrected < 1.3 * raw, "{corrected} of {raw}");
+        assert!(held <= 12, "{held} of 80 trials held the speed");
+    }
+
+    #[test]
+    fn one_wild_measurement_is_no_jump_and_two_are() {
+        let mut speed = Speed::default();
+        speed.hold(30.0, 10.0, 0.03);
+        assert_eq!((speed.factor(), speed.jumps(), speed.is_due(0.03)), (1.0, 0, true));
+        speed.hold(10.1, 10.0, 0.03);
+        assert!(!speed.is_due(0.03) && speed.factor() < 1.05);
+        speed.hold(30.0, 10.0, 0.03);
+        speed.hold(30.5, 10.0, 0.03);
+        assert_eq!(speed.jumps(), 1);
+        assert!((speed.factor() - 3.05).abs() < 0.05);
+    }
+
+    #[test]
+    fn extremes_stay_finite() {
+        let mut speed = Speed::default();
+        for cost in [0.0, 0.0, f64::MAX, f64::MAX, 5e-324, 1.0] {
+            speed.hold(cost, 1.0, 0.0);
+            assert!(speed.factor().is_finite() && speed.corrected(f64::MAX).is_finite());
+        }
+    }
+}

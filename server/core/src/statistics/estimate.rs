@@ -1,0 +1,411 @@
+//! What the configurations of a state really cost, and what the best of them gains.
+//!
+//! The lowest of many noisy measurements is mostly luck: on a landscape where everything costs the same, the best of 80
+//! measurements with 7 % noise looks 15 % better than the rest. The cure is a posterior with a prior that the
+//! measurements themselves shape: expected values of a choice among posteriors are not inflated by the choice (Smith and
+//! Winkler, "The optimizer's curse: skepticism and postdecision surprise in decision analysis", Management Science 52,
+//! 2006; empirical Bayes: Efron and Morris, "Stein's estimation rule and its competitors", JASA 68, 1973).
+//!
+//! The logarithm of a configuration's cost is a level plus a Gaussian process over configurations plus noise; similar
+//! configurations so speak for each other, and repeats for themselves. How far likeness reaches and how large the
+//! differences are beside the noise is not estimated but averaged over a grid, each model weighed by its marginal
+//! likelihood (Hoeting, Madigan, Raftery and Volinsky, "Bayesian model averaging", Statistical Science 14, 1999), and
+//! the scale is integrated out in closed form (Rasmussen and Williams, "Gaussian processes for machine learning", 2006,
+//! section 2.7 for the level). One of the models says that all configurations cost the same: where it is not refuted,
+//! little gain is told.
+
+use crate::matrix::Factor;
+use crate::statistics::distribution::student_cdf;
+
+/// How far likeness reaches: distances in the space of features, in which a parameter's whole range is 1.
+const LENGTHS: [f64; 5] = [0.15, 0.4, 1.0, 2.5, 6.0];
+/// Variances of the differences between configurations, in variances of the noise.
+const RATIOS: [f64; 7] = [0.1, 0.4, 2.0, 10.0, 60.0, 400.0, 4000.0];
+/// The probability, before anything is measured, that all configurations cost the same.
+const FLAT_PRIOR: f64 = 0.2;
+/// The noise of logarithms of costs that is expected beforehand, and how many measurements that is worth.
+const NOISE_PRIOR: f64 = 0.05;
+const NOISE_PRIOR_COUNT: f64 = 3.0;
+/// Models of less weight beside the heaviest are left out.
+const WEIGHT_LEAST: f64 = 1e-3;
+/// What 95 % intervals leave out on either side.
+const TAIL: f64 = 0.025;
+/// Halvings when a quantile is sought.
+const HALVINGS: usize = 50;
+
+/// The measurements of one configuration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sample {
+    /// Its place among the configurations.
+    pub features: Vec<f64>,
+    /// Mean of the logarithms of its costs.
+    pub mean: f64,
+    /// How many measurements there are, at least 1.
+    pub count: f64,
+    /// The sum of their squared deviations from the mean.
+    pub scatter: f64,
+}
+
+/// One model of the grid, fitted.
+#[derive(Clone, Debug)]
+struct Model {
+    weight: f64,
+    /// `None` for the model in which everything costs the same.
+    factor: Option<Factor>,
+    /// Posterior means of the logarithms of costs.
+    means: Vec<f64>,
+    /// How much the level moves each mean, and the variance of the level in variances of the noise.
+    by_level: Vec<f64>,
+    level_variance: f64,
+    /// Variance of the noise, and the degrees of freedom of it.
+    noise_2: f64,
+    freedom: f64,
+}
+
+/// The posterior of all configurations of a state.
+#[derive(Clone, Debug)]
+pub struct Posterior {
+    models: Vec<Model>,
+    counts: Vec<f64>,
+}
+
+/// How one configuration compares with another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Comparison {
+    /// By which share the cost of the first is expected to be below the other's.
+    pub gain: f64,
+    /// The 95 % interval of that share.
+    pub gain_low: f64,
+    /// Its upper end.
+    pub gain_high: f64,
+    /// The probability that the first is the cheaper one; what is equal is not cheaper.
+    pub probability_better: f64,
+}
+
+/// The covariance of Matérn with smoothness 5/2 at a squared distance in lengths.
+fn matern(distance_2: f64) -> f64 {
+    let r = (5.0 * distance_2).sqrt();
+    (1.0 + r + r * r / 3.0) * libm::exp(-r)
+}
+
+impl Posterior {
+    /// The posterior of what was measured. `distance_2` gives the squared distance between features. `None` for no
+    /// samples. The work grows with the cube of their number.
+    pub fn of(samples: &[Sample], distance_2: impl Fn(&[f64], &[f64]) -> f64) -> Option<Posterior> {
+        let n = samples.len();
+        if n == 0 {
+            return None;
+        }
+        let mut distances = vec![0.0; n * n];
+        for i in 0..n {
+            for j in 0..i {
+                distances[i * n + j] = distance_2(&samples[i].features, &samples[j].features);
+            }
+        }
+        let fits = |likeness: &[f64], ratio: f64| -> Option<(f64, Model)> {
+            let mut matrix: Vec<f64> = likeness.iter().map(|alike| ratio * alike).collect();
+            (0..n).for_each(|i| matrix[i * n + i] = ratio + 1.0 / samples[i].count);
+            fit(samples, Some(Factor::of(&matrix, n)?))
+        };
+        let mut fitted: Vec<(f64, Model)> = Vec::with_capacity(1 + LENGTHS.len() * RATIOS.len());
+        if let Some((evidence, model)) = fit(samples, None) {
+            fitted.push((evidence + libm::log(FLAT_PRIOR), model));
+        }
+        // With one configuration there are no differences.
+        if n > 1 {
+            let each = libm::log((1.0 - FLAT_PRIOR) / (LENGTHS.len() * RATIOS.len()) as f64);
+            for length in LENGTHS {
+                let mut likeness = vec![0.0; n * n];
+                for i in 1..n {
+                    let row = i * n..i * n + i;
+                    let below = likeness[row.clone()].iter_mut().zip(&distances[row]);
+                    below.for_each(|(alike, distance_2)| *alike = matern(distance_2 / (length * length)));
+                }
+                let models = RATIOS.iter().filter_map(|&ratio| fits(&likeness, ratio));
+                fitted.extend(models.map(|(evidence, model)| (evidence + each, model)));
+            }
+        }
+        let heaviest = fitted.iter().map(|(evidence, _)| *evidence).fold(f64::NEG_INFINITY, f64::max);
+        let mut models: Vec<Model> = Vec::new();
+        for (evidence, mut model) in fitted {
+            model.weight = libm::exp(evidence - heaviest);
+            if model.weight >= WEIGHT_LEAST {
+                models.push(model);
+            }
+        }
+        let sum: f64 = models.iter().map(|model| model.weight).sum();
+        models.iter_mut().for_each(|model| model.weight /= sum);
+        let counts = samples.iter().map(|sample| sample.count).collect();
+        (!models.is_empty()).then_some(Posterior { models, counts })
+    }
+
+    /// The expected logarithm of the cost of each configuration.
+    pub fn means(&self) -> Vec<f64> {
+        let mut means = vec![0.0; self.counts.len()];
+        for model in &self.models {
+            means.iter_mut().zip(&model.means).for_each(|(mean, own)| *mean += model.weight * own);
+        }
+        means
+    }
+
+    /// The noise of the logarithm of one measurement: a standard deviation.
+    pub fn noise(&self) -> f64 {
+        self.models.iter().map(|model| model.weight * model.noise_2).sum::<f64>().sqrt()
+    }
+
+    /// The probability that all configurations cost the same.
+    pub fn flat_probability(&self) -> f64 {
+        self.models.iter().filter(|model| model.factor.is_none()).map(|model| model.weight).sum()
+    }
+
+    /// Compares the cost of one configuration with that of another.
+    pub fn compare(&self, one: usize, other: usize) -> Comparison {
+        let parts: Vec<Part> = self.models.iter().map(|model| self.part(model, one, other)).collect();
+        // The logarithm of a ratio of costs; above zero the first is cheaper.
+        let at_most = |x: f64| -> f64 { parts.iter().map(|part| part.at_most(x)).sum() };
+        let mean: f64 = parts.iter().map(|part| part.weight * part.mean).sum();
+        let reach =
+            parts.iter().map(|part| (part.mean - mean).abs() + 40.0 * part.deviation).fold(1e-9, f64::max);
+        let quantile = |probability: f64| {
+            let (mut low, mut high) = (mean - reach, mean + reach);
+            for _ in 0..HALVINGS {
+                let middle = low + (high - low) / 2.0;
+                if at_most(middle) < probability { low = middle } else { high = middle }
+            }
+            high
+        };
+        let share = |log_ratio: f64| -libm::expm1(-log_ratio);
+        // Where the atom of equal costs covers a quantile, halving comes to within rounding of it.
+        let settled = |x: f64| if x.abs() <= 1e-9 * reach { 0.0 } else { x };
+        Comparison {
+            gain: share(mean),
+            gain_low: share(settled(quantile(TAIL))),
+            gain_high: share(settled(quantile(1.0 - TAIL))),
+            probability_better: 1.0 - at_most(0.0),
+        }
+    }
+
+    /// What one model says of the logarithm of a ratio of costs.
+    fn part(&self, model: &Model, one: usize, other: usize) -> Part {
+        let mean = model.means[other] - model.means[one];
+        let Some(factor) = model.factor.as_ref().filter(|_| one != other) else {
+            return Part { weight: model.weight, mean, deviation: 0.0, freedom: model.freedom };
+        };
+        let n = self.counts.len();
+        // Of the difference: both noises, less what the process explains, and what the level adds.
+        let mut difference = vec![0.0; n];
+        difference[one] = 1.0 / self.counts[one];
+        difference[other] = -1.0 / self.counts[other];
+        let own = 1.0 / self.counts[one] + 1.0 / self.counts[other];
+        factor.forward(&mut difference);
+        let explained: f64 = difference.iter().map(|x| x * x).sum();
+        let by_level = model.by_level[one] - model.by_level[other];
+        let variance = (own - explained).max(0.0) + by_level * by_level * model.level_variance;
+        let deviation = (model.noise_2 * variance).sqrt();
+        Part { weight: model.weight, mean, deviation, freedom: model.freedom }
+    }
+}
+
+/// What one model says of the logarithm of a ratio of costs: a variable of Student's.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    weight: f64,
+    mean: f64,
+    deviation: f64,
+    freedom: f64,
+}
+
+impl Part {
+    fn at_most(&self, x: f64) -> f64 {
+        let probability = if self.deviation > 0.0 {
+            student_cdf((x - self.mean) / self.deviation, self.freedom)
+        } else if x >= self.mean {
+            1.0
+        } else {
+            0.0
+        };
+        self.weight * probability
+    }
+}
+
+/// Fits one model: the logarithm of its marginal likelihood, and its posterior. Without a factor everything costs the
+/// same.
+fn fit(samples: &[Sample], factor: Option<Factor>) -> Option<(f64, Model)> {
+    let n = samples.len();
+    // The inverse of the covariance of the means, times something.
+    let solved = |mut b: Vec<f64>| {
+        match &factor {
+            Some(factor) => {
+                factor.forward(&mut b);
+                factor.backward(&mut b);
+            }
+            None => b.iter_mut().zip(samples).for_each(|(b, sample)| *b *= sample.count),
+        }
+        b
+    };
+    let half_log_determinant = match &factor {
+        Some(factor) => factor.half_log_determinant(),
+        None => -0.5 * samples.iter().map(|sample| libm::log(sample.count)).sum::<f64>(),
+    };
+    let of_ones = solved(vec![1.0; n]);
+    let precision: f64 = of_ones.iter().sum();
+    let level = of_ones.iter().zip(samples).map(|(w, sample)| w * sample.mean).sum::<f64>() / precision;
+    let residuals: Vec<f64> = samples.iter().map(|sample| sample.mean - level).collect();
+    let weights = solved(residuals.clone());
+    let misfit: f64 = weights.iter().zip(&residuals).map(|(w, r)| w * r).sum();
+    let repeats: f64 = samples.iter().map(|sample| sample.count - 1.0).sum();
+    let scatter: f64 = samples.iter().map(|sample| sample.scatter).sum();
+    let freedom = NOISE_PRIOR_COUNT + (n - 1) as f64 + repeats;
+    let sum = NOISE_PRIOR_COUNT * NOISE_PRIOR * NOISE_PRIOR + misfit.max(0.0) + scatter;
+    let evidence = -half_log_determinant - 0.5 * libm::log(precision) - 0.5 * freedom * libm::log(sum);
+    let is_flat = factor.is_none();
+    let means = samples.iter().zip(&weights).map(|(sample, w)| match is_flat {
+        true => level,
+        false => sample.mean - w / sample.count,
+    });
+    let model = Model {
+        weight: 0.0,
+        means: means.collect(),
+        by_level: of_ones.iter().zip(samples).map(|(w, sample)| w / sample.count).collect(),
+        level_variance: 1.0 / precision,
+        noise_2: sum / freedom,
+        freedom,
+        factor,
+    };
+    evidence.is_finite().then_some((evidence, model))
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::statistics::simulated::normal;
+
+    const NOISE: f64 = 0.07;
+
+    fn distance_2(a: &[f64], b: &[f64]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+    }
+
+    fn mean(values: &[f64]) -> f64 {
+        values.iter().sum::<f64>() / values.len() as f64
+    }
+
+    /// What a search leaves behind that falls for luck: a quarter at random, then steps from the lowest mean.
+    fn searched(truth: impl Fn(&[f64]) -> f64, dimension: usize, trials: usize, seed: u64) -> Vec<Sample> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut all: Vec<(Vec<f64>, Vec<f64>)> = vec![(vec![0.7; dimension], Vec::new())];
+        for trial in 0..trials {
+            let measured = all.iter().enumerate().filter(|(_, one)| !one.1.is_empty());
+            let best =
+                measured.min_by(|a, b| mean(&a.1.1).total_cmp(&mean(&b.1.1))).map_or(0, |(place, _)| place);
+            if trial > 0 && trial < trials / 4 {
+                all.push(((0..dimension).map(|_| random.random()).collect(), Vec::new()));
+            } else if trial > 0 && trial % 10 > 0 {
+                let step = 0.3 * (1.0 - trial as f64 / trials as f64) + 0.03;
+                let from = all[best].0.clone();
+                let moved = from.into_iter().map(|x| {
+                    if random.random::<bool>() { x } else { (x + step * normal(&mut random)).clamp(0.0, 1.0) }
+                });
+                all.push((moved.collect(), Vec::new()));
+            }
+            let place = if trial > 0 && trial % 10 == 0 { best } else { all.len() - 1 };
+            let log_cost = truth(&all[place].0) + NOISE * normal(&mut random);
+            all[place].1.push(log_cost);
+        }
+        let sample = |(features, log_costs): (Vec<f64>, Vec<f64>)| {
+            let mean = mean(&log_costs);
+            let scatter = log_costs.iter().map(|x| (x - mean) * (x - mean)).sum();
+            Sample { features, mean, count: log_costs.len() as f64, scatter }
+        };
+        all.into_iter().map(sample).collect()
+    }
+
+    /// Over 20 searches: the gain that is told, the true one, the one that the lowest mean tells, and how often the
+    /// interval held.
+    fn told(truth: impl Fn(&[f64]) -> f64, dimension: usize, trials: usize) -> (f64, f64, f64, usize) {
+        let (mut sums, mut held) = ([0.0; 3], 0);
+        for seed in 0..20 {
+            let samples = searched(&truth, dimension, trials, seed);
+            let posterior = Posterior::of(&samples, distance_2).expect("there are samples");
+            let means = posterior.means();
+            let best =
+                (0..means.len()).min_by(|&a, &b| means[a].total_cmp(&means[b])).expect("there are some");
+            let Comparison { gain, gain_low, gain_high, .. } = posterior.compare(best, 0);
+            let log_ratio = truth(&samples[0].features) - truth(&samples[best].features);
+            let true_gain = 1.0 - (-log_ratio).exp();
+            let lowest = samples.iter().map(|sample| sample.mean).fold(f64::INFINITY, f64::min);
+            let lucky = 1.0 - (lowest - samples[0].mean).exp();
+            for (sum, x) in sums.iter_mut().zip([gain, true_gain, lucky]) {
+                *sum += x / 20.0;
+            }
+            held += usize::from(gain_low <= true_gain && true_gain <= gain_high);
+        }
+        (sums[0], sums[1], sums[2], held)
+    }
+
+    #[test]
+    fn nothing_is_told_to_be_gained_where_everything_costs_the_same() {
+        for dimension in [6, 28] {
+            let (told, _, lucky, held) = told(|_| 1.0, dimension, 40);
+            assert!(told <= 0.015 && held >= 19, "{dimension}: told {told}, interval held {held} times");
+            assert!(lucky > 0.08, "the lowest of many would tell {lucky}");
+        }
+    }
+
+    #[test]
+    fn what_a_bowl_gains_is_told_as_it_is() {
+        let bowl = |x: &[f64]| x.iter().map(|x| (x - 0.3) * (x - 0.3)).sum::<f64>();
+        for dimension in [2, 6] {
+            let (told, truth, lucky, held) = told(bowl, dimension, 40);
+            assert!((told - truth).abs() <= 0.015, "{dimension}: told {told}, is {truth}");
+            assert!(held >= 18, "{dimension}: the interval held {held} times");
+            assert!(lucky - truth > 0.02, "the lowest of many would tell {lucky} instead of {truth}");
+        }
+    }
+
+    #[test]
+    fn repeats_outweigh_a_lucky_measurement() {
+        let sample = |x: f64, mean: f64, count: f64| Sample {
+            features: vec![x],
+            mean,
+            count,
+            scatter: (count - 1.0) * 0.05 * 0.05,
+        };
+        let samples =
+            [sample(0.0, 1.0, 10.0), sample(0.5, 0.8, 10.0), sample(1.0, 0.75, 1.0), sample(0.2, 1.0, 6.0)];
+        let posterior = Posterior::of(&samples, distance_2).expect("there are samples");
+        let comparison = posterior.compare(1, 0);
+        assert!(comparison.probability_better > 0.99 && comparison.gain_low > 0.1, "{comparison:?}");
+        assert!((0.04..0.06).contains(&posterior.noise()), "{}", posterior.noise());
+        assert!(posterior.compare(2, 1).probability_better < 0.95);
+    }
+
+    #[test]
+    fn the_unit_of_costs_and_the_order_of_samples_do_not_matter() {
+        let samples = searched(|x| x[0], 3, 20, 1);
+        let posterior = Posterior::of(&samples, distance_2).expect("there are samples");
+        let shifted: Vec<Sample> =
+            samples.iter().rev().map(|sample| Sample { mean: sample.mean + 9.0, ..sample.clone() }).collect();
+        let other = Posterior::of(&shifted, distance_2).expect("there are samples");
+        let last = samples.len() - 1;
+        for place in 0..=last {
+            let (a, b) = (posterior.compare(place, 0), other.compare(last - place, last));
+            assert!((a.gain - b.gain).abs() < 1e-6 && (a.gain_low - b.gain_low).abs() < 1e-6, "{a:?} {b:?}");
+        }
+    }
+
+    #[test]
+    fn few_and_equal_samples_are_fine() {
+        assert!(Posterior::of(&[], distance_2).is_none());
+        let one = Sample { features: vec![0.1], mean: 2.0, count: 1.0, scatter: 0.0 };
+        let posterior = Posterior::of(std::slice::from_ref(&one), distance_2).expect("there is a sample");
+        assert_eq!(posterior.compare(0, 0).gain, 0.0);
+        assert!((posterior.means()[0] - 2.0).abs() < 1e-12);
+        let posterior = Posterior::of(&vec![one; 12], distance_2).expect("there are samples");
+        let comparison = posterior.compare(3, 5);
+        assert!(comparison.gain.abs() < 1e-9 && comparison.gain_low <= 0.0 && comparison.gain_high >= 0.0);
+    }
+}

@@ -1,0 +1,218 @@
+//! The few configurations that together serve all known states best.
+//!
+//! What is minimised is the mean over states of the best that any member costs there, relative to the state's own best:
+//! the price of having the portfolio in place of a search. The reduction of it is a submodular function of the set, so
+//! adding the member that helps most, one after the other, is within 63 % of the best portfolio of the same size
+//! (Nemhauser, Wolsey and Fisher, "An analysis of approximations for maximizing submodular set functions", Mathematical
+//! Programming 14, 1978). Portfolios from configurations of other instances: Xu, Hoos and Leyton-Brown, "Hydra", AAAI
+//! 2010; Kadioglu, Malitsky, Sellmann and Tierney, "ISAC", ECAI 2010; as the beginning of a search: Feurer et al.,
+//! "Auto-sklearn 2.0", JMLR 23, 2022.
+//!
+//! The first member is the best fixed configuration: the one that is best on average over all states, so nobody who begins
+//! with the portfolio does worse than it. Not everything was measured everywhere. What is missing is completed by a sum of
+//! a level of the state and an effect of the configuration, the effect drawn towards that of a mediocre configuration by
+//! how few states it was seen in, so that one lucky scene makes nobody a member.
+
+/// How many members a portfolio has.
+pub const MEMBERS: usize = 8;
+/// Variance of what a state adds to a configuration's effect, in squares of logarithms, and of the effects.
+const INTERACTION: f64 = 0.1 * 0.1;
+const EFFECT: f64 = 0.2 * 0.2;
+/// A configuration that cannot be run in a state counts as so much dearer there, as a logarithm.
+const INFEASIBLE: f64 = 1.0;
+/// A member that lowers the mean logarithm of costs by less is not worth a measurement.
+const HELP_LEAST: f64 = 1e-4;
+
+/// What is known of one configuration in one state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Known {
+    /// Nothing.
+    Unknown,
+    /// The logarithm of its cost, and the variance of that.
+    LogCost(f64, f64),
+    /// It cannot be run there.
+    Infeasible,
+}
+
+/// A table of what configurations cost in states: `rows[state][configuration]`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Table {
+    /// One row for each state, all of one length.
+    pub rows: Vec<Vec<Known>>,
+}
+
+impl Table {
+    /// What each configuration is expected to cost above the best of its state: logarithms of ratios, 0 for the
+    /// best. Rows without anything measured are left out.
+    fn completed(&self) -> Vec<Vec<f64>> {
+        let known = |row: &&Vec<Known>| row.iter().any(|known| matches!(known, Known::LogCost(..)));
+        let rows: Vec<&Vec<Known>> = self.rows.iter().filter(known).collect();
+        let count = rows.first().map_or(0, |row| row.len());
+        let mut effects = vec![0.0; count];
+        let mut levels = vec![0.0; rows.len()];
+        // Levels and effects in turn, until they fit each other.
+        for _ in 0..30 {
+            for (level, row) in levels.iter_mut().zip(&rows) {
+                let (mut sum, mut weight) = (0.0, 0.0);
+                for (known, effect) in row.iter().zip(&effects) {
+                    if let Known::LogCost(log_cost, variance) = known {
+                        let own = 1.0 / (INTERACTION + variance);
+                        sum += own * (log_cost - effect);
+                        weight += own;
+                    }
+                }
+                *level = sum / weight;
+            }
+            for (place, effect) in effects.iter_mut().enumerate() {
+                let (mut sum, mut weight) = (0.0, 1.0 / EFFECT);
+                for (row, level) in rows.iter().zip(&levels) {
+                    let (above, variance) = match row[place] {
+                        Known::LogCost(log_cost, variance) => (log_cost - level, variance),
+                        Known::Infeasible => (INFEASIBLE, 0.0),
+                        Known::Unknown => continue,
+                    };
+                    let own = 1.0 / (INTERACTION + variance);
+                    sum += own * above;
+                    weight += own;
+                }
+                *effect = sum / weight;
+            }
+        }
+        let mut completed: Vec<Vec<f64>> = Vec::with_capacity(rows.len());
+        for (row, level) in rows.iter().zip(&levels) {
+            let expected = row.iter().zip(&effects).map(|(known, effect)| match known {
+                Known::LogCost(log_cost, variance) => {
+                    // What was measured, drawn towards what the others say by how noisy it is.
+                    let share = INTERACTION / (INTERACTION + variance);
+                    effect + share * (log_cost - level - effect)
+                }
+                Known::Infeasible => INFEASIBLE,
+                Known::Unknown => *effect,
+            });
+            let expected: Vec<f64> = expected.collect();
+            let best = expected.iter().copied().fold(f64::INFINITY, f64::min);
+            completed.push(expected.into_iter().map(|x| x - best).collect());
+        }
+        completed
+    }
+
+    /// The members of a portfolio, at most so many: places of configurations, the best fixed one first, then whoever helps
+    /// most beside those before. `always` are members whether they help or not, after the best fixed one; all of them
+    /// count towards the number. Empty where nothing was measured.
+    pub fn portfolio(&self, members: usize, always: &[usize]) -> Vec<usize> {
+        let completed = self.completed();
+        let Some(count) = completed.first().map(Vec::len) else {
+            return Vec::new();
+        };
+        // What each state pays with the members so far.
+        let mut paid = vec![f64::INFINITY; completed.len()];
+        let price = |paid: &[f64], place: usize| -> f64 {
+            completed.iter().zip(paid).map(|(row, paid)| row[place].min(*paid)).sum::<f64>()
+                / paid.len() as f64
+        };
+        let mut chosen: Vec<usize> = Vec::new();
+        let mut waiting = always.to_vec();
+        while chosen.len() < members.min(count) {
+            let first = chosen.is_empty();
+            let place = if !first && !waiting.is_empty() {
+                waiting.remove(0)
+            } else {
+                let others = (0..count).filter(|place| !chosen.contains(place));
+                let priced = others.map(|place| (price(&paid, place), place));
+                let Some((cost, place)) = priced.min_by(|a, b| a.0.total_cmp(&b.0)) else {
+                    break;
+                };
+                let before = paid.iter().sum::<f64>() / paid.len() as f64;
+                if !first && before - cost < HELP_LEAST {
+                    break;
+                }
+                place
+            };
+            if chosen.contains(&place) || place >= count {
+                continue;
+            }
+            paid.iter_mut().zip(&completed).for_each(|(paid, row)| *paid = paid.min(row[place]));
+            chosen.push(place);
+        }
+        chosen
+    }
+
+    /// The best fixed configuration: its place. `None` where nothing was measured.
+    pub fn best_fixed(&self) -> Option<usize> {
+        self.portfolio(1, &[]).first().copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn table(costs: &[&[f64]]) -> Table {
+        let known = |cost: &f64| match *cost {
+            0.0 => Known::Unknown,
+            cost if cost < 0.0 => Known::Infeasible,
+            cost => Known::LogCost(cost.ln(), 1e-4),
+        };
+        Table { rows: costs.iter().map(|row| row.iter().map(known).collect()).collect() }
+    }
+
+    #[test]
+    fn the_best_on_average_comes_first_and_specialists_follow() {
+        let costs = table(&[
+            &[10.0, 12.0, 7.0, 30.0],
+            &[20.0, 21.0, 40.0, 60.0],
+            &[5.0, 6.0, 11.0, 15.0],
+            &[8.0, 9.0, 18.0, 4.0],
+        ]);
+        assert_eq!(costs.best_fixed(), Some(0));
+        // The second is nowhere the best, and is not needed.
+        assert_eq!(costs.portfolio(MEMBERS, &[]), [0, 3, 2]);
+        assert_eq!(costs.portfolio(MEMBERS, &[1]), [0, 1, 3, 2]);
+        assert_eq!(costs.portfolio(2, &[1]), [0, 1]);
+    }
+
+    #[test]
+    fn one_lucky_scene_makes_no_best_fixed_configuration() {
+        // The last was measured once, where it did a little better than the first does everywhere.
+        let costs = table(&[&[8.0, 10.0, 7.9], &[16.0, 20.0, 0.0], &[4.0, 5.0, 0.0], &[12.0, 15.0, 0.0]]);
+        assert_eq!(costs.best_fixed(), Some(0));
+        // What cannot be run in some states is not the best fixed one either.
+        let costs = table(&[&[8.0, 7.0], &[8.0, 7.0], &[8.0, -1.0]]);
+        assert_eq!(costs.best_fixed(), Some(0));
+    }
+
+    #[test]
+    fn nothing_follows_from_nothing() {
+        assert_eq!(Table::default().portfolio(MEMBERS, &[]), Vec::<usize>::new());
+        assert_eq!(table(&[&[0.0, 0.0]]).best_fixed(), None);
+    }
+
+    proptest! {
+        #![proptest_config(crate::testing::cases(64))]
+
+        #[test]
+        fn members_are_distinct_and_the_level_of_a_state_says_nothing(
+            costs in proptest::collection::vec(proptest::collection::vec(1.0..100.0f64, 5), 1..8),
+            factor in 0.01..100.0f64,
+        ) {
+            let rows: Vec<&[f64]> = costs.iter().map(Vec::as_slice).collect();
+            let members = table(&rows).portfolio(4, &[2]);
+            let mut distinct = members.clone();
+            distinct.sort_unstable();
+            distinct.dedup();
+            prop_assert_eq!(distinct.len(), members.len());
+            prop_assert!(members.len() == 1 || members.contains(&2));
+            let scaled: Vec<f64> = costs[0].iter().map(|cost| factor * cost).collect();
+            let mut rows = rows.clone();
+            rows[0] = &scaled;
+            // But for rounding, which may turn a tie.
+            let best = |table: &Table| table.completed()[0].clone();
+            let (one, other) = (best(&table(&costs.iter().map(Vec::as_slice).collect::<Vec<_>>())), best(&table(&rows)));
+            for (a, b) in one.iter().zip(&other) {
+                prop_assert!((a - b).abs() < 1e-6);
+            }
+        }
+    }
+}
