@@ -14,13 +14,14 @@
 //! | `space`, `study_spec`, `policy`, `value`, `numbers`, `outcome`, `records` | the words of the service as Rust types |
 //! | `wire` | the only place that knows both these and the wire types |
 //! | `client`, `study`, `suggestion`, `tuner`, `pages` | what a program calls |
-//! | `credentials`, `attach` | what is shown to the daemon with every call |
+//! | `credentials`, `attach`, `arguments` (a feature) | what is shown to the daemon with every call |
 //! | `link`, `back_off` | whether the daemon is there, and when to ask again |
 //! | `outbox`, `delivery`, `stats` | reports on their way, and counts of what became of them |
 //! | `answer`, `memory`, `stream` | answers within a deadline, and what to do without one |
 #![forbid(unsafe_code)]
 
 mod answer;
+#[cfg(feature = "arguments")]
 mod arguments;
 mod attach;
 mod back_off;
@@ -55,6 +56,7 @@ mod tuner;
 mod value;
 mod wire;
 
+#[cfg(feature = "arguments")]
 pub use arguments::CredentialArguments;
 pub use client::Client;
 pub use credentials::Credentials;

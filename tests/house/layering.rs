@@ -14,6 +14,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("treewright-store", &["treewright-core", "treewright-model"]),
     ("treewright-server", &["treewright-core", "treewright-model", "treewright-proto", "treewright-store"]),
     ("treewright-client", &["treewright-model", "treewright-proto"]),
+    ("treewright-cli", &["treewright-client", "treewright-model"]),
     ("treewright-renderer", &["treewright-accel", "treewright-client"]),
     ("treewright-test-postgres", &[]),
     (
@@ -38,6 +39,9 @@ const PURE: &[(&str, &str)] = &[("treewright-model", "model/src"), ("treewright-
 
 /// Crates that would bring I/O, clocks or threads into them.
 const NOT_IN_PURE: &[&str] = &["tokio", "sqlx", "tonic", "prost", "reqwest", "rusqlite", "tracing", "chrono"];
+
+/// Crates for programs at a terminal, which a renderer that links the SDK must not get.
+const NOT_IN_SDK: &[&str] = &["clap", "comfy-table", "crossterm", "indicatif"];
 
 /// Standard library paths that they must not name: they compute, the shell does.
 const NOT_SAID_IN_PURE: &[&str] = &[
@@ -85,6 +89,23 @@ fn arrows_point_one_way() {
             ARROWS.iter().any(|(known, _)| known == package),
             "{package} has no place in the order of crates"
         );
+    }
+}
+
+#[test]
+fn the_sdk_brings_no_command_line() {
+    let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+        .current_dir(workspace())
+        .args(["tree", "--offline", "--package", "treewright-client", "--edges", "normal"])
+        .args(["--prefix", "none", "--format", "{p}"])
+        .output()
+        .expect("cargo tree runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let tree = String::from_utf8(output.stdout).expect("cargo prints text");
+    assert!(tree.lines().any(|line| line.starts_with("tonic ")), "cargo tree says something else: {tree}");
+    for name in NOT_IN_SDK {
+        let found = tree.lines().any(|line| line.split(' ').next() == Some(name));
+        assert!(!found, "every renderer that links the SDK would get {name}");
     }
 }
 

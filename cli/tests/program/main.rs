@@ -1,6 +1,6 @@
 //! The command line as a program, against a stand-in for the daemon: what it prints and how it ends.
 
-#[path = "../support/mod.rs"]
+#[path = "../../../client/tests/support/mod.rs"]
 mod support;
 
 mod answers;
