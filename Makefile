@@ -27,7 +27,7 @@ bench: build ## measure the evaluation scenes (tools/bench.py; SCENES=FOLDER for
 	@python3 tools/bench.py
 
 peers: ## compare the searches with Optuna, SMAC3, Nevergrad and scipy (tests/peers)
-	$(CARGO) build --release --locked -p treewright-core --example ask_tell
+	$(CARGO) build --release --locked -p treewright-lab --example ask_tell
 	@test -d target/peers/env || python3 -m venv target/peers/env
 	@target/peers/env/bin/pip install --quiet --requirement tests/peers/requirements.txt
 	@test -d target/peers/kernel || { mkdir -p target/peers/kernel && cd target/peers/kernel && \

@@ -1,4 +1,5 @@
-//! Sets the run path of the renderer's binaries and tests, so that they find Embree from any folder.
+//! Sets the run path of binaries and tests that link Embree, so that they find it from any folder. Every crate above
+//! `treewright-accel` names this file as its build script: a run path counts for the package that sets it alone.
 
 fn main() {
     println!("cargo::rerun-if-env-changed=DEP_TREEWRIGHT_EMBREE_LIB_DIR");

@@ -15,7 +15,7 @@ use treewright_accel::{
 use crate::film::Film;
 use crate::integrator::{Counts, Needs, Prepared, View, render_sample_until};
 use crate::render_options::RenderOptions;
-use crate::scene::Scene;
+use treewright_scene::Scene;
 
 /// What one frame took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]

@@ -87,11 +87,7 @@ pub fn png_bytes(picture: &Picture, exposure: Exposure) -> Result<Vec<u8>, Image
 ///
 /// # Panics
 /// If there are not `width` × `height` colours.
-pub(crate) fn png_bytes_of_colours(
-    width: u32,
-    height: u32,
-    colours: &[[u8; 3]],
-) -> Result<Vec<u8>, ImageFileError> {
+pub fn png_bytes_of_colours(width: u32, height: u32, colours: &[[u8; 3]]) -> Result<Vec<u8>, ImageFileError> {
     let image = RgbImage::from_raw(width, height, colours.as_flattened().to_vec());
     encoded(image.expect("a picture has a colour for each pixel"))
 }
@@ -159,7 +155,7 @@ fn developed(picture: &Picture, exposure: Exposure) -> RgbImage {
 }
 
 /// How bright a channel of a PNG is for exposed radiance: 0 to 1.
-pub(crate) fn display_value(radiance: f32) -> f32 {
+pub fn display_value(radiance: f32) -> f32 {
     srgb(filmic(radiance))
 }
 

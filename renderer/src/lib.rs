@@ -1,20 +1,28 @@
-//! The Treewright path tracer: scenes, indicators, integrator and the tuning loop.
+//! The Treewright path tracer: film, integrator, measured frames, and the loop that tunes them.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `integrator` | paths from the camera to the light, in stages or one by one |
+//! | `film`, `image_file` | the picture, and PNG and EXR files of it |
+//! | `frame`, `render_options` | one frame: build, render, how long each took |
+//! | `space` | what can be tuned, and what a configuration means |
+//! | `measure`, `statistics` | contenders in interleaved rounds, and what may be concluded from them |
+//! | `tuning` | the loop of the paper's Figure 1, over the wire |
+//! | `recorder` | the rays of a frame in a file |
+//!
+//! Scenes come from the crate `treewright-scene`, command lines stand in `treewright-render-cli`.
 #![forbid(unsafe_code)]
 
-pub mod camera_path;
-pub mod cli;
-pub mod converge;
 pub mod film;
 pub mod frame;
 pub mod image_file;
-pub mod indicators;
 pub mod integrator;
 pub mod limits;
 pub mod measure;
 pub mod recorder;
 pub mod render_options;
-pub mod report;
-pub mod scene;
 pub mod space;
 pub mod statistics;
 pub mod tuning;
+
+pub use treewright_scene as scene;

@@ -17,7 +17,7 @@ use treewright_accel::{Hit, Intersector, Ray};
 use crate::film::Film;
 use crate::integrator::{Prepared, View, render_sample};
 use crate::render_options::RenderOptions;
-use crate::scene::Camera;
+use treewright_scene::Camera;
 
 /// Edge of the blocks of pixels that paths are ordered by.
 const BLOCK: u32 = 4;
@@ -155,7 +155,7 @@ mod tests {
     use treewright_accel::{BuildChoice, Device, NativeOptions, build};
 
     use super::*;
-    use crate::scene::builtin;
+    use treewright_scene::builtin;
 
     #[test]
     fn a_frame_is_recorded_by_class() {

@@ -7,13 +7,13 @@ use glam::{Affine3A, Quat, Vec3};
 use treewright_accel::{BuildChoice, NativeOptions, TreeParameters};
 use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::frame::Renderer;
-use treewright_renderer::indicators::{SCHEMA, SceneIndicators};
 use treewright_renderer::integrator::{Lights, View};
 use treewright_renderer::render_options::RenderOptions;
-use treewright_renderer::scene::assemble::{Assembler, Lighting};
-use treewright_renderer::scene::framing;
-use treewright_renderer::scene::shapes::Shapes;
-use treewright_renderer::scene::{Material, Scene, Sky, builtin};
+use treewright_scene::assemble::{Assembler, Lighting};
+use treewright_scene::framing;
+use treewright_scene::indicators::{SCHEMA, SceneIndicators};
+use treewright_scene::shapes::Shapes;
+use treewright_scene::{Material, Scene, Sky, builtin};
 
 /// A room of lamps and smooth balls, turned, squeezed and mirrored.
 fn lamps() -> Scene {

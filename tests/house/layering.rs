@@ -14,8 +14,24 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("treewright-store", &["treewright-core", "treewright-model"]),
     ("treewright-server", &["treewright-core", "treewright-model", "treewright-proto", "treewright-store"]),
     ("treewright-client", &["treewright-model", "treewright-proto"]),
-    ("treewright-cli", &["treewright-client", "treewright-model"]),
-    ("treewright-renderer", &["treewright-accel", "treewright-client"]),
+    ("treewright-cli", &["treewright-client"]),
+    ("treewright-scene", &["treewright-accel"]),
+    ("treewright-renderer", &["treewright-accel", "treewright-client", "treewright-scene"]),
+    (
+        "treewright-render-cli",
+        &["treewright-accel", "treewright-client", "treewright-renderer", "treewright-scene"],
+    ),
+    // Nobody may know the laboratory; its examples measure the core besides.
+    (
+        "treewright-lab",
+        &[
+            "treewright-accel",
+            "treewright-client",
+            "treewright-render-cli",
+            "treewright-renderer",
+            "treewright-scene",
+        ],
+    ),
     ("treewright-test-postgres", &[]),
     (
         "treewright-fuzz",
@@ -23,7 +39,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "treewright-core",
             "treewright-model",
             "treewright-proto",
-            "treewright-renderer",
+            "treewright-scene",
             "treewright-server",
             "treewright-store",
         ],

@@ -2,14 +2,12 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | `ablation` | a winner taken apart, one value at a time |
 //! | `objective` | what is minimised, and the study that says so |
 //! | `search` | the loop itself, frame by frame |
 //! | `run_off` | the best few of a search against each other |
 //! | `verdict` | whom the winner is compared with, and when tuning pays off |
 //! | `results` | everything a run found out, for JSON and the report |
 
-pub mod ablation;
 pub mod objective;
 pub mod results;
 pub mod run_off;

@@ -5,8 +5,8 @@ use serde::Serialize;
 use treewright_client::{ClientError, Policy, Scale, StudySpec};
 
 use crate::frame::FrameTimes;
-use crate::indicators::{IndicatorScale, SCHEMA};
 use crate::space::TuningSpace;
+use treewright_scene::indicators::{IndicatorScale, SCHEMA};
 
 /// Name of the measurement of a build, in milliseconds.
 pub const BUILD_MS: &str = "build_ms";

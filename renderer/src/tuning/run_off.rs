@@ -129,7 +129,7 @@ mod tests {
     use super::testing::trial;
     use super::*;
     use crate::integrator::View;
-    use crate::scene::builtin;
+    use treewright_scene::builtin;
 
     #[test]
     fn leaders_are_the_best_and_distinct() {

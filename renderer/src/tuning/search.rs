@@ -15,13 +15,13 @@ use treewright_client::{
 };
 
 use super::objective::{BUILD_MS, Objective, RENDER_MS};
-use crate::camera_path::CameraPath;
 use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer, milliseconds};
-use crate::indicators::SceneIndicators;
 use crate::integrator::View;
 use crate::space::{Choice, TuningSpace};
 use crate::statistics::Summary;
+use treewright_scene::camera_path::CameraPath;
+use treewright_scene::indicators::SceneIndicators;
 
 /// What happened in one frame of the search.
 #[derive(Clone, Debug, Serialize)]
@@ -269,9 +269,9 @@ fn describe(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::builtin::{self, Options};
     use crate::space::{Premises, Preset};
     use crate::tuning::verdict::baseline;
+    use treewright_scene::builtin::{self, Options};
 
     #[test]
     fn a_trial_is_stopped_by_its_cap_and_by_nothing_else() {

@@ -13,5 +13,5 @@ pub fn run(bytes: &[u8]) {
         if std::path::Path::new("/dev/shm").is_dir() { "/dev/shm".into() } else { std::env::temp_dir() };
     let mut file = tempfile::Builder::new().suffix(ending).tempfile_in(folder).expect("a scratch file");
     file.write_all(bytes).expect("room for a small file");
-    let _ = treewright_renderer::scene::load(file.path());
+    let _ = treewright_scene::load(file.path());
 }

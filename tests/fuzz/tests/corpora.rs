@@ -38,7 +38,7 @@ fn seeds_are_taken_as_they_are_meant() {
             let ending = [".glb", ".gltf", ".ply", ".obj"][usize::from(bytes[0])];
             let file = tempfile::Builder::new().suffix(ending).tempfile().expect("a scratch file");
             std::fs::write(file.path(), &bytes[1..]).expect("room");
-            treewright_renderer::scene::load(file.path()).expect("a scene");
+            treewright_scene::load(file.path()).expect("a scene");
         }
     }
 }

@@ -1,0 +1,168 @@
+//! What leaving out saves: trials until 90, 95 and 98 % of the roofline of the modelled renderer space, with and
+//! without conditional knowledge and held parameters.
+//!
+//! `cargo run --release -p treewright-lab --example leave_out -- [SEEDS] [SCENES_BEFORE] [TRIALS] [NOISE] [ARM...]`. Each
+//! run asks the tuner itself, one client in one scene after the other; measurements carry so much noise (the standard
+//! deviation of their logarithm; 0.07 unless told), which decides how soon effects of a few percent can be seen at all.
+//! "flat" is the space as a list of parameters that are always active; "conditional" tells which parameter means
+//! something beside which; "held" also holds what is shown not to matter (risk 0.05). "scenes" are runs in a scene that
+//! others were explored before; where they are "unlike", every other parameter means the opposite there. Runs that do not
+//! arrive count as the budget. Names of arms choose among them.
+
+#[path = "../search_quality/problem.rs"]
+#[allow(dead_code)]
+mod problem;
+#[path = "../search_quality/roofline.rs"]
+mod roofline;
+#[path = "../search_quality/trees.rs"]
+mod trees;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use treewright_core::configuration::Configuration;
+use treewright_core::indicator::{Indicator, IndicatorSchema};
+use treewright_core::objective::{Objective, ObjectiveTerm};
+use treewright_core::policy::Policy;
+use treewright_core::space::{Parameter, Scale, Space};
+use treewright_core::study::StudySpec;
+use treewright_core::trial::Outcome;
+use treewright_core::tuner::{Ask, Tuner};
+
+use problem::{Problem, normal};
+pub(crate) use roofline::best_of;
+
+/// Shares of the roofline that count as arrived, by what is truly best among all that was tried.
+const ARRIVED: [f64; 3] = [0.90, 0.95, 0.98];
+
+fn flat(space: &Space) -> Space {
+    let parameters = space.parameters().iter().cloned();
+    let always = parameters.map(|parameter| Parameter { active_if: None, ..parameter });
+    Space::new(always.collect(), space.constraints().to_vec()).expect("a valid space")
+}
+
+fn spec(space: Space, seed: u64, trials: u32, freeze_risk: Option<f64>) -> StudySpec {
+    let indicator = Indicator { name: "scene".into(), min: 0.0, max: 1.0, scale: Scale::Linear };
+    let terms = vec![ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }];
+    StudySpec {
+        display_name: "leave out".into(),
+        space,
+        indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
+        objective: Objective::new(terms).expect("valid"),
+        state_tolerance: 0.01,
+        policy: Policy { epsilon: 1.0, trials_per_state: trials, freeze_risk, ..Policy::default() },
+        seed,
+    }
+}
+
+/// An arm of the comparison.
+struct Arm {
+    name: &'static str,
+    is_flat: bool,
+    freeze_risk: Option<f64>,
+    before: u64,
+    /// Whether the scenes before are unlike the one that counts.
+    unlike: bool,
+}
+
+struct Run {
+    /// Trials until each share; `None` where it was not reached.
+    arrived: [Option<usize>; ARRIVED.len()],
+    held: usize,
+    share: f64,
+}
+
+/// The configuration with the other end of every other parameter.
+fn opposite(space: &Space, configuration: &Configuration) -> Configuration {
+    let mut x = space.encode(configuration);
+    x.iter_mut().step_by(2).for_each(|x| *x = 1.0 - *x);
+    space.decode(&x)
+}
+
+/// Explores `before` scenes and then one that counts.
+fn run(arm: &Arm, seed: u64, trials: u32, noise: Option<f64>) -> Run {
+    let &Arm { is_flat, freeze_risk, before, unlike, .. } = arm;
+    let first: Problem = trees::problem(seed);
+    let space = if is_flat { flat(&first.space) } else { first.space.clone() };
+    let mut tuner = Tuner::new(Arc::new(spec(space, seed, trials, freeze_risk))).expect("valid");
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut result = Run { arrived: Default::default(), held: 0, share: 0.0 };
+    for scene in 0..=before {
+        let counts = scene == before;
+        let problem = if counts { trees::problem(seed) } else { trees::problem(1000 + 50 * seed + scene) };
+        let turned = unlike && !counts;
+        let mut best = f64::INFINITY;
+        for number in 1..=trials as usize {
+            let place = scene as f64 / 50.0;
+            let indicators = BTreeMap::from([("scene".to_owned(), place)]);
+            let ask = Ask { client_id: "a".into(), indicators, ..Ask::default() };
+            let trial = tuner.suggest(&ask, 0).expect("a valid question").0;
+            let truth = match turned {
+                true => (problem.truth)(&opposite(&problem.space, &trial.configuration)),
+                false => (problem.truth)(&trial.configuration),
+            };
+            if counts {
+                result.held = result.held.max(trial.reason.explanation.held.len());
+            }
+            let (measurements, outcome) = match truth {
+                Some(truth) => {
+                    best = best.min(truth);
+                    let cost = truth * (noise.unwrap_or(problem.noise) * normal(&mut random)).exp();
+                    (BTreeMap::from([("render_ms".to_owned(), cost)]), Outcome::Ok)
+                }
+                None => (BTreeMap::new(), Outcome::Infeasible { reason: "cannot be built".into() }),
+            };
+            let _change = tuner.report(&trial, measurements, outcome, 1).expect("a valid report");
+            if counts {
+                for (arrived, share) in result.arrived.iter_mut().zip(ARRIVED) {
+                    if problem.optimum / best >= share {
+                        arrived.get_or_insert(number);
+                    }
+                }
+            }
+        }
+        if counts {
+            result.share = problem.optimum / best;
+        }
+    }
+    result
+}
+
+fn main() {
+    let argument = |index: usize, default: u64| {
+        std::env::args().nth(index).map_or(default, |text| text.parse().expect("a number"))
+    };
+    let (seeds, before, trials) = (argument(1, 15), argument(2, 5), argument(3, 200) as u32);
+    let noise: Option<f64> = std::env::args().nth(4).map(|text| text.parse().expect("a number"));
+    print!("{:24}", "mean trials (arrived) to");
+    ARRIVED.iter().for_each(|share| print!("{:>8.0} %      ", 100.0 * share));
+    println!("{:>8}{:>10}", "held", "at end");
+    let named: Vec<String> = std::env::args().skip(5).collect();
+    let arm = |name, is_flat, freeze_risk, before| Arm { name, is_flat, freeze_risk, before, unlike: false };
+    let arms = [
+        arm("flat", true, None, 0),
+        arm("conditional", false, None, 0),
+        arm("conditional, held", false, Some(0.05), 0),
+        arm("flat + scenes", true, None, before),
+        arm("conditional + scenes", false, None, before),
+        arm("held + scenes", false, Some(0.05), before),
+        Arm { unlike: true, ..arm("conditional + unlike", false, None, before) },
+    ];
+    for arm in arms {
+        let Arm { name, .. } = arm;
+        if !named.is_empty() && !named.iter().any(|part| name == part) {
+            continue;
+        }
+        let runs: Vec<Run> = (0..seeds).map(|seed| run(&arm, seed, trials, noise)).collect();
+        let mean = |of: &dyn Fn(&Run) -> f64| runs.iter().map(of).sum::<f64>() / runs.len() as f64;
+        print!("{name:24}");
+        for place in 0..ARRIVED.len() {
+            let after = mean(&|run| run.arrived[place].unwrap_or(trials as usize) as f64);
+            let arrived = mean(&|run| f64::from(u8::from(run.arrived[place].is_some())));
+            print!("{after:8.1} ({arrived:4.2}) ");
+        }
+        println!("{:8.1}{:10.3}", mean(&|run| run.held as f64), mean(&|run| run.share));
+    }
+}

@@ -1,0 +1,275 @@
+//! `treewright-render converge`: error over wall time of several configurations.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use indicatif::ProgressBar;
+use treewright_client::Fingerprint;
+
+use super::converge_entrants::{Chosen, EntrantArguments, Setting};
+use super::converge_output;
+use crate::converge::curve::{Entrant, Plan, compare};
+use crate::converge::equal_error::equal_error;
+use crate::converge::metrics::Yardstick;
+use crate::converge::reference::{Reference, TRUSTED_FROM};
+use crate::converge::reference_file;
+use crate::converge::reference_key::ReferenceKey;
+use crate::converge::report::{self, Ground};
+use crate::converge::results::{Found, ReferenceFacts, Results};
+use treewright_render_cli::arguments::{CameraArguments, FrameArguments, SceneArguments, Size};
+use treewright_render_cli::error::{CliError, check_folder, write_file};
+use treewright_render_cli::interrupt::Interrupt;
+use treewright_render_cli::output;
+use treewright_renderer::frame::Renderer;
+use treewright_renderer::integrator::View;
+use treewright_renderer::limits::{CONTENDERS_MAX, RUNS_MAX, SAMPLES_MAX, SECONDS_MAX};
+use treewright_renderer::space::{Premises, Preset, TuningSpace};
+use treewright_renderer::tuning::results::SceneFacts;
+use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT};
+
+const MORE_HELP: &str = "\
+What happens:
+  First a reference is rendered with very many samples, or read from --reference; it stands for the truth.
+  Then all contenders render the same view progressively, taking turns frame by frame. Their clocks count
+  builds and frames, and for tuned configurations also the tuning; they stand still while pictures are
+  compared with the reference. Each of --runs begins anew with other random numbers.
+
+How to read the result:
+  slope     of the error over rendering time, both logarithmic. Theory says -1 for an unbiased estimator.
+  plateau   how far above the reference's own error the curve would end. Clearly above it, it is bias.
+  sooner    a baseline's time to the same error over the contender's. Above 1 is better.
+  [ , ]     95 % interval over the runs. More runs make it narrower; five are a good start.
+  A curve is worth reading down to twice the reference's own error: more --reference-spp move that down.
+
+Examples:
+  treewright-render converge --scene builtin:hall --report hall.html
+  treewright-render tune --scene builtin:city --json tuned.json
+  treewright-render converge --scene builtin:city --tuned tuned.json --reference city.exr --plot city.svg
+  treewright-render converge --scene sponza.glb --server http://127.0.0.1:50611 --seconds 30 --json -";
+
+/// Arguments of `converge`.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = MORE_HELP)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    camera: CameraArguments,
+    #[command(flatten)]
+    frame: FrameArguments,
+    #[command(flatten)]
+    entrants: EntrantArguments,
+
+    /// Pixels across and down.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    size: Size,
+
+    /// Independent runs. Intervals need at least two.
+    #[arg(long, value_name = "N", default_value_t = 5, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(RUNS_MAX)))]
+    runs: u32,
+
+    /// Time for building and rendering that each contender gets in each run.
+    #[arg(long, value_name = "S", default_value_t = 10.0, allow_negative_numbers = true, value_parser = seconds)]
+    seconds: f64,
+
+    /// Most samples a pixel; a run ends there even if time is left.
+    #[arg(long, value_name = "N", default_value_t = SAMPLES_MAX, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(SAMPLES_MAX)))]
+    spp: u32,
+
+    /// An EXR file with the reference. What fits is used; what has too few samples gets more; where there is
+    /// none it is written. Without this the reference is rendered and forgotten.
+    #[arg(long, value_name = "FILE.exr")]
+    reference: Option<PathBuf>,
+
+    /// Samples a pixel that the reference must have.
+    #[arg(long, value_name = "N", default_value_t = 2048, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=i64::from(SAMPLES_MAX)))]
+    reference_spp: u32,
+
+    /// Write everything as JSON; `-` prints it instead of the tables.
+    #[arg(long, value_name = "FILE|-")]
+    json: Option<PathBuf>,
+
+    /// Write every point of every run as comma-separated values.
+    #[arg(long, value_name = "FILE.csv")]
+    csv: Option<PathBuf>,
+
+    /// Write the plot.
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+
+    /// Write a page for the browser: plot, pictures after equal time, tables.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+impl Arguments {
+    /// Whether standard output belongs to JSON.
+    fn prints_json(&self) -> bool {
+        self.json.as_ref().is_some_and(|path| path.as_os_str() == "-")
+    }
+
+    fn check_files(&self) -> Result<(), CliError> {
+        let json = self.json.as_ref().filter(|_| !self.prints_json());
+        let all =
+            [json, self.csv.as_ref(), self.plot.as_ref(), self.report.as_ref(), self.reference.as_ref()];
+        all.into_iter().flatten().try_for_each(|path| check_folder(path))
+    }
+}
+
+/// Compares and tells.
+pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    arguments.check_files()?;
+    let told = arguments.entrants.read(arguments.frame.threads)?;
+    let scene = arguments.scene.load()?;
+    let camera = arguments.camera.find(&scene)?;
+    let view = arguments.frame.view(camera);
+    let Size { width, height } = arguments.size;
+    let key = ReferenceKey::new(&scene, &view, width, height);
+    // Before minutes go into anything else: does the file fit?
+    let stored = match &arguments.reference {
+        Some(path) => reference_file::read_if_there(path, &key)?,
+        None => None,
+    };
+    let mut renderer = arguments.frame.renderer(&scene)?;
+    let interrupt = Interrupt::listen();
+    let mut notes = Vec::new();
+    let mut chosen = told;
+    if arguments.entrants.server.is_some() {
+        let setting = Setting { view, size: arguments.size, threads: arguments.frame.threads };
+        chosen.extend(arguments.entrants.ask(&mut renderer, &setting, interrupt, &mut notes)?);
+    }
+    if chosen.len() > CONTENDERS_MAX {
+        return Err(CliError::Usage(format!(
+            "{} configurations are more than the limit of {CONTENDERS_MAX}",
+            chosen.len()
+        )));
+    }
+
+    let mut reference = stored.unwrap_or_else(|| Reference::empty(key));
+    converge_reference(arguments, &renderer, &view, &mut reference, interrupt)?;
+    let yardstick = Yardstick::new(reference.picture());
+    let floor = reference.floor(&yardstick);
+
+    let plan =
+        Plan { view, runs: arguments.runs, budget_ms: arguments.seconds * 1e3, samples_max: arguments.spp };
+    let all: Vec<Entrant> = chosen.iter().map(|one| one.entrant.clone()).collect();
+    let bar = if arguments.prints_json() {
+        ProgressBar::hidden()
+    } else {
+        output::bar(u64::from(arguments.runs) * 100, "% of a run")
+    };
+    let curves = compare(&renderer, &all, &plan, &yardstick, |progress| {
+        bar.set_position(u64::from(progress.run) * 100 + (progress.share * 100.0) as u64);
+        !interrupt.requested()
+    });
+    bar.finish_and_clear();
+    if curves.iter().all(|curve| curve.runs.is_empty()) {
+        let failure = curves.into_iter().find_map(|curve| curve.failure);
+        return Err(failure.map_or(CliError::Interrupted, CliError::Failed));
+    }
+
+    let results = Results {
+        scene: SceneFacts {
+            name: scene.name.clone(),
+            triangles: scene.triangles.len(),
+            meshes: scene.meshes.len(),
+            left_out: renderer.needs().omissions(),
+            notes: scene.notes.clone(),
+        },
+        size: [width, height],
+        bounces: view.bounces,
+        machine: Fingerprint::detect().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
+        embree: renderer.embree_version(),
+        budget_ms: plan.budget_ms,
+        reference: ReferenceFacts {
+            samples: reference.samples(),
+            scene_hash: reference.key.scene_hash.clone(),
+            relative_mse: floor,
+            trusted_from: floor * TRUSTED_FROM,
+        },
+        equal_error: equal_error(&curves, &[NATIVE_DEFAULT, PAPER_DEFAULT]),
+        contenders: curves
+            .into_iter()
+            .zip(chosen)
+            .map(|(curve, Chosen { configuration, origin, .. })| {
+                let squared_bias = curve.ends.squared_bias(&reference, &yardstick);
+                Found::new(curve, configuration, origin, floor, squared_bias)
+            })
+            .collect(),
+        notes,
+    };
+    write(arguments, &results, &yardstick)?;
+    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
+}
+
+/// Gives the reference the samples it needs, and stores it where that is wanted, even if Ctrl-C came between.
+fn converge_reference(
+    arguments: &Arguments,
+    renderer: &Renderer,
+    view: &View,
+    reference: &mut Reference,
+    interrupt: Interrupt,
+) -> Result<(), CliError> {
+    let before = reference.samples();
+    if before >= arguments.reference_spp {
+        return Ok(());
+    }
+    // No contender's clock runs, so the fastest way that is known without measuring will do.
+    let premises = Premises::of(renderer.scene(), false, false, arguments.frame.threads);
+    let choice = TuningSpace::new(Preset::Full, &premises).default_choice();
+    let (structure, _) = renderer.build(&choice.build)?;
+    let bar = if arguments.prints_json() {
+        ProgressBar::hidden()
+    } else {
+        output::bar(
+            u64::from((arguments.reference_spp - before).div_ceil(2)),
+            "pairs of the reference's samples",
+        )
+    };
+    reference.extend(renderer, &structure, view, &choice.render, arguments.reference_spp, || {
+        bar.inc(1);
+        !interrupt.requested()
+    });
+    bar.finish_and_clear();
+    if let Some(path) = arguments.reference.as_ref().filter(|_| reference.samples() > before) {
+        reference_file::write(reference, path)?;
+    }
+    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
+}
+
+fn write(arguments: &Arguments, results: &Results, yardstick: &Yardstick) -> Result<(), CliError> {
+    let quiet = arguments.prints_json();
+    if quiet {
+        output::json(results)?;
+    } else {
+        converge_output::print(results);
+    }
+    let save = |path: &PathBuf, text: String| {
+        write_file(path, text.as_bytes())?;
+        if !quiet {
+            println!("wrote {}", path.display());
+        }
+        Ok::<(), CliError>(())
+    };
+    if let Some(path) = arguments.json.as_ref().filter(|_| !quiet) {
+        save(path, output::to_json(results)?)?;
+    }
+    if let Some(path) = &arguments.csv {
+        save(path, results.csv())?;
+    }
+    if let Some(path) = &arguments.plot {
+        save(path, report::svg(results, Ground::White).map_err(CliError::Failed)?)?;
+    }
+    if let Some(path) = &arguments.report {
+        let html = report::html(results, yardstick).map_err(|error| CliError::Failed(error.to_string()))?;
+        save(path, html)?;
+    }
+    Ok(())
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds > 0.0 && seconds <= SECONDS_MAX => Ok(seconds),
+        _ => Err(format!("it must be a number of seconds above 0 and up to {SECONDS_MAX}")),
+    }
+}

@@ -1,0 +1,268 @@
+//! Who takes part in `converge`: the two defaults, what the command line names, what the daemon answers.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use serde_json::Value;
+use treewright_accel::NativeQuality;
+use treewright_client::blocking::{Client, Study};
+use treewright_client::{Configuration, Mode, Policy, PolicyChange};
+
+use crate::converge::curve::Entrant;
+use treewright_render_cli::arguments::{Size, SpaceArguments, indicators};
+use treewright_render_cli::error::CliError;
+use treewright_render_cli::interrupt::Interrupt;
+use treewright_render_cli::output;
+use treewright_render_cli::server::ServerArguments;
+use treewright_renderer::frame::{Renderer, milliseconds};
+use treewright_renderer::integrator::View;
+use treewright_renderer::limits::ITERATIONS_MAX;
+use treewright_renderer::measure::{Conditions, Contender};
+use treewright_renderer::space::{self, Choice, TuningSpace};
+use treewright_renderer::tuning::objective::{Objective, specification};
+use treewright_renderer::tuning::run_off::{FINALISTS, leaders, run_off};
+use treewright_renderer::tuning::search;
+use treewright_renderer::tuning::verdict::{self, NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, TUNED};
+
+/// How long a frame of the search waits for the daemon at most.
+const DEADLINE_MS: u64 = 500;
+
+/// How long the last reports may take to reach the service.
+const FLUSH: Duration = Duration::from_secs(10);
+
+/// The service's own default, which a study is left with.
+const EPSILON_AFTERWARDS: f64 = 0.2;
+
+/// Which configurations take part besides the two defaults.
+#[derive(Args, Clone, Debug)]
+pub(super) struct EntrantArguments {
+    #[command(flatten)]
+    pub(super) space: SpaceArguments,
+
+    /// The configuration of the contender "tuned", as JSON: an object of parameters, what `treewright best`
+    /// prints, or what `tune --json` wrote, whose tuning time is then counted.
+    #[arg(long, value_name = "FILE")]
+    pub(super) tuned: Option<PathBuf>,
+
+    /// A further configuration, as for `image`; may be given several times.
+    #[arg(long, value_name = "NAME=VALUE,…")]
+    pub(super) config: Vec<String>,
+
+    /// Ask this daemon for its prediction, and tune there and then unless --tuned is given. Both take part,
+    /// with the time they took counted.
+    #[arg(long, value_name = "URL")]
+    pub(super) server: Option<String>,
+
+    #[command(flatten)]
+    pub(super) credentials: treewright_client::CredentialArguments,
+
+    /// Id of the daemon's study; made of scene, objective, size and space when left out. Its name is the one
+    /// that `tune --objective render` gives, so that the prediction can rest on what was tuned before.
+    #[arg(long, value_name = "ID", requires = "server")]
+    pub(super) study: Option<String>,
+
+    /// How many configurations are tried when tuning there and then; 0 asks for the prediction only.
+    #[arg(long, value_name = "N", default_value_t = 80, requires = "server", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(0..=i64::from(ITERATIONS_MAX)))]
+    pub(super) iterations: u32,
+}
+
+/// An entrant, and what the results say about it besides its measurements.
+#[derive(Clone, Debug)]
+pub(super) struct Chosen {
+    pub(super) entrant: Entrant,
+    pub(super) configuration: Option<Configuration>,
+    pub(super) origin: String,
+}
+
+/// What is tuned for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Setting {
+    pub(super) view: View,
+    pub(super) size: Size,
+    pub(super) threads: usize,
+}
+
+fn untuned(name: &str, choice: Choice, origin: &str) -> Chosen {
+    let contender = Contender { name: name.to_owned(), choice };
+    Chosen { entrant: Entrant { contender, setup_ms: 0.0 }, configuration: None, origin: origin.to_owned() }
+}
+
+fn chosen(
+    name: &str,
+    space: &TuningSpace,
+    configuration: &Configuration,
+    setup_ms: f64,
+    origin: String,
+) -> Result<Chosen, CliError> {
+    let contender = verdict::contender(name, space, configuration)?;
+    let configuration = Some(space.complete(configuration)?);
+    Ok(Chosen { entrant: Entrant { contender, setup_ms }, configuration, origin })
+}
+
+impl EntrantArguments {
+    /// The two defaults and everything that is given on the command line, checked.
+    pub(super) fn read(&self, threads: usize) -> Result<Vec<Chosen>, CliError> {
+        let space = self.space.whole(Objective::Render, threads)?;
+        let native = Choice::native(NativeQuality::Medium);
+        let mut all = vec![
+            untuned(PAPER_DEFAULT, Choice::paper_default(), "the paper's Table 1"),
+            untuned(NATIVE_DEFAULT, native, "rtcCommitScene untold, single rays"),
+        ];
+        if let Some(path) = &self.tuned {
+            let (configuration, tuning_ms) = read_tuned(path)?;
+            let known = if tuning_ms.is_some() { "" } else { ", which does not say how long tuning took" };
+            let origin = format!("{}{known}", path.display());
+            all.push(chosen(TUNED, &space, &configuration, tuning_ms.unwrap_or(0.0), origin)?);
+        }
+        for text in &self.config {
+            all.push(chosen(text, &space, &space::parse(text)?, 0.0, "the command line".to_owned())?);
+        }
+        Ok(all)
+    }
+
+    /// Asks the daemon for its prediction, then tunes with its help. What it cannot answer becomes a note.
+    pub(super) fn ask(
+        &self,
+        renderer: &mut Renderer,
+        setting: &Setting,
+        interrupt: Interrupt,
+        notes: &mut Vec<String>,
+    ) -> Result<Vec<Chosen>, CliError> {
+        let Some(server) = &self.server else {
+            return Ok(Vec::new());
+        };
+        let server = ServerArguments {
+            server: server.clone(),
+            study: self.study.clone(),
+            deadline_ms: DEADLINE_MS,
+            credentials: self.credentials.clone(),
+        };
+        let client = server.connect(setting.threads)?;
+        let scene = renderer.scene().clone();
+        let space = Arc::new(self.space.of(&scene, Objective::Render, setting.threads)?);
+        let id = server.study_id(&scene, Objective::Render, setting.size, &space);
+        let title: String =
+            format!("{} at {}, render time", scene.name, setting.size).chars().take(200).collect();
+        let spec = specification(&space, &title, Objective::Render, Policy::new(), setting.view.seed)?;
+        let study = client.study(&id, spec)?;
+        let mut all = Vec::new();
+
+        let begin = Instant::now();
+        let indicators = indicators(&scene, &setting.view.camera);
+        let answer = study.predict(&indicators)?;
+        let answer_ms = milliseconds(begin);
+        if answer.mode == Mode::Default {
+            notes.push(format!(
+                "there is no first prediction: the study {id} knows nothing yet; tune at other cameras first (tune --at)"
+            ));
+        } else {
+            all.push(chosen(PREDICTED, &space, &answer.configuration, answer_ms, answer.reason.summary)?);
+        }
+        if self.tuned.is_none() && self.iterations > 0 {
+            let setting = search::Setting {
+                objective: Objective::Render,
+                baseline: verdict::baseline(space.preset()).choice,
+                space: Arc::clone(&space),
+                view: setting.view,
+                width: setting.size.width,
+                height: setting.size.height,
+                frames: 1,
+                indicators,
+            };
+            let begin = Instant::now();
+            let winner = self.tune(renderer, &client, &study, &id, &setting, interrupt)?;
+            let origin = format!("{} trials of the study {id}", self.iterations);
+            all.push(chosen(TUNED, &space, &winner, milliseconds(begin), origin)?);
+        }
+        Ok(all)
+    }
+
+    fn tune(
+        &self,
+        renderer: &mut Renderer,
+        client: &Client,
+        study: &Study,
+        id: &str,
+        setting: &search::Setting,
+        interrupt: Interrupt,
+    ) -> Result<Configuration, CliError> {
+        let done = u32::try_from(study.record()?.statistics.completed_trials).unwrap_or(0);
+        let room = done.saturating_add(self.iterations).min(ITERATIONS_MAX);
+        let explore = Policy::new().epsilon(1.0).trials_per_state(room);
+        client.update_policy(id, &PolicyChange::set(explore))?;
+        let bar = output::bar(u64::from(self.iterations), "trials");
+        let found = search::run(renderer, &mut study.tuner(), setting, self.iterations, None, |_| {
+            bar.inc(1);
+            !interrupt.requested()
+        })?;
+        bar.finish_and_clear();
+        client.flush(FLUSH)?;
+        client.update_policy(id, &PolicyChange::set(Policy::new().epsilon(EPSILON_AFTERWARDS)))?;
+        if interrupt.requested() {
+            return Err(CliError::Interrupted);
+        }
+        let conditions = Conditions {
+            view: setting.view,
+            width: setting.width,
+            height: setting.height,
+            rounds: 1, // Its heats have numbers of their own.
+            frames_per_build: setting.objective.frames_per_build(),
+        };
+        let mut finalists = leaders(&found.trials, FINALISTS);
+        let start = setting.space.default_configuration();
+        if !finalists.contains(&start) {
+            finalists.push(start.clone());
+        }
+        let order = run_off(renderer, &setting.space, finalists, &conditions, || !interrupt.requested())?;
+        Ok(order.into_iter().next().map_or(start, |first| first.configuration))
+    }
+}
+
+/// Reads a configuration, and how long it took to find it where the file says so.
+fn read_tuned(path: &Path) -> Result<(Configuration, Option<f64>), CliError> {
+    let wrong = |cause: String| {
+        CliError::Failed(format!(
+            "{} does not hold a configuration: {cause}; it must be an object like {{\"quality\": 3}}, or what tune --json wrote",
+            path.display()
+        ))
+    };
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| CliError::Failed(format!("{} cannot be read: {error}", path.display())))?;
+    let mut value: Value = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+    let tuning_ms = value.pointer("/break_even/tuning_ms").and_then(Value::as_f64);
+    for key in ["tuned", "configuration"] {
+        if let Some(inner) = value.get_mut(key) {
+            value = inner.take();
+            break;
+        }
+    }
+    let configuration = serde_json::from_value(value).map_err(|error| wrong(error.to_string()))?;
+    Ok((configuration, tuning_ms.filter(|tuning_ms| *tuning_ms >= 0.0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn configurations_are_read_with_the_time_they_took() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let path = folder.path().join("tuned.json");
+        let read = |text: &str| {
+            std::fs::write(&path, text).expect("it can be written");
+            read_tuned(&path)
+        };
+        let expected = Configuration::new().with("quality", 3);
+        for (text, tuning_ms) in [
+            (r#"{"quality": 3}"#, None),
+            (r#"{"cost": 5, "configuration": {"quality": 3}}"#, None),
+            (r#"{"tuned": {"quality": 3}, "break_even": {"tuning_ms": 1234.5}}"#, Some(1234.5)),
+        ] {
+            assert_eq!(read(text).ok(), Some((expected.clone(), tuning_ms)), "{text}");
+        }
+        assert!(read("[1]").is_err_and(|error| error.to_string().contains("tuned.json does not hold")));
+        assert!(read("{").is_err());
+    }
+}

@@ -1,0 +1,95 @@
+//! What `converge` prints at the end.
+
+use crate::converge::bootstrap::Interval;
+use crate::converge::report::{seconds, target_in_words, verdict_in_words, with_range};
+use crate::converge::results::Results;
+use crate::converge::slope::Verdict;
+use treewright_render_cli::output;
+use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT};
+
+/// Prints the results for people.
+pub(super) fn print(results: &Results) {
+    let reference = &results.reference;
+    println!(
+        "{}: {} triangles, {}x{}, {} s for each of {} runs",
+        results.scene.name,
+        results.scene.triangles,
+        results.size[0],
+        results.size[1],
+        seconds(results.budget_ms),
+        results.contenders.iter().map(|found| found.curve.runs.len()).max().unwrap_or(0),
+    );
+    println!(
+        "reference: {} samples a pixel, its own relative error {:.2e}; curves are trusted down to {:.2e}\n",
+        reference.samples, reference.relative_mse, reference.trusted_from
+    );
+    let text = |interval: Option<Interval>, digits: usize| {
+        interval.map_or_else(|| "–".to_owned(), |interval| with_range(&interval, digits))
+    };
+    let mut table = output::table(&[
+        "contender",
+        "tuning s",
+        "build ms",
+        "ms a sample",
+        "samples",
+        "relative error",
+        "similarity",
+        "slope",
+        "the error",
+    ]);
+    for found in &results.contenders {
+        let curve = &found.curve;
+        if let Some(failure) = &curve.failure {
+            table.add_row([curve.name.clone(), failure.clone()]);
+            continue;
+        }
+        let mean = |interval: Option<Interval>| interval.map_or(f64::NAN, |interval| interval.estimate);
+        table.add_row([
+            curve.name.clone(),
+            seconds(curve.setup_ms),
+            format!("{:.1}", mean(found.build_ms)),
+            text(found.frame_ms, 2),
+            format!("{:.0}", mean(found.samples)),
+            format!("{:.2e}", mean(found.relative_mse)),
+            format!("{:.4}", mean(found.ssim)),
+            text(found.convergence.slope, 3),
+            verdict_in_words(found.convergence.verdict).to_owned(),
+        ]);
+    }
+    println!("{table}");
+    for target in &results.equal_error {
+        println!("\n{}", target_in_words(target));
+        let mut table = output::table(&[
+            "contender",
+            "seconds",
+            "sooner than native",
+            "sooner than paper",
+            "seconds, tuning counted",
+            "than native",
+            "than paper",
+        ]);
+        for row in &target.rows {
+            let ratio = |baseline: &str, with_setup: bool| {
+                let speedup = row.speedups.iter().find(|speedup| speedup.over == baseline);
+                let ratio = speedup.map(|one| if with_setup { one.ratio_with_setup } else { one.ratio });
+                text(ratio, 2)
+            };
+            table.add_row([
+                row.name.clone(),
+                seconds(row.time_ms.estimate),
+                ratio(NATIVE_DEFAULT, false),
+                ratio(PAPER_DEFAULT, false),
+                seconds(row.time_with_setup_ms.estimate),
+                ratio(NATIVE_DEFAULT, true),
+                ratio(PAPER_DEFAULT, true),
+            ]);
+        }
+        println!("{table}");
+    }
+    if results.contenders.iter().any(|found| found.convergence.verdict == Verdict::Biased) {
+        println!("\nA plateau above the reference's own error is an error that no time removes.");
+    }
+    for note in results.notes.iter().chain(&results.scene.notes) {
+        println!("note: {note}");
+    }
+}

@@ -1,0 +1,74 @@
+//! The program `treewright-lab`: what it understands. Exit codes are those of `treewright-render`.
+
+mod ablate;
+mod converge;
+mod converge_entrants;
+mod converge_output;
+mod leave_out;
+mod verify;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use treewright_render_cli::carry_out;
+use treewright_render_cli::error::CliError;
+
+const EXAMPLES: &str = "\
+Examples:
+  treewright-lab verify --scene bmw.ply --rays 10000
+  treewright-lab leave-out --scene builtin:model
+  treewright-lab ablate --scene builtin:city --config-file best.json --report ablation.html
+  treewright-lab converge --scene builtin:hall --report converge.html
+
+Exit codes:
+  0  done
+  1  the operation failed
+  2  the command line makes no sense
+  3  the daemon cannot be reached
+  130  stopped by Ctrl-C";
+
+/// Measurements behind what Treewright claims. `treewright-render` hands these commands on to this program.
+#[derive(Debug, Parser)]
+#[command(name = "treewright-lab", version, after_help = EXAMPLES, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Measure what it saves to leave out what a scene does not need.
+    LeaveOut(leave_out::Arguments),
+    /// Compare errors over time: whose picture is good enough first, builds and tuning included.
+    Converge(Box<converge::Arguments>),
+    /// Take a tuned configuration apart: which parameter brought what.
+    Ablate(ablate::Arguments),
+    /// Check that all acceleration structures give the same hits and pictures.
+    Verify(verify::Arguments),
+}
+
+/// Runs the program with the process's arguments.
+pub fn main() -> ExitCode {
+    carry_out("treewright-lab", || run(&Cli::parse().command))
+}
+
+fn run(command: &Command) -> Result<(), CliError> {
+    match command {
+        Command::LeaveOut(arguments) => leave_out::run(arguments),
+        Command::Converge(arguments) => converge::run(arguments),
+        Command::Ablate(arguments) => ablate::run(arguments),
+        Command::Verify(arguments) => verify::run(arguments),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_sound() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,342 @@
+//! Several contenders render the same view progressively; their errors are noted over time.
+//!
+//! The machine's speed drifts, so contenders take turns frame by frame and each turn begins with another one.
+//! Within a run all have the same seed: after as many samples they have the same picture, and what differs
+//! is only when they have it. Runs have seeds of their own and are independent of one another. Each run
+//! builds each structure anew. Errors are measured while no clock runs.
+
+use serde::Serialize;
+use treewright_accel::Structure;
+
+use super::bias::Moments;
+use super::metrics::Yardstick;
+use treewright_renderer::film::{Film, Picture};
+use treewright_renderer::frame::Renderer;
+use treewright_renderer::integrator::View;
+use treewright_renderer::measure::Contender;
+use treewright_renderer::space::Choice;
+
+/// A contender, and what it cost to find its configuration.
+#[derive(Clone, Debug)]
+pub struct Entrant {
+    /// What is built and how it is rendered with.
+    pub contender: Contender,
+    /// Time that went into finding the configuration: tuning, or asking for a prediction.
+    pub setup_ms: f64,
+}
+
+/// How contenders are compared.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan {
+    /// What is rendered; the seed is the first run's.
+    pub view: View,
+    /// How many independent runs.
+    pub runs: u32,
+    /// Time that each contender gets in each run for building and rendering.
+    pub budget_ms: f64,
+    /// Most samples a pixel.
+    pub samples_max: u32,
+}
+
+/// A contender's picture after some time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Point {
+    /// Samples a pixel.
+    pub samples: u32,
+    /// Time spent rendering them.
+    pub render_ms: f64,
+    /// Relative mean squared error, the reference's own included.
+    pub relative_mse: f64,
+    /// Structural similarity to the reference, 1 at best.
+    pub ssim: f64,
+}
+
+/// One run of one contender.
+#[derive(Clone, Debug, Serialize)]
+pub struct Run {
+    /// Seed of its samples.
+    pub seed: u64,
+    /// Building the structure.
+    pub build_ms: f64,
+    /// At powers of √2 samples.
+    pub points: Vec<Point>,
+    /// When the time was up.
+    pub end: Point,
+}
+
+impl Run {
+    /// All points in order of time.
+    pub fn all_points(&self) -> impl Iterator<Item = &Point> {
+        let last = self.points.last().map(|point| point.samples);
+        self.points.iter().chain(Some(&self.end).filter(move |end| last != Some(end.samples)))
+    }
+}
+
+/// All runs of one contender.
+#[derive(Clone, Debug, Serialize)]
+pub struct Curve {
+    /// The contender's name.
+    pub name: String,
+    /// What is built, and how it is rendered with.
+    pub choice: Choice,
+    /// Time that went into finding the configuration.
+    pub setup_ms: f64,
+    /// Independent runs.
+    pub runs: Vec<Run>,
+    /// Why there is nothing, if the structure cannot be built.
+    pub failure: Option<String>,
+    /// Pictures of the first run.
+    #[serde(skip)]
+    pub pictures: Pictures,
+    /// The last pictures of all runs.
+    #[serde(skip)]
+    pub ends: Moments,
+}
+
+/// A contender's pictures when the time was up.
+#[derive(Clone, Debug, Default)]
+pub struct Pictures {
+    /// With the time counted from the build on.
+    pub at_budget: Option<Shot>,
+    /// With the time counted from the begin of tuning on; absent while tuning lasts longer than that.
+    pub at_budget_with_setup: Option<Shot>,
+}
+
+/// A picture and its figures.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    /// Linear radiance.
+    pub picture: Picture,
+    /// Its samples, time and errors.
+    pub point: Point,
+}
+
+/// How a comparison goes on.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress {
+    /// The run, counted from 0.
+    pub run: u32,
+    /// The share of it that is done, 0 to 1.
+    pub share: f64,
+}
+
+/// Compares the entrants. `go_on` is asked before each frame; when it says no, the runs that are complete
+/// are returned. A round of frames that nobody counts comes first, to warm caches and clocks.
+pub fn compare(
+    renderer: &Renderer,
+    entrants: &[Entrant],
+    plan: &Plan,
+    yardstick: &Yardstick,
+    mut go_on: impl FnMut(Progress) -> bool,
+) -> Vec<Curve> {
+    let mut curves: Vec<Curve> = entrants
+        .iter()
+        .map(|Entrant { contender, setup_ms }| Curve {
+            name: contender.name.clone(),
+            choice: contender.choice,
+            setup_ms: *setup_ms,
+            runs: Vec::new(),
+            failure: None,
+            pictures: Pictures::default(),
+            ends: Moments::default(),
+        })
+        .collect();
+    let reference = yardstick.reference();
+    let size = (reference.width, reference.height);
+    for run in 0..plan.runs {
+        let view = View { seed: run_seed(plan.view.seed, run), ..plan.view };
+        let mut lanes: Vec<(usize, Lane)> = Vec::new();
+        for turn in 0..entrants.len() {
+            let index = (run as usize + turn) % entrants.len();
+            if curves[index].failure.is_some() {
+                continue;
+            }
+            match renderer.build(&curves[index].choice.build) {
+                Ok((structure, build_ms)) => lanes.push((index, Lane::new(structure, build_ms, size))),
+                Err(error) => curves[index].failure = Some(error.to_string()),
+            }
+        }
+        if run == 0 {
+            let mut film = Film::new(size.0, size.1);
+            for (index, lane) in &lanes {
+                renderer.render_with(&lane.structure, &view, &curves[*index].choice.render, &mut film);
+            }
+        }
+        let count = lanes.len();
+        let mut turn = 0;
+        while lanes.iter().any(|(_, lane)| lane.end.is_none()) {
+            let share = lanes.iter().map(|(_, lane)| lane.share(plan)).fold(1.0, f64::min);
+            if !go_on(Progress { run, share }) {
+                return curves;
+            }
+            for offset in 0..count {
+                let (index, lane) = &mut lanes[(turn + offset) % count];
+                let stage = Stage { renderer, view: &view, plan, yardstick, keeps_pictures: run == 0 };
+                lane.advance(&stage, &mut curves[*index]);
+            }
+            turn += 1;
+        }
+        for (index, lane) in lanes {
+            if let Some(end) = lane.end {
+                curves[index].ends.add(&lane.film.picture());
+                let run = Run { seed: view.seed, build_ms: lane.build_ms, points: lane.points, end };
+                curves[index].runs.push(run);
+            }
+        }
+    }
+    curves
+}
+
+/// Seeds of runs. Small seeds that people give must not lead to runs that share samples.
+fn run_seed(seed: u64, run: u32) -> u64 {
+    seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(u64::from(run))
+}
+
+/// Whether errors are measured after so many samples: at powers of √2, rounded.
+fn is_checkpoint(samples: u32) -> bool {
+    let power = 2.0 * f64::from(samples).log2();
+    let nearest = 2.0_f64.powf(power.round() * 0.5).round();
+    nearest == f64::from(samples)
+}
+
+/// One contender in one run.
+struct Lane {
+    structure: Structure,
+    build_ms: f64,
+    film: Film,
+    render_ms: f64,
+    points: Vec<Point>,
+    end: Option<Point>,
+}
+
+impl Lane {
+    fn new(structure: Structure, build_ms: f64, (width, height): (u32, u32)) -> Self {
+        let film = Film::new(width, height);
+        Self { structure, build_ms, film, render_ms: 0.0, points: Vec::new(), end: None }
+    }
+
+    fn spent_ms(&self) -> f64 {
+        self.build_ms + self.render_ms
+    }
+
+    fn share(&self, plan: &Plan) -> f64 {
+        let samples = f64::from(self.film.samples()) / f64::from(plan.samples_max);
+        (self.spent_ms() / plan.budget_ms).max(samples).min(1.0)
+    }
+
+    /// Renders one sample more, if there is time left, and measures where it is due.
+    fn advance(&mut self, stage: &Stage, curve: &mut Curve) {
+        if self.end.is_some() {
+            return;
+        }
+        let budget_ms = stage.plan.budget_ms;
+        let before_ms = self.spent_ms();
+        self.render_ms +=
+            stage.renderer.render_with(&self.structure, stage.view, &curve.choice.render, &mut self.film).0;
+        let samples = self.film.samples();
+        let is_end = self.spent_ms() >= budget_ms || samples >= stage.plan.samples_max;
+        // The frame that goes past the budget is the one that is shown, in both ways to count.
+        let is_end_with_setup = stage.keeps_pictures
+            && before_ms + curve.setup_ms < budget_ms
+            && (is_end || self.spent_ms() + curve.setup_ms >= budget_ms);
+        if !(is_end || is_end_with_setup || is_checkpoint(samples)) {
+            return;
+        }
+        let picture = self.film.picture();
+        let point = Point {
+            samples,
+            render_ms: self.render_ms,
+            relative_mse: stage.yardstick.relative_mse(&picture),
+            ssim: stage.yardstick.ssim(&picture),
+        };
+        if is_checkpoint(samples) {
+            self.points.push(point);
+        }
+        if is_end {
+            self.end = Some(point);
+        }
+        if is_end_with_setup {
+            curve.pictures.at_budget_with_setup = Some(Shot { picture: picture.clone(), point });
+        }
+        if is_end && stage.keeps_pictures {
+            curve.pictures.at_budget = Some(Shot { picture, point });
+        }
+    }
+}
+
+/// What all lanes of a run have in common.
+struct Stage<'a> {
+    renderer: &'a Renderer,
+    view: &'a View,
+    plan: &'a Plan,
+    yardstick: &'a Yardstick,
+    keeps_pictures: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, TreeParameters};
+
+    use super::*;
+    use crate::converge::reference::Reference;
+    use crate::converge::reference_key::ReferenceKey;
+    use crate::converge::testing::matt_scene;
+    use treewright_renderer::render_options::RenderOptions;
+
+    #[test]
+    fn checkpoints_are_powers_of_the_root_of_two() {
+        let found: Vec<u32> = (1..200).filter(|&samples| is_checkpoint(samples)).collect();
+        assert_eq!(found, [1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181]);
+    }
+
+    #[test]
+    fn contenders_have_the_same_pictures_at_their_own_times() {
+        let (renderer, view) = matt_scene();
+        let low = NativeOptions { quality: NativeQuality::Low, ..NativeOptions::default() };
+        let entrant = |name: &str, build: BuildChoice, setup_ms| Entrant {
+            contender: Contender { name: name.to_owned(), choice: build.into() },
+            setup_ms,
+        };
+        let impossible = TreeParameters { branching_factor: 3, ..TreeParameters::default() };
+        let entrants = [
+            entrant("tree", BuildChoice::Tree(TreeParameters::default()), 0.0),
+            entrant("native", BuildChoice::Native(low), 1e9),
+            entrant("impossible", BuildChoice::Tree(impossible), 0.0),
+        ];
+        let mut reference = Reference::empty(ReferenceKey::new(renderer.scene(), &view, 24, 16));
+        let structure = renderer.build(&entrants[0].contender.choice.build).expect("it can be built").0;
+        reference.extend(&renderer, &structure, &view, &RenderOptions::default(), 512, || true);
+        let yardstick = Yardstick::new(reference.picture());
+        let plan = Plan { view, runs: 3, budget_ms: 1e9, samples_max: 25 };
+        let mut last = 0.0;
+        let curves = compare(&renderer, &entrants, &plan, &yardstick, |progress| {
+            assert!(progress.run as f64 + progress.share >= last);
+            last = progress.run as f64 + progress.share;
+            true
+        });
+        assert!(curves[2].failure.is_some() && curves[2].runs.is_empty());
+        for run in 0..3 {
+            let [tree, native] = [&curves[0].runs[run], &curves[1].runs[run]];
+            assert_eq!(tree.seed, native.seed);
+            assert_eq!(
+                tree.all_points().map(|point| point.samples).collect::<Vec<_>>(),
+                [1, 2, 3, 4, 6, 8, 11, 16, 23, 25]
+            );
+            for (a, b) in tree.all_points().zip(native.all_points()) {
+                let ratio = a.relative_mse / b.relative_mse;
+                assert!((0.9..1.1).contains(&ratio), "the same samples, {ratio} of the error");
+                assert!(a.render_ms > 0.0 && b.render_ms > 0.0);
+            }
+            assert!(tree.points[8].relative_mse < tree.points[0].relative_mse / 6.0);
+            assert!(tree.points[8].ssim > tree.points[0].ssim);
+        }
+        assert_ne!(curves[0].runs[0].points[0].relative_mse, curves[0].runs[1].points[0].relative_mse);
+        let shot = |curve: usize| curves[curve].pictures.at_budget.as_ref().expect("there was time");
+        assert_eq!(shot(0).point, curves[0].runs[0].end);
+        assert!(curves[0].pictures.at_budget_with_setup.is_some());
+        assert!(curves[1].pictures.at_budget_with_setup.is_none(), "it would still be tuning");
+
+        let stopped = compare(&renderer, &entrants, &plan, &yardstick, |progress| progress.run < 1);
+        assert_eq!(stopped[0].runs.len(), 1, "complete runs are kept");
+    }
+}

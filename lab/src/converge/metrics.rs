@@ -1,0 +1,135 @@
+//! How far a picture is from the reference.
+//!
+//! Two numbers. The relative mean squared error is computed on linear radiance and is what theory speaks
+//! about: for an unbiased estimator it falls as one over the number of samples (Rousselle, Knaus, Zwicker:
+//! Adaptive Sampling and Reconstruction using Greedy Error Minimization, SIGGRAPH Asia 2011, with the small
+//! constant taken relative to the scene's brightness). Structural similarity (see `ssim`) is computed on
+//! pictures as people see them, all tone-mapped alike.
+
+use glam::Vec3;
+
+use super::ssim::Similarity;
+use treewright_renderer::film::Picture;
+use treewright_renderer::image_file::{Exposure, display_value, exposure_factor};
+
+/// Keeps nearly black pixels from deciding everything, as a share of the squared mean luminance.
+const EPSILON: f64 = 0.01;
+
+/// Compares pictures with one reference. What depends on the reference alone is computed once.
+#[derive(Clone, Debug)]
+pub struct Yardstick {
+    reference: Picture,
+    /// One over what a pixel's squared error is divided by, for each channel.
+    weights: Vec<[f64; 3]>,
+    /// Factor on radiance before every picture is developed.
+    exposure: f32,
+    structure: Similarity,
+}
+
+impl Yardstick {
+    /// Compares with this reference.
+    pub fn new(reference: Picture) -> Self {
+        let mean = reference.mean_luminance();
+        // A black reference has no brightness to be relative to.
+        let floor = (EPSILON * mean * mean).max(f64::MIN_POSITIVE.sqrt());
+        let weight = |value: f32| 1.0 / (f64::from(value) * f64::from(value) + floor);
+        let weights = reference.pixels.iter().map(|pixel| pixel.to_array().map(weight)).collect();
+        let exposure = exposure_factor(&reference, Exposure::Auto);
+        let shown = shown_luminance(&reference, exposure);
+        let structure = Similarity::new(reference.width as usize, shown);
+        Self { reference, weights, exposure, structure }
+    }
+
+    /// The reference.
+    pub fn reference(&self) -> &Picture {
+        &self.reference
+    }
+
+    /// The exposure with which all pictures are shown, so that they can be compared by eye.
+    pub fn exposure(&self) -> Exposure {
+        Exposure::Stops(self.exposure.log2())
+    }
+
+    /// Mean over pixels and channels of the squared error over the squared reference. 0 for the same picture.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn relative_mse(&self, picture: &Picture) -> f64 {
+        self.check(picture);
+        self.mean_weighted(|index, channel| {
+            f64::from(picture.pixels[index][channel]) - f64::from(self.reference.pixels[index][channel])
+        })
+    }
+
+    /// What squared errors are multiplied with, for each channel of each pixel.
+    pub(super) fn weights(&self) -> &[[f64; 3]] {
+        &self.weights
+    }
+
+    /// Mean over pixels and channels of `difference(pixel, channel)²`, divided like the squared error.
+    pub(super) fn mean_weighted(&self, difference: impl Fn(usize, usize) -> f64) -> f64 {
+        let sum: f64 = self
+            .weights
+            .iter()
+            .enumerate()
+            .flat_map(|(index, weights)| {
+                weights.iter().enumerate().map(move |(channel, weight)| (index, channel, weight))
+            })
+            .map(|(index, channel, weight)| difference(index, channel).powi(2) * weight)
+            .sum();
+        sum / (self.weights.len() * 3) as f64
+    }
+
+    /// Mean structural similarity of the luminance as shown: 1 for the same picture.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn ssim(&self, picture: &Picture) -> f64 {
+        self.check(picture);
+        self.structure.to(&shown_luminance(picture, self.exposure))
+    }
+
+    /// The relative error of each pixel as a picture of colours that are shown as they are: black where there
+    /// is none, over red and yellow to white where it is as large as `largest` times the reference.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn difference(&self, picture: &Picture, largest: f64) -> Vec<[u8; 3]> {
+        self.check(picture);
+        let relative = |(index, weights): (usize, &[f64; 3])| {
+            let squared: f64 = (0..3)
+                .map(|channel| {
+                    let error = picture.pixels[index][channel] - self.reference.pixels[index][channel];
+                    f64::from(error).powi(2) * weights[channel]
+                })
+                .sum();
+            glow((squared / 3.0).sqrt() / largest)
+        };
+        self.weights.iter().enumerate().map(relative).collect()
+    }
+
+    fn check(&self, picture: &Picture) {
+        assert_eq!(
+            (picture.width, picture.height),
+            (self.reference.width, self.reference.height),
+            "pictures are compared with a reference of their size"
+        );
+    }
+}
+
+/// The colour of glowing metal: black, red, yellow, white.
+fn glow(share: f64) -> [u8; 3] {
+    let heat = share.clamp(0.0, 1.0) * 3.0;
+    [heat, heat - 1.0, heat - 2.0].map(|channel| (channel.clamp(0.0, 1.0) * 255.0).round() as u8)
+}
+
+/// Luminance of a picture as it is shown, 0 to 1 (ITU-R BT.709, on encoded values as video does it).
+fn shown_luminance(picture: &Picture, exposure: f32) -> Vec<f64> {
+    let weights = Vec3::new(0.2126, 0.7152, 0.0722);
+    let shown = |pixel: &Vec3| (*pixel * exposure).to_array().map(display_value);
+    picture.pixels.iter().map(|pixel| f64::from(Vec3::from_array(shown(pixel)).dot(weights))).collect()
+}
+
+#[cfg(test)]
+#[path = "metrics_tests.rs"]
+mod tests;

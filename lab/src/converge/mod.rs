@@ -1,0 +1,56 @@
+//! Error against run time: how soon each configuration's picture is as good as it must be.
+//!
+//! A faster structure is worth what it saves until a picture is good enough, its build and its tuning
+//! included. So every contender renders progressively, the clock is stopped while its picture is compared
+//! with a converged reference, and what is told are errors over seconds: curves, their slopes, and how much
+//! earlier than another a contender reaches the same error.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `metrics` | error of a picture: relative squared error, structural similarity |
+//! | `ssim` | the latter |
+//! | `reference` | the converged picture, and how far from the truth it still is |
+//! | `reference_key` | what a reference was rendered of |
+//! | `reference_file` | the same on disc, so that it is rendered once |
+//! | `curve` | several contenders, interleaved, over several independent runs |
+//! | `bootstrap` | intervals of whatever is computed from independent runs |
+//! | `slope` | is it the −1 of an unbiased estimator, or does it end on a plateau? |
+//! | `bias` | the error that no time removes |
+//! | `equal_error` | how much earlier one contender reaches an error than another |
+//! | `results` | everything that was found, for JSON and CSV |
+//! | `report` | the same for people: plot and page |
+
+pub mod bias;
+pub mod bootstrap;
+pub mod curve;
+pub mod equal_error;
+pub mod metrics;
+pub mod reference;
+pub mod reference_file;
+pub mod reference_key;
+pub mod report;
+pub mod results;
+pub mod slope;
+mod ssim;
+
+#[cfg(test)]
+mod testing {
+    //! A scene whose noise is mild, so that few samples tell something about its errors.
+
+    use std::sync::Arc;
+
+    use treewright_renderer::frame::Renderer;
+    use treewright_renderer::integrator::View;
+    use treewright_scene::{Material, builtin};
+
+    pub(super) fn matt_scene() -> (Renderer, View) {
+        let options = builtin::Options { detail: 0.05, ..builtin::Options::default() };
+        let mut scene = builtin::build("quick", &options).expect("it is built in");
+        for material in &mut scene.materials {
+            *material = Material { base_color: material.base_color, ..Material::default() };
+        }
+        scene.sky.sun = None;
+        let view = View { camera: scene.cameras[0], seed: 1, bounces: 1 };
+        (Renderer::new(Arc::new(scene), 0).expect("it starts"), view)
+    }
+}

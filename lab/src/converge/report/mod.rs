@@ -1,0 +1,126 @@
+//! The comparison for people: a plot, and a page that carries everything inside.
+
+mod chart;
+mod parts;
+
+use askama::Template;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use super::curve::Shot;
+use super::metrics::Yardstick;
+use super::results::Results;
+use parts::{ContenderRow, EqualErrorTable, LegendRow};
+use treewright_render_cli::report::thousands;
+use treewright_renderer::image_file::{self, ImageFileError};
+
+pub use chart::{Ground, svg};
+pub(crate) use parts::{seconds, target_in_words, verdict_in_words, with_range};
+
+/// Difference pictures are white where the error is this large, relative to the reference.
+const WHITE_AT: f64 = 1.0;
+
+/// Why there is no page.
+#[derive(Debug, thiserror::Error)]
+pub enum ConvergeReportError {
+    /// A picture cannot be encoded.
+    #[error(transparent)]
+    Picture(#[from] ImageFileError),
+    /// The plot cannot be drawn.
+    #[error("the plot cannot be drawn: {0}")]
+    Chart(String),
+    /// The template fails.
+    #[error("the report cannot be put together: {0}")]
+    Template(#[from] askama::Error),
+}
+
+/// A picture on the page, with what it must be judged by.
+struct Frame {
+    name: String,
+    picture: String,
+    difference: String,
+    caption: String,
+}
+
+/// The page. Numbers arrive as text, ready to be read.
+#[derive(Template)]
+#[template(path = "converge.html")]
+struct Page<'a> {
+    scene: &'a str,
+    triangles: String,
+    size: String,
+    headline: String,
+    explanation: String,
+    budget: String,
+    frames: Vec<Frame>,
+    frames_with_setup: Vec<Frame>,
+    still_tuning: Vec<String>,
+    reference_image: String,
+    reference_text: String,
+    chart: String,
+    legend: Vec<LegendRow>,
+    contenders: Vec<ContenderRow>,
+    equal_error: Vec<EqualErrorTable>,
+    slope_text: String,
+    machine: String,
+    notes: Vec<String>,
+}
+
+/// Puts the page together.
+pub fn html(results: &Results, yardstick: &Yardstick) -> Result<String, ConvergeReportError> {
+    let frame = |name: &str, shot: &Shot, from: &str| -> Result<Frame, ConvergeReportError> {
+        let [width, height] = results.size;
+        let glow = yardstick.difference(&shot.picture, WHITE_AT);
+        Ok(Frame {
+            name: name.to_owned(),
+            picture: data_url(&image_file::png_bytes(&shot.picture, yardstick.exposure())?),
+            difference: data_url(&image_file::png_bytes_of_colours(width, height, &glow)?),
+            caption: parts::caption(&shot.point, from),
+        })
+    };
+    let mut frames = Vec::new();
+    let mut frames_with_setup = Vec::new();
+    let mut still_tuning = Vec::new();
+    for found in &results.contenders {
+        let curve = &found.curve;
+        if let Some(shot) = &curve.pictures.at_budget {
+            frames.push(frame(&curve.name, shot, "build included")?);
+        }
+        match (&curve.pictures.at_budget_with_setup, curve.setup_ms > 0.0) {
+            (Some(shot), true) => {
+                frames_with_setup.push(frame(&curve.name, shot, "build and tuning included")?);
+            }
+            (None, true) if !curve.runs.is_empty() => still_tuning.push(curve.name.clone()),
+            _ => {}
+        }
+    }
+    let reference = image_file::png_bytes(yardstick.reference(), yardstick.exposure())?;
+    let page = Page {
+        scene: &results.scene.name,
+        triangles: thousands(results.scene.triangles),
+        size: format!("{} × {}", results.size[0], results.size[1]),
+        headline: parts::headline(results),
+        explanation: parts::explanation(results),
+        budget: parts::seconds(results.budget_ms),
+        frames,
+        frames_with_setup,
+        still_tuning,
+        reference_image: data_url(&reference),
+        reference_text: parts::reference(results),
+        chart: svg(results, Ground::Page).map_err(ConvergeReportError::Chart)?,
+        legend: parts::legend(results),
+        contenders: parts::contenders(results),
+        equal_error: parts::equal_error(results),
+        slope_text: parts::slopes(results),
+        machine: parts::machine(results),
+        notes: results.notes.iter().chain(&results.scene.notes).cloned().collect(),
+    };
+    Ok(page.render()?)
+}
+
+fn data_url(png: &[u8]) -> String {
+    format!("data:image/png;base64,{}", STANDARD.encode(png))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,141 @@
+//! The page and the plot of a made-up comparison: they say what was measured, and they stand alone.
+
+use glam::Vec3;
+use treewright_accel::BuildChoice;
+use treewright_client::Fingerprint;
+
+use super::*;
+use crate::converge::bias::Moments;
+use crate::converge::bootstrap::Interval;
+use crate::converge::curve::{Curve, Pictures, Point, Run};
+use crate::converge::equal_error::equal_error;
+use crate::converge::results::{Found, ReferenceFacts};
+use treewright_renderer::film::Picture;
+use treewright_renderer::tuning::results::SceneFacts;
+use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, TUNED};
+
+const FLOOR: f64 = 1e-4;
+
+fn picture(level: f32) -> Picture {
+    Picture { width: 16, height: 12, pixels: vec![Vec3::splat(level); 16 * 12] }
+}
+
+fn curve(name: &str, setup_ms: f64, frame_ms: f64, plateau: f64) -> Curve {
+    let run = |number: u64| {
+        let point = |samples: u32| Point {
+            samples,
+            render_ms: frame_ms * f64::from(samples),
+            relative_mse: (0.2 + 0.01 * number as f64) / f64::from(samples) + plateau,
+            ssim: 0.8,
+        };
+        let points: Vec<Point> = [1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128].map(point).into();
+        Run { seed: number, build_ms: 10.0, end: point(150), points }
+    };
+    let runs: Vec<Run> = (0..5).map(run).collect();
+    let shot = Shot { picture: picture(1.1), point: runs[0].end };
+    Curve {
+        name: name.to_owned(),
+        choice: BuildChoice::BruteForce.into(),
+        setup_ms,
+        runs,
+        failure: None,
+        pictures: Pictures { at_budget: Some(shot), at_budget_with_setup: None },
+        ends: Moments::default(),
+    }
+}
+
+fn results(squared_bias: f64) -> Results {
+    let mut broken = curve("broken <b>", 0.0, 1.0, FLOOR);
+    (broken.runs, broken.pictures, broken.failure) =
+        (Vec::new(), Pictures::default(), Some("too deep".into()));
+    let curves = [
+        curve(PAPER_DEFAULT, 0.0, 20.0, FLOOR),
+        curve(NATIVE_DEFAULT, 0.0, 10.0, FLOOR),
+        curve(TUNED, 5000.0, 5.0, FLOOR + squared_bias),
+        broken,
+    ];
+    Results {
+        scene: SceneFacts {
+            name: "a & b".into(),
+            triangles: 1_234_567,
+            meshes: 3,
+            left_out: Vec::new(),
+            notes: vec!["a note".into()],
+        },
+        size: [16, 12],
+        bounces: 3,
+        machine: Fingerprint { cpu_model: "Test CPU".into(), ..Fingerprint::default() },
+        embree: (4, 4, 0),
+        budget_ms: 1500.0,
+        reference: ReferenceFacts {
+            samples: 4096,
+            scene_hash: "00".into(),
+            relative_mse: FLOOR,
+            trusted_from: 2.0 * FLOOR,
+        },
+        equal_error: equal_error(&curves, &[NATIVE_DEFAULT, PAPER_DEFAULT]),
+        contenders: curves
+            .into_iter()
+            .map(|curve| {
+                let estimate = if curve.name == TUNED { squared_bias } else { 0.0 };
+                let range = Some([estimate - 0.1 * FLOOR, estimate + 0.1 * FLOOR]);
+                Found::new(curve, None, "a file".to_owned(), FLOOR, Some(Interval { estimate, range }))
+            })
+            .collect(),
+        notes: vec!["something was left out".into()],
+    }
+}
+
+#[test]
+fn the_page_says_what_was_measured_and_stands_alone() {
+    let page = html(&results(0.0), &Yardstick::new(picture(1.0))).expect("it is put together");
+    for words in [
+        "tuned configuration reaches the same picture 1.99× sooner than native Embree default",
+        "a &#38; b",
+        "broken &#60;b&#62;",
+        "too deep",
+        "still being sought",
+        "−1",
+        "no bias is seen",
+        "4\u{2009}096 samples",
+        "something was left out",
+        "a note",
+        "Test CPU",
+    ] {
+        assert!(page.contains(words), "{words:?} is missing");
+    }
+    assert!(page.matches("data:image/png;base64,").count() == 2 * 3 + 1);
+    let mut outside =
+        page.match_indices("http").filter(|(at, _)| !page[*at..].starts_with("http://www.w3.org"));
+    assert_eq!(outside.next(), None, "nothing is loaded from elsewhere");
+}
+
+#[test]
+fn bias_is_reported() {
+    let page = html(&results(1e-2), &Yardstick::new(picture(1.0))).expect("it is put together");
+    assert!(page.contains("BIASED") && page.contains("which no time will remove: tuned."));
+}
+
+#[test]
+fn the_plot_has_all_curves() {
+    let results = results(0.0);
+    let plot = svg(&results, Ground::White).expect("it is drawn");
+    for words in ["relative mean squared error", PAPER_DEFAULT, NATIVE_DEFAULT, TUNED, "a &amp; b"] {
+        assert!(plot.contains(words), "{words:?} is missing");
+    }
+    assert!(!plot.contains("#010101") && !plot.contains("NaN") && !plot.contains("inf"));
+    // Five runs: 14 marks on each of three contenders.
+    assert_eq!(plot.matches("<circle").count(), 3 * 14);
+    let nothing = Results { contenders: Vec::new(), ..results };
+    assert!(svg(&nothing, Ground::Page).is_err_and(|told| told.contains("rendered")));
+}
+
+#[test]
+fn the_table_of_points_can_be_read_back() {
+    let csv = results(0.0).csv();
+    let lines: Vec<&str> = csv.lines().collect();
+    assert_eq!(lines.len(), 1 + 3 * 5 * 15);
+    assert!(lines[1].starts_with("\"paper default\",1,0,1,0.000,10.000,20.000,30.000,"), "{}", lines[1]);
+    assert!(lines.iter().all(|line| line.split(',').count() == 10));
+    assert!(lines.iter().any(|line| line.starts_with("\"tuned\"") && line.contains(",5000.000,")));
+}

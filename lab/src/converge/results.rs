@@ -1,0 +1,165 @@
+//! Everything a comparison found out, for JSON and CSV.
+
+use std::fmt::Write;
+
+use serde::Serialize;
+use treewright_client::{Configuration, Fingerprint};
+
+use super::bootstrap::{Interval, interval};
+use super::curve::{Curve, Run};
+use super::equal_error::EqualError;
+use super::slope::{Convergence, TimeAndError, judge};
+use treewright_renderer::tuning::results::SceneFacts;
+
+/// A finished comparison.
+#[derive(Clone, Debug, Serialize)]
+pub struct Results {
+    /// What was rendered.
+    pub scene: SceneFacts,
+    /// Pixels across and down.
+    pub size: [u32; 2],
+    /// Most bounces of a path.
+    pub bounces: u32,
+    /// The machine.
+    pub machine: Fingerprint,
+    /// Version of Embree: major, minor, patch.
+    pub embree: (u32, u32, u32),
+    /// Time for building and rendering that each contender got in each run.
+    pub budget_ms: f64,
+    /// The picture that errors are measured against.
+    pub reference: ReferenceFacts,
+    /// The contenders.
+    pub contenders: Vec<Found>,
+    /// Who reaches an error how much earlier.
+    pub equal_error: Vec<EqualError>,
+    /// What went wrong without ending the run, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// What describes a reference to people.
+#[derive(Clone, Debug, Serialize)]
+pub struct ReferenceFacts {
+    /// Samples a pixel.
+    pub samples: u32,
+    /// SHA-256 of the scene it shows.
+    pub scene_hash: String,
+    /// Its own relative mean squared error, estimated from its halves. It is part of every error.
+    pub relative_mse: f64,
+    /// Errors below this are not trusted.
+    pub trusted_from: f64,
+}
+
+/// What was found out about one contender.
+#[derive(Clone, Debug, Serialize)]
+pub struct Found {
+    /// Its measurements.
+    #[serde(flatten)]
+    pub curve: Curve,
+    /// Its configuration, where it has one of a tuning space.
+    pub configuration: Option<Configuration>,
+    /// Where the configuration comes from, in words.
+    pub origin: String,
+    /// Building; mean over runs.
+    pub build_ms: Option<Interval>,
+    /// One sample a pixel; mean over runs.
+    pub frame_ms: Option<Interval>,
+    /// Samples when the time was up; mean over runs.
+    pub samples: Option<Interval>,
+    /// Relative error when the time was up; mean over runs.
+    pub relative_mse: Option<Interval>,
+    /// Structural similarity when the time was up; mean over runs.
+    pub ssim: Option<Interval>,
+    /// Whether its error falls as it should.
+    pub convergence: Convergence,
+}
+
+impl Found {
+    /// Evaluates a curve. `floor` is the reference's own error.
+    pub fn new(
+        curve: Curve,
+        configuration: Option<Configuration>,
+        origin: String,
+        floor: f64,
+        squared_bias: Option<Interval>,
+    ) -> Self {
+        let mean = |value: &dyn Fn(&Run) -> f64| {
+            let values: Vec<f64> = curve.runs.iter().map(value).collect();
+            mean_of(&values)
+        };
+        let paths: Vec<Vec<TimeAndError>> = curve
+            .runs
+            .iter()
+            .map(|run| run.points.iter().map(|point| (point.render_ms, point.relative_mse)).collect())
+            .collect();
+        Self {
+            build_ms: mean(&|run| run.build_ms),
+            frame_ms: mean(&|run| run.end.render_ms / f64::from(run.end.samples)),
+            samples: mean(&|run| f64::from(run.end.samples)),
+            relative_mse: mean(&|run| run.end.relative_mse),
+            ssim: mean(&|run| run.end.ssim),
+            convergence: judge(&paths, floor, squared_bias),
+            curve,
+            configuration,
+            origin,
+        }
+    }
+
+    /// The runs' mean at each checkpoint that all have: wall time in seconds without the time to find the
+    /// configuration, and error with its interval.
+    pub fn mean_curve(&self) -> Vec<(f64, Interval)> {
+        let runs = &self.curve.runs;
+        let length = runs.iter().map(|run| run.points.len()).min().unwrap_or(0);
+        (0..length)
+            .filter_map(|point| {
+                let wall: f64 = runs.iter().map(|run| run.build_ms + run.points[point].render_ms).sum();
+                let errors: Vec<f64> = runs.iter().map(|run| run.points[point].relative_mse).collect();
+                Some((wall / runs.len() as f64 / 1e3, mean_of(&errors)?))
+            })
+            .collect()
+    }
+}
+
+/// Mean of independent values with its interval; `None` when there are none.
+fn mean_of(values: &[f64]) -> Option<Interval> {
+    interval(values.len(), |drawn| {
+        let sum: f64 = drawn.iter().map(|&run| values[run]).sum();
+        (!drawn.is_empty()).then(|| sum / drawn.len() as f64)
+    })
+}
+
+impl Results {
+    /// Every point of every run as comma-separated values (RFC 4180) with a heading.
+    pub fn csv(&self) -> String {
+        let mut text = String::from(
+            "contender,run,seed,samples,setup_ms,build_ms,render_ms,wall_ms,relative_mse,ssim\n",
+        );
+        for found in &self.contenders {
+            let curve = &found.curve;
+            let name = curve.name.replace('"', "\"\"");
+            for (number, run) in curve.runs.iter().enumerate() {
+                for point in run.all_points() {
+                    let wall_ms = curve.setup_ms + run.build_ms + point.render_ms;
+                    // Writing to a string cannot fail.
+                    let _ = writeln!(
+                        text,
+                        "\"{name}\",{},{},{},{:.3},{:.3},{:.3},{wall_ms:.3},{:e},{}",
+                        number + 1,
+                        run.seed,
+                        point.samples,
+                        curve.setup_ms,
+                        run.build_ms,
+                        point.render_ms,
+                        point.relative_mse,
+                        point.ssim,
+                    );
+                }
+            }
+        }
+        text
+    }
+
+    /// The contender of that name.
+    pub fn contender(&self, name: &str) -> Option<&Found> {
+        self.contenders.iter().find(|found| found.curve.name == name)
+    }
+}

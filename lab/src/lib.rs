@@ -1,0 +1,15 @@
+//! The laboratory: measurements behind what the project claims, and none that a user needs while tuning.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | `converge` | error against run time: whose picture is good enough first |
+//! | `ablation` | a winner taken apart, one value at a time |
+//! | `commands` | the program `treewright-lab`: these two, `verify` and `leave-out` |
+//!
+//! The examples of this crate measure the tuner without a renderer: searches, predictors, regret (`cargo run --release
+//! -p treewright-lab --example NAME`). Nothing of the product depends on this crate.
+#![forbid(unsafe_code)]
+
+pub mod ablation;
+pub mod commands;
+pub mod converge;

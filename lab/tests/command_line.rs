@@ -1,0 +1,153 @@
+//! The laboratory's program as a user meets it: what it finds out, and wrong input with its message and exit code.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+const FAILED: i32 = 1;
+const USAGE: i32 = 2;
+const UNREACHABLE: i32 = 3;
+
+/// Runs the program with arguments separated by spaces, in a folder of its own.
+fn run(folder: &Path, arguments: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_treewright-lab"))
+        .current_dir(folder)
+        .env_remove("TREEWRIGHT_SERVER")
+        .args(arguments.split_whitespace())
+        .output()
+        .expect("the program starts")
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a scratch folder")
+}
+
+fn succeeds(folder: &Path, arguments: &str) -> String {
+    let output = run(folder, arguments);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments}: {errors}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// Expects an exit code and some words on standard error.
+fn fails(arguments: &str, code: i32, said: &[&str]) {
+    let folder = folder();
+    let output = run(folder.path(), arguments);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments}: {errors}");
+    assert!(!errors.contains("panicked"), "{arguments}: {errors}");
+    for words in said {
+        assert!(errors.contains(words), "{arguments}: {words:?} is not in {errors}");
+    }
+}
+
+#[test]
+fn accelerators_are_verified() {
+    let folder = folder();
+    let path = folder.path();
+    let verified =
+        succeeds(path, "verify --scene builtin:quick --detail 0.1 --rays 500 --size 24x16 --spp 1 --json");
+    let verified: serde_json::Value = serde_json::from_str(&verified).expect("it is JSON");
+    assert_eq!(verified["agrees"], true);
+    assert!(verified["oracle_hits"].as_u64() > Some(100));
+    assert!(verified["accelerators"].as_array().is_some_and(|all| all.len() == 17));
+}
+
+#[test]
+fn a_winner_is_taken_apart() {
+    let folder = folder();
+    let path = folder.path();
+    std::fs::write(path.join("best.json"), r#"{"branching_factor": 4, "bounce": "eight", "staged": true}"#)
+        .expect("it can be written");
+    let ablation = succeeds(
+        path,
+        "ablate --scene builtin:quick --detail 0.1 --rounds 2 --size 24x16 --config-file best.json --json a.json --report a.html",
+    );
+    assert!(ablation.contains("branching_factor") && ablation.contains("backend"));
+    let ablation = std::fs::read_to_string(path.join("a.json")).expect("it was written");
+    assert!(ablation.contains("\"kept\"") && path.join("a.html").exists());
+}
+
+#[test]
+fn errors_are_compared_over_time() {
+    let folder = folder();
+    let path = folder.path();
+    let tuned = r#"{"tuned": {"quality": 3, "branching_factor": 8}, "break_even": {"tuning_ms": 5e6}}"#;
+    std::fs::write(path.join("tuned.json"), tuned).expect("it can be written");
+    let arguments = "converge --scene builtin:quick --detail 0.1 --size 24x16 --seconds 60 --spp 40 --runs 3 \
+                     --reference r.exr --reference-spp 1024 --tuned tuned.json";
+    let json = succeeds(path, &format!("{arguments} --json -"));
+    let results: serde_json::Value = serde_json::from_str(&json).expect("nothing but JSON is printed");
+    let contenders = results["contenders"].as_array().expect("there are contenders");
+    assert_eq!(contenders.len(), 3);
+    assert_eq!(results["reference"]["samples"], 1024);
+    let floor = results["reference"]["relative_mse"].as_f64().expect("it was estimated");
+    for contender in contenders {
+        assert_eq!(contender["runs"].as_array().map(Vec::len), Some(3));
+        // The same samples, hence the same error whatever the structure.
+        let ends = |field: &str| contender[field]["estimate"].as_f64().expect("it was measured");
+        assert_eq!(ends("samples"), 40.0);
+        assert!(ends("relative_mse") > floor);
+        let first = contenders[0]["relative_mse"]["estimate"].as_f64().expect("it was measured");
+        assert!((ends("relative_mse") / first - 1.0).abs() < 0.1);
+        let slope = contender["convergence"]["slope"]["range"].as_array().expect("there are runs enough");
+        assert!(slope[0].as_f64() < Some(-0.5) && slope[1].as_f64() > Some(-1.5), "{slope:?}");
+    }
+    assert_eq!(contenders[2]["setup_ms"], 5e6);
+    let last = results["equal_error"].as_array().and_then(|all| all.last()).expect("an error all reach");
+    let speedup = &last["rows"][2]["speedups"][0];
+    assert_eq!(speedup["over"], "native Embree default");
+    let ratio = |field: &str| speedup[field]["estimate"].as_f64().expect("there is a ratio");
+    assert!(ratio("ratio_with_setup") < ratio("ratio") * 0.1, "an hour of tuning does not pay off at once");
+
+    let told = succeeds(
+        path,
+        &format!("{arguments} --json c.json --csv c.csv --plot c.svg --report c.html --config quality=1"),
+    );
+    for words in ["slope", "sooner than native", "quality=1", "wrote c.html"] {
+        assert!(told.contains(words), "{words:?} is missing: {told}");
+    }
+    let file = |name: &str| std::fs::read_to_string(path.join(name)).expect("it was written");
+    let again: serde_json::Value = serde_json::from_str(&file("c.json")).expect("it is JSON");
+    assert_eq!(again["reference"], results["reference"], "the stored reference is used");
+    assert!(file("c.csv").lines().count() > 4 * 3 * 10 && file("c.svg").contains("<svg"));
+    assert!(file("c.html").contains("still being sought"));
+}
+
+#[test]
+fn comparisons_that_cannot_be_made_are_refused() {
+    let small = "converge --scene builtin:quick --detail 0.1 --size 24x16";
+    fails(&format!("{small} --report nowhere/a.html"), FAILED, &["nowhere", "does not exist"]);
+    fails(&format!("{small} --reference nowhere/a.exr"), FAILED, &["nowhere", "does not exist"]);
+    fails(&format!("{small} --tuned missing.json"), FAILED, &["missing.json"]);
+    fails(&format!("{small} --seconds 0"), USAGE, &["above 0"]);
+    fails(&format!("{small} --runs 0"), USAGE, &["--runs"]);
+    fails(&format!("{small} --iterations 5"), USAGE, &["--server"]);
+    fails(&format!("{small} --server http://127.0.0.1:9"), UNREACHABLE, &["127.0.0.1:9"]);
+    let folder = folder();
+    let path = folder.path();
+    let first = "converge --scene builtin:quick --detail 0.1 --size 8x6 --spp 2 --runs 1 --reference-spp 4 --reference r.exr";
+    succeeds(path, first);
+    for (other, said) in [
+        (first.replace("8x6", "9x6"), "8x6 pixels, 9x6"),
+        (first.replace("--detail 0.1", "--detail 0.2"), "contents were others"),
+        (format!("{first} --bounces 1"), "up to 3 bounces, 1 are"),
+        (format!("{first} --at 0.5"), "another camera"),
+    ] {
+        let output = run(path, &other);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(FAILED), "{other}: {errors}");
+        assert!(errors.contains("r.exr does not fit") && errors.contains(said), "{other}: {errors}");
+    }
+    let more = succeeds(path, &first.replace("--reference-spp 4", "--reference-spp 10"));
+    assert!(more.contains("reference: 10 samples"), "{more}");
+}
+
+#[test]
+fn help_shows_examples_and_exit_codes() {
+    let help = succeeds(folder().path(), "--help");
+    assert!(help.contains("Examples:") && help.contains("Exit codes:"));
+    for command in ["leave-out", "ablate", "converge", "verify"] {
+        assert!(help.contains(command), "{command}");
+        succeeds(folder().path(), &format!("{command} --help"));
+    }
+}

@@ -1,0 +1,422 @@
+//! Groups of arguments that several commands share, and how they become scenes, cameras and structures.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Update};
+use treewright_client::{Configuration, Indicators};
+
+use crate::error::CliError;
+use treewright_renderer::frame::{Renderer, RendererError};
+use treewright_renderer::integrator::View;
+use treewright_renderer::limits::{BOUNCES_MAX, SIZE_MAX, THREADS_MAX};
+use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
+use treewright_renderer::tuning::objective::Objective;
+use treewright_scene::camera_path::CameraPath;
+use treewright_scene::indicators::SceneIndicators;
+use treewright_scene::{Camera, Scene, builtin, load};
+
+/// Prefix of the names of built-in scenes.
+const BUILTIN: &str = "builtin:";
+
+/// Which scene.
+#[derive(Args, Clone, Debug)]
+pub struct SceneArguments {
+    /// A glTF, GLB, OBJ or PLY file, or `builtin:NAME` (see `treewright-render scenes`).
+    #[arg(long, value_name = "PATH|builtin:NAME")]
+    pub scene: String,
+
+    /// Scales the number of triangles of a built-in scene, 0.001 to 8.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    pub detail: f32,
+
+    /// Moment of an animated built-in scene; 0 to 1 is one round.
+    #[arg(long, value_name = "T", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub time: f32,
+
+    /// Copy what instances place, instead of tracing rays through instances.
+    #[arg(long)]
+    pub flatten: bool,
+}
+
+impl SceneArguments {
+    /// The scene at another time, for a built-in one that is animated.
+    pub fn at(&self, time: f32) -> Result<Arc<Scene>, CliError> {
+        Self { time, ..self.clone() }.load()
+    }
+
+    /// Refuses a scene in which nothing moves.
+    pub fn check_animated(&self) -> Result<(), CliError> {
+        let animated = || builtin::names().filter(|name| builtin::is_animated(name));
+        if self.scene.strip_prefix(BUILTIN).is_some_and(builtin::is_animated) {
+            return Ok(());
+        }
+        let known: Vec<String> = animated().map(|name| format!("{BUILTIN}{name}")).collect();
+        Err(CliError::Usage(format!(
+            "nothing moves in {}; animated scenes are {}",
+            self.scene,
+            known.join(", ")
+        )))
+    }
+
+    /// Loads or generates the scene.
+    pub fn load(&self) -> Result<Arc<Scene>, CliError> {
+        let scene = match self.scene.strip_prefix(BUILTIN) {
+            Some(name) => {
+                let options =
+                    builtin::Options { detail: self.detail, time: self.time, ..builtin::Options::default() };
+                builtin::build(name, &options)?
+            }
+            None => load(&self.scene)?,
+        };
+        Ok(Arc::new(if self.flatten { scene.flattened()? } else { scene }))
+    }
+}
+
+/// Which camera of the scene.
+#[derive(Args, Clone, Debug)]
+pub struct CameraArguments {
+    /// Number of a camera of the scene, from 0.
+    #[arg(long, value_name = "N", conflicts_with = "at")]
+    pub camera: Option<usize>,
+
+    /// A point of the scene's camera path, 0 to 1.
+    #[arg(long, value_name = "T", value_parser = unit_interval)]
+    pub at: Option<f32>,
+}
+
+impl CameraArguments {
+    /// Finds the camera: the one asked for, a point of the path, or the scene's first.
+    pub fn find(&self, scene: &Scene) -> Result<Camera, CliError> {
+        match (self.camera, self.at) {
+            (Some(number), _) => scene.cameras.get(number).copied().ok_or_else(|| {
+                CliError::Usage(format!(
+                    "there is no camera {number}; {} has {}, counted from 0",
+                    scene.name,
+                    scene.cameras.len()
+                ))
+            }),
+            (None, Some(t)) => Ok(CameraPath::of(scene).sample(t)),
+            (None, None) => Ok(scene.cameras[0]),
+        }
+    }
+}
+
+/// How a frame is rendered.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct FrameArguments {
+    /// Seed of every random number of the picture: the same seed gives the same picture.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+
+    /// Most bounces of a path.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=i64::from(BOUNCES_MAX)))]
+    pub bounces: u32,
+
+    /// Threads for building and rendering; 0 is one a core.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
+    pub threads: usize,
+
+    /// What shading leaves out: all that the scene does not need, or nothing. Pictures are the same.
+    #[arg(long, value_enum, default_value_t = LeaveOut::All)]
+    pub leave_out: LeaveOut,
+}
+
+/// What shading leaves out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LeaveOut {
+    /// Everything that the scene does not need.
+    All,
+    /// Nothing: the kernel that renders any scene.
+    None,
+}
+
+impl FrameArguments {
+    /// A renderer of a scene.
+    pub fn renderer(&self, scene: &Arc<Scene>) -> Result<Renderer, RendererError> {
+        let mut renderer = Renderer::new(scene.clone(), self.threads)?;
+        renderer.set_leave_out(self.leave_out == LeaveOut::All);
+        Ok(renderer)
+    }
+
+    /// What is rendered from a camera.
+    pub fn view(&self, camera: Camera) -> View {
+        View { camera, seed: self.seed, bounces: self.bounces }
+    }
+}
+
+/// Width and height of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+}
+
+impl std::fmt::Display for Size {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{}x{}", self.width, self.height)
+    }
+}
+
+impl std::str::FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("a size is written WIDTHxHEIGHT, each 1 to {SIZE_MAX}, for example 640x480");
+        let (width, height) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
+        let edge =
+            |text: &str| text.parse().ok().filter(|edge| (1..=SIZE_MAX).contains(edge)).ok_or_else(wrong);
+        Ok(Self { width: edge(width)?, height: edge(height)? })
+    }
+}
+
+/// Build quality of Embree's own scenes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Native {
+    /// Morton codes: builds fast.
+    Low,
+    /// Binned surface area heuristic: Embree's default.
+    Medium,
+    /// With spatial splits: renders fast.
+    High,
+}
+
+impl Native {
+    /// Embree's quality of that name.
+    pub fn quality(self) -> NativeQuality {
+        match self {
+            Self::Low => NativeQuality::Low,
+            Self::Medium => NativeQuality::Medium,
+            Self::High => NativeQuality::High,
+        }
+    }
+}
+
+/// Which parameters configurations are of.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct SpaceArguments {
+    /// Parameters of configurations: `full` is native Embree, the tunable tree and how rays are grouped; `paper`
+    /// is the eleven of Table 1 (see `treewright-render spaces`).
+    #[arg(long, value_enum, default_value_t = Preset::Full)]
+    pub space: Preset,
+
+    /// Watertight intersection at edges, at some cost. It is never tuned: it decides which hits are found. (In
+    /// the paper's space it is one of the parameters.)
+    #[arg(long)]
+    pub robust: bool,
+}
+
+impl SpaceArguments {
+    /// The space for a scene, with only what the scene can use.
+    pub fn of(&self, scene: &Scene, objective: Objective, threads: usize) -> Result<TuningSpace, CliError> {
+        self.checked(Premises::of(scene, objective.builds_each_frame(), self.robust, threads))
+    }
+
+    /// The space for a scene that moves, with what brings a structure along.
+    pub fn of_moving(&self, scene: &Scene, threads: usize) -> Result<TuningSpace, CliError> {
+        self.checked(Premises { animated: true, ..Premises::of(scene, true, self.robust, threads) })
+    }
+
+    /// The space with every parameter there is, to read configurations with.
+    pub fn whole(&self, objective: Objective, threads: usize) -> Result<TuningSpace, CliError> {
+        let builds_each_frame = objective.builds_each_frame();
+        self.checked(Premises { builds_each_frame, robust: self.robust, threads, ..Premises::all() })
+    }
+
+    fn checked(&self, premises: Premises) -> Result<TuningSpace, CliError> {
+        if self.robust && self.space == Preset::Paper {
+            return Err(CliError::Usage(
+                "--robust goes with the full space; in --space paper it is a parameter: --config robust=true"
+                    .to_owned(),
+            ));
+        }
+        Ok(TuningSpace::new(self.space, &premises))
+    }
+}
+
+/// Which acceleration structure, and how it is rendered with.
+#[derive(Args, Clone, Debug)]
+pub struct StructureArguments {
+    /// What parameters there are.
+    #[command(flatten)]
+    pub space: SpaceArguments,
+
+    /// Parameters, for example `quality=3,branching_factor=8`; what is left out keeps its recommended value
+    /// (see `treewright-render spaces`).
+    #[arg(long, value_name = "NAME=VALUE,…", conflicts_with_all = ["config_file", "native"])]
+    pub config: Option<String>,
+
+    /// A JSON file with an object of parameters, as `tune --json` and `treewright best` write them.
+    #[arg(long, value_name = "FILE", conflicts_with = "native")]
+    pub config_file: Option<PathBuf>,
+
+    /// Embree's own structure, path by path with single rays.
+    #[arg(long, value_enum)]
+    pub native: Option<Native>,
+}
+
+impl StructureArguments {
+    /// What to build and how to render: the space's default when nothing is said.
+    pub fn choice(&self, threads: usize) -> Result<Choice, CliError> {
+        let space = self.space.whole(Objective::Render, threads)?;
+        if let Some(native) = self.native {
+            let robust = self.space.robust;
+            let options = NativeOptions { quality: native.quality(), robust, ..NativeOptions::default() };
+            return Ok(BuildChoice::Native(options).into());
+        }
+        let configuration = match (&self.config, &self.config_file) {
+            (Some(text), _) => space::parse(text)?,
+            (None, Some(path)) => read_configuration(path)?,
+            (None, None) => Configuration::new(),
+        };
+        Ok(space.choice(&configuration)?)
+    }
+}
+
+/// How a structure follows a moving scene.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct UpdateArguments {
+    /// How the structure follows a moving scene; tuned when left out, where the space has it.
+    #[arg(long, value_enum)]
+    pub update: Option<UpdateKind>,
+
+    /// With `--update partial`: how many times its last build's cost a subtree may have before it is built anew.
+    #[arg(long, value_name = "FACTOR", default_value_t = Update::REBUILD_THRESHOLD)]
+    pub rebuild_threshold: f32,
+}
+
+/// Ways to follow a moving scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum UpdateKind {
+    /// Build anew.
+    Rebuild,
+    /// Keep what is together and fit the boxes.
+    Refit,
+    /// Refit, and build anew what has decayed.
+    Partial,
+}
+
+impl UpdateArguments {
+    /// As the accelerators want it, if it is said.
+    pub fn update(self) -> Result<Option<Update>, CliError> {
+        let update = self.update.map(|kind| match kind {
+            UpdateKind::Rebuild => Update::Rebuild,
+            UpdateKind::Refit => Update::Refit,
+            UpdateKind::Partial => Update::Partial { rebuild_threshold: self.rebuild_threshold },
+        });
+        if let Some(update) = update {
+            update.check().map_err(|error| CliError::Usage(error.to_string()))?;
+        }
+        Ok(update)
+    }
+}
+
+/// A configuration in a file, with the name it goes by and the space it is of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NamedConfiguration {
+    /// For people.
+    pub name: String,
+    /// Its space.
+    pub preset: Preset,
+    /// The JSON file.
+    pub path: PathBuf,
+}
+
+impl std::str::FromStr for NamedConfiguration {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('=').and_then(|(name, rest)| Some((name, rest.split_once(':')?)));
+        let wrong = "it is written NAME=SPACE:FILE, for example tuned=full:best.json";
+        let (name, (preset, path)) = parts.ok_or(wrong)?;
+        let preset =
+            Preset::from_str(preset, false).map_err(|_| format!("{wrong}; spaces are full and paper"))?;
+        Ok(Self { name: name.to_owned(), preset, path: path.into() })
+    }
+}
+
+/// Reads a configuration from JSON: an object of parameters, or an object that holds one as `configuration`.
+pub fn read_configuration(path: &std::path::Path) -> Result<Configuration, CliError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| CliError::Failed(format!("{} cannot be read: {error}", path.display())))?;
+    let wrong = |cause: String| {
+        CliError::Failed(format!(
+            "{} does not hold a configuration: {cause}; it must be an object like {{\"quality\": 3}}",
+            path.display()
+        ))
+    };
+    let mut value: serde_json::Value =
+        serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+    if let Some(inner) = value.get_mut("configuration") {
+        value = inner.take();
+    }
+    serde_json::from_value(value).map_err(|error| wrong(error.to_string()))
+}
+
+/// The indicators of a view in the client's form.
+pub fn indicators(scene: &Scene, camera: &Camera) -> Indicators {
+    SceneIndicators::of(scene).with_camera(camera).values().into_iter().collect()
+}
+
+/// A number from 0 to 1.
+pub fn unit_interval(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(value) if (0.0..=1.0).contains(&value) => Ok(value),
+        _ => Err("it must be a number from 0 to 1".to_owned()),
+    }
+}
+
+fn threads(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(threads) if threads <= THREADS_MAX => Ok(threads),
+        _ => Err(format!("it must be a whole number from 0 to {THREADS_MAX}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_read_and_refused() {
+        assert_eq!("640x480".parse(), Ok(Size { width: 640, height: 480 }));
+        assert_eq!("1X16384".parse(), Ok(Size { width: 1, height: 16_384 }));
+        for wrong in ["", "640", "640x", "x480", "0x4", "4x0", "-4x4", "640x480x2", "99999x4", "4.5x4"] {
+            assert!(wrong.parse::<Size>().is_err_and(|told| told.contains("WIDTHxHEIGHT")), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn named_configurations_say_their_space() {
+        let named = |name: &str, preset, path: &str| NamedConfiguration {
+            name: name.to_owned(),
+            preset,
+            path: path.into(),
+        };
+        assert_eq!("tuned=full:a/b:c.json".parse(), Ok(named("tuned", Preset::Full, "a/b:c.json")));
+        assert_eq!("paper render=paper:x".parse(), Ok(named("paper render", Preset::Paper, "x")));
+        for wrong in ["", "tuned", "tuned=best.json", "tuned=half:best.json"] {
+            assert!(wrong.parse::<NamedConfiguration>().is_err_and(|told| told.contains("NAME=SPACE:FILE")));
+        }
+    }
+
+    #[test]
+    fn configurations_are_read_from_files() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let path = folder.path().join("best.json");
+        let read = |text: &str| {
+            std::fs::write(&path, text).expect("it can be written");
+            read_configuration(&path)
+        };
+        let expected =
+            Configuration::new().with("quality", 3).with("traversal_cost", 0.5).with("robust", true);
+        let plain = r#"{"quality": 3, "traversal_cost": 0.5, "robust": true}"#;
+        assert_eq!(read(plain).ok(), Some(expected.clone()));
+        assert_eq!(read(&format!(r#"{{"cost": 1, "configuration": {plain}}}"#)).ok(), Some(expected));
+        assert!(read("[1, 2]").is_err_and(|error| error.to_string().contains("best.json")));
+        assert!(read("{").is_err());
+    }
+}

@@ -1,0 +1,172 @@
+//! `treewright-render bench`: named ways to render, measured interleaved.
+//!
+//! In every round everybody builds and renders, so that one run answers for both objectives: with a whole build
+//! in each frame, and with a thousandth of one.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use crate::arguments::{
+    CameraArguments, FrameArguments, NamedConfiguration, SceneArguments, Size, SpaceArguments,
+    read_configuration,
+};
+use crate::error::{CliError, write_file};
+use crate::interrupt::Interrupt;
+use crate::output;
+use treewright_renderer::limits::{CONTENDERS_MAX, ROUNDS_MAX};
+use treewright_renderer::measure::{Conditions, Contender, Measured, Standing, interleaved, standings};
+use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
+use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::tuning::verdict::{BY_HAND, contender, natives};
+
+/// Arguments of `bench`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    camera: CameraArguments,
+    #[command(flatten)]
+    frame: FrameArguments,
+
+    #[command(flatten)]
+    space: SpaceArguments,
+
+    /// A further configuration, as for `image`; may be given several times.
+    #[arg(long, value_name = "NAME=VALUE,…")]
+    config: Vec<String>,
+
+    /// A further configuration from a JSON file, with its name and space, for example
+    /// `tuned=full:best.json`; may be given several times.
+    #[arg(long, value_name = "NAME=SPACE:FILE")]
+    contender: Vec<NamedConfiguration>,
+
+    /// Measure only these, for example "native Embree default,tuned"; everybody when left out.
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    only: Vec<String>,
+
+    /// Pixels across and down.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    size: Size,
+
+    /// How often each one is measured.
+    #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
+    rounds: u32,
+
+    /// Write the results to a file as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// What `bench --json` writes.
+#[derive(Debug, Serialize)]
+struct Results<'a> {
+    scene: &'a str,
+    triangles: usize,
+    size: [u32; 2],
+    threads: usize,
+    rounds: u32,
+    choices: Vec<NamedChoice<'a>>,
+    /// With a thousandth of a build in each frame.
+    render: Vec<Standing>,
+    /// With a whole one.
+    total: Vec<Standing>,
+}
+
+#[derive(Debug, Serialize)]
+struct NamedChoice<'a> {
+    name: &'a str,
+    choice: Choice,
+}
+
+/// Measures and prints.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    let scene = arguments.scene.load()?;
+    let premises =
+        |each_frame| Premises::of(&scene, each_frame, arguments.space.robust, arguments.frame.threads);
+    let mut contenders = natives();
+    for (each_frame, purpose) in [(false, "render"), (true, "total")] {
+        let full = TuningSpace::new(Preset::Full, &premises(each_frame));
+        contenders.push(Contender { name: format!("{BY_HAND} ({purpose})"), choice: full.default_choice() });
+    }
+    let space = arguments.space.whole(Objective::Render, arguments.frame.threads)?;
+    for text in &arguments.config {
+        contenders.push(contender(text, &space, &space::parse(text)?)?);
+    }
+    for NamedConfiguration { name, preset, path } in &arguments.contender {
+        let space = TuningSpace::new(*preset, &Premises { shadow_rays: true, ..premises(false) });
+        contenders.push(contender(name, &space, &read_configuration(path)?)?);
+    }
+    select(&mut contenders, &arguments.only)?;
+    let camera = arguments.camera.find(&scene)?;
+    let renderer = arguments.frame.renderer(&scene)?;
+    let conditions = Conditions {
+        view: arguments.frame.view(camera),
+        width: arguments.size.width,
+        height: arguments.size.height,
+        rounds: arguments.rounds,
+        frames_per_build: 1,
+    };
+    let interrupt = Interrupt::listen();
+    let bar = output::bar(u64::from(arguments.rounds) + 1, "rounds");
+    let measured = interleaved(&renderer, &contenders, &conditions, || {
+        bar.inc(1);
+        !interrupt.requested()
+    });
+    bar.finish_and_clear();
+    let rank = |objective: Objective| standings(&measured, objective.frames_per_build());
+    let (render, total) = (rank(Objective::Render), rank(Objective::Total));
+    println!(
+        "{}: {} triangles, {}, {} threads, {} rounds\n",
+        scene.name,
+        scene.triangles.len(),
+        arguments.size,
+        renderer.threads(),
+        rounds(&measured),
+    );
+    println!("A frame with a thousandth of its build:\n{}\n", output::standings(&render));
+    println!("A frame with a whole build:\n{}", output::standings(&total));
+    if let Some(path) = &arguments.json {
+        let choices = contenders.iter().map(|one| NamedChoice { name: &one.name, choice: one.choice });
+        let results = Results {
+            scene: &scene.name,
+            triangles: scene.triangles.len(),
+            size: [arguments.size.width, arguments.size.height],
+            threads: renderer.threads(),
+            rounds: arguments.rounds,
+            choices: choices.collect(),
+            render,
+            total,
+        };
+        write_file(path, output::to_json(&results)?.as_bytes())?;
+    }
+    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
+}
+
+/// Keeps those that are asked for, in the order in which they stand.
+fn select(contenders: &mut Vec<Contender>, only: &[String]) -> Result<(), CliError> {
+    if let Some(unknown) = only.iter().find(|name| contenders.iter().all(|one| one.name != **name)) {
+        let known: Vec<&str> = contenders.iter().map(|one| one.name.as_str()).collect();
+        return Err(CliError::Usage(format!(
+            "nobody is called \"{unknown}\"; there are {}",
+            known.join(", ")
+        )));
+    }
+    if !only.is_empty() {
+        contenders.retain(|one| only.contains(&one.name));
+    }
+    if contenders.len() > CONTENDERS_MAX {
+        return Err(CliError::Usage(format!(
+            "{} structures are more than the limit of {CONTENDERS_MAX}",
+            contenders.len()
+        )));
+    }
+    Ok(())
+}
+
+/// How many rounds everybody has run.
+fn rounds(measured: &[Measured]) -> usize {
+    measured.iter().filter(|one| one.failure.is_none()).map(|one| one.render_ms.len()).min().unwrap_or(0)
+}

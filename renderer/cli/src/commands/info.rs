@@ -1,0 +1,216 @@
+//! `treewright-render info`, `scenes` and `spaces`: what there is.
+
+use clap::Args;
+use serde::Serialize;
+use treewright_client::{Configuration, Constraint, Indicators, Value};
+
+use crate::arguments::{CameraArguments, SceneArguments, SpaceArguments, indicators};
+use crate::error::CliError;
+use crate::output;
+use treewright_renderer::integrator::{Omission, Prepared};
+use treewright_renderer::space::{Explained, Preset, domain_in_words};
+use treewright_renderer::tuning::objective::Objective;
+use treewright_scene::builtin;
+
+/// Arguments of `info`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct InfoArguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    camera: CameraArguments,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Arguments of `scenes`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct ListArguments {
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Arguments of `spaces`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct SpacesArguments {
+    #[command(flatten)]
+    space: SpaceArguments,
+    /// Show what there is for this scene only; everything when left out.
+    #[arg(long, value_name = "PATH|builtin:NAME")]
+    scene: Option<String>,
+    /// What is to be minimised, which decides where a search begins.
+    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    objective: Objective,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `spaces --json` prints.
+#[derive(Debug, Serialize)]
+struct SpaceInfo<'a> {
+    name: &'static str,
+    parameters: Vec<Explained>,
+    constraints: &'a [Constraint],
+    default: Configuration,
+}
+
+/// What `info --json` prints.
+#[derive(Debug, Serialize)]
+struct SceneInfo {
+    name: String,
+    triangles: usize,
+    /// Objects placed; 0 in a scene without instances.
+    instances: usize,
+    /// Triangles of all instances, as rays meet them.
+    placed_triangles: u64,
+    meshes: usize,
+    materials: usize,
+    cameras: usize,
+    emissive_triangles: usize,
+    sun: bool,
+    bounds_min: [f32; 3],
+    bounds_max: [f32; 3],
+    /// What shading leaves out, and why the scene can do without.
+    left_out: Vec<Omission>,
+    indicators: Indicators,
+    notes: Vec<String>,
+}
+
+/// Tells what a scene consists of.
+pub(crate) fn info(arguments: &InfoArguments) -> Result<(), CliError> {
+    let scene = arguments.scene.load()?;
+    let camera = arguments.camera.find(&scene)?;
+    let bounds = scene.bounds();
+    let prepared = Prepared::new(scene.clone());
+    let info = SceneInfo {
+        name: scene.name.clone(),
+        triangles: scene.triangles.len(),
+        instances: scene.instances.as_ref().map_or(0, |instances| instances.placed().len()),
+        placed_triangles: scene.placed().count(),
+        meshes: scene.meshes.len(),
+        materials: scene.materials.len(),
+        cameras: scene.cameras.len(),
+        emissive_triangles: prepared.lights.triangle_count(),
+        left_out: prepared.needs.omissions(),
+        sun: scene.sky.sun.is_some(),
+        bounds_min: bounds.min.into(),
+        bounds_max: bounds.max.into(),
+        indicators: indicators(&scene, &camera),
+        notes: scene.notes.clone(),
+    };
+    if arguments.json {
+        return output::json(&info);
+    }
+    println!("{}", info.name);
+    let mut table = output::table(&["", "value"]);
+    let mut row = |name: &str, value: String| {
+        table.add_row([name.to_owned(), value]);
+    };
+    row("triangles", info.triangles.to_string());
+    if info.instances > 0 {
+        row("instances", info.instances.to_string());
+        row("placed triangles", info.placed_triangles.to_string());
+    }
+    row("meshes", info.meshes.to_string());
+    row("materials", info.materials.to_string());
+    row("cameras", info.cameras.to_string());
+    row("emissive triangles", info.emissive_triangles.to_string());
+    row("sun", if info.sun { "yes" } else { "no" }.to_owned());
+    row("lowest corner", corner(info.bounds_min));
+    row("highest corner", corner(info.bounds_max));
+    for (name, value) in info.indicators.iter() {
+        row(&format!("indicator {name}"), format!("{value:.6}"));
+    }
+    println!("{table}");
+    output::left_out(&info.left_out);
+    for note in &info.notes {
+        println!("note: {note}");
+    }
+    Ok(())
+}
+
+fn corner(corner: [f32; 3]) -> String {
+    corner.map(|coordinate| format!("{coordinate:.3}")).join("  ")
+}
+
+/// Lists the built-in scenes.
+pub(crate) fn scenes(arguments: &ListArguments) -> Result<(), CliError> {
+    let scenes: Vec<_> = builtin::names()
+        .map(|name| (format!("builtin:{name}"), builtin::about(name).unwrap_or_default()))
+        .collect();
+    if arguments.json {
+        let objects: Vec<_> =
+            scenes.iter().map(|(name, about)| serde_json::json!({ "name": name, "about": about })).collect();
+        return output::json(&objects);
+    }
+    for (name, about) in scenes {
+        println!("{name:<16} {about}");
+    }
+    Ok(())
+}
+
+/// Shows a parameter space.
+pub(crate) fn spaces(arguments: &SpacesArguments) -> Result<(), CliError> {
+    let space = match &arguments.scene {
+        Some(name) => {
+            let scene =
+                SceneArguments { scene: name.clone(), detail: 1.0, time: 0.0, flatten: false }.load()?;
+            arguments.space.of(&scene, arguments.objective, 0)?
+        }
+        None => arguments.space.whole(arguments.objective, 0)?,
+    };
+    let parameters: Vec<Explained> = space.explained().collect();
+    if arguments.json {
+        return output::json(&SpaceInfo {
+            name: space.preset().name(),
+            parameters,
+            constraints: space.space().constraints(),
+            default: space.default_configuration(),
+        });
+    }
+    println!("{}\n", about(space.preset()));
+    let mut table = output::table(&["parameter", "default", "may be", "only while", "what it does"]);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(comfy_table::CellAlignment::Left);
+    }
+    for Explained { parameter, about } in parameters {
+        let condition = parameter.active_if.as_ref().map_or_else(String::new, |condition| {
+            let values: Vec<String> = condition.any_of.iter().map(Value::to_string).collect();
+            format!("{} = {}", condition.parameter, values.join(" or "))
+        });
+        table.add_row([
+            parameter.name,
+            parameter.default.to_string(),
+            domain_in_words(&parameter.domain),
+            condition,
+            about.to_owned(),
+        ]);
+    }
+    println!("{table}");
+    for constraint in space.space().constraints() {
+        println!("{} must not be above {}", constraint.lesser, constraint.greater);
+    }
+    if space.preset() == Preset::Full {
+        println!("{NOT_TUNED}");
+    }
+    Ok(())
+}
+
+/// What the full space leaves to the user.
+const NOT_TUNED: &str = "Watertight intersection is not among them: it decides which hits are found at edges, which no stopwatch \
+    can judge. Ask for it with --robust.";
+
+fn about(preset: Preset) -> &'static str {
+    match preset {
+        Preset::Full => {
+            "The full space: native Embree, the tunable tree, and how rays are grouped. Without a value each parameter \
+             keeps its default; a value takes along what it needs (quality=2 means backend=tunable)."
+        }
+        Preset::Paper => {
+            "The eleven parameters of the paper's Table 1. Without a value each keeps its default."
+        }
+    }
+}

@@ -1,0 +1,10 @@
+//! One file for each command of `treewright-render`: its arguments, and what it does.
+
+pub(crate) mod animate;
+pub(crate) mod bench;
+pub(crate) mod image;
+pub(crate) mod info;
+pub(crate) mod play;
+pub(crate) mod rays;
+pub(crate) mod tune;
+mod tune_output;

@@ -1,0 +1,388 @@
+//! `treewright-render play`: the camera moves, and the service answers frame by frame.
+//!
+//! This is the hybrid of the paper's section 6: each time the state changes the service either searches a
+//! little or answers at once from what it knows. In progressive rendering a structure is kept as long as the
+//! configuration stays the same; in real-time rendering each frame builds its own.
+//!
+//! With `--rounds` the scene moves as well, and each frame brings the structure along in the way that `--update`
+//! says.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use clap::Args;
+use serde::Serialize;
+use treewright_accel::{BuildError, Structure, Update};
+use treewright_client::{
+    Configuration, Finished, Indicators, Mode, Outcome, Policy, PolicyChange, Source, Stats,
+};
+
+use crate::arguments::{
+    FrameArguments, SceneArguments, Size, SpaceArguments, UpdateArguments, unit_interval,
+};
+use crate::error::{CliError, write_file};
+use crate::interrupt::Interrupt;
+use crate::output;
+use crate::server::ServerArguments;
+use treewright_renderer::film::Film;
+use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds};
+use treewright_renderer::integrator::View;
+use treewright_renderer::limits::ITERATIONS_MAX;
+use treewright_renderer::space::{Choice, TuningSpace};
+use treewright_renderer::statistics::Summary;
+use treewright_renderer::tuning::objective::{Objective, specification};
+use treewright_renderer::tuning::search::measurements;
+use treewright_renderer::tuning::verdict;
+use treewright_scene::Scene;
+use treewright_scene::camera_path::CameraPath;
+use treewright_scene::indicators::SceneIndicators;
+
+/// Arguments of `play`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    frame: FrameArguments,
+
+    #[command(flatten)]
+    space: SpaceArguments,
+
+    /// What to minimise; together with scene, size and space it names the study.
+    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    objective: Objective,
+
+    /// How many frames the flight along the camera path has.
+    #[arg(long, value_name = "N", default_value_t = 50, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
+    frames: u32,
+
+    /// Pixels across and down.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    size: Size,
+
+    /// Where on the camera path, 0 to 1, the flight begins.
+    #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = unit_interval)]
+    from: f32,
+
+    /// Where it ends.
+    #[arg(long, value_name = "T", default_value_t = 1.0, value_parser = unit_interval)]
+    to: f32,
+
+    /// How many rounds of its time an animated scene runs through during the flight; each frame then has a
+    /// structure of its own moment.
+    #[arg(long, value_name = "N", default_value_t = 0.0, allow_negative_numbers = true)]
+    rounds: f32,
+
+    #[command(flatten)]
+    update: UpdateArguments,
+
+    /// Probability of exploring when the state changes; the study's own when left out.
+    #[arg(long, value_name = "P", value_parser = unit_interval)]
+    epsilon: Option<f32>,
+
+    /// Also render each frame with native Embree's default (in the paper's space: with its recommended default),
+    /// and tell the difference.
+    #[arg(long)]
+    compare: bool,
+
+    /// Write every frame to a file as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// One frame of the flight.
+#[derive(Debug, Serialize)]
+struct Frame {
+    number: u32,
+    camera_at: f32,
+    mode: Mode,
+    source: Source,
+    reason: String,
+    configuration: Configuration,
+    /// Whether a structure was built for this frame.
+    rebuilt: bool,
+    times: Option<FrameTimes>,
+    waiting_ms: f64,
+    /// The same frame with the baseline.
+    default_times: Option<FrameTimes>,
+}
+
+/// What `play --json` writes.
+#[derive(Debug, Serialize)]
+struct Results {
+    scene: String,
+    study: String,
+    objective: Objective,
+    /// Name of what frames are compared with.
+    baseline: String,
+    frames: Vec<Frame>,
+    client: Stats,
+}
+
+/// Flies.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    let update = arguments.update.update()?;
+    let moves = arguments.rounds != 0.0;
+    if moves {
+        arguments.scene.check_animated()?;
+    }
+    let client = arguments.server.connect(arguments.frame.threads)?;
+    let scene = arguments.scene.load()?;
+    let renderer = arguments.frame.renderer(&scene)?;
+    let threads = arguments.frame.threads;
+    // Where it is said how the structure follows, that is not tuned.
+    let space = match moves && update.is_none() {
+        true => arguments.space.of_moving(&scene, threads)?,
+        false => arguments.space.of(&scene, arguments.objective, threads)?,
+    };
+    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size, &space);
+    let title = format!("{} at {}, {} time", scene.name, arguments.size, arguments.objective.name());
+    let title: String = title.chars().take(200).collect();
+    let specification =
+        specification(&space, &title, arguments.objective, Policy::new(), arguments.frame.seed)?;
+    let study = client.study(&id, specification)?;
+    if let Some(epsilon) = arguments.epsilon {
+        client.update_policy(&id, &PolicyChange::set(Policy::new().epsilon(f64::from(epsilon))))?;
+    }
+    println!("Flying through {} in {} frames, study {id}\n", scene.name, arguments.frames);
+    println!(
+        "frame   path  mode        build ms  render ms{}  waited ms",
+        if arguments.compare { "  baseline ms  speed-up" } else { "" }
+    );
+
+    let baseline = verdict::baseline(space.preset());
+    let mut flight = Flight::new(renderer, space, baseline.choice, update, arguments)?;
+    let (path, mut scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
+    let interrupt = Interrupt::listen();
+    let mut tuner = study.tuner();
+    let mut previous: Option<Finished> = None;
+    let mut frames = Vec::new();
+    for number in 0..arguments.frames {
+        let share = number as f32 / (arguments.frames - 1).max(1) as f32;
+        let camera_at = arguments.from + (arguments.to - arguments.from) * share;
+        let camera = path.sample(camera_at);
+        if moves {
+            let moment = arguments.scene.at(arguments.scene.time + arguments.rounds * share)?;
+            scene_indicators = SceneIndicators::of(&moment);
+            flight.moment = Some(moment);
+        }
+        let indicators: Indicators = scene_indicators.with_camera(&camera).values().into_iter().collect();
+        let begin = Instant::now();
+        let suggestion = tuner.next(&indicators, previous.take());
+        let waiting_ms = milliseconds(begin);
+        flight.view.camera = camera;
+        let (outcome, times, rebuilt) = flight.frame(suggestion.configuration());
+        let frame = Frame {
+            number,
+            camera_at,
+            mode: suggestion.mode(),
+            source: suggestion.source(),
+            reason: suggestion.reason().summary.clone(),
+            configuration: suggestion.configuration().clone(),
+            rebuilt,
+            times,
+            waiting_ms,
+            default_times: flight.default_frame(),
+        };
+        print(&frame, arguments.objective);
+        frames.push(frame);
+        // What was shown without a new build cannot be reported where builds are part of the objective.
+        previous = Some(suggestion.finished(measurements(times, 1), outcome)?);
+        if interrupt.requested() {
+            break;
+        }
+    }
+    drop(previous);
+    if let Err(error) = client.flush(std::time::Duration::from_secs(10)) {
+        println!("note: {error}");
+    }
+    summarise(&frames, arguments.objective, &baseline.name);
+    if let Some(path) = &arguments.json {
+        let results = Results {
+            scene: scene.name.clone(),
+            study: id,
+            objective: arguments.objective,
+            baseline: baseline.name,
+            frames,
+            client: client.stats(),
+        };
+        write_file(path, output::to_json(&results)?.as_bytes())?;
+    }
+    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
+}
+
+/// What moves on from frame to frame.
+struct Flight {
+    renderer: Renderer,
+    space: TuningSpace,
+    view: View,
+    film: Film,
+    each_frame: bool,
+    /// How the structure follows a scene that moves; as the configuration says if it is not said here.
+    update: Option<Update>,
+    /// The scene as it is from this frame on, if it moves.
+    moment: Option<Arc<Scene>>,
+    kept: Option<Kept>,
+    /// What frames are compared with.
+    baseline: Choice,
+    /// Its structure, where they are, and how long that took to build.
+    compared: Option<(Structure, f64)>,
+}
+
+/// What the kept structure was built with, and how long that took.
+struct Kept {
+    choice: Choice,
+    build_ms: f64,
+}
+
+impl Flight {
+    fn new(
+        renderer: Renderer,
+        space: TuningSpace,
+        baseline: Choice,
+        update: Option<Update>,
+        arguments: &Arguments,
+    ) -> Result<Self, CliError> {
+        let view = View {
+            camera: renderer.scene().cameras[0],
+            seed: arguments.frame.seed,
+            bounces: arguments.frame.bounces,
+        };
+        let mut film = Film::new(arguments.size.width, arguments.size.height);
+        let built = renderer.build(&baseline.build)?;
+        // Warms threads, caches and clocks.
+        renderer.render_with(&built.0, &view, &baseline.render, &mut film);
+        let each_frame = arguments.objective.builds_each_frame() || arguments.rounds != 0.0;
+        let compared = arguments.compare.then_some(built);
+        let (moment, kept) = (None, None);
+        Ok(Self { renderer, space, view, film, each_frame, update, moment, kept, baseline, compared })
+    }
+
+    /// Builds if needed and renders. After a failed build the frame is shown with the structure before it.
+    fn frame(&mut self, configuration: &Configuration) -> (Outcome, Option<FrameTimes>, bool) {
+        let rebuilt = match self.make_ready(configuration) {
+            Ok(rebuilt) => rebuilt,
+            Err(outcome) => {
+                self.render();
+                return (outcome, None, false);
+            }
+        };
+        match self.render() {
+            Some(times) => (Outcome::Ok, Some(times), rebuilt),
+            None => (Outcome::failed("no structure was built"), None, rebuilt),
+        }
+    }
+
+    /// Builds unless what is kept serves, and tells whether it did. Configurations that differ only in how they
+    /// render share a structure where frames do.
+    fn make_ready(&mut self, configuration: &Configuration) -> Result<bool, Outcome> {
+        let choice = self.space.choice(configuration).map_err(|error| Outcome::failed(error.to_string()))?;
+        if let Some(kept) = &mut self.kept
+            && kept.choice.build == choice.build
+            && !self.each_frame
+        {
+            kept.choice = choice;
+            return Ok(false);
+        }
+        let built = match self.moment.take() {
+            Some(scene) => self.follow(scene, &choice),
+            None => self.renderer.rebuild(&choice.build),
+        };
+        let build_ms = built.map_err(|error| match error.is_infeasible() {
+            true => Outcome::infeasible(error.to_string()),
+            false => Outcome::failed(error.to_string()),
+        })?;
+        self.kept = Some(Kept { choice, build_ms });
+        Ok(true)
+    }
+
+    /// Brings the structure to another moment. One that was built by another choice is first built anew over the
+    /// moment before, so that what is timed is the following.
+    fn follow(&mut self, scene: Arc<Scene>, choice: &Choice) -> Result<f64, BuildError> {
+        let update = self.update.unwrap_or(choice.update);
+        let stranger = self.kept.as_ref().is_none_or(|kept| kept.choice.build != choice.build);
+        if stranger && update != Update::Rebuild {
+            self.renderer.rebuild(&choice.build)?;
+        }
+        self.renderer.animate(scene, &choice.build, update)
+    }
+
+    /// A frame with what is kept. `None` before the first build that succeeds.
+    fn render(&mut self) -> Option<FrameTimes> {
+        let Kept { choice, build_ms } = self.kept.as_ref()?;
+        self.film.clear();
+        let (render_ms, _) = self.renderer.render(&self.view, &choice.render, &mut self.film)?;
+        Some(FrameTimes { build_ms: *build_ms, render_ms })
+    }
+
+    /// The same view with the baseline.
+    fn default_frame(&mut self) -> Option<FrameTimes> {
+        let (structure, build_ms) = self.compared.as_mut()?;
+        if self.each_frame
+            && let Ok(built) = self.renderer.build(&self.baseline.build)
+        {
+            (*structure, *build_ms) = built;
+        }
+        self.film.clear();
+        let (render_ms, _) =
+            self.renderer.render_with(structure, &self.view, &self.baseline.render, &mut self.film);
+        Some(FrameTimes { build_ms: *build_ms, render_ms })
+    }
+}
+
+fn print(frame: &Frame, objective: Objective) {
+    let mode = match (frame.source, frame.mode) {
+        (Source::LastGood, _) => "last good",
+        (Source::Default, _) => "away",
+        (Source::Daemon, Mode::Default) => "default",
+        (Source::Daemon, Mode::Explore) => "explore",
+        (Source::Daemon, Mode::Exploit) => "exploit",
+        (Source::Daemon, Mode::Pinned) => "pinned",
+    };
+    let Some(times) = frame.times else {
+        println!(
+            "{:5}  {:.3}  {mode:10}  this configuration cannot be built; shown with the one before",
+            frame.number + 1,
+            frame.camera_at
+        );
+        return;
+    };
+    let build = if frame.rebuilt { format!("{:9.1}", times.build_ms) } else { format!("{:>9}", "kept") };
+    let compared = frame.default_times.map_or_else(String::new, |default| {
+        let (default_ms, own_ms) = (objective.cost(default), objective.cost(times));
+        format!("  {default_ms:11.1}  {:6.2} ×", default_ms / own_ms)
+    });
+    println!(
+        "{:5}  {:.3}  {mode:10} {build}  {:9.1}{compared}  {:9.2}",
+        frame.number + 1,
+        frame.camera_at,
+        times.render_ms,
+        frame.waiting_ms
+    );
+}
+
+fn summarise(frames: &[Frame], objective: Objective, baseline: &str) {
+    let exploited: Vec<&Frame> =
+        frames.iter().filter(|frame| frame.mode == Mode::Exploit && frame.source == Source::Daemon).collect();
+    let waiting: Vec<f64> = frames.iter().map(|frame| frame.waiting_ms).collect();
+    println!(
+        "\n{} of {} frames were answered by the predictor; the service was waited for {:.2} ms a frame (median)",
+        exploited.len(),
+        frames.len(),
+        Summary::of(&waiting).median,
+    );
+    let pairs: Vec<f64> = exploited
+        .iter()
+        .filter_map(|frame| Some(objective.cost(frame.default_times?) / objective.cost(frame.times?)))
+        .collect();
+    if !pairs.is_empty() {
+        let speedup = Summary::of(&pairs);
+        println!(
+            "predicted frames ran at {:.2} × the speed of the {baseline} (median; middle half {:.2} – {:.2}), without a search for these views",
+            speedup.median, speedup.lower_quartile, speedup.upper_quartile,
+        );
+    }
+}

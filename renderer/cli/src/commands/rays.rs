@@ -1,0 +1,96 @@
+//! `treewright-render rays`: the rays of one frame, recorded for `cargo bench -p treewright-accel`.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+use treewright_accel::recording::RayClass;
+use treewright_accel::{BuildChoice, Device, NativeOptions, build};
+
+use crate::arguments::{CameraArguments, SceneArguments, Size};
+use crate::error::CliError;
+use crate::output;
+use treewright_renderer::film::Film;
+use treewright_renderer::integrator::{Prepared, View};
+use treewright_renderer::limits::BOUNCES_MAX;
+use treewright_renderer::recorder::record;
+
+/// Arguments of `rays`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    camera: CameraArguments,
+
+    /// Seed of every random number of the frame.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+
+    /// Most bounces of a path.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=i64::from(BOUNCES_MAX)))]
+    bounces: u32,
+
+    /// Pixels across and down.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    size: Size,
+
+    /// Where the recording goes, best with the ending `.rays`.
+    #[arg(short, long, value_name = "FILE")]
+    out: PathBuf,
+
+    /// Print the counts as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `rays --json` prints.
+#[derive(Debug, Serialize)]
+struct Outcome {
+    scene: String,
+    triangles: usize,
+    sets: Vec<(RayClass, usize)>,
+    out: PathBuf,
+}
+
+/// Renders one sample a pixel on one thread and writes its rays.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    let unwritable = |error: std::io::Error| {
+        CliError::Failed(format!("{} cannot be written: {error}", arguments.out.display()))
+    };
+    let scene = arguments.scene.load()?;
+    if scene.instances.is_some() {
+        let cause = "its triangles are placed by instances, and a recording holds plain triangles only: try --flatten";
+        return Err(CliError::Failed(format!("the rays of {} cannot be recorded: {cause}", scene.name)));
+    }
+    let camera = arguments.camera.find(&scene)?;
+    let choice = BuildChoice::Native(NativeOptions::default());
+    let structure = build(&Device::open(0)?, &scene.triangles, &choice)?;
+    let view = View { camera, seed: arguments.seed, bounces: arguments.bounces };
+    let mut film = Film::new(arguments.size.width, arguments.size.height);
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .map_err(|error| CliError::Failed(format!("a thread for recording cannot be started: {error}")))?;
+    let prepared = Prepared::new(scene.clone());
+    let recording = pool.install(|| record(&prepared, &structure, &view, &mut film));
+    let file = File::create(&arguments.out).map_err(unwritable)?;
+    recording.write(BufWriter::new(file))?;
+    let outcome = Outcome {
+        scene: scene.name.clone(),
+        triangles: scene.triangles.len(),
+        sets: recording.sets.iter().map(|set| (set.class, set.rays.len())).collect(),
+        out: arguments.out.clone(),
+    };
+    if arguments.json {
+        return output::json(&outcome);
+    }
+    println!("{}: {} triangles", outcome.scene, outcome.triangles);
+    for (class, rays) in &outcome.sets {
+        println!("{rays:>9} {}", class.name());
+    }
+    println!("wrote {}", outcome.out.display());
+    Ok(())
+}

@@ -1,0 +1,432 @@
+//! `treewright-render tune`: searches, measures the winner again, tells what it found.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use treewright_client::blocking::{Client, Study};
+use treewright_client::{
+    ClientError, Configuration, Fingerprint, Indicators, Outcome, Policy, PolicyChange, Source,
+};
+
+use super::tune_output;
+use crate::arguments::{
+    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, indicators, read_configuration,
+    unit_interval,
+};
+use crate::error::{CliError, write_file};
+use crate::interrupt::Interrupt;
+use crate::output;
+use crate::report;
+use crate::server::ServerArguments;
+use treewright_renderer::frame::{Renderer, milliseconds};
+use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
+use treewright_renderer::measure::{Conditions, Contender, Standing, interleaved, standings};
+use treewright_renderer::space::TuningSpace;
+use treewright_renderer::tuning::objective::{Objective, specification};
+use treewright_renderer::tuning::results::{Overhead, Prediction, Results, SceneFacts};
+use treewright_renderer::tuning::run_off::{FINALISTS, Finalist, leaders, run_off};
+use treewright_renderer::tuning::search::{self, Drift, Found, Setting, measurements};
+use treewright_renderer::tuning::verdict::{self, PAPER_TUNED, PREDICTED, TUNED};
+use treewright_scene::camera_path::CameraPath;
+use treewright_scene::indicators::SceneIndicators;
+use treewright_scene::{Camera, Scene};
+
+/// How far along the camera path the fresh camera stands that the predictor is asked for.
+const FRESH_STEP: f32 = 0.2;
+
+/// Most configurations that run against each other, those included that the service names afterwards.
+const FINALISTS_MAX: usize = 16;
+
+/// How long the last reports may take to reach the service.
+const FLUSH: Duration = Duration::from_secs(10);
+
+/// The service's own default, which a study is left with.
+const EPSILON_AFTERWARDS: f64 = 0.2;
+
+/// Arguments of `tune`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    camera: CameraArguments,
+    #[command(flatten)]
+    frame: FrameArguments,
+
+    #[command(flatten)]
+    space: SpaceArguments,
+
+    /// What to minimise: the render time with a thousandth of the build, or build and render time together.
+    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    objective: Objective,
+
+    /// How many configurations are tried.
+    #[arg(long, value_name = "N", default_value_t = 80, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
+    iterations: u32,
+
+    /// Frames rendered with each configuration; their median counts. More make the search surer and slower.
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_PER_TRIAL_MAX)))]
+    frames: u32,
+
+    /// Pixels across and down.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    size: Size,
+
+    /// Paired rounds in which the winner is measured again.
+    #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
+    rounds: u32,
+
+    /// A further configuration of the same space that takes part in the run-off, as JSON; may be given several times.
+    #[arg(long, value_name = "FILE")]
+    candidate: Vec<PathBuf>,
+
+    /// A configuration of the paper's space to be measured beside the winner, as JSON.
+    #[arg(long, value_name = "FILE")]
+    paper_config_file: Option<PathBuf>,
+
+    /// Probability of exploring in a new state while this command runs.
+    #[arg(long, value_name = "P", default_value_t = 1.0, value_parser = unit_interval)]
+    epsilon: f32,
+
+    /// Stop a trial once it has cost so many times as much as the best so far, which bounds what a bad configuration can
+    /// cost; a build is finished all the same. Without it the study's policy decides.
+    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, value_parser = factor)]
+    abort_above: Option<f64>,
+
+    /// The point of the camera path, 0 to 1, where the predictor is asked without a search; 0.2 further on when left out.
+    #[arg(long, value_name = "T", value_parser = unit_interval)]
+    fresh_at: Option<f32>,
+
+    /// Let the camera drift along its path while the search runs, over this share of it. The service takes
+    /// cameras that are close together for the same state.
+    #[arg(long, value_name = "SPAN", num_args = 0..=1, default_missing_value = "0.02", value_parser = unit_interval)]
+    moving: Option<f32>,
+
+    /// Write everything that was found out, every trial included, as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+
+    /// Write a report for the browser.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+/// Tunes and tells.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    for path in arguments.json.iter().chain(&arguments.report) {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+            return Err(CliError::Failed(format!(
+                "{}: the folder {} does not exist; create it first",
+                path.display(),
+                folder.display()
+            )));
+        }
+    }
+    let candidates = arguments.candidate.iter().map(|path| read_configuration(path));
+    let candidates = candidates.collect::<Result<Vec<_>, _>>()?;
+    let paper = arguments.paper_config_file.as_deref().map(read_configuration).transpose()?;
+    let client = arguments.server.connect(arguments.frame.threads)?;
+    let scene = arguments.scene.load()?;
+    let space = Arc::new(arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?);
+    let camera = arguments.camera.find(&scene)?;
+    let mut renderer = arguments.frame.renderer(&scene)?;
+    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size, &space);
+    let study = open_study(&client, &id, &scene, &space, arguments)?;
+    println!(
+        "Tuning {} ({} triangles) at {} for {} time in the {} space, {} iterations, study {id}",
+        scene.name,
+        scene.triangles.len(),
+        arguments.size,
+        arguments.objective.name(),
+        space.preset().name(),
+        arguments.iterations,
+    );
+
+    let interrupt = Interrupt::listen();
+    let baseline = verdict::baseline(space.preset());
+    let setting = Setting {
+        objective: arguments.objective,
+        space: Arc::clone(&space),
+        baseline: baseline.choice,
+        view: arguments.frame.view(camera),
+        width: arguments.size.width,
+        height: arguments.size.height,
+        frames: arguments.frames,
+        indicators: indicators(&scene, &camera),
+    };
+    let drift = arguments.moving.map(|span| Drift {
+        path: CameraPath::of(&scene),
+        from: arguments.camera.at.unwrap_or(0.0),
+        span,
+        scene: SceneIndicators::of(&scene),
+    });
+    let found = search(&mut renderer, &study, &setting, arguments.iterations, drift.as_ref(), interrupt)?;
+    let mut notes = Vec::new();
+    if let Err(error) = client.flush(FLUSH) {
+        notes.push(error.to_string());
+    }
+    if let Err(error) =
+        client.update_policy(&id, &PolicyChange::set(Policy::new().epsilon(EPSILON_AFTERWARDS)))
+    {
+        notes.push(format!("the study's policy was left as it was during the search: {error}"));
+    }
+
+    let judge =
+        Judge { client: &client, renderer: &renderer, study: &study, space: &space, arguments, interrupt };
+    let conditions = judge.conditions(camera);
+    let spinner = output::spinner("measuring the best configurations again");
+    let tuned = judge.winner(&found, candidates, &setting, &mut notes)?;
+    let standings = judge.standings(&tuned, paper.as_ref(), &conditions)?;
+    spinner.set_message("asking the predictor for another camera");
+    let prediction = judge.prediction(&scene).unwrap_or_else(|error| {
+        notes.push(format!("the predictor could not be asked: {error}"));
+        None
+    });
+    spinner.finish_and_clear();
+
+    let break_even =
+        verdict::break_even(&found, arguments.objective, arguments.frames, &standings, &baseline.name);
+    let results = Results {
+        scene: facts(&scene, &renderer),
+        size: [arguments.size.width, arguments.size.height],
+        objective: arguments.objective,
+        space: space.preset(),
+        parameters: space.explained().collect(),
+        start: space.default_configuration(),
+        baseline: baseline.name,
+        server: client.url().to_owned(),
+        study: id,
+        machine: Fingerprint::detect().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
+        indicators: setting.indicators.clone(),
+        overhead: Overhead::of(&found.trials),
+        trials: found.trials,
+        reference_ms: found.reference_ms,
+        tuned,
+        standings,
+        prediction,
+        break_even,
+        break_even_frame: break_even.frame(),
+        client: client.stats(),
+        notes,
+    };
+    tune_output::print(&results);
+    if let Some(path) = &arguments.json {
+        write_file(path, output::to_json(&results)?.as_bytes())?;
+        println!("wrote {}", path.display());
+    }
+    if let Some(path) = arguments.report.as_ref().filter(|_| !interrupt.requested()) {
+        let html = report::html(&renderer, &setting, &results)
+            .map_err(|error| CliError::Failed(error.to_string()))?;
+        write_file(path, html.as_bytes())?;
+        println!("wrote {}", path.display());
+    }
+    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
+}
+
+/// Creates or finds the study and lets it explore: the search gets room for the trials to come.
+fn open_study(
+    client: &Client,
+    id: &str,
+    scene: &Scene,
+    space: &TuningSpace,
+    arguments: &Arguments,
+) -> Result<Study, CliError> {
+    let title = format!("{} at {}, {} time", scene.name, arguments.size, arguments.objective.name());
+    let title: String = title.chars().take(200).collect();
+    let mut policy =
+        Policy::new().epsilon(f64::from(arguments.epsilon)).trials_per_state(arguments.iterations);
+    if let Some(factor) = arguments.abort_above {
+        policy = policy.abort_above(factor);
+    }
+    let spec = specification(space, &title, arguments.objective, policy.clone(), arguments.frame.seed)?;
+    let study = client.study(id, spec)?;
+    let done = study.record()?.statistics.completed_trials;
+    let room = u32::try_from(done).unwrap_or(0).saturating_add(arguments.iterations).min(ITERATIONS_MAX);
+    client.update_policy(id, &PolicyChange::set(policy.trials_per_state(room)))?;
+    if done > 0 {
+        println!("The study has {done} trials already; the search goes on where it stood.");
+    }
+    Ok(study)
+}
+
+/// How many times the best a trial may cost.
+fn factor(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(factor) if factor > 1.0 && factor <= 1e6 => Ok(factor),
+        _ => Err("it must be a number above 1 and at most 1000000".to_owned()),
+    }
+}
+
+/// Runs the search under a progress bar.
+fn search(
+    renderer: &mut Renderer,
+    study: &Study,
+    setting: &Setting,
+    iterations: u32,
+    drift: Option<&Drift>,
+    interrupt: Interrupt,
+) -> Result<Found, CliError> {
+    let bar = output::bar(u64::from(iterations), "trials");
+    let mut tuner = study.tuner();
+    let mut best: Option<f64> = None;
+    let mut away = false;
+    let found = search::run(renderer, &mut tuner, setting, iterations, drift, |iteration| {
+        if let Some(cost) = iteration.cost {
+            best = Some(best.map_or(cost, |best| best.min(cost)));
+        }
+        let now_away = iteration.source != Source::Daemon;
+        if now_away != away {
+            bar.suspend(|| match now_away {
+                true => eprintln!(
+                    "trial {}: the daemon does not answer; going on with the last good configuration",
+                    iteration.number
+                ),
+                false => eprintln!("trial {}: the daemon answers again", iteration.number),
+            });
+            away = now_away;
+        }
+        let best = best.map(|best| format!("best {best:.1} ms"));
+        bar.set_message(best.unwrap_or_else(|| "nothing could be built yet".to_owned()));
+        bar.inc(1);
+        !interrupt.requested()
+    })?;
+    bar.finish_and_clear();
+    Ok(found)
+}
+
+/// What the measurements after the search have in common.
+struct Judge<'a> {
+    client: &'a Client,
+    renderer: &'a Renderer,
+    study: &'a Study,
+    space: &'a TuningSpace,
+    arguments: &'a Arguments,
+    interrupt: Interrupt,
+}
+
+impl Judge<'_> {
+    fn conditions(&self, camera: Camera) -> Conditions {
+        Conditions {
+            view: self.arguments.frame.view(camera),
+            width: self.arguments.size.width,
+            height: self.arguments.size.height,
+            rounds: self.arguments.rounds,
+            frames_per_build: self.arguments.objective.frames_per_build(),
+        }
+    }
+
+    fn measure(&self, contenders: &[Contender], conditions: &Conditions) -> Vec<Standing> {
+        let measured = interleaved(self.renderer, contenders, conditions, || !self.interrupt.requested());
+        standings(&measured, conditions.frames_per_build)
+    }
+
+    /// The best of the search in a run-off, together with where it began and what the user brought along.
+    ///
+    /// The service learns what is measured here. It may then hold a configuration for the best that had one lucky
+    /// measurement and was not among the finalists: that one has to run against the winner, too.
+    fn winner(
+        &self,
+        found: &Found,
+        candidates: Vec<Configuration>,
+        setting: &Setting,
+        notes: &mut Vec<String>,
+    ) -> Result<Configuration, CliError> {
+        let conditions = self.conditions(setting.view.camera);
+        let mut finalists = leaders(&found.trials, FINALISTS);
+        for candidate in candidates.iter().chain([&self.space.default_configuration()]) {
+            let candidate = self.space.complete(candidate)?;
+            if !finalists.contains(&candidate) {
+                finalists.push(candidate);
+            }
+        }
+        let mut seen: Vec<Configuration> = Vec::new();
+        loop {
+            seen.extend(finalists.iter().cloned());
+            let go_on = || !self.interrupt.requested();
+            let order = run_off(self.renderer, self.space, finalists.clone(), &conditions, go_on)?;
+            let winner = order.first().map(|first| first.configuration.clone());
+            let winner = winner.unwrap_or_else(|| self.space.default_configuration());
+            match self.tell(&order, &setting.indicators) {
+                _ if self.interrupt.requested() => return Ok(winner),
+                Ok(best) if !seen.contains(&best) && seen.len() < FINALISTS_MAX => {
+                    finalists = vec![winner, best];
+                }
+                Ok(_) => return Ok(winner),
+                Err(error) => {
+                    notes.push(format!("the service was not told of the run-off: {error}"));
+                    return Ok(winner);
+                }
+            }
+        }
+    }
+
+    /// Reports every frame of a run-off, and asks what the service holds for the best now.
+    fn tell(&self, order: &[Finalist], indicators: &Indicators) -> Result<Configuration, ClientError> {
+        for finalist in order {
+            for times in &finalist.times {
+                let trial = self.study.trial_of(indicators, &finalist.configuration)?;
+                trial.report(measurements(Some(*times), 1), Outcome::Ok)?;
+            }
+        }
+        self.client.flush(FLUSH)?;
+        Ok(self.study.best(indicators)?.configuration)
+    }
+
+    /// Everybody that matters, and the winner, in fresh rounds.
+    fn standings(
+        &self,
+        tuned: &Configuration,
+        paper: Option<&Configuration>,
+        conditions: &Conditions,
+    ) -> Result<Vec<Standing>, CliError> {
+        let mut contenders = verdict::peers(self.space);
+        if let Some(paper) = paper {
+            contenders.push(verdict::contender(PAPER_TUNED, &TuningSpace::paper(), paper)?);
+        }
+        contenders.push(verdict::contender(TUNED, self.space, tuned)?);
+        Ok(self.measure(&contenders, conditions))
+    }
+
+    /// Asks the predictor for a camera that was never tuned, and measures its answer there.
+    fn prediction(&self, scene: &Arc<Scene>) -> Result<Option<Prediction>, CliError> {
+        if self.interrupt.requested() {
+            return Ok(None);
+        }
+        let camera_at = self
+            .arguments
+            .fresh_at
+            .unwrap_or_else(|| (self.arguments.camera.at.unwrap_or(0.0) + FRESH_STEP) % 1.0);
+        let camera = CameraPath::of(scene).sample(camera_at);
+        let begin = Instant::now();
+        let answer = self.study.predict(&indicators(scene, &camera))?;
+        let answer_ms = milliseconds(begin);
+        let contenders = [
+            verdict::baseline(self.space.preset()),
+            verdict::contender(PREDICTED, self.space, &answer.configuration)?,
+        ];
+        Ok(Some(Prediction {
+            camera_at,
+            mode: answer.mode,
+            reason: answer.reason.summary,
+            configuration: answer.configuration,
+            answer_ms,
+            standings: self.measure(&contenders, &self.conditions(camera)),
+        }))
+    }
+}
+
+/// What describes a scene to people.
+fn facts(scene: &Scene, renderer: &Renderer) -> SceneFacts {
+    SceneFacts {
+        name: scene.name.clone(),
+        triangles: scene.triangles.len(),
+        meshes: scene.meshes.len(),
+        left_out: renderer.needs().omissions(),
+        notes: scene.notes.clone(),
+    }
+}

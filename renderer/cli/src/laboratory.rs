@@ -1,0 +1,37 @@
+//! Commands of the laboratory: this program hands them on to `treewright-lab`, which lies in the same folder, so that
+//! a renderer that only tunes carries none of it.
+
+use std::ffi::OsString;
+use std::io::ErrorKind;
+use std::os::unix::process::CommandExt as _;
+use std::process::Command;
+
+use clap::Args;
+
+use crate::error::CliError;
+
+/// The program that knows these commands.
+const PROGRAM: &str = "treewright-lab";
+
+/// Whatever stands behind the command's name.
+#[derive(Args, Clone, Debug)]
+#[command(disable_help_flag = true)]
+pub(crate) struct Arguments {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENTS")]
+    all: Vec<OsString>,
+}
+
+/// Becomes `treewright-lab` with the same arguments; returns only when that is not possible.
+pub(crate) fn run(command: &str, arguments: &Arguments) -> Result<(), CliError> {
+    let own = std::env::current_exe()
+        .map_err(|error| CliError::Failed(format!("the program's own folder is unknown: {error}")))?;
+    let program = own.with_file_name(PROGRAM);
+    let error = Command::new(&program).arg(command).args(&arguments.all).exec();
+    Err(CliError::Failed(match error.kind() {
+        ErrorKind::NotFound => format!(
+            "{command} is a command of {PROGRAM}, and {} does not exist; `make build` builds both programs",
+            program.display()
+        ),
+        _ => format!("{} does not start: {error}", program.display()),
+    }))
+}

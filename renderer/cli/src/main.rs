@@ -1,0 +1,8 @@
+//! The renderer's program; everything is in the library.
+#![forbid(unsafe_code)]
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    treewright_render_cli::main()
+}

@@ -1,0 +1,79 @@
+//! What all commands print alike: JSON, tables, progress bars.
+
+use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, presets};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use crate::error::CliError;
+use treewright_renderer::integrator::Omission;
+use treewright_renderer::measure::Standing;
+
+/// Prints a value as indented JSON.
+pub fn json(value: &impl Serialize) -> Result<(), CliError> {
+    println!("{}", to_json(value)?);
+    Ok(())
+}
+
+/// A value as indented JSON.
+pub fn to_json(value: &impl Serialize) -> Result<String, CliError> {
+    serde_json::to_string_pretty(value)
+        .map_err(|error| CliError::Failed(format!("the results cannot be written as JSON: {error}")))
+}
+
+/// A progress bar on standard error; invisible where that is no terminal.
+pub fn bar(length: u64, unit: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new(length);
+    let template = format!("{{bar:30}} {{pos}}/{{len}} {unit}  {{msg}}");
+    if let Ok(style) = ProgressStyle::with_template(&template) {
+        bar.set_style(style.progress_chars("━━ "));
+    }
+    bar
+}
+
+/// A table with a heading; all columns but the first are numbers.
+pub fn table(heading: &[&str]) -> Table {
+    let mut table = Table::new();
+    table
+        .load_style(presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none()))
+        .set_content_arrangement(ContentArrangement::Dynamic);
+    table.set_header(heading.iter().copied());
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
+}
+
+/// The table of measured structures.
+pub fn standings(standings: &[Standing]) -> Table {
+    let mut table =
+        table(&["structure", "build ms", "render ms", "quartiles", "speed-up over the first", "quartiles"]);
+    for one in standings {
+        if let Some(failure) = &one.failure {
+            table.add_row([one.name.clone(), failure.clone()]);
+            continue;
+        }
+        table.add_row([
+            one.name.clone(),
+            format!("{:.1}", one.build_ms.median),
+            format!("{:.1}", one.render_ms.median),
+            format!("{:.1} – {:.1}", one.render_ms.lower_quartile, one.render_ms.upper_quartile),
+            format!("{:.2} ×", one.speedup.median),
+            format!("{:.2} – {:.2}", one.speedup.lower_quartile, one.speedup.upper_quartile),
+        ]);
+    }
+    table
+}
+
+/// What shading leaves out on a scene.
+pub fn left_out(omissions: &[Omission]) {
+    for omission in omissions {
+        println!("left out: {}; {}", omission.what, omission.why);
+    }
+}
+
+/// A sign of life on standard error while something takes its time.
+pub fn spinner(message: &'static str) -> ProgressBar {
+    let spinner = ProgressBar::new_spinner().with_message(message);
+    spinner.enable_steady_tick(std::time::Duration::from_millis(200));
+    spinner
+}

@@ -1,0 +1,134 @@
+//! The report: one HTML file that explains a tuning run to somebody who has not read the paper.
+//!
+//! It carries everything inside (pictures, curve, style), so that it can be mailed or opened from a file
+//! system. The curve is the paper's Figure 11.
+
+mod chart;
+mod parts;
+
+use askama::Template;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+pub use parts::thousands;
+use parts::{ConfigurationRow, StandingRow};
+use treewright_renderer::film::{Film, Picture};
+use treewright_renderer::frame::Renderer;
+use treewright_renderer::image_file::{Exposure, ImageFileError, png_bytes};
+use treewright_renderer::space::{Choice, ConfigurationError};
+use treewright_renderer::tuning::results::Results;
+use treewright_renderer::tuning::search::Setting;
+use treewright_renderer::tuning::verdict::{TUNED, baseline};
+
+/// Samples a pixel of the report's two pictures.
+const PICTURE_SAMPLES: u32 = 24;
+
+/// Why there is no report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// A picture cannot be encoded.
+    #[error(transparent)]
+    Picture(#[from] ImageFileError),
+    /// The winner cannot be built any more.
+    #[error("the pictures of the report cannot be rendered: {0}")]
+    Build(#[from] treewright_accel::BuildError),
+    /// The winner does not follow the space.
+    #[error(transparent)]
+    Configuration(#[from] ConfigurationError),
+    /// The curve cannot be drawn.
+    #[error("the tuning curve cannot be drawn: {0}")]
+    Chart(String),
+    /// The template fails.
+    #[error("the report cannot be put together: {0}")]
+    Template(#[from] askama::Error),
+}
+
+/// The page. Numbers arrive as text, ready to be read.
+#[derive(Template)]
+#[template(path = "report.html")]
+struct Page<'a> {
+    scene: &'a str,
+    triangles: String,
+    size: String,
+    headline: String,
+    explanation: String,
+    frame_kind: &'a str,
+    default_image: String,
+    tuned_image: String,
+    baseline: &'a str,
+    default_ms: String,
+    tuned_ms: String,
+    difference: String,
+    what_was_tuned: &'static str,
+    samples: u32,
+    standings: Vec<StandingRow>,
+    chart: String,
+    search_summary: String,
+    prediction: Option<String>,
+    configurations: Vec<ConfigurationRow>,
+    has_prediction: bool,
+    has_failures: bool,
+    has_stops: bool,
+    overhead: String,
+    break_even: String,
+    machine: String,
+    study: &'a str,
+    notes: Vec<String>,
+}
+
+/// Puts the report together. Renders the two pictures, which takes some seconds.
+pub fn html(renderer: &Renderer, setting: &Setting, results: &Results) -> Result<String, ReportError> {
+    let default = picture(renderer, setting, &baseline(results.space).choice)?;
+    let tuned = picture(renderer, setting, &setting.space.choice(&results.tuned)?)?;
+    page(results, &default, &tuned)
+}
+
+fn picture(renderer: &Renderer, setting: &Setting, choice: &Choice) -> Result<Picture, ReportError> {
+    let (structure, _) = renderer.build(&choice.build)?;
+    let mut film = Film::new(setting.width, setting.height);
+    for _ in 0..PICTURE_SAMPLES {
+        renderer.render_with(&structure, &setting.view, &choice.render, &mut film);
+    }
+    Ok(film.picture())
+}
+
+fn page(results: &Results, default: &Picture, tuned: &Picture) -> Result<String, ReportError> {
+    let frame_ms = |name: &str| results.standing(name).map_or(0.0, |standing| standing.frame_ms.median);
+    let page = Page {
+        scene: &results.scene.name,
+        triangles: parts::thousands(results.scene.triangles),
+        size: format!("{} × {}", results.size[0], results.size[1]),
+        headline: parts::headline(results),
+        explanation: parts::explanation(results),
+        frame_kind: if results.objective.builds_each_frame() { "build and render" } else { "render" },
+        default_image: data_url(default)?,
+        tuned_image: data_url(tuned)?,
+        baseline: &results.baseline,
+        what_was_tuned: parts::what_was_tuned(results),
+        default_ms: format!("{:.1}", frame_ms(&results.baseline)),
+        tuned_ms: format!("{:.1}", frame_ms(TUNED)),
+        difference: format!("{:.4}", default.mean_relative_difference(tuned) * 100.0),
+        samples: PICTURE_SAMPLES,
+        standings: parts::standings(results),
+        chart: chart::svg(results).map_err(ReportError::Chart)?,
+        search_summary: parts::search_summary(results),
+        prediction: parts::prediction(results),
+        configurations: parts::configurations(results),
+        has_prediction: results.prediction.is_some(),
+        has_failures: results.failed() > 0,
+        has_stops: results.stopped() > 0,
+        overhead: parts::overhead(results),
+        break_even: parts::break_even(results),
+        machine: parts::machine(results),
+        study: &results.study,
+        notes: results.notes.iter().chain(&results.scene.notes).cloned().collect(),
+    };
+    Ok(page.render()?)
+}
+
+fn data_url(picture: &Picture) -> Result<String, ReportError> {
+    Ok(format!("data:image/png;base64,{}", STANDARD.encode(png_bytes(picture, Exposure::Auto)?)))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,233 @@
+//! The report's sentences and tables, made from results.
+
+use treewright_client::{Configuration, Value};
+
+use treewright_renderer::space::{Explained, Preset};
+use treewright_renderer::tuning::results::Results;
+use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, TUNED};
+
+/// A speed-up below this is not told as one: frames vary more than that.
+const WORTH_TELLING: f64 = 1.03;
+
+/// A line of the table of measured structures.
+pub(super) struct StandingRow {
+    pub(super) name: String,
+    pub(super) build_ms: String,
+    pub(super) frame_ms: String,
+    pub(super) spread: String,
+    pub(super) speedup: String,
+    /// Length of the bar behind the frame time, in percent of the slowest.
+    pub(super) bar: u32,
+    pub(super) winner: bool,
+}
+
+/// A line of the table of configurations.
+pub(super) struct ConfigurationRow {
+    pub(super) name: String,
+    pub(super) about: &'static str,
+    pub(super) default: String,
+    pub(super) tuned: String,
+    pub(super) tuned_changed: bool,
+    pub(super) predicted: String,
+    pub(super) predicted_changed: bool,
+}
+
+pub(super) fn headline(results: &Results) -> String {
+    let speedup = results.speedup();
+    let (verb, subject) = match results.objective.builds_each_frame() {
+        false => ("renders this scene", "tuned structure"),
+        true => ("is built and rendered", "tuned structure"),
+    };
+    if speedup >= WORTH_TELLING {
+        format!("The {subject} {verb} {speedup:.2}× faster than {}.", the(&results.baseline))
+    } else {
+        format!("Here {} is as good as anything the search found.", the(&results.baseline))
+    }
+}
+
+/// A standing's name inside a sentence.
+fn the(name: &str) -> String {
+    match name {
+        PAPER_DEFAULT => "the recommended default".to_owned(),
+        NATIVE_DEFAULT => "native Embree".to_owned(),
+        other => format!("the {other}"),
+    }
+}
+
+pub(super) fn explanation(results: &Results) -> String {
+    let other = [PAPER_DEFAULT, NATIVE_DEFAULT].into_iter().find(|name| *name != results.baseline);
+    let ratio = other.and_then(|name| Some((name, results.speedup_over(name)?)));
+    let other = ratio.map_or_else(String::new, |(name, ratio)| {
+        format!(" Its speed is {ratio:.2} times that of {}.", the(name))
+    });
+    let frames = results.standing(TUNED).map_or(0, |standing| standing.frame_ms.count);
+    format!("Medians of {frames} paired frames, measured again after the search.{other}")
+}
+
+pub(super) fn standings(results: &Results) -> Vec<StandingRow> {
+    let slowest = results.standings.iter().map(|standing| standing.frame_ms.median).fold(1e-9, f64::max);
+    results
+        .standings
+        .iter()
+        .map(|standing| StandingRow {
+            name: standing.name.clone(),
+            build_ms: match &standing.failure {
+                Some(_) => "cannot be built".to_owned(),
+                None => format!("{:.1}", standing.build_ms.median),
+            },
+            frame_ms: format!("{:.1}", standing.frame_ms.median),
+            spread: format!(
+                "{:.1} – {:.1}",
+                standing.frame_ms.lower_quartile, standing.frame_ms.upper_quartile
+            ),
+            speedup: match results.standing(&results.baseline) {
+                Some(baseline) => format!("{:.2}×", standing.speedup_over(baseline).median),
+                None => String::new(),
+            },
+            bar: (100.0 * standing.frame_ms.median / slowest).round().clamp(0.0, 100.0) as u32,
+            winner: standing.name == TUNED,
+        })
+        .collect()
+}
+
+pub(super) fn search_summary(results: &Results) -> String {
+    let stops = match results.stopped() {
+        0 => String::new(),
+        1 => " One was stopped once it had cost too much.".to_owned(),
+        stopped => format!(" {stopped} were stopped once they had cost too much."),
+    };
+    let failures = match results.failed() {
+        0 => String::new(),
+        1 => " One of them could not be built at all, which the search takes as an answer, too.".to_owned(),
+        failed => {
+            format!(" {failed} of them could not be built at all, which the search takes as an answer, too.")
+        }
+    };
+    format!("The search tried {} configurations.{failures}{stops}", results.trials.len())
+}
+
+pub(super) fn prediction(results: &Results) -> Option<String> {
+    results.prediction.as_ref().map(|prediction| {
+        let speedup = prediction.speedup();
+        let verdict = if speedup >= WORTH_TELLING {
+            format!("With it, that view renders {speedup:.2}× faster than with {}", the(&results.baseline))
+        } else {
+            format!("With it, that view runs at {speedup:.2}× the speed of {}", the(&results.baseline))
+        };
+        format!(
+            "Then the camera moved to a place that was never tuned. The service answered in {:.1} ms from what it had learned. {verdict}, \
+             without a single trial there.",
+            prediction.answer_ms,
+        )
+    })
+}
+
+pub(super) fn overhead(results: &Results) -> String {
+    let overhead = &results.overhead;
+    format!(
+        "Telling the service a result and getting the next suggestion took {:.2} ms (median), {:.2} % of the time. The whole search waited {:.0} ms for it.",
+        overhead.waiting_ms.median,
+        overhead.share_of_frame * 100.0,
+        overhead.waiting_total_ms,
+    )
+}
+
+pub(super) fn break_even(results: &Results) -> String {
+    match results.break_even_frame {
+        Some(frame) => format!(
+            "The search spent {:.1} s, slow trials and all builds included. After {frame} frames it has paid for itself: \
+             from then on, tuning and rendering together took less time than rendering with {} from the start.",
+            results.break_even.tuning_ms / 1000.0,
+            the(&results.baseline),
+        ),
+        None => format!(
+            "The tuned structure is not faster than {}, so the search does not pay for itself here.",
+            the(&results.baseline)
+        ),
+    }
+}
+
+pub(super) fn machine(results: &Results) -> String {
+    let machine = &results.machine;
+    let cpu = if machine.cpu_model.is_empty() { "an unnamed processor" } else { &machine.cpu_model };
+    format!("{cpu}, {} threads, {}", machine.threads, machine.isa)
+}
+
+/// How many there are and of what kind, after "is controlled by".
+pub(super) fn what_was_tuned(results: &Results) -> &'static str {
+    match results.space {
+        Preset::Paper => "How that tree is built is controlled by eleven numbers and switches.",
+        Preset::Full => {
+            "Embree, a widely used library, brings one ready-made; another can be built to measure. How it is built, how it lies \
+             in memory and in which groups rays are sent through it is controlled by some two dozen numbers and switches."
+        }
+    }
+}
+
+pub(super) fn configurations(results: &Results) -> Vec<ConfigurationRow> {
+    let default = &results.start;
+    let predicted = results.prediction.as_ref().map(|prediction| &prediction.configuration);
+    let text = |configuration: Option<&Configuration>, name: &str| {
+        configuration.map_or_else(String::new, |configuration| {
+            configuration.get(name).map_or_else(|| "no effect".to_owned(), value_in_words)
+        })
+    };
+    // What is inactive everywhere tells nobody anything.
+    let matters = |name: &str| {
+        [Some(default), Some(&results.tuned), predicted].iter().flatten().any(|one| one.get(name).is_some())
+    };
+    results
+        .parameters
+        .iter()
+        .filter(|one| matters(&one.parameter.name))
+        .map(|Explained { parameter, about }| {
+            let name = parameter.name.as_str();
+            let changed = |configuration: &Configuration| configuration.get(name) != default.get(name);
+            ConfigurationRow {
+                name: name.to_owned(),
+                about,
+                default: text(Some(default), name),
+                tuned: text(Some(&results.tuned), name),
+                tuned_changed: changed(&results.tuned),
+                predicted: text(predicted, name),
+                predicted_changed: predicted.is_some_and(changed),
+            }
+        })
+        .collect()
+}
+
+fn value_in_words(value: &Value) -> String {
+    match value {
+        Value::Boolean(true) => "yes".to_owned(),
+        Value::Boolean(false) => "no".to_owned(),
+        Value::Float(value) => format!("{value:.2}"),
+        Value::Integer(_) | Value::Text(_) => value.to_string(),
+    }
+}
+
+/// `1234567` as `1 234 567`, with thin spaces.
+/// A number with thin spaces between its thousands.
+pub fn thousands(number: usize) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            text.push('\u{2009}');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// Relative frame time of the winner: the roofline.
+pub(super) fn roofline(results: &Results) -> f64 {
+    1.0 / results.speedup().max(f64::MIN_POSITIVE)
+}
+
+/// Relative frame time of the prediction on the fresh camera.
+pub(super) fn predicted(results: &Results) -> Option<f64> {
+    let prediction = results.prediction.as_ref()?;
+    let names: Vec<&str> = prediction.standings.iter().map(|standing| standing.name.as_str()).collect();
+    (names == [results.baseline.as_str(), PREDICTED])
+        .then(|| 1.0 / prediction.speedup().max(f64::MIN_POSITIVE))
+}

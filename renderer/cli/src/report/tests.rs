@@ -1,0 +1,176 @@
+//! The report of a made-up run: it says what was measured, and it stands alone.
+
+use glam::Vec3;
+use treewright_client::{Configuration, Fingerprint, Indicators, Mode, Outcome, Source, Stats};
+
+use super::*;
+use treewright_renderer::frame::FrameTimes;
+use treewright_renderer::measure::{Measured, standings};
+use treewright_renderer::space::{Preset, TuningSpace};
+use treewright_renderer::statistics::BreakEven;
+use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::tuning::results::{Overhead, Prediction, SceneFacts};
+use treewright_renderer::tuning::search::Iteration;
+use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED};
+
+fn iteration(number: u32, render_ms: Option<f64>) -> Iteration {
+    Iteration {
+        number,
+        trial: Some(format!("studies/test/trials/{number}")),
+        mode: Mode::Explore,
+        source: Source::Daemon,
+        reason: "the search goes on".into(),
+        step: "reflect".into(),
+        configuration: Configuration::new().with("quality", 3),
+        predicted_cost: None,
+        outcome: if render_ms.is_some() { Outcome::Ok } else { Outcome::infeasible("depth limit") },
+        times: render_ms.map(|render_ms| FrameTimes { build_ms: 20.0, render_ms }),
+        cost: render_ms,
+        waiting_ms: 0.5,
+        total_ms: render_ms.unwrap_or(0.0) + 21.0,
+    }
+}
+
+fn results(tuned_ms: f64, scene: &str) -> Results {
+    let measured = |name: &str, render_ms: f64| Measured {
+        name: name.into(),
+        build_ms: vec![20.0],
+        render_ms: vec![render_ms; 9],
+        failure: None,
+    };
+    let side_by_side =
+        [measured(PAPER_DEFAULT, 100.0), measured(NATIVE_DEFAULT, 55.0), measured(TUNED, tuned_ms)];
+    let space = TuningSpace::paper();
+    let trials = vec![
+        iteration(1, Some(100.0)),
+        iteration(2, None),
+        iteration(3, Some(900.0)),
+        iteration(4, Some(tuned_ms)),
+    ];
+    let break_even = BreakEven {
+        tuning_ms: 2500.0,
+        frames_while_tuning: 3,
+        tuned_setup_ms: 20.0,
+        tuned_frame_ms: tuned_ms,
+        default_setup_ms: 20.0,
+        default_frame_ms: 100.0,
+    };
+    Results {
+        scene: SceneFacts {
+            name: scene.into(),
+            triangles: 1_234_567,
+            meshes: 3,
+            left_out: Vec::new(),
+            notes: vec!["a texture was left out".into()],
+        },
+        size: [320, 240],
+        objective: Objective::Render,
+        space: Preset::Paper,
+        parameters: space.explained().collect(),
+        start: space.default_configuration(),
+        baseline: PAPER_DEFAULT.into(),
+        server: "http://127.0.0.1:1".into(),
+        study: "test-render".into(),
+        machine: Fingerprint {
+            cpu_model: "Test One".into(),
+            isa: "avx2".into(),
+            threads: 2,
+            ..Fingerprint::default()
+        },
+        indicators: Indicators::new(),
+        overhead: Overhead::of(&trials),
+        trials,
+        reference_ms: 100.0,
+        tuned: Configuration::new().with("quality", 3).with("branching_factor", 8).with("compact", false),
+        standings: standings(&side_by_side, 1000),
+        prediction: Some(Prediction {
+            camera_at: 0.2,
+            mode: Mode::Exploit,
+            reason: "nearest state".into(),
+            configuration: Configuration::new().with("quality", 1),
+            answer_ms: 0.8,
+            standings: standings(&[measured(PAPER_DEFAULT, 100.0), measured(PREDICTED, 60.0)], 1000),
+        }),
+        break_even,
+        break_even_frame: break_even.frame(),
+        client: Stats::default(),
+        notes: vec![],
+    }
+}
+
+fn grey() -> Picture {
+    Picture { width: 4, height: 3, pixels: vec![Vec3::splat(0.3); 12] }
+}
+
+#[test]
+fn the_page_says_what_was_measured() {
+    let html = page(&results(50.0, "hall"), &grey(), &grey()).expect("the page is made");
+    assert!(
+        html.contains("The tuned structure renders this scene 2.00× faster than the recommended default.")
+    );
+    assert!(html.contains("1\u{2009}234\u{2009}567 triangles") && html.contains("Test One, 2 threads"));
+    assert!(html.contains("Its speed is 1.10 times that of native Embree."));
+    assert!(html.contains("<mark>8</mark>"), "a changed parameter is marked");
+    assert!(html.contains("1.67× faster"), "the prediction's speed-up");
+    assert!(
+        html.contains("a texture was left out") && html.contains("cannot")
+            || html.contains("could not be built")
+    );
+    assert_eq!(html.matches("data:image/png;base64,").count(), 2);
+    assert_eq!(html.matches("<svg").count(), 1);
+}
+
+#[test]
+fn a_stopped_trial_is_neither_measured_nor_failed() {
+    let mut results = results(50.0, "hall");
+    results.trials[1].outcome = Outcome::aborted(180.0);
+    let html = page(&results, &grey(), &grey()).expect("the page is made");
+    assert!(html.contains("One was stopped once it had cost too much."));
+    assert!(
+        html.contains("stopped: it would have cost more than this") && !html.contains("could not be built")
+    );
+}
+
+#[test]
+fn nothing_is_loaded_from_elsewhere() {
+    let html = page(&results(50.0, "hall"), &grey(), &grey()).expect("the page is made");
+    let links = html.replace("http://www.w3.org/2000/svg", "");
+    assert!(!links.contains("http://") && !links.contains("https://") && !links.contains("<script"));
+}
+
+#[test]
+fn names_from_files_cannot_become_markup() {
+    let html = page(&results(50.0, "<img src=x>"), &grey(), &grey()).expect("the page is made");
+    assert!(!html.contains("<img src=x>"));
+}
+
+#[test]
+fn no_gain_is_told_as_none() {
+    let mut none = results(101.0, "hall");
+    none.prediction = None;
+    let html = page(&none, &grey(), &grey()).expect("the page is made");
+    assert!(html.contains("the recommended default is as good as anything"));
+    assert!(html.contains("does not pay for itself"));
+    assert!(!html.contains("predicted for the other camera"));
+}
+
+#[test]
+fn the_curve_shows_its_three_lines_in_the_pages_colours() {
+    let svg = chart::svg(&results(50.0, "hall")).expect("the curve is drawn");
+    for colour in ["--ink", "--best", "--predicted", "--overhead", "--failed"] {
+        assert!(svg.contains(&format!("var({colour})")), "{colour}");
+    }
+    assert!(!svg.contains("#030303"), "placeholders are replaced");
+    let html = page(&results(50.0, "hall"), &grey(), &grey()).expect("the page is made");
+    for label in [
+        "each trial of the search",
+        "best found (roofline)",
+        "first prediction, for the other camera",
+        "could not be built",
+    ] {
+        assert!(html.contains(label), "{label}");
+    }
+    let mut short = results(50.0, "hall");
+    short.trials.clear();
+    assert!(chart::svg(&short).is_ok(), "an interrupted search has a curve, too");
+}

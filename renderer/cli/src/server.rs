@@ -1,0 +1,61 @@
+//! The daemon's address and the study's name, as arguments of every command that talks to it.
+
+use std::time::Duration;
+
+use clap::Args;
+use treewright_accel::Device;
+use treewright_client::blocking::Client;
+use treewright_client::{CredentialArguments, Fingerprint, Options};
+
+use crate::arguments::Size;
+use crate::error::CliError;
+use treewright_renderer::space::TuningSpace;
+use treewright_renderer::tuning::objective::{Objective, study_id};
+use treewright_scene::Scene;
+
+/// Where the service is, and which study.
+#[derive(Args, Clone, Debug)]
+pub struct ServerArguments {
+    /// Address of the daemon; of several on one database, parted by commas.
+    #[arg(long, value_name = "URLS", env = "TREEWRIGHT_SERVER", default_value = "http://127.0.0.1:50611")]
+    pub server: String,
+
+    /// Id of the study; made of scene, objective, size and space when left out.
+    #[arg(long, value_name = "ID")]
+    pub study: Option<String>,
+
+    /// How long a frame waits for the daemon at most, in milliseconds. Then it is rendered with the last good configuration.
+    #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    pub deadline_ms: u64,
+
+    /// What is shown to it.
+    #[command(flatten)]
+    pub credentials: CredentialArguments,
+}
+
+impl ServerArguments {
+    /// Connects, and makes sure that somebody answers.
+    pub fn connect(&self, threads: usize) -> Result<Client, CliError> {
+        let (major, minor, patch) = Device::open(threads)?.version();
+        // Another version of either may build and trace otherwise: what older ones measured does not hold for it.
+        let mut fingerprint = Fingerprint::detect()
+            .software("treewright-render", env!("CARGO_PKG_VERSION"))
+            .software("embree", format!("{major}.{minor}.{patch}"));
+        if threads > 0 {
+            fingerprint = fingerprint.threads(u32::try_from(threads).unwrap_or(u32::MAX));
+        }
+        let options = Options::new()
+            .deadline(Duration::from_millis(self.deadline_ms))
+            .fingerprint(fingerprint)
+            .credentials(self.credentials.credentials()?);
+        let client = Client::connect(&self.server, options)?;
+        client.ping()?;
+        Ok(client)
+    }
+
+    /// The study's id.
+    pub fn study_id(&self, scene: &Scene, objective: Objective, size: Size, space: &TuningSpace) -> String {
+        let made = || study_id(&scene.name, objective, size, space);
+        self.study.clone().unwrap_or_else(made)
+    }
+}

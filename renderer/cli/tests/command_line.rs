@@ -1,0 +1,258 @@
+//! The program as a user meets it: pictures, lists, and wrong input with its message and exit code.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use treewright_accel::recording::{RayClass, Recording};
+
+const FAILED: i32 = 1;
+const USAGE: i32 = 2;
+const UNREACHABLE: i32 = 3;
+
+/// Runs the program with arguments separated by spaces, in a folder of its own.
+fn run(folder: &Path, arguments: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_treewright-render"))
+        .current_dir(folder)
+        .env_remove("TREEWRIGHT_SERVER")
+        .args(arguments.split_whitespace())
+        .output()
+        .expect("the program starts")
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a scratch folder")
+}
+
+fn succeeds(folder: &Path, arguments: &str) -> String {
+    let output = run(folder, arguments);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments}: {errors}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// Expects an exit code and some words on standard error.
+fn fails(arguments: &str, code: i32, said: &[&str]) {
+    let folder = folder();
+    let output = run(folder.path(), arguments);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments}: {errors}");
+    assert!(!errors.contains("panicked"), "{arguments}: {errors}");
+    for words in said {
+        assert!(errors.contains(words), "{arguments}: {words:?} is not in {errors}");
+    }
+}
+
+const SMALL: &str = "image --scene builtin:quick --detail 0.1 --size 24x16 --spp 2";
+
+#[test]
+fn a_picture_is_the_same_for_every_thread_count_and_structure() {
+    let folder = folder();
+    let path = folder.path();
+    let picture = |name: &str, more: &str| {
+        succeeds(path, &format!("{SMALL} {more} --out {name}.exr"));
+        image::open(path.join(format!("{name}.exr"))).expect("the picture can be read").to_rgb32f()
+    };
+    let first = picture("first", "--threads 1");
+    assert_eq!(first.dimensions(), (24, 16));
+    assert_eq!(first, picture("threads", "--threads 3"));
+    for (name, more) in [
+        ("native", "--native high"),
+        ("tree", "--config quality=3,branching_factor=8,max_leaf_size=8"),
+        ("morton", "--config quality=1,branching_factor=4"),
+        ("compact", "--config compact=true --space paper"),
+        ("paths", "--config staged=false"),
+        ("packets", "--config primary=eight_coherent,tile=8,sort=octant,bounce=sixteen"),
+    ] {
+        let other = picture(name, more);
+        let sum = |image: &image::Rgb32FImage| image.iter().map(|&value| f64::from(value)).sum::<f64>();
+        let difference: f64 = first.iter().zip(other.iter()).map(|(a, b)| f64::from((a - b).abs())).sum();
+        assert!(difference < 1e-3 * sum(&first), "{name} differs by {}", difference / sum(&first));
+    }
+    assert_ne!(first, picture("seed", "--seed 2"), "the seed does something");
+    assert_ne!(first, picture("elsewhere", "--at 0.5"), "the camera moves");
+}
+
+#[test]
+fn results_are_json_where_asked_for() {
+    let folder = folder();
+    let path = folder.path();
+    let parsed = |text: String| serde_json::from_str::<serde_json::Value>(&text).expect("it is JSON");
+    let image = parsed(succeeds(path, &format!("{SMALL} -o a.png --json")));
+    assert_eq!((image["samples"].as_u64(), image["counts"]["bad_samples"].as_u64()), (Some(2), Some(0)));
+    assert!(image["build_ms"].as_f64() > Some(0.0) && image["render_ms"]["median"].as_f64() > Some(0.0));
+    let info = parsed(succeeds(path, "info --scene builtin:quick --detail 0.1 --json"));
+    assert_eq!(info["indicators"].as_object().map(serde_json::Map::len), Some(17));
+    let scenes = parsed(succeeds(path, "scenes --json"));
+    assert!(scenes.as_array().is_some_and(|scenes| scenes.len() >= 6));
+    let space = parsed(succeeds(path, "spaces --space paper --json"));
+    assert_eq!(space["parameters"].as_array().map(Vec::len), Some(11));
+    let space = parsed(succeeds(path, "spaces --json"));
+    let parameters = space["parameters"].as_array().expect("a list");
+    assert_eq!((parameters[0]["name"].as_str(), space["name"].as_str()), (Some("backend"), Some("full")));
+    assert!(parameters.iter().all(|one| one["about"].as_str().is_some_and(|about| !about.is_empty())));
+    assert_eq!(space["default"]["backend"], "tunable");
+}
+
+#[test]
+fn accelerators_are_measured() {
+    let folder = folder();
+    let path = folder.path();
+    std::fs::write(path.join("best.json"), r#"{"branching_factor": 4, "bounce": "eight", "staged": true}"#)
+        .expect("it can be written");
+    let table = succeeds(
+        path,
+        "bench --scene builtin:quick --detail 0.1 --rounds 2 --size 24x16 --config quality=1 --contender mine=full:best.json --json b.json",
+    );
+    assert!(table.contains("native Embree default") && table.contains("quality=1"));
+    let bench: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(path.join("b.json")).expect("it was written"))
+            .expect("it is JSON");
+    assert_eq!(bench["render"].as_array().map(Vec::len), Some(8));
+    assert_eq!(bench["render"][7]["name"], "mine");
+    let frame = |objective: &str| bench[objective][6]["frame_ms"]["median"].as_f64();
+    assert!(frame("total") > frame("render"));
+    assert_eq!(bench["total"][6]["rounds_ms"].as_array().map(Vec::len), Some(2));
+    let few = succeeds(
+        path,
+        "bench --scene builtin:quick --detail 0.1 --rounds 1 --size 8x8 --only quality=2 --config quality=2",
+    );
+    assert!(few.contains("quality=2") && !few.contains("native"));
+}
+
+#[test]
+fn moving_scenes_are_followed() {
+    let folder = folder();
+    let path = folder.path();
+    for scene in ["needles", "sea"] {
+        let arguments = "--detail 0.02 --frames 3 --rounds 0.2 --size 24x16 --json a.json";
+        let table = succeeds(path, &format!("animate --scene builtin:{scene} {arguments}"));
+        assert!(table.contains("refit") && table.contains("partial"));
+        let text = std::fs::read(path.join("a.json")).expect("it was written");
+        let animated: serde_json::Value = serde_json::from_slice(&text).expect("it is JSON");
+        let followers = animated["followers"].as_array().expect("there are some");
+        assert_eq!(followers.len(), 4);
+        for follower in followers {
+            assert_eq!(follower["frames"].as_array().map(Vec::len), Some(3));
+            let difference = follower["picture_difference"].as_f64().expect("it is a number");
+            assert!(difference < 1e-3, "{scene}: {} differs by {difference}", follower["update"]);
+        }
+    }
+    fails("animate --scene builtin:quick", USAGE, &["nothing moves", "builtin:sea"]);
+}
+
+#[test]
+fn a_configuration_can_come_from_a_file() {
+    let folder = folder();
+    let path = folder.path();
+    std::fs::write(path.join("best.json"), r#"{"cost": 3, "configuration": {"quality": 1}}"#)
+        .expect("it can be written");
+    let json = succeeds(path, &format!("{SMALL} -o a.png --config-file best.json --json"));
+    assert!(json.contains("\"morton\""), "{json}");
+    fails(&format!("{SMALL} -o a.png --config-file missing.json"), FAILED, &["missing.json"]);
+}
+
+#[test]
+fn wrong_scenes_are_named() {
+    fails("image --scene nowhere.glb -o a.png", FAILED, &["nowhere.glb"]);
+    fails("image --scene builtin:atlantis -o a.png", FAILED, &["atlantis", "hall"]);
+    fails("info --scene part.stl", FAILED, &["part.stl"]);
+    fails("image --scene builtin:quick --detail 99 -o a.png", FAILED, &["detail"]);
+}
+
+#[test]
+fn wrong_command_lines_are_explained() {
+    for (more, said) in [
+        ("--size 0x0", "WIDTHxHEIGHT"),
+        ("--size wide", "WIDTHxHEIGHT"),
+        ("--spp 0", "--spp"),
+        ("--config colour=blue", "colour"),
+        ("--config quality=9", "1 to 3"),
+        ("--config backend=native,quality=2", "it needs backend = tunable"),
+        ("--config compact=true", "--space full"),
+        ("--space paper --robust", "--config robust=true"),
+        ("--config quality", "name=value"),
+        ("--config min_leaf_size=9,max_leaf_size=3", "min_leaf_size"),
+        ("--native fastest", "low, medium, high"),
+        ("--native low --config quality=1", "cannot be used with"),
+        ("--at 1.5", "0 to 1"),
+        ("--camera 1000", "no camera 1000"),
+        ("--threads 99999", "1024"),
+    ] {
+        fails(&format!("image --scene builtin:quick --detail 0.1 -o a.png {more}"), USAGE, &[said]);
+    }
+    fails("", USAGE, &["Usage"]);
+    fails("dance", USAGE, &["dance"]);
+}
+
+#[test]
+fn places_that_cannot_be_written_are_named_before_rendering() {
+    fails(&format!("{SMALL} -o nowhere/a.png"), FAILED, &["nowhere", "does not exist"]);
+    fails(&format!("{SMALL} -o a.gif"), FAILED, &[".png or .exr"]);
+    fails("tune --scene builtin:quick --json nowhere/a.json", FAILED, &["nowhere", "does not exist"]);
+}
+
+#[test]
+fn an_absent_daemon_is_told_with_the_remedy() {
+    // Port 9 is "discard"; nobody listens there.
+    let server = "--server http://127.0.0.1:9 --scene builtin:quick --detail 0.1";
+    fails(&format!("tune {server} --iterations 2"), UNREACHABLE, &["127.0.0.1:9", "treewrightd serve"]);
+    fails(&format!("play {server} --frames 2"), UNREACHABLE, &["127.0.0.1:9", "treewrightd serve"]);
+    fails("tune --server here --scene builtin:quick", USAGE, &["here"]);
+    fails("tune --scene builtin:quick --objective beauty", USAGE, &["beauty", "render", "total"]);
+    fails("tune --scene builtin:quick --iterations -4", USAGE, &["iterations"]);
+    fails("tune --scene builtin:quick --iterations 0", USAGE, &["iterations"]);
+    fails("tune --scene builtin:quick --epsilon 2", USAGE, &["0 to 1"]);
+}
+
+#[test]
+fn help_shows_examples_and_exit_codes() {
+    let help = succeeds(folder().path(), "--help");
+    assert!(help.contains("Examples:") && help.contains("Exit codes:"));
+    for command in
+        ["image", "info", "scenes", "spaces", "tune", "play", "bench", "ablate", "converge", "verify"]
+    {
+        assert!(help.contains(command), "{command}");
+    }
+    for command in ["image", "info", "scenes", "spaces", "tune", "play", "animate", "bench", "rays"] {
+        succeeds(folder().path(), &format!("{command} --help"));
+    }
+}
+
+#[test]
+fn the_laboratory_is_looked_for_beside_the_program() {
+    let program = Path::new(env!("CARGO_BIN_EXE_treewright-render"));
+    let beside = program.parent().expect("a program lies in a folder");
+    let folder = tempfile::tempdir_in(beside).expect("a scratch folder on the same disk");
+    // Links: a program that was just written may still be open for writing in a process that another test forks.
+    let render = folder.path().join("treewright-render");
+    std::fs::hard_link(program, &render).expect("the program can be linked");
+    let verify = || {
+        let arguments = ["verify", "--scene", "a b.ply", "--json"];
+        Command::new(&render).current_dir(folder.path()).args(arguments).output().expect("the program starts")
+    };
+    let alone = verify();
+    let errors = String::from_utf8_lossy(&alone.stderr).into_owned();
+    assert_eq!(alone.status.code(), Some(FAILED), "{errors}");
+    assert!(errors.contains("treewright-lab") && errors.contains("make build"), "{errors}");
+    // A shell in the laboratory's place takes the command's name for a script.
+    std::os::unix::fs::symlink("/bin/sh", folder.path().join("treewright-lab")).expect("a link can be made");
+    std::fs::write(folder.path().join("verify"), "printf '[%s]' \"$@\"\nexit 5\n")
+        .expect("it can be written");
+    let handed_on = verify();
+    assert_eq!(String::from_utf8_lossy(&handed_on.stdout), "[--scene][a b.ply][--json]");
+    assert_eq!(handed_on.status.code(), Some(5), "its exit code is the program's");
+}
+
+#[test]
+fn the_rays_of_a_frame_are_recorded() {
+    let folder = folder();
+    let path = folder.path();
+    let told = succeeds(path, "rays --scene builtin:quick --detail 0.1 --size 24x16 --out quick.rays");
+    assert!(told.contains("384 primary") && told.contains("quick.rays"), "{told}");
+    let file = std::fs::File::open(path.join("quick.rays")).expect("it was written");
+    let recording = Recording::read(std::io::BufReader::new(file)).expect("it can be read");
+    let rays = |class| recording.sets.iter().find(|set| set.class == class).map_or(0, |set| set.rays.len());
+    assert_eq!(rays(RayClass::Primary), 384);
+    assert!(rays(RayClass::FirstBounce) > 0 && rays(RayClass::FirstShadow) > 0);
+    fails("rays --scene builtin:quick --out nowhere/quick.rays", FAILED, &["nowhere/quick.rays"]);
+}

@@ -1,0 +1,422 @@
+//! Puts parts together into a [`Scene`] and settles what the source left open: bad triangles, missing
+//! normals, light and camera.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::{Affine3A, Vec3, Vec3A};
+use treewright_accel::limits::{COORDINATE_MAX, TRIANGLES_MAX};
+use treewright_accel::{GeometryError, Triangles};
+
+use super::bounds::Bounds;
+use super::framing::{self, View};
+use super::limits::{CAMERAS_MAX, MESHES_MAX, VERTICES_MAX};
+use super::objects::Objects;
+use super::part::Part;
+use super::{Camera, Material, Mesh, Placed, Scene, SceneError, Sky};
+
+/// Marks a vertex that no kept triangle names.
+const UNUSED: u32 = u32::MAX;
+
+/// Collects meshes and materials of one scene.
+pub struct Assembler {
+    name: String,
+    origin: PathBuf,
+    positions: Vec<Vec3A>,
+    normals: Vec<Vec3>,
+    indices: Vec<[u32; 3]>,
+    meshes: Vec<Mesh>,
+    /// Whether each mesh came without normals.
+    flat: Vec<bool>,
+    materials: Vec<Material>,
+    notes: Vec<String>,
+    dropped: usize,
+    objects: Objects,
+    /// The box around everything outside objects.
+    world: Bounds,
+}
+
+/// What lights a scene from outside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lighting {
+    /// As given.
+    Given(Sky),
+    /// Black when a mesh shines, daylight (and a note) when none does.
+    Automatic,
+}
+
+impl Assembler {
+    /// An empty scene of a file, named by the file's stem.
+    pub fn of_file(path: &Path) -> Self {
+        let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+        Self::new(stem.unwrap_or_else(|| "scene".to_owned()), path)
+    }
+
+    /// The scene's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// An empty scene. `origin` is named in errors.
+    pub fn new(name: impl Into<String>, origin: &Path) -> Self {
+        Self {
+            name: name.into(),
+            origin: origin.to_owned(),
+            positions: Vec::new(),
+            normals: Vec::new(),
+            indices: Vec::new(),
+            meshes: Vec::new(),
+            flat: Vec::new(),
+            materials: Vec::new(),
+            notes: Vec::new(),
+            dropped: 0,
+            objects: Objects::default(),
+            world: Bounds::NOTHING,
+        }
+    }
+
+    /// Adds a material, its numbers brought into range, and returns its index.
+    pub fn material(&mut self, material: Material) -> u32 {
+        self.materials.push(sanitized(material));
+        (self.materials.len() - 1) as u32
+    }
+
+    /// Makes every material so far the same.
+    pub fn repaint(&mut self, material: Material) {
+        self.materials.fill(sanitized(material));
+    }
+
+    /// Adds a sentence about what was left out or made up.
+    pub fn note(&mut self, note: impl Into<String>) {
+        self.notes.push(note.into());
+    }
+
+    /// Begins an object that is placed by [`Assembler::place`]: meshes added from here on are in its space and
+    /// part of it, until [`Assembler::end_object`].
+    pub fn begin_object(&mut self) {
+        self.objects.begin(self.indices.len() as u32, self.positions.len());
+    }
+
+    /// Ends the object and returns its number.
+    pub fn end_object(&mut self) -> u32 {
+        self.objects.end(self.indices.len() as u32, &self.positions)
+    }
+
+    /// Places an object in the world. Transformations that cannot be inverted or lead too far out are left
+    /// out and counted.
+    pub fn place(&mut self, object: u32, to_world: Affine3A) {
+        self.objects.place(object, to_world);
+    }
+
+    /// Adds a mesh in world space or, inside an object, in the object's. Triangles whose winding contradicts their normals are turned round: front
+    /// sides are those that the normals point away from. Triangles with a corner that is not finite or too far out are dropped
+    /// and counted; a mesh without triangles leaves no trace.
+    pub fn mesh(&mut self, name: impl Into<String>, material: u32, part: &Part) -> Result<(), SceneError> {
+        let name = name.into();
+        let refuse = |source| SceneError::Geometry { path: self.origin.clone(), mesh: name.clone(), source };
+        let vertices = part.positions.len();
+        if self.indices.len() + part.indices.len() > TRIANGLES_MAX {
+            return Err(refuse(GeometryError::TooMany { count: self.indices.len() + part.indices.len() }));
+        }
+        if self.meshes.len() >= MESHES_MAX || self.positions.len() + vertices > VERTICES_MAX {
+            return Err(SceneError::TooMany { path: self.origin.clone() });
+        }
+        let first_triangle = self.indices.len() as u32;
+        let mut renumbered = vec![UNUSED; vertices];
+        let has_normals = part.normals.len() == vertices && vertices > 0;
+        let mut fallback: Option<Vec<Vec3>> = None;
+        for (triangle, corners) in part.indices.iter().enumerate() {
+            if let Some(&vertex) = corners.iter().find(|vertex| **vertex as usize >= vertices) {
+                return Err(refuse(GeometryError::IndexOutOfRange { triangle, vertex, vertices }));
+            }
+            let good = |vertex: &u32| {
+                part.positions[*vertex as usize].abs().cmple(Vec3::splat(COORDINATE_MAX)).all()
+            };
+            if !corners.iter().all(good) {
+                self.dropped += 1;
+                continue;
+            }
+            let mut kept = [0; 3];
+            for (corner, vertex) in corners.iter().enumerate() {
+                let vertex = *vertex as usize;
+                if renumbered[vertex] == UNUSED {
+                    renumbered[vertex] = self.positions.len() as u32;
+                    self.positions.push(part.positions[vertex].into());
+                    if !self.objects.is_open() {
+                        let at = part.positions[vertex];
+                        self.world = self.world.union(&Bounds { min: at, max: at });
+                    }
+                    let normal =
+                        if has_normals { part.normals[vertex].normalize_or_zero() } else { Vec3::ZERO };
+                    self.normals.push(if has_normals && normal == Vec3::ZERO {
+                        fallback.get_or_insert_with(|| part.smooth_normals())[vertex]
+                    } else {
+                        normal
+                    });
+                }
+                kept[corner] = renumbered[vertex];
+            }
+            // Exporters disagree about winding, but normals point outward nearly always.
+            let [a, b, c] = kept.map(|vertex| self.positions[vertex as usize]);
+            let outward: Vec3 = kept.iter().map(|vertex| self.normals[*vertex as usize]).sum();
+            if Vec3::from((b - a).cross(c - a)).dot(outward) < 0.0 {
+                kept.swap(1, 2);
+            }
+            self.indices.push(kept);
+        }
+        let triangle_count = self.indices.len() as u32 - first_triangle;
+        if triangle_count > 0 {
+            self.meshes.push(Mesh { name, first_triangle, triangle_count, material });
+            self.flat.push(!has_normals);
+        }
+        Ok(())
+    }
+
+    /// The box around what was added and placed so far.
+    pub fn bounds(&self) -> Bounds {
+        let bounds = self.objects.placed_boxes().fold(self.world, |all, one| all.union(&one));
+        if bounds.min.x > bounds.max.x { Bounds { min: Vec3::ZERO, max: Vec3::ZERO } } else { bounds }
+    }
+
+    /// The finished scene. `views` are the source's cameras; without any, one is made up.
+    pub fn finish(mut self, lighting: Lighting, mut views: Vec<View>) -> Result<Scene, SceneError> {
+        if self.indices.is_empty() {
+            let mut found = std::mem::take(&mut self.notes);
+            if self.dropped > 0 {
+                found.push(format!("{} triangles have corners that are not finite", self.dropped));
+            }
+            let found = if found.is_empty() { "no faces".to_owned() } else { found.join("; ") };
+            return Err(SceneError::NoTriangles { path: self.origin, found });
+        }
+        if self.dropped > 0 {
+            self.notes.push(format!(
+                "Dropped {} triangles with corners that are not finite or beyond ±{COORDINATE_MAX:e}.",
+                self.dropped
+            ));
+        }
+        if self.materials.is_empty() {
+            self.materials.push(Material::default());
+        }
+        self.settle_normals();
+        let sky = self.settle_sky(lighting);
+        let triangles = Triangles::new(self.positions, self.indices).map_err(|source| {
+            SceneError::Geometry { path: self.origin.clone(), mesh: self.name.clone(), source }
+        })?;
+        let flat = zero_area_count(&triangles);
+        if flat > 0 {
+            self.notes.push(format!("Kept {flat} triangles without area; no ray meets them."));
+        }
+        let instances = self
+            .objects
+            .finish(triangles.len(), &mut self.notes)
+            .map_err(|placed| SceneError::TooManyPlaced { path: self.origin.clone(), placed })?;
+        let placed = Placed::new(&triangles, instances.as_ref());
+        let bounds = placed.bounds();
+        if views.len() > CAMERAS_MAX {
+            self.notes.push(format!("Took the first {CAMERAS_MAX} of {} cameras.", views.len()));
+            views.truncate(CAMERAS_MAX);
+        }
+        let mut cameras: Vec<Camera> = views.iter().filter_map(|view| view.aim(&bounds)).collect();
+        if cameras.is_empty() {
+            let (camera, what) = framing::made_up(&placed, &bounds);
+            cameras.push(camera);
+            self.notes.push(format!("The scene has no camera; {what}"));
+        }
+        Ok(Scene {
+            name: self.name,
+            triangles: Arc::new(triangles),
+            instances: instances.map(Arc::new),
+            normals: self.normals,
+            meshes: self.meshes,
+            materials: self.materials,
+            sky,
+            cameras,
+            path_keys: Vec::new(),
+            notes: self.notes,
+        })
+    }
+
+    /// Leaves no normals when every mesh is flat; otherwise gives the flat ones vertices of their own, three
+    /// a triangle, so that all vertices have a normal and flat meshes stay flat.
+    fn settle_normals(&mut self) {
+        if self.flat.iter().all(|flat| *flat) {
+            self.normals = Vec::new();
+            return;
+        }
+        for (mesh, _) in self.meshes.iter().zip(&self.flat).filter(|(_, flat)| **flat) {
+            let range = mesh.first_triangle as usize..(mesh.first_triangle + mesh.triangle_count) as usize;
+            for triangle in &mut self.indices[range] {
+                let corners = triangle.map(|vertex| self.positions[vertex as usize]);
+                let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or(Vec3A::Y);
+                let first = self.positions.len() as u32;
+                self.positions.extend(corners);
+                self.normals.extend([Vec3::from(normal); 3]);
+                *triangle = [first, first + 1, first + 2];
+            }
+        }
+        // The vertices that flat meshes left behind are named by nobody, but keep the arrays honest.
+        for normal in &mut self.normals {
+            if *normal == Vec3::ZERO {
+                *normal = Vec3::Y;
+            }
+        }
+    }
+
+    fn settle_sky(&mut self, lighting: Lighting) -> Sky {
+        let shines = |mesh: &Mesh| self.materials[mesh.material as usize].emission.max_element() > 0.0;
+        match lighting {
+            Lighting::Given(sky) => sky,
+            Lighting::Automatic if self.meshes.iter().any(shines) => Sky::BLACK,
+            Lighting::Automatic => {
+                self.notes.push("The scene has no light; a daylight sky was added.".to_owned());
+                Sky::daylight()
+            }
+        }
+    }
+}
+
+/// How many triangles have no area in single precision.
+fn zero_area_count(triangles: &Triangles) -> usize {
+    (0..triangles.len())
+        .filter(|triangle| {
+            let [a, b, c] = triangles.corners(*triangle);
+            (b - a).cross(c - a) == Vec3A::ZERO
+        })
+        .count()
+}
+
+/// Brings a material's numbers into the ranges its fields promise; what is not a number becomes the default.
+fn sanitized(material: Material) -> Material {
+    let default = Material::default();
+    let unit = |value: f32, default: f32| {
+        if value.is_finite() { value.clamp(0.0, 1.0) } else { default }
+    };
+    Material {
+        base_color: if material.base_color.is_finite() {
+            material.base_color.clamp(Vec3::ZERO, Vec3::ONE)
+        } else {
+            default.base_color
+        },
+        metallic: unit(material.metallic, default.metallic),
+        roughness: unit(material.roughness, default.roughness),
+        transmission: unit(material.transmission, default.transmission),
+        ior: if material.ior.is_finite() { material.ior.clamp(1.0, 4.0) } else { default.ior },
+        emission: if material.emission.is_finite() {
+            material.emission.max(Vec3::ZERO)
+        } else {
+            default.emission
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn triangle(shift: f32) -> Part {
+        Part {
+            positions: vec![
+                Vec3::new(shift, 0.0, 0.0),
+                Vec3::new(shift + 1.0, 0.0, 0.0),
+                Vec3::new(shift, 1.0, 0.0),
+            ],
+            normals: vec![],
+            indices: vec![[0, 1, 2]],
+        }
+    }
+
+    fn assembler() -> Assembler {
+        let mut assembler = Assembler::new("test", Path::new("test.obj"));
+        assembler.material(Material::default());
+        assembler
+    }
+
+    #[test]
+    fn bad_corners_drop_a_triangle_and_zero_area_is_kept() {
+        let mut assembler = assembler();
+        let mut part = triangle(0.0);
+        part.positions.extend([Vec3::NAN, Vec3::new(1e20, 0.0, 0.0)]);
+        part.indices.extend([[0, 1, 3], [0, 1, 4], [0, 1, 1]]);
+        assembler.mesh("m", 0, &part).unwrap();
+        let scene = assembler.finish(Lighting::Automatic, vec![]).unwrap();
+        assert_eq!(scene.triangles.len(), 2);
+        assert_eq!(scene.triangles.positions().len(), 3);
+        assert!(scene.notes.iter().any(|note| note.starts_with("Dropped 2 ")));
+        assert!(scene.notes.iter().any(|note| note.starts_with("Kept 1 ")));
+        assert!(scene.normals.is_empty());
+        assert!(!scene.sky.is_black());
+    }
+
+    #[test]
+    fn flat_and_smooth_meshes_share_one_normal_array() {
+        let mut assembler = assembler();
+        assembler.mesh("flat", 0, &triangle(0.0)).unwrap();
+        let mut smooth = triangle(3.0);
+        smooth.normals = vec![Vec3::new(0.0, 3.0, 4.0), Vec3::ZERO, Vec3::NAN];
+        assembler.mesh("smooth", 0, &smooth).unwrap();
+        let scene = assembler.finish(Lighting::Automatic, vec![]).unwrap();
+        assert_eq!(scene.normals.len(), scene.triangles.positions().len());
+        let normals =
+            |triangle: usize| scene.triangles.indices()[triangle].map(|v| scene.normals[v as usize]);
+        assert_eq!(normals(0), [Vec3::Z; 3]);
+        assert!((normals(1)[0] - Vec3::new(0.0, 0.6, 0.8)).length() < 1e-6);
+        // The zero and the NaN normal were replaced by the triangle's own.
+        assert_eq!(normals(1)[1..], [Vec3::Z; 2]);
+    }
+
+    #[test]
+    fn winding_follows_the_normals() {
+        let mut assembler = assembler();
+        let mut part = triangle(0.0);
+        part.normals = vec![Vec3::NEG_Z; 3];
+        assembler.mesh("inside out", 0, &part).unwrap();
+        let scene = assembler.finish(Lighting::Automatic, vec![]).unwrap();
+        let [a, b, c] = scene.triangles.corners(0);
+        assert!((b - a).cross(c - a).z < 0.0);
+    }
+
+    #[test]
+    fn shining_meshes_keep_the_sky_black() {
+        let mut assembler = assembler();
+        let lamp = assembler.material(Material { emission: Vec3::ONE, ..Material::default() });
+        assembler.mesh("lamp", lamp, &triangle(0.0)).unwrap();
+        assert!(assembler.finish(Lighting::Automatic, vec![]).unwrap().sky.is_black());
+    }
+
+    #[test]
+    fn an_index_out_of_range_names_file_mesh_and_triangle() {
+        let mut part = triangle(0.0);
+        part.indices.push([0, 1, 7]);
+        let message = assembler().mesh("wall", 0, &part).unwrap_err().to_string();
+        assert!(
+            message.contains("test.obj") && message.contains("wall") && message.contains("triangle 1"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn nothing_left_is_an_error() {
+        let mut part = triangle(0.0);
+        part.positions[2] = Vec3::INFINITY;
+        let mut assembler = assembler();
+        assembler.mesh("m", 0, &part).unwrap();
+        let message = assembler.finish(Lighting::Automatic, vec![]).unwrap_err().to_string();
+        assert!(message.contains("no triangle") && message.contains("not finite"), "{message}");
+    }
+
+    #[test]
+    fn materials_are_brought_into_range() {
+        let wild = Material {
+            base_color: Vec3::new(2.0, -1.0, 0.5),
+            metallic: f32::NAN,
+            roughness: 7.0,
+            transmission: -1.0,
+            ior: 0.0,
+            emission: Vec3::new(-1.0, 2.0, 0.0),
+        };
+        let tame = sanitized(wild);
+        assert_eq!(tame.base_color, Vec3::new(1.0, 0.0, 0.5));
+        assert_eq!((tame.metallic, tame.roughness, tame.transmission, tame.ior), (0.0, 1.0, 0.0, 1.0));
+        assert_eq!(tame.emission, Vec3::new(0.0, 2.0, 0.0));
+    }
+}

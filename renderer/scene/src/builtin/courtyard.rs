@@ -1,0 +1,202 @@
+//! A small courtyard: an arcade around a fountain, a tree, a few shiny things. Small enough for tests and
+//! trials, with a bit of everything.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::{Vec2, Vec3};
+
+use super::architecture::{Opening, WallPlane, arched_wall, archivolt, column};
+use super::noise::octaves;
+use super::palette::{brass, glass, glow, matt, metal, polished};
+use super::stage::{Plan, Stage, key};
+use crate::shapes::Shapes;
+use crate::{SceneError, Sky, Sun};
+
+/// Half the side of the open yard, metres.
+const HALF: f32 = 6.0;
+/// Depth of the arcade.
+const WALK: f32 = 2.6;
+const COLUMN: f32 = 2.6;
+const EAVES: f32 = 4.6;
+const BAYS: usize = 4;
+
+pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
+    floor(stage)?;
+    arcade(stage)?;
+    fountain(stage)?;
+    tree(stage)?;
+    ornaments(stage)?;
+    Ok(Plan {
+        sky: Sky {
+            zenith: Vec3::new(0.26, 0.45, 0.85),
+            horizon: Vec3::new(0.8, 0.85, 0.9),
+            sun: Some(Sun::towards(Vec3::new(0.5, 0.75, 0.3), Vec3::new(4.2, 3.6, 2.8))),
+        },
+        keys: vec![
+            key([-4.6, 1.9, 5.6], [0.6, 1.5, -0.8], 52.0),
+            key([-1.0, 2.4, 6.4], [0.2, 1.4, 0.0], 52.0),
+            key([3.6, 2.0, 4.6], [-0.4, 1.5, -0.6], 54.0),
+            key([6.8, 1.7, 0.6], [-1.0, 1.6, 0.0], 56.0),
+            key([3.0, 3.8, -3.8], [-0.6, 1.2, 0.6], 54.0),
+        ],
+    })
+}
+
+fn floor(stage: &mut Stage) -> Result<(), SceneError> {
+    let shades =
+        [stage.material(polished(0.62, 0.52, 0.4, 0.5)), stage.material(polished(0.46, 0.3, 0.22, 0.5))];
+    let across = stage.segments(16);
+    let step = 2.0 * (HALF + WALK) / across as f32;
+    let mut tiles = [Shapes::new(), Shapes::new()];
+    for column in 0..across {
+        for row in 0..across {
+            let low = Vec3::new(column as f32 * step, -0.1, row as f32 * step)
+                - Vec3::new(1.0, 0.0, 1.0) * (HALF + WALK);
+            tiles[(column + row) % 2].bevelled_slab(
+                low + Vec3::new(0.01, 0.0, 0.01),
+                low + Vec3::new(step - 0.01, 0.1, step - 0.01),
+                0.01,
+            );
+        }
+    }
+    for (shapes, material) in tiles.iter().zip(shades) {
+        stage.add("tiles", material, shapes)?;
+    }
+    let mut bed = Shapes::new();
+    let half = HALF + WALK;
+    bed.cuboid(Vec3::new(-half, -0.4, -half), Vec3::new(half, -0.03, half));
+    stage.add("bed", shades[1], &bed)
+}
+
+fn arcade(stage: &mut Stage) -> Result<(), SceneError> {
+    let plaster = stage.material(matt(0.78, 0.62, 0.44));
+    let marble = stage.material(polished(0.8, 0.78, 0.74, 0.35));
+    let tiles = stage.material(matt(0.55, 0.22, 0.13));
+    let (around, rows, arc) = (stage.segments(12), stage.segments(5), stage.segments(8));
+    let (mut walls, mut trims, mut roof) = (Shapes::new(), Shapes::new(), Shapes::new());
+    let bay = 2.0 * HALF / BAYS as f32;
+    let turns =
+        [(Vec3::X, Vec3::Z), (Vec3::NEG_Z, Vec3::X), (Vec3::NEG_X, Vec3::NEG_Z), (Vec3::Z, Vec3::NEG_X)];
+    for (right, front) in turns {
+        // Each side stands behind the yard's middle and looks at it.
+        for index in 0..BAYS {
+            let plane = WallPlane {
+                corner: right * (-HALF + index as f32 * bay) - front * HALF + Vec3::Y * COLUMN,
+                right,
+                front,
+                thickness: 0.34,
+            };
+            let arch = Opening { middle: bay * 0.5, half_width: bay * 0.5 - 0.28, sill: 0.0, spring: 0.0 };
+            arched_wall(&mut walls, &plane, Vec2::new(bay, EAVES - COLUMN), &arch, arc);
+            archivolt(&mut trims, &plane, &arch, 0.2, arc);
+            let mut shapes = Shapes::new();
+            column(&mut shapes, plane.corner.with_y(0.0) - front * 0.17, COLUMN, 0.19, around, rows);
+            stage.add("column", marble, &shapes)?;
+        }
+        let back = |x: f32, y: f32| right * x - front * (HALF + WALK) + Vec3::Y * y;
+        let out = HALF + WALK;
+        walls.quad(back(-out, 0.0), back(out, 0.0), back(out, EAVES + 1.1), back(-out, EAVES + 1.1));
+        // A tiled lean-to roof, ribbed along its slope.
+        let ribs = stage.segments(40);
+        let edge = |x: f32| right * (x * (HALF - 0.25)) - front * (HALF - 0.25) + Vec3::Y * EAVES;
+        let top = |x: f32| right * (x * out) - front * out + Vec3::Y * (EAVES + 1.1);
+        roof.surface(ribs * 2, 1, false, |u, v| {
+            let x = 2.0 * u - 1.0;
+            let lift = 0.05 * (u * ribs as f32 * PI).sin().abs();
+            edge(x).lerp(top(x), v) + Vec3::Y * lift
+        });
+    }
+    stage.add("walls", plaster, &walls)?;
+    stage.add("arch trims", marble, &trims)?;
+    stage.add("roof", tiles, &roof)
+}
+
+fn fountain(stage: &mut Stage) -> Result<(), SceneError> {
+    let stone = stage.material(polished(0.7, 0.68, 0.64, 0.4));
+    let water = stage.material(polished(0.03, 0.14, 0.17, 0.03));
+    let around = stage.segments(28);
+    let profile = [
+        (1.75, 0.0),
+        (1.75, 0.12),
+        (1.6, 0.12),
+        (1.6, 0.5),
+        (1.72, 0.56),
+        (1.72, 0.64),
+        (1.45, 0.64),
+        (1.45, 0.4),
+    ];
+    let sharp: Vec<Vec2> = profile.iter().flat_map(|(r, y)| [Vec2::new(*r, *y); 2]).collect();
+    let stem = [
+        (0.3, 0.4),
+        (0.16, 0.6),
+        (0.2, 0.9),
+        (0.12, 1.1),
+        (0.2, 1.25),
+        (0.62, 1.42),
+        (0.7, 1.5),
+        (0.6, 1.48),
+        (0.1, 1.4),
+        (0.06, 1.75),
+    ];
+    let mut shapes = Shapes::new();
+    shapes.lathe(Vec3::ZERO, &sharp, around);
+    shapes.lathe(Vec3::ZERO, &stem.map(|(r, y)| Vec2::new(r, y)), around);
+    stage.add("fountain", stone, &shapes)?;
+    let rings = stage.segments(12);
+    let mut surface = Shapes::new();
+    surface.surface(around, rings, true, |u, v| {
+        let radius = 1.45 * (1.0 - v);
+        let (sin, cos) = (TAU * u).sin_cos();
+        Vec3::new(sin * radius, 0.54 + 0.012 * (radius * 26.0).sin() * v, cos * radius)
+    });
+    stage.add("water", water, &surface)
+}
+
+fn tree(stage: &mut Stage) -> Result<(), SceneError> {
+    let bark = stage.material(matt(0.25, 0.16, 0.1));
+    let green = stage.material(matt(0.16, 0.34, 0.08));
+    let foot = Vec3::new(3.4, 0.0, -3.4);
+    let mut trunk = Shapes::new();
+    let line = [(0.0, 0.0, 0.0), (0.05, 0.8, 0.02), (-0.06, 1.6, 0.08), (0.1, 2.5, -0.05)];
+    trunk.tube(&line.map(|(x, y, z)| foot + Vec3::new(x, y, z)), 0.13, stage.segments(8));
+    stage.add("trunk", bark, &trunk)?;
+    // Leaves are single triangles scattered through a cloud.
+    let mut leaves = Shapes::new();
+    for _ in 0..stage.count(3600) {
+        let out = Vec3::new(stage.between(-1.0, 1.0), stage.between(-1.0, 1.0), stage.between(-1.0, 1.0));
+        let reach = 1.25 + 0.5 * octaves(stage.options.seed, out * 2.0, 2);
+        let middle =
+            foot + Vec3::Y * 3.1 + out.normalize_or(Vec3::Y) * (reach * stage.between(0.2, 1.0).sqrt());
+        let size = stage.between(0.06, 0.12);
+        let mut corner = || {
+            middle
+                + Vec3::new(stage.between(-1.0, 1.0), stage.between(-1.0, 1.0), stage.between(-1.0, 1.0))
+                    * size
+        };
+        leaves.triangle(corner(), corner(), corner());
+    }
+    stage.add("leaves", green, &leaves)
+}
+
+fn ornaments(stage: &mut Stage) -> Result<(), SceneError> {
+    let segments = stage.segments(28);
+    let gold = stage.material(metal(1.0, 0.76, 0.34, 0.08));
+    let clear = stage.material(glass(0.95, 0.98, 0.97));
+    let iron = stage.material(brass());
+    let flame = stage.material(glow(24.0, 15.0, 7.0));
+    let mut ball = Shapes::new();
+    ball.sphere(Vec3::new(-2.9, 0.62, 1.4), 0.6, segments, segments / 2);
+    stage.add("gilded ball", gold, &ball)?;
+    let mut drop = Shapes::new();
+    drop.sphere(Vec3::new(2.2, 0.46, 2.6), 0.45, segments, segments / 2);
+    stage.add("glass ball", clear, &drop)?;
+    let (mut lanterns, mut flames) = (Shapes::new(), Shapes::new());
+    for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+        let hook = Vec3::new(x * (HALF + 1.1), EAVES + 0.3, z * (HALF + 1.1));
+        let lamp = hook.with_y(2.5);
+        lanterns.rod(hook, lamp + Vec3::Y * 0.14, 0.01, 4);
+        flames.sphere(lamp, 0.13, segments / 2, segments / 4 + 1);
+    }
+    stage.add("lantern chains", iron, &lanterns)?;
+    stage.add("lantern lights", flame, &flames)
+}

@@ -1,0 +1,276 @@
+//! A columned hall: nave and two aisles under a coffered ceiling, the sun falling through high windows.
+
+use std::f32::consts::TAU;
+
+use glam::{Vec2, Vec3};
+
+use super::architecture::{Opening, WallPlane, arched_wall, archivolt, coffer, column, lattice};
+use super::palette::{brass, glow, matt, metal, polished};
+use super::stage::{Plan, Stage, key};
+use crate::shapes::Shapes;
+use crate::{SceneError, Sky, Sun};
+
+/// Half the length, metres.
+const HALF_LENGTH: f32 = 24.0;
+/// Where the rows of columns stand.
+const ROW: f32 = 5.0;
+/// Where the outer walls stand.
+const OUTER: f32 = 9.0;
+/// Height of the columns.
+const COLUMN: f32 = 5.2;
+/// Height of the arcade and of the aisles.
+const AISLE: f32 = 8.2;
+/// Height of the ceiling.
+const CEILING: f32 = 13.4;
+const BAYS: usize = 9;
+const BAY: f32 = 2.0 * HALF_LENGTH / BAYS as f32;
+const WALL: f32 = 0.5;
+
+pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
+    floor(stage)?;
+    arcades(stage)?;
+    walls(stage)?;
+    ceiling(stage)?;
+    lamps(stage)?;
+    furniture(stage)?;
+    Ok(Plan {
+        sky: Sky {
+            zenith: Vec3::new(0.9, 1.4, 2.4),
+            horizon: Vec3::new(1.3, 1.6, 2.0),
+            sun: Some(Sun::towards(Vec3::new(0.31, 0.76, 0.57), Vec3::new(26.0, 21.0, 14.5))),
+        },
+        keys: vec![
+            key([-21.0, 1.75, 2.4], [4.0, 4.6, -1.6], 58.0),
+            key([-12.0, 1.9, 3.0], [6.0, 4.2, -2.0], 58.0),
+            key([-4.0, 2.4, 2.6], [9.0, 4.0, -1.0], 60.0),
+            key([3.0, 4.6, 0.6], [16.0, 5.0, 0.0], 62.0),
+            key([9.0, 7.6, -2.4], [-6.0, 5.4, 1.0], 62.0),
+            key([2.0, 3.2, -7.0], [-10.0, 3.4, -2.0], 60.0),
+            key([-9.0, 1.8, -7.0], [4.0, 4.4, 0.0], 58.0),
+        ],
+    })
+}
+
+fn floor(stage: &mut Stage) -> Result<(), SceneError> {
+    let across = stage.segments(24);
+    let along = across * 8 / 3;
+    let (step_x, step_z) = (2.0 * HALF_LENGTH / along as f32, 2.0 * OUTER / across as f32);
+    let mut tiles = [Shapes::new(), Shapes::new()];
+    for column in 0..along {
+        for row in 0..across {
+            let corner = Vec3::new(-HALF_LENGTH + column as f32 * step_x, -0.1, -OUTER + row as f32 * step_z);
+            let gap = 0.012;
+            tiles[(column + row) % 2].bevelled_slab(
+                corner + Vec3::new(gap, 0.0, gap),
+                corner + Vec3::new(step_x - gap, 0.1, step_z - gap),
+                0.012,
+            );
+        }
+    }
+    let mut bed = Shapes::new();
+    let (x, z) = (HALF_LENGTH + WALL, OUTER + WALL);
+    bed.quad(
+        Vec3::new(-x, -0.03, z),
+        Vec3::new(x, -0.03, z),
+        Vec3::new(x, -0.03, -z),
+        Vec3::new(-x, -0.03, -z),
+    );
+    let pale = stage.material(polished(0.72, 0.66, 0.56, 0.22));
+    let dark = stage.material(polished(0.16, 0.17, 0.2, 0.16));
+    let mortar = stage.material(matt(0.3, 0.28, 0.25));
+    stage.add("floor bed", mortar, &bed)?;
+    stage.add("pale tiles", pale, &tiles[0])?;
+    stage.add("dark tiles", dark, &tiles[1])
+}
+
+/// The two planes of arcade walls, front towards the nave.
+fn arcade_plane(side: f32, bay: usize) -> WallPlane {
+    // Seen from the nave, the right of the wall at +z is -x and that of the wall at -z is +x.
+    let start = if side > 0.0 { HALF_LENGTH - bay as f32 * BAY } else { -HALF_LENGTH + bay as f32 * BAY };
+    WallPlane {
+        corner: Vec3::new(start, COLUMN, side * (ROW - WALL * 0.5)),
+        right: Vec3::new(-side, 0.0, 0.0),
+        front: Vec3::new(0.0, 0.0, -side),
+        thickness: WALL,
+    }
+}
+
+fn arcades(stage: &mut Stage) -> Result<(), SceneError> {
+    let marble = stage.material(polished(0.78, 0.72, 0.63, 0.35));
+    let stone = stage.material(matt(0.74, 0.66, 0.54));
+    let trim = stage.material(polished(0.82, 0.78, 0.7, 0.5));
+    let iron = stage.material(metal(0.25, 0.24, 0.23, 0.5));
+    let (around, rows, arc) = (stage.segments(36), stage.segments(14), stage.segments(28));
+    for side in [-1.0, 1.0] {
+        for index in 0..=BAYS {
+            let mut shapes = Shapes::new();
+            let foot = Vec3::new(-HALF_LENGTH + index as f32 * BAY, 0.0, side * ROW);
+            column(&mut shapes, foot, COLUMN, 0.42, around, rows);
+            stage.add("column", marble, &shapes)?;
+        }
+        let (mut walls, mut mouldings, mut bars) = (Shapes::new(), Shapes::new(), Shapes::new());
+        for bay in 0..BAYS {
+            let plane = arcade_plane(side, bay);
+            let arch = Opening { middle: BAY * 0.5, half_width: BAY * 0.5 - 0.45, sill: 0.0, spring: 0.0 };
+            arched_wall(&mut walls, &plane, Vec2::new(BAY, AISLE - COLUMN), &arch, arc);
+            archivolt(&mut mouldings, &plane, &arch, 0.34, arc);
+            let upper = WallPlane { corner: plane.corner + Vec3::Y * (AISLE - COLUMN), ..plane };
+            let window = Opening { middle: BAY * 0.5, half_width: 1.15, sill: 1.3, spring: 3.2 };
+            arched_wall(&mut walls, &upper, Vec2::new(BAY, CEILING - AISLE), &window, arc);
+            archivolt(&mut mouldings, &upper, &window, 0.22, arc);
+            lattice(&mut bars, &upper, &window, 5, 0.035);
+        }
+        // A cornice runs along the nave between arches and windows.
+        let section = [(0.0, 0.0), (0.14, 0.05), (0.18, 0.16), (0.3, 0.2), (0.3, 0.3), (0.0, 0.3)];
+        let section = section.map(|(out, up)| Vec2::new(out, up));
+        let plane = arcade_plane(side, 0);
+        let from = plane.corner + Vec3::Y * (AISLE - COLUMN + 0.45);
+        let frame = |origin| (origin, plane.front, Vec3::Y);
+        let mut section_seen: Vec<Vec2> = section.to_vec();
+        // Walking to the wall's right, front × up points against the walk on neither side.
+        if plane.front.cross(Vec3::Y).dot(plane.right) < 0.0 {
+            section_seen.reverse();
+        }
+        mouldings.sweep(&section_seen, &[frame(from), frame(from + plane.right * (2.0 * HALF_LENGTH))]);
+        stage.add("arcade wall", stone, &walls)?;
+        stage.add("mouldings", trim, &mouldings)?;
+        stage.add("window bars", iron, &bars)?;
+    }
+    Ok(())
+}
+
+fn walls(stage: &mut Stage) -> Result<(), SceneError> {
+    let plaster = stage.material(matt(0.7, 0.6, 0.47));
+    let trim = stage.material(polished(0.8, 0.75, 0.66, 0.5));
+    let iron = stage.material(metal(0.25, 0.24, 0.23, 0.5));
+    let arc = stage.segments(20);
+    let (mut walls, mut mouldings, mut bars) = (Shapes::new(), Shapes::new(), Shapes::new());
+    let window = Opening { middle: BAY * 0.5, half_width: 0.8, sill: 2.6, spring: 5.4 };
+    for side in [-1.0, 1.0] {
+        for bay in 0..BAYS {
+            let inner = arcade_plane(side, bay);
+            let plane = WallPlane { corner: Vec3::new(inner.corner.x, 0.0, side * OUTER), ..inner };
+            arched_wall(&mut walls, &plane, Vec2::new(BAY, AISLE), &window, arc);
+            archivolt(&mut mouldings, &plane, &window, 0.2, arc);
+            lattice(&mut bars, &plane, &window, 4, 0.03);
+        }
+    }
+    // The far end has one great window over the altar step, the near end a blind wall.
+    let far = WallPlane {
+        corner: Vec3::new(HALF_LENGTH, 0.0, -OUTER),
+        right: Vec3::Z,
+        front: Vec3::NEG_X,
+        thickness: WALL,
+    };
+    let great = Opening { middle: OUTER, half_width: 2.7, sill: 4.2, spring: 8.6 };
+    arched_wall(&mut walls, &far, Vec2::new(2.0 * OUTER, CEILING), &great, arc * 2);
+    archivolt(&mut mouldings, &far, &great, 0.5, arc * 2);
+    lattice(&mut bars, &far, &great, 9, 0.05);
+    let near = -HALF_LENGTH;
+    walls.cuboid(Vec3::new(near - WALL, 0.0, -OUTER), Vec3::new(near, CEILING, OUTER));
+    stage.add("outer walls", plaster, &walls)?;
+    stage.add("outer mouldings", trim, &mouldings)?;
+    stage.add("outer window bars", iron, &bars)
+}
+
+fn ceiling(stage: &mut Stage) -> Result<(), SceneError> {
+    let wood = stage.material(polished(0.32, 0.19, 0.1, 0.45));
+    let beams = stage.material(matt(0.24, 0.15, 0.09));
+    let across = 7;
+    let along = 32;
+    let half = Vec2::new(HALF_LENGTH / along as f32, (ROW - WALL * 0.5) / across as f32);
+    let (around, rings) = (stage.segments(24), stage.segments(5));
+    let mut coffers = Shapes::new();
+    for column in 0..along {
+        for row in 0..across {
+            let x = -HALF_LENGTH + (2 * column + 1) as f32 * half.x;
+            let z = -(ROW - WALL * 0.5) + (2 * row + 1) as f32 * half.y;
+            coffer(&mut coffers, Vec3::new(x, CEILING, z), half, 0.42, around, rings);
+        }
+    }
+    let mut roof = Shapes::new();
+    for side in [-1.0_f32, 1.0] {
+        let (from, to) = (side * (ROW + WALL * 0.5), side * (OUTER + WALL));
+        let (low, high) = (from.min(to), from.max(to));
+        roof.cuboid(Vec3::new(-HALF_LENGTH, AISLE, low), Vec3::new(HALF_LENGTH, AISLE + 0.15, high));
+        let joists = stage.segments(54);
+        for joist in 0..joists {
+            let x = -HALF_LENGTH + (joist as f32 + 0.5) * 2.0 * HALF_LENGTH / joists as f32;
+            roof.cuboid(Vec3::new(x - 0.09, AISLE - 0.28, low), Vec3::new(x + 0.09, AISLE, high));
+        }
+    }
+    stage.add("coffered ceiling", wood, &coffers)?;
+    stage.add("aisle roofs", beams, &roof)
+}
+
+fn lamps(stage: &mut Stage) -> Result<(), SceneError> {
+    let bronze = stage.material(brass());
+    let flame = stage.material(glow(120.0, 84.0, 46.0));
+    let (around, thick) = (stage.segments(64), stage.segments(10));
+    let (segments, rings) = (stage.segments(12), stage.segments(8));
+    for bay in (0..BAYS).step_by(2) {
+        let middle = Vec3::new(-HALF_LENGTH + (bay as f32 + 0.5) * BAY, 5.9, 0.0);
+        let (mut ring, mut bulbs) = (Shapes::new(), Shapes::new());
+        let loop_at = |angle: f32| middle + Vec3::new(angle.sin() * 0.95, 0.0, angle.cos() * 0.95);
+        ring.surface(around, thick, true, |u, v| {
+            let out = Vec3::new((TAU * u).sin(), 0.0, (TAU * u).cos());
+            let (sin, cos) = (-TAU * v).sin_cos();
+            middle + out * (0.95 + 0.045 * cos) - Vec3::Y * (0.045 * sin)
+        });
+        for bulb in 0..8 {
+            let angle = TAU * bulb as f32 / 8.0;
+            let foot = loop_at(angle);
+            bulbs.sphere(foot + Vec3::Y * 0.13, 0.085, segments, rings);
+            if bulb % 2 == 0 {
+                ring.rod(foot, middle + Vec3::Y * 1.4, 0.012, 6);
+            }
+        }
+        ring.rod(middle + Vec3::Y * 1.4, Vec3::new(middle.x, CEILING + 0.4, 0.0), 0.02, 6);
+        stage.add("chandelier", bronze, &ring)?;
+        stage.add("chandelier lights", flame, &bulbs)?;
+    }
+    Ok(())
+}
+
+fn furniture(stage: &mut Stage) -> Result<(), SceneError> {
+    let oak = stage.material(polished(0.36, 0.2, 0.1, 0.4));
+    let marble = stage.material(polished(0.85, 0.83, 0.8, 0.2));
+    let gold = stage.material(metal(1.0, 0.74, 0.32, 0.12));
+    let carpet = stage.material(matt(0.42, 0.05, 0.05));
+    let mut benches = Shapes::new();
+    for side in [-1.0_f32, 1.0] {
+        for row in 0..9 {
+            let x = -16.0 + row as f32 * 2.0;
+            let (low, high) = ((side * 1.2).min(side * 3.9), (side * 1.2).max(side * 3.9));
+            benches.cuboid(Vec3::new(x, 0.42, low), Vec3::new(x + 0.45, 0.48, high));
+            benches.cuboid(Vec3::new(x - 0.06, 0.48, low), Vec3::new(x, 0.95, high));
+            for z in [low, high - 0.08] {
+                benches.open_cuboid(Vec3::new(x - 0.06, 0.0, z), Vec3::new(x + 0.45, 0.42, z + 0.08), false);
+            }
+        }
+    }
+    stage.add("benches", oak, &benches)?;
+    let mut runner = Shapes::new();
+    runner.bevelled_slab(Vec3::new(-HALF_LENGTH + 0.5, 0.0, -0.8), Vec3::new(11.0, 0.015, 0.8), 0.01);
+    stage.add("carpet", carpet, &runner)?;
+    let (around, along, thick) = (stage.segments(48), stage.segments(420), stage.segments(16));
+    let mut pedestal = Shapes::new();
+    let profile =
+        [(1.5, 0.0), (1.5, 0.2), (1.2, 0.2), (1.2, 0.4), (0.62, 0.5), (0.55, 1.3), (0.8, 1.45), (0.8, 1.6)];
+    let sharp: Vec<Vec2> = profile.iter().flat_map(|(r, y)| [Vec2::new(*r, *y); 2]).collect();
+    let foot = Vec3::new(14.0, 0.0, 0.0);
+    pedestal.lathe(foot, &sharp, around);
+    pedestal.disc(foot + Vec3::Y * 1.6, 0.8, around);
+    stage.add("pedestal", marble, &pedestal)?;
+    // A knot of gilded bronze: the line of a trefoil with a thick round body.
+    let line: Vec<Vec3> = (0..=along)
+        .map(|index| {
+            let t = TAU * index as f32 / along as f32;
+            let (x, y) = (t.sin() + 2.0 * (2.0 * t).sin(), t.cos() - 2.0 * (2.0 * t).cos());
+            foot + Vec3::new(-(3.0 * t).sin() * 0.45, 3.1 + y * 0.42, x * 0.42)
+        })
+        .collect();
+    let mut knot = Shapes::new();
+    knot.tube(&line, 0.19, thick);
+    stage.add("gilded knot", gold, &knot)
+}

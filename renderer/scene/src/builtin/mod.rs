@@ -1,0 +1,112 @@
+//! Built-in scenes, generated from a name, a level of detail and a seed: the same three give the same bytes.
+//!
+//! They cover what makes acceleration structures differ: architecture with large and small triangles side
+//! by side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`, `needles`), one
+//! dense surface (`statue`), wide extent (`city`, and `model`, which asks next to nothing of shading), more
+//! than fits memory but as instances (`forest`), a mesh that deforms (`sea`), parts that move (`needles`, `sea`), and a
+//! small one for trials (`quick`).
+
+mod architecture;
+mod city;
+mod courtyard;
+mod forest;
+mod gallery;
+mod hall;
+mod model;
+mod needles;
+mod noise;
+mod palette;
+mod sea;
+mod stage;
+mod statue;
+#[cfg(test)]
+mod tests;
+mod voxel_mesh;
+mod voxels;
+
+use std::path::PathBuf;
+
+use stage::{Plan, Stage};
+
+pub use stage::Options;
+
+use super::assemble::{Assembler, Lighting};
+use super::framing::View;
+use super::limits::DETAIL_RANGE;
+use super::{Scene, SceneError};
+
+/// A scene in the list: its name, what it shows, and its generator.
+type Entry = (&'static str, &'static str, fn(&mut Stage) -> Result<Plan, SceneError>);
+
+const SCENES: [Entry; 10] = [
+    (
+        "hall",
+        "columned hall with coffered ceiling, sunlit through high windows; 250,000 triangles",
+        hall::build,
+    ),
+    ("voxels", "landscape of cubes with caves, trees, a lake and a keep; 500,000 triangles", voxels::build),
+    ("gallery", "picture gallery of thin frames, wires and railings; 200,000 triangles", gallery::build),
+    ("statue", "finely displaced figure under a dome with an open eye; 1,000,000 triangles", statue::build),
+    ("needles", "bundle of long thin triangles turning through the hall; 100,000 triangles", needles::build),
+    ("city", "blocks of towers with window frames, lamps, cars and trees; 480,000 triangles", city::build),
+    (
+        "model",
+        "the city as a white model under an overcast sky: one matt material, no lamps; 480,000 triangles",
+        model::build,
+    ),
+    ("sea", "sailing boats on a heaving sea around a lighthouse, in motion; 200,000 triangles", sea::build),
+    (
+        "forest",
+        "forest around a lake, made of instances; 10,000,000 triangles placed, 300,000 of them unique",
+        forest::build,
+    ),
+    (
+        "quick",
+        "small courtyard with a fountain for tests and demonstrations; 20,000 triangles",
+        courtyard::build,
+    ),
+];
+
+/// The names of all built-in scenes.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    SCENES.iter().map(|(name, ..)| *name)
+}
+
+/// Whether a built-in scene is another at another time.
+pub fn is_animated(name: &str) -> bool {
+    ["needles", "sea"].contains(&name)
+}
+
+/// One line about a built-in scene, or nothing when there is none of that name.
+pub fn about(name: &str) -> Option<&'static str> {
+    SCENES.iter().find(|entry| entry.0 == name).map(|entry| entry.1)
+}
+
+/// Generates a built-in scene.
+///
+/// # Errors
+/// [`SceneError::UnknownBuiltin`] and [`SceneError::BadOption`].
+pub fn build(name: &str, options: &Options) -> Result<Scene, SceneError> {
+    let Some((name, _, generate)) = SCENES.iter().find(|entry| entry.0 == name) else {
+        let known = names().collect::<Vec<_>>().join(", ");
+        return Err(SceneError::UnknownBuiltin { name: name.to_owned(), known });
+    };
+    if !DETAIL_RANGE.contains(&options.detail) {
+        return Err(SceneError::BadOption { option: "detail", value: options.detail });
+    }
+    if !options.time.is_finite() {
+        return Err(SceneError::BadOption { option: "time", value: options.time });
+    }
+    let mut assembler = Assembler::new(*name, &PathBuf::from(format!("builtin:{name}")));
+    let plan = generate(&mut Stage::new(&mut assembler, *options))?;
+    let views = plan.keys.iter().take(1).map(|camera| View {
+        position: camera.position,
+        forward: camera.target - camera.position,
+        up: camera.up,
+        vertical_fov_deg: camera.vertical_fov_deg,
+        distance: Some(camera.position.distance(camera.target)),
+    });
+    let mut scene = assembler.finish(Lighting::Given(plan.sky), views.collect())?;
+    scene.path_keys = plan.keys;
+    Ok(scene)
+}

@@ -1,0 +1,124 @@
+//! What every generator works with: an assembler, its dice, and a sense of scale.
+
+use glam::{Affine3A, Vec3};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+
+use crate::assemble::Assembler;
+use crate::bounds::Bounds;
+use crate::part::Part;
+use crate::shapes::Shapes;
+use crate::{Camera, Material, SceneError, Sky};
+
+/// How a built-in scene is to be generated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Scales the number of triangles; 1 is the number that [`super::about`] names. 0.001 to 8.
+    pub detail: f32,
+    /// Varies what is left to chance.
+    pub seed: u64,
+    /// Moment of an animated scene ([`super::is_animated`]), where 0 to 1 is one round; any finite number.
+    pub time: f32,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { detail: 1.0, seed: 1, time: 0.0 }
+    }
+}
+
+/// What a generator leaves besides meshes.
+pub(super) struct Plan {
+    /// Light from outside.
+    pub(super) sky: Sky,
+    /// Keys of the camera path; the first is the scene's camera.
+    pub(super) keys: Vec<Camera>,
+}
+
+/// The state of one generator.
+pub(super) struct Stage<'a> {
+    assembler: &'a mut Assembler,
+    dice: ChaCha8Rng,
+    pub(super) options: Options,
+}
+
+impl<'a> Stage<'a> {
+    pub(super) fn new(assembler: &'a mut Assembler, options: Options) -> Self {
+        Self { assembler, dice: ChaCha8Rng::seed_from_u64(options.seed), options }
+    }
+
+    /// How many segments along one direction of a surface: its triangles go with the square.
+    pub(super) fn segments(&self, at_full_detail: usize) -> usize {
+        ((at_full_detail as f32 * self.options.detail.sqrt()).round() as usize).max(4)
+    }
+
+    /// How many of a thing that comes in numbers.
+    pub(super) fn count(&self, at_full_detail: usize) -> usize {
+        ((at_full_detail as f32 * self.options.detail).round() as usize).max(1)
+    }
+
+    /// A number from a range.
+    pub(super) fn between(&mut self, low: f32, high: f32) -> f32 {
+        low + (high - low) * self.dice.random::<f32>()
+    }
+
+    /// A whole number below a limit, which is at least 1.
+    pub(super) fn below(&mut self, limit: usize) -> usize {
+        self.dice.random_range(0..limit.max(1))
+    }
+
+    /// True with a probability.
+    pub(super) fn chance(&mut self, probability: f32) -> bool {
+        self.dice.random::<f32>() < probability
+    }
+
+    /// The box around what was added so far.
+    pub(super) fn bounds(&self) -> Bounds {
+        self.assembler.bounds()
+    }
+
+    /// Begins an object: what is added until it ends lies in its own space.
+    pub(super) fn begin_object(&mut self) {
+        self.assembler.begin_object();
+    }
+
+    /// Ends the object and gives the number to place it by.
+    pub(super) fn end_object(&mut self) -> u32 {
+        self.assembler.end_object()
+    }
+
+    /// Places an object in the world.
+    pub(super) fn place(&mut self, object: u32, to_world: Affine3A) {
+        self.assembler.place(object, to_world);
+    }
+
+    /// Registers a material.
+    pub(super) fn material(&mut self, material: Material) -> u32 {
+        self.assembler.material(material)
+    }
+
+    /// Gives all meshes so far this one material.
+    pub(super) fn repaint(&mut self, material: Material) {
+        self.assembler.repaint(material);
+    }
+
+    /// Adds what was built as one mesh.
+    pub(super) fn add(&mut self, name: &str, material: u32, shapes: &Shapes) -> Result<(), SceneError> {
+        self.add_part(name, material, &shapes.part)
+    }
+
+    /// Adds a part as one mesh.
+    pub(super) fn add_part(&mut self, name: &str, material: u32, part: &Part) -> Result<(), SceneError> {
+        self.assembler.mesh(name, material, part)
+    }
+}
+
+/// A key of a camera path.
+pub(super) fn key(position: [f32; 3], target: [f32; 3], vertical_fov_deg: f32) -> Camera {
+    Camera {
+        position: Vec3::from_array(position),
+        target: Vec3::from_array(target),
+        up: Vec3::Y,
+        vertical_fov_deg,
+    }
+}

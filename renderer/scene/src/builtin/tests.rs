@@ -1,0 +1,125 @@
+//! What every built-in scene promises.
+
+use super::*;
+
+fn small(name: &str, options: Options) -> Scene {
+    build(name, &options).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+const SMALL: Options = Options { detail: 0.02, seed: 1, time: 0.0 };
+
+#[test]
+fn scenes_are_valid() {
+    for name in names() {
+        let scene = small(name, SMALL);
+        assert_eq!(scene.name, name);
+        assert!(scene.triangles.len() > 100, "{name}");
+        let mut next = 0;
+        for mesh in &scene.meshes {
+            assert_eq!(mesh.first_triangle, next, "{name}: meshes cover all triangles in order");
+            assert!((mesh.material as usize) < scene.materials.len());
+            next += mesh.triangle_count;
+        }
+        assert_eq!(next as usize, scene.triangles.len());
+        assert!(scene.normals.is_empty() || scene.normals.len() == scene.triangles.positions().len());
+        assert!(scene.normals.iter().all(|normal| (normal.length() - 1.0).abs() < 1e-3), "{name}");
+        assert_eq!(scene.cameras[0].position, scene.path_keys[0].position);
+        assert!(scene.path_keys.len() >= 4, "{name}");
+        let alike = scene.materials.iter().all(|material| *material == scene.materials[0]);
+        assert_eq!(alike, name == "model", "{name} has varied materials, but for the model");
+        let zero_area = scene.notes.iter().any(|note| note.contains("without area"));
+        assert!(!zero_area, "{name}: {:?}", scene.notes);
+    }
+}
+
+#[test]
+fn the_same_options_give_the_same_bytes() {
+    for name in names() {
+        let [a, b] = [small(name, SMALL), small(name, SMALL)];
+        assert_eq!(a.triangles.indices(), b.triangles.indices());
+        assert!(a.triangles.positions() == b.triangles.positions() && a.normals == b.normals, "{name}");
+        assert_eq!((a.materials, a.cameras, a.path_keys), (b.materials, b.cameras, b.path_keys));
+    }
+}
+
+#[test]
+fn triangle_counts_keep_their_promise() {
+    for (name, low, high) in [
+        ("hall", 200_000, 300_000),
+        ("gallery", 160_000, 240_000),
+        ("needles", 80_000, 130_000),
+        ("city", 400_000, 560_000),
+        ("sea", 170_000, 240_000),
+        ("model", 400_000, 560_000),
+        ("quick", 16_000, 26_000),
+    ] {
+        let count = small(name, Options::default()).triangles.len();
+        assert!((low..=high).contains(&count), "{name} has {count} triangles");
+    }
+    // The dearer ones are measured at a twentieth.
+    for (name, low, high) in [("voxels", 15_000, 45_000), ("statue", 42_000, 62_000)] {
+        let count = small(name, Options { detail: 0.05, ..Options::default() }).triangles.len();
+        assert!((low..=high).contains(&count), "{name} has {count} triangles at a twentieth");
+    }
+}
+
+#[test]
+fn the_forest_is_large_by_its_instances() {
+    let forest = small("forest", Options::default());
+    let placed = forest.placed().count();
+    assert!((9_000_000..=11_500_000).contains(&placed), "{placed} triangles are placed");
+    assert!(forest.triangles.len() < 500_000, "{} triangles are unique", forest.triangles.len());
+}
+
+#[test]
+fn seeds_vary_and_detail_scales() {
+    for name in ["voxels", "gallery", "city", "quick"] {
+        let other = small(name, Options { seed: 2, ..SMALL });
+        assert!(small(name, SMALL).triangles.positions() != other.triangles.positions(), "{name}");
+    }
+    for name in names() {
+        let finer = small(name, Options { detail: 0.2, ..SMALL });
+        assert!(finer.triangles.len() > small(name, SMALL).triangles.len(), "{name}");
+    }
+}
+
+#[test]
+fn needles_turn_while_the_hall_stands() {
+    let at = |time: f32| small("needles", Options { time, ..SMALL });
+    let [start, quarter, round] = [at(0.0), at(0.25), at(1.0)];
+    assert_eq!(start.triangles.len(), quarter.triangles.len());
+    let needle = start.triangles.len() - 1;
+    assert!((start.triangles.corners(needle)[2] - quarter.triangles.corners(needle)[2]).length() > 1.0);
+    assert_eq!(start.triangles.corners(0), quarter.triangles.corners(0));
+    assert!(start.triangles.positions() == round.triangles.positions(), "a full round ends where it began");
+    // Half as long as the diagonal of the hall.
+    let hall = small("hall", Options { detail: SMALL.detail * 0.4, ..SMALL });
+    let diagonal = crate::Bounds::of(&hall.triangles).diagonal();
+    let [a, _, c] = start.triangles.corners(needle);
+    let length = (c - a).length();
+    assert!((0.45..0.56).contains(&(length / diagonal)), "{length} of {diagonal}");
+}
+
+#[test]
+fn animated_scenes_keep_their_triangles_and_come_round() {
+    for name in names() {
+        let at = |time: f32| small(name, Options { time, ..SMALL });
+        let [start, later, round] = [at(0.0), at(0.4), at(1.0)];
+        // What follows a motion takes the triangles by their numbers.
+        assert_eq!(start.triangles.indices(), later.triangles.indices(), "{name}");
+        assert_eq!(start.triangles.positions() != later.triangles.positions(), is_animated(name), "{name}");
+        assert!(start.triangles.positions() == round.triangles.positions(), "{name}");
+    }
+}
+
+#[test]
+fn options_and_names_are_checked() {
+    let message = build("cathedral", &SMALL).unwrap_err().to_string();
+    assert!(message.contains("cathedral") && message.contains("hall, voxels"), "{message}");
+    for detail in [0.0, -1.0, f32::NAN, 100.0] {
+        assert!(build("quick", &Options { detail, ..SMALL }).unwrap_err().to_string().contains("detail"));
+    }
+    assert!(build("needles", &Options { time: f32::INFINITY, ..SMALL }).is_err());
+    assert!(names().all(|name| about(name).is_some()));
+    assert!(about("cathedral").is_none());
+}

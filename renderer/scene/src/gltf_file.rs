@@ -1,0 +1,295 @@
+//! Reads glTF 2.0, as text or binary: nodes with their transforms, meshes shared by several nodes (copied, or
+//! instances where [`INSTANCING_SAVES_MIN`] says so), metallic-roughness materials with the emissive strength, transmission and index
+//! of refraction extensions, cameras, and punctual lights. Lengths are metres and stay so.
+
+use std::path::Path;
+
+use glam::{Affine3A, Mat4, Vec3};
+use gltf::camera::Projection;
+use gltf::khr_lights_punctual::Kind;
+use gltf::{Document, Gltf, Mesh, Node};
+
+use super::assemble::{Assembler, Lighting};
+use super::error::one_line;
+use super::framing::View;
+use super::gltf_extras;
+use super::gltf_geometry::{self, Buffers, is_readable};
+use super::gltf_material::{self, Materials};
+use super::limits::{INSTANCING_SAVES_MIN, NODE_DEPTH_MAX};
+use super::shapes::Shapes;
+use super::{Material, Scene, SceneError, Sky, Sun};
+
+/// Bytes of the header of a binary file.
+const GLB_HEADER_BYTES: u32 = 12;
+
+/// Reads one file. See [`super::load`].
+pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
+    let malformed = |cause: String| SceneError::Malformed {
+        path: path.to_owned(),
+        format: "glTF",
+        cause,
+        remedy: "export it again, complete and without mesh compression",
+    };
+    check_header(bytes).map_err(malformed)?;
+    let parsed = Gltf::from_slice_without_validation(bytes).map_err(|error| malformed(told(&error)))?;
+    let (json, blob) = (parsed.document.into_json(), parsed.blob);
+    // The validation below takes it for granted that the positions' accessor exists.
+    let attributes = json
+        .meshes
+        .iter()
+        .flat_map(|mesh| &mesh.primitives)
+        .flat_map(|primitive| primitive.attributes.values());
+    if let Some(missing) =
+        attributes.map(gltf::json::Index::value).find(|index| *index >= json.accessors.len())
+    {
+        return Err(malformed(format!(
+            "a mesh names accessor {missing}, but there are only {}",
+            json.accessors.len()
+        )));
+    }
+    let mut addresses = json.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
+    if let Some(address) = addresses.find(|address| !is_readable(address)) {
+        return Err(malformed(format!(
+            "a buffer's address is not UTF-8 behind its percent signs: {address:.80}"
+        )));
+    }
+    let document = Document::from_json(json).map_err(|error| malformed(told(&error)))?;
+    let base = path.parent();
+    let buffers = gltf::import_buffers(&document, base, blob).map_err(|error| malformed(told(&error)))?;
+    let mut assembler = Assembler::of_file(path);
+    let materials = gltf_material::read(&document, base, &buffers, &mut assembler);
+    let mut walk = Walk {
+        buffers: &buffers,
+        materials,
+        assembler,
+        views: Vec::new(),
+        sky: None,
+        glows: Vec::new(),
+        ignored_primitives: 0,
+        instanced: shared_meshes(&document),
+        malformed: &malformed,
+    };
+    walk.scene(&document)?;
+    walk.objects(&document)?;
+    walk.finish(&document)
+}
+
+/// A binary file says its own length; a shorter one was cut off on the way.
+fn check_header(bytes: &[u8]) -> Result<(), String> {
+    if !bytes.starts_with(b"glTF") {
+        return Ok(());
+    }
+    match bytes.get(8..12).and_then(|length| length.try_into().ok()).map(u32::from_le_bytes) {
+        None => Err(format!("it is cut off after {} bytes, in its header", bytes.len())),
+        Some(length) if length < GLB_HEADER_BYTES => {
+            Err(format!("its header says it is only {length} bytes long"))
+        }
+        Some(length) if length as usize > bytes.len() => {
+            Err(format!("it is cut off: {length} bytes were announced, {} are there", bytes.len()))
+        }
+        Some(_) => Ok(()),
+    }
+}
+
+/// The parser's error in one line, with the places of a failed validation.
+fn told(error: &gltf::Error) -> String {
+    match error {
+        gltf::Error::Validation(faults) => {
+            let shown: Vec<String> =
+                faults.iter().take(3).map(|(place, what)| format!("{place}: {what}")).collect();
+            format!("{} ({} faults in all)", shown.join("; "), faults.len())
+        }
+        other => one_line(&other.to_string()),
+    }
+}
+
+/// An empty list for each mesh that is to become an object: those that several nodes name, if that saves
+/// enough triangles in all.
+fn shared_meshes(document: &Document) -> Vec<Option<Vec<Affine3A>>> {
+    let mut uses = vec![0u64; document.meshes().len()];
+    for mesh in document.nodes().filter_map(|node| node.mesh()) {
+        uses[mesh.index()] += 1;
+    }
+    let saved: u64 = document
+        .meshes()
+        .map(|mesh| {
+            let triangles: u64 =
+                mesh.primitives().map(|primitive| gltf_geometry::triangle_count(&primitive)).sum();
+            triangles * uses[mesh.index()].saturating_sub(1)
+        })
+        .sum();
+    uses.into_iter().map(|uses| (uses > 1 && saved > INSTANCING_SAVES_MIN).then(Vec::new)).collect()
+}
+
+/// A point or spot light, to become a small glowing sphere once the scene's size is known.
+struct Glow {
+    position: Vec3,
+    /// Radiant intensity.
+    intensity: Vec3,
+}
+
+struct Walk<'a> {
+    buffers: &'a Buffers,
+    materials: Materials,
+    assembler: Assembler,
+    views: Vec<View>,
+    sky: Option<Sky>,
+    glows: Vec<Glow>,
+    ignored_primitives: usize,
+    /// By mesh: where it stands, for one that becomes an object with instances.
+    instanced: Vec<Option<Vec<Affine3A>>>,
+    malformed: &'a dyn Fn(String) -> SceneError,
+}
+
+impl Walk<'_> {
+    /// Visits every node below the default scene, without recursion: the depth is the file's choice.
+    fn scene(&mut self, document: &Document) -> Result<(), SceneError> {
+        let scene = document.default_scene().or_else(|| document.scenes().next());
+        let roots: Vec<Node> = match scene {
+            Some(scene) => scene.nodes().collect(),
+            None => document.nodes().collect(),
+        };
+        let mut seen = vec![false; document.nodes().len()];
+        let mut stack: Vec<(Node, Mat4, usize)> =
+            roots.into_iter().rev().map(|node| (node, Mat4::IDENTITY, 0)).collect();
+        while let Some((node, parent, depth)) = stack.pop() {
+            if std::mem::replace(&mut seen[node.index()], true) {
+                return Err((self.malformed)(format!(
+                    "node {} has two parents or is its own ancestor",
+                    node.index()
+                )));
+            }
+            if depth > NODE_DEPTH_MAX {
+                return Err((self.malformed)(format!("its nodes are nested deeper than {NODE_DEPTH_MAX}")));
+            }
+            let to_world = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
+            self.node(&node, &to_world)?;
+            // The copy in `children` keeps the order of the file, which makes mesh order stable.
+            let children: Vec<Node> = node.children().collect();
+            stack.extend(children.into_iter().rev().map(|child| (child, to_world, depth + 1)));
+        }
+        Ok(())
+    }
+
+    fn node(&mut self, node: &Node, to_world: &Mat4) -> Result<(), SceneError> {
+        if let Some(camera) = node.camera() {
+            match camera.projection() {
+                Projection::Perspective(perspective) => self.views.push(View {
+                    position: to_world.w_axis.truncate(),
+                    forward: -to_world.z_axis.truncate(),
+                    up: to_world.y_axis.truncate(),
+                    vertical_fov_deg: perspective.yfov().to_degrees(),
+                    distance: None,
+                }),
+                Projection::Orthographic(_) => self.assembler.note("Ignored an orthographic camera."),
+            }
+        }
+        if let Some(light) = node.light() {
+            let intensity = Vec3::from_array(light.color()) * light.intensity();
+            match light.kind() {
+                // Light shines along the node's negative z axis.
+                Kind::Directional => {
+                    let sun = Sun::towards(to_world.z_axis.truncate(), intensity);
+                    let sky = self.sky.get_or_insert(Sky::BLACK);
+                    if sky.sun.replace(sun).is_some() {
+                        self.assembler.note("Of several directional lights the last is used.");
+                    }
+                }
+                Kind::Point | Kind::Spot { .. } => {
+                    self.glows.push(Glow { position: to_world.w_axis.truncate(), intensity });
+                }
+            }
+        }
+        let Some(mesh) = node.mesh() else {
+            return Ok(());
+        };
+        if node.skin().is_some() || mesh.weights().is_some() {
+            self.assembler.note("Skinned or morphed meshes are taken in their rest pose.");
+        }
+        if let Some(places) = &mut self.instanced[mesh.index()]
+            && to_world.determinant() != 0.0
+        {
+            places.push(Affine3A::from_mat4(*to_world));
+            return Ok(());
+        }
+        let name = mesh.name().or(node.name()).map(str::to_owned);
+        self.mesh(&mesh, name, Some(to_world))
+    }
+
+    /// Adds a mesh in the world, or as it is to the object that is being made.
+    fn mesh(&mut self, mesh: &Mesh, name: Option<String>, to_world: Option<&Mat4>) -> Result<(), SceneError> {
+        let name = name.unwrap_or_else(|| format!("mesh {}", mesh.index()));
+        for primitive in mesh.primitives() {
+            let place = |cause: String| (self.malformed)(format!("mesh \"{name}\": {cause}"));
+            match gltf_geometry::read(&primitive, self.buffers).map_err(place)? {
+                Some(mut part) => {
+                    if let Some(to_world) = to_world {
+                        part.transform(to_world);
+                    }
+                    let material = self.materials.of(&primitive.material(), &mut self.assembler);
+                    self.assembler.mesh(name.clone(), material, &part)?;
+                }
+                None => self.ignored_primitives += 1,
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes objects of the meshes that were set aside, and places them.
+    fn objects(&mut self, document: &Document) -> Result<(), SceneError> {
+        let set_aside = std::mem::take(&mut self.instanced);
+        for (mesh, places) in document.meshes().zip(set_aside) {
+            let Some(places) = places.filter(|places| !places.is_empty()) else {
+                continue;
+            };
+            self.assembler.begin_object();
+            self.mesh(&mesh, mesh.name().map(str::to_owned), None)?;
+            let object = self.assembler.end_object();
+            places.into_iter().for_each(|to_world| self.assembler.place(object, to_world));
+        }
+        Ok(())
+    }
+
+    fn finish(mut self, document: &Document) -> Result<Scene, SceneError> {
+        if self.ignored_primitives > 0 {
+            let count = self.ignored_primitives;
+            self.assembler
+                .note(format!("Ignored {count} primitives of points or lines or without a vertex."));
+        }
+        if document.meshes().len() == 0 {
+            self.assembler.note("no meshes");
+        }
+        let extras = document
+            .default_scene()
+            .or_else(|| document.scenes().next())
+            .and_then(|scene| scene.extras().as_ref().map(|raw| gltf_extras::parse(raw.get())));
+        if let Some(extras) = extras {
+            self.views.extend(extras.views);
+            self.sky = self.sky.or(extras.sky);
+            extras.notes.into_iter().for_each(|note| self.assembler.note(note));
+        }
+        self.add_glows()?;
+        let lighting = self.sky.map_or(Lighting::Automatic, Lighting::Given);
+        self.assembler.finish(lighting, self.views)
+    }
+
+    /// Light sources here are surfaces and skies, so a point light becomes a sphere of a 400th of the
+    /// diagonal that sends out the same intensity.
+    fn add_glows(&mut self) -> Result<(), SceneError> {
+        let radius = self.assembler.bounds().diagonal() / 400.0;
+        if self.glows.is_empty() || radius <= 0.0 {
+            return Ok(());
+        }
+        self.assembler
+            .note(format!("Made {} point or spot lights into small glowing spheres.", self.glows.len()));
+        for glow in std::mem::take(&mut self.glows) {
+            let emission = glow.intensity / (std::f32::consts::PI * radius * radius);
+            let material =
+                self.assembler.material(Material { base_color: Vec3::ZERO, emission, ..Material::default() });
+            let mut shapes = Shapes::new();
+            shapes.sphere(glow.position, radius, 12, 6);
+            self.assembler.mesh("light", material, &shapes.part)?;
+        }
+        Ok(())
+    }
+}

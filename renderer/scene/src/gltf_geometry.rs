@@ -1,0 +1,117 @@
+//! What glTF keeps in buffers: the triangles of one primitive.
+
+use glam::Vec3;
+use gltf::accessor::{Accessor, DataType, Dimensions};
+use gltf::mesh::Mode;
+use gltf::{Primitive, Semantic};
+
+use super::limits::VERTICES_MAX;
+use super::part::Part;
+
+/// The buffers of a document, by index.
+pub(super) type Buffers = [gltf::buffer::Data];
+
+/// Reads a primitive in the mesh's own space; nothing for points, lines and primitives without vertices.
+///
+/// # Errors
+/// One sentence about an accessor that reaches outside its buffer.
+pub(super) fn read(primitive: &Primitive, buffers: &Buffers) -> Result<Option<Part>, String> {
+    if !matches!(primitive.mode(), Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
+        return Ok(None);
+    }
+    let Some(positions) = primitive.get(&Semantic::Positions).filter(|positions| positions.count() > 0)
+    else {
+        return Ok(None);
+    };
+    check(&positions, VECTORS, buffers)?;
+    let reader = primitive.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
+    let mut part = Part::default();
+    let outside = || "its positions reach outside their buffer".to_owned();
+    part.positions.extend(reader.read_positions().ok_or_else(outside)?.map(Vec3::from_array));
+    if let Some(normals) =
+        primitive.get(&Semantic::Normals).filter(|normals| normals.count() == positions.count())
+    {
+        check(&normals, VECTORS, buffers)?;
+        let outside = || "its normals reach outside their buffer".to_owned();
+        part.normals.extend(reader.read_normals().ok_or_else(outside)?.map(Vec3::from_array));
+    }
+    let numbers: Vec<u32> = match primitive.indices() {
+        Some(indices) if indices.count() == 0 => return Ok(None),
+        Some(indices) => {
+            check(&indices, INDICES, buffers)?;
+            let outside = || "its indices reach outside their buffer".to_owned();
+            reader.read_indices().ok_or_else(outside)?.into_u32().collect()
+        }
+        None => (0..part.positions.len() as u32).collect(),
+    };
+    match primitive.mode() {
+        Mode::TriangleStrip => {
+            part.indices.extend(numbers.windows(3).enumerate().map(|(index, window)| {
+                // Every other triangle of a strip runs the other way round.
+                if index % 2 == 0 {
+                    [window[0], window[1], window[2]]
+                } else {
+                    [window[1], window[0], window[2]]
+                }
+            }))
+        }
+        Mode::TriangleFan => part.push_polygon(&numbers),
+        _ => part.indices.extend_from_slice(numbers.as_chunks().0),
+    }
+    Ok(Some(part))
+}
+
+/// How many triangles a primitive has, about: what its accessors say, unread.
+pub(super) fn triangle_count(primitive: &Primitive) -> u64 {
+    let positions = primitive.get(&Semantic::Positions).map_or(0, |positions| positions.count());
+    let corners = primitive.indices().map_or(positions, |indices| indices.count()) as u64;
+    match primitive.mode() {
+        Mode::Triangles => corners / 3,
+        Mode::TriangleStrip | Mode::TriangleFan => corners.saturating_sub(2),
+        _ => 0,
+    }
+}
+
+/// What positions and normals are made of.
+const VECTORS: (Dimensions, &[DataType]) = (Dimensions::Vec3, &[DataType::F32]);
+/// What indices are made of.
+const INDICES: (Dimensions, &[DataType]) =
+    (Dimensions::Scalar, &[DataType::U8, DataType::U16, DataType::U32]);
+
+/// Checks an accessor before it is read: the reader trusts types, counts, offsets and strides to fit
+/// together.
+fn check(accessor: &Accessor, expected: (Dimensions, &[DataType]), buffers: &Buffers) -> Result<(), String> {
+    let fault = |what: String| Err(format!("accessor {} {what}", accessor.index()));
+    if accessor.dimensions() != expected.0 || !expected.1.contains(&accessor.data_type()) {
+        return fault(format!("holds {:?} of {:?}", accessor.dimensions(), accessor.data_type()));
+    }
+    if accessor.count() > VERTICES_MAX {
+        return fault(format!("has {} elements, more than the limit of {VERTICES_MAX}", accessor.count()));
+    }
+    if let Some(sparse) = accessor.sparse()
+        && (sparse.count() == 0 || sparse.count() > accessor.count())
+    {
+        return fault(format!("replaces {} of its {} elements", sparse.count(), accessor.count()));
+    }
+    let Some(view) = accessor.view() else {
+        return Ok(());
+    };
+    let stride = view.stride().unwrap_or(accessor.size());
+    let end_in_view = stride
+        .checked_mul(accessor.count().saturating_sub(1))
+        .and_then(|bytes| bytes.checked_add(accessor.size()))
+        .and_then(|bytes| bytes.checked_add(accessor.offset()));
+    let end_of_view = view.offset().checked_add(view.length());
+    let available = buffers.get(view.buffer().index()).map_or(0, |data| data.0.len());
+    match (end_in_view, end_of_view) {
+        (Some(end), Some(end_of_view)) if end <= view.length() && end_of_view <= available => Ok(()),
+        _ => fault("reaches outside its buffer".to_owned()),
+    }
+}
+
+/// Whether the name of a file beside this one is text once its percent signs are decoded. The importer takes that for
+/// granted.
+pub(super) fn is_readable(address: &str) -> bool {
+    // With a scheme it is no such name.
+    address.contains(':') || urlencoding::decode(address).is_ok()
+}

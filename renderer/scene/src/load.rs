@@ -1,0 +1,85 @@
+//! From a path to a scene: picks the reader by content and extension, and fences it in.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use super::limits::FILE_BYTES_MAX;
+use super::{Scene, SceneError, gltf_file, obj_file, ply_file};
+
+/// Reads a scene file: glTF (`.gltf`, `.glb`), Wavefront OBJ with its MTL (`.obj`), or PLY (`.ply`).
+///
+/// Coordinates are taken as they stand (glTF defines metres; the others define nothing), nothing is
+/// rescaled. Textures are not read but for their mean colour. What had to be left out or made up stands in
+/// [`Scene::notes`].
+///
+/// # Errors
+/// [`SceneError`], naming the file, the cause and the remedy, for anything that cannot be read. Bad single
+/// triangles are no error: they are dropped and counted in the notes.
+pub fn load(path: impl AsRef<Path>) -> Result<Scene, SceneError> {
+    let path = path.as_ref();
+    let read_error = |source| SceneError::Read { path: path.to_owned(), source };
+    let metadata = std::fs::metadata(path).map_err(read_error)?;
+    if metadata.is_dir() {
+        return Err(SceneError::Folder { path: path.to_owned() });
+    }
+    if metadata.len() > FILE_BYTES_MAX {
+        return Err(SceneError::TooLarge { path: path.to_owned(), bytes: metadata.len() });
+    }
+    let format = Format::of(path)?;
+    let bytes = std::fs::read(path).map_err(read_error)?;
+    if bytes.is_empty() {
+        return Err(SceneError::Empty { path: path.to_owned() });
+    }
+    // The readers below check what they know of; a parsing crate that still gives up half-way on a file
+    // made to break it must not take the program along.
+    catch_unwind(AssertUnwindSafe(|| match format {
+        Format::Gltf => gltf_file::read(path, &bytes),
+        Format::Obj => obj_file::read(path, &bytes),
+        Format::Ply => ply_file::read(path, &bytes),
+    }))
+    .unwrap_or_else(|_| {
+        Err(SceneError::Malformed {
+            path: path.to_owned(),
+            format: format.name(),
+            cause: "the parser gave up on its content".to_owned(),
+            remedy: "export it again with another tool",
+        })
+    })
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Format {
+    Gltf,
+    Obj,
+    Ply,
+}
+
+impl Format {
+    /// By extension. The readers check the content themselves, so a wrong name is told, not guessed round.
+    fn of(path: &Path) -> Result<Self, SceneError> {
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        let refuse = |what: String| {
+            Err(SceneError::Unsupported {
+                path: path.to_owned(),
+                what,
+                remedy: "convert it to glTF (.glb), OBJ or PLY, for example with Blender".to_owned(),
+            })
+        };
+        match extension.as_deref() {
+            Some("gltf" | "glb") => Ok(Self::Gltf),
+            Some("obj") => Ok(Self::Obj),
+            Some("ply") => Ok(Self::Ply),
+            Some("stl") => refuse("the STL format".to_owned()),
+            Some(other) => refuse(format!("the extension .{other}")),
+            None => refuse("a file without an extension".to_owned()),
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Gltf => "glTF",
+            Self::Obj => "OBJ",
+            Self::Ply => "PLY",
+        }
+    }
+}

@@ -1,8 +1,0 @@
-//! The renderer's program; everything is in the library.
-#![forbid(unsafe_code)]
-
-use std::process::ExitCode;
-
-fn main() -> ExitCode {
-    treewright_renderer::cli::main()
-}
