@@ -128,7 +128,7 @@ pub struct Policy<C = Configuration> {
     #[serde(default)]
     pub epsilon_halves_after: u32,
     /// Exploring may cost each client at most this share of its frame time in each session, 0 to 1: see
-    /// `treewright_core::tuner::account`. `None`, the default, for no limit.
+    /// `treewright_core::tuner::budget`. `None`, the default, for no limit.
     #[serde(default)]
     pub regret_budget: Option<f64>,
     /// An exploring trial is told to stop when its cost exceeds that of the reference by this factor, above 1.

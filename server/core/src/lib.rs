@@ -13,7 +13,9 @@
 //! measurements prove; [`tuner`] decides.
 #![forbid(unsafe_code)]
 
-pub use treewright_model::{configuration, indicator, names, objective, policy, space, study, trial, value};
+pub use treewright_model::{
+    configuration, ids, indicator, names, objective, policy, space, study, trial, value,
+};
 
 mod ascent;
 pub mod fleet;

@@ -41,8 +41,8 @@ pub const MODELS_TRIALS_MAX: u64 = if cfg!(test) { 40 } else { 20_000 };
 /// How many configurations models are taught anew when other indicators are left out than before: some milliseconds
 /// of work.
 pub const RELEARNT_MAX: usize = 512;
-/// How much that takes the models long reports leave to be done later; with more, a report does it itself.
-pub const DEBTS_MAX: usize = 64;
+/// How many updates of the models reports defer; with more, a report computes them itself.
+pub const DEFERRED_UPDATES_MAX: usize = 64;
 /// A checkpoint is due after at least so many trials, which a restart then has to go through again, and
 pub const CHECKPOINT_TRIALS_MIN: u64 = 4096;
 /// after one more for so many bytes of the last one, so that checkpoints write less than the trials do.

@@ -1,10 +1,10 @@
 //! Suggest and report, apart and in one: what a client does every frame.
 
 use treewright_core::trial::{RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, Errand, Thoughts, Tuner, TunerError};
+use treewright_core::tuner::{Change, Tuner, TunerError};
 use treewright_store::{Fence, Receipt, Store};
 
-use super::thinking::Apart;
+use super::thinking::{Apart, Prepared};
 use super::{Live, Tuning};
 use crate::convert::from_proto::{Report, Suggest};
 use crate::error::Error;
@@ -63,10 +63,11 @@ impl Tuning {
     /// The same, where something was found to be done apart first.
     async fn suggest_after(&self, suggest: Suggest, begun: Option<Apart>) -> Result<Trial, Error> {
         let (trial, receipt) = self
-            .with_thoughts(&suggest.study, begun, errand(&suggest), |live, store, thoughts, now_ms| {
-                let (trial, change) = ask(&mut live.tuner, &suggest, thoughts, now_ms)?;
-                note(&suggest, &trial, &change);
-                Ok::<_, TunerError>((trial, live.commit(store, &[change])))
+            .with_plan(&suggest.study, begun, |live, store, prepared, now_ms| {
+                Ok(live.suggest(&suggest, prepared, now_ms)?.map(|(trial, change)| {
+                    note(&suggest, &trial, &change);
+                    (trial, live.commit(store, &[change]))
+                }))
             })
             .await??;
         METRICS.durable(receipt).await?;
@@ -107,8 +108,8 @@ impl Tuning {
     }
 
     async fn joint_frame(&self, report: Report, suggest: Suggest) -> FrameAnswer {
-        /// The report, what was suggested or has to be done apart first, when it is durable, and whether the models
-        /// owe something to it.
+        /// The report, what was suggested or has to be done apart first, when it is durable, and whether updates of
+        /// the models were deferred.
         type Joint = (Box<Trial>, Result<Result<Trial, TunerError>, Apart>, Receipt, bool);
         let study = suggest.study.clone();
         let computed: Result<Option<Joint>, Error> = self
@@ -117,17 +118,15 @@ impl Tuning {
                     return None;
                 };
                 let mut changes = vec![change];
-                let suggested = match live.apart(errand(&suggest), false) {
-                    Some(apart) => Err(apart),
-                    None => Ok(ask(&mut live.tuner, &suggest, Thoughts::default(), now_ms).map(
-                        |(trial, change)| {
-                            note(&suggest, &trial, &change);
-                            changes.push(change);
-                            trial
-                        },
-                    )),
-                };
-                Some((completed, suggested, live.commit(store, &changes), live.tuner.owes()))
+                let suggested = live.suggest(&suggest, Prepared::default(), now_ms).map(|answer| {
+                    answer.map(|(trial, change)| {
+                        note(&suggest, &trial, &change);
+                        changes.push(change);
+                        trial
+                    })
+                });
+                let receipt = live.commit(store, &changes);
+                Some((completed, suggested, receipt, live.tuner.has_deferred_updates()))
             })
             .await;
         match computed {
@@ -137,8 +136,8 @@ impl Tuning {
                 let reported = durable.map(|()| Reported::Taken(completed)).map_err(Error::from);
                 FrameAnswer { reported: Some(reported), suggested: Some(suggested) }
             }
-            Ok(Some((completed, Ok(suggested), receipt, owes))) => {
-                match self.durable(&study, receipt, owes).await {
+            Ok(Some((completed, Ok(suggested), receipt, deferred))) => {
+                match self.durable(&study, receipt, deferred).await {
                     Ok(()) => FrameAnswer {
                         reported: Some(Ok(Reported::Taken(completed))),
                         suggested: Some(suggested.map_err(Error::from)),
@@ -161,8 +160,8 @@ impl Tuning {
     async fn reported(&self, report: Report, mut answer: Queued) -> Result<Reported, Error> {
         for _ in 0..TRIES {
             match answer {
-                Queued::Taken(completed, receipt, owes) => {
-                    self.durable(&report.trial.study, receipt, owes).await?;
+                Queued::Taken(completed, receipt, deferred) => {
+                    self.durable(&report.trial.study, receipt, deferred).await?;
                     return Ok(Reported::Taken(completed));
                 }
                 Queued::Refused(error) => return Err(error.into()),
@@ -197,7 +196,7 @@ impl Tuning {
 
 /// An answer that waits for the disk.
 enum Queued {
-    /// Whether the models owe something to it.
+    /// Whether updates of the models were deferred.
     Taken(Box<Trial>, Receipt, bool),
     Closed(ClosedMark),
     Refused(TunerError),
@@ -218,6 +217,30 @@ impl Live {
             receipt: self.commit(store, &[]),
             fence: self.fence().clone(),
             closed_changes: self.closed_changes,
+        }
+    }
+
+    /// Answers a question, or tells what has to be done apart first.
+    fn suggest(
+        &mut self,
+        suggest: &Suggest,
+        prepared: Prepared,
+        now_ms: i64,
+    ) -> Result<Result<(Trial, Change), TunerError>, Apart> {
+        let Suggest { ask, wanted, .. } = suggest;
+        if let Some(wanted) = wanted {
+            return Ok(self.tuner.suggest_wanted(ask, wanted.clone(), now_ms));
+        }
+        if let Some(plan) = prepared.plan {
+            return Ok(self.tuner.suggest_planned(ask, plan, now_ms));
+        }
+        let question = match self.tuner.question(ask) {
+            Ok(question) => question,
+            Err(refused) => return Ok(Err(refused)),
+        };
+        match self.tuner.plan(&question, |state| self.searched.is_free(state)) {
+            Some(request) => Err(self.apart(request, prepared.is_updated)),
+            None => Ok(self.tuner.suggest_now(question, now_ms)),
         }
     }
 
@@ -243,25 +266,6 @@ impl Live {
     }
 }
 
-/// What has to be thought about before [`ask`].
-fn errand(suggest: &Suggest) -> impl Fn(&Tuner, &dyn Fn(u64) -> bool) -> Option<Errand> {
-    move |tuner, is_free| {
-        if suggest.wanted.is_some() { None } else { tuner.errand(&suggest.ask, is_free) }
-    }
-}
-
-fn ask(
-    tuner: &mut Tuner,
-    suggest: &Suggest,
-    thoughts: Thoughts,
-    now_ms: i64,
-) -> Result<(Trial, Change), TunerError> {
-    match &suggest.wanted {
-        Some(wanted) => tuner.suggest_wanted(&suggest.ask, wanted.clone(), now_ms),
-        None => tuner.suggest_ahead(&suggest.ask, thoughts, now_ms),
-    }
-}
-
 fn take(tuner: &mut Tuner, report: &Report, now_ms: i64) -> Taken {
     let Some(open) = tuner.open_trial(report.trial.number).cloned() else {
         return Taken::Closed;
@@ -276,7 +280,7 @@ fn take(tuner: &mut Tuner, report: &Report, now_ms: i64) -> Taken {
 fn queue(live: &mut Live, store: &dyn Store, taken: Taken) -> Queued {
     match taken {
         Taken::Now(completed, change) => {
-            Queued::Taken(completed, live.commit(store, &[change]), live.tuner.owes())
+            Queued::Taken(completed, live.commit(store, &[change]), live.tuner.has_deferred_updates())
         }
         Taken::Closed => Queued::Closed(live.mark(store)),
         Taken::Refused(error) => Queued::Refused(error),

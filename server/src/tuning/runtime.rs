@@ -39,7 +39,7 @@ pub(super) struct Live {
     pub(super) closed_changes: u64,
     /// The last checkpoint.
     pub(super) saved: Saved,
-    /// The states whose search somebody thinks about.
+    /// The states whose search somebody plans for.
     pub(super) searched: Searched,
     /// For those who watch.
     pub(super) tally: Tally,
@@ -123,7 +123,7 @@ impl Runtime {
             return Ok(());
         }
         let Read { mut tuner, fence, saved } = loading::load(store, study, clock.now_ms()).await?;
-        tuner.defer();
+        tuner.defer_updates();
         let completed = tuner.statistics().completed_trials;
         tracing::info!(study, completed, from_checkpoint = saved.completion, "study loaded");
         let (tally, searched) = (Tally::default(), Searched::default());

@@ -1,15 +1,16 @@
 //! Thinking apart from the tuners: fits of models, in threads of their own, while the study serves others.
 //!
-//! Under the study's lock a question is answered from tables, or it gives an errand: copies of what has to be thought
-//! about. Not more errands run at once than there are processors, and one at a time thinks about the search of a
-//! state. Who finds all of that taken is answered from the tables: a client would rather run the best that is known
+//! Under the study's lock a question is answered from tables, or it gives a plan request: copies of what has to be
+//! computed first. Not more of them are computed at once than there are processors, and one at a time plans for the
+//! search of a state. Who finds all of that taken is answered from the tables: a client would rather run the best that is known
 //! now than wait for a better question.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Weak};
 
 use tokio::sync::Semaphore;
-use treewright_core::tuner::{Errand, Thoughts, Tuner};
+use treewright_core::ids::StateId;
+use treewright_core::tuner::{PlanRequest, SuggestionPlan};
 use treewright_store::{Receipt, Store, StoreError};
 
 use super::Tuning;
@@ -19,21 +20,21 @@ use crate::error::Error;
 use crate::limits::THINKING_WAIT;
 use crate::metrics::METRICS;
 
-/// How many errands run at once: as many as there are processors.
+/// How many plans are computed at once: as many as there are processors.
 pub(super) fn places() -> Semaphore {
     Semaphore::new(std::thread::available_parallelism().map_or(1, usize::from))
 }
 
-/// The states of a study whose search is being thought about: each as long as somebody holds its token.
+/// The states of a study whose search is being planned for: each as long as somebody holds its token.
 #[derive(Debug, Default)]
-pub(super) struct Searched(HashMap<u64, Weak<()>>);
+pub(super) struct Searched(HashMap<StateId, Weak<()>>);
 
 impl Searched {
-    pub(super) fn is_free(&self, state: u64) -> bool {
+    pub(super) fn is_free(&self, state: StateId) -> bool {
         self.0.get(&state).is_none_or(|token| token.strong_count() == 0)
     }
 
-    fn take(&mut self, state: u64) -> Arc<()> {
+    fn take(&mut self, state: StateId) -> Arc<()> {
         self.0.retain(|_, token| token.strong_count() > 0);
         let token = Arc::new(());
         self.0.insert(state, Arc::downgrade(&token));
@@ -43,100 +44,99 @@ impl Searched {
 
 /// What has to be done apart from a tuner before it can answer a question.
 pub(super) enum Apart {
-    /// The models owe something to earlier reports, and are about to be asked.
-    Settle,
-    /// Somebody has to think, and has this state's search for that time.
-    Think(Box<Errand>, Option<Arc<()>>),
+    /// Reports have deferred updates of the models, which are about to be asked.
+    Update,
+    /// A plan has to be computed, by whoever has this state's search for that time.
+    Plan(Box<PlanRequest>, Option<Arc<()>>),
 }
 
 impl Live {
-    /// What has to be done apart before a question is answered whose errand this is; nothing where the tables have the
-    /// answer.
-    pub(super) fn apart(
-        &mut self,
-        errand: impl FnOnce(&Tuner, &dyn Fn(u64) -> bool) -> Option<Errand>,
-        is_settled: bool,
-    ) -> Option<Apart> {
-        let errand = errand(&self.tuner, &|state| self.searched.is_free(state))?;
-        if !is_settled && self.tuner.owes() {
-            return Some(Apart::Settle);
+    /// What has to be done apart before a question is answered that needs this plan.
+    pub(super) fn apart(&mut self, request: PlanRequest, is_updated: bool) -> Apart {
+        if !is_updated && self.tuner.has_deferred_updates() {
+            return Apart::Update;
         }
-        let token = errand.searched_state().map(|state| self.searched.take(state));
-        Some(Apart::Think(Box::new(errand), token))
+        let token = request.searched_state().map(|state| self.searched.take(state));
+        Apart::Plan(Box::new(request), token)
     }
 }
 
+/// How far the work apart is when a question is asked.
+#[derive(Debug, Default)]
+pub(super) struct Prepared {
+    /// The plan; none before it is known whether one is needed.
+    pub(super) plan: Option<SuggestionPlan>,
+    /// The models have just been updated.
+    pub(super) is_updated: bool,
+}
+
 impl Tuning {
-    /// Computes on a study's tuner with what `errand` had thought about before, if that is needed. `begun` is what was
-    /// found to be done apart already.
-    pub(super) async fn with_thoughts<T>(
+    /// Computes on a study's tuner until `step` has its answer. Where it asks for work apart, that is done without the
+    /// tuner's lock, and it is called again. `begun` is the work that was found to be needed already.
+    pub(super) async fn with_plan<T: Send>(
         &self,
         study: &str,
         begun: Option<Apart>,
-        errand: impl Fn(&Tuner, &dyn Fn(u64) -> bool) -> Option<Errand> + Send + Sync,
-        answer: impl FnOnce(&mut Live, &dyn Store, Thoughts, i64) -> T + Send,
+        mut step: impl FnMut(&mut Live, &dyn Store, Prepared, i64) -> Result<T, Apart> + Send,
     ) -> Result<T, Error> {
-        let mut answer = Some(answer);
-        let (mut apart, mut thoughts, mut is_settled) = (begun, None, false);
+        let (mut apart, mut plan, mut is_updated) = (begun, None, false);
         loop {
             match apart.take() {
                 None => {}
-                Some(Apart::Settle) => {
-                    self.settle(study).await;
-                    is_settled = true;
+                Some(Apart::Update) => {
+                    self.update_models(study).await;
+                    is_updated = true;
                 }
-                Some(Apart::Think(errand, token)) => {
-                    thoughts = Some(self.think(*errand).await?);
+                Some(Apart::Plan(request, token)) => {
+                    plan = Some(self.compute_plan(*request).await?);
                     drop(token);
                 }
             }
-            let step = self
-                .with_tuner(study, |live, store, now_ms| {
-                    if thoughts.is_none()
-                        && let Some(apart) = live.apart(&errand, is_settled)
-                    {
-                        return Err(apart);
-                    }
-                    let answer = answer.take().expect("a question is answered once");
-                    Ok(answer(live, store, thoughts.take().unwrap_or_default(), now_ms))
-                })
-                .await?;
-            match step {
+            let prepared = Prepared { plan: plan.take(), is_updated };
+            let stepped =
+                self.with_tuner(study, |live, store, now_ms| step(live, store, prepared, now_ms)).await?;
+            match stepped {
                 Ok(answer) => return Ok(answer),
                 Err(more) => apart = Some(more),
             }
         }
     }
 
-    /// Runs an errand; without any thoughts where there is no processor for it in time.
-    async fn think(&self, errand: Errand) -> Result<Thoughts, Error> {
+    /// Computes a plan; an empty one where there is no processor for it in time.
+    async fn compute_plan(&self, request: PlanRequest) -> Result<SuggestionPlan, Error> {
         let Ok(Ok(_place)) = tokio::time::timeout(THINKING_WAIT, self.thinking.acquire()).await else {
             METRICS.not_thought();
-            return Ok(Thoughts::default());
+            return Ok(SuggestionPlan::default());
         };
-        METRICS.thought(compute(move || errand.run())).await
+        METRICS.thought(compute(move || request.compute())).await
     }
 
-    /// Waits for the disk, and settles meanwhile what a report has left to be done later.
-    pub(super) async fn durable(&self, study: &str, receipt: Receipt, owes: bool) -> Result<(), StoreError> {
-        if !owes {
+    /// Waits for the disk, and computes meanwhile the updates of the models that a report has deferred.
+    pub(super) async fn durable(
+        &self,
+        study: &str,
+        receipt: Receipt,
+        deferred: bool,
+    ) -> Result<(), StoreError> {
+        if !deferred {
             return METRICS.durable(receipt).await;
         }
-        tokio::join!(METRICS.durable(receipt), self.settle(study)).0
+        tokio::join!(METRICS.durable(receipt), self.update_models(study)).0
     }
 
-    /// Settles what reports have left to be done later, if there is a processor for it in time; it is no loss if not.
-    async fn settle(&self, study: &str) {
-        let owed = |live: &mut Live| Some((live.tuner.debts()?, Arc::clone(live.tuner.spec())));
+    /// Computes the updates that reports have deferred, if there is a processor for it in time; it is no loss if not.
+    async fn update_models(&self, study: &str) {
+        let deferred =
+            |live: &mut Live| Some((live.tuner.deferred_updates()?, Arc::clone(live.tuner.spec())));
         let runtime = self.runtime(study);
-        let Some((debts, spec)) = runtime.peek(owed).flatten() else {
+        let Some((updates, spec)) = runtime.peek(deferred).flatten() else {
             return;
         };
         let Ok(Ok(_place)) = tokio::time::timeout(THINKING_WAIT, self.thinking.acquire()).await else {
             return;
         };
-        if let Ok(settled) = compute(move || debts.settle(&spec.space)).await {
-            runtime.peek(|live| live.tuner.hand_in(settled));
+        if let Ok(computed) = compute(move || updates.compute(&spec.space)).await {
+            runtime.peek(|live| live.tuner.apply_updates(computed));
         }
     }
 }
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn who_finds_a_search_thought_about_runs_the_best_that_is_known() {
+    async fn who_finds_a_search_planned_for_runs_the_best_that_is_known() {
         let tuning = tuning().await;
         let mut trials = Vec::new();
         for _ in 0..16 {
@@ -182,7 +182,7 @@ mod tests {
         let state = trials[0].state_id;
         assert!(trials.iter().any(is_by_model), "the design is over");
         let runtime = tuning.runtime("hall");
-        let token = runtime.peek(|live| live.searched.take(state)).expect("in memory");
+        let token = runtime.peek(|live| live.searched.take(StateId(state))).expect("in memory");
         let meanwhile = suggest(&tuning, "two").await;
         assert_eq!(meanwhile.mode, Mode::Exploit, "{meanwhile:?}");
         drop(token);
@@ -210,13 +210,13 @@ mod tests {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn nothing_is_owed_where_each_waits_for_its_answer() {
+    async fn nothing_is_deferred_where_each_waits_for_its_answer() {
         let tuning = tuning().await;
         for number in 0..8 {
             frame(&tuning, "one", 0.1 * f64::from(number)).await;
         }
         let runtime = tuning.runtime("hall");
-        assert_eq!(runtime.peek(|live| live.tuner.owes()), Some(false));
+        assert_eq!(runtime.peek(|live| live.tuner.has_deferred_updates()), Some(false));
         assert!(runtime.peek(|live| live.tuner.predictor_errors().len()).is_some_and(|count| count > 0));
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use treewright_core::trial::{Fingerprint, RawTrial, Trial};
-use treewright_core::tuner::{Best, Prediction, Tuner, TunerError};
+use treewright_core::tuner::{Best, Prediction, SuggestionPlan, TunerError};
 use treewright_store::{Receipt, TrialPage, TrialQuery};
 
 use super::Tuning;
@@ -121,11 +121,16 @@ impl Tuning {
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Prediction, Error> {
-        let errand =
-            |tuner: &Tuner, _: &dyn Fn(u64) -> bool| tuner.prediction_errand(indicators, fingerprint);
         let predicted = self
-            .with_thoughts(study, None, errand, |live, _, thoughts, _| {
-                live.tuner.predict_ahead(indicators, fingerprint, thoughts)
+            .with_plan(study, None, |live, _, prepared, _| {
+                let plan = match prepared.plan {
+                    Some(plan) => plan,
+                    None => match live.tuner.plan_prediction(indicators, fingerprint) {
+                        Some(request) => return Err(live.apart(request, prepared.is_updated)),
+                        None => SuggestionPlan::default(),
+                    },
+                };
+                Ok(live.tuner.predict_planned(indicators, fingerprint, plan))
             })
             .await?;
         Ok(predicted?)

@@ -8,7 +8,7 @@ use crate::configuration::Configuration;
 use crate::policy::PredictorMethod;
 use crate::predict::blend::Tallies;
 use crate::predict::contextual::Request;
-use crate::predict::debt::{Debt, Debts, Settled};
+use crate::predict::deferred::{ComputedUpdates, DeferredUpdate, DeferredUpdates};
 use crate::predict::prequential::Interval;
 use crate::predict::{
     Answer, Contextual, Estimate, LeastSquares, Lesson, Nearest, Predictor, Query, Rbf, Shape, Weighted,
@@ -40,9 +40,9 @@ pub struct Predictors {
     chooses: bool,
     trials: u64,
     tallies: Tallies,
-    /// What is yet to be settled, oldest first. A checkpoint is [settled](Predictors::settle_all) before it is stored.
+    /// What is yet to be computed, oldest first. It all [is](Predictors::apply_all) before a checkpoint is stored.
     #[serde(skip)]
-    debts: Vec<Arc<Debt>>,
+    deferred: Vec<Arc<DeferredUpdate>>,
 }
 
 impl Predictors {
@@ -62,7 +62,7 @@ impl Predictors {
             chooses,
             trials: 0,
             tallies: Tallies::default(),
-            debts: Vec::new(),
+            deferred: Vec::new(),
         }
     }
 
@@ -86,8 +86,8 @@ impl Predictors {
             && least_squares.as_mut().is_none_or(|model| model.settle(space))
     }
 
-    /// Notes what is needed to tell how far each would have been off a measured cost; the telling is left to be
-    /// settled. To be called before the trial is learnt, and before the table of its state holds it.
+    /// Notes what is needed to tell how far each would have been off a measured cost; the telling is
+    /// deferred. To be called before the trial is learnt, and before the table of its state holds it.
     pub fn test(&mut self, query: &Query<'_>, configuration: &Configuration, cost: f64) {
         if !self.chooses {
             return;
@@ -102,46 +102,51 @@ impl Predictors {
         }));
         let question = self.contextual.as_ref().map(|model| model.question(query));
         let configuration = configuration.clone();
-        self.debts.push(Arc::new(Debt::Test { words, question, configuration, cost }));
+        self.deferred.push(Arc::new(DeferredUpdate::Test { words, question, configuration, cost }));
     }
 
-    /// Teaches all. What takes long is left to be settled.
+    /// Teaches all. What takes long is deferred.
     pub fn learn(&mut self, lesson: &Lesson<'_>) {
         self.learn_features(lesson);
         let exercise = self.contextual.as_mut().and_then(|model| model.note(lesson));
-        self.debts.extend(exercise.map(Debt::Exercise).map(Arc::new));
+        self.deferred.extend(exercise.map(DeferredUpdate::Exercise).map(Arc::new));
     }
 
-    /// How much is left to be settled.
-    pub fn owed(&self) -> usize {
-        self.debts.len()
+    /// How many updates are deferred.
+    pub fn deferred_count(&self) -> usize {
+        self.deferred.len()
     }
 
-    /// What is left to be settled, to be settled apart; `None` where there is nothing.
-    pub fn debts(&self) -> Option<Debts> {
+    /// The deferred updates, to be computed apart; `None` where there are none.
+    pub fn deferred(&self) -> Option<DeferredUpdates> {
         let hyper = || self.contextual.as_ref().map(|model| model.hyper().clone());
-        let debts = || Debts { debts: self.debts.clone(), hyper: hyper(), tallies: self.tallies.clone() };
-        (!self.debts.is_empty()).then(debts)
+        let updates = || DeferredUpdates {
+            updates: self.deferred.clone(),
+            hyper: hyper(),
+            tallies: self.tallies.clone(),
+        };
+        (!self.deferred.is_empty()).then(updates)
     }
 
-    /// Takes over what was settled apart, unless somebody was faster.
-    pub fn hand_in(&mut self, settled: Settled) {
-        let Debts { debts, hyper, tallies } = settled.0;
-        let same = self.debts.iter().zip(&debts).filter(|(own, settled)| Arc::ptr_eq(own, settled)).count();
-        if same < debts.len() {
+    /// Takes over updates that were computed apart, unless somebody was faster.
+    pub fn apply(&mut self, computed: ComputedUpdates) {
+        let DeferredUpdates { updates, hyper, tallies } = computed.0;
+        let pairs = self.deferred.iter().zip(&updates);
+        let same = pairs.filter(|(own, computed)| Arc::ptr_eq(own, computed)).count();
+        if same < updates.len() {
             return;
         }
-        self.debts.drain(..same);
+        self.deferred.drain(..same);
         self.tallies = tallies;
         if let (Some(model), Some(hyper)) = (&mut self.contextual, hyper) {
             model.set_hyper(hyper);
         }
     }
 
-    /// Settles everything.
-    pub fn settle_all(&mut self, space: &Space) {
-        if let Some(debts) = self.debts() {
-            self.hand_in(debts.settle(space));
+    /// Computes and applies all of them.
+    pub fn apply_all(&mut self, space: &Space) {
+        if let Some(updates) = self.deferred() {
+            self.apply(updates.compute(space));
         }
     }
 

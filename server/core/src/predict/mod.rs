@@ -4,7 +4,7 @@ pub mod atlas;
 mod auto;
 mod blend;
 pub mod contextual;
-mod debt;
+mod deferred;
 pub mod nearest;
 pub mod prequential;
 pub mod rbf;
@@ -21,7 +21,7 @@ pub use atlas::Atlas;
 use atlas::Found;
 pub use auto::Predictors;
 pub use contextual::Contextual;
-pub use debt::{Debts, Settled};
+pub use deferred::{ComputedUpdates, DeferredUpdates};
 pub use nearest::{Nearest, Weighted};
 pub use rbf::{LeastSquares, Rbf, Shape};
 

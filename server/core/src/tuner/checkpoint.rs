@@ -66,7 +66,7 @@ impl Learnt {
     /// Packs it: some milliseconds for each megabyte.
     pub fn checkpoint(&self) -> Checkpoint {
         let mut body = self.body.clone();
-        body.predictors.settle_all(&self.spec.space);
+        body.predictors.apply_all(&self.spec.space);
         let packed = pack_in_order(&body);
         let head = [self.mark, sum_of(&packed)].map(u64::to_le_bytes);
         Checkpoint { completion: self.completion, bytes: [&head[0][..], &head[1][..], &packed[..]].concat() }
@@ -82,15 +82,15 @@ impl Tuner {
             spec: Arc::clone(&self.spec),
             body: Body {
                 completed: self.completed,
-                knowledge: self.states.iter().map(|state| Arc::clone(&state.knowledge)).collect(),
-                standings: self.fleet.standings(),
-                spread: self.atlas.spread().clone(),
+                knowledge: self.states.known().iter().map(|state| Arc::clone(&state.knowledge)).collect(),
+                standings: self.states.machines().standings(),
+                spread: self.states.spread().clone(),
                 history: self.history.clone(),
                 screening: self.screening.clone(),
-                forget_above: self.forget_above,
+                forget_above: self.states.forget_above(),
                 predictor: self.spec.policy.predictor,
-                models_since: self.models_since,
-                predictors: self.predictors.clone(),
+                models_since: self.models.since(),
+                predictors: self.models.predictors().clone(),
             },
         }
     }
@@ -112,10 +112,10 @@ impl Tuner {
         if body.knowledge.len() > self.states.len() || body.knowledge.len() != body.history.len() {
             return Err("it knows states that do not exist".into());
         }
-        if body.spread.width() != self.atlas.spread().width() {
+        if body.spread.width() != self.states.spread().width() {
             return Err("it is of other indicators".into());
         }
-        if body.standings.len() > self.fleet.len() {
+        if body.standings.len() > self.states.machines().len() {
             return Err("it knows machines that do not exist".into());
         }
         let space = &self.spec.space;
@@ -123,24 +123,19 @@ impl Tuner {
         if !(tables && body.screening.settle(space) && body.predictors.settle(space)) {
             return Err("it does not fit its study".into());
         }
-        let current = body.predictor == self.spec.policy.predictor && body.models_since == self.models_since;
+        let current =
+            body.predictor == self.spec.policy.predictor && body.models_since == self.models.since();
         let needed = Predictors::are_needed(self.spec.policy.predictor);
         if current {
-            self.predictors = body.predictors;
-        } else if needed && checkpoint.completion > self.models_since {
+            self.models.take_over(body.predictors);
+        } else if needed && checkpoint.completion > self.models.since() {
             return Err("it lacks the models that the policy needs".into());
         }
         (self.completed, self.last_completion) = (body.completed, checkpoint.completion);
-        (self.screening, self.forget_above) = (body.screening, body.forget_above);
-        self.fleet.take_over(&body.standings);
-        self.atlas.take_over(body.spread);
+        self.screening = body.screening;
+        self.states.take_over(body.knowledge, &body.standings, body.spread, body.forget_above);
         self.history = body.history;
         (self.history.len()..self.states.len()).for_each(|_| self.history.found());
-        self.remembered = body.knowledge.iter().map(|knowledge| knowledge.remembered()).sum();
-        for (state, knowledge) in self.states.iter_mut().zip(body.knowledge) {
-            state.knowledge = knowledge;
-            self.atlas.note(state);
-        }
         Ok(())
     }
 }
@@ -202,11 +197,14 @@ mod tests {
             assert_eq!((restoring.passed_over(), restoring.after()), (None, 60));
             let back = restoring.finish([]).expect("whole");
             let knowledge =
-                |tuner: &Tuner| tuner.states.iter().map(|s| s.knowledge.clone()).collect::<Vec<_>>();
+                |tuner: &Tuner| tuner.states.known().iter().map(|s| s.knowledge.clone()).collect::<Vec<_>>();
             assert_eq!(knowledge(&back), knowledge(&tuner));
-            assert_eq!(back.predictors, tuner.predictors);
+            assert_eq!(back.models.predictors(), tuner.models.predictors());
             assert_eq!((&back.history, &back.screening), (&tuner.history, &tuner.screening));
-            assert_eq!((back.statistics(), back.remembered), (tuner.statistics(), tuner.remembered));
+            assert_eq!(
+                (back.statistics(), back.states.remembered()),
+                (tuner.statistics(), tuner.states.remembered())
+            );
             // And it can be saved again, to the same bytes.
             assert_eq!(back.learnt().checkpoint(), checkpoint);
         }

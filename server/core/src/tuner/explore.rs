@@ -3,14 +3,18 @@
 use rand::RngExt;
 
 use crate::configuration::Configuration;
+use crate::ids::{StateId, TrialNumber};
+use crate::knowledge::Knowledge;
 use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
+use crate::policy::Policy;
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
 use crate::search::{AnySearch, Feedback, Layout, Point, Search, SearchSetup, Step, Verdict, levels};
 use crate::trial::{Mode, Reason};
-use crate::tuner::report::is_spent;
-use crate::tuner::screening::CONTROL;
-use crate::tuner::{Exploration, Prediction, Tuner, Work, query};
+use crate::tuner::plan::Planned;
+use crate::tuner::screening::{CONTROL, Held};
+use crate::tuner::states::place;
+use crate::tuner::{Exploration, Prediction, Tuner};
 
 /// Most of the best configurations that a search is told which goes on where another one ended.
 const TOLD_MAX: usize = 128;
@@ -30,16 +34,22 @@ impl Tuner {
     /// measurement; where there is none (other clients hold what the search waits for, or the budget is
     /// spent), the best that is known, because a client never waits. The best may change from one answer to
     /// the next here: measuring the leaders again is what tells luck from merit.
-    pub(super) fn explore(&mut self, state: usize, number: u64, normalised: &[f64]) -> Prediction {
-        if let Some(prediction) = self.transfer(state) {
+    pub(super) fn explore(
+        &mut self,
+        state: StateId,
+        number: TrialNumber,
+        normalised: &[f64],
+        planned: &mut Planned,
+    ) -> Prediction {
+        if let Some(prediction) = self.transfer().untried_by_machines(state) {
             return prediction;
         }
-        if let Some(prediction) = self.first_of_a_state(state, number, normalised) {
+        if let Some(prediction) = self.first_of_a_state(state, number, normalised, planned) {
             return prediction;
         }
-        self.ensure_exploration(state);
+        self.ensure_exploration(state, planned);
         let held = self.hold(state);
-        let walk = self.walk(state, &held);
+        let walk = self.walk(state, &held, planned);
         let unseen = match walk {
             Walk::Measure(point, configuration) => {
                 let mut prediction = self.measure(state, number, point, configuration);
@@ -66,24 +76,20 @@ impl Tuner {
                 insight: None,
             };
         }
-        self.best_known(state).unwrap_or_else(|| self.exploitation(normalised, Some(state)))
+        self.best_known(state).unwrap_or_else(|| self.exploitation(normalised, Some(state), planned))
     }
 
     /// What to run where nothing was measured yet, if the predictor can say from elsewhere where much may be
     /// gained. A client that stays goes on with the state's search; where every input is met once, this is all
     /// the exploring there is.
-    fn first_of_a_state(&self, state: usize, number: u64, normalised: &[f64]) -> Option<Prediction> {
-        if !self.is_untouched(state) {
-            return None;
-        }
-        let query = query(&self.spec, &self.states, &self.atlas, &self.fleet, normalised, Some(state));
-        let predictor = self.spec.policy.predictor;
-        let (answer, method) = match &self.thoughts {
-            None => self.predictors.propose(predictor, &query, number),
-            Some(thoughts) => {
-                self.predictors.propose_ahead(predictor, &query, number, thoughts.first(normalised))
-            }
-        }?;
+    fn first_of_a_state(
+        &self,
+        state: StateId,
+        number: TrialNumber,
+        normalised: &[f64],
+        planned: &Planned,
+    ) -> Option<Prediction> {
+        let (answer, method) = self.transfer().first(state, number.0, normalised, planned)?;
         let Answer { configuration, expected, neighbours } = answer;
         let summary = format!(
             "Nothing was measured in this state; by what is known of others this may do better than the rest: \
@@ -105,14 +111,14 @@ impl Tuner {
     /// of an earlier search only feed the table from then on. Where an earlier one was dropped because its budget
     /// was spent, and the budget was raised since, the new one is told what the table knows, and so it is where that was
     /// taken over from other machines.
-    fn ensure_exploration(&mut self, state: usize) {
-        let method = self.spec.policy.search;
+    fn ensure_exploration(&mut self, state: StateId, planned: &mut Planned) {
+        let (space, policy) = (&self.spec.space, &self.spec.policy);
         let mut was_dropped = false;
-        if let Some(current) = &self.work[state].exploration {
+        if let Some(current) = self.searches.of(state) {
             was_dropped = current.search.is_none();
             let goes_on = match &current.search {
-                Some(search) => search.method() == method,
-                None => is_spent(current, &self.states[state].knowledge, &self.spec.policy),
+                Some(search) => search.method() == policy.search,
+                None => is_spent(current, self.states.knowledge(state), policy),
             };
             if goes_on {
                 return;
@@ -120,65 +126,63 @@ impl Tuner {
         }
         let setup = SearchSetup {
             seed: self.spec.seed,
-            state_id: self.states[state].id,
-            start: self.spec.space.encode(self.spec.space.default_ref()),
-            budget: self.spec.policy.trials_per_state,
-            levels: levels(&self.spec.space),
-            layout: Layout::of(&self.spec.space),
+            state_id: state.0,
+            start: space.encode(space.default_ref()),
+            budget: policy.trials_per_state,
+            levels: levels(space),
+            layout: Layout::of(space),
         };
-        let mut search = AnySearch::new(method, setup);
-        let from_others = !self.work[state].siblings.is_empty();
-        for record in self.states[state].knowledge.ranked().take(TOLD_MAX) {
-            let point = || self.spec.space.encode(&record.configuration);
+        let mut search = AnySearch::new(policy.search, setup);
+        let from_others = !self.states.siblings(state).is_empty();
+        for record in self.states.knowledge(state).ranked().take(TOLD_MAX) {
+            let point = || space.encode(&record.configuration);
             match (was_dropped, from_others) {
                 (true, _) => search.know(point(), Verdict::Cost(record.mean_cost)),
                 (false, true) => search.hear(point(), Verdict::Cost(record.mean_cost)),
                 (false, false) => break,
             }
         }
-        if !was_dropped && self.hears_others() {
-            let (thoughts, known) = (&mut self.thoughts, &self.states[state]);
-            let thought =
-                thoughts.as_mut().and_then(|thoughts| thoughts.take_beginning(known.id, &known.anchor));
-            let beginning = thought.unwrap_or_else(|| self.told_by_others(state).beginning(&self.spec.space));
-            if let Some((guide, first)) = beginning {
+        let transfer = self.transfer();
+        if !was_dropped && transfer.warms_up_searches() {
+            let beginning = planned.take_beginning(state, &self.states[state].anchor);
+            if let Some((guide, first)) =
+                beginning.unwrap_or_else(|| transfer.evidence(state).beginning(space))
+            {
                 search.follow(guide, first);
             }
         }
-        self.work[state].exploration = Some(Exploration::new(search));
-        self.work[state].changes += 1;
-        self.states[state].explored = true;
-        self.atlas.note(&self.states[state]);
+        self.searches.begin(state, search);
+        self.states.note_search(state);
     }
 
     /// The axes that the next point of a state's search leaves where they are: decided anew every few trials, and
     /// now and then none, so that there is evidence against it.
-    fn hold(&mut self, state: usize) -> Vec<(usize, f64)> {
-        let work = &mut self.work[state];
-        let Some(mut exploration) = work.exploration.take_if(|exploration| exploration.search.is_some())
-        else {
+    fn hold(&mut self, state: StateId) -> Vec<(usize, f64)> {
+        let goes_on = |exploration: &&Exploration| exploration.search.is_some();
+        let Some(mut held) = self.searches.of(state).filter(goes_on).map(|own| own.held.clone()) else {
             return Vec::new();
         };
-        work.changes += 1;
-        let held = self.held_axes(&mut exploration, state);
-        self.work[state].exploration = Some(exploration);
-        held
+        let axes = self.held_axes(&mut held, state);
+        if let Some(exploration) = self.searches.change(state) {
+            exploration.held = held;
+        }
+        axes
     }
 
-    /// The same on a copy of the exploration.
-    pub(super) fn held_axes(&self, exploration: &mut Exploration, state: usize) -> Vec<(usize, f64)> {
+    /// The same on a copy of what is held.
+    pub(super) fn held_axes(&self, held: &mut Option<Held>, state: StateId) -> Vec<(usize, f64)> {
         let Some(risk) = self.spec.policy.freeze_risk else {
-            exploration.held = None;
+            *held = None;
             return Vec::new();
         };
-        let knowledge = &self.states[state].knowledge;
+        let knowledge = self.states.knowledge(state);
         let tried = knowledge.tried();
-        if self.screening.is_due(exploration.held.as_ref(), tried) {
+        if self.screening.is_due(held.as_ref(), tried) {
             let best = knowledge.best().map_or(self.spec.space.default_ref(), |best| &best.configuration);
-            let before = exploration.held.as_ref();
-            exploration.held = Some(self.screening.judge(&self.spec.space, state, best, risk, before, tried));
+            let now = self.screening.judge(&self.spec.space, place(state), best, risk, held.as_ref(), tried);
+            *held = Some(now);
         }
-        let Some(held) = exploration.held.as_mut().filter(|held| !held.axes.is_empty()) else {
+        let Some(held) = held.as_mut().filter(|held| !held.axes.is_empty()) else {
             return Vec::new();
         };
         held.points += 1;
@@ -197,26 +201,24 @@ impl Tuner {
     /// Asks the search until a point is worth a measurement. Points that fall on configurations with a
     /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
     /// whose configuration runs just now in this state go back until it is reported.
-    fn walk(&mut self, state: usize, held: &[(usize, f64)]) -> Walk {
-        let Tuner { spec, states, work, thoughts, .. } = self;
-        let (space, policy, knowledge) = (&spec.space, &spec.policy, &states[state].knowledge);
-        let Work { exploration: Some(exploration), running, changes, .. } = &mut work[state] else {
+    fn walk(&mut self, state: StateId, held: &[(usize, f64)], planned: &mut Planned) -> Walk {
+        let (space, policy) = (&self.spec.space, &self.spec.policy);
+        let knowledge = self.states.knowledge(state);
+        let spent = match self.searches.of(state) {
+            Some(own) if own.search.is_some() => is_spent(own, knowledge, policy),
+            _ => return Walk::Wait,
+        };
+        let Some(Exploration { search: Some(search), .. }) = self.searches.change(state) else {
             return Walk::Wait;
         };
-        let spent = is_spent(exploration, knowledge, policy);
-        let Some(search) = &mut exploration.search else {
-            return Walk::Wait;
-        };
-        *changes += 1;
         let moves = !search.hold(held);
-        let thinks = thoughts.is_none();
-        if let Some(plan) = thoughts.as_mut().and_then(|thoughts| thoughts.take_plan(states[state].id)) {
-            search.adopt(plan);
+        if let Some(point) = planned.take_point(state) {
+            search.adopt(point);
         }
         let mut waiting = Vec::new();
         let mut walk = Walk::OnlyKnown;
         for _ in 0..KNOWN_POINTS_PER_SUGGESTION_MAX {
-            let is_at_hand = thinks || search.is_ready();
+            let is_at_hand = planned.is_at_once() || search.is_ready();
             let Some(point) = is_at_hand.then(|| search.ask()).flatten() else {
                 walk = Walk::Wait;
                 break;
@@ -238,7 +240,7 @@ impl Tuner {
             };
             if let Some(verdict) = settled {
                 search.tell(point.id, Feedback { verdict, fresh: false });
-            } else if running.contains_key(&configuration) {
+            } else if self.trials.runs(state, &configuration) {
                 waiting.push(point.id);
                 walk = Walk::Wait;
             } else if spent && (point.step == Step::Replicate || !knowledge.is_tried(&configuration)) {
@@ -258,12 +260,12 @@ impl Tuner {
 
     fn measure(
         &mut self,
-        state: usize,
-        number: u64,
+        state: StateId,
+        number: TrialNumber,
         point: Point,
         configuration: Configuration,
     ) -> Prediction {
-        let record = self.states[state].knowledge.record(&configuration);
+        let record = self.states.knowledge(state).record(&configuration);
         let known = record.filter(|record| record.measurements > 0);
         let predicted_cost = known.map(|record| record.mean_cost);
         let (mode, summary) = match (point.step, known) {
@@ -280,7 +282,7 @@ impl Tuner {
             }
         };
         let neighbours = match point.step {
-            Step::Elsewhere => self.neighbours(state),
+            Step::Elsewhere => self.transfer().neighbours(state),
             _ => Vec::new(),
         };
         let reason = Reason {
@@ -290,24 +292,29 @@ impl Tuner {
             neighbours,
             ..Reason::default()
         };
-        if let Some(exploration) = &mut self.work[state].exploration {
-            exploration.open.insert(number, point.id);
+        if let Some(exploration) = self.searches.change(state) {
+            exploration.open.insert(number.0, point.id);
         }
-        self.work[state].changes += 1;
         Prediction { configuration, mode, predicted_cost, reason, insight: None }
     }
 
     /// A configuration without a verdict that nobody runs, drawn at random; `None` when a bounded number of
     /// draws meets none, as in a space that is as good as used up.
-    fn unseen(&self, state: usize, number: u64) -> Option<Configuration> {
-        let knowledge = &self.states[state].knowledge;
-        let running = &self.work[state].running;
-        let mut random = stream(self.spec.seed, Purpose::Unseen, self.states[state].id, number);
+    fn unseen(&self, state: StateId, number: TrialNumber) -> Option<Configuration> {
+        let knowledge = self.states.knowledge(state);
+        let mut random = stream(self.spec.seed, Purpose::Unseen, state.0, number.0);
         (0..UNSEEN_DRAWS_MAX).find_map(|_| {
             let x: Vec<f64> = (0..self.spec.space.dimension()).map(|_| random.random()).collect();
             let configuration = self.spec.space.decode(&x);
-            let seen = knowledge.settled(&configuration, 1).is_some() || running.contains_key(&configuration);
+            let seen =
+                knowledge.settled(&configuration, 1).is_some() || self.trials.runs(state, &configuration);
             (!seen).then_some(configuration)
         })
     }
+}
+
+/// Whether a search has no trial left to hand out that adds a configuration.
+pub(super) fn is_spent(exploration: &Exploration, knowledge: &Knowledge, policy: &Policy) -> bool {
+    let taken = knowledge.tried() + exploration.repeats() as usize + exploration.open.len();
+    taken >= policy.trials_per_state as usize
 }

@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use crate::ids::StateId;
 use crate::limits::{CLIENTS_MAX, GAIN_STATES_MAX};
+use crate::tuner::states::place;
 
 /// The gain that is expected where no search has shown one: the paper's average over its scenes.
 const GAIN_PRIOR: f64 = 0.11;
@@ -56,7 +58,8 @@ impl History {
     }
 
     /// Counts a frame that a client reported from a state.
-    pub(super) fn frame(&mut self, client_id: &str, state: usize) {
+    pub(super) fn frame(&mut self, client_id: &str, state: StateId) {
+        let state = place(state);
         let stays = match self.clients.get_mut(client_id) {
             Some((current, length)) if *current == state => {
                 *length += 1;
@@ -81,8 +84,8 @@ impl History {
     }
 
     /// Notes how far the search of a state is.
-    pub(super) fn progress(&mut self, state: usize, tried: usize, best: f64) {
-        let history = Arc::make_mut(&mut self.states[state]);
+    pub(super) fn progress(&mut self, state: StateId, tried: usize, best: f64) {
+        let history = Arc::make_mut(&mut self.states[place(state)]);
         history.best = best;
         while tried >= 1 << history.best_at.len() {
             history.best_at.push(best);
@@ -96,43 +99,46 @@ impl History {
     }
 
     /// How often clients came to a state.
-    pub(super) fn visits(&self, state: usize) -> u64 {
-        self.states[state].visits
+    pub(super) fn visits(&self, state: StateId) -> u64 {
+        self.states[place(state)].visits
     }
 
     /// How many frames were reported from a state.
-    pub(super) fn frames(&self, state: usize) -> u64 {
-        self.states[state].frames
+    pub(super) fn frames(&self, state: StateId) -> u64 {
+        self.states[place(state)].frames
     }
 
     /// For how many frames in a row a client has reported from a state.
-    pub(super) fn stay(&self, client_id: &str, state: usize) -> u64 {
-        self.clients.get(client_id).filter(|(current, _)| *current == state).map_or(0, |(_, length)| *length)
+    pub(super) fn stay(&self, client_id: &str, state: StateId) -> u64 {
+        self.clients
+            .get(client_id)
+            .filter(|(current, _)| *current == place(state))
+            .map_or(0, |(_, length)| *length)
     }
 
     /// How many more frames a state is expected to see: as many visits again as it has had, of the length that
     /// visits to it have, drawn towards those of all states; and a stay lasts on for as long as it has lasted (what
     /// has no scale of its own is half over on average: Gott, "Implications of the Copernican principle for our
     /// future prospects", 1993).
-    pub(super) fn frames_ahead(&self, client_id: &str, state: usize) -> f64 {
+    pub(super) fn frames_ahead(&self, client_id: &str, state: StateId) -> f64 {
         let mean = if self.visits == 0 { 1.0 } else { self.frames as f64 / self.visits as f64 };
-        let history = &self.states[state];
+        let history = &self.states[place(state)];
         let length = (history.frames as f64 + mean) / (history.visits as f64 + 1.0);
         (length * history.visits.max(1) as f64).max(self.stay(client_id, state) as f64)
     }
 
     /// What going on with a search after so many configurations gained in the other states: on average, drawn
     /// towards the paper's, and at most; shares of the cost.
-    pub(super) fn gains(&self, state: usize, tried: usize) -> (f64, f64) {
-        let place = (tried.max(1)).ilog2() as usize;
+    pub(super) fn gains(&self, state: StateId, tried: usize) -> (f64, f64) {
+        let (own, power) = (place(state), tried.max(1).ilog2() as usize);
         let (mut sum, mut count, mut largest) = (GAIN_PRIOR, 1, 0.0f64);
         // The states met last stand for all of a large study.
         let latest = self.states.iter().enumerate().rev().take(GAIN_STATES_MAX);
         for (other, history) in latest {
-            if other == state || history.best_at.len() < place + 2 {
+            if other == own || history.best_at.len() < power + 2 {
                 continue;
             }
-            let then = history.best_at[place];
+            let then = history.best_at[power];
             let gain = if then > 0.0 { (1.0 - history.best / then).max(0.0) } else { 0.0 };
             sum += gain;
             count += 1;
@@ -151,6 +157,7 @@ impl History {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tuner::states::at;
 
     #[test]
     fn stays_are_counted_by_client_and_state() {
@@ -158,32 +165,32 @@ mod tests {
         history.found();
         history.found();
         for (client, state) in [("a", 0), ("a", 0), ("b", 0), ("a", 1), ("a", 0)] {
-            history.frame(client, state);
+            history.frame(client, at(state));
         }
-        assert_eq!((history.visits(0), history.frames(0)), (3, 4));
-        assert_eq!((history.visits(1), history.frames(1)), (1, 1));
-        assert_eq!((history.stay("a", 0), history.stay("a", 1), history.stay("c", 0)), (1, 0, 0));
+        assert_eq!((history.visits(at(0)), history.frames(at(0))), (3, 4));
+        assert_eq!((history.visits(at(1)), history.frames(at(1))), (1, 1));
+        assert_eq!((history.stay("a", at(0)), history.stay("a", at(1)), history.stay("c", at(0))), (1, 0, 0));
         // Three more visits of (4 + 5/4) / 4 frames.
-        assert!((history.frames_ahead("a", 0) - 3.0 * 5.25 / 4.0).abs() < 1e-12);
-        (0..99).for_each(|_| history.frame("a", 0));
-        assert!(history.frames_ahead("a", 0) >= 100.0);
+        assert!((history.frames_ahead("a", at(0)) - 3.0 * 5.25 / 4.0).abs() < 1e-12);
+        (0..99).for_each(|_| history.frame("a", at(0)));
+        assert!(history.frames_ahead("a", at(0)) >= 100.0);
     }
 
     #[test]
     fn gains_are_learnt_from_other_states() {
         let mut history = History::default();
         (0..5).for_each(|_| history.found());
-        assert_eq!(history.gains(0, 0), (GAIN_PRIOR, GAIN_PRIOR));
+        assert_eq!(history.gains(at(0), 0), (GAIN_PRIOR, GAIN_PRIOR));
         for state in 1..5 {
             for (tried, best) in [(1, 10.0), (2, 10.0), (4, 9.0), (8, 9.0)] {
-                history.progress(state, tried, best);
+                history.progress(at(state), tried, best);
             }
         }
-        let (mean, most) = history.gains(0, 1);
+        let (mean, most) = history.gains(at(0), 1);
         assert!((mean - (0.11 + 4.0 * 0.1) / 5.0).abs() < 1e-12);
         assert!((most - 0.1).abs() < 1e-12);
         // After four configurations nothing more was found anywhere.
-        assert_eq!(history.gains(0, 4).1, 0.0);
+        assert_eq!(history.gains(at(0), 4).1, 0.0);
     }
 
     #[test]

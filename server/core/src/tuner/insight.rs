@@ -2,6 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::ids::StateId;
+use crate::predict::atlas::Mute;
+use crate::tuner::Tuner;
+
 /// What the policy knows of a state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Insight {
@@ -72,4 +76,92 @@ pub enum OmissionReason {
     Constant,
     /// The indicator follows another in a straight line: left out of distances and features.
     Redundant,
+}
+
+impl Tuner {
+    /// What is known of a state.
+    pub(super) fn insight(&self, state: StateId) -> Insight {
+        let (knowledge, gain) = (self.states.knowledge(state), self.gain());
+        let prospect = gain.prospect("", state);
+        let left = (self.spec.policy.trials_per_state as usize).saturating_sub(knowledge.tried());
+        let mut omissions = Vec::new();
+        if self.spec.policy.weigh_gain
+            && !self.is_finished(state)
+            && let Some(reason) = gain.not_worth(state, &prospect)
+        {
+            let percent = 100.0 * prospect.gain_at_most;
+            let noise = 100.0 * knowledge.noise().unwrap_or(0.0);
+            let summary = match reason {
+                OmissionReason::BelowNoise => {
+                    format!("at most {percent:.1} % can be gained, less than frames vary ({noise:.1} %)")
+                }
+                _ => format!(
+                    "a gain of {:.1} % over {:.0} frames does not pay for exploring worth {:.1} frames",
+                    100.0 * prospect.gain,
+                    prospect.frames,
+                    prospect.exploring_cost
+                ),
+            };
+            let saved_trials = left as f64;
+            omissions.push(Omission { parameter: None, reason, summary, saved_trials, risk: None });
+        }
+        self.omitted_parameters(state, &mut omissions);
+        self.omitted_indicators(&mut omissions);
+        Insight {
+            state_id: state.0,
+            tried: knowledge.tried() as u64,
+            visits: self.history.visits(state),
+            frames: self.history.frames(state),
+            noise: knowledge.noise(),
+            outliers: knowledge.outliers(),
+            drifts: knowledge.drifts(),
+            prospect: (!self.is_finished(state)).then_some(prospect),
+            omissions,
+        }
+    }
+
+    /// Parameters that the search of a state leaves out, and why.
+    fn omitted_parameters(&self, state: StateId, omissions: &mut Vec<Omission>) {
+        let best = self.states.knowledge(state).best();
+        let held = self.searches.of(state).and_then(|exploration| exploration.held.as_ref());
+        for (axis, parameter) in self.spec.space.parameters().iter().enumerate() {
+            // To try each of its other values once.
+            let saved_trials = parameter.domain.alternatives() as f64;
+            let mut add = |reason, summary, risk| {
+                let parameter = Some(parameter.name.clone());
+                omissions.push(Omission { parameter, reason, summary, saved_trials, risk });
+            };
+            let is_active = best.is_none_or(|best| best.configuration.get(&parameter.name).is_some());
+            if let (false, Some(condition)) = (is_active, &parameter.active_if) {
+                let summary =
+                    format!("it means nothing beside the best known value of {}", condition.parameter);
+                add(OmissionReason::Inactive, summary, None);
+            } else if let Some(held) = held.and_then(|held| held.axes.iter().find(|held| held.axis == axis)) {
+                let summary = format!(
+                    "no other value gains more than {:.2} % (held since {} configurations were tried)",
+                    100.0 * held.gain_at_most,
+                    held.since
+                );
+                add(OmissionReason::Insensitive, summary, self.spec.policy.freeze_risk);
+            }
+        }
+    }
+
+    /// Indicators that predictors do not look at, and why.
+    fn omitted_indicators(&self, omissions: &mut Vec<Omission>) {
+        let name = |axis: usize| self.spec.indicators.indicators()[axis].name.clone();
+        let states = self.states.spread().states();
+        for Mute { axis, says } in self.states.mute() {
+            let (reason, summary) = match says {
+                None => (OmissionReason::Constant, format!("it is the same in all {states} states")),
+                Some(other) => {
+                    let summary =
+                        format!("in all {states} states it follows {} in a straight line", name(other));
+                    (OmissionReason::Redundant, summary)
+                }
+            };
+            let parameter = Some(name(axis));
+            omissions.push(Omission { parameter, reason, summary, saved_trials: 0.0, risk: None });
+        }
+    }
 }

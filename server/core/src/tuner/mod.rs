@@ -7,133 +7,322 @@
 //!
 //! The machine is pure. Whatever an answer depends on is either in the rows of the [`Change`]s it returned
 //! or is rebuilt from them: a tuner that is [restored](Tuner::restore) gives the same next answers, byte for
-//! byte, as one that never stopped. `recognise` finds states, `decide` takes decisions, `explore` walks a
-//! search, `suggest` and `report` are the two halves of a client's frame, `restore` rebuilds.
+//! byte, as one that never stopped.
+//!
+//! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and what is known of each state),
+//! `trials` (what is open, and who holds it), `visits` (where clients are, and their budgets), `searches`, `models`,
+//! `history` and `screening`. What it does with them is in the files of its steps: `decide` and `gain` take decisions,
+//! `explore` and `within_budget` walk a search, `transfer` is the door for what other states and machines say, `plan`
+//! computes apart what is slow, `suggest` and `report` are the two halves of a client's frame, `restore` and
+//! `checkpoint` rebuild.
 
-pub mod account;
-mod ahead;
+pub mod budget;
 mod checkpoint;
 mod checks;
 mod decide;
-mod elsewhere;
 mod exploration;
 mod explore;
+mod gain;
 mod history;
 mod insight;
-mod others;
-mod recognise;
+mod models;
+mod plan;
 mod report;
 mod restore;
 mod screening;
+mod searches;
+mod states;
 mod suggest;
+mod transfer;
+mod trials;
 mod types;
-mod weigh;
+mod visits;
+mod within_budget;
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-pub use account::Account;
-pub use ahead::{Errand, Thoughts};
+pub use budget::Account;
 pub use checkpoint::Learnt;
 pub use exploration::Exploration;
 pub use insight::{Insight, Omission, OmissionReason, Prospect};
+pub use plan::{PlanRequest, SuggestionPlan};
 pub use restore::Restoring;
 pub use types::{
     Ask, Best, Change, Checkpoint, Decision, Prediction, RawVisit, RestoreError, Snapshot, StateRecord,
     Statistics, TunerError, Visit,
 };
 
-use crate::configuration::Configuration;
-use crate::fleet::Fleet;
-use crate::knowledge::{KnownState, Record};
-use crate::limits::RECORDS_PER_STUDY_MAX;
+use crate::configuration::RawConfiguration;
+use crate::ids::{StateId, TrialNumber};
+use crate::knowledge::Record;
 use crate::policy::{Policy, PredictorMethod};
 use crate::predict::prequential::Interval;
-use crate::predict::{Atlas, Predictors, Query};
+use crate::predict::{ComputedUpdates, DeferredUpdates, Predictors};
 use crate::study::{StudyError, StudySpec};
-use crate::trial::{Fingerprint, Trial};
+use crate::trial::{Explanation, Fingerprint, Mode, Outcome, Reason, Rule, Trial, TrialState};
+use crate::tuner::decide::plain_reason;
+use crate::tuner::gain::Gain;
 use crate::tuner::history::History;
+use crate::tuner::models::Models;
+use crate::tuner::plan::Planned;
 use crate::tuner::screening::Screening;
+use crate::tuner::searches::Searches;
+use crate::tuner::states::States;
+use crate::tuner::transfer::Transfer;
+use crate::tuner::trials::OpenTrials;
+use crate::tuner::visits::Visits;
 
 /// The state machine of one study. Pure: time comes in as `now_ms`, randomness from the study's seed.
 ///
 /// No call costs more when there are more trials; recognising a state grows with the logarithm of their number. What
-/// takes milliseconds all the same can be done [apart](Errand).
+/// takes milliseconds all the same can be computed [apart](PlanRequest).
 #[derive(Clone, Debug)]
 pub struct Tuner {
     spec: Arc<StudySpec>,
-    /// State `id` sits at place `id - 1`.
-    states: Vec<KnownState>,
-    /// The work that goes on in each state, in the same order.
-    work: Vec<Work>,
-    visits: BTreeMap<String, Visit>,
-    /// Open trials by number.
-    open: BTreeMap<u64, Trial>,
-    /// When their leases run out, soonest first.
-    leases: BTreeSet<(i64, u64)>,
-    /// The open trials of each client: number by state.
-    held: BTreeMap<String, BTreeMap<u64, u64>>,
-    /// Where the states lie.
-    atlas: Atlas,
-    /// Whose measurements they are.
-    fleet: Fleet,
-    /// What the policy's predictor needs, see [`Tuner::set_policy`].
-    predictors: Predictors,
+    states: States,
+    searches: Searches,
+    trials: OpenTrials,
+    visits: Visits,
+    models: Models,
     history: History,
     screening: Screening,
-    last_trial: u64,
+    /// How many trials were completed, and the place of the last in the order of completion.
     completed: u64,
     last_completion: u64,
-    models_since: u64,
-    /// How many configurations are remembered in all states, and above which count some are forgotten.
-    remembered: usize,
-    forget_above: usize,
-    /// While a question is answered whose thinking was done before.
-    thoughts: Option<Thoughts>,
-    /// Whether reports leave to others what takes long.
-    defers: bool,
 }
 
-/// The work that goes on in one state.
-#[derive(Clone, Debug, Default, PartialEq)]
-struct Work {
-    exploration: Option<Exploration>,
-    /// Rises whenever the exploration may have changed, so that its row is to be written.
-    changes: u64,
-    /// How many open trials run each configuration here. Only looked up, so its order does not matter.
-    running: HashMap<Configuration, u32>,
-    /// The states that other machines met the same input as: their places, nearest relations first.
-    siblings: Vec<u32>,
+/// A client's question with its indicators normalised and its state recognised. Good until the tuner is changed.
+#[derive(Clone, Debug)]
+pub struct Question<'a> {
+    ask: &'a Ask,
+    normalised: Vec<f64>,
+    /// The known state; `None` for one that is new.
+    state: Option<StateId>,
 }
 
 impl Tuner {
     /// A tuner that has seen nothing yet.
     pub fn new(spec: Arc<StudySpec>) -> Result<Self, StudyError> {
         spec.validate()?;
-        let indicators = spec.indicators.indicators().len();
+        let states = States::new(&spec);
         Ok(Tuner {
-            atlas: Atlas::new(indicators),
-            predictors: Predictors::new(spec.policy.predictor, &spec.space, indicators, spec.seed, &[]),
-            fleet: Fleet::default(),
-            states: Vec::new(),
-            work: Vec::new(),
-            visits: BTreeMap::new(),
-            open: BTreeMap::new(),
-            leases: BTreeSet::new(),
-            held: BTreeMap::new(),
-            history: History::default(),
+            models: Models::new(&spec, spec.policy.predictor, &states, 0),
             screening: Screening::new(&spec.space),
-            last_trial: 0,
+            searches: Searches::default(),
+            trials: OpenTrials::default(),
+            visits: Visits::default(),
+            history: History::default(),
             completed: 0,
             last_completion: 0,
-            models_since: 0,
-            remembered: 0,
-            forget_above: RECORDS_PER_STUDY_MAX,
-            thoughts: None,
-            defers: false,
+            states,
             spec,
         })
     }
+
+    // Suggest.
+
+    /// Recognises what a client asks about. Changes nothing.
+    pub fn question<'a>(&self, ask: &'a Ask) -> Result<Question<'a>, TunerError> {
+        checks::client_id(&ask.client_id)?;
+        checks::fingerprint(ask.fingerprint.as_ref())?;
+        Ok(self.recognised(ask, self.spec.indicators.normalise(&ask.indicators)?))
+    }
+
+    /// Hands out a trial under a lease, and tells what must be stored before the client may hear of it.
+    ///
+    /// A client that still holds an open trial for the state gets that one again with a fresh lease (its
+    /// answer was lost), unless the policy began or ceased to pin since, or the client's regret budget does not
+    /// allow it to be run once more. `now_ms` is the caller's clock.
+    pub fn suggest(&mut self, ask: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
+        let question = self.question(ask)?;
+        self.answer(question, self.pinned(), Planned::AtOnce, now_ms)
+    }
+
+    /// [`Tuner::suggest`] in microseconds, where [`Tuner::plan`] has just found nothing to be computed before.
+    pub fn suggest_now(
+        &mut self,
+        question: Question<'_>,
+        now_ms: i64,
+    ) -> Result<(Trial, Change), TunerError> {
+        self.answer(question, self.pinned(), Planned::Ahead(SuggestionPlan::default()), now_ms)
+    }
+
+    /// [`Tuner::suggest`] in microseconds, with what was computed before. The tuner may have changed since.
+    pub fn suggest_planned(
+        &mut self,
+        ask: &Ask,
+        plan: SuggestionPlan,
+        now_ms: i64,
+    ) -> Result<(Trial, Change), TunerError> {
+        let question = match plan.normalised() {
+            Some(normalised) => self.recognised(ask, normalised.to_vec()),
+            None => self.question(ask)?,
+        };
+        self.answer(question, self.pinned(), Planned::Ahead(plan), now_ms)
+    }
+
+    /// Hands out a trial of a configuration that the client wants to measure, as if the policy pinned it for
+    /// this one question: the client's visit and the state's search stay as they are.
+    pub fn suggest_wanted(
+        &mut self,
+        ask: &Ask,
+        wanted: RawConfiguration,
+        now_ms: i64,
+    ) -> Result<(Trial, Change), TunerError> {
+        let configuration = self.spec.space.configuration(wanted)?;
+        let question = self.question(ask)?;
+        let summary = "The client asked for this configuration.".into();
+        let explanation = Explanation::of(Rule::Wanted);
+        let reason = Reason { explanation, ..plain_reason("wanted", summary) };
+        let wanted =
+            Prediction { configuration, mode: Mode::Pinned, predicted_cost: None, reason, insight: None };
+        self.answer(question, Some(wanted), Planned::AtOnce, now_ms)
+    }
+
+    // Report, and the other ends of a trial.
+
+    /// Takes the result of a trial and tells what must be stored before it is acknowledged.
+    ///
+    /// `trial` is the record the caller has: [`Tuner::open_trial`], or what its store holds when the lease
+    /// has run out (the result is taken all the same and flagged `late`). [`TunerError::AlreadyCompleted`]
+    /// and [`TunerError::Abandoned`] tell what the caller's record says. `measurements` are finite and not
+    /// negative; with [`Outcome::Ok`] they hold every metric of the objective.
+    pub fn report(
+        &mut self,
+        trial: &Trial,
+        measurements: BTreeMap<String, f64>,
+        outcome: Outcome,
+        now_ms: i64,
+    ) -> Result<(Trial, Change), TunerError> {
+        let number = trial.number;
+        let trial = match (self.trials.get(TrialNumber(number)), trial.state) {
+            (Some(open), _) => open,
+            (None, TrialState::Completed) => return Err(TunerError::AlreadyCompleted { number }),
+            (None, TrialState::Abandoned) => return Err(TunerError::Abandoned { number }),
+            (None, TrialState::Expired) if self.is_ours(trial) => trial,
+            (None, _) => return Err(TunerError::UnknownTrial { number }),
+        };
+        checks::measurements(&measurements)?;
+        checks::outcome(&outcome)?;
+        let completed = self.completed(trial, measurements, outcome, now_ms)?;
+        let change = self.take(&completed);
+        Ok((completed, change))
+    }
+
+    /// Gives a trial back unmeasured; its search point is handed out again. Idempotent. `trial` is the
+    /// record the caller has, as for [`Tuner::report`].
+    pub fn abandon(&mut self, trial: &Trial) -> Result<(Trial, Change), TunerError> {
+        let number = trial.number;
+        if let Some(state) = self.trials.get(TrialNumber(number)).map(|open| StateId(open.state_id)) {
+            let before = self.searches.changes(state);
+            let abandoned = self.take_back(TrialNumber(number), TrialState::Abandoned);
+            let mut change = Change { trials: abandoned.into_iter().collect(), ..Change::default() };
+            if self.searches.changes(state) != before {
+                change.states.push(self.state_record(state));
+            }
+            let trial = change.trials[0].clone();
+            return Ok((trial, change));
+        }
+        match trial.state {
+            TrialState::Completed => Err(TunerError::AlreadyCompleted { number }),
+            TrialState::Abandoned => Ok((trial.clone(), Change::default())),
+            TrialState::Expired if self.is_ours(trial) => {
+                let abandoned = Trial { state: TrialState::Abandoned, ..trial.clone() };
+                Ok((abandoned.clone(), Change { trials: vec![abandoned], ..Change::default() }))
+            }
+            _ => Err(TunerError::UnknownTrial { number }),
+        }
+    }
+
+    /// Renews the lease of an open trial, counted from now.
+    pub fn extend_lease(&mut self, trial: &Trial, now_ms: i64) -> Result<(Trial, Change), TunerError> {
+        match self.renew(TrialNumber(trial.number), now_ms) {
+            Some(renewed) => Ok((renewed.clone(), Change { trials: vec![renewed], ..Change::default() })),
+            None => Err(TunerError::NotOpen { number: trial.number, state: trial.state }),
+        }
+    }
+
+    /// Ends every lease that has run out by `now_ms`: the trial is expired and its search point goes back.
+    pub fn expire(&mut self, now_ms: i64) -> Change {
+        let mut change = Change::default();
+        let mut states = BTreeSet::new();
+        for number in self.trials.due(now_ms) {
+            let Some(state) = self.trials.get(number).map(|trial| StateId(trial.state_id)) else {
+                continue;
+            };
+            let before = self.searches.changes(state);
+            change.trials.extend(self.take_back(number, TrialState::Expired));
+            if self.searches.changes(state) != before {
+                states.insert(state);
+            }
+        }
+        change.states = states.into_iter().map(|state| self.state_record(state)).collect();
+        change
+    }
+
+    /// An open trial.
+    pub fn open_trial(&self, number: u64) -> Option<&Trial> {
+        self.trials.get(TrialNumber(number))
+    }
+
+    /// When the next lease runs out, in milliseconds of the caller's clock.
+    pub fn next_expiry_ms(&self) -> Option<i64> {
+        self.trials.next_expiry_ms()
+    }
+
+    // Predict and best.
+
+    /// What would be exploited for these indicators, on a machine where one is named. Changes nothing.
+    pub fn predict(
+        &self,
+        indicators: &BTreeMap<String, f64>,
+        fingerprint: Option<&Fingerprint>,
+    ) -> Result<Prediction, TunerError> {
+        self.prediction(indicators, fingerprint, &Planned::AtOnce)
+    }
+
+    /// [`Tuner::predict`] in microseconds, with what was computed before.
+    pub fn predict_planned(
+        &self,
+        indicators: &BTreeMap<String, f64>,
+        fingerprint: Option<&Fingerprint>,
+        plan: SuggestionPlan,
+    ) -> Result<Prediction, TunerError> {
+        self.prediction(indicators, fingerprint, &Planned::Ahead(plan))
+    }
+
+    /// The best known configuration of the state that matches the indicators, or of all states where none are given.
+    /// `None` when nothing has been measured there. The state is that of the named machine if it has been there, else of
+    /// the one that has reported the most frames from it.
+    pub fn best(
+        &self,
+        indicators: Option<&BTreeMap<String, f64>>,
+        fingerprint: Option<&Fingerprint>,
+    ) -> Result<Option<Best>, TunerError> {
+        checks::fingerprint(fingerprint)?;
+        let best_of = |state: StateId| self.states.knowledge(state).best().map(|best| (state, best));
+        let found = match indicators {
+            Some(indicators) => {
+                let state = self.recognise_for(fingerprint, &self.spec.indicators.normalise(indicators)?);
+                state.and_then(best_of)
+            }
+            None => {
+                let all = self.states.ids().filter_map(best_of);
+                all.min_by(|a, b| a.1.mean_cost.total_cmp(&b.1.mean_cost))
+            }
+        };
+        Ok(found.map(|(state, record)| self.best_answer(state, record)))
+    }
+
+    /// What the best known configuration of a state costs; `None` when nothing has been measured there.
+    pub fn best_cost(&self, state: impl Into<StateId>) -> Option<f64> {
+        let state = state.into();
+        let known = self.states.contains(state).then(|| self.states.knowledge(state))?;
+        known.best().map(|best| best.mean_cost)
+    }
+
+    // The study.
 
     /// The specification, with the policy in force.
     pub fn spec(&self) -> &Arc<StudySpec> {
@@ -155,154 +344,110 @@ impl Tuner {
         if before == now || !(Predictors::are_needed(before) || Predictors::are_needed(now)) {
             return Ok(false);
         }
-        self.models_since = self.last_completion;
-        self.predictors = self.untaught(now);
+        self.models.begin(&self.spec, now, &self.states, self.last_completion);
         Ok(Predictors::are_needed(now) && self.last_completion > 0)
-    }
-
-    /// The models that a predictor needs, before they are taught anything.
-    fn untaught(&self, predictor: PredictorMethod) -> Predictors {
-        let indicators = self.spec.indicators.indicators().len();
-        let mute: Vec<usize> = self.atlas.mute().iter().map(|mute| mute.axis).collect();
-        Predictors::new(predictor, &self.spec.space, indicators, self.spec.seed, &mute)
     }
 
     /// The place in the order of completion at which the models in use were begun; to be stored with the policy.
     pub fn models_since(&self) -> u64 {
-        self.models_since
-    }
-
-    /// An open trial.
-    pub fn open_trial(&self, number: u64) -> Option<&Trial> {
-        self.open.get(&number)
-    }
-
-    /// When the next lease runs out, in milliseconds of the caller's clock.
-    pub fn next_expiry_ms(&self) -> Option<i64> {
-        self.leases.first().map(|&(expire_ms, _)| expire_ms)
+        self.models.since()
     }
 
     /// Counts.
     pub fn statistics(&self) -> Statistics {
         Statistics {
             states: self.states.len() as u64,
-            trials: self.last_trial,
+            trials: self.trials.last().0,
             completed_trials: self.completed,
-            open_trials: self.open.len() as u64,
+            open_trials: self.trials.len() as u64,
         }
     }
 
     /// How wrong each predictor was in this study: mean error with a 95 % interval, see
     /// [`prequential`](crate::predict::prequential). `Auto` stands for the choice among them.
     pub fn predictor_errors(&self) -> Vec<(PredictorMethod, Interval)> {
-        self.predictors.errors()
+        self.models.errors()
     }
 
-    /// The best known configuration of the state that matches the indicators, or of all states where none are given.
-    /// `None` when nothing has been measured there. The state is that of the named machine if it has been there, else of
-    /// the one that has reported the most frames from it.
-    pub fn best(
+    // Deferred updates of the models.
+
+    /// From now on reports defer what takes the models long: see [`Tuner::deferred_updates`].
+    pub fn defer_updates(&mut self) {
+        self.models.defer();
+    }
+
+    /// The updates that reports have deferred, to be computed apart; `None` where there are none. What is not computed
+    /// in time is computed by a later report.
+    pub fn deferred_updates(&self) -> Option<DeferredUpdates> {
+        self.models.deferred()
+    }
+
+    /// Whether reports have deferred anything.
+    pub fn has_deferred_updates(&self) -> bool {
+        self.models.has_deferred()
+    }
+
+    /// Takes over updates that were computed apart, unless somebody was faster.
+    pub fn apply_updates(&mut self, updates: ComputedUpdates) {
+        self.models.apply(updates);
+    }
+
+    // Views of the parts.
+
+    fn recognised<'a>(&self, ask: &'a Ask, normalised: Vec<f64>) -> Question<'a> {
+        let current = self.visits.state_of(&ask.client_id);
+        let state = self.states.recognise(current, ask.fingerprint.as_ref(), &normalised);
+        Question { ask, normalised, state }
+    }
+
+    fn recognise_for(&self, fingerprint: Option<&Fingerprint>, normalised: &[f64]) -> Option<StateId> {
+        self.states.recognise_for(fingerprint, normalised, |state| self.history.frames(state))
+    }
+
+    fn prediction(
         &self,
-        indicators: Option<&BTreeMap<String, f64>>,
+        indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
-    ) -> Result<Option<Best>, TunerError> {
+        planned: &Planned,
+    ) -> Result<Prediction, TunerError> {
         checks::fingerprint(fingerprint)?;
-        let best_of = |state: usize| self.states[state].knowledge.best().map(|best| (state, best));
-        let found = match indicators {
-            Some(indicators) => {
-                let state = self.recognise_for(fingerprint, &self.spec.indicators.normalise(indicators)?);
-                state.and_then(best_of)
-            }
-            None => (0..self.states.len())
-                .filter_map(best_of)
-                .min_by(|a, b| a.1.mean_cost.total_cmp(&b.1.mean_cost)),
-        };
-        Ok(found.map(|(state, record)| self.best_answer(state, record)))
+        let normalised = self.spec.indicators.normalise(indicators)?;
+        let here = self.recognise_for(fingerprint, &normalised);
+        let prediction = self.pinned().unwrap_or_else(|| self.exploitation(&normalised, here, planned));
+        Ok(Prediction { insight: here.map(|here| self.insight(here)), ..prediction })
     }
 
-    /// What the best known configuration of a state costs; `None` when nothing has been measured there.
-    pub fn best_cost(&self, state_id: u64) -> Option<f64> {
-        let state = self.states.get(usize::try_from(state_id).ok()?.checked_sub(1)?)?;
-        state.knowledge.best().map(|best| best.mean_cost)
+    fn gain(&self) -> Gain<'_> {
+        let Tuner { spec, states, history, .. } = self;
+        Gain { policy: &spec.policy, states, history }
     }
 
-    fn best_answer(&self, state: usize, record: &Record) -> Best {
+    fn transfer(&self) -> Transfer<'_> {
+        let Tuner { spec, states, searches, trials, models, .. } = self;
+        Transfer { spec, states, searches, trials, models }
+    }
+
+    fn best_answer(&self, state: StateId, record: &Record) -> Best {
         Best {
             configuration: record.configuration.clone(),
             cost: record.mean_cost,
-            default_cost: self.default_cost(state),
+            default_cost: self.states.default_cost(state),
             measurements: record.measurements,
-            state_id: self.states[state].id,
+            state_id: state.0,
             trial: record.last_trial,
             last_measure_ms: record.last_measure_ms,
         }
     }
 
-    /// Mean cost of the default configuration in a state, if it was measured there.
-    fn default_cost(&self, state: usize) -> Option<f64> {
-        let record = self.states[state].knowledge.record(self.spec.space.default_ref())?;
-        (record.measurements > 0).then_some(record.mean_cost)
-    }
-
     /// The row of a state.
-    fn state_record(&self, state: usize) -> StateRecord {
+    fn state_record(&self, state: StateId) -> StateRecord {
         StateRecord {
-            id: self.states[state].id,
+            id: state.0,
             indicators: self.states[state].anchor.clone(),
-            fingerprint: self.fleet.fingerprint(self.states[state].machine).cloned(),
-            search: self.work[state].exploration.clone(),
+            fingerprint: self.states.fingerprint(state).cloned(),
+            search: self.searches.of(state).cloned(),
         }
     }
-
-    /// Enters an open trial into the tables.
-    fn enter(&mut self, trial: Trial) {
-        let state = place(trial.state_id);
-        let running = self.work[state].running.entry(trial.configuration.clone());
-        *running.or_insert(0) += 1;
-        let held = self.held.entry(trial.client_id.clone()).or_default();
-        held.insert(trial.state_id, trial.number);
-        self.leases.insert((trial.lease_expire_ms, trial.number));
-        self.open.insert(trial.number, trial);
-    }
-
-    /// Takes an open trial out of the tables.
-    fn remove(&mut self, number: u64) -> Option<Trial> {
-        let trial = self.open.remove(&number)?;
-        self.leases.remove(&(trial.lease_expire_ms, number));
-        let running = &mut self.work[place(trial.state_id)].running;
-        if let Some(count) = running.get_mut(&trial.configuration) {
-            *count -= 1;
-            if *count == 0 {
-                running.remove(&trial.configuration);
-            }
-        }
-        if let Some(held) = self.held.get_mut(&trial.client_id) {
-            held.remove(&trial.state_id);
-            if held.is_empty() {
-                self.held.remove(&trial.client_id);
-            }
-        }
-        Some(trial)
-    }
-}
-
-/// A question about a state, known or not: then the study's first machine asks.
-fn query<'a>(
-    spec: &'a StudySpec,
-    states: &'a [KnownState],
-    atlas: &'a Atlas,
-    fleet: &'a Fleet,
-    normalised: &'a [f64],
-    here: Option<usize>,
-) -> Query<'a> {
-    let here = here.map(|state| &states[state]);
-    let machine = here.map_or(0, |here| here.machine);
-    Query { state: normalised, here, known: states, atlas, space: &spec.space, fleet, machine }
-}
-
-/// The place of a state in the tables.
-fn place(state_id: u64) -> usize {
-    state_id as usize - 1
 }
 
 #[cfg(test)]

@@ -119,13 +119,16 @@ fn outcome(kind: usize, trial: &Trial) -> Outcome {
 }
 
 /// What a daemon does, where nobody else does anything meanwhile.
-fn think_apart(tuner: &mut Tuner, question: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
+fn plan_apart(tuner: &mut Tuner, question: &Ask, now_ms: i64) -> Result<(Trial, Change), TunerError> {
     let spec = Arc::clone(tuner.spec());
-    if let Some(debts) = tuner.debts() {
-        tuner.hand_in(debts.settle(&spec.space));
+    if let Some(updates) = tuner.deferred_updates() {
+        tuner.apply_updates(updates.compute(&spec.space));
     }
-    let thoughts = tuner.errand(question, |_| true).map(Errand::run);
-    tuner.suggest_ahead(question, thoughts.unwrap_or_default(), now_ms)
+    let recognised = tuner.question(question)?;
+    match tuner.plan(&recognised, |_| true) {
+        Some(request) => tuner.suggest_planned(question, request.compute(), now_ms),
+        None => tuner.suggest_now(recognised, now_ms),
+    }
 }
 
 /// Lets `event` happen to one tuner.
@@ -145,8 +148,8 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
             let fingerprint = (machine > 0).then(|| machine_of(machine));
             let client_id = format!("client {client}");
             let question = Ask { session, can_abort: *client > 0, fingerprint, ..ask(&client_id, x, y) };
-            let answer = match tuner.defers {
-                true => think_apart(tuner, &question, *now_ms),
+            let answer = match tuner.models.defers() {
+                true => plan_apart(tuner, &question, *now_ms),
                 false => tuner.suggest(&question, *now_ms),
             };
             answer.expect("a valid question")
@@ -164,8 +167,11 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
         }
         Event::Policy { which } => {
             if tuner.set_policy(policy(*which)).expect("valid") {
-                let defers = tuner.defers;
-                *tuner = Tuner { defers, ..rows.restore(tuner, None) };
+                let defers = tuner.models.defers();
+                *tuner = rows.restore(tuner, None);
+                if defers {
+                    tuner.defer_updates();
+                }
             }
             return None;
         }
@@ -208,11 +214,11 @@ proptest! {
     }
 
     #[test]
-    fn a_tuner_that_is_thought_for_gives_the_same_answers(events in prop::collection::vec(event(), 1..160)) {
+    fn a_tuner_that_is_planned_for_gives_the_same_answers(events in prop::collection::vec(event(), 1..160)) {
         let fresh = || Tuner::new(Arc::new(spec(policy(0)))).expect("valid");
         let (mut here, mut here_rows, mut here_ms) = (fresh(), Rows::default(), 0);
         let (mut apart, mut apart_rows, mut apart_ms) = (fresh(), Rows::default(), 0);
-        apart.defer();
+        apart.defer_updates();
         for event in &events {
             let expected = happen(&mut here, &mut here_rows, event, &mut here_ms);
             prop_assert_eq!(happen(&mut apart, &mut apart_rows, event, &mut apart_ms), expected);

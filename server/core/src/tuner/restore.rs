@@ -5,11 +5,13 @@
 
 use std::sync::Arc;
 
+use crate::ids::{StateId, TrialNumber};
 use crate::limits::MODELS_TRIALS_MAX;
 use crate::policy::PredictorMethod;
 use crate::predict::Predictors;
 use crate::study::StudySpec;
 use crate::trial::{Trial, TrialState};
+use crate::tuner::trials::OpenTrials;
 use crate::tuner::{Checkpoint, RestoreError, Snapshot, StateRecord, Tuner, Visit};
 
 /// A tuner that is being rebuilt. The driver reads the completed trials behind [`after`](Restoring::after) in the
@@ -38,9 +40,10 @@ impl Restoring {
         checkpoint: Option<&Checkpoint>,
     ) -> Result<Self, RestoreError> {
         let mut tuner = Tuner::new(spec)?;
-        tuner.predictors = tuner.untaught(PredictorMethod::NearestNeighbour);
-        tuner.last_trial = snapshot.last_trial;
-        tuner.models_since = snapshot.models_since;
+        let since = snapshot.models_since;
+        // Of no model, until its place in the order of completion is reached.
+        tuner.models.begin(&tuner.spec, PredictorMethod::NearestNeighbour, &tuner.states, since);
+        tuner.trials = OpenTrials::after(TrialNumber(snapshot.last_trial));
         for record in snapshot.states {
             tuner.restore_state(record)?;
         }
@@ -50,7 +53,7 @@ impl Restoring {
         let passed_over = checkpoint.and_then(|checkpoint| tuner.take_over(checkpoint).err());
         let mut restoring = Restoring { tuner, taught: None, models_begun: false, passed_over };
         // A checkpoint from the very place of the change, or from behind it, brings the models with it.
-        restoring.models_begun = restoring.tuner.last_completion > restoring.tuner.models_since;
+        restoring.models_begun = restoring.tuner.last_completion > since;
         restoring.begin_models();
         Ok(restoring)
     }
@@ -80,7 +83,7 @@ impl Restoring {
             return Err(inconsistent(format!("trial {} has an impossible cost", trial.number)));
         }
         // What stood between may be gone.
-        let since = self.tuner.models_since;
+        let since = self.tuner.models.since();
         self.taught = self.taught.filter(|_| completion <= since);
         if !self.models_begun && completion > since {
             self.tuner.reach(since);
@@ -91,8 +94,10 @@ impl Restoring {
         }
         if let Some(taught) = &mut self.taught {
             *taught = completion;
-            self.tuner.teach(trial);
-            self.tuner.settle_debts();
+            if let Ok(normalised) = self.tuner.spec.indicators.normalise(&trial.indicators) {
+                self.tuner.teach(trial, &normalised);
+            }
+            self.tuner.models.catch_up(&self.tuner.spec.space);
         } else {
             self.tuner.reach(completion - 1);
             self.tuner.complete(trial);
@@ -105,14 +110,15 @@ impl Restoring {
     /// Begins the models once the tables are where they do.
     fn begin_models(&mut self) {
         let tuner = &mut self.tuner;
-        if self.models_begun || tuner.last_completion != tuner.models_since {
+        let since = tuner.models.since();
+        if self.models_begun || tuner.last_completion != since {
             return;
         }
         self.models_begun = true;
         let predictor = tuner.spec.policy.predictor;
-        tuner.predictors = tuner.untaught(predictor);
-        if Predictors::are_needed(predictor) && tuner.models_since > 0 {
-            self.taught = Some(tuner.models_since.saturating_sub(MODELS_TRIALS_MAX));
+        tuner.models.begin(&tuner.spec, predictor, &tuner.states, since);
+        if Predictors::are_needed(predictor) && since > 0 {
+            self.taught = Some(since.saturating_sub(MODELS_TRIALS_MAX));
         }
     }
 
@@ -120,7 +126,7 @@ impl Restoring {
     pub fn finish(self, open: impl IntoIterator<Item = Trial>) -> Result<Tuner, RestoreError> {
         let mut tuner = self.tuner;
         if self.taught.is_some() || !self.models_begun {
-            let since = tuner.models_since;
+            let since = tuner.models.since();
             return Err(inconsistent(format!(
                 "the models begin at completion {since}, which does not exist"
             )));
@@ -128,12 +134,13 @@ impl Restoring {
         for trial in open {
             tuner.check_trial(&trial)?;
             if trial.state == TrialState::Open {
-                tuner.enter(trial);
+                tuner.trials.enter(trial);
             }
         }
         // A point whose trial is gone would never come back by itself.
-        for exploration in tuner.work.iter_mut().filter_map(|work| work.exploration.as_mut()) {
-            let gone = exploration.open.keys().filter(|number| !tuner.open.contains_key(number));
+        for exploration in tuner.searches.all_mut() {
+            let is_gone = |number: &&u64| tuner.trials.get(TrialNumber(**number)).is_none();
+            let gone = exploration.open.keys().filter(is_gone);
             for number in gone.copied().collect::<Vec<_>>() {
                 exploration.release(number, None);
             }
@@ -184,31 +191,32 @@ impl Tuner {
         if indicators.len() != width || indicators.iter().any(|value| !value.is_finite()) {
             return Err(inconsistent(format!("state {id} does not have {width} finite indicators")));
         }
-        let state = self.found(indicators, fingerprint.as_ref());
-        self.states[state].explored = search.is_some();
-        self.work[state].exploration = search;
+        let state = self.states.found(indicators, fingerprint.as_ref());
+        self.states.restore_search(state, search.is_some());
+        self.searches.found(search);
+        self.history.found();
         Ok(())
     }
 
     fn restore_visit(&mut self, visit: Visit) -> Result<(), RestoreError> {
         let what = || format!("the visit of client {:?}", visit.client_id);
         self.check_state(visit.state_id, what)?;
-        self.visits.insert(visit.client_id.clone(), visit);
+        self.visits.begin(visit);
         Ok(())
     }
 
     fn check_trial(&self, trial: &Trial) -> Result<(), RestoreError> {
         let what = || format!("trial {}", trial.number);
         self.check_state(trial.state_id, what)?;
-        if trial.number == 0 || trial.number > self.last_trial {
-            let last = self.last_trial;
+        if trial.number == 0 || trial.number > self.trials.last().0 {
+            let last = self.trials.last();
             return Err(inconsistent(format!("{} is not among the {last} handed out", what())));
         }
         Ok(())
     }
 
     fn check_state(&self, state_id: u64, what: impl Fn() -> String) -> Result<(), RestoreError> {
-        if (1..=self.states.len() as u64).contains(&state_id) {
+        if self.states.contains(StateId(state_id)) {
             Ok(())
         } else {
             Err(inconsistent(format!("{} names state {state_id}, which does not exist", what())))
@@ -273,7 +281,7 @@ mod tests {
             // Without it the counts are right still, and so is the best of each state.
             let back = restored(&tuner, &snapshot, &kept, None);
             assert_eq!(back.statistics(), tuner.statistics());
-            for (state, other) in back.states.iter().zip(&tuner.states) {
+            for (state, other) in back.states.known().iter().zip(tuner.states.known()) {
                 let best = |state: &crate::knowledge::KnownState| {
                     state.knowledge.best().map(|best| (best.configuration.clone(), best.mean_cost))
                 };

@@ -16,7 +16,7 @@ use crate::objective::ObjectiveError;
 use crate::space::{Space, SpaceError};
 use crate::study::StudyError;
 use crate::trial::{Explanation, Fingerprint, Mode, Reason, Trial, TrialState};
-use crate::tuner::account::Account;
+use crate::tuner::budget::Account;
 use crate::tuner::exploration::Exploration;
 use crate::tuner::insight::Insight;
 

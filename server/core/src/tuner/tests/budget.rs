@@ -50,7 +50,7 @@ fn a_trial_that_is_handed_out_again_is_charged_again() {
     let mut tuner = tuner(policy);
     let question = Ask { can_abort: true, ..ask("a", 0.9, 0.5) };
     let left = |tuner: &Tuner| {
-        let account = tuner.visits["a"].account.as_ref().expect("there is a budget");
+        let account = tuner.visits.account("a").expect("there is a budget");
         account.left(0.1)
     };
     // Eighty frames of the default elsewhere earn more than four runs.

@@ -171,10 +171,10 @@ fn a_search_is_dropped_once_its_budget_is_spent_and_goes_on_from_the_table_when_
     for search in [SearchMethod::Auto, SearchMethod::Random] {
         let mut tuner = tuner(Policy { search, trials_per_state: 12, ..explore_always() });
         let before = run(&mut tuner, "a", 0.5, 0.5, 40);
-        let exploration = tuner.work[0].exploration.as_ref().expect("explored");
+        let exploration = tuner.searches.of(StateId(1)).expect("explored");
         assert!(exploration.search.is_none(), "{search:?}");
         assert!(exploration.pack().len() < 64, "{}", exploration.pack().len());
-        let tried = tuner.states[0].knowledge.tried() as u64;
+        let tried = tuner.states.knowledge(StateId(1)).tried() as u64;
         assert!(tried + exploration.repeats() >= 12);
         // What follows writes no search any more.
         let (trial, change) = tuner.suggest(&ask("a", 0.5, 0.5), 0).expect("valid");
@@ -189,7 +189,7 @@ fn a_search_is_dropped_once_its_budget_is_spent_and_goes_on_from_the_table_when_
         let fresh = different(&after).difference(&different(&before)).count();
         assert!((1..=9).contains(&fresh), "{search:?}: {fresh} of the eight more");
         assert!(after.iter().all(|trial| trial.reason.step != "latin_hypercube"), "{search:?}");
-        assert!(tuner.work[0].exploration.as_ref().is_some_and(|exploration| exploration.search.is_none()));
+        assert!(tuner.searches.of(StateId(1)).is_some_and(|exploration| exploration.search.is_none()));
     }
 }
 
@@ -200,17 +200,17 @@ fn a_study_remembers_a_bounded_number_of_configurations() {
     let mut best_of_first = None;
     for place in 0..20 {
         run(&mut tuner, "a", 0.2 * f64::from(place % 5), 0.25 * f64::from(place / 5), 100);
-        let remembered: usize = tuner.states.iter().map(|state| state.knowledge.remembered()).sum();
-        assert_eq!(remembered, tuner.remembered);
+        let remembered: usize = tuner.states.known().iter().map(|state| state.knowledge.remembered()).sum();
+        assert_eq!(remembered, tuner.states.remembered());
         assert!(remembered <= crate::limits::RECORDS_PER_STUDY_MAX, "{remembered} configurations");
         // The best and the default stay, and that others were tried is not forgotten.
-        let best = tuner.states[0].knowledge.best().map(|best| best.mean_cost);
+        let best = tuner.states.knowledge(StateId(1)).best().map(|best| best.mean_cost);
         assert_eq!(best, *best_of_first.get_or_insert(best));
-        assert!(tuner.states[0].knowledge.tried() >= 90);
-        assert!(tuner.default_cost(0).is_some());
+        assert!(tuner.states.knowledge(StateId(1)).tried() >= 90);
+        assert!(tuner.states.default_cost(StateId(1)).is_some());
     }
     assert_eq!(tuner.states.len(), 20);
-    assert!(tuner.states[0].knowledge.remembered() < 90);
+    assert!(tuner.states.knowledge(StateId(1)).remembered() < 90);
 }
 
 #[test]
@@ -218,7 +218,7 @@ fn a_search_is_stored_in_few_bytes() {
     for (search, most) in [(SearchMethod::Auto, 3_500), (SearchMethod::Random, 500)] {
         let mut tuner = tuner(Policy { search, trials_per_state: 80, ..explore_always() });
         run(&mut tuner, "a", 0.5, 0.5, 75);
-        let exploration = tuner.work[0].exploration.as_ref().expect("explored");
+        let exploration = tuner.searches.of(StateId(1)).expect("explored");
         assert!(exploration.search.is_some());
         let (packed, text) = (exploration.pack(), serde_json::to_string(exploration).expect("plain data"));
         println!("{search:?}: {} bytes packed, {} as text", packed.len(), text.len());
@@ -253,7 +253,7 @@ fn a_new_state_begins_with_the_default_and_then_with_what_did_well_in_others() {
 }
 
 #[test]
-fn what_others_know_is_thought_about_apart() {
+fn what_others_know_is_planned_apart() {
     let policy = Policy {
         search: SearchMethod::Auto,
         predictor: PredictorMethod::NearestNeighbour,
@@ -264,11 +264,12 @@ fn what_others_know_is_thought_about_apart() {
     let mut shared = alone.clone();
     for frame in 0..12 {
         let ask = ask("a", 0.7, 0.5);
-        let errand = shared.errand(&ask, |_| true);
-        assert!(frame > 0 || errand.is_some(), "a guide is no lookup");
-        let thoughts = errand.map(Errand::run).unwrap_or_default();
+        let question = shared.question(&ask).expect("a valid question");
+        let request = shared.plan(&question, |_| true);
+        assert!(frame > 0 || request.is_some(), "a guide is no lookup");
+        let plan = request.map(PlanRequest::compute).unwrap_or_default();
         let (one, _) = alone.suggest(&ask, 0).expect("a valid question");
-        let (other, _) = shared.suggest_ahead(&ask, thoughts, 0).expect("a valid question");
+        let (other, _) = shared.suggest_planned(&ask, plan, 0).expect("a valid question");
         assert_eq!(one, other);
         for tuner in [&mut alone, &mut shared] {
             let _change = tuner.report(&one, measured(cost(&one)), Outcome::Ok, 1).expect("a valid report");

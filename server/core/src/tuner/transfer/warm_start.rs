@@ -1,15 +1,16 @@
-//! What a search that begins in a new state is told of other states.
+//! Warm start: what a search that begins in a new state is told of other states.
 //!
 //! It is the states nearest to it in which a search was begun, on whatever machine: what they measured makes a
 //! [`Guide`], and its favourite and the best of the nearest few are the first points after the default. A portfolio of
 //! the best configurations of other instances is how algorithm configurators begin as well (Feurer, Springenberg and
 //! Hutter, "Initializing Bayesian hyperparameter optimization via meta-learning", AAAI 2015).
 //!
-//! Making the guide takes some milliseconds, so what it rests on is copied and thought about apart where the tuner is
-//! shared (see `ahead`). A beginning is all that is taken over. The search is stored with its guide, so that a tuner
+//! Making the guide takes some milliseconds, so what it rests on is copied and computed apart where the tuner is
+//! shared (see `plan`). A beginning is all that is taken over. The search is stored with its guide, so that a tuner
 //! that is restored has the same, whatever the others have learnt since.
 
 use crate::configuration::Configuration;
+use crate::ids::StateId;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
 use crate::policy::SearchMethod;
 use crate::predict::Query;
@@ -17,7 +18,8 @@ use crate::predict::atlas::Found;
 use crate::search::{Elsewhere, Guide, Layout};
 use crate::space::Space;
 use crate::trial::Neighbour;
-use crate::tuner::{Tuner, query};
+use crate::tuner::states::at;
+use crate::tuner::transfer::Transfer;
 
 /// How many states are asked, and how many measured configurations of all of them make a guide: the best of each.
 const STATES: usize = 8;
@@ -25,20 +27,21 @@ const RECORDS: usize = 640;
 /// How many of the states name their best as a point to begin with.
 const NAMED: usize = 3;
 
-/// What other states have measured, the nearest first and in each the best first.
+/// What other states have measured: the place of the state among those asked, a configuration and its mean cost; the
+/// nearest state first and in each the best configuration first.
 #[derive(Clone, Debug)]
-pub(super) struct Others(Vec<(usize, Configuration, f64)>);
+pub(in crate::tuner) struct Evidence(Vec<(usize, Configuration, f64)>);
 
 /// What a search begins with: a guide, and points after the default.
-pub(super) type Beginning = (Guide, Vec<Vec<f64>>);
+pub(in crate::tuner) type Beginning = (Guide, Vec<Vec<f64>>);
 
-impl Others {
-    pub(super) fn is_empty(&self) -> bool {
+impl Evidence {
+    pub(in crate::tuner) fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Some milliseconds of thought. `None` where nothing follows from it.
-    pub(super) fn beginning(&self, space: &Space) -> Option<Beginning> {
+    /// Computes it: some milliseconds. `None` where nothing follows.
+    pub(in crate::tuner) fn beginning(&self, space: &Space) -> Option<Beginning> {
         let mut named: Vec<Vec<f64>> = Vec::new();
         let mut measured = Vec::new();
         for (state, configuration, mean_cost) in &self.0 {
@@ -63,52 +66,45 @@ impl Others {
     }
 }
 
+/// The explored states nearest to the asked one, itself left out.
 fn nearest(query: &Query<'_>, count: usize) -> Vec<Found> {
     let here = query.here.map(|here| here.id);
     query.nearest(count, true, |other| Some(other.id) != here && other.knowledge.best().is_some())
 }
 
-impl Tuner {
-    /// The explored states nearest to one, itself left out.
-    fn others(&self, state: usize, count: usize) -> Vec<Found> {
-        let here = &self.states[state];
-        let query = query(&self.spec, &self.states, &self.atlas, &self.fleet, &here.anchor, Some(state));
-        nearest(&query, count)
-    }
-
+impl Transfer<'_> {
     /// Whether a search that begins profits from others.
-    pub(super) fn hears_others(&self) -> bool {
+    pub(in crate::tuner) fn warms_up_searches(&self) -> bool {
         matches!(self.spec.policy.search, SearchMethod::Model | SearchMethod::Auto)
     }
 
     /// What a search that begins in a state can be told of others.
-    pub(super) fn told_by_others(&self, state: usize) -> Others {
-        self.told(&self.others(state, STATES))
+    pub(in crate::tuner) fn evidence(&self, state: StateId) -> Evidence {
+        let anchor = &self.states[state].anchor;
+        self.evidence_for(&self.states.query(&self.spec.space, anchor, Some(state)))
     }
 
     /// The same for a state that is not there yet.
-    pub(super) fn told_of(&self, query: &Query<'_>) -> Others {
-        self.told(&nearest(query, STATES))
-    }
-
-    fn told(&self, others: &[Found]) -> Others {
+    pub(in crate::tuner) fn evidence_for(&self, query: &Query<'_>) -> Evidence {
+        let others = nearest(query, STATES);
         let of = |(place, other): (usize, &Found)| {
-            let ranked = self.states[other.name as usize].knowledge.ranked();
+            let ranked = self.states.knowledge(at(other.name as usize)).ranked();
             let told = ranked.take(RECORDS / others.len());
             told.map(move |record| (place, record.configuration.clone(), record.mean_cost))
         };
-        Others(others.iter().enumerate().flat_map(of).collect())
+        Evidence(others.iter().enumerate().flat_map(of).collect())
     }
 
-    /// The same states, for reasons.
-    pub(super) fn neighbours(&self, state: usize) -> Vec<Neighbour> {
-        let here = self.states[state].machine;
+    /// The states that a search was told of, for people.
+    pub(in crate::tuner) fn neighbours(&self, state: StateId) -> Vec<Neighbour> {
+        let here = &self.states[state];
+        let query = self.states.query(&self.spec.space, &here.anchor, Some(state));
         let neighbour = |found: &Found| {
-            let other = &self.states[found.name as usize];
-            let factor = self.fleet.factor(other.machine, here);
+            let other = &self.states[at(found.name as usize)];
+            let factor = self.states.machines().factor(other.machine, here.machine);
             let best_cost = (factor * other.knowledge.best()?.mean_cost).min(f64::MAX);
             Some(Neighbour { state_id: other.id, distance: found.distance_2.sqrt(), best_cost })
         };
-        self.others(state, STATES.min(NEIGHBOURS_MAX)).iter().filter_map(neighbour).collect()
+        nearest(&query, STATES.min(NEIGHBOURS_MAX)).iter().filter_map(neighbour).collect()
     }
 }

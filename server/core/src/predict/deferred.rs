@@ -1,9 +1,9 @@
-//! What the models owe to trials that were learnt: fits, which take too long to be made where others wait.
+//! Deferred updates: what learning a trial leaves to be computed later, because it takes a fit.
 //!
 //! A trial is noted at once. What it has to say of the contextual model's lengths, and how far that model would have
-//! been off it, takes a fit each; these are debts, in the order of the trials. Whoever has the time settles them, on a
-//! copy, and hands in the result. Since they are settled in order, and each holds what it rests on, the outcome is
-//! the same whenever that is.
+//! been off it, takes a fit each; these are deferred, in the order of the trials. Whoever has the time computes them,
+//! on a copy, and the result is applied. Since they are computed in order, and each holds what it rests on, the
+//! outcome is the same whenever that is.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::space::Space;
 
 /// One of them.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Debt {
+pub(super) enum DeferredUpdate {
     /// To tell how far the predictors were off a measured cost. The words are complete but for that of the contextual
     /// model, which is yet to be asked.
     Test { words: Box<Words>, question: Option<Question>, configuration: Configuration, cost: f64 },
@@ -23,21 +23,21 @@ pub(super) enum Debt {
     Exercise(Exercise),
 }
 
-/// Debts, oldest first, with what they change, on a copy.
+/// Deferred updates, oldest first, with what they change, on a copy.
 #[derive(Clone, Debug)]
-pub struct Debts {
-    pub(super) debts: Vec<Arc<Debt>>,
+pub struct DeferredUpdates {
+    pub(super) updates: Vec<Arc<DeferredUpdate>>,
     pub(super) hyper: Option<Hyper>,
     pub(super) tallies: Tallies,
 }
 
-impl Debts {
-    /// Settles them, each in some tenths of a millisecond.
-    #[must_use = "what was settled is to be handed in"]
-    pub fn settle(mut self, space: &Space) -> Settled {
-        for debt in &self.debts {
-            match &**debt {
-                Debt::Test { words, question, configuration, cost } => {
+impl DeferredUpdates {
+    /// Computes them, each in some tenths of a millisecond.
+    #[must_use = "what was computed is to be applied"]
+    pub fn compute(mut self, space: &Space) -> ComputedUpdates {
+        for update in &self.updates {
+            match &**update {
+                DeferredUpdate::Test { words, question, configuration, cost } => {
                     let mut words = Words::clone(words);
                     if let (Some(question), Some(hyper)) = (question, &self.hyper) {
                         let said = question.estimate(hyper, space, configuration);
@@ -47,17 +47,17 @@ impl Debts {
                     }
                     self.tallies.take(&words, *cost);
                 }
-                Debt::Exercise(exercise) => {
+                DeferredUpdate::Exercise(exercise) => {
                     if let Some(hyper) = &mut self.hyper {
                         exercise.carry_out(hyper);
                     }
                 }
             }
         }
-        Settled(self)
+        ComputedUpdates(self)
     }
 }
 
-/// Debts that are settled, to be handed in.
+/// Deferred updates that were computed, to be applied.
 #[derive(Clone, Debug)]
-pub struct Settled(pub(super) Debts);
+pub struct ComputedUpdates(pub(super) DeferredUpdates);

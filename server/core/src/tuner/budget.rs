@@ -26,6 +26,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::limits::{CHARGES_MAX, OPEN_TRIALS_PER_CLIENT_MAX, REFERENCES_MAX};
+use crate::policy::{ABORT_ABOVE_DEFAULT, Policy};
 
 /// The share of the cheapest reference that is taken for certain: frames vary by some percent.
 pub const GUARD: f64 = 0.9;
@@ -106,7 +107,8 @@ pub(super) enum Denied {
     TooLittle(Leave),
 }
 
-/// The terms of the policy that an account keeps.
+/// The terms of the policy that an account keeps: the share of the frames' cost that exploring may cost, and by which
+/// factors of the reference's cost trials are stopped, or taken to cost at worst where they cannot be.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Terms {
     pub(super) budget: f64,
@@ -114,7 +116,16 @@ pub(super) struct Terms {
     pub(super) worst_factor: f64,
 }
 
+impl Terms {
+    /// The terms of a policy, if it keeps a budget.
+    pub(super) fn of(policy: &Policy) -> Option<Self> {
+        let abort_above = policy.abort_above.unwrap_or(ABORT_ABOVE_DEFAULT);
+        policy.regret_budget.map(|budget| Terms { budget, abort_above, worst_factor: policy.worst_factor })
+    }
+}
+
 impl Account {
+    /// The account of a session, whose trials are those from `first_trial` on.
     pub(super) fn open(session: u64, first_trial: u64) -> Self {
         Account { session, first_trial, ..Account::default() }
     }

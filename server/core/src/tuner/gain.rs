@@ -1,0 +1,75 @@
+//! Whether exploring is worth it, and whether what is exploited is worth keeping: the rules beside the dice.
+
+use crate::configuration::Configuration;
+use crate::ids::StateId;
+use crate::policy::Policy;
+use crate::tuner::history::History;
+use crate::tuner::states::States;
+use crate::tuner::{OmissionReason, Prospect};
+
+/// The noise that is assumed before anything was measured twice: of frames, a tenth.
+pub(super) const NOISE_PRIOR: f64 = 0.1;
+/// Noise is never taken to be less: timers and clocks are not that good.
+pub(super) const NOISE_LEAST: f64 = 0.01;
+/// Standard deviations by which a configuration must be dearer to be called clearly worse.
+const CLEARLY: f64 = 3.0;
+/// More measurements than this say nothing more about a configuration.
+const MEASUREMENTS_COUNTED: u64 = 16;
+
+/// What the rules rest on.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Gain<'a> {
+    pub(super) policy: &'a Policy,
+    pub(super) states: &'a States,
+    pub(super) history: &'a History,
+}
+
+impl Gain<'_> {
+    /// The probability of exploring a state, after the visits that it has had.
+    pub(super) fn epsilon(&self, state: StateId) -> f64 {
+        if self.policy.epsilon_halves_after == 0 {
+            return self.policy.epsilon;
+        }
+        let half = f64::from(self.policy.epsilon_halves_after);
+        self.policy.epsilon * half / (half + self.history.visits(state) as f64)
+    }
+
+    /// What going on with the search of a state is expected to bring this client's frames and all others.
+    pub(super) fn prospect(&self, client_id: &str, state: StateId) -> Prospect {
+        let tried = self.states.knowledge(state).tried();
+        let left = (self.policy.trials_per_state as usize).saturating_sub(tried);
+        let (gain, gain_at_most) = self.history.gains(state, tried);
+        Prospect {
+            gain,
+            gain_at_most,
+            frames: self.history.frames_ahead(client_id, state),
+            exploring_cost: self.history.excess() * left as f64,
+        }
+    }
+
+    /// Why exploring the state is not worth it; `None` when it is.
+    pub(super) fn not_worth(&self, state: StateId, prospect: &Prospect) -> Option<OmissionReason> {
+        let noise = self.states.knowledge(state).noise();
+        if noise.is_some_and(|noise| prospect.gain_at_most < noise) {
+            return Some(OmissionReason::BelowNoise);
+        }
+        let pays = prospect.gain * prospect.frames > prospect.exploring_cost;
+        (!pays).then_some(OmissionReason::BelowCost)
+    }
+
+    /// Whether a configuration does clearly worse in a state than the best that was measured there.
+    pub(super) fn does_clearly_worse(&self, state: StateId, configuration: &Configuration) -> bool {
+        let knowledge = self.states.knowledge(state);
+        let (Some(own), Some(best)) = (knowledge.record(configuration), knowledge.best()) else {
+            return false;
+        };
+        // One frame is no evidence.
+        if own.measurements < 2 || best.configuration == *configuration {
+            return false;
+        }
+        let noise = knowledge.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+        let part = |measurements: u64| 1.0 / measurements.clamp(1, MEASUREMENTS_COUNTED) as f64;
+        let margin = CLEARLY * noise * (part(own.measurements) + part(best.measurements)).sqrt();
+        own.mean_cost > best.mean_cost * (1.0 + margin)
+    }
+}

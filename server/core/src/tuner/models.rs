@@ -1,0 +1,167 @@
+//! The models that a study's predictor needs, what they are taught, and what of that is put off.
+//!
+//! Invariants: only the models of the policy's predictor are kept; they know the trials that were completed after
+//! [`Models::since`], and the last ones before. Learning a trial is quick: fits that take long are deferred updates,
+//! which whoever has the time computes apart, on a copy. They are computed in the order of the trials, and each holds
+//! what it rests on, so the outcome is the same whenever that is.
+
+use crate::configuration::Configuration;
+use crate::fleet::Fleet;
+use crate::ids::StateId;
+use crate::limits::{DEFERRED_UPDATES_MAX, RELEARNT_MAX};
+use crate::policy::PredictorMethod;
+use crate::predict::prequential::Interval;
+use crate::predict::{ComputedUpdates, DeferredUpdates, Lesson, Predictors, Query};
+use crate::search::Verdict;
+use crate::space::Space;
+use crate::study::StudySpec;
+use crate::tuner::states::States;
+
+/// The models of a study.
+#[derive(Clone, Debug)]
+pub(super) struct Models {
+    predictors: Predictors,
+    /// The completion after which they were begun.
+    since: u64,
+    /// Whether somebody else computes deferred updates.
+    defers: bool,
+}
+
+/// What a completed trial says, to whoever learns from it.
+pub(super) struct Result<'a> {
+    /// The normalised indicators the trial ran under.
+    pub(super) normalised: &'a [f64],
+    pub(super) state: StateId,
+    pub(super) configuration: &'a Configuration,
+    pub(super) verdict: Verdict,
+}
+
+impl Models {
+    /// What a predictor needs, before it is taught anything.
+    pub(super) fn new(spec: &StudySpec, predictor: PredictorMethod, states: &States, since: u64) -> Self {
+        Models { predictors: untaught(spec, predictor, states), since, defers: false }
+    }
+
+    /// Begins the models of a predictor anew, after a completion.
+    pub(super) fn begin(
+        &mut self,
+        spec: &StudySpec,
+        predictor: PredictorMethod,
+        states: &States,
+        since: u64,
+    ) {
+        self.predictors = untaught(spec, predictor, states);
+        self.since = since;
+    }
+
+    /// Takes over models that were begun after the same completion and taught since.
+    pub(super) fn take_over(&mut self, predictors: Predictors) {
+        self.predictors = predictors;
+    }
+
+    /// What answers and proposes.
+    pub(super) fn predictors(&self) -> &Predictors {
+        &self.predictors
+    }
+
+    /// The completion after which the models were begun.
+    pub(super) fn since(&self) -> u64 {
+        self.since
+    }
+
+    /// How wrong each predictor was: mean error with a 95 % interval.
+    pub(super) fn errors(&self) -> Vec<(PredictorMethod, Interval)> {
+        self.predictors.errors()
+    }
+
+    /// From now on somebody else computes deferred updates.
+    pub(super) fn defer(&mut self) {
+        self.defers = true;
+    }
+
+    /// Whether somebody else computes deferred updates.
+    #[cfg(test)]
+    pub(super) fn defers(&self) -> bool {
+        self.defers
+    }
+
+    /// The updates that were put off, to be computed apart; `None` where there are none.
+    pub(super) fn deferred(&self) -> Option<DeferredUpdates> {
+        self.predictors.deferred()
+    }
+
+    /// Whether updates were put off.
+    pub(super) fn has_deferred(&self) -> bool {
+        self.predictors.deferred_count() > 0
+    }
+
+    /// Takes over updates that were computed apart, unless somebody was faster.
+    pub(super) fn apply(&mut self, updates: ComputedUpdates) {
+        self.predictors.apply(updates);
+    }
+
+    /// Computes here and now what nobody else is to compute, or has not in time.
+    pub(super) fn catch_up(&mut self, space: &Space) {
+        if !self.defers || self.predictors.deferred_count() > DEFERRED_UPDATES_MAX {
+            self.predictors.apply_all(space);
+        }
+    }
+
+    /// Holds a measured cost against what each predictor would have said, before anything of the trial is learnt.
+    pub(super) fn test(&mut self, query: &Query<'_>, configuration: &Configuration, cost: f64) {
+        self.predictors.test(query, configuration, cost);
+    }
+
+    /// Teaches the models a completed trial whose result the table of its state holds.
+    pub(super) fn teach(&mut self, spec: &StudySpec, states: &States, result: &Result<'_>) {
+        let machine = states[result.state].machine;
+        let at_home = |cost: f64| on_first_machine(states.machines(), machine, cost);
+        self.predictors.learn(&Lesson {
+            state: result.normalised,
+            configuration: result.configuration,
+            point: &spec.space.encode(result.configuration),
+            verdict: match result.verdict {
+                Verdict::Cost(cost) => Verdict::Cost(at_home(cost)),
+                Verdict::AtLeast(bound) => Verdict::AtLeast(at_home(bound)),
+                Verdict::Infeasible => Verdict::Infeasible,
+            },
+            default_cost: states.default_cost(result.state).map(at_home),
+            origin: states.machines().origin(machine),
+        });
+    }
+
+    /// Begins the models of features anew where other indicators are left out than before, and teaches them what the
+    /// tables hold of the states that were met last.
+    pub(super) fn begin_features(&mut self, spec: &StudySpec, states: &States) {
+        if !self.predictors.have_features() {
+            return;
+        }
+        self.predictors.begin_features(untaught(spec, spec.policy.predictor, states));
+        for state in states.latest(RELEARNT_MAX).into_iter().rev() {
+            let known = &states[state];
+            let factor = states.machines().factor(known.machine, 0);
+            let default = states.default_cost(state).map(|cost| (factor * cost).min(f64::MAX));
+            for record in known.knowledge.ranked() {
+                self.predictors.learn_features(&Lesson {
+                    state: &known.anchor,
+                    configuration: &record.configuration,
+                    point: &spec.space.encode(&record.configuration),
+                    verdict: Verdict::Cost((factor * record.mean_cost).min(f64::MAX)),
+                    default_cost: default,
+                    origin: states.machines().origin(known.machine),
+                });
+            }
+        }
+    }
+}
+
+fn untaught(spec: &StudySpec, predictor: PredictorMethod, states: &States) -> Predictors {
+    let indicators = spec.indicators.indicators().len();
+    let mute: Vec<usize> = states.mute().iter().map(|mute| mute.axis).collect();
+    Predictors::new(predictor, &spec.space, indicators, spec.seed, &mute)
+}
+
+/// A cost on a machine as it would be on the study's first.
+fn on_first_machine(machines: &Fleet, machine: u32, cost: f64) -> f64 {
+    if machine == 0 { cost } else { (machines.factor(machine, 0) * cost).min(f64::MAX) }
+}

@@ -1,0 +1,266 @@
+//! Planning a suggestion apart from the tuner: what takes long is computed on copies, before, and without it.
+//!
+//! A suggestion is a matter of microseconds but for three things: a search with a model fits it, a search that begins
+//! is told what other states know, and the contextual predictor fits a process to what was measured near by. Where
+//! many clients share a tuner they must not wait for that. So whoever holds the tuner makes a [`PlanRequest`] of a
+//! question, lets go of the tuner, [computes](PlanRequest::compute) it, and hands the [`SuggestionPlan`] in with the
+//! question. A question with a plan never fits a model: where the plan has nothing for what it turns out to need
+//! (another client changed the state meanwhile, or plans for the same search), it is answered from the tables, because
+//! a client never waits. A client that is alone gets the same answers either way. One thing is still done at once
+//! where nobody planned it, once for a state: what others tell a search that begins.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crate::ids::StateId;
+use crate::policy::Operation;
+use crate::predict::contextual::Request;
+use crate::predict::{Answer, Query};
+use crate::search::{AnySearch, Plan};
+use crate::study::StudySpec;
+use crate::trial::Fingerprint;
+use crate::tuner::budget::Terms;
+use crate::tuner::explore::is_spent;
+use crate::tuner::transfer::{Beginning, Evidence};
+use crate::tuner::{Ask, Decision, Question, Tuner};
+
+/// What has to be computed before a question can be answered quickly: copies of what that rests on.
+#[derive(Clone, Debug)]
+pub struct PlanRequest {
+    spec: Arc<StudySpec>,
+    normalised: Vec<f64>,
+    answer: Option<Request>,
+    first: Option<Request>,
+    search: Option<(StateId, Box<AnySearch>)>,
+    /// What others tell the search of a state that begins; one without an id is not there yet.
+    evidence: Option<(Option<StateId>, Evidence)>,
+}
+
+/// What came of a [`PlanRequest`]. The default plans nothing.
+#[derive(Clone, Debug, Default)]
+pub struct SuggestionPlan {
+    normalised: Vec<f64>,
+    /// What to exploit.
+    answer: Option<Answer>,
+    /// What to explore first.
+    first: Option<Answer>,
+    /// The next point of a state's search.
+    point: Option<(StateId, Plan)>,
+    /// What the search of a state begins with, if anything follows from the others.
+    beginning: Option<(Option<StateId>, Option<Beginning>)>,
+}
+
+impl PlanRequest {
+    /// The state whose search it plans for. Nobody else need do that at the same time.
+    pub fn searched_state(&self) -> Option<StateId> {
+        self.search.as_ref().map(|(state, _)| *state)
+    }
+
+    /// Computes it: up to some milliseconds.
+    pub fn compute(self) -> SuggestionPlan {
+        let space = &self.spec.space;
+        let answer = |request: Option<Request>| request.and_then(|request| request.answer(space));
+        let (answer, first) = (answer(self.answer), answer(self.first));
+        let point = self.search.and_then(|(state, search)| Some((state, search.plan()?)));
+        let beginning = self.evidence.map(|(state, evidence)| (state, evidence.beginning(space)));
+        SuggestionPlan { normalised: self.normalised, answer, first, point, beginning }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.answer.is_none() && self.first.is_none() && self.search.is_none() && self.evidence.is_none()
+    }
+}
+
+impl SuggestionPlan {
+    /// The indicators that it was made for, normalised; `None` where it plans nothing.
+    pub(super) fn normalised(&self) -> Option<&[f64]> {
+        let is_empty =
+            self.answer.is_none() && self.first.is_none() && self.point.is_none() && self.beginning.is_none();
+        (!is_empty).then_some(&self.normalised)
+    }
+}
+
+/// Where an answer takes from what is slow to compute.
+#[derive(Clone, Debug)]
+pub(super) enum Planned {
+    /// It is computed when it is needed.
+    AtOnce,
+    /// It was computed before; what the plan does not have is done without.
+    Ahead(SuggestionPlan),
+}
+
+/// What was planned for predictors.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PlannedAnswers<'a> {
+    /// What to exploit.
+    pub(super) answer: Option<&'a Answer>,
+    /// What to explore first.
+    pub(super) first: Option<&'a Answer>,
+}
+
+impl Planned {
+    /// Whether models may be fitted now.
+    pub(super) fn is_at_once(&self) -> bool {
+        matches!(self, Planned::AtOnce)
+    }
+
+    /// What predictors answered before for these indicators; `None` where they are to be asked now.
+    pub(super) fn of_predictors(&self, normalised: &[f64]) -> Option<PlannedAnswers<'_>> {
+        match self {
+            Planned::AtOnce => None,
+            Planned::Ahead(plan) if plan.normalised == normalised => {
+                Some(PlannedAnswers { answer: plan.answer.as_ref(), first: plan.first.as_ref() })
+            }
+            Planned::Ahead(_) => Some(PlannedAnswers { answer: None, first: None }),
+        }
+    }
+
+    /// What the search of a state with this anchor begins with; `None` where that was not planned.
+    pub(super) fn take_beginning(&mut self, state: StateId, anchor: &[f64]) -> Option<Option<Beginning>> {
+        let Planned::Ahead(SuggestionPlan { normalised, beginning, .. }) = self else {
+            return None;
+        };
+        let is_of = |of: Option<StateId>| of.map_or(*normalised == anchor, |of| of == state);
+        beginning.take_if(|(of, _)| is_of(*of)).map(|(_, beginning)| beginning)
+    }
+
+    /// The next point of a state's search, if it was planned.
+    pub(super) fn take_point(&mut self, state: StateId) -> Option<Plan> {
+        let Planned::Ahead(plan) = self else {
+            return None;
+        };
+        plan.point.take_if(|(planned, _)| *planned == state).map(|(_, point)| point)
+    }
+}
+
+impl Tuner {
+    /// What is to be computed before a question can be answered quickly; `None` where it can be already.
+    /// `may_plan` tells of which states' searches: where somebody else already plans for one, that is enough.
+    pub fn plan(&self, question: &Question<'_>, may_plan: impl Fn(StateId) -> bool) -> Option<PlanRequest> {
+        let Question { ask, normalised, state: here } = question;
+        let (policy, here, transfer) = (&self.spec.policy, *here, self.transfer());
+        if policy.pinned.is_some() {
+            return None;
+        }
+        let machines = self.states.machines();
+        let found = machines.find(ask.fingerprint.as_ref());
+        // A machine that is new is known by the time of the question.
+        let grown = found.is_none().then(|| {
+            let mut machines = machines.clone();
+            let (machine, _) = machines.found(ask.fingerprint.as_ref());
+            (machines, machine)
+        });
+        let (fleet, machine) = match &grown {
+            Some((machines, machine)) => (machines, *machine),
+            None => (machines, found.unwrap_or_default()),
+        };
+        let query = || Query { fleet, machine, ..self.states.query(&self.spec.space, normalised, here) };
+        let (predictor, predictors) = (policy.predictor, self.models.predictors());
+        let answer =
+            || transfer.needs_predictor(here).then(|| predictors.request(predictor, &query())).flatten();
+        let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);
+        let mut request = PlanRequest {
+            spec: Arc::clone(&self.spec),
+            normalised: Vec::new(),
+            answer: None,
+            first: None,
+            search: None,
+            evidence: None,
+        };
+        let explores = match self.decides(&ask.client_id, here) {
+            _ if policy.operation == Operation::Shadow => false,
+            Some(number) => {
+                here.is_none_or(|here| !self.is_finished(here)) && self.draws(&ask.client_id, number, here)
+            }
+            None => {
+                let visit = self.visits.of(&ask.client_id);
+                if visit.is_none_or(|visit| visit.decision != Decision::Explore) || self.holds(ask, here) {
+                    return None;
+                }
+                true
+            }
+        };
+        match here {
+            Some(here) if explores && policy.operation == Operation::Tune => {
+                request.search = self.search_to_plan(ask, here).filter(|(state, _)| may_plan(*state));
+                if transfer.is_untouched(here) {
+                    request.first = first();
+                }
+                let begins = request.first.is_none() && self.searches.of(here).is_none();
+                if begins
+                    && transfer.warms_up_searches()
+                    && transfer.untried_by_machines(here).is_none()
+                    && self.affords(ask, here)
+                {
+                    request.evidence = Some((Some(here), transfer.evidence(here)));
+                }
+                let gain = self.gain();
+                if policy.weigh_gain && gain.not_worth(here, &gain.prospect(&ask.client_id, here)).is_some() {
+                    request.answer = answer();
+                }
+            }
+            None if explores && policy.operation == Operation::Tune => {
+                request.first = first();
+                if request.first.is_none() && transfer.warms_up_searches() {
+                    request.evidence = Some((None, transfer.evidence_for(&query())));
+                }
+                // Whether exploring pays is weighed once the state is known.
+                request.answer = policy.weigh_gain.then(answer).flatten();
+            }
+            _ => request.answer = answer(),
+        }
+        request.evidence = request.evidence.filter(|(_, evidence)| !evidence.is_empty());
+        request.normalised.clone_from(normalised);
+        (!request.is_empty()).then_some(request)
+    }
+
+    /// The same for [`Tuner::predict_planned`].
+    pub fn plan_prediction(
+        &self,
+        indicators: &BTreeMap<String, f64>,
+        fingerprint: Option<&Fingerprint>,
+    ) -> Option<PlanRequest> {
+        let normalised = self.spec.indicators.normalise(indicators).ok()?;
+        let here = self.recognise_for(fingerprint, &normalised);
+        if self.spec.policy.pinned.is_some() || !self.transfer().needs_predictor(here) {
+            return None;
+        }
+        let query = self.states.query(&self.spec.space, &normalised, here);
+        let answer = Some(self.models.predictors().request(self.spec.policy.predictor, &query)?);
+        let spec = Arc::clone(&self.spec);
+        Some(PlanRequest { spec, answer, first: None, search: None, evidence: None, normalised })
+    }
+
+    /// Whether the client holds a trial of the state that it will get again.
+    fn holds(&self, ask: &Ask, here: Option<StateId>) -> bool {
+        let held = here.and_then(|here| self.trials.of_client(&ask.client_id, here));
+        held.is_some_and(|trial| self.still_fits(trial, None))
+    }
+
+    /// A copy of the state's search, if its next point takes a fit and will be asked for.
+    fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>)> {
+        let (policy, knowledge) = (&self.spec.policy, self.states.knowledge(state));
+        let exploration = self.searches.of(state)?;
+        let search = exploration.search.as_ref()?;
+        let goes_on = search.method() == policy.search
+            && !search.is_ready()
+            && !is_spent(exploration, knowledge, policy)
+            && self.transfer().untried_by_machines(state).is_none();
+        if !goes_on || !self.affords(ask, state) {
+            return None;
+        }
+        let held = self.held_axes(&mut exploration.held.clone(), state);
+        let mut search = search.clone();
+        search.hold(&held);
+        Some((state, Box::new(search)))
+    }
+
+    /// Whether the client's budget, if it has one, allows for exploring.
+    fn affords(&self, ask: &Ask, state: StateId) -> bool {
+        let account = self.visits.account(&ask.client_id);
+        let Some((terms, account)) = Terms::of(&self.spec.policy).zip(account) else {
+            return true;
+        };
+        account.leave(terms, ask.can_abort, self.default_runs(state)).is_ok()
+    }
+}

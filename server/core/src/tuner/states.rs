@@ -1,0 +1,302 @@
+//! The states of a study: which one given indicators are on which machine, and what is known of each.
+//!
+//! Invariants: state `n` is the `n`-th that was founded; every state is in the index, and every machine that founded
+//! one is among the machines; the number of remembered configurations is that of all tables together.
+
+use std::cmp::Reverse;
+use std::ops::Index;
+use std::sync::Arc;
+
+use crate::configuration::Configuration;
+use crate::fleet::{Fleet, Standing};
+use crate::ids::StateId;
+use crate::knowledge::{Knowledge, KnownState};
+use crate::limits::{RECORDS_PER_STUDY_MAX, SIBLINGS_MAX};
+use crate::predict::atlas::{Mute, Spread, match_distance_2};
+use crate::predict::{Atlas, Query};
+use crate::space::Space;
+use crate::study::StudySpec;
+use crate::trial::{Fingerprint, Trial};
+
+/// The states of a study.
+#[derive(Clone, Debug)]
+pub(crate) struct States {
+    /// State `n` sits at place `n - 1`.
+    known: Vec<KnownState>,
+    /// Of each state, those that other machines met the same input as, nearest relations first.
+    siblings: Vec<Vec<StateId>>,
+    /// Where the states lie.
+    index: Atlas,
+    /// Whose measurements they are.
+    machines: Fleet,
+    /// No indicator of a recognised state differs from its anchor by more; of the indicator's range.
+    tolerance: f64,
+    default: Configuration,
+    /// How many configurations are remembered in all states, and above which count some are forgotten.
+    remembered: usize,
+    forget_above: usize,
+}
+
+/// The place of a state in lists of all of them.
+pub(super) fn place(id: StateId) -> usize {
+    id.0 as usize - 1
+}
+
+/// The state at a place.
+pub(super) fn at(place: usize) -> StateId {
+    StateId(place as u64 + 1)
+}
+
+impl Index<StateId> for States {
+    type Output = KnownState;
+
+    fn index(&self, id: StateId) -> &KnownState {
+        &self.known[place(id)]
+    }
+}
+
+impl States {
+    /// No states yet.
+    pub(super) fn new(spec: &StudySpec) -> Self {
+        States {
+            known: Vec::new(),
+            siblings: Vec::new(),
+            index: Atlas::new(spec.indicators.indicators().len()),
+            machines: Fleet::default(),
+            tolerance: spec.state_tolerance,
+            default: spec.space.default_configuration(),
+            remembered: 0,
+            forget_above: RECORDS_PER_STUDY_MAX,
+        }
+    }
+
+    /// How many there are.
+    pub(super) fn len(&self) -> usize {
+        self.known.len()
+    }
+
+    /// All of them, oldest first.
+    pub(super) fn ids(&self) -> impl DoubleEndedIterator<Item = StateId> + use<> {
+        (0..self.known.len()).map(at)
+    }
+
+    /// Whether there is such a state.
+    pub(super) fn contains(&self, id: StateId) -> bool {
+        (1..=self.known.len() as u64).contains(&id.0)
+    }
+
+    /// What is known of each, oldest first.
+    pub(super) fn known(&self) -> &[KnownState] {
+        &self.known
+    }
+
+    /// What was measured in one.
+    pub(super) fn knowledge(&self, id: StateId) -> &Knowledge {
+        &self[id].knowledge
+    }
+
+    /// The machines of the study.
+    pub(super) fn machines(&self) -> &Fleet {
+        &self.machines
+    }
+
+    /// The same, to be told what measurements say of them.
+    pub(super) fn machines_mut(&mut self) -> &mut Fleet {
+        &mut self.machines
+    }
+
+    /// The machine that alone measures in a state.
+    pub(super) fn fingerprint(&self, id: StateId) -> Option<&Fingerprint> {
+        self.machines.fingerprint(self[id].machine)
+    }
+
+    /// The states that other machines met the same input as, nearest relations first.
+    pub(super) fn siblings(&self, id: StateId) -> &[StateId] {
+        &self.siblings[place(id)]
+    }
+
+    /// Indicators that distances and features leave out.
+    pub(super) fn mute(&self) -> Vec<Mute> {
+        self.index.mute()
+    }
+
+    /// How far the indicators reach, as far as is known.
+    pub(super) fn spread(&self) -> &Spread {
+        self.index.spread()
+    }
+
+    /// How many configurations are remembered in all states.
+    #[cfg(test)]
+    pub(super) fn remembered(&self) -> usize {
+        self.remembered
+    }
+
+    /// Above which count of remembered configurations some are forgotten.
+    pub(super) fn forget_above(&self) -> usize {
+        self.forget_above
+    }
+
+    /// Mean cost of the default configuration in a state, if it was measured there.
+    pub(super) fn default_cost(&self, id: StateId) -> Option<f64> {
+        let record = self[id].knowledge.record(&self.default)?;
+        (record.measurements > 0).then_some(record.mean_cost)
+    }
+
+    /// A question of a predictor about a state, known or not: then the study's first machine asks.
+    pub(super) fn query<'a>(
+        &'a self,
+        space: &'a Space,
+        normalised: &'a [f64],
+        here: Option<StateId>,
+    ) -> Query<'a> {
+        let here = here.map(|here| &self[here]);
+        let machine = here.map_or(0, |here| here.machine);
+        let States { known, index, machines, .. } = self;
+        Query { state: normalised, here, known, atlas: index, space, fleet: machines, machine }
+    }
+
+    /// The machine's state that matches the normalised indicators: every one within the study's tolerance of the
+    /// state's anchor. The client's `current` state is kept while it matches, so that a client between two anchors
+    /// does not flicker; else the nearest matching state is taken, the oldest among equally near ones. `None` when no
+    /// state matches.
+    pub(super) fn recognise(
+        &self,
+        current: Option<StateId>,
+        fingerprint: Option<&Fingerprint>,
+        normalised: &[f64],
+    ) -> Option<StateId> {
+        let machine = self.machines.find(fingerprint)?;
+        let matches = |state: &KnownState| {
+            state.machine == machine && match_distance_2(&state.anchor, normalised, self.tolerance).is_some()
+        };
+        current
+            .filter(|&current| matches(&self[current]))
+            .or_else(|| self.index.within(machine, normalised, self.tolerance).map(at))
+    }
+
+    /// The state of the machine, if one is named that has been there, else of the machine with the most frames there,
+    /// the first among equals.
+    pub(super) fn recognise_for(
+        &self,
+        fingerprint: Option<&Fingerprint>,
+        normalised: &[f64],
+        frames: impl Fn(StateId) -> u64,
+    ) -> Option<StateId> {
+        let own = fingerprint.and_then(|_| self.machines.find(fingerprint));
+        let there = own.and_then(|machine| self.index.within(machine, normalised, self.tolerance));
+        there.map(at).or_else(|| {
+            let matches = self.index.within_each(normalised, self.tolerance).map(at);
+            matches.min_by_key(|&state| Reverse(frames(state)))
+        })
+    }
+
+    /// Founds a state of a machine with these indicators as its anchor.
+    pub(super) fn found(&mut self, anchor: Vec<f64>, fingerprint: Option<&Fingerprint>) -> StateId {
+        let id = at(self.known.len());
+        let (machine, displaced) = self.machines.found(fingerprint);
+        let others = self.index.within_each(&anchor, self.tolerance).map(at);
+        let mut siblings: Vec<StateId> = others.filter(|&other| self[other].machine != machine).collect();
+        siblings.sort_by_key(|&other| (self.machines.level(machine, self[other].machine), other));
+        siblings.truncate(SIBLINGS_MAX);
+        for &sibling in &siblings {
+            let theirs = &mut self.siblings[place(sibling)];
+            if theirs.len() < SIBLINGS_MAX {
+                theirs.push(id);
+            }
+        }
+        if let Some(displaced) = displaced {
+            self.index.displace(displaced);
+        }
+        let known = KnownState { id: id.0, anchor, machine, explored: false, knowledge: Default::default() };
+        self.index.note(&known);
+        self.known.push(known);
+        self.siblings.push(siblings);
+        id
+    }
+
+    /// Notes that a search was begun in a state.
+    pub(super) fn note_search(&mut self, id: StateId) {
+        self.known[place(id)].explored = true;
+        self.index.note(&self.known[place(id)]);
+    }
+
+    /// The same of a state that is restored, before anything of it was learnt.
+    pub(super) fn restore_search(&mut self, id: StateId, explored: bool) {
+        self.known[place(id)].explored = explored;
+    }
+
+    /// Notes the first frame of a state. `true` where other indicators are left out than before.
+    pub(super) fn note_first_frame(&mut self, id: StateId) -> bool {
+        self.index.weigh(&self.known[place(id)].anchor)
+    }
+
+    /// Takes the result of a completed trial into the table of its state.
+    pub(super) fn learn(&mut self, id: StateId, trial: &Trial) {
+        let state = &mut self.known[place(id)];
+        let before = state.knowledge.remembered();
+        Arc::make_mut(&mut state.knowledge).learn(trial, &self.default);
+        self.remembered = self.remembered + state.knowledge.remembered() - before;
+        self.index.note(state);
+    }
+
+    /// Where more configurations are remembered than a study may, forgets most of the states that nobody has
+    /// reported from for longest.
+    pub(super) fn forget_somewhere(&mut self) {
+        if self.remembered <= self.forget_above {
+            return;
+        }
+        let aim = RECORDS_PER_STUDY_MAX - RECORDS_PER_STUDY_MAX / 8;
+        let each = (aim / 2 / self.known.len()).max(1);
+        let mut order: Vec<usize> = (0..self.known.len()).collect();
+        order.sort_unstable_by_key(|&place| (self.known[place].knowledge.latest(), place));
+        for place in order {
+            let knowledge = &mut self.known[place].knowledge;
+            let before = knowledge.remembered();
+            if self.remembered <= aim {
+                break;
+            }
+            if before > each {
+                let knowledge = Arc::make_mut(knowledge);
+                knowledge.forget(each, &self.default);
+                self.remembered = self.remembered + knowledge.remembered() - before;
+            }
+        }
+        // Where states are so many that this was not enough, not at every report.
+        self.forget_above = RECORDS_PER_STUDY_MAX.max(self.remembered + self.remembered / 8);
+    }
+
+    /// The states that were reported from last, latest first, as many as remember no more than `most` configurations
+    /// together.
+    pub(super) fn latest(&self, most: usize) -> Vec<StateId> {
+        let mut latest: Vec<StateId> = self.ids().collect();
+        latest.sort_unstable_by_key(|&id| Reverse((self[id].knowledge.latest(), id)));
+        let mut left = most;
+        let enough = latest.iter().position(|&id| {
+            let records = self[id].knowledge.remembered();
+            let fits = records <= left;
+            left = left.saturating_sub(records);
+            !fits
+        });
+        latest.truncate(enough.unwrap_or(latest.len()));
+        latest
+    }
+
+    /// Takes over what was learnt before: tables of the first states, in their order, made whole with the space; what
+    /// comparisons taught of the first machines; and how far indicators reach.
+    pub(super) fn take_over(
+        &mut self,
+        tables: Vec<Arc<Knowledge>>,
+        standings: &[Standing],
+        spread: Spread,
+        forget_above: usize,
+    ) {
+        self.machines.take_over(standings);
+        self.index.take_over(spread);
+        self.forget_above = forget_above;
+        self.remembered = tables.iter().map(|knowledge| knowledge.remembered()).sum();
+        for (state, knowledge) in self.known.iter_mut().zip(tables) {
+            state.knowledge = knowledge;
+            self.index.note(state);
+        }
+    }
+}

@@ -1,0 +1,323 @@
+//! What other machines know of a state: the same input, measured elsewhere.
+//!
+//! Machines differ by a factor above all, so costs are compared as logarithms, less what the two machines differ by on
+//! the configurations that both measured in this state (the default is the first of them); where there is none, less
+//! the factor that other states showed. What is left over is that one configuration is better on one machine than on
+//! another: which share of the difference to the default carries over, and how far that is off, is learnt of each
+//! machine and level ([`Fleet`](crate::fleet::Fleet)).
+//!
+//! The estimate of a configuration's cost pools four sources by their precision: that it does as well as the default,
+//! the fleet's measurements, the group's, and the machine's own. A new machine has none, so it runs what the fleet
+//! found best; whatever it measures itself soon counts for more, and where it disagrees, the others count less.
+
+use crate::configuration::Configuration;
+use crate::fleet::Level;
+use crate::ids::StateId;
+use crate::knowledge::Record;
+use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
+use crate::trial::{Mode, Neighbour, Reason};
+use crate::tuner::Prediction;
+use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
+use crate::tuner::states::States;
+use crate::tuner::transfer::Transfer;
+
+/// The name of the step that reasons carry of what was taken over from other machines.
+pub(in crate::tuner) const TRANSFER: &str = "transfer";
+/// By how much, as a logarithm, a configuration is taken to differ from the default before anybody measured it.
+const SPREAD: f64 = 0.3;
+/// How many of a machine's best configurations two machines are compared by, beside the default.
+const SHARED: usize = 16;
+/// How many of its own best configurations a machine chooses among.
+const OWN_CANDIDATES: usize = 8;
+/// How many of each other machine's best configurations it chooses among.
+const CANDIDATES: usize = 4;
+/// While its own search goes on, the others are asked after so many configurations each.
+const ASK_EVERY: usize = 8;
+
+/// The state of another machine that met the same input.
+#[derive(Clone, Copy, Debug)]
+struct Peer {
+    state: StateId,
+    level: Level,
+    /// What to add to the logarithm of a cost there.
+    shift: f64,
+    /// Both have measured something, so that the shift rests on this very state.
+    shared: bool,
+}
+
+/// The logarithm of a configuration's cost by the measurements of one level.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct LevelEstimate {
+    mean: f64,
+    variance: f64,
+    machines: usize,
+    measurements: u64,
+}
+
+/// The logarithm of a configuration's cost by all levels together, and which of them counts most in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct PooledEstimate {
+    mean: f64,
+    level: Level,
+    machines: usize,
+    measurements: u64,
+}
+
+/// The other machines that measured something in a state.
+struct Peers<'a> {
+    states: &'a States,
+    state: StateId,
+    default: &'a Configuration,
+    peers: Vec<Peer>,
+}
+
+fn log(cost: f64) -> f64 {
+    libm::log(cost.max(REWARD_COST_MIN))
+}
+
+/// What was measured of a configuration that can be run.
+fn measured<'a>(states: &'a States, state: StateId, configuration: &Configuration) -> Option<&'a Record> {
+    let record = states.knowledge(state).record(configuration)?;
+    (record.measurements > 0 && !record.infeasible).then_some(record)
+}
+
+/// The variance of a measurement in a state, relative to its cost.
+fn noise_2(states: &States, state: StateId) -> f64 {
+    let noise = states.knowledge(state).noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+    noise * noise
+}
+
+impl Peer {
+    fn of(states: &States, default: &Configuration, state: StateId, other: StateId) -> Self {
+        let own = &states[state];
+        let best = own.knowledge.ranked().take(SHARED).filter(|record| record.configuration != *default);
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for record in best.chain(measured(states, state, default)) {
+            if let Some(there) = measured(states, other, &record.configuration) {
+                let (here, elsewhere) = (record.measurements as f64, there.measurements as f64);
+                let share = here * elsewhere / (here + elsewhere);
+                sum += share * (log(record.mean_cost) - log(there.mean_cost));
+                weight += share;
+            }
+        }
+        let (machines, machine) = (states.machines(), states[other].machine);
+        let far = machines.effect(own.machine) - machines.effect(machine);
+        Peer {
+            state: other,
+            level: machines.level(own.machine, machine),
+            shift: if weight > 0.0 { sum / weight } else { far },
+            shared: weight > 0.0,
+        }
+    }
+}
+
+impl<'a> Peers<'a> {
+    fn of(states: &'a States, default: &'a Configuration, state: StateId) -> Self {
+        let others = states.siblings(state).iter().copied();
+        let others = others.filter(|&other| states.knowledge(other).best().is_some());
+        let peers = others.map(|other| Peer::of(states, default, state, other)).collect();
+        Peers { states, state, default, peers }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.peers.is_empty()
+    }
+
+    /// What the peers of a level measured of a configuration, as it would be here.
+    fn by_level(&self, level: Level, configuration: &Configuration) -> Option<LevelEstimate> {
+        let (mut sum, mut precision, mut machines, mut measurements) = (0.0, 0.0, 0, 0);
+        for peer in self.peers.iter().filter(|peer| peer.level == level) {
+            if let Some(record) = measured(self.states, peer.state, configuration) {
+                let own = record.measurements as f64 / noise_2(self.states, peer.state);
+                sum += own * (log(record.mean_cost) + peer.shift);
+                precision += own;
+                machines += 1;
+                measurements += record.measurements;
+            }
+        }
+        let (mean, variance) = (sum / precision, 1.0 / precision);
+        (machines > 0).then_some(LevelEstimate { mean, variance, machines, measurements })
+    }
+
+    fn by_levels(&self, configuration: &Configuration) -> [(Level, Option<LevelEstimate>); 2] {
+        [Level::Group, Level::Fleet].map(|level| (level, self.by_level(level, configuration)))
+    }
+
+    /// The estimate of a configuration's cost here by all that was measured of it; `None` where nobody did.
+    fn pooled(&self, baseline: Option<f64>, configuration: &Configuration) -> Option<PooledEstimate> {
+        let (machines, machine) = (self.states.machines(), self.states[self.state].machine);
+        let mut sources = Vec::with_capacity(3);
+        if let Some(own) = measured(self.states, self.state, configuration) {
+            let (mean, measurements) = (log(own.mean_cost), own.measurements);
+            let variance = noise_2(self.states, self.state) / measurements as f64;
+            sources.push((Level::Machine, LevelEstimate { mean, variance, machines: 1, measurements }));
+        }
+        for (level, estimate) in self.by_levels(configuration) {
+            if let Some(estimate) = estimate {
+                let variance = estimate.variance + machines.miss_2(machine, level);
+                let share = machines.share(machine, level);
+                let mean = baseline.map_or(estimate.mean, |base| base + share * (estimate.mean - base));
+                sources.push((level, LevelEstimate { mean, variance, ..estimate }));
+            }
+        }
+        let most_precise = sources.iter().min_by(|a, b| a.1.variance.total_cmp(&b.1.variance))?;
+        let (level, LevelEstimate { machines, measurements, .. }) = *most_precise;
+        let prior = baseline.map(|mean| (mean, SPREAD * SPREAD));
+        let all = sources.iter().map(|(_, estimate)| (estimate.mean, estimate.variance)).chain(prior);
+        let (sum, precision) = all.fold((0.0, 0.0), |(sum, precision), (mean, variance)| {
+            let own = 1.0 / variance.max(f64::MIN_POSITIVE);
+            (sum + own * mean, precision + own)
+        });
+        Some(PooledEstimate { mean: sum / precision, level, machines, measurements })
+    }
+
+    /// The configuration with the least estimate among those that `filter` passes and that can be run here.
+    fn best(&self, filter: impl Fn(&Configuration) -> bool) -> Option<(&'a Configuration, PooledEstimate)> {
+        let (states, state) = (self.states, self.state);
+        let baseline = measured(states, state, self.default).map(|record| log(record.mean_cost));
+        let baseline = baseline.or_else(|| {
+            let estimates = self.by_levels(self.default).into_iter();
+            estimates.filter_map(|(_, estimate)| estimate).map(|estimate| estimate.mean).next()
+        });
+        let own = states.knowledge(state).ranked().take(OWN_CANDIDATES);
+        let others =
+            self.peers.iter().flat_map(|peer| states.knowledge(peer.state).ranked().take(CANDIDATES));
+        let candidates = own.chain(others).map(|record| &record.configuration);
+        let candidates = candidates
+            .filter(|candidate| !states.knowledge(state).is_infeasible(candidate) && filter(candidate));
+        let estimated =
+            candidates.filter_map(|candidate| Some((candidate, self.pooled(baseline, candidate)?)));
+        estimated.min_by(|(_, a), (_, b)| a.mean.total_cmp(&b.mean))
+    }
+}
+
+impl Transfer<'_> {
+    /// What other machines found best in this state, as long as that counts for more than what the machine measured
+    /// itself.
+    pub(in crate::tuner) fn best_by_machines(&self, state: StateId) -> Option<Prediction> {
+        let peers = Peers::of(self.states, self.spec.space.default_ref(), state);
+        if peers.is_empty() {
+            return None;
+        }
+        let (configuration, estimate) = peers.best(|_| true)?;
+        (estimate.level != Level::Machine)
+            .then(|| taken_over(&peers, configuration, estimate, Mode::Exploit, ""))
+    }
+
+    /// What other machines found best and this one has not measured yet, where it is estimated to be better than what
+    /// this one has. The default comes first, by which machines are compared.
+    pub(in crate::tuner) fn untried_by_machines(&self, state: StateId) -> Option<Prediction> {
+        let knowledge = self.states.knowledge(state);
+        let is_finished = knowledge.tried() >= self.spec.policy.trials_per_state as usize;
+        if self.states.siblings(state).is_empty() || is_finished {
+            return None;
+        }
+        let searches = self.searches.of(state).is_some();
+        if searches && !knowledge.tried().is_multiple_of(ASK_EVERY) {
+            return None;
+        }
+        let default = self.spec.space.default_ref();
+        let peers = Peers::of(self.states, default, state);
+        if peers.is_empty() {
+            return None;
+        }
+        if !knowledge.is_tried(default) && !self.trials.runs(state, default) && !searches {
+            let summary =
+                "The baseline comes first: by it this machine is compared with the others.".to_owned();
+            let reason =
+                Reason { summary, source: "default".into(), step: "default".into(), ..Reason::default() };
+            return Some(Prediction {
+                configuration: default.clone(),
+                mode: Mode::Default,
+                predicted_cost: None,
+                reason,
+                insight: None,
+            });
+        }
+        let is_new =
+            |candidate: &Configuration| !knowledge.is_tried(candidate) && !self.trials.runs(state, candidate);
+        let (configuration, estimate) = peers.best(is_new)?;
+        let promising = knowledge.best().is_none_or(|best| estimate.mean < log(best.mean_cost));
+        promising.then(|| taken_over(&peers, configuration, estimate, Mode::Explore, TRANSFER))
+    }
+}
+
+fn taken_over(
+    peers: &Peers<'_>,
+    configuration: &Configuration,
+    estimate: PooledEstimate,
+    mode: Mode,
+    step: &str,
+) -> Prediction {
+    let states = peers.states;
+    let PooledEstimate { mean, level, machines, measurements } = estimate;
+    let who = match level {
+        Level::Group => "with the same processor and software",
+        _ => "of the fleet",
+    };
+    let mut summary = format!(
+        "Best by what {machines} other machines {who} measured in this state, {measurements} times; this one has \
+         less to say of it itself."
+    );
+    if let Some(changes) = states.machines().change_of_software(states[peers.state].machine) {
+        summary.push_str(&format!(
+            " What this machine measured before its software changed ({changes}) counts as the fleet's only."
+        ));
+    }
+    let of_level = peers.peers.iter().filter(|peer| peer.level == level);
+    let neighbours = of_level.filter_map(|peer| {
+        let best = states.knowledge(peer.state).best()?;
+        let best_cost = libm::exp(log(best.mean_cost) + peer.shift).min(f64::MAX);
+        Some(Neighbour { state_id: peer.state.get(), distance: 0.0, best_cost })
+    });
+    let reason = Reason {
+        summary,
+        source: level.name().into(),
+        step: step.into(),
+        neighbours: neighbours.take(NEIGHBOURS_MAX).collect(),
+        ..Reason::default()
+    };
+    let predicted_cost = Some(libm::exp(mean).min(f64::MAX));
+    Prediction { configuration: configuration.clone(), mode, predicted_cost, reason, insight: None }
+}
+
+/// Holds a measured cost against what other machines' measurements would have said of it, before it is learnt.
+pub(in crate::tuner) fn compare(
+    states: &mut States,
+    default: &Configuration,
+    state: StateId,
+    configuration: &Configuration,
+    cost: f64,
+) {
+    let siblings = states.siblings(state);
+    if !siblings.iter().any(|&other| measured(states, other, configuration).is_some()) {
+        return;
+    }
+    let machine = states[state].machine;
+    let peers = Peers::of(states, default, state);
+    // By the factors between machines alone.
+    let (mut sum, mut count) = (0.0, 0.0);
+    for peer in &peers.peers {
+        if let Some(record) = measured(states, peer.state, configuration) {
+            sum += log(record.mean_cost) - states.machines().effect(states[peer.state].machine);
+            count += 1.0;
+        }
+    }
+    // The first time only: afterwards it is among what machines are compared by.
+    let baseline = measured(states, state, default).map(|record| log(record.mean_cost));
+    let baseline = baseline.filter(|_| measured(states, state, configuration).is_none());
+    let carried = baseline.map(|baseline| {
+        let shared = peers.peers.iter().copied().filter(|peer| peer.shared).collect();
+        (baseline, Peers { peers: shared, ..peers }.by_levels(configuration))
+    });
+    let machines = states.machines_mut();
+    if let Some((baseline, estimates)) = carried {
+        for (level, estimate) in estimates {
+            if let Some(estimate) = estimate {
+                machines.carry(machine, level, estimate.mean - baseline, log(cost) - baseline);
+            }
+        }
+    }
+    let effect = machines.effect(machine);
+    machines.compare(machine, log(cost) - sum / count - effect);
+}
