@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use treewright_core::configuration::Configuration;
 use treewright_core::limits::KNOWN_POINTS_PER_SUGGESTION_MAX;
 use treewright_core::policy::SearchMethod;
-use treewright_core::search::{AnySearch, Feedback, Layout, Search, SearchSetup, Step, Verdict, levels};
+use treewright_core::search::{AnySearch, Feedback, Layout, SearchSetup, Step, Verdict, levels};
 use treewright_core::space::Space;
 
 /// How a result is scored.

@@ -7,7 +7,7 @@
 use std::time::Instant;
 
 use treewright_core::policy::SearchMethod;
-use treewright_core::search::{AnySearch, Feedback, Layout, Search, SearchSetup, Verdict, levels};
+use treewright_core::search::{AnySearch, Feedback, Layout, SearchSetup, Verdict, levels};
 use treewright_core::space::{Condition, Domain, Parameter, Scale, Space};
 use treewright_core::value::Value;
 

@@ -17,8 +17,8 @@ pub use treewright_model::{
     configuration, ids, indicator, names, objective, policy, space, study, trial, value,
 };
 
-mod ascent;
 pub mod fleet;
+mod gp;
 pub mod knowledge;
 pub mod limits;
 mod matrix;

@@ -4,7 +4,7 @@
 //! a pseudo-random function of its key, so streams with different names are independent, and nothing but
 //! the counters has to be stored to draw the same numbers again after a restart.
 
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// What a stream is for.
@@ -29,6 +29,13 @@ pub(crate) fn stream(seed: u64, purpose: Purpose, first: u64, second: u64) -> Ch
         slot.copy_from_slice(&word.to_le_bytes());
     }
     ChaCha8Rng::from_seed(key)
+}
+
+/// A random number of the standard normal distribution (Box and Muller, "A note on the generation of random normal
+/// deviates", Annals of Mathematical Statistics 29, 1958).
+pub(crate) fn standard_normal(random: &mut ChaCha8Rng) -> f64 {
+    let (a, b) = (1.0 - random.random::<f64>(), random.random::<f64>());
+    libm::sqrt(-2.0 * libm::log(a)) * libm::cos(2.0 * std::f64::consts::PI * b)
 }
 
 /// A number for a text that never changes between releases (the FNV-1a hash; the standard library's hasher

@@ -8,6 +8,7 @@ use crate::limits::REWARD_COST_MIN;
 use crate::policy::PredictorMethod;
 use crate::predict::Estimate;
 use crate::predict::prequential::{Interval, Tally, error};
+use crate::predict::registry::METHODS;
 
 /// Half the error is worth so many doublings of the weight; errors below the least are all the same. The weights go by
 /// the last twenty tests or so: who errs in a state is likely to err there again. On the streams of
@@ -16,8 +17,8 @@ use crate::predict::prequential::{Interval, Tally, error};
 const WEIGHT_POWER: i32 = 8;
 const ERROR_LEAST: f64 = 1e-6;
 
-/// What the predictors said of one configuration.
-pub(super) type Words = [(PredictorMethod, Option<Estimate>); PredictorMethod::SINGLE.len()];
+/// What a predictor said of a configuration.
+pub(super) type Word = (PredictorMethod, Option<Estimate>);
 
 /// Errors of each predictor, and of the blend of them all (`Auto`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -27,7 +28,7 @@ pub(super) struct Tallies(BTreeMap<PredictorMethod, Tally>);
 impl Tallies {
     /// Notes how far each was off a measured cost, and the blend as it was before. The first trial of all, of which
     /// nobody had a word, is nobody's fault.
-    pub(super) fn take(&mut self, words: &Words, cost: f64) {
+    pub(super) fn take(&mut self, words: &[Word], cost: f64) {
         let Some(blend) = self.blend(words) else {
             return;
         };
@@ -48,9 +49,8 @@ impl Tallies {
 
     /// The one that erred least of late, the first listed among equals.
     pub(super) fn leader(&self) -> PredictorMethod {
-        let methods = PredictorMethod::SINGLE;
-        let least = methods.into_iter().min_by(|a, b| self.recent(*a).total_cmp(&self.recent(*b)));
-        least.unwrap_or(methods[0])
+        let least = METHODS.iter().min_by(|a, b| self.recent(**a).total_cmp(&self.recent(**b)));
+        least.copied().unwrap_or(METHODS[0])
     }
 
     /// The mean errors with 95 % intervals. Empty before the second trial.
@@ -63,7 +63,7 @@ impl Tallies {
     /// are ratios. To follow one at a time would pay for every change of the lead; and since weights rest on errors
     /// that fade, whoever was bad for long is back after a few good tests, which is what sharing weights does for
     /// those who track the best expert (Herbster and Warmuth, Machine Learning 32, 1998).
-    pub(super) fn blend(&self, words: &Words) -> Option<Estimate> {
+    pub(super) fn blend(&self, words: &[Word]) -> Option<Estimate> {
         let said: Vec<(f64, Estimate)> =
             words.iter().filter_map(|(method, word)| Some((self.weight(*method), (*word)?))).collect();
         let total: f64 = said.iter().map(|(weight, _)| weight).sum();

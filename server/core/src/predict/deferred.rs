@@ -8,9 +8,10 @@
 use std::sync::Arc;
 
 use crate::configuration::Configuration;
+use crate::gp::Hyperparameters;
 use crate::policy::PredictorMethod;
-use crate::predict::blend::{Tallies, Words};
-use crate::predict::contextual::{Exercise, Hyper, Question};
+use crate::predict::blend::{Tallies, Word};
+use crate::predict::contextual::{Exercise, Question};
 use crate::space::Space;
 
 /// One of them.
@@ -18,7 +19,7 @@ use crate::space::Space;
 pub(super) enum DeferredUpdate {
     /// To tell how far the predictors were off a measured cost. The words are complete but for that of the contextual
     /// model, which is yet to be asked.
-    Test { words: Box<Words>, question: Option<Question>, configuration: Configuration, cost: f64 },
+    Test { words: Vec<Word>, question: Option<Question>, configuration: Configuration, cost: f64 },
     /// To move the contextual model's lengths.
     Exercise(Exercise),
 }
@@ -27,7 +28,7 @@ pub(super) enum DeferredUpdate {
 #[derive(Clone, Debug)]
 pub struct DeferredUpdates {
     pub(super) updates: Vec<Arc<DeferredUpdate>>,
-    pub(super) hyper: Option<Hyper>,
+    pub(super) hyper: Option<Hyperparameters>,
     pub(super) tallies: Tallies,
 }
 
@@ -38,7 +39,7 @@ impl DeferredUpdates {
         for update in &self.updates {
             match &**update {
                 DeferredUpdate::Test { words, question, configuration, cost } => {
-                    let mut words = Words::clone(words);
+                    let mut words = words.clone();
                     if let (Some(question), Some(hyper)) = (question, &self.hyper) {
                         let said = question.estimate(hyper, space, configuration);
                         let own =

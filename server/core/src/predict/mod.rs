@@ -1,13 +1,14 @@
 //! Predictors: from what is known of other states to a configuration for this one.
 
 pub mod atlas;
-mod auto;
 mod blend;
+mod choice;
 pub mod contextual;
 mod deferred;
 pub mod nearest;
 pub mod prequential;
 pub mod rbf;
+mod registry;
 
 use serde::{Deserialize, Serialize};
 
@@ -19,11 +20,12 @@ use crate::space::Space;
 use crate::trial::Neighbour;
 pub use atlas::Atlas;
 use atlas::Found;
-pub use auto::Predictors;
+pub use choice::Predictors;
 pub use contextual::Contextual;
 pub use deferred::{ComputedUpdates, DeferredUpdates};
 pub use nearest::{Nearest, Weighted};
 pub use rbf::{LeastSquares, Rbf, Shape};
+pub use registry::METHODS;
 
 /// One completed trial, as a predictor sees it.
 #[derive(Clone, Debug)]
@@ -134,10 +136,11 @@ pub struct Answer {
 
 /// Maps states to configurations. All methods are deterministic, and their answers do not change when all
 /// costs are multiplied by one positive number (but for rounding).
+///
+/// The first two methods are what makes a predictor. All others are ways in which it may take part in more than
+/// answering; each says what it means not to. Answers are a matter of microseconds, but for those of
+/// [`Contextual`], which are asked for ahead (see [`Predictors::request`]) and whose learning is deferred.
 pub trait Predictor {
-    /// Learns from a completed trial, whose result the table of its state holds already.
-    fn learn(&mut self, lesson: &Lesson<'_>);
-
     /// What it expects of one configuration in the asked state. `None` when nothing is known.
     fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate>;
 
@@ -146,9 +149,41 @@ pub trait Predictor {
     fn predict(&self, query: &Query<'_>) -> Option<Answer>;
 
     /// A configuration from which much can be learnt in the asked state without losing much, where the
-    /// predictor can say. `number` makes answers differ from one question to the next.
+    /// predictor can say. `number` makes answers differ from one question to the next. A predictor that only knows
+    /// configurations that were tried has none.
     fn propose(&self, _query: &Query<'_>, _number: u64) -> Option<Answer> {
         None
+    }
+
+    /// Whether predictors of this kind [learn](Predictor::learn). One that does not is always at hand, whatever the
+    /// policy names.
+    fn learns() -> bool
+    where
+        Self: Sized,
+    {
+        true
+    }
+
+    /// Learns from a completed trial, whose result the table of its state holds already. A predictor that answers from
+    /// the tables has nothing to learn.
+    fn learn(&mut self, _lesson: &Lesson<'_>) {}
+
+    /// Whether it sees indicators as features that are fixed when it begins, so that it has to begin anew where others
+    /// of them are left out. A predictor that weighs indicators at each question does not.
+    fn has_features(&self) -> bool {
+        false
+    }
+
+    /// Whether it learns costs as they are on the first machine, so that what it says has to be translated for others.
+    /// A predictor that looks at tables has translated what it found there.
+    fn speaks_of_first_machine(&self) -> bool {
+        false
+    }
+
+    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space. A predictor
+    /// that stores all it needs is whole.
+    fn settle(&mut self, _space: &Space) -> bool {
+        true
     }
 }
 

@@ -1,10 +1,12 @@
 //! The nearest-neighbour predictors: paper section 6.1 as it stands, and its distance-weighted form.
 
+use serde::{Deserialize, Serialize};
+
 use crate::configuration::Configuration;
 use crate::knowledge::{KnownState, Record};
 use crate::limits::NEIGHBOURS_MAX;
 use crate::predict::atlas::Found;
-use crate::predict::{Answer, Estimate, Lesson, Predictor, Query};
+use crate::predict::{Answer, Estimate, Predictor, Query};
 use crate::trial::Neighbour;
 
 /// Best known configuration of the known state that is closest by Euclidean distance. Its table are the known
@@ -13,12 +15,12 @@ use crate::trial::Neighbour;
 /// A state in which a search was begun counts before all others: what an unexplored state knows is only
 /// how the configurations did that were predicted for it, and to rely on that would repeat a poor early
 /// guess for ever. Among equals the asked state itself comes first, then the nearest.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Nearest;
 
 /// The configuration that did best over the eight nearest states, each weighing by the inverse square of its
 /// distance (Shepard, "A two-dimensional interpolation function for irregularly-spaced data", 1968).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Weighted;
 
 /// How many states [`Weighted`] asks.
@@ -137,7 +139,9 @@ fn first_word(costs: &[f64]) -> Option<Estimate> {
 }
 
 impl Predictor for Nearest {
-    fn learn(&mut self, _lesson: &Lesson<'_>) {}
+    fn learns() -> bool {
+        false
+    }
 
     fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate> {
         let point = query.space.encode(configuration);
@@ -223,7 +227,9 @@ impl Weighted {
 }
 
 impl Predictor for Weighted {
-    fn learn(&mut self, _lesson: &Lesson<'_>) {}
+    fn learns() -> bool {
+        false
+    }
 
     fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate> {
         let (tables, _) = Self::tables(query, closest(query, WEIGHTED));

@@ -157,7 +157,7 @@ pub(super) fn trained(states: usize, each: usize, scale: f64) -> World {
 }
 
 pub(super) fn methods() -> impl Iterator<Item = PredictorMethod> {
-    PredictorMethod::SINGLE.into_iter().chain([PredictorMethod::Auto])
+    METHODS.iter().copied().chain([PredictorMethod::Auto])
 }
 
 #[test]

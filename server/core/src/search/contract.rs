@@ -5,14 +5,16 @@ use std::collections::BTreeSet;
 use proptest::prelude::*;
 
 use super::*;
+use crate::policy::SearchMethod;
 
-const METHODS: [SearchMethod; 5] = [
-    SearchMethod::Auto,
-    SearchMethod::NelderMead,
-    SearchMethod::LatinHypercube,
-    SearchMethod::Random,
-    SearchMethod::Model,
-];
+/// Every search, and `auto`.
+fn methods() -> impl Iterator<Item = SearchMethod> + Clone {
+    registry::METHODS.iter().copied().chain([SearchMethod::Auto])
+}
+
+fn method(index: usize) -> SearchMethod {
+    methods().cycle().nth(index).expect("there are searches")
+}
 
 fn setup(seed: u64, dimension: usize, budget: u32) -> SearchSetup {
     // Choices among other axes, so that both kinds of step are met; the last axis is none.
@@ -49,9 +51,9 @@ proptest! {
 
     #[test]
     fn points_lie_in_the_cube_and_begin_with_the_default(
-        seed: u64, dimension in 1usize..40, budget in 1u32..200, method in 0usize..METHODS.len(),
+        seed: u64, dimension in 1usize..40, budget in 1u32..200, index in 0usize..8,
     ) {
-        let mut search = AnySearch::new(METHODS[method], setup(seed, dimension, budget));
+        let mut search = AnySearch::new(method(index), setup(seed, dimension, budget));
         let points = run(&mut search, 150, 1.0);
         prop_assert_eq!(&points[0].x, &vec![0.25; dimension]);
         prop_assert_eq!(points[0].step, Step::Default);
@@ -64,8 +66,8 @@ proptest! {
     }
 
     #[test]
-    fn a_stored_search_goes_on_as_if_it_had_never_stopped(seed: u64, stop in 0usize..100, method in 0usize..METHODS.len()) {
-        let mut search = AnySearch::new(METHODS[method], setup(seed, 5, 60));
+    fn a_stored_search_goes_on_as_if_it_had_never_stopped(seed: u64, stop in 0usize..100, index in 0usize..8) {
+        let mut search = AnySearch::new(method(index), setup(seed, 5, 60));
         run(&mut search, stop, 1.0);
         let out = search.ask();
         let text = serde_json::to_string(&search).expect("plain data");
@@ -80,15 +82,15 @@ proptest! {
 
     #[test]
     fn a_copy_thinks_of_the_same_point(
-        seed: u64, steps in 0usize..60, out in 0usize..4, method in 0usize..METHODS.len(),
+        seed: u64, steps in 0usize..60, out in 0usize..4, index in 0usize..8,
     ) {
-        let mut search = AnySearch::new(METHODS[method], setup(seed, 4, 60));
+        let mut search = AnySearch::new(method(index), setup(seed, 4, 60));
         run(&mut search, steps, 1.0);
         (0..out).for_each(|_| drop(search.ask()));
         let mut helped = search.clone();
         match search.is_ready() {
-            true => prop_assert!(search.clone().ask().is_some() || METHODS[method] == SearchMethod::NelderMead),
-            false => helped.adopt(search.clone().plan().expect("something to think about")),
+            true => prop_assert!(search.clone().ask().is_some() || method(index) == SearchMethod::NelderMead),
+            false => helped.adopt(search.plan().expect("something to think about")),
         }
         prop_assert!(helped.is_ready());
         prop_assert_eq!(helped.ask(), search.ask());
@@ -99,7 +101,7 @@ proptest! {
     fn an_old_thought_is_no_measurement_twice(seed: u64, steps in 10usize..40, late in 1usize..8) {
         let mut search = AnySearch::new(SearchMethod::Model, setup(seed, 4, 60));
         run(&mut search, steps, 1.0);
-        let plan = search.clone().plan().expect("something to think about");
+        let plan = search.plan().expect("something to think about");
         let told = run(&mut search, late, 1.0);
         search.adopt(plan);
         let point = search.ask().expect("nothing is out");
@@ -107,8 +109,8 @@ proptest! {
     }
 
     #[test]
-    fn points_do_not_depend_on_the_unit_of_the_cost(seed: u64, scale in 1e-3f64..1e3, method in 0usize..METHODS.len()) {
-        let mut plain = AnySearch::new(METHODS[method], setup(seed, 4, 80));
+    fn points_do_not_depend_on_the_unit_of_the_cost(seed: u64, scale in 1e-3f64..1e3, index in 0usize..8) {
+        let mut plain = AnySearch::new(method(index), setup(seed, 4, 80));
         let mut scaled = plain.clone();
         prop_assert_eq!(run(&mut plain, 100, 1.0), run(&mut scaled, 100, scale));
     }
@@ -116,7 +118,7 @@ proptest! {
 
 #[test]
 fn a_withdrawn_point_is_asked_again_and_answers_count_once() {
-    for method in METHODS {
+    for method in methods() {
         let mut search = AnySearch::new(method, setup(3, 3, 40));
         let first = search.ask().expect("the first point");
         let second = search.ask().expect("designs are asked together");
@@ -134,10 +136,33 @@ fn a_withdrawn_point_is_asked_again_and_answers_count_once() {
 
 #[test]
 fn states_and_seeds_draw_different_points() {
-    for method in METHODS {
+    for method in methods() {
         let points = |setup| run(&mut AnySearch::new(method, setup), 5, 1.0);
         let base = points(setup(1, 3, 40));
         assert_ne!(base, points(setup(2, 3, 40)), "{method:?}");
         assert_ne!(base, points(SearchSetup { state_id: 8, ..setup(1, 3, 40) }), "{method:?}");
+    }
+}
+
+#[test]
+fn a_search_that_was_stored_as_auto_is_the_one_it_stood_for() {
+    let mut search = AnySearch::new(SearchMethod::Auto, setup(4, 3, 40));
+    run(&mut search, 12, 1.0);
+    assert_eq!(search.method(), resolved(SearchMethod::Auto));
+    assert_ne!(search.method(), SearchMethod::Auto);
+    let AnySearch::Model(model) = &search else { panic!("{search:?}") };
+    let stored = format!("{{\"auto\":{{\"model\":{}}}}}", serde_json::to_string(model).expect("plain data"));
+    let mut read: AnySearch = serde_json::from_str(&stored).expect("a row of an earlier version");
+    assert_eq!(read, search);
+    assert_eq!(run(&mut read, 10, 1.0), run(&mut search, 10, 1.0));
+}
+
+#[test]
+fn stored_searches_go_by_the_names_of_their_methods() {
+    for method in registry::METHODS {
+        let search = AnySearch::new(*method, setup(4, 3, 40));
+        let stored = serde_json::to_value(&search).expect("plain data");
+        let names: Vec<&String> = stored.as_object().expect("tagged").keys().collect();
+        assert_eq!(names, [method.name()]);
     }
 }

@@ -8,7 +8,7 @@
 //! few percent visible at all.
 //!
 //! It is a guide and no prior truth. The model of the new state sees the sum as one more feature, on which costs may
-//! depend linearly (its axis is `Metric::Guide` of the layout); how much is learnt from what is measured here, so that
+//! depend linearly (its axis is linear: `FeatureKind::Linear` of the kernel); how much is learnt from what is measured here, so that
 //! a guide that does not agree with it loses its say (after multi-task and stacked processes: Golovin et al., "Google
 //! Vizier: a service for black-box optimization", KDD 2017, section 3.3).
 

@@ -10,7 +10,7 @@ use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
 use crate::randomness::{Purpose, stream};
-use crate::search::flight::Flight;
+use crate::search::pending::PendingPoints;
 use crate::search::{Feedback, Point, Search, SearchSetup, Step};
 
 /// A design of `count` points in the unit cube.
@@ -34,14 +34,15 @@ const DESIGN_POINTS: std::ops::RangeInclusive<u32> = 2..=256;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LatinHypercubeSearch {
     setup: SearchSetup,
-    flight: Flight,
+    #[serde(rename = "flight")]
+    pending: PendingPoints,
     asked: u64,
 }
 
 impl LatinHypercubeSearch {
     /// A fresh search. A design has as many points as the budget leaves after the default.
     pub fn new(setup: SearchSetup) -> Self {
-        LatinHypercubeSearch { setup, flight: Flight::default(), asked: 0 }
+        LatinHypercubeSearch { setup, pending: PendingPoints::default(), asked: 0 }
     }
 
     fn design_points(&self) -> u64 {
@@ -52,26 +53,26 @@ impl LatinHypercubeSearch {
 
 impl Search for LatinHypercubeSearch {
     fn ask(&mut self) -> Option<Point> {
-        if let Some(point) = self.flight.relaunch() {
+        if let Some(point) = self.pending.resume() {
             return Some(point);
         }
         let asked = self.asked;
         self.asked += 1;
         if asked == 0 {
-            return Some(self.flight.launch(self.setup.start.clone(), Step::Default));
+            return Some(self.pending.add(self.setup.start.clone(), Step::Default));
         }
         let (number, index) = ((asked - 1) / self.design_points(), (asked - 1) % self.design_points());
         let mut random = stream(self.setup.seed, Purpose::Search, self.setup.state_id, number);
         let mut points = design(self.design_points() as usize, self.setup.dimension(), &mut random);
-        Some(self.flight.launch(points.swap_remove(index as usize), Step::LatinHypercube))
+        Some(self.pending.add(points.swap_remove(index as usize), Step::LatinHypercube))
     }
 
     fn tell(&mut self, id: u64, _feedback: Feedback) {
-        self.flight.land(id);
+        self.pending.finish(id);
     }
 
     fn withdraw(&mut self, id: u64) {
-        self.flight.withdraw(id);
+        self.pending.withdraw(id);
     }
 }
 

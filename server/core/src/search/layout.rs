@@ -9,6 +9,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::gp::kernel::{FeatureKind, INACTIVE};
+use crate::gp::local_search::Neighbourhood;
 use crate::search::guide::Guide;
 use crate::space::{Domain, Space};
 use crate::value::Value;
@@ -53,20 +55,6 @@ pub struct Layout {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     guide: Option<Guide>,
 }
-
-/// How two values of an axis compare.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Metric {
-    /// By their difference.
-    Ordered,
-    /// By being equal or not.
-    Unordered,
-    /// No distance at all: what is measured may depend on it linearly.
-    Guide,
-}
-
-/// The value of an axis that is inactive, among [`Layout::features`].
-pub(crate) const INACTIVE: f64 = -1.0;
 
 /// Most cells that are counted; finer axes pass for continuous.
 const CELLS_MAX: u64 = 1 << 16;
@@ -144,14 +132,14 @@ impl Layout {
     }
 
     /// How the values of each feature compare.
-    pub(crate) fn metrics(&self) -> Vec<Metric> {
-        let metric = |axis: &Axis| match &axis.kind {
-            Kind::Choice { ranks, .. } if ranks.is_empty() => Metric::Unordered,
-            _ => Metric::Ordered,
+    pub(crate) fn kinds(&self) -> Vec<FeatureKind> {
+        let kind = |axis: &Axis| match &axis.kind {
+            Kind::Choice { ranks, .. } if ranks.is_empty() => FeatureKind::Categorical,
+            _ => FeatureKind::Ordered,
         };
-        let twice = self.axes.iter().filter(|axis| axis.is_seen_twice()).map(|_| Metric::Unordered);
-        let guide = self.guide.iter().map(|_| Metric::Guide);
-        self.axes.iter().map(metric).chain(twice).chain(guide).collect()
+        let twice = self.axes.iter().filter(|axis| axis.is_seen_twice()).map(|_| FeatureKind::Categorical);
+        let guide = self.guide.iter().map(|_| FeatureKind::Linear);
+        self.axes.iter().map(kind).chain(twice).chain(guide).collect()
     }
 
     /// How many values an axis has; 0 for a continuous one.
@@ -163,27 +151,6 @@ impl Layout {
             }
             Kind::Number(_) => 0,
         }
-    }
-
-    /// Another value of one axis: near by along a scale (`radius` is a share of it), or any other.
-    pub fn moved(&self, axis: usize, x: f64, radius: f64, random: &mut ChaCha8Rng) -> f64 {
-        let cells = self.cells(axis);
-        if cells == 1 {
-            return x;
-        }
-        if cells == 0 {
-            let towards = random.random::<f64>() + random.random::<f64>() + random.random::<f64>() - 1.5;
-            return (x + 2.0 * radius * towards).clamp(0.0, 1.0);
-        }
-        let rank = self.rank(axis, x);
-        let reach = ((f64::from(cells) * radius) as u32).max(1);
-        let other = if cells <= 8 || random.random::<f64>() < 0.2 {
-            (rank + random.random_range(1..cells)) % cells
-        } else {
-            let step = random.random_range(1..=reach);
-            if random.random::<bool>() { rank.saturating_sub(step) } else { (rank + step).min(cells - 1) }
-        };
-        self.at_rank(axis, other)
     }
 
     /// The coordinate of the value that is the `rank`th by size (by listing where there is no order).
@@ -287,6 +254,28 @@ impl Layout {
         let twice = self.axes.iter().enumerate().filter_map(cell_of);
         let guide = self.guide.iter().map(|guide| guide.at(self, x, active));
         (0..x.len()).map(feature).chain(twice).chain(guide).collect()
+    }
+}
+
+impl Neighbourhood for Layout {
+    fn moved(&self, axis: usize, x: f64, radius: f64, random: &mut ChaCha8Rng) -> f64 {
+        let cells = self.cells(axis);
+        if cells == 1 {
+            return x;
+        }
+        if cells == 0 {
+            let towards = random.random::<f64>() + random.random::<f64>() + random.random::<f64>() - 1.5;
+            return (x + 2.0 * radius * towards).clamp(0.0, 1.0);
+        }
+        let rank = self.rank(axis, x);
+        let reach = ((f64::from(cells) * radius) as u32).max(1);
+        let other = if cells <= 8 || random.random::<f64>() < 0.2 {
+            (rank + random.random_range(1..cells)) % cells
+        } else {
+            let step = random.random_range(1..=reach);
+            if random.random::<bool>() { rank.saturating_sub(step) } else { (rank + step).min(cells - 1) }
+        };
+        self.at_rank(axis, other)
     }
 }
 
@@ -424,7 +413,7 @@ mod tests {
         let mut x = vec![0.5, 0.5, 0.1, 0.0, 1.0, 0.5, 0.0, 0.5];
         let active = layout.canonical(&mut x);
         let features = layout.features(&x, &active);
-        assert_eq!(layout.metrics()[0], Metric::Unordered);
+        assert_eq!(layout.kinds()[0], FeatureKind::Categorical);
         assert_eq!(features[0], 1.0);
         // The first cell holds 8, the largest of the three.
         assert_eq!((x[2], features[2]), (1.0 / 6.0, 2.5 / 3.0));

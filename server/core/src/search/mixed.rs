@@ -12,6 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::configuration::Configuration;
 use crate::limits::KNOWN_POINTS_PER_SUGGESTION_MAX;
+use crate::policy::SearchMethod;
 use crate::randomness::{Purpose, stream};
 use crate::space::{Condition, Constraint, Domain, Parameter, Scale, Space};
 use crate::value::Value;

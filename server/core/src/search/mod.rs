@@ -2,25 +2,23 @@
 //!
 //! A search is a small value: its state goes through serde exactly, and its randomness is derived from
 //! `(seed, state, step)` (see [`SearchSetup`]), so a search that is stored and read back goes on with the
-//! same points. Points that are out (asked and not told) are part of the state; a point whose client went
-//! away is withdrawn and asked again.
+//! same points. Pending points (asked and not told) are part of the state; a point whose client went away is
+//! withdrawn and asked again. To add a search, see `registry`.
 
-pub mod auto;
-mod flight;
 pub mod guide;
 pub mod latin_hypercube;
 pub(crate) mod layout;
 mod levels;
 pub mod model;
 pub mod nelder_mead;
+mod pending;
 pub mod random;
+mod registry;
 
 use std::cmp::Ordering;
 
 use serde::{Deserialize, Serialize};
 
-use crate::policy::SearchMethod;
-pub use auto::AutoSearch;
 pub use guide::{Elsewhere, Guide};
 pub use latin_hypercube::LatinHypercubeSearch;
 pub use layout::Layout;
@@ -28,6 +26,7 @@ pub use levels::levels;
 pub use model::{ModelSearch, Plan};
 pub use nelder_mead::NelderMead;
 pub use random::RandomSearch;
+pub use registry::{AnySearch, hears_others, resolved};
 
 /// A point that a search wants measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -142,20 +141,66 @@ pub struct Feedback {
 }
 
 /// An explorer of one state. Lengths of points are the setup's dimension; costs are finite.
+///
+/// The first three methods are what makes a search. All others are ways in which it may take part in more than asking
+/// and being told; each says what it means not to.
 pub trait Search {
-    /// The next point to measure. `None` while the search waits for points that are out.
+    /// The next point to measure. `None` while the search waits for points that are pending.
     fn ask(&mut self) -> Option<Point>;
 
-    /// Answers a point. An id that is not out is passed over: the answer came twice.
+    /// Answers a point. An id that is not pending is passed over: the answer came twice.
     fn tell(&mut self, id: u64, feedback: Feedback);
 
     /// Takes a point back whose client went away; it is the next to be asked, under the same id.
     fn withdraw(&mut self, id: u64);
 
-    /// How many of the answers were to [`Step::Replicate`], and so added no configuration.
+    /// How many of the answers were to [`Step::Replicate`], and so added no configuration. A search without replicates
+    /// has none.
     fn repeats(&self) -> u64 {
         0
     }
+
+    /// Leaves axes where they are, from the next point on: places in the space, and coordinates in 0..1. `false` when
+    /// the search cannot; its points must then be moved by whoever asks.
+    fn hold(&mut self, _held: &[(usize, f64)]) -> bool {
+        false
+    }
+
+    /// Tells of a point that was measured before the search began. A search without a model has no use for it: what it
+    /// asks and is known is answered at once.
+    fn know(&mut self, _x: Vec<f64>, _verdict: Verdict) {}
+
+    /// Tells of a point that was measured beside the search; whatever was planned goes on. A search without a model has
+    /// no use for it.
+    fn hear(&mut self, _x: Vec<f64>, _verdict: Verdict) {}
+
+    /// Whether searches of this kind [follow](Search::follow) what other states know.
+    fn hears_others() -> bool
+    where
+        Self: Sized,
+    {
+        false
+    }
+
+    /// Has a search that has just begun profit from other states: `first` are points to begin with, after the default.
+    /// A search that does not hear others begins as always.
+    fn follow(&mut self, _guide: Guide, _first: Vec<Vec<f64>>) {}
+
+    /// Whether the next [`ask`](Search::ask) is a matter of microseconds: no model has to be fitted for it. A search
+    /// without a model is always ready.
+    fn is_ready(&self) -> bool {
+        true
+    }
+
+    /// Thinks of the next point on a copy: what takes milliseconds is done here, where nobody waits. `None` where there
+    /// is nothing to think about.
+    fn plan(&self) -> Option<Plan> {
+        None
+    }
+
+    /// Takes over what a copy of this search has [planned](Search::plan), if it is still worth something. Asked next,
+    /// a search that was not told anything since gives the same point as if it had thought of it itself.
+    fn adopt(&mut self, _plan: Plan) {}
 }
 
 /// What a search is made from.
@@ -186,147 +231,6 @@ impl SearchSetup {
 
     fn levels_of(&self, axis: usize) -> u32 {
         self.levels.get(axis).copied().unwrap_or(0)
-    }
-}
-
-/// One of the searches, as it is stored.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum AnySearch {
-    /// See [`nelder_mead`].
-    NelderMead(NelderMead),
-    /// See [`latin_hypercube`].
-    LatinHypercube(LatinHypercubeSearch),
-    /// See [`random`].
-    Random(RandomSearch),
-    /// See [`model`].
-    Model(ModelSearch),
-    /// See [`auto`].
-    Auto(AutoSearch),
-}
-
-impl AnySearch {
-    /// A fresh search.
-    pub fn new(method: SearchMethod, setup: SearchSetup) -> Self {
-        match method {
-            SearchMethod::NelderMead => AnySearch::NelderMead(NelderMead::new(setup)),
-            SearchMethod::LatinHypercube => AnySearch::LatinHypercube(LatinHypercubeSearch::new(setup)),
-            SearchMethod::Random => AnySearch::Random(RandomSearch::new(setup)),
-            SearchMethod::Model => AnySearch::Model(ModelSearch::new(setup)),
-            SearchMethod::Auto => AnySearch::Auto(AutoSearch::new(setup)),
-        }
-    }
-
-    /// Which search it is.
-    pub fn method(&self) -> SearchMethod {
-        match self {
-            AnySearch::NelderMead(_) => SearchMethod::NelderMead,
-            AnySearch::LatinHypercube(_) => SearchMethod::LatinHypercube,
-            AnySearch::Random(_) => SearchMethod::Random,
-            AnySearch::Model(_) => SearchMethod::Model,
-            AnySearch::Auto(_) => SearchMethod::Auto,
-        }
-    }
-
-    /// Leaves axes where they are, from the next point on: places in the space, and coordinates in 0..1. `false` when
-    /// the search cannot; its points must then be moved by whoever asks.
-    pub fn hold(&mut self, held: &[(usize, f64)]) -> bool {
-        match self {
-            AnySearch::Model(search) => search.hold(held),
-            AnySearch::Auto(search) => search.hold(held),
-            _ => return false,
-        }
-        true
-    }
-
-    /// Tells of a point that was measured before the search began. Searches without a model pass it over: what
-    /// they ask and is known is answered at once.
-    pub fn know(&mut self, x: Vec<f64>, verdict: Verdict) {
-        match self {
-            AnySearch::Model(search) => search.know(x, verdict),
-            AnySearch::Auto(search) => search.know(x, verdict),
-            _ => {}
-        }
-    }
-
-    /// Tells of a point that was measured beside the search; whatever was planned goes on.
-    pub fn hear(&mut self, x: Vec<f64>, verdict: Verdict) {
-        match self {
-            AnySearch::Model(search) => search.hear(x, verdict),
-            AnySearch::Auto(search) => search.hear(x, verdict),
-            _ => {}
-        }
-    }
-
-    /// Has a search that has just begun profit from other states: `first` are points to begin with, after the default.
-    /// Searches without a model pass it over.
-    pub fn follow(&mut self, guide: Guide, first: Vec<Vec<f64>>) {
-        match self {
-            AnySearch::Model(search) => search.follow(guide, first),
-            AnySearch::Auto(search) => search.follow(guide, first),
-            _ => {}
-        }
-    }
-
-    /// Whether the next [`ask`](Search::ask) is a matter of microseconds: no model has to be fitted for it.
-    pub fn is_ready(&self) -> bool {
-        match self {
-            AnySearch::Model(search) => search.is_ready(),
-            AnySearch::Auto(search) => search.is_ready(),
-            _ => true,
-        }
-    }
-
-    /// Thinks of the next point, without changing the search that this is a copy of. `None` where there is nothing to
-    /// think about.
-    pub fn plan(self) -> Option<Plan> {
-        match self {
-            AnySearch::Model(search) => Some(search.plan()),
-            AnySearch::Auto(search) => Some(search.plan()),
-            _ => None,
-        }
-    }
-
-    /// Takes over what a copy of this search has [found](AnySearch::plan), if it is still worth something. Asked next,
-    /// a search that was not told anything since gives the same point as if it had thought of it itself.
-    pub fn adopt(&mut self, plan: Plan) {
-        match self {
-            AnySearch::Model(search) => search.adopt(plan),
-            AnySearch::Auto(search) => search.adopt(plan),
-            _ => {}
-        }
-    }
-
-    fn inner(&mut self) -> &mut dyn Search {
-        match self {
-            AnySearch::NelderMead(search) => search,
-            AnySearch::LatinHypercube(search) => search,
-            AnySearch::Random(search) => search,
-            AnySearch::Model(search) => search,
-            AnySearch::Auto(search) => search,
-        }
-    }
-}
-
-impl Search for AnySearch {
-    fn ask(&mut self) -> Option<Point> {
-        self.inner().ask()
-    }
-
-    fn tell(&mut self, id: u64, feedback: Feedback) {
-        self.inner().tell(id, feedback);
-    }
-
-    fn withdraw(&mut self, id: u64) {
-        self.inner().withdraw(id);
-    }
-
-    fn repeats(&self) -> u64 {
-        match self {
-            AnySearch::Model(search) => search.repeats(),
-            AnySearch::Auto(search) => search.repeats(),
-            _ => 0,
-        }
     }
 }
 

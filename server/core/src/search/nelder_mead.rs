@@ -38,8 +38,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::randomness::{Purpose, stream};
-use crate::search::flight::Flight;
 use crate::search::latin_hypercube::design;
+use crate::search::pending::PendingPoints;
 use crate::search::{Feedback, Point, Score, Search, SearchSetup, Step, Verdict};
 
 /// How far the moves go, in distances of the worst vertex from the centroid: the values of Nelder and Mead.
@@ -105,7 +105,8 @@ fn level_at(x: f64, levels: u32) -> u32 {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NelderMead {
     setup: SearchSetup,
-    flight: Flight,
+    #[serde(rename = "flight")]
+    pending: PendingPoints,
     phase: Phase,
     /// Best first.
     simplex: Vec<Vertex>,
@@ -130,7 +131,7 @@ impl NelderMead {
     /// would have if it spanned the choices too.
     pub fn new(setup: SearchSetup) -> Self {
         let mut search = NelderMead {
-            flight: Flight::default(),
+            pending: PendingPoints::default(),
             phase: Phase::Reflect,
             simplex: Vec::new(),
             radius: RADIUS_START,
@@ -405,19 +406,19 @@ impl NelderMead {
 
 impl Search for NelderMead {
     fn ask(&mut self) -> Option<Point> {
-        if let Some(point) = self.flight.relaunch() {
+        if let Some(point) = self.pending.resume() {
             return Some(point);
         }
         if let Phase::Design { queue } = &mut self.phase {
             let (x, step) = queue.pop_front()?;
-            return Some(self.flight.launch(x, step));
+            return Some(self.pending.add(x, step));
         }
-        if !self.flight.is_empty() {
+        if !self.pending.is_empty() {
             return None;
         }
         if self.phase == Phase::Switch {
             if let Some(x) = self.switched() {
-                return Some(self.flight.launch(x, Step::Switch));
+                return Some(self.pending.add(x, Step::Switch));
             }
             self.restart();
             return self.ask();
@@ -441,11 +442,11 @@ impl Search for NelderMead {
         if step != Step::RandomSearch {
             self.take_choices(&mut x);
         }
-        Some(self.flight.launch(x, step))
+        Some(self.pending.add(x, step))
     }
 
     fn tell(&mut self, id: u64, feedback: Feedback) {
-        let Some(Point { x, .. }) = self.flight.land(id) else {
+        let Some(Point { x, .. }) = self.pending.finish(id) else {
             return;
         };
         let vertex = Vertex { x, score: self.score(feedback.verdict) };
@@ -457,7 +458,7 @@ impl Search for NelderMead {
             Phase::Design { queue } => {
                 self.simplex.push(vertex);
                 self.sort();
-                let done = queue.is_empty() && self.flight.is_empty();
+                let done = queue.is_empty() && self.pending.is_empty();
                 self.phase = if done { Phase::Reflect } else { Phase::Design { queue } };
                 if done && self.restarts == 0 && self.has_choices() {
                     self.begin_switches();
@@ -486,6 +487,6 @@ impl Search for NelderMead {
     }
 
     fn withdraw(&mut self, id: u64) {
-        self.flight.withdraw(id);
+        self.pending.withdraw(id);
     }
 }

@@ -8,6 +8,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use crate::policy::SearchMethod;
 use crate::space::{Constraint, Domain, Parameter, Scale, Space};
 use crate::value::Value;
 

@@ -3,15 +3,9 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::registry::METHODS;
 use super::*;
-
-const METHODS: [SearchMethod; 5] = [
-    SearchMethod::Auto,
-    SearchMethod::NelderMead,
-    SearchMethod::LatinHypercube,
-    SearchMethod::Random,
-    SearchMethod::Model,
-];
+use crate::policy::SearchMethod;
 
 fn setup(dimension: usize, budget: u32, levels: Vec<u32>) -> SearchSetup {
     SearchSetup {
@@ -58,14 +52,14 @@ fn mckinnon(x: &[f64]) -> f64 {
 
 #[test]
 fn where_nothing_can_be_run_every_search_goes_on() {
-    for method in METHODS {
+    for &method in METHODS {
         assert_eq!(run(method, setup(6, 60, vec![2, 0, 5]), |_| Verdict::Infeasible), f64::INFINITY);
     }
 }
 
 #[test]
 fn spaces_of_one_point_and_of_a_few_are_asked_again_and_again() {
-    for method in METHODS {
+    for &method in METHODS {
         assert_eq!(run(method, setup(1, 30, vec![1]), |_| Verdict::Cost(2.0)), 2.0);
         let cost = |x: &[f64]| Verdict::Cost(f64::from(u8::from(x[0] < 0.5) + u8::from(x[1] < 0.5)));
         assert_eq!(run(method, setup(2, 30, vec![2, 2]), cost), 0.0, "{method:?}");
@@ -74,7 +68,7 @@ fn spaces_of_one_point_and_of_a_few_are_asked_again_and_again() {
 
 #[test]
 fn plateaus_and_extreme_costs_leave_every_point_in_the_cube() {
-    for method in METHODS {
+    for &method in METHODS {
         for cost in [0.0, f64::MIN_POSITIVE / 4.0, 1e-300, -3.0, 1e300, f64::MAX] {
             run(method, setup(3, 40, Vec::new()), |_| Verdict::Cost(cost));
         }
@@ -175,7 +169,7 @@ fn cliffs_and_regions_that_cannot_be_measured_are_gone_around() {
 
 #[test]
 fn equal_costs_and_collapsed_simplices_do_not_end_the_search() {
-    for method in METHODS {
+    for &method in METHODS {
         let mut trial = 0;
         let mut late = Vec::new();
         // Sixty measurements that are all alike, then a bowl along one axis alone.
@@ -208,7 +202,7 @@ fn points_do_not_depend_on_the_unit_of_a_parameter() {
         };
         Space::new((0..3).map(one).collect(), Vec::new()).expect("valid")
     };
-    for method in METHODS {
+    for &method in METHODS {
         let points = |space: &Space| {
             let mut points = Vec::new();
             let layout = Layout::of(space);
@@ -273,7 +267,7 @@ fn four_and_eight_clients_find_what_one_finds() {
 
 #[test]
 fn bounds_of_trials_that_were_stopped_are_no_news_of_improvement() {
-    for method in METHODS {
+    for &method in METHODS {
         // Whatever is worse than 1.3 times the best so far is stopped there.
         let mut best = f64::INFINITY;
         let found = run(method, setup(4, 80, Vec::new()), |x| {

@@ -22,7 +22,7 @@ use crate::tuner::screening::Screening;
 use crate::tuner::{Checkpoint, Tuner};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
-const VERSION: u64 = 3;
+const VERSION: u64 = 4;
 
 /// What a tuner learnt. Taken in a moment, since it shares its tables with the tuner until either changes them.
 #[derive(Clone, Debug)]

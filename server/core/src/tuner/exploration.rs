@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::packed::{PackedError, pack, unpack};
-use crate::search::{AnySearch, Feedback, Search};
+use crate::search::{AnySearch, Feedback};
 use crate::tuner::screening::Held;
 
 /// The search of one state and its points in flight. Once its budget is spent the search itself is dropped: what it
@@ -31,7 +31,7 @@ impl Exploration {
 
     /// How many of the answers added no configuration.
     pub(super) fn repeats(&self) -> u64 {
-        self.search.as_ref().map_or(self.repeats, Search::repeats)
+        self.search.as_ref().map_or(self.repeats, |search| search.repeats())
     }
 
     /// Drops the search.

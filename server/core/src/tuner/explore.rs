@@ -9,7 +9,7 @@ use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
 use crate::policy::Policy;
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
-use crate::search::{AnySearch, Feedback, Layout, Point, Search, SearchSetup, Step, Verdict, levels};
+use crate::search::{AnySearch, Feedback, Layout, Point, SearchSetup, Step, Verdict, levels};
 use crate::trial::{Mode, Reason};
 use crate::tuner::plan::Planned;
 use crate::tuner::screening::{CONTROL, Held};
@@ -117,7 +117,7 @@ impl Tuner {
         if let Some(current) = self.searches.of(state) {
             was_dropped = current.search.is_none();
             let goes_on = match &current.search {
-                Some(search) => search.method() == policy.search,
+                Some(search) => search.is_of(policy.search),
                 None => is_spent(current, self.states.knowledge(state), policy),
             };
             if goes_on {

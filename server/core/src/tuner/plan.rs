@@ -242,7 +242,7 @@ impl Tuner {
         let (policy, knowledge) = (&self.spec.policy, self.states.knowledge(state));
         let exploration = self.searches.of(state)?;
         let search = exploration.search.as_ref()?;
-        let goes_on = search.method() == policy.search
+        let goes_on = search.is_of(policy.search)
             && !search.is_ready()
             && !is_spent(exploration, knowledge, policy)
             && self.transfer().untried_by_machines(state).is_none();

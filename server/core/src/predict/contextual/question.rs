@@ -8,12 +8,11 @@ use std::sync::Arc;
 use rand_chacha::ChaCha8Rng;
 
 use crate::configuration::Configuration;
+use crate::gp::warping::RobustLog;
+use crate::gp::{Hyperparameters, Process, Sample};
 use crate::knowledge::{Knowledge, KnownState, Record};
-use crate::predict::contextual::Frame;
-use crate::predict::contextual::climb::{Climber, Place};
-use crate::predict::contextual::field::{Field, Rows};
-use crate::predict::contextual::hyper::Hyper;
-use crate::predict::contextual::values::Values;
+use crate::predict::contextual::lowest::LowestBound;
+use crate::predict::contextual::{FeatureMap, PRIOR};
 use crate::predict::{Answer, Estimate, Query, draw_in};
 use crate::space::Space;
 use crate::trial::Neighbour;
@@ -45,7 +44,7 @@ struct Bearing {
 /// The question. See the head of this module.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Question {
-    frame: Arc<Frame>,
+    features: Arc<FeatureMap>,
     bearings: Vec<Bearing>,
     /// The normalised indicators, drawn in.
     state: Vec<f64>,
@@ -55,9 +54,9 @@ pub(crate) struct Question {
 
 /// What is measured near the asked state.
 struct Local<'a> {
-    rows: Rows,
+    sample: Sample,
     values: Vec<f64>,
-    transform: Values,
+    warping: RobustLog,
     records: Vec<&'a Record>,
 }
 
@@ -67,7 +66,7 @@ fn drawn_in(state: &[f64]) -> Vec<f64> {
 
 impl Question {
     /// Collects what bears on a question: most of the nearest states', the best of each first.
-    pub(super) fn new(frame: &Arc<Frame>, query: &Query<'_>) -> Self {
+    pub(super) fn new(features: &Arc<FeatureMap>, query: &Query<'_>) -> Self {
         let found = query.nearest(ROWS_MAX, false, |state| state.knowledge.best().is_some());
         let (mut bearings, mut quota, mut rows) = (Vec::new(), QUOTA_FIRST, 0);
         for state in found.iter().filter_map(|found| query.known.get(found.name as usize)) {
@@ -80,7 +79,7 @@ impl Question {
             }
         }
         Question {
-            frame: Arc::clone(frame),
+            features: Arc::clone(features),
             bearings,
             state: drawn_in(query.state),
             here: query.here.map(|here| Arc::clone(&here.knowledge)),
@@ -96,43 +95,47 @@ impl Question {
 
     /// The measurements that bear on it, as the process sees them.
     fn local(&self, space: &Space) -> Option<Local<'_>> {
-        let mut rows = Rows::new(self.frame.metrics.clone());
+        let (mut points, mut counts): (Vec<Vec<f64>>, Vec<f64>) = Default::default();
         let (mut records, mut costs) = (Vec::new(), Vec::new());
         for bearing in &self.bearings {
             let anchor = drawn_in(&bearing.anchor);
             for record in selection(&bearing.knowledge, bearing.quota) {
-                let features = self.frame.features(&space.encode(&record.configuration));
-                rows.push(&anchor, &features, bearing.trust * record.measurements as f64);
+                let features = self.features.features(&space.encode(&record.configuration));
+                points.push([&anchor[..], &features].concat());
+                counts.push(bearing.trust * record.measurements as f64);
                 costs.push(bearing.translate(record.mean_cost));
                 records.push(record);
             }
         }
-        let transform = Values::of(&costs)?;
-        let values = costs.iter().map(|&cost| transform.see(cost)).collect();
-        (rows.len() >= ROWS_MIN).then_some(Local { rows, values, transform, records })
+        let warping = RobustLog::of(&costs)?;
+        let values = costs.iter().map(|&cost| warping.see(cost)).collect();
+        let points: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
+        let sample = Sample::new(self.features.kinds.clone(), &points, counts);
+        (sample.len() >= ROWS_MIN).then_some(Local { sample, values, warping, records })
     }
 
     /// The configuration of the least cost, less `optimism` deviations.
     pub(super) fn answer(
         &self,
-        hyper: &Hyper,
+        hyper: &Hyperparameters,
         space: &Space,
         optimism: f64,
         neighbours: &[Neighbour],
         random: &mut ChaCha8Rng,
     ) -> Option<Answer> {
         let local = self.local(space)?;
-        let field = Field::fit(&local.rows, &local.values, hyper)?;
-        let towards = field.towards(&self.state);
-        let place = Place { field: &field, layout: &self.frame.layout, towards: &towards, optimism };
+        let process = Process::fit(local.sample, local.values, hyper, &PRIOR)?;
+        let context = process.context(&self.state);
+        let lowest =
+            LowestBound { process: &process, layout: &self.features.layout, context: &context, optimism };
         let known = local.records.iter().map(|record| space.encode(&record.configuration));
         let excludes =
             |x: &[f64]| self.here.as_ref().is_some_and(|here| here.is_infeasible(&space.decode(x)));
-        let Climber { x, belief, .. } = place.best(known, random, excludes)?;
-        let variance = belief.deviation * belief.deviation + field.noise();
+        let (x, belief) = lowest.search(known, random, excludes)?;
+        let variance = belief.deviation * belief.deviation + process.noise();
         Some(Answer {
             configuration: space.decode(&x),
-            expected: estimate(&local.transform, belief.mean, variance),
+            expected: estimate(&local.warping, belief.mean, variance),
             neighbours: neighbours.to_vec(),
         })
     }
@@ -140,16 +143,16 @@ impl Question {
     /// What is expected of one configuration.
     pub(crate) fn estimate(
         &self,
-        hyper: &Hyper,
+        hyper: &Hyperparameters,
         space: &Space,
         configuration: &Configuration,
     ) -> Option<Estimate> {
         let local = self.local(space)?;
-        let field = Field::fit(&local.rows, &local.values, hyper)?;
-        let towards = field.towards(&self.state);
-        let belief = field.at(&towards, &self.frame.features(&space.encode(configuration)));
-        let variance = belief.deviation * belief.deviation + field.noise();
-        Some(estimate(&local.transform, belief.mean, variance))
+        let process = Process::fit(local.sample, local.values, hyper, &PRIOR)?;
+        let context = process.context(&self.state);
+        let belief = process.at(&context, &self.features.features(&space.encode(configuration)));
+        let variance = belief.deviation * belief.deviation + process.noise();
+        Some(estimate(&local.warping, belief.mean, variance))
     }
 }
 
@@ -175,9 +178,9 @@ impl Bearing {
 }
 
 /// A belief in the objective's units. The deviation is that of a single measurement.
-fn estimate(transform: &Values, mean: f64, variance: f64) -> Estimate {
-    let cost = transform.cost(mean);
-    let above = transform.cost(mean + variance.sqrt());
+fn estimate(warping: &RobustLog, mean: f64, variance: f64) -> Estimate {
+    let cost = warping.cost(mean);
+    let above = warping.cost(mean + variance.sqrt());
     Estimate::new(cost, above - cost)
 }
 

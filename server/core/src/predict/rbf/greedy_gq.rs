@@ -68,14 +68,19 @@ fn reward(cost: f64) -> f64 {
     1.0 / cost.max(REWARD_COST_MIN)
 }
 
-impl Rbf {
-    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space.
-    pub(in crate::predict) fn settle(&mut self, space: &Space) -> bool {
+impl Predictor for Rbf {
+    fn has_features(&self) -> bool {
+        true
+    }
+
+    fn speaks_of_first_machine(&self) -> bool {
+        true
+    }
+
+    fn settle(&mut self, space: &Space) -> bool {
         self.candidates.settle(space)
     }
-}
 
-impl Predictor for Rbf {
     fn learn(&mut self, lesson: &Lesson<'_>) {
         let (state_2, action_2) = (self.basis.state_2(lesson.state), self.basis.action_2(lesson.point));
         let mut phi = Vec::with_capacity(self.basis.len());

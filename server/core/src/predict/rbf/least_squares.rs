@@ -175,14 +175,19 @@ impl LeastSquares {
     }
 }
 
-impl LeastSquares {
-    /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space.
-    pub(in crate::predict) fn settle(&mut self, space: &Space) -> bool {
+impl Predictor for LeastSquares {
+    fn has_features(&self) -> bool {
+        true
+    }
+
+    fn speaks_of_first_machine(&self) -> bool {
+        true
+    }
+
+    fn settle(&mut self, space: &Space) -> bool {
         self.candidates.settle(space)
     }
-}
 
-impl Predictor for LeastSquares {
     fn learn(&mut self, lesson: &Lesson<'_>) {
         let (state_2, action_2) = (self.basis.state_2(lesson.state), self.basis.action_2(lesson.point));
         let mut phi = Vec::with_capacity(self.basis.len() + 1);

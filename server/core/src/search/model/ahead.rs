@@ -4,8 +4,8 @@
 //! do it while the search itself is told of other points; what it found counts as long as nobody has measured it
 //! meanwhile.
 
+use crate::gp::Hyperparameters;
 use crate::search::Step;
-use crate::search::model::process::Hyper;
 use crate::search::model::{ModelSearch, steps};
 
 /// A point by the models, and what fitting them taught.
@@ -13,30 +13,32 @@ use crate::search::model::{ModelSearch, steps};
 pub struct Plan {
     /// Where to measure and why; `None` where there is nothing to model.
     pub(super) point: Option<(Vec<f64>, Step)>,
-    cost: Hyper,
-    failure: Hyper,
-    trended: Option<Hyper>,
+    cost: Hyperparameters,
+    failure: Hyperparameters,
+    trended: Option<Hyperparameters>,
     fitted: u64,
     draws: u64,
 }
 
+impl Plan {
+    /// Thinks of the next point of a search, which is a copy: the models move in it.
+    pub(super) fn of(mut search: ModelSearch) -> Plan {
+        let point = search.propose();
+        let ModelSearch { cost, failure, trended, fitted, draws, .. } = search;
+        Plan { point, cost, failure, trended, fitted, draws }
+    }
+}
+
 impl ModelSearch {
     /// Whether the next point is at hand: what came back, the design, or a plan that was taken over.
-    pub fn is_ready(&self) -> bool {
-        let begins = self.flight.launched() == 0 || self.flight.has_returned();
+    pub(super) fn has_next(&self) -> bool {
+        let begins = self.pending.added() == 0 || self.pending.has_withdrawn();
         let designs = self.believes_others() || !self.queue.is_empty() && !self.is_mostly_infeasible();
         begins || designs || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
     }
 
-    /// Thinks of the next point. Takes the search, which is a copy: the models move in it.
-    pub fn plan(mut self) -> Plan {
-        let point = self.propose();
-        let ModelSearch { cost, failure, trended, fitted, draws, .. } = self;
-        Plan { point, cost, failure, trended, fitted, draws }
-    }
-
     /// Takes over what a copy has found. A plan that rests on fewer measurements than the last fit is passed over.
-    pub fn adopt(&mut self, plan: Plan) {
+    pub(super) fn take_over(&mut self, plan: Plan) {
         if plan.fitted < self.fitted {
             return;
         }
@@ -54,7 +56,7 @@ impl ModelSearch {
             return true;
         };
         let grid = steps(x);
-        let is_out = self.flight.points().any(|point| self.grid(&point.x).0 == grid);
-        !is_out && (*step == Step::Replicate || self.seen.iter().all(|seen| seen.x != grid))
+        let is_pending = self.pending.points().any(|point| self.grid(&point.x).0 == grid);
+        !is_pending && (*step == Step::Replicate || self.seen.iter().all(|seen| seen.x != grid))
     }
 }

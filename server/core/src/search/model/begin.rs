@@ -16,8 +16,8 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::process::Hyper;
-use super::{ModelSearch, Seen};
+use super::{ModelSearch, PRIOR, Seen};
+use crate::gp::Hyperparameters;
 use crate::search::latin_hypercube::design;
 use crate::search::{Guide, SearchSetup};
 
@@ -37,18 +37,19 @@ const DESIGN_LEFT: usize = 4;
 impl ModelSearch {
     /// Has the search profit from other states, before any model was fitted. `first` are points to begin with, after
     /// the default.
-    pub fn follow(&mut self, guide: Guide, first: Vec<Vec<f64>>) {
+    pub(super) fn begin_with(&mut self, guide: Guide, first: Vec<Vec<f64>>) {
         self.setup.layout.set_guide(guide);
-        let metrics = self.setup.layout.metrics();
-        (self.cost, self.failure) = (Hyper::new(&metrics), Hyper::new(&metrics));
+        let kinds = self.setup.layout.kinds();
+        (self.cost, self.failure) =
+            (Hyperparameters::new(&kinds, &PRIOR), Hyperparameters::new(&kinds, &PRIOR));
         self.elsewhere = first.into();
     }
 
     /// Whether something is known to be better than the default.
     fn has_gained(&self) -> bool {
         let start = self.grid(&self.setup.start).0;
-        let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.found.rank());
-        let better = |default: f64| self.seen.iter().any(|seen: &Seen| seen.found.rank() < default);
+        let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.observed.rank());
+        let better = |default: f64| self.seen.iter().any(|seen: &Seen| seen.observed.rank() < default);
         default.is_some_and(better)
     }
 
@@ -230,7 +231,7 @@ mod tests {
             assert_eq!(copy, search);
             // Thinking apart comes to the same.
             if !search.is_ready() {
-                let plan = search.clone().plan();
+                let plan = search.plan().expect("a model to fit");
                 copy.adopt(plan);
             }
             assert_eq!(walk(&mut copy, 3, cost), walk(&mut search, 3, cost));

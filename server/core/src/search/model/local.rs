@@ -12,25 +12,28 @@
 //! measurements around the best from Hansen, "A global surrogate assisted CMA-ES" (GECCO 2019). The region
 //! needs no state: it shrinks as measurements gather.
 
-use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::acquire::{Acquisition, Known, log_improvement, standard_normal};
-use super::process::{Hyper, Process, Sample};
-use super::warp::Warp;
-use super::{OUT_COUNT, Place};
+use super::acquire::{Acquisition, Known};
+use super::{PENDING_COUNT, PRIOR, Place};
+use crate::gp::acquisition::log_expected_improvement;
+use crate::gp::kernel::FeatureKind;
+use crate::gp::local_search::{Candidate, Leaders, NormalSteps, best, climb};
+use crate::gp::warping::ShiftedLog;
+use crate::gp::{Hyperparameters, Process, Sample, Schedule};
 use crate::matrix::Factor;
-use crate::search::layout::{Layout, Metric};
+use crate::randomness::standard_normal;
+use crate::search::layout::Layout;
 
 /// How many of the nearest measurements are looked at: so many for each axis, and so many more.
 const NEAREST_PER_AXIS: usize = 4;
 const NEAREST: usize = 6;
 /// Steps of ascent of the process' likelihood.
-const ROUNDS: usize = 12;
+const STEPS: usize = 12;
 /// Points closer to a measurement than this share of the radius teach nothing.
 const APART_MIN: f64 = 0.05;
-/// The same of points that are out: what comes of them is not known, and may be the better place to be close to.
-const APART_OUT_MIN: f64 = 0.3;
+/// The same of pending points: what comes of them is not known, and may be the better place to be close to.
+const APART_PENDING_MIN: f64 = 0.3;
 /// Random points to begin with, how many of them climb, and in how many steps.
 const BEGIN: usize = 100;
 const CLIMBERS: usize = 3;
@@ -56,15 +59,15 @@ pub(super) struct Near {
     weights: Vec<f64>,
 }
 
-/// Coordinates in which the better half of the nearest measurements is spread evenly around the best.
-struct Frame {
+/// Coordinates in which the better half of the nearest measurements is spread evenly around the best: whitened ones.
+struct Whitening {
     centre: Vec<f64>,
     factor: Factor,
 }
 
-impl Frame {
-    /// The frame of some measurements. `None` where they all coincide.
-    fn of(measured: &[Measured], nearest: &[usize], centre: &[f64]) -> Option<Frame> {
+impl Whitening {
+    /// The coordinates of some measurements. `None` where they all coincide.
+    fn of(measured: &[Measured], nearest: &[usize], centre: &[f64]) -> Option<Whitening> {
         let d = centre.len();
         let mut by_cost = nearest.to_vec();
         by_cost.sort_by(|&a, &b| measured[a].cost.total_cmp(&measured[b].cost));
@@ -88,7 +91,7 @@ impl Frame {
             spread[i * d + i] += shrink * (0.9 * diagonal[i] + 0.1 * mean);
         }
         let factor = (mean > 0.0).then(|| Factor::of(&spread, d)).flatten()?;
-        Some(Frame { centre: centre.to_vec(), factor })
+        Some(Whitening { centre: centre.to_vec(), factor })
     }
 
     fn enter(&self, x: &[f64]) -> Vec<f64> {
@@ -130,8 +133,8 @@ impl Near {
         };
         let of = |place: &&Place| Measured {
             x: axes.iter().map(|&axis| place.x[axis]).collect(),
-            cost: place.found.cost(),
-            count: place.found.count(),
+            cost: place.observed.cost(),
+            count: place.observed.count(),
         };
         let measured: Vec<Measured> = measured.iter().filter(agrees).map(of).collect();
         let weights = axes.iter().map(|&axis| cost.weights()[axis]).collect();
@@ -139,12 +142,12 @@ impl Near {
         enough.then_some(Near { best, axes, measured, weights })
     }
 
-    /// The point of highest expected improvement around the best, canonical but for rounding. `out` are
+    /// The point of highest expected improvement around the best, canonical but for rounding. `pending` are
     /// points that count as measured at what is expected of them.
     pub(super) fn propose(
         &self,
         acquisition: &Acquisition,
-        out: &[Vec<f64>],
+        pending: &[Vec<f64>],
         random: &mut ChaCha8Rng,
     ) -> Option<Vec<f64>> {
         let (d, measured) = (self.axes.len(), &self.measured);
@@ -155,11 +158,11 @@ impl Near {
             let apart = measured[index].x.iter().zip(&centre).zip(&self.weights);
             apart.map(|((x, c), weight)| weight * (x - c) * (x - c)).sum()
         };
-        // Who is near is a matter of the frame, which is a matter of who is near: twice is enough.
-        let frame = Frame::of(measured, &nearest(measured.len(), count, weighted), &centre)?;
-        let chosen = nearest(measured.len(), count, |index| square(&frame.enter(&measured[index].x)));
-        let frame = Frame::of(measured, &chosen, &centre)?;
-        let places: Vec<Vec<f64>> = chosen.iter().map(|&index| frame.enter(&measured[index].x)).collect();
+        // Who is near is a matter of these coordinates, which are a matter of who is near: twice is enough.
+        let whitening = Whitening::of(measured, &nearest(measured.len(), count, weighted), &centre)?;
+        let chosen = nearest(measured.len(), count, |index| square(&whitening.enter(&measured[index].x)));
+        let whitening = Whitening::of(measured, &chosen, &centre)?;
+        let places: Vec<Vec<f64>> = chosen.iter().map(|&index| whitening.enter(&measured[index].x)).collect();
         let mut lengths: Vec<f64> = places.iter().map(|u| square(u).sqrt()).collect();
         lengths.sort_by(f64::total_cmp);
         let radius = lengths[lengths.len() / 2];
@@ -168,95 +171,64 @@ impl Near {
         }
         let feature = |u: &[f64]| -> Vec<f64> { u.iter().map(|u| 0.5 + 0.5 * u / radius).collect() };
         let features: Vec<Vec<f64>> = places.iter().map(|u| feature(u)).collect();
-        let out: Vec<Vec<f64>> = out.iter().map(|x| frame.enter(&pick(x))).collect();
-        let flying: Vec<Vec<f64>> = out.iter().map(|u| feature(u)).collect();
-        let process = self.fit(&chosen, &features, &flying)?;
-        let best = features.iter().map(|f| process.at(f).mean).fold(f64::INFINITY, f64::min);
-        let value = |mut u: Vec<f64>, floor: f64| {
+        let pending: Vec<Vec<f64>> = pending.iter().map(|x| whitening.enter(&pick(x))).collect();
+        let pending_features: Vec<Vec<f64>> = pending.iter().map(|u| feature(u)).collect();
+        let process = self.fit(&chosen, &features, &pending_features)?;
+        let least = features.iter().map(|f| process.predict(f).mean).fold(f64::INFINITY, f64::min);
+        let judge = |mut u: Vec<f64>, floor: f64| {
             let length = square(&u).sqrt();
             if length > radius {
                 u.iter_mut().for_each(|u| *u *= radius / length);
             }
             let mut x = self.best.clone();
-            self.axes.iter().zip(frame.leave(&u)).for_each(|(&axis, place)| x[axis] = place);
+            self.axes.iter().zip(whitening.leave(&u)).for_each(|(&axis, place)| x[axis] = place);
             acquisition.layout.hold(&mut x);
             let active = acquisition.layout.canonical(&mut x);
             // Where the cube or a cell moves the point, it counts where it is.
-            let u = frame.enter(&pick(&x));
+            let u = whitening.enter(&pick(&x));
             let apart = |v: &Vec<f64>| v.iter().zip(&u).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
             let closest = |to: &[Vec<f64>]| to.iter().map(apart).fold(f64::INFINITY, f64::min).sqrt();
-            if closest(&places) < APART_MIN * radius || closest(&out) < APART_OUT_MIN * radius {
-                return (f64::NEG_INFINITY, u, x);
+            if closest(&places) < APART_MIN * radius || closest(&pending) < APART_PENDING_MIN * radius {
+                return Candidate { x: u, score: f64::NEG_INFINITY, detail: x };
             }
-            let nearness = process.nearness(&feature(&u));
-            let deviation = process.deviation(&nearness);
-            let gain = log_improvement((best - process.mean(&nearness)) / deviation) + deviation.ln();
+            let gain = log_expected_improvement(least, process.predict(&feature(&u)));
             // Whether it can be run only takes away from it.
             if gain <= floor {
-                return (f64::NEG_INFINITY, u, x);
+                return Candidate { x: u, score: f64::NEG_INFINITY, detail: x };
             }
-            let feasible = acquisition.feasible(&acquisition.layout.features(&x, &active)).ln();
-            (gain + feasible, u, x)
+            let feasible = libm::log(acquisition.feasible(&acquisition.layout.features(&x, &active)));
+            Candidate { x: u, score: gain + feasible, detail: x }
         };
-        climb(value, d, radius / (d as f64).sqrt(), random)
+        let scale = radius / (d as f64).sqrt();
+        let mut leaders = Leaders::new(CLIMBERS);
+        for index in 0..BEGIN {
+            let scale = scale * 0.5f64.powi((index % 5) as i32);
+            leaders.offer(judge((0..d).map(|_| scale * standard_normal(random)).collect(), leaders.floor()));
+        }
+        let mut moves = NormalSteps::new(0.3 * scale, random);
+        let starts = leaders.into_candidates().into_iter();
+        let climbed = starts.map(|start| climb(start, CLIMB, &mut moves, |u, floor| Some(judge(u, floor))));
+        best(climbed).map(|candidate| candidate.detail)
     }
 
-    fn fit(&self, chosen: &[usize], features: &[Vec<f64>], flying: &[Vec<f64>]) -> Option<Process> {
+    fn fit(&self, chosen: &[usize], features: &[Vec<f64>], pending: &[Vec<f64>]) -> Option<Process> {
         let d = self.axes.len();
         let costs: Vec<f64> = chosen.iter().map(|&index| self.measured[index].cost).collect();
         let mut counts: Vec<f64> = chosen.iter().map(|&index| self.measured[index].count).collect();
         let mut points: Vec<&[f64]> = features.iter().map(Vec::as_slice).collect();
-        let metrics = vec![Metric::Ordered; d];
-        let mut hyper = Hyper::with_trend(&metrics);
-        let views = Warp::new(&costs).views();
-        let sample = Sample::new(metrics.clone(), &points, counts.clone());
-        let (process, view) = Process::fit(sample, &views, &mut hyper, ROUNDS, false)?;
-        if flying.is_empty() {
+        let kinds = vec![FeatureKind::Ordered; d];
+        let mut hyper = Hyperparameters::with_trend(&kinds, &PRIOR);
+        let views = ShiftedLog::new(&costs).views();
+        let sample = Sample::new(kinds.clone(), &points, counts.clone()).prepared();
+        let schedule = Schedule { steps: STEPS, ahead: false };
+        let (process, view) = Process::learn(sample, &views, &mut hyper, &PRIOR, schedule)?;
+        if pending.is_empty() {
             return Some(process);
         }
         let mut values = views[view].0.clone();
-        values.extend(flying.iter().map(|features| process.at(features).mean));
-        counts.extend(flying.iter().map(|_| OUT_COUNT));
-        points.extend(flying.iter().map(Vec::as_slice));
-        let sample = Sample::new(metrics, &points, counts);
-        Process::fit(sample, &[(values, 0.0)], &mut hyper, 0, false).map(|(process, _)| process)
+        values.extend(pending.iter().map(|features| process.predict(features).mean));
+        counts.extend(pending.iter().map(|_| PENDING_COUNT));
+        points.extend(pending.iter().map(Vec::as_slice));
+        Process::fit(Sample::new(kinds, &points, counts).prepared(), values, &hyper, &PRIOR)
     }
-}
-
-/// Random points around the origin of a frame, the best of which climb by steps that grow with success. The
-/// point found is `None` where all are worth nothing.
-fn climb(
-    value: impl Fn(Vec<f64>, f64) -> (f64, Vec<f64>, Vec<f64>),
-    dimension: usize,
-    scale: f64,
-    random: &mut ChaCha8Rng,
-) -> Option<Vec<f64>> {
-    let mut pool: Vec<(f64, Vec<f64>, Vec<f64>)> = Vec::new();
-    for index in 0..BEGIN {
-        let scale = scale * 0.5f64.powi((index % 5) as i32);
-        let floor = if pool.len() < CLIMBERS { f64::NEG_INFINITY } else { pool[CLIMBERS - 1].0 };
-        pool.push(value((0..dimension).map(|_| scale * standard_normal(random)).collect(), floor));
-        pool.sort_by(|a, b| b.0.total_cmp(&a.0));
-        pool.truncate(CLIMBERS);
-    }
-    for climber in &mut pool {
-        let mut step = 0.3 * scale;
-        for _ in 0..CLIMB {
-            let only = (random.random::<f64>() < 0.3).then(|| random.random_range(0..dimension));
-            let moves = |axis: usize| only.is_none_or(|only| only == axis);
-            let mut u = climber.1.clone();
-            for (_, u) in u.iter_mut().enumerate().filter(|(axis, _)| moves(*axis)) {
-                *u += step * standard_normal(random);
-            }
-            let changed = value(u, climber.0);
-            if changed.0 > climber.0 {
-                *climber = changed;
-                step *= 1.5;
-            } else {
-                step *= 0.92;
-            }
-        }
-    }
-    let best = pool.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-    (best.0 > f64::NEG_INFINITY).then_some(best.2)
 }

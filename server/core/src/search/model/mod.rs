@@ -2,7 +2,7 @@
 //!
 //! The frame is that of Jones, Schonlau and Welch, "Efficient global optimization of expensive black-box
 //! functions" (Journal of Global Optimization 13, 1998): a small design (`begin`), then again and again a
-//! Gaussian process (`process`) is fitted to all that was measured, and the point of highest expected
+//! Gaussian process (`gp`) is fitted to all that was measured, and the point of highest expected
 //! improvement is measured next. What was added, and from where:
 //! - *Mixed, conditional spaces.* The model sees configurations, not points of the cube (see
 //!   [`Layout`]), and the improvement is climbed by changing one parameter at a time from the best known
@@ -27,8 +27,8 @@
 //! - *Other states.* What other states of the study know, a [`Guide`](crate::search::Guide) adds up: the search begins with what it and the
 //!   best of the others name, and costs may depend on it linearly. Its weight is learnt like a length, so that it
 //!   fades where it does not agree with what is measured here.
-//! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `warp`).
-//! - *Several clients.* Points that are out count as measured, at what the model expects of them (the
+//! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
+//! - *Several clients.* Pending points count as measured, at what the model expects of them (the
 //!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010), and nearly without noise: what has the noise of
 //!   a measurement leaves its surroundings attractive, and several clients would measure almost the same point.
 
@@ -36,23 +36,22 @@ mod acquire;
 mod ahead;
 mod begin;
 mod local;
-mod process;
-mod warp;
 
 use std::collections::VecDeque;
 
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::gp::acquisition::mean_above;
+use crate::gp::warping::ShiftedLog;
+use crate::gp::{Hyperparameters, Prior, Process, Sample, Schedule};
 use crate::randomness::{Purpose, stream};
-use crate::search::flight::Flight;
 use crate::search::layout::Layout;
-use crate::search::{Feedback, Point, Search, SearchSetup, Step, Verdict};
+use crate::search::pending::PendingPoints;
+use crate::search::{Feedback, Guide, Point, Search, SearchSetup, Step, Verdict};
 use acquire::{Acquisition, Known};
 pub use ahead::Plan;
 use local::Near;
-use process::{Hyper, Process, Sample};
-use warp::Warp;
 
 /// Steps of a canonical coordinate that are told apart.
 const GRID: f64 = (1u32 << 24) as f64;
@@ -75,8 +74,19 @@ const TREND_EVIDENCE: f64 = 3.0;
 /// no better than the best before them, up to so many times more.
 const DOUBT_EVERY: f64 = 8.0;
 const DOUBT_MAX: f64 = 2.0;
-/// A point that is out counts as so many measurements.
-const OUT_COUNT: f64 = 20.0;
+/// A pending point counts as so many measurements.
+const PENDING_COUNT: f64 = 20.0;
+/// Few measurements in many dimensions: the prior of what all models of the search learn.
+const PRIOR: Prior = Prior {
+    length_mean: 0.5,
+    length_spread: 1.0,
+    weight_range: [0.0, f64::INFINITY],
+    noise_mean: 0.02,
+    noise_spread: 1.5,
+    noise_range: [1e-6, 4.0],
+    squares: 1e-3,
+    step_max: 1.0,
+};
 /// At most this share of the measurements goes to measuring the best again, and at most so many to one.
 const REPEAT_SHARE: f64 = 0.04;
 const REPEATS_MAX: f64 = 5.0;
@@ -86,12 +96,13 @@ const REPEATS_MAX: f64 = 5.0;
 struct Seen {
     /// Canonical coordinates, in steps of the grid.
     x: Vec<u32>,
-    found: Found,
+    #[serde(rename = "found")]
+    observed: Observed,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Found {
+enum Observed {
     /// Mean of so many measurements.
     Cost {
         mean: f64,
@@ -105,7 +116,8 @@ enum Found {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelSearch {
     setup: SearchSetup,
-    flight: Flight,
+    #[serde(rename = "flight")]
+    pending: PendingPoints,
     /// What is left of the design.
     queue: VecDeque<Vec<f64>>,
     /// What did well in other states, and comes before the design.
@@ -115,11 +127,11 @@ pub struct ModelSearch {
     #[serde(default)]
     queue_of_steps: bool,
     seen: Vec<Seen>,
-    cost: Hyper,
-    failure: Hyper,
+    cost: Hyperparameters,
+    failure: Hyperparameters,
     /// Of the costs with a trend, once that was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    trended: Option<Hyper>,
+    trended: Option<Hyperparameters>,
     /// Measurements at the last fit.
     fitted: u64,
     /// Measurements so far.
@@ -137,7 +149,7 @@ pub struct ModelSearch {
 struct Place {
     x: Vec<f64>,
     features: Vec<f64>,
-    found: Found,
+    observed: Observed,
 }
 
 /// A fitted model of cost.
@@ -145,7 +157,7 @@ struct CostModel {
     process: Process,
     /// The relative deviation of a measurement of the best.
     noise: f64,
-    /// The log likelihood of what was measured, before points that are out were added.
+    /// The log likelihood of what was measured, before pending points were added.
     evidence: f64,
 }
 
@@ -155,15 +167,15 @@ impl ModelSearch {
         if setup.layout.is_empty() {
             setup.layout = Layout::plain(setup.start.clone(), &setup.levels);
         }
-        let metrics = setup.layout.metrics();
+        let kinds = setup.layout.kinds();
         let mut search = ModelSearch {
-            flight: Flight::default(),
+            pending: PendingPoints::default(),
             queue: VecDeque::new(),
             elsewhere: VecDeque::new(),
             queue_of_steps: false,
             seen: Vec::new(),
-            cost: Hyper::new(&metrics),
-            failure: Hyper::new(&metrics),
+            cost: Hyperparameters::new(&kinds, &PRIOR),
+            failure: Hyperparameters::new(&kinds, &PRIOR),
             trended: None,
             fitted: 0,
             told: 0,
@@ -183,8 +195,8 @@ impl ModelSearch {
 
     /// The best so far, or the default, a step further; the other way where the cube ends.
     fn stepped(&self, step: &[f64]) -> Vec<f64> {
-        let measured = self.seen.iter().filter(|seen| matches!(seen.found, Found::Cost { .. }));
-        let best = measured.min_by(|a, b| a.found.rank().total_cmp(&b.found.rank()));
+        let measured = self.seen.iter().filter(|seen| matches!(seen.observed, Observed::Cost { .. }));
+        let best = measured.min_by(|a, b| a.observed.rank().total_cmp(&b.observed.rank()));
         let from = best.map_or_else(
             || self.setup.start.clone(),
             |best| best.x.iter().map(|&x| f64::from(x) / GRID).collect(),
@@ -193,31 +205,14 @@ impl ModelSearch {
         from.into_iter().zip(step.iter().copied()).map(to).collect()
     }
 
-    /// Leaves axes where they are, from the next point on: places in the space, and coordinates in 0..1.
-    pub fn hold(&mut self, held: &[(usize, f64)]) {
-        self.setup.layout.set_held(held);
-    }
-
-    /// Tells of a point that was measured before the search began; it then goes on without a design.
-    pub fn know(&mut self, x: Vec<f64>, verdict: Verdict) {
-        self.hear(x, verdict);
-        self.queue.clear();
-    }
-
-    /// Tells of a point that was measured beside the search; what is left of the design is still asked.
-    pub fn hear(&mut self, x: Vec<f64>, verdict: Verdict) {
-        let point = self.launch(x, Step::Restart);
-        self.tell(point.id, Feedback { verdict, fresh: true });
-    }
-
     fn random(&mut self) -> ChaCha8Rng {
         self.draws += 1;
         stream(self.setup.seed, Purpose::Search, self.setup.state_id, self.draws)
     }
 
-    /// Sends a point out from where it can be found again: its configuration's place, on the grid. The
-    /// default goes out as it was given.
-    fn launch(&mut self, mut x: Vec<f64>, step: Step) -> Point {
+    /// Makes a point pending at the place of its configuration, on the grid, where it is found again when it is told.
+    /// The default stays as it was given.
+    fn make_pending(&mut self, mut x: Vec<f64>, step: Step) -> Point {
         if !matches!(step, Step::Default | Step::Replicate) {
             self.setup.layout.hold(&mut x);
         }
@@ -228,7 +223,7 @@ impl ModelSearch {
         } else {
             grid.iter().map(|&x| f64::from(x) / GRID).collect()
         };
-        self.flight.launch(x, step)
+        self.pending.add(x, step)
     }
 
     /// Canonical coordinates of a point in steps of the grid, and its features.
@@ -241,7 +236,7 @@ impl ModelSearch {
 
     /// Whether a design would waste measurements: most of it, so far, could not be run, but something could.
     fn is_mostly_infeasible(&self) -> bool {
-        let failed = self.seen.iter().filter(|seen| seen.found == Found::Infeasible).count();
+        let failed = self.seen.iter().filter(|seen| seen.observed == Observed::Infeasible).count();
         failed >= 2 && 2 * failed >= self.seen.len() && failed < self.seen.len()
     }
 
@@ -250,7 +245,7 @@ impl ModelSearch {
         let has_choices = (0..self.setup.dimension()).any(|axis| self.setup.layout.cells(axis) > 0);
         let newest_first = self.seen.iter().rev().enumerate();
         // Of equals the oldest.
-        let best = newest_first.rev().min_by(|a, b| a.1.found.rank().total_cmp(&b.1.found.rank()));
+        let best = newest_first.rev().min_by(|a, b| a.1.observed.rank().total_cmp(&b.1.observed.rank()));
         let since = best.map_or(0, |(since, _)| since);
         if has_choices { (since as f64 / DOUBT_EVERY).min(DOUBT_MAX) } else { 0.0 }
     }
@@ -259,7 +254,7 @@ impl ModelSearch {
     fn place(&self, index: usize) -> Place {
         let mut x: Vec<f64> = self.seen[index].x.iter().map(|&x| f64::from(x) / GRID).collect();
         let active = self.setup.layout.canonical(&mut x);
-        Place { features: self.setup.layout.features(&x, &active), x, found: self.seen[index].found }
+        Place { features: self.setup.layout.features(&x, &active), x, observed: self.seen[index].observed }
     }
 
     /// What the models are fitted to: everything, or the best and the latest.
@@ -269,7 +264,7 @@ impl ModelSearch {
             return (0..n).collect();
         }
         let mut by_cost: Vec<usize> = (0..n).collect();
-        by_cost.sort_by(|&a, &b| self.seen[a].found.rank().total_cmp(&self.seen[b].found.rank()));
+        by_cost.sort_by(|&a, &b| self.seen[a].observed.rank().total_cmp(&self.seen[b].observed.rank()));
         let mut chosen = vec![false; n];
         by_cost[..FITTED_THEN / 2].iter().for_each(|&index| chosen[index] = true);
         let mut left = FITTED_THEN - FITTED_THEN / 2;
@@ -289,7 +284,8 @@ impl ModelSearch {
         if places.is_empty() {
             return None;
         }
-        let measured: Vec<&Place> = places.iter().filter(|place| place.found != Found::Infeasible).collect();
+        let measured: Vec<&Place> =
+            places.iter().filter(|place| place.observed != Observed::Infeasible).collect();
         let rounds = match (self.fitted, places.len()) {
             (0, _) => ROUNDS_FIRST,
             (_, ..ROUNDS_UNTIL) => ROUNDS,
@@ -297,20 +293,18 @@ impl ModelSearch {
         };
         let is_late = self.seen.len() > FITTED_MAX && !self.told.is_multiple_of(LEARN_EVERY);
         let learn = self.told > self.fitted && !is_late;
-        let rounds = if learn { rounds } else { 0 };
+        let schedule = Schedule { steps: if learn { rounds } else { 0 }, ahead: learn };
         self.fitted = self.told;
-        let failure =
-            if measured.len() < places.len() { self.failures(&places, rounds, learn) } else { None };
+        let failure = if measured.len() < places.len() { self.failures(&places, schedule) } else { None };
         let mut hyper = self.cost.clone();
-        let mut cost =
-            if measured.len() < 2 { None } else { self.costs(&measured, &mut hyper, rounds, learn) };
+        let mut cost = if measured.len() < 2 { None } else { self.costs(&measured, &mut hyper, schedule) };
         self.cost = hyper;
         if let Some(again) = self.doubtful(&measured, cost.as_ref().map_or(0.0, |cost| cost.noise)) {
             return Some((again, Step::Replicate));
         }
         let mut known = known(&measured, cost.as_ref().map(|cost| &cost.process));
         // Every other point comes from a closer look around the best or, on grids, from a model with a trend.
-        let is_other = self.flight.launched().is_multiple_of(2);
+        let is_other = self.pending.added().is_multiple_of(2);
         let near = match &cost {
             Some(cost) if is_other => Near::of(&self.setup.layout, &measured, &known, &cost.process),
             _ => None,
@@ -318,7 +312,7 @@ impl ModelSearch {
         if is_other
             && near.is_none()
             && let Some(plain) = &cost
-            && let Some(trended) = self.trended(&measured, plain.evidence, rounds, learn)
+            && let Some(trended) = self.trended(&measured, plain.evidence, schedule)
         {
             known = self::known(&measured, Some(&trended.process));
             cost = Some(trended);
@@ -331,16 +325,15 @@ impl ModelSearch {
             dimension: self.setup.dimension(),
             doubt: if is_other { 1.0 } else { 1.0 + self.doubt() },
         };
-        let out: Vec<Vec<u32>> = self.flight.points().map(|point| self.grid(&point.x).0).collect();
+        let pending: Vec<Vec<u32>> = self.pending.points().map(|point| self.grid(&point.x).0).collect();
         let taken = |x: &[f64]| {
             let x = steps(x);
-            out.contains(&x) || self.seen.iter().any(|seen| seen.x == x)
+            pending.contains(&x) || self.seen.iter().any(|seen| seen.x == x)
         };
         if let Some(near) = near {
-            let out = self.flight.points().map(|point| self.grid(&point.x).0);
-            let out =
-                out.map(|x| x.iter().map(|&x| f64::from(x) / GRID).collect()).collect::<Vec<Vec<f64>>>();
-            if let Some(x) = near.propose(&acquisition, &out, &mut random).filter(|x| !taken(x)) {
+            let places = pending.iter().map(|x| x.iter().map(|&x| f64::from(x) / GRID).collect());
+            let places: Vec<Vec<f64>> = places.collect();
+            if let Some(x) = near.propose(&acquisition, &places, &mut random).filter(|x| !taken(x)) {
                 return Some((x, Step::Local));
             }
         }
@@ -348,60 +341,65 @@ impl ModelSearch {
     }
 
     /// Fits the model of failure: 1 for what could not be run, 0 for all else.
-    fn failures(&mut self, places: &[Place], rounds: usize, learn: bool) -> Option<Process> {
+    fn failures(&mut self, places: &[Place], schedule: Schedule) -> Option<Process> {
         let points: Vec<&[f64]> = places.iter().map(|place| place.features.as_slice()).collect();
-        let failed = |place: &Place| f64::from(u8::from(place.found == Found::Infeasible));
+        let failed = |place: &Place| f64::from(u8::from(place.observed == Observed::Infeasible));
         let labels: Vec<f64> = places.iter().map(failed).collect();
-        let sample = Sample::new(self.setup.layout.metrics(), &points, vec![1.0; points.len()]);
-        let fit = Process::fit(sample, &[(labels, 0.0)], &mut self.failure, rounds, learn);
+        let sample = Sample::new(self.setup.layout.kinds(), &points, vec![1.0; points.len()]).prepared();
+        let fit = Process::learn(sample, &[(labels, 0.0)], &mut self.failure, &PRIOR, schedule);
         fit.map(|(process, _)| process)
     }
 
     /// The model of cost with a quadratic trend, if the measurements speak for it clearly: their log likelihood
     /// without one is `plain`.
-    fn trended(&mut self, measured: &[&Place], plain: f64, rounds: usize, learn: bool) -> Option<CostModel> {
-        let (mut hyper, rounds) = match self.trended.take() {
+    fn trended(&mut self, measured: &[&Place], plain: f64, schedule: Schedule) -> Option<CostModel> {
+        let (mut hyper, steps) = match self.trended.take() {
             // Asked for half as often, it learns twice as much at a time.
-            Some(hyper) => (hyper, if learn { (2 * rounds).max(1) } else { 0 }),
-            None => (Hyper::with_trend(&self.setup.layout.metrics()), ROUNDS_FIRST),
+            Some(hyper) => (hyper, if schedule.ahead { (2 * schedule.steps).max(1) } else { 0 }),
+            None => (Hyperparameters::with_trend(&self.setup.layout.kinds(), &PRIOR), ROUNDS_FIRST),
         };
-        let model = self.costs(measured, &mut hyper, rounds, learn);
+        let schedule = Schedule { steps, ..schedule };
+        let model = self.costs(measured, &mut hyper, schedule);
         self.trended = Some(hyper);
         model.filter(|model| model.evidence > plain + TREND_EVIDENCE)
     }
 
     /// Fits a model of cost.
-    fn costs(&self, measured: &[&Place], hyper: &mut Hyper, rounds: usize, learn: bool) -> Option<CostModel> {
-        let metrics = self.setup.layout.metrics();
-        let costs: Vec<f64> = measured.iter().map(|place| place.found.cost()).collect();
-        let mut counts: Vec<f64> = measured.iter().map(|place| place.found.count()).collect();
+    fn costs(
+        &self,
+        measured: &[&Place],
+        hyper: &mut Hyperparameters,
+        schedule: Schedule,
+    ) -> Option<CostModel> {
+        let kinds = self.setup.layout.kinds();
+        let costs: Vec<f64> = measured.iter().map(|place| place.observed.cost()).collect();
+        let mut counts: Vec<f64> = measured.iter().map(|place| place.observed.count()).collect();
         let mut points: Vec<&[f64]> = measured.iter().map(|place| place.features.as_slice()).collect();
-        let warp = Warp::new(&costs);
-        let mut views = warp.views();
-        let sample = Sample::new(metrics.clone(), &points, counts.clone());
-        let (mut process, view) = Process::fit(sample, &views, hyper, rounds, learn)?;
-        let evidence = process.evidence();
-        let censored = |place: &Place| matches!(place.found, Found::AtLeast(_));
+        let warping = ShiftedLog::new(&costs);
+        let mut views = warping.views();
+        let sample = |points: &[&[f64]], counts| Sample::new(kinds.clone(), points, counts).prepared();
+        let first = sample(&points, counts.clone());
+        let (mut process, view) = Process::learn(first, &views, hyper, &PRIOR, schedule)?;
+        let evidence = process.log_likelihood();
+        let censored = |place: &Place| matches!(place.observed, Observed::AtLeast(_));
         if measured.iter().any(|place| censored(place)) {
             let values = &mut views[view].0;
             for (value, place) in values.iter_mut().zip(measured).filter(|(_, place)| censored(place)) {
-                *value = acquire::mean_above(*value, process.at(&place.features), process.noise());
+                *value = mean_above(*value, process.predict(&place.features), process.noise());
             }
-            let sample = Sample::new(metrics.clone(), &points, counts.clone());
-            process = Process::fit(sample, &views[view..=view], hyper, 0, false)?.0;
+            process = Process::fit(sample(&points, counts.clone()), views[view].0.clone(), hyper, &PRIOR)?;
         }
-        let noise = warp.relative(view, process.noise().sqrt());
-        // Points that are out count as measured at what is expected of them.
-        let out: Vec<Vec<f64>> = self.flight.points().map(|point| self.grid(&point.x).1).collect();
-        if out.is_empty() {
+        let noise = warping.relative(view, process.noise().sqrt());
+        // Pending points count as measured at what is expected of them.
+        let pending: Vec<Vec<f64>> = self.pending.points().map(|point| self.grid(&point.x).1).collect();
+        if pending.is_empty() {
             return Some(CostModel { process, noise, evidence });
         }
         let mut values = views[view].0.clone();
-        values.extend(out.iter().map(|features| process.at(features).mean));
-        counts.extend(out.iter().map(|_| OUT_COUNT));
-        points.extend(out.iter().map(Vec::as_slice));
-        let sample = Sample::new(metrics, &points, counts);
-        let (process, _) = Process::fit(sample, &[(values, 0.0)], hyper, 0, false)?;
+        values.extend(pending.iter().map(|features| process.predict(features).mean));
+        counts.extend(pending.iter().map(|_| PENDING_COUNT));
+        points.extend(pending.iter().map(Vec::as_slice));
+        let process = Process::fit(sample(&points, counts), values, hyper, &PRIOR)?;
         Some(CostModel { process, noise, evidence })
     }
 
@@ -412,25 +410,26 @@ impl ModelSearch {
         let (repeats, squares) = self.scatter;
         let deviation = ((squares + noise * noise) / (repeats as f64 + 1.0)).sqrt();
         let measured: Vec<_> =
-            measured.iter().filter(|place| matches!(place.found, Found::Cost { .. })).collect();
-        let leader = measured.iter().min_by(|a, b| a.found.cost().total_cmp(&b.found.cost()))?;
-        let (least, count) = (leader.found.cost(), leader.found.count());
+            measured.iter().filter(|place| matches!(place.observed, Observed::Cost { .. })).collect();
+        let leader = measured.iter().min_by(|a, b| a.observed.cost().total_cmp(&b.observed.cost()))?;
+        let (least, count) = (leader.observed.cost(), leader.observed.count());
         let reach = least.abs() * deviation;
-        let close = |place: &&&&Place| place.found.cost() - least <= reach;
+        let close = |place: &&&&Place| place.observed.cost() - least <= reach;
         let rivals = measured.iter().filter(close).count() - 1;
         let grid = steps(&leader.x);
-        let is_out = self.flight.points().any(|point| self.grid(&point.x).0 == grid);
+        let is_pending = self.pending.points().any(|point| self.grid(&point.x).0 == grid);
         let affordable = REPEAT_SHARE * self.told as f64 >= repeats as f64 + 1.0;
-        (rivals > 0 && count < REPEATS_MAX && affordable && !is_out && reach > 0.0).then(|| leader.x.clone())
+        (rivals > 0 && count < REPEATS_MAX && affordable && !is_pending && reach > 0.0)
+            .then(|| leader.x.clone())
     }
 }
 
 /// What was measured, as a model of cost sees it.
 fn known(measured: &[&Place], cost: Option<&Process>) -> Vec<Known> {
-    let believed = |place: &Place| match (cost, place.found) {
+    let believed = |place: &Place| match (cost, place.observed) {
         // What was stopped early is never the best.
-        (_, Found::AtLeast(_)) => f64::INFINITY,
-        (Some(cost), _) => cost.at(&place.features).mean,
+        (_, Observed::AtLeast(_)) => f64::INFINITY,
+        (Some(cost), _) => cost.predict(&place.features).mean,
         (None, _) => 0.0,
     };
     measured.iter().map(|place| Known { x: place.x.clone(), believed: believed(place) }).collect()
@@ -441,18 +440,18 @@ fn steps(x: &[f64]) -> Vec<u32> {
     x.iter().map(|x| (x * GRID).round() as u32).collect()
 }
 
-impl Found {
+impl Observed {
     fn cost(self) -> f64 {
         match self {
-            Found::Cost { mean, .. } => mean,
-            Found::AtLeast(bound) => bound,
-            Found::Infeasible => f64::INFINITY,
+            Observed::Cost { mean, .. } => mean,
+            Observed::AtLeast(bound) => bound,
+            Observed::Infeasible => f64::INFINITY,
         }
     }
 
     fn count(self) -> f64 {
         match self {
-            Found::Cost { count, .. } => f64::from(count),
+            Observed::Cost { count, .. } => f64::from(count),
             _ => 1.0,
         }
     }
@@ -465,14 +464,14 @@ impl Found {
 impl Search for ModelSearch {
     fn ask(&mut self) -> Option<Point> {
         let planned = self.planned.take();
-        if let Some(point) = self.flight.relaunch() {
+        if let Some(point) = self.pending.resume() {
             return Some(point);
         }
-        if self.flight.launched() == 0 {
-            return Some(self.flight.launch(self.setup.start.clone(), Step::Default));
+        if self.pending.added() == 0 {
+            return Some(self.pending.add(self.setup.start.clone(), Step::Default));
         }
         if let Some(x) = self.next_from_elsewhere() {
-            return Some(self.launch(x, Step::Elsewhere));
+            return Some(self.make_pending(x, Step::Elsewhere));
         }
         if self.is_mostly_infeasible() {
             self.queue.clear();
@@ -483,19 +482,19 @@ impl Search for ModelSearch {
             } else {
                 (x, Step::LatinHypercube)
             };
-            return Some(self.launch(x, step));
+            return Some(self.make_pending(x, step));
         }
         let planned = planned.filter(|plan| self.is_good(plan));
         if let Some((x, step)) = planned.map_or_else(|| self.propose(), |plan| plan.point) {
-            return Some(self.launch(x, step));
+            return Some(self.make_pending(x, step));
         }
         let mut random = self.random();
         let x = acquire::anywhere(self.setup.dimension(), &mut random);
-        Some(self.launch(x, Step::RandomSearch))
+        Some(self.make_pending(x, Step::RandomSearch))
     }
 
     fn tell(&mut self, id: u64, feedback: Feedback) {
-        let Some(point) = self.flight.land(id) else {
+        let Some(point) = self.pending.finish(id) else {
             return;
         };
         let (x, _) = self.grid(&point.x);
@@ -503,16 +502,16 @@ impl Search for ModelSearch {
         if point.step == Step::Replicate {
             self.scatter.0 += 1;
         }
-        let found = match feedback.verdict {
-            Verdict::Cost(cost) => Found::Cost { mean: cost, count: 1 },
-            Verdict::AtLeast(bound) => Found::AtLeast(bound),
-            Verdict::Infeasible => Found::Infeasible,
+        let observed = match feedback.verdict {
+            Verdict::Cost(cost) => Observed::Cost { mean: cost, count: 1 },
+            Verdict::AtLeast(bound) => Observed::AtLeast(bound),
+            Verdict::Infeasible => Observed::Infeasible,
         };
-        match known.map(|index| &mut self.seen[index].found) {
-            None => self.seen.push(Seen { x, found }),
+        match known.map(|index| &mut self.seen[index].observed) {
+            None => self.seen.push(Seen { x, observed }),
             Some(_) if !feedback.fresh => return,
-            Some(Found::Cost { mean, count }) => {
-                if let Found::Cost { mean: cost, .. } = found {
+            Some(Observed::Cost { mean, count }) => {
+                if let Observed::Cost { mean: cost, .. } = observed {
                     let before = f64::from(*count);
                     if *mean != 0.0 {
                         self.scatter.1 += (cost / *mean - 1.0).powi(2).min(1.0) * before / (before + 1.0);
@@ -522,21 +521,58 @@ impl Search for ModelSearch {
                     *mean += cost / f64::from(*count) - *mean / f64::from(*count);
                 }
             }
-            Some(old) => *old = found,
+            Some(old) => *old = observed,
         }
         self.told += 1;
         if self.seen.len() > KEPT_MAX {
             let worst = (0..self.seen.len() / 2)
-                .max_by(|&a, &b| self.seen[a].found.rank().total_cmp(&self.seen[b].found.rank()));
+                .max_by(|&a, &b| self.seen[a].observed.rank().total_cmp(&self.seen[b].observed.rank()));
             worst.map(|index| self.seen.remove(index));
         }
     }
 
     fn withdraw(&mut self, id: u64) {
-        self.flight.withdraw(id);
+        self.pending.withdraw(id);
     }
 
     fn repeats(&self) -> u64 {
         self.scatter.0
+    }
+
+    fn hold(&mut self, held: &[(usize, f64)]) -> bool {
+        self.setup.layout.set_held(held);
+        true
+    }
+
+    /// It then goes on without a design.
+    fn know(&mut self, x: Vec<f64>, verdict: Verdict) {
+        self.hear(x, verdict);
+        self.queue.clear();
+    }
+
+    /// What is left of the design is still asked.
+    fn hear(&mut self, x: Vec<f64>, verdict: Verdict) {
+        let point = self.make_pending(x, Step::Restart);
+        self.tell(point.id, Feedback { verdict, fresh: true });
+    }
+
+    fn hears_others() -> bool {
+        true
+    }
+
+    fn follow(&mut self, guide: Guide, first: Vec<Vec<f64>>) {
+        self.begin_with(guide, first);
+    }
+
+    fn is_ready(&self) -> bool {
+        self.has_next()
+    }
+
+    fn plan(&self) -> Option<Plan> {
+        Some(Plan::of(self.clone()))
+    }
+
+    fn adopt(&mut self, plan: Plan) {
+        self.take_over(plan);
     }
 }

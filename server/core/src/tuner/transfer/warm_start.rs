@@ -12,10 +12,9 @@
 use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
-use crate::policy::SearchMethod;
 use crate::predict::Query;
 use crate::predict::atlas::Found;
-use crate::search::{Elsewhere, Guide, Layout};
+use crate::search::{Elsewhere, Guide, Layout, hears_others};
 use crate::space::Space;
 use crate::trial::Neighbour;
 use crate::tuner::states::at;
@@ -75,7 +74,7 @@ fn nearest(query: &Query<'_>, count: usize) -> Vec<Found> {
 impl Transfer<'_> {
     /// Whether a search that begins profits from others.
     pub(in crate::tuner) fn warms_up_searches(&self) -> bool {
-        matches!(self.spec.policy.search, SearchMethod::Model | SearchMethod::Auto)
+        hears_others(self.spec.policy.search)
     }
 
     /// What a search that begins in a state can be told of others.

@@ -10,9 +10,8 @@ use crate::predict::blend::Tallies;
 use crate::predict::contextual::Request;
 use crate::predict::deferred::{ComputedUpdates, DeferredUpdate, DeferredUpdates};
 use crate::predict::prequential::Interval;
-use crate::predict::{
-    Answer, Contextual, Estimate, LeastSquares, Lesson, Nearest, Predictor, Query, Rbf, Shape, Weighted,
-};
+use crate::predict::registry::{AnyPredictor, METHODS, PredictorSetup, learns};
+use crate::predict::{Answer, Contextual, Estimate, Lesson, Nearest, Predictor, Query};
 use crate::space::Space;
 
 /// Every trial is a test until there were so many; from then on one in
@@ -27,15 +26,12 @@ const TRUSTED_ERROR: f64 = 0.25;
 /// Fewer tests than this do not tell predictors apart.
 const TESTS_MIN: u64 = 8;
 
-/// The models that a study's policy needs: those of its predictor, which for [`PredictorMethod::Auto`] are all,
-/// each trained on every trial, and what they were tested to be worth. The neighbours need none: they answer from
-/// the tables of the states.
+/// The predictors that a study's policy needs: its own, or for [`PredictorMethod::Auto`] all of them, each trained on
+/// every trial, and what they were tested to be worth. Those that learn nothing are always among them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Predictors {
-    printed: Option<Rbf>,
-    gaussian: Option<Rbf>,
-    least_squares: Option<LeastSquares>,
-    contextual: Option<Contextual>,
+    /// In the order of the registry.
+    singles: Vec<AnyPredictor>,
     /// Whether there is a choice to be made, for which all are tested.
     chooses: bool,
     trials: u64,
@@ -49,16 +45,12 @@ impl Predictors {
     /// What `method` needs, having seen nothing yet; centres and choices are drawn from the study's seed.
     /// `mute` are the places of indicators that features leave out.
     pub fn new(method: PredictorMethod, space: &Space, indicators: usize, seed: u64, mute: &[usize]) -> Self {
-        let dimension = space.dimension();
         let chooses = method == PredictorMethod::Auto;
-        let needs = |single| chooses || method == single;
-        let rbf = |shape| Rbf::new(shape, dimension, indicators, seed, mute);
+        let setup = PredictorSetup { space, indicators, seed, mute };
+        let needed = |single: &PredictorMethod| chooses || method == *single || !learns(*single);
+        let singles = METHODS.iter().copied().filter(needed);
         Predictors {
-            printed: needs(PredictorMethod::RbfGreedyGq).then(|| rbf(Shape::Printed)),
-            gaussian: needs(PredictorMethod::GaussianGreedyGq).then(|| rbf(Shape::Gaussian)),
-            least_squares: needs(PredictorMethod::LeastSquares)
-                .then(|| LeastSquares::new(dimension, indicators, seed, mute)),
-            contextual: needs(PredictorMethod::Contextual).then(|| Contextual::new(space, indicators, seed)),
+            singles: singles.filter_map(|single| AnyPredictor::new(single, setup)).collect(),
             chooses,
             trials: 0,
             tallies: Tallies::default(),
@@ -71,19 +63,29 @@ impl Predictors {
         self.chooses
     }
 
-    /// Whether `method` needs a model at all.
+    /// Whether `method` has to be taught at all.
     pub fn are_needed(method: PredictorMethod) -> bool {
-        !matches!(method, PredictorMethod::NearestNeighbour | PredictorMethod::WeightedNeighbours)
+        learns(method)
     }
 
     /// Makes what was read from a checkpoint whole. `false` when a configuration does not fit the space.
     pub(crate) fn settle(&mut self, space: &Space) -> bool {
-        let Predictors { printed, gaussian, least_squares, contextual, .. } = self;
-        if let Some(contextual) = contextual {
-            contextual.settle(space);
-        }
-        [printed, gaussian].into_iter().flatten().all(|model| model.settle(space))
-            && least_squares.as_mut().is_none_or(|model| model.settle(space))
+        self.singles.iter_mut().all(|predictor| predictor.settle(space))
+    }
+
+    /// The one whose answers take a fit, and whose learning is deferred.
+    fn contextual(&self) -> Option<&Contextual> {
+        self.singles.iter().find_map(|predictor| match predictor {
+            AnyPredictor::Contextual(contextual) => Some(contextual),
+            _ => None,
+        })
+    }
+
+    fn contextual_mut(&mut self) -> Option<&mut Contextual> {
+        self.singles.iter_mut().find_map(|predictor| match predictor {
+            AnyPredictor::Contextual(contextual) => Some(contextual),
+            _ => None,
+        })
     }
 
     /// Notes what is needed to tell how far each would have been off a measured cost; the telling is
@@ -96,20 +98,27 @@ impl Predictors {
         if self.trials > TESTS_EAGER && !self.trials.is_multiple_of(TESTS_SHARE) {
             return;
         }
-        let words = Box::new(PredictorMethod::SINGLE.map(|method| match method {
+        let word = |&method: &PredictorMethod| match method {
             PredictorMethod::Contextual => (method, None),
             _ => (method, self.expect(method, query, configuration)),
-        }));
-        let question = self.contextual.as_ref().map(|model| model.question(query));
+        };
+        let words = METHODS.iter().map(word).collect();
+        let question = self.contextual().map(|model| model.question(query));
         let configuration = configuration.clone();
         self.deferred.push(Arc::new(DeferredUpdate::Test { words, question, configuration, cost }));
     }
 
     /// Teaches all. What takes long is deferred.
     pub fn learn(&mut self, lesson: &Lesson<'_>) {
-        self.learn_features(lesson);
-        let exercise = self.contextual.as_mut().and_then(|model| model.note(lesson));
-        self.deferred.extend(exercise.map(DeferredUpdate::Exercise).map(Arc::new));
+        for predictor in &mut self.singles {
+            match predictor {
+                AnyPredictor::Contextual(contextual) => {
+                    let exercise = contextual.note(lesson);
+                    self.deferred.extend(exercise.map(DeferredUpdate::Exercise).map(Arc::new));
+                }
+                other => other.learn(lesson),
+            }
+        }
     }
 
     /// How many updates are deferred.
@@ -119,7 +128,7 @@ impl Predictors {
 
     /// The deferred updates, to be computed apart; `None` where there are none.
     pub fn deferred(&self) -> Option<DeferredUpdates> {
-        let hyper = || self.contextual.as_ref().map(|model| model.hyper().clone());
+        let hyper = || self.contextual().map(|model| model.hyper().clone());
         let updates = || DeferredUpdates {
             updates: self.deferred.clone(),
             hyper: hyper(),
@@ -138,7 +147,7 @@ impl Predictors {
         }
         self.deferred.drain(..same);
         self.tallies = tallies;
-        if let (Some(model), Some(hyper)) = (&mut self.contextual, hyper) {
+        if let (Some(model), Some(hyper)) = (self.contextual_mut(), hyper) {
             model.set_hyper(hyper);
         }
     }
@@ -152,36 +161,27 @@ impl Predictors {
 
     /// Begins the models of features anew, with those of `fresh`, which leave out other indicators.
     pub(crate) fn begin_features(&mut self, fresh: Predictors) {
-        self.printed = fresh.printed;
-        self.gaussian = fresh.gaussian;
-        self.least_squares = fresh.least_squares;
+        for (own, fresh) in self.singles.iter_mut().zip(fresh.singles) {
+            if own.has_features() {
+                *own = fresh;
+            }
+        }
     }
 
     /// Teaches the models of features alone.
     pub(crate) fn learn_features(&mut self, lesson: &Lesson<'_>) {
-        let Predictors { printed, gaussian, least_squares, .. } = self;
-        [printed, gaussian].into_iter().flatten().for_each(|model| model.learn(lesson));
-        if let Some(model) = least_squares {
-            model.learn(lesson);
-        }
+        let featured = self.singles.iter_mut().filter(|predictor| predictor.has_features());
+        featured.for_each(|predictor| predictor.learn(lesson));
     }
 
     /// Whether there are models of features.
     pub(crate) fn have_features(&self) -> bool {
-        self.printed.is_some() || self.gaussian.is_some() || self.least_squares.is_some()
+        self.singles.iter().any(|predictor| predictor.has_features())
     }
 
-    /// The predictor of a method; `None` for the choice among them, and for a model that is not needed.
+    /// The predictor of a method; `None` for the choice among them, and for one that is not needed.
     fn single(&self, method: PredictorMethod) -> Option<&dyn Predictor> {
-        match method {
-            PredictorMethod::Auto => None,
-            PredictorMethod::NearestNeighbour => Some(&Nearest),
-            PredictorMethod::WeightedNeighbours => Some(&Weighted),
-            PredictorMethod::RbfGreedyGq => self.printed.as_ref().map(|model| model as _),
-            PredictorMethod::GaussianGreedyGq => self.gaussian.as_ref().map(|model| model as _),
-            PredictorMethod::LeastSquares => self.least_squares.as_ref().map(|model| model as _),
-            PredictorMethod::Contextual => self.contextual.as_ref().map(|model| model as _),
-        }
+        self.singles.iter().find(|predictor| predictor.method() == method).map(|predictor| &**predictor)
     }
 
     /// What a single predictor expects. Models learn costs as they are on the first machine.
@@ -192,7 +192,7 @@ impl Predictors {
         configuration: &Configuration,
     ) -> Option<Estimate> {
         let expected = self.single(method)?.estimate(query, configuration)?;
-        Some(on_machine(method, query, expected))
+        Some(self.on_machine(method, query, expected))
     }
 
     /// The one that erred least of late, the first listed among equals.
@@ -229,7 +229,7 @@ impl Predictors {
         if method != PredictorMethod::Auto {
             return estimate(method);
         }
-        self.tallies.blend(&PredictorMethod::SINGLE.map(|method| (method, estimate(method))))
+        self.tallies.blend(&METHODS.iter().map(|&method| (method, estimate(method))).collect::<Vec<_>>())
     }
 
     /// The answer to exploit, and whose it is: the method's own, else (a model can be without a clue) that of
@@ -265,7 +265,7 @@ impl Predictors {
             Some(answer) => (answer, speaker),
             None => (Nearest.predict(query)?, PredictorMethod::NearestNeighbour),
         };
-        let expected = on_machine(method, query, answer.expected);
+        let expected = self.on_machine(method, query, answer.expected);
         Some((Answer { expected, ..answer }, method))
     }
 
@@ -312,19 +312,16 @@ impl Predictors {
 
     /// The model whose answers take a fit, if it is the one that answers.
     fn thinker(&self, method: PredictorMethod) -> Option<&Contextual> {
-        self.contextual.as_ref().filter(|_| self.speaker(method) == PredictorMethod::Contextual)
+        self.contextual().filter(|_| self.speaker(method) == PredictorMethod::Contextual)
     }
-}
 
-/// What a predictor said, on the asking machine. Those that look at tables have translated already.
-fn on_machine(method: PredictorMethod, query: &Query<'_>, expected: Estimate) -> Estimate {
-    let learns_costs = matches!(
-        method,
-        PredictorMethod::RbfGreedyGq | PredictorMethod::GaussianGreedyGq | PredictorMethod::LeastSquares
-    );
-    if !learns_costs || query.machine == 0 {
-        return expected;
+    /// What a predictor said, on the asking machine.
+    fn on_machine(&self, method: PredictorMethod, query: &Query<'_>, expected: Estimate) -> Estimate {
+        let translates = self.single(method).is_some_and(|predictor| predictor.speaks_of_first_machine());
+        if !translates || query.machine == 0 {
+            return expected;
+        }
+        let factor = query.fleet.factor(0, query.machine);
+        Estimate::new(factor * expected.cost, factor * expected.deviation)
     }
-    let factor = query.fleet.factor(0, query.machine);
-    Estimate::new(factor * expected.cost, factor * expected.deviation)
 }

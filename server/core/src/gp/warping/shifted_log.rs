@@ -1,4 +1,4 @@
-//! Costs as the model sees them: through a logarithm whose origin is chosen by likelihood.
+//! A logarithm whose origin is chosen by likelihood.
 //!
 //! Costs may span magnitudes (a log makes of them something a stationary model can follow) or differ by a
 //! few percent (any transformation is as good as none), and measurement noise grows with the cost. So the
@@ -14,16 +14,16 @@ const STEPS: f64 = (1u64 << 40) as f64;
 /// Costs count as no further from the least than this, in distances of the median.
 const FAR: f64 = 1e6;
 
-/// Costs relative to the least and the median.
-pub(super) struct Warp {
+/// The transformation of some costs.
+pub(crate) struct ShiftedLog {
     relative: Vec<f64>,
     least: f64,
     spread: f64,
 }
 
-impl Warp {
+impl ShiftedLog {
     /// `costs` are finite, one at least.
-    pub(super) fn new(costs: &[f64]) -> Self {
+    pub(crate) fn new(costs: &[f64]) -> Self {
         let mut sorted = costs.to_vec();
         sorted.sort_by(f64::total_cmp);
         let least = sorted[0];
@@ -32,13 +32,13 @@ impl Warp {
         let higher: Vec<f64> = sorted.iter().map(|&cost| above(cost)).filter(|above| *above > 0.0).collect();
         let spread = higher.get(higher.len() / 2).copied().unwrap_or(1.0);
         let relative = |&cost: &f64| ((above(cost) / spread).min(FAR) * STEPS).round() / STEPS;
-        Warp { relative: costs.iter().map(relative).collect(), least, spread: 2.0 * spread }
+        ShiftedLog { relative: costs.iter().map(relative).collect(), least, spread: 2.0 * spread }
     }
 
     /// The costs through each transformation, with the logarithm of its Jacobian.
-    pub(super) fn views(&self) -> Vec<(Vec<f64>, f64)> {
+    pub(crate) fn views(&self) -> Vec<(Vec<f64>, f64)> {
         let view = |shift: &f64| {
-            let values: Vec<f64> = self.relative.iter().map(|cost| (cost + shift).ln()).collect();
+            let values: Vec<f64> = self.relative.iter().map(|cost| libm::log(cost + shift)).collect();
             let jacobian = -values.iter().sum::<f64>();
             (values, jacobian)
         };
@@ -46,7 +46,7 @@ impl Warp {
     }
 
     /// What a deviation in a view amounts to at the least cost, as a share of that cost.
-    pub(super) fn relative(&self, view: usize, deviation: f64) -> f64 {
+    pub(crate) fn relative(&self, view: usize, deviation: f64) -> f64 {
         if self.least == 0.0 {
             0.0
         } else {

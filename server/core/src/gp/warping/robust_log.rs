@@ -1,4 +1,4 @@
-//! Costs as the process sees them.
+//! A logarithm that draws outliers in.
 //!
 //! Noise grows with the cost and costs span magnitudes, so the process looks at logarithms; and since one
 //! thousandfold outlier must not hide all that lies between the others, what is further from the median than
@@ -12,28 +12,28 @@ const LEAST: f64 = 1e-6;
 
 /// The transformation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Values {
+pub(crate) struct RobustLog {
     median: f64,
     scale: f64,
 }
 
-impl Values {
+impl RobustLog {
     /// Chosen for these costs: finite, not negative. `None` where no more than half of them are positive.
-    pub(super) fn of(costs: &[f64]) -> Option<Self> {
+    pub(crate) fn of(costs: &[f64]) -> Option<Self> {
         let mut sorted = costs.to_vec();
         sorted.sort_by(f64::total_cmp);
         let at = |share: f64| sorted.get((share * (sorted.len() as f64 - 1.0)).round() as usize).copied();
         let median = at(0.5).filter(|median| *median >= f64::MIN_POSITIVE)?;
-        let values = Values { median, scale: f64::INFINITY };
+        let values = RobustLog { median, scale: f64::INFINITY };
         let quartile = |share| at(share).map_or(0.0, |cost| values.see(cost));
         let spread = quartile(0.75) - quartile(0.25);
         // Where most are alike the others say how far values reach.
         let widest = if spread > 0.0 { spread } else { (quartile(1.0) - quartile(0.0)) / REACH };
-        Some(Values { median, scale: if widest > 0.0 { widest } else { f64::INFINITY } })
+        Some(RobustLog { median, scale: if widest > 0.0 { widest } else { f64::INFINITY } })
     }
 
     /// A cost as the process sees it: 0 at the median.
-    pub(super) fn see(&self, cost: f64) -> f64 {
+    pub(crate) fn see(&self, cost: f64) -> f64 {
         let value = libm::log((cost / self.median).clamp(LEAST, f64::MAX));
         let limit = REACH * self.scale;
         if value.abs() <= limit {
@@ -43,7 +43,7 @@ impl Values {
     }
 
     /// The cost that is seen as `value`, finite.
-    pub(super) fn cost(&self, value: f64) -> f64 {
+    pub(crate) fn cost(&self, value: f64) -> f64 {
         let limit = REACH * self.scale;
         let value = if value.abs() <= limit {
             value

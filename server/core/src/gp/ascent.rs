@@ -4,7 +4,7 @@
 
 /// Moves a coordinate up its slope. The step grows while the slope keeps its sign and is halved when it turns; after a
 /// turn the coordinate rests once. `step` stays within `range`, and `sign` is that of the last slope, 0 after a turn.
-pub(crate) fn climb(value: &mut f64, step: &mut f64, sign: &mut i8, slope: f64, range: [f64; 2]) {
+pub(crate) fn ascend(value: &mut f64, step: &mut f64, sign: &mut i8, slope: f64, range: [f64; 2]) {
     let now = i8::from(slope > 0.0) - i8::from(slope < 0.0);
     let turned = now * *sign;
     if turned > 0 {
@@ -26,7 +26,7 @@ mod tests {
             let (mut value, mut step, mut sign) = (start, 0.3, 0);
             for _ in 0..200 {
                 let slope = 2.0 - value;
-                climb(&mut value, &mut step, &mut sign, slope, [0.001, 1.0]);
+                ascend(&mut value, &mut step, &mut sign, slope, [0.001, 1.0]);
             }
             assert!((value - 2.0f64).abs() < 0.01, "{value} from {start}");
         }
@@ -35,7 +35,7 @@ mod tests {
     #[test]
     fn a_slope_that_is_no_number_moves_nothing() {
         let (mut value, mut step, mut sign) = (1.0, 0.3, 1);
-        climb(&mut value, &mut step, &mut sign, f64::NAN, [0.01, 1.0]);
+        ascend(&mut value, &mut step, &mut sign, f64::NAN, [0.01, 1.0]);
         assert_eq!((value, step, sign), (1.0, 0.3, 0));
     }
 }

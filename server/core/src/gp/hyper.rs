@@ -1,0 +1,123 @@
+//! What is learnt of the covariance: lengths, noise and the share of a trend, by climbing their posterior density.
+//!
+//! A few dozen measurements say little about lengths, so that the prior matters. Its middle grows with the root of the
+//! dimension, so that a few points do not look unrelated in many dimensions (Hvarfner, Hellsten and Nardi, "Vanilla
+//! Bayesian optimization performs great in high dimensions", ICML 2024). The steps are those of `ascent`, which need
+//! signs of the gradient only and go on where they stood when points are added.
+
+use serde::{Deserialize, Serialize};
+
+use super::ascent::ascend;
+use super::kernel::FeatureKind;
+
+/// Hyperparameters as logarithms, with where their ascent stands. Stored with searches and predictors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Hyperparameters {
+    /// Of each feature's weight (the inverse square of its length; of a linear feature the variance of its coefficient),
+    /// then of the noise's variance and, where there is a trend, the trend's, as shares of the values' variance.
+    log: Vec<f64>,
+    /// Step sizes of the ascent.
+    steps: Vec<f64>,
+    /// Signs of the last gradient.
+    signs: Vec<i8>,
+}
+
+/// What is taken for likely before anything is measured. Spreads are standard deviations of logarithms.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Prior {
+    /// The middle of a length, in roots of the number of features.
+    pub(crate) length_mean: f64,
+    /// The spread of a length.
+    pub(crate) length_spread: f64,
+    /// Weights stay within this.
+    pub(crate) weight_range: [f64; 2],
+    /// The middle of the noise's variance, as a share of the values'.
+    pub(crate) noise_mean: f64,
+    /// Its spread.
+    pub(crate) noise_spread: f64,
+    /// It stays within this.
+    pub(crate) noise_range: [f64; 2],
+    /// What the prior adds to the sum of squares of the values: that of one more value, so that few values, or equal
+    /// ones, do not pin the variance to zero.
+    pub(crate) squares: f64,
+    /// The longest step of the ascent.
+    pub(crate) step_max: f64,
+}
+
+const STEP_START: f64 = 0.3;
+const STEP_MIN: f64 = 0.01;
+/// The share of the trend: middle, spread and range.
+const TREND_MEAN: f64 = 1.0;
+const TREND_SPREAD: f64 = 2.0;
+const TREND_RANGE: [f64; 2] = [1e-4, 1e4];
+/// The variance of the coefficient of a linear feature: middle and spread.
+const LINEAR_MEAN: f64 = 1.0;
+const LINEAR_SPREAD: f64 = 2.0;
+
+impl Prior {
+    /// The logarithm of the weight in the middle.
+    fn weight_mean(&self, dimension: usize) -> f64 {
+        -2.0 * libm::log(self.length_mean) - libm::log(dimension.max(1) as f64)
+    }
+
+    /// Middle, spread and range of the logarithm of a hyperparameter.
+    fn of(&self, index: usize, kinds: &[FeatureKind]) -> (f64, f64, [f64; 2]) {
+        match index.checked_sub(kinds.len()) {
+            None if kinds[index] == FeatureKind::Linear => {
+                (libm::log(LINEAR_MEAN), LINEAR_SPREAD, self.weight_range)
+            }
+            // A weight is the inverse square of a length.
+            None => (self.weight_mean(kinds.len()), 2.0 * self.length_spread, self.weight_range),
+            Some(0) => (libm::log(self.noise_mean), self.noise_spread, self.noise_range),
+            Some(_) => (libm::log(TREND_MEAN), TREND_SPREAD, TREND_RANGE),
+        }
+    }
+}
+
+impl Hyperparameters {
+    /// The middle of the prior, for a process without a trend.
+    pub(crate) fn new(kinds: &[FeatureKind], prior: &Prior) -> Self {
+        let log: Vec<f64> = (0..=kinds.len()).map(|index| prior.of(index, kinds).0).collect();
+        Hyperparameters { steps: vec![STEP_START; log.len()], signs: vec![0; log.len()], log }
+    }
+
+    /// The same with a quadratic trend.
+    pub(crate) fn with_trend(kinds: &[FeatureKind], prior: &Prior) -> Self {
+        let mut hyper = Hyperparameters::new(kinds, prior);
+        hyper.log.push(libm::log(TREND_MEAN));
+        hyper.steps.push(STEP_START);
+        hyper.signs.push(0);
+        hyper
+    }
+
+    /// The weight of each feature.
+    pub(super) fn weights(&self, dimension: usize) -> Vec<f64> {
+        self.log[..dimension].iter().map(|&log| libm::exp(log)).collect()
+    }
+
+    /// The noise's variance as a share of the values'.
+    pub(super) fn noise(&self, dimension: usize) -> f64 {
+        libm::exp(self.log[dimension])
+    }
+
+    /// The trend's variance as a share of the values'; zero where there is no trend.
+    pub(super) fn trend(&self, dimension: usize) -> f64 {
+        self.log.get(dimension + 1).map_or(0.0, |&log| libm::exp(log))
+    }
+
+    /// One step up the log posterior density, whose likelihood has this gradient.
+    pub(super) fn ascend(&mut self, kinds: &[FeatureKind], gradient: &[f64], prior: &Prior) {
+        for (index, &likelihood) in gradient.iter().enumerate().take(self.log.len()) {
+            let (mean, spread, range) = prior.of(index, kinds);
+            let (log, step) = (&mut self.log[index], &mut self.steps[index]);
+            let slope = likelihood - (*log - mean) / (spread * spread);
+            ascend(log, step, &mut self.signs[index], slope, [STEP_MIN, prior.step_max]);
+            *log = log.clamp(libm::log(range[0]), libm::log(range[1]));
+        }
+    }
+
+    #[cfg(test)]
+    pub(super) fn log_mut(&mut self) -> &mut [f64] {
+        &mut self.log
+    }
+}

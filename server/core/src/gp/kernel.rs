@@ -1,0 +1,82 @@
+//! The covariance of two points: Matérn 5/2 of one weighted distance over features of mixed kind.
+//!
+//! Each feature has a weight, the inverse square of its length. Categories are 0 or 1 apart, as if one-hot coded. A
+//! feature that is active in one of two points only is as far apart as a point beside the axis is from a point on it,
+//! which keeps the distance Euclidean (after Hutter and Osborne, "A kernel for hierarchical parameter spaces", 2013).
+//!
+//! Two terms may be added. A *linear* feature adds nothing to a distance: values depend on it linearly, with a
+//! coefficient around zero whose variance takes the place of a weight (Rasmussen and Williams, chapter 2.7). A
+//! quadratic *trend* is the covariance of a random quadratic function around the middle of the ordered features, a
+//! polynomial kernel (chapter 4.2.2): near a minimum it says how features act together, which a sum of distances
+//! cannot.
+
+/// How two values of a feature compare.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FeatureKind {
+    /// By their difference.
+    Ordered,
+    /// By being equal or not.
+    Categorical,
+    /// No distance at all: values may depend on it linearly.
+    Linear,
+}
+
+/// The value of an ordered or categorical feature that is inactive at a point. All others are at least 0.
+pub(crate) const INACTIVE: f64 = -1.0;
+
+/// The correlation at a squared distance, and its derivative by the squared distance: Matérn 5/2.
+pub(crate) fn matern(squared: f64) -> (f64, f64) {
+    let a = (5.0 * squared).sqrt();
+    let decay = libm::exp(-a);
+    ((1.0 + a + a * a / 3.0) * decay, -5.0 / 6.0 * (1.0 + a) * decay)
+}
+
+/// The squared distance of two values of a feature, before it is weighted.
+pub(crate) fn squared_distance(kind: FeatureKind, a: f64, b: f64) -> f64 {
+    match kind {
+        _ if a == b => 0.0,
+        FeatureKind::Linear => 0.0,
+        FeatureKind::Categorical => 1.0,
+        // A point beside the axis, half its length away from its middle.
+        FeatureKind::Ordered if a == INACTIVE || b == INACTIVE => {
+            let along = a.max(b) - 0.5;
+            along * along + 0.25
+        }
+        FeatureKind::Ordered => (a - b) * (a - b),
+    }
+}
+
+/// Adds the weighted squared distances of one point to the first `into.len()` points of `columns`, which hold the
+/// features of all points, feature by feature.
+pub(crate) fn add_squared_distances(
+    kinds: &[FeatureKind],
+    weights: &[f64],
+    point: &[f64],
+    columns: &[Vec<f64>],
+    into: &mut [f64],
+) {
+    for (((&kind, &weight), &x), column) in kinds.iter().zip(weights).zip(point).zip(columns) {
+        if kind == FeatureKind::Ordered && x != INACTIVE {
+            let beside = (x - 0.5) * (x - 0.5) + 0.25;
+            for (sum, &other) in into.iter_mut().zip(column) {
+                *sum += weight * if other == INACTIVE { beside } else { (x - other) * (x - other) };
+            }
+        } else if kind != FeatureKind::Linear {
+            for (sum, &other) in into.iter_mut().zip(column) {
+                *sum += weight * squared_distance(kind, x, other);
+            }
+        }
+    }
+}
+
+/// What the trend sees of a point: ordered features around their middles, nothing of the others.
+pub(crate) fn centred<'a>(
+    kinds: &'a [FeatureKind],
+    point: impl IntoIterator<Item = &'a f64> + 'a,
+) -> impl Iterator<Item = f64> + 'a {
+    kinds.iter().zip(point).map(
+        |(&kind, &x)| {
+            if kind == FeatureKind::Ordered && x != INACTIVE { x - 0.5 } else { 0.0 }
+        },
+    )
+}

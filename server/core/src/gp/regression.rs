@@ -1,0 +1,215 @@
+//! The fitted process: what it expects of a point, and how sure it is.
+//!
+//! Source: Rasmussen and Williams, algorithm 2.1.
+
+use super::hyper::{Hyperparameters, Prior};
+use super::kernel::{add_squared_distances, centred, matern};
+use super::likelihood::{Profile, gradient};
+use super::sample::Sample;
+use crate::matrix::{Factor, dot};
+
+/// The variance of a mean is never less than this share of the values': what is left of it is rounding.
+const VARIANCE_MIN: f64 = 1e-9;
+
+/// A fitted process. Values and deviations are in the unit of what it was fitted to.
+#[derive(Clone, Debug)]
+pub(crate) struct Process {
+    sample: Sample,
+    weights: Vec<f64>,
+    factor: Factor,
+    /// Inverse of the correlations times the values less their mean.
+    alpha: Vec<f64>,
+    mean: f64,
+    /// Variance of the values, without noise.
+    variance: f64,
+    /// Variance of one measurement around its mean.
+    noise: f64,
+    /// The trend's variance as a share of the values'.
+    trend: f64,
+    log_likelihood: f64,
+}
+
+/// What a process says of a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Belief {
+    /// The expected mean of measurements there.
+    pub(crate) mean: f64,
+    /// Standard deviation of that mean, noise left out.
+    pub(crate) deviation: f64,
+}
+
+/// How much is learnt while a process is fitted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Schedule {
+    /// Steps of ascent before the process is made.
+    pub(crate) steps: usize,
+    /// One more step afterwards, for the next fit.
+    pub(crate) ahead: bool,
+}
+
+/// The covariances of one point with all points of the sample and with itself, as shares of the variance. A buffer:
+/// it is filled by [`Process::covariances`] and used up by [`Process::deviation`].
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Covariances {
+    others: Vec<f64>,
+    own: f64,
+}
+
+/// The first features of points that share them, and their part of the distances to the sample.
+#[derive(Clone, Debug)]
+pub(crate) struct Context {
+    features: Vec<f64>,
+    distances: Vec<f64>,
+}
+
+impl Process {
+    /// Fits one vector of values without learning. `None` without points, or when numbers are not finite.
+    pub(crate) fn fit(
+        sample: Sample,
+        values: Vec<f64>,
+        hyper: &Hyperparameters,
+        prior: &Prior,
+    ) -> Option<Process> {
+        let mut unchanged = hyper.clone();
+        let views = [(values, 0.0)];
+        Self::learn(sample, &views, &mut unchanged, prior, Schedule::default()).map(|(process, _)| process)
+    }
+
+    /// Climbs to likelier hyperparameters and fits the process. `views` are the values seen through several
+    /// transformations, each with the logarithm of its Jacobian: the likeliest at the start is taken, and its index
+    /// returned. `None`, and `hyper` not moved any further, without points or when numbers are not finite.
+    pub(crate) fn learn(
+        sample: Sample,
+        views: &[(Vec<f64>, f64)],
+        hyper: &mut Hyperparameters,
+        prior: &Prior,
+        schedule: Schedule,
+    ) -> Option<(Process, usize)> {
+        if sample.len() == 0 {
+            return None;
+        }
+        let mut chosen: Option<usize> = None;
+        let mut step = 0;
+        loop {
+            let (matrix, slopes) = sample.correlations(hyper);
+            let factor = Factor::of(&matrix, sample.len())?;
+            let profile = |view: usize| Profile::of(&factor, &views[view].0, prior);
+            let (view, Profile { mean, variance, log_density, whitened: mut alpha }) = match chosen {
+                Some(view) => (view, profile(view)),
+                None => (0..views.len()).map(|view| (view, profile(view))).max_by(|a, b| {
+                    let density = |(view, profile): &(usize, Profile)| profile.log_density + views[*view].1;
+                    density(a).total_cmp(&density(b))
+                })?,
+            };
+            chosen = Some(view);
+            if !(mean.is_finite() && variance.is_finite()) {
+                return None;
+            }
+            factor.backward(&mut alpha);
+            let is_last = step == schedule.steps;
+            let before = is_last.then(|| hyper.clone());
+            if !is_last || schedule.ahead {
+                let inverse = factor.inverse();
+                let slope = gradient(&sample, hyper, &slopes, &inverse, &alpha, variance);
+                hyper.ascend(&sample.kinds, &slope, prior);
+            }
+            let Some(before) = before else {
+                step += 1;
+                continue;
+            };
+            let dimension = sample.dimension();
+            let (weights, trend) = (before.weights(dimension), before.trend(dimension));
+            let noise = before.noise(dimension) * variance;
+            let log_likelihood = log_density + views[view].1;
+            let process =
+                Process { sample, weights, factor, alpha, mean, variance, noise, trend, log_likelihood };
+            return Some((process, view));
+        }
+    }
+
+    /// The weight of each feature: the inverse square of its length.
+    pub(crate) fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    /// Logarithm of the likelihood of the values it was fitted to, their Jacobian counted, but for a constant.
+    pub(crate) fn log_likelihood(&self) -> f64 {
+        self.log_likelihood
+    }
+
+    /// Variance of a single measurement around its mean.
+    pub(crate) fn noise(&self) -> f64 {
+        self.noise
+    }
+
+    /// Distances that many points share: of the first features, which are the same for all of them.
+    pub(crate) fn context(&self, features: &[f64]) -> Context {
+        let (width, mut distances) = (features.len(), vec![0.0; self.sample.len()]);
+        let (kinds, weights, columns) =
+            (&self.sample.kinds[..width], &self.weights[..width], &self.sample.columns[..width]);
+        add_squared_distances(kinds, weights, features, columns, &mut distances);
+        Context { features: features.to_vec(), distances }
+    }
+
+    /// The covariances of the point with the features of the context and these.
+    pub(crate) fn covariances(&self, context: &Context, features: &[f64], into: &mut Covariances) {
+        let (sample, from) = (&self.sample, context.features.len());
+        into.own = 1.0;
+        into.others.clear();
+        into.others.extend_from_slice(&context.distances);
+        let (kinds, weights, columns) =
+            (&sample.kinds[from..], &self.weights[from..], &sample.columns[from..]);
+        add_squared_distances(kinds, weights, features, columns, &mut into.others);
+        into.others.iter_mut().for_each(|squared| *squared = matern(*squared).0);
+        let point = || context.features.iter().chain(features);
+        if let Some(linear) = sample.linear
+            && let Some(own) = point().nth(linear)
+        {
+            let weighted = self.weights[linear] * own;
+            into.own += weighted * own;
+            let column = &sample.columns[linear];
+            into.others.iter_mut().zip(column).for_each(|(sum, other)| *sum += weighted * other);
+        }
+        if self.trend > 0.0 {
+            let centred: Vec<f64> = centred(&sample.kinds, point()).collect();
+            let weighted: Vec<f64> = self.weights.iter().zip(&centred).map(|(w, x)| w * x).collect();
+            let with = |other: &[f64]| {
+                let root = 1.0 + dot(&weighted, other);
+                self.trend * (root * root)
+            };
+            into.own += with(&centred);
+            for (index, covariance) in into.others.iter_mut().enumerate() {
+                *covariance += with(sample.centred(index));
+            }
+        }
+    }
+
+    /// The mean at the point of these covariances.
+    pub(crate) fn mean(&self, covariances: &Covariances) -> f64 {
+        self.mean + dot(&covariances.others, &self.alpha)
+    }
+
+    /// The standard deviation of the mean at their point, noise left out. Uses them up.
+    pub(crate) fn deviation(&self, covariances: &mut Covariances) -> f64 {
+        self.factor.forward(&mut covariances.others);
+        let known = dot(&covariances.others, &covariances.others);
+        (self.variance * (covariances.own - known).max(VARIANCE_MIN)).sqrt()
+    }
+
+    /// What the deviation would be there if nothing had been measured.
+    pub(crate) fn deviation_max(&self, covariances: &Covariances) -> f64 {
+        (self.variance * covariances.own).sqrt()
+    }
+
+    /// What the process says of a point in a context.
+    pub(crate) fn at(&self, context: &Context, features: &[f64]) -> Belief {
+        let mut covariances = Covariances::default();
+        self.covariances(context, features, &mut covariances);
+        Belief { mean: self.mean(&covariances), deviation: self.deviation(&mut covariances) }
+    }
+
+    /// What the process says of a point.
+    pub(crate) fn predict(&self, features: &[f64]) -> Belief {
+        self.at(&self.context(&[]), features)
+    }
+}

@@ -1,0 +1,120 @@
+//! Learning lengths and noise.
+
+use super::super::kernel::FeatureKind;
+use super::super::likelihood::{Profile, gradient};
+use super::super::{Hyperparameters, Process, Sample, Schedule};
+use super::*;
+use crate::matrix::Factor;
+
+fn log_density(sample: &Sample, values: &[f64], hyper: &Hyperparameters) -> f64 {
+    let factor = Factor::of(&sample.correlations(hyper).0, sample.len()).expect("positive definite");
+    Profile::of(&factor, values, &PRIOR).log_density
+}
+
+#[test]
+fn the_gradient_of_the_likelihood_agrees_with_finite_differences() {
+    for (seed, has_trend, kinds) in [(1, false, &KINDS[..]), (2, true, &KINDS[..]), (3, true, &KINDS[..4])] {
+        let points = points(kinds, 18, seed);
+        let counts: Vec<f64> = (0..18).map(|p| 1.0 + f64::from(p % 4)).collect();
+        let values: Vec<f64> = points.iter().map(|x| (4.0 * x[0]).cos() + x[1] * x[3]).collect();
+        let sample = Sample::new(kinds.to_vec(), &slices(&points), counts);
+        for sample in [sample.clone().prepared(), sample] {
+            let hyper = uneven(kinds, has_trend);
+            let (matrix, slopes) = sample.correlations(&hyper);
+            let factor = Factor::of(&matrix, 18).expect("positive definite");
+            let Profile { variance, whitened: mut alpha, .. } = Profile::of(&factor, &values, &PRIOR);
+            factor.backward(&mut alpha);
+            let gradient = gradient(&sample, &hyper, &slopes, &factor.inverse(), &alpha, variance);
+            let count = hyper.clone().log_mut().len();
+            for index in 0..count {
+                let moved = |by: f64| {
+                    let mut hyper = hyper.clone();
+                    hyper.log_mut()[index] += by;
+                    log_density(&sample, &values, &hyper)
+                };
+                let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+                let error = (gradient[index] - slope).abs();
+                assert!(error < 1e-5 * (1.0 + slope.abs()), "{index}: {} and {slope}", gradient[index]);
+            }
+        }
+    }
+}
+
+/// Values that follow the first feature closely, the second hardly, and noise.
+fn lopsided(count: usize, noise: f64) -> (Vec<Vec<f64>>, Vec<f64>) {
+    let random = &mut random(9);
+    let points: Vec<Vec<f64>> = (0..count).map(|_| vec![random.random(), random.random()]).collect();
+    let value = |x: &Vec<f64>| (9.0 * x[0]).sin() + 0.1 * x[1] + noise * standard_normal(random);
+    let values = points.iter().map(value).collect();
+    (points, values)
+}
+
+#[test]
+fn features_that_matter_get_short_lengths_and_noise_is_found() {
+    let kinds = vec![FeatureKind::Ordered; 2];
+    let noise_of = |noise: f64| {
+        let (points, values) = lopsided(60, noise);
+        let mut hyper = Hyperparameters::new(&kinds, &PRIOR);
+        let sample = Sample::new(kinds.clone(), &slices(&points), vec![1.0; 60]).prepared();
+        let before = log_density(&sample, &values, &hyper);
+        let schedule = Schedule { steps: 40, ahead: false };
+        let learnt = Process::learn(sample, &[(values, 0.0)], &mut hyper, &PRIOR, schedule);
+        let (process, _) = learnt.expect("positive definite");
+        assert!(process.log_likelihood() > before + 1.0, "{} {before}", process.log_likelihood());
+        assert!(process.weights()[0] > 4.0 * process.weights()[1], "{:?}", process.weights());
+        process.noise().sqrt()
+    };
+    let (quiet, loud) = (noise_of(0.01), noise_of(0.3));
+    assert!(quiet < 0.1 && (0.15..0.6).contains(&loud), "{quiet} {loud}");
+}
+
+#[test]
+fn a_step_ahead_is_the_first_step_of_the_next_fit() {
+    let kinds = vec![FeatureKind::Ordered; 2];
+    let (points, values) = lopsided(20, 0.1);
+    let sample = || Sample::new(kinds.clone(), &slices(&points), vec![1.0; 20]);
+    let views = [(values, 0.0)];
+    let mut at_once = Hyperparameters::new(&kinds, &PRIOR);
+    Process::learn(sample(), &views, &mut at_once, &PRIOR, Schedule { steps: 6, ahead: false });
+    let mut apart = Hyperparameters::new(&kinds, &PRIOR);
+    for _ in 0..3 {
+        Process::learn(sample(), &views, &mut apart, &PRIOR, Schedule { steps: 1, ahead: true });
+    }
+    assert_eq!(apart, at_once);
+}
+
+#[test]
+fn the_likeliest_view_is_taken() {
+    let kinds = vec![FeatureKind::Ordered; 2];
+    let (points, values) = lopsided(30, 0.01);
+    // The same values in disorder have nothing to do with the points.
+    let shuffled: Vec<f64> = (0..30).map(|index| values[(index * 7 + 3) % 30]).collect();
+    for (views, likeliest) in [([&shuffled, &values], 1), ([&values, &shuffled], 0)] {
+        let views = views.map(|values| (values.clone(), 0.0));
+        let sample = Sample::new(kinds.clone(), &slices(&points), vec![1.0; 30]);
+        let mut hyper = Hyperparameters::new(&kinds, &PRIOR);
+        let schedule = Schedule { steps: 3, ahead: false };
+        let learnt = Process::learn(sample, &views, &mut hyper, &PRIOR, schedule);
+        assert_eq!(learnt.expect("positive definite").1, likeliest);
+    }
+}
+
+#[test]
+fn hyperparameters_stay_within_their_ranges_and_are_stored_exactly() {
+    let kinds = vec![FeatureKind::Ordered; 2];
+    let mut hyper = Hyperparameters::with_trend(&kinds, &PRIOR);
+    for sign in [1.0, -1.0] {
+        for _ in 0..100 {
+            hyper.ascend(&kinds, &[sign * 1e9; 4], &PRIOR);
+        }
+        let within = |value: f64, range: [f64; 2]| value >= 0.999 * range[0] && value <= 1.001 * range[1];
+        assert!(hyper.weights(2).iter().all(|&weight| within(weight, PRIOR.weight_range)), "{hyper:?}");
+        assert!(within(hyper.noise(2), PRIOR.noise_range), "{hyper:?}");
+    }
+    let text = serde_json::to_string(&hyper).expect("plain data");
+    assert_eq!(serde_json::from_str::<Hyperparameters>(&text).expect("own output"), hyper);
+    // As it has been stored since the first searches with a model.
+    let stored = r#"{"log":[0.5,-1.25,-3.0],"steps":[0.3,0.36,0.01],"signs":[1,0,-1]}"#;
+    let read: Hyperparameters = serde_json::from_str(stored).expect("a stored row");
+    assert_eq!(serde_json::to_string(&read).expect("plain data"), stored);
+}

@@ -1,0 +1,91 @@
+//! The climb to the highest score.
+
+use super::super::local_search::{
+    AxisSweeps, Candidate, Leaders, Moves, Neighbourhood, NormalSteps, Radii, RandomAxes, best, climb,
+};
+use super::*;
+
+const RADII: Radii = Radii { first: 0.3, last: 0.01 };
+
+/// A cube whose axes are all continuous.
+struct Cube;
+
+impl Neighbourhood for Cube {
+    fn moved(&self, _axis: usize, x: f64, radius: f64, random: &mut ChaCha8Rng) -> f64 {
+        (x + radius * (2.0 * random.random::<f64>() - 1.0)).clamp(0.0, 1.0)
+    }
+}
+
+fn judged(x: Vec<f64>) -> Candidate<()> {
+    let score = -x.iter().enumerate().map(|(axis, x)| (x - 0.2 * (axis + 1) as f64).powi(2)).sum::<f64>();
+    Candidate { x, score, detail: () }
+}
+
+#[test]
+fn all_moves_lead_up_to_the_top() {
+    let (mut a, mut b, mut c) = (random(1), random(2), random(3));
+    let from = || judged(vec![0.9, 0.9, 0.1]);
+    let judge = |x: Vec<f64>, _floor: f64| Some(judged(x));
+    let tops = [
+        climb(from(), 400, &mut AxisSweeps::new(&Cube, 3, RADII, &mut a), judge),
+        climb(from(), 400, &mut RandomAxes::new(&Cube, RADII, &mut b), judge),
+        climb(from(), 400, &mut NormalSteps::new(0.3, &mut c), judge),
+    ];
+    for top in tops {
+        assert!(top.score > -1e-3, "{top:?}");
+    }
+}
+
+#[test]
+fn what_is_refused_is_never_reached_and_scores_only_rise() {
+    let mut random = random(4);
+    let mut moves = AxisSweeps::new(&Cube, 3, RADII, &mut random);
+    let mut floors = Vec::new();
+    let top = climb(judged(vec![0.9, 0.9, 0.1]), 300, &mut moves, |x, floor| {
+        floors.push(floor);
+        (x[0] > 0.5).then(|| judged(x))
+    });
+    assert!(top.x[0] > 0.5 && (top.x[1] - 0.4).abs() < 0.05, "{top:?}");
+    assert!(floors.len() == 300 && floors.windows(2).all(|pair| pair[1] >= pair[0]));
+    let nothing = climb(Candidate { x: Vec::new(), score: 1.0, detail: () }, 5, &mut moves, |_, _| None);
+    assert_eq!(nothing.score, 1.0, "a point without axes stays where it is");
+}
+
+#[test]
+fn a_sweep_changes_each_axis_once() {
+    let mut random = random(5);
+    let mut moves = AxisSweeps::new(&Cube, 6, RADII, &mut random);
+    let x = vec![0.5; 6];
+    for _ in 0..10 {
+        let changes: Vec<Vec<f64>> = (0..6).map(|_| moves.change(&x, 0.0)).collect();
+        let sums = (0..6).map(|axis| changes.iter().filter(|changed| changed[axis] != x[axis]).count());
+        assert!(sums.into_iter().all(|count| count == 1), "{changes:?}");
+    }
+}
+
+#[test]
+fn normal_steps_grow_with_success() {
+    let size = |kept: bool| {
+        let mut random = random(6);
+        let mut moves = NormalSteps::new(1.0, &mut random);
+        (0..10).for_each(|_| moves.kept(kept));
+        let far = |x: Vec<f64>| x.iter().map(|x| x * x).sum::<f64>();
+        (0..200).map(|_| far(moves.change(&[0.0; 4], 0.0))).sum::<f64>()
+    };
+    assert!(size(true) > 100.0 * size(false));
+}
+
+#[test]
+fn the_leaders_are_the_best_of_all_and_the_first_of_equals() {
+    let mut leaders = Leaders::new(2);
+    assert_eq!(leaders.floor(), f64::NEG_INFINITY);
+    for (score, name) in [(1.0, "a"), (3.0, "b"), (3.0, "c"), (2.0, "d"), (3.0, "e")] {
+        leaders.offer(Candidate { x: vec![score], score, detail: name });
+    }
+    assert!(leaders.floor() == 3.0 && leaders.contains(&[3.0]) && !leaders.contains(&[1.0]));
+    let names: Vec<&str> = leaders.into_candidates().iter().map(|candidate| candidate.detail).collect();
+    assert_eq!(names, ["b", "c"]);
+    let of = |score| Candidate { x: Vec::new(), score, detail: () };
+    assert_eq!(best([of(1.0), of(4.0), of(2.0)]).expect("some are finite").score, 4.0);
+    assert!(best([of(f64::NEG_INFINITY), of(f64::NAN)]).is_none());
+}

@@ -1,0 +1,66 @@
+//! Pending points: those that a search has asked for and was not told the result of.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::search::{Point, Step};
+
+/// The pending points of one search, and those that came back unmeasured. Field names are those of stored rows.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct PendingPoints {
+    next_id: u64,
+    #[serde(rename = "out")]
+    pending: BTreeMap<u64, Point>,
+    #[serde(rename = "back")]
+    withdrawn: BTreeMap<u64, Point>,
+}
+
+impl PendingPoints {
+    /// Adds a new point.
+    pub(super) fn add(&mut self, x: Vec<f64>, step: Step) -> Point {
+        let point = Point { id: self.next_id, x, step };
+        self.next_id += 1;
+        self.pending.insert(point.id, point.clone());
+        point
+    }
+
+    /// Takes the oldest withdrawn point up again.
+    pub(super) fn resume(&mut self) -> Option<Point> {
+        let (id, point) = self.withdrawn.pop_first()?;
+        self.pending.insert(id, point.clone());
+        Some(point)
+    }
+
+    /// Removes a point that was told; `None` if it is not pending.
+    pub(super) fn finish(&mut self, id: u64) -> Option<Point> {
+        self.pending.remove(&id)
+    }
+
+    /// Withdraws a point that is pending.
+    pub(super) fn withdraw(&mut self, id: u64) {
+        if let Some(point) = self.pending.remove(&id) {
+            self.withdrawn.insert(id, point);
+        }
+    }
+
+    /// Whether a withdrawn point waits to be taken up again.
+    pub(super) fn has_withdrawn(&self) -> bool {
+        !self.withdrawn.is_empty()
+    }
+
+    /// How many points were ever added.
+    pub(super) fn added(&self) -> u64 {
+        self.next_id
+    }
+
+    /// The points that are pending.
+    pub(super) fn points(&self) -> impl Iterator<Item = &Point> {
+        self.pending.values()
+    }
+
+    /// Whether no point is pending or withdrawn.
+    pub(super) fn is_empty(&self) -> bool {
+        self.pending.is_empty() && self.withdrawn.is_empty()
+    }
+}
