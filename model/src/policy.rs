@@ -13,7 +13,7 @@ use crate::space::{Space, SpaceError};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SearchMethod {
-    /// Whatever suits the space, the budget and what was measured so far; see `treewright_core::search::auto`.
+    /// The search that this version recommends, the same for every study; today [`SearchMethod::Model`].
     #[default]
     Auto,
     /// Latin hypercube start, then a stochastic Nelder-Mead after Chang (2012) (paper section 6).

@@ -10,7 +10,7 @@ use std::time::Instant;
 use treewright_core::fleet::Fleet;
 use treewright_core::knowledge::KnownState;
 use treewright_core::policy::{Policy, PredictorMethod};
-use treewright_core::predict::{Atlas, Lesson, Origin, Predictors, Query, prequential};
+use treewright_core::predict::{Lesson, Origin, Predictors, Query, StateIndex, prequential};
 use treewright_core::search::Verdict;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::Trial;
@@ -67,7 +67,7 @@ pub(crate) fn curves(seeds: u64, frames: usize) -> Vec<Curve> {
 fn replay(spec: &StudySpec, method: PredictorMethod, trials: &[(Vec<f64>, Trial)]) -> Vec<Sample> {
     let (space, indicators) = (&spec.space, spec.indicators.indicators().len());
     let mut predictors = Predictors::new(method, space, indicators, spec.seed, &[]);
-    let (mut fleet, mut atlas, mut known) = (Fleet::default(), Atlas::new(indicators), Vec::new());
+    let (mut fleet, mut state_index, mut known) = (Fleet::default(), StateIndex::new(indicators), Vec::new());
     fleet.found(None);
     let marks = marks(FIRST.min(trials.len()), trials.len());
     let (mut samples, mut errors, mut wall_s, mut compute_us) = (Vec::new(), Vec::new(), 0.0, 0.0);
@@ -78,9 +78,10 @@ fn replay(spec: &StudySpec, method: PredictorMethod, trials: &[(Vec<f64>, Trial)
             let (anchor, knowledge) = (state.clone(), Arc::default());
             known.push(KnownState { id: trial.state_id, anchor, machine: 0, explored: true, knowledge });
         }
-        let (atlas_now, fleet) = (&atlas, &fleet);
+        let (state_index_now, fleet) = (&state_index, &fleet);
         let here = Some(&known[place]);
-        let query = Query { state, here, known: &known, atlas: atlas_now, space, fleet, machine: 0 };
+        let query =
+            Query { state, here, known: &known, state_index: state_index_now, space, fleet, machine: 0 };
         // `auto` asks all when it tests them.
         let clock = Instant::now();
         let expected = predictors.estimate(method, &query, &trial.configuration);
@@ -95,7 +96,7 @@ fn replay(spec: &StudySpec, method: PredictorMethod, trials: &[(Vec<f64>, Trial)
             errors.push(prequential::error(expected, cost));
         }
         Arc::make_mut(&mut known[place].knowledge).learn(trial, &space.default_configuration());
-        atlas.note(&known[place]);
+        state_index.note(&known[place]);
         let default = known[place].knowledge.record(&space.default_configuration());
         let default_cost = default.filter(|record| record.measurements > 0).map(|record| record.mean_cost);
         let point = space.encode(&trial.configuration);

@@ -23,7 +23,7 @@ use treewright_core::fleet::Fleet;
 use treewright_core::knowledge::{Knowledge, KnownState};
 use treewright_core::policy::{Policy, PredictorMethod};
 use treewright_core::predict::{
-    Atlas, LeastSquares, Lesson, Nearest, Origin, Predictor, Query, Rbf, Shape, Weighted,
+    LeastSquares, Lesson, Nearest, Origin, Predictor, Query, Rbf, Shape, StateIndex, Weighted,
 };
 use treewright_core::search::Verdict;
 use treewright_core::trial::{Outcome, Trial};
@@ -71,7 +71,8 @@ fn nearest(count: usize) {
     let trial = tuner.report(&trial, measurements, Outcome::Ok, 1).expect("a valid report").0;
     let mut knowledge = Knowledge::default();
     knowledge.learn(&trial, &spec.space.default_configuration());
-    let (knowledge, mut fleet, mut atlas) = (Arc::new(knowledge), Fleet::default(), Atlas::new(INDICATORS));
+    let (knowledge, mut fleet, mut state_index) =
+        (Arc::new(knowledge), Fleet::default(), StateIndex::new(INDICATORS));
     fleet.found(None);
     let known: Vec<KnownState> = (0..count as u64)
         .map(|place| KnownState {
@@ -82,15 +83,15 @@ fn nearest(count: usize) {
             knowledge: Arc::clone(&knowledge),
         })
         .collect();
-    known.iter().for_each(|state| atlas.note(state));
+    known.iter().for_each(|state| state_index.note(state));
     for (name, predictor) in
         [("nearest_neighbour", &Nearest as &dyn Predictor), ("weighted_neighbours", &Weighted)]
     {
         let mut asked = ChaCha8Rng::seed_from_u64(2);
         let spent = times(QUESTIONS, || {
             let state = scene(&mut asked);
-            let (known, atlas, space, fleet) = (&known[..], &atlas, &spec.space, &fleet);
-            let query = Query { state: &state, here: None, known, atlas, space, fleet, machine: 0 };
+            let (known, state_index, space, fleet) = (&known[..], &state_index, &spec.space, &fleet);
+            let query = Query { state: &state, here: None, known, state_index, space, fleet, machine: 0 };
             std::hint::black_box(predictor.predict(&query));
         });
         println!("{}", json!({ "nearest": name, "states": count, "answer": spent }));
@@ -99,7 +100,7 @@ fn nearest(count: usize) {
 
 fn features() {
     let spec = study(PARAMETERS, INDICATORS, Policy::default(), 1);
-    let (atlas, fleet) = (Atlas::new(INDICATORS), Fleet::default());
+    let (state_index, fleet) = (StateIndex::new(INDICATORS), Fleet::default());
     let models: [(&str, Box<dyn Predictor>); 3] = [
         ("rbf_greedy_gq", Box::new(Rbf::new(Shape::Printed, PARAMETERS, INDICATORS, 1, &[]))),
         ("gaussian_greedy_gq", Box::new(Rbf::new(Shape::Gaussian, PARAMETERS, INDICATORS, 1, &[]))),
@@ -131,8 +132,15 @@ fn features() {
         let mut asked = ChaCha8Rng::seed_from_u64(4);
         let state = scene(&mut asked);
         let space = &spec.space;
-        let query =
-            Query { state: &state, here: None, known: &[], atlas: &atlas, space, fleet: &fleet, machine: 0 };
+        let query = Query {
+            state: &state,
+            here: None,
+            known: &[],
+            state_index: &state_index,
+            space,
+            fleet: &fleet,
+            machine: 0,
+        };
         let answers = times(QUESTIONS, || drop(std::hint::black_box(model.predict(&query))));
         let update = json!({ "p50_us": updates[QUESTIONS / 2], "p99_us": updates[QUESTIONS * 99 / 100] });
         println!("{}", json!({ "features": name, "update": update, "answer": answers }));

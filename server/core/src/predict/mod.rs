@@ -1,6 +1,5 @@
 //! Predictors: from what is known of other states to a configuration for this one.
 
-pub mod atlas;
 mod blend;
 mod choice;
 pub mod contextual;
@@ -9,6 +8,7 @@ pub mod nearest;
 pub mod prequential;
 pub mod rbf;
 mod registry;
+pub mod state_index;
 
 use serde::{Deserialize, Serialize};
 
@@ -18,14 +18,14 @@ use crate::knowledge::KnownState;
 use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::Neighbour;
-pub use atlas::Atlas;
-use atlas::Found;
 pub use choice::Predictors;
 pub use contextual::Contextual;
 pub use deferred::{ComputedUpdates, DeferredUpdates};
 pub use nearest::{Nearest, Weighted};
 pub use rbf::{LeastSquares, Rbf, Shape};
 pub use registry::METHODS;
+use state_index::IndexEntry;
+pub use state_index::StateIndex;
 
 /// One completed trial, as a predictor sees it.
 #[derive(Clone, Debug)]
@@ -62,8 +62,8 @@ pub struct Query<'a> {
     pub here: Option<&'a KnownState>,
     /// All known states, by rising id.
     pub known: &'a [KnownState],
-    /// Where they lie.
-    pub atlas: &'a Atlas,
+    /// The index of them.
+    pub state_index: &'a StateIndex,
     /// The study's parameters.
     pub space: &'a Space,
     /// The machines of the study.
@@ -80,8 +80,8 @@ impl Query<'_> {
         count: usize,
         explored: bool,
         filter: impl Fn(&KnownState) -> bool,
-    ) -> Vec<Found> {
-        self.atlas.nearest(self.state, count, explored, |place| {
+    ) -> Vec<IndexEntry> {
+        self.state_index.nearest(self.state, count, explored, |place| {
             let known = self.known.get(place).filter(|known| filter(known))?;
             Some(self.fleet.level(self.machine, known.machine).distance_2())
         })
@@ -139,7 +139,7 @@ pub struct Answer {
 ///
 /// The first two methods are what makes a predictor. All others are ways in which it may take part in more than
 /// answering; each says what it means not to. Answers are a matter of microseconds, but for those of
-/// [`Contextual`], which are asked for ahead (see [`Predictors::request`]) and whose learning is deferred.
+/// [`Contextual`], which are asked for ahead and whose learning is deferred.
 pub trait Predictor {
     /// What it expects of one configuration in the asked state. `None` when nothing is known.
     fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate>;

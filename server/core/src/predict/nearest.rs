@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::knowledge::{KnownState, Record};
 use crate::limits::NEIGHBOURS_MAX;
-use crate::predict::atlas::Found;
+use crate::predict::state_index::IndexEntry;
 use crate::predict::{Answer, Estimate, Predictor, Query};
 use crate::trial::Neighbour;
 
@@ -61,7 +61,9 @@ fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
             let at = chosen[from..].iter().position(|candidate| candidate.state.id == here.id);
             let own = match at {
                 Some(at) => chosen.remove(from + at),
-                None => Candidate { state: here, distance: query.atlas.distance(query.state, &here.anchor) },
+                None => {
+                    Candidate { state: here, distance: query.state_index.distance(query.state, &here.anchor) }
+                }
             };
             chosen.insert(from, own);
             chosen.truncate(count);
@@ -76,7 +78,7 @@ fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
 fn closest<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
     let place = |place: usize| query.known.get(place).filter(|state| state.knowledge.best().is_some());
     let found = query.nearest(count, false, |state| state.knowledge.best().is_some());
-    let candidate = |found: &Found| {
+    let candidate = |found: &IndexEntry| {
         Some(Candidate { state: place(found.name as usize)?, distance: found.distance_2.sqrt() })
     };
     found.iter().filter_map(candidate).collect()

@@ -29,7 +29,7 @@ pub(super) fn space(dimension: usize) -> Space {
 pub(super) struct World {
     pub(super) space: Space,
     pub(super) states: Vec<KnownState>,
-    pub(super) atlas: Atlas,
+    pub(super) state_index: StateIndex,
     pub(super) fleet: Fleet,
     pub(super) predictors: Predictors,
     trials: u64,
@@ -42,7 +42,7 @@ impl World {
             predictors: Predictors::new(PredictorMethod::Auto, &space, indicators, 11, &[]),
             space,
             states: Vec::new(),
-            atlas: Atlas::new(indicators),
+            state_index: StateIndex::new(indicators),
             fleet: Fleet::default(),
             trials: 0,
         }
@@ -58,8 +58,8 @@ impl World {
 
     pub(super) fn query<'a>(&'a self, state: &'a [f64]) -> Query<'a> {
         let here = self.states.iter().find(|known| known.anchor == state);
-        let World { space, states, atlas, fleet, .. } = self;
-        Query { state, here, known: states, atlas, space, fleet, machine: 0 }
+        let World { space, states, state_index, fleet, .. } = self;
+        Query { state, here, known: states, state_index, space, fleet, machine: 0 }
     }
 
     /// A trial as the tuner takes it: tested, entered in its state's table, learnt.
@@ -118,7 +118,7 @@ impl World {
             fingerprint: None,
         };
         Arc::make_mut(&mut self.states[place].knowledge).learn(&trial, self.space.default_ref());
-        self.atlas.note(&self.states[place]);
+        self.state_index.note(&self.states[place]);
         let default = self.states[place].knowledge.record(self.space.default_ref());
         let default_cost = default.filter(|record| record.measurements > 0).map(|record| record.mean_cost);
         let point = self.space.encode(&configuration);

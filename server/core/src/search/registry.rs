@@ -34,6 +34,7 @@ macro_rules! searches {
         /// One of the searches, as it is stored. All that can be done with it are the methods of [`Search`].
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(rename_all = "snake_case", from = "Stored")]
+        #[expect(clippy::large_enum_variant, reason = "nearly all searches are of the largest kind")]
         pub enum AnySearch {
             $($(#[doc = $about])+ $method($search),)+
         }

@@ -15,7 +15,7 @@ use crate::knowledge::Knowledge;
 use crate::packed::{pack_in_order, unpack};
 use crate::policy::{Policy, PredictorMethod};
 use crate::predict::Predictors;
-use crate::predict::atlas::Spread;
+use crate::predict::state_index::Spread;
 use crate::study::StudySpec;
 use crate::tuner::history::History;
 use crate::tuner::screening::Screening;

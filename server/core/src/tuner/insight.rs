@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::ids::StateId;
-use crate::predict::atlas::Mute;
+use crate::predict::state_index::Mute;
 use crate::tuner::Tuner;
 
 /// What the policy knows of a state.

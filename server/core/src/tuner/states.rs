@@ -12,8 +12,8 @@ use crate::fleet::{Fleet, Standing};
 use crate::ids::StateId;
 use crate::knowledge::{Knowledge, KnownState};
 use crate::limits::{RECORDS_PER_STUDY_MAX, SIBLINGS_MAX};
-use crate::predict::atlas::{Mute, Spread, match_distance_2};
-use crate::predict::{Atlas, Query};
+use crate::predict::state_index::{Mute, Spread, match_distance_2};
+use crate::predict::{Query, StateIndex};
 use crate::space::Space;
 use crate::study::StudySpec;
 use crate::trial::{Fingerprint, Trial};
@@ -26,7 +26,7 @@ pub(crate) struct States {
     /// Of each state, those that other machines met the same input as, nearest relations first.
     siblings: Vec<Vec<StateId>>,
     /// Where the states lie.
-    index: Atlas,
+    index: StateIndex,
     /// Whose measurements they are.
     machines: Fleet,
     /// No indicator of a recognised state differs from its anchor by more; of the indicator's range.
@@ -61,7 +61,7 @@ impl States {
         States {
             known: Vec::new(),
             siblings: Vec::new(),
-            index: Atlas::new(spec.indicators.indicators().len()),
+            index: StateIndex::new(spec.indicators.indicators().len()),
             machines: Fleet::default(),
             tolerance: spec.state_tolerance,
             default: spec.space.default_configuration(),
@@ -152,7 +152,7 @@ impl States {
         let here = here.map(|here| &self[here]);
         let machine = here.map_or(0, |here| here.machine);
         let States { known, index, machines, .. } = self;
-        Query { state: normalised, here, known, atlas: index, space, fleet: machines, machine }
+        Query { state: normalised, here, known, state_index: index, space, fleet: machines, machine }
     }
 
     /// The machine's state that matches the normalised indicators: every one within the study's tolerance of the

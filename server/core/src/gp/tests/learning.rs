@@ -26,15 +26,14 @@ fn the_gradient_of_the_likelihood_agrees_with_finite_differences() {
             factor.backward(&mut alpha);
             let gradient = gradient(&sample, &hyper, &slopes, &factor.inverse(), &alpha, variance);
             let count = hyper.clone().log_mut().len();
-            for index in 0..count {
+            for (index, own) in gradient.iter().enumerate().take(count) {
                 let moved = |by: f64| {
                     let mut hyper = hyper.clone();
                     hyper.log_mut()[index] += by;
                     log_density(&sample, &values, &hyper)
                 };
                 let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
-                let error = (gradient[index] - slope).abs();
-                assert!(error < 1e-5 * (1.0 + slope.abs()), "{index}: {} and {slope}", gradient[index]);
+                assert!((own - slope).abs() < 1e-5 * (1.0 + slope.abs()), "{index}: {own} and {slope}");
             }
         }
     }

@@ -24,7 +24,7 @@
 //! - *Trials that were stopped early.* They count as measured at the mean of what the model expects above
 //!   the bound (Schmee and Hahn, "A simple method for regression analysis with censored data",
 //!   Technometrics 21, 1979; for model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
-//! - *Other states.* What other states of the study know, a [`Guide`](crate::search::Guide) adds up: the search begins with what it and the
+//! - *Other states.* What other states of the study know, a [`Guide`] adds up: the search begins with what it and the
 //!   best of the others name, and costs may depend on it linearly. Its weight is learnt like a length, so that it
 //!   fades where it does not agree with what is measured here.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).

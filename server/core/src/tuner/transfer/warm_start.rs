@@ -13,7 +13,7 @@ use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
 use crate::predict::Query;
-use crate::predict::atlas::Found;
+use crate::predict::state_index::IndexEntry;
 use crate::search::{Elsewhere, Guide, Layout, hears_others};
 use crate::space::Space;
 use crate::trial::Neighbour;
@@ -66,7 +66,7 @@ impl Evidence {
 }
 
 /// The explored states nearest to the asked one, itself left out.
-fn nearest(query: &Query<'_>, count: usize) -> Vec<Found> {
+fn nearest(query: &Query<'_>, count: usize) -> Vec<IndexEntry> {
     let here = query.here.map(|here| here.id);
     query.nearest(count, true, |other| Some(other.id) != here && other.knowledge.best().is_some())
 }
@@ -86,7 +86,7 @@ impl Transfer<'_> {
     /// The same for a state that is not there yet.
     pub(in crate::tuner) fn evidence_for(&self, query: &Query<'_>) -> Evidence {
         let others = nearest(query, STATES);
-        let of = |(place, other): (usize, &Found)| {
+        let of = |(place, other): (usize, &IndexEntry)| {
             let ranked = self.states.knowledge(at(other.name as usize)).ranked();
             let told = ranked.take(RECORDS / others.len());
             told.map(move |record| (place, record.configuration.clone(), record.mean_cost))
@@ -98,7 +98,7 @@ impl Transfer<'_> {
     pub(in crate::tuner) fn neighbours(&self, state: StateId) -> Vec<Neighbour> {
         let here = &self.states[state];
         let query = self.states.query(&self.spec.space, &here.anchor, Some(state));
-        let neighbour = |found: &Found| {
+        let neighbour = |found: &IndexEntry| {
             let other = &self.states[at(found.name as usize)];
             let factor = self.states.machines().factor(other.machine, here.machine);
             let best_cost = (factor * other.knowledge.best()?.mean_cost).min(f64::MAX);

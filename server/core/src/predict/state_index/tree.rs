@@ -39,13 +39,13 @@ enum Kind {
 
 /// A point that was found: its name, and the square of its weighted distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Found {
+pub(crate) struct IndexEntry {
     pub(crate) name: u32,
     pub(crate) distance_2: f64,
 }
 
-impl Found {
-    fn comes_before(&self, other: &Found) -> bool {
+impl IndexEntry {
+    fn comes_before(&self, other: &IndexEntry) -> bool {
         (self.distance_2, self.name) < (other.distance_2, other.name)
     }
 }
@@ -94,8 +94,8 @@ impl Tree {
         weights: &[f64],
         count: usize,
         further: &mut dyn FnMut(u32) -> Option<f64>,
-    ) -> Vec<Found> {
-        let mut found: Vec<Found> = Vec::with_capacity(count + 1);
+    ) -> Vec<IndexEntry> {
+        let mut found: Vec<IndexEntry> = Vec::with_capacity(count + 1);
         let mut open: Vec<(f64, u32)> = vec![(0.0, 0)];
         while let Some((least, node)) = open.pop() {
             let limit = if found.len() < count { f64::INFINITY } else { found[count - 1].distance_2 };
@@ -117,12 +117,12 @@ impl Tree {
                             continue;
                         };
                         let name = self.names[slot as usize];
-                        let new = Found { name, distance_2 };
+                        let new = IndexEntry { name, distance_2 };
                         if found.partition_point(|other| other.comes_before(&new)) == count {
                             continue;
                         }
                         let Some(further) = further(name) else { continue };
-                        let new = Found { name, distance_2: distance_2 + further };
+                        let new = IndexEntry { name, distance_2: distance_2 + further };
                         let place = found.partition_point(|other| other.comes_before(&new));
                         if place < count {
                             found.insert(place, new);
@@ -137,8 +137,8 @@ impl Tree {
 
     /// The nearest point of which no coordinate is further from `state` than `tolerance`, the first named
     /// among equals.
-    pub(super) fn within(&self, state: &[f64], tolerance: f64) -> Option<Found> {
-        let mut best: Option<Found> = None;
+    pub(super) fn within(&self, state: &[f64], tolerance: f64) -> Option<IndexEntry> {
+        let mut best: Option<IndexEntry> = None;
         let mut open = vec![0u32];
         while let Some(node) = open.pop() {
             let bounds = self.bounds(node);
@@ -156,7 +156,7 @@ impl Tree {
                         let Some(distance_2) = match_distance_2(self.point(slot), state, tolerance) else {
                             continue;
                         };
-                        let new = Found { name: self.names[slot as usize], distance_2 };
+                        let new = IndexEntry { name: self.names[slot as usize], distance_2 };
                         if best.is_none_or(|best| new.comes_before(&best)) {
                             best = Some(new);
                         }
@@ -298,24 +298,24 @@ mod tests {
         weights: &[f64],
         count: usize,
         further: impl Fn(u32) -> Option<f64>,
-    ) -> Vec<Found> {
+    ) -> Vec<IndexEntry> {
         let all = points.iter().enumerate().filter_map(|(index, point)| {
             let distance_2 = distance_2(point, state, weights, f64::INFINITY)?;
-            Some(Found { name: index as u32, distance_2: distance_2 + further(index as u32)? })
+            Some(IndexEntry { name: index as u32, distance_2: distance_2 + further(index as u32)? })
         });
-        let mut all: Vec<Found> = all.collect();
+        let mut all: Vec<IndexEntry> = all.collect();
         all.sort_by(|a, b| a.distance_2.total_cmp(&b.distance_2).then(a.name.cmp(&b.name)));
         all.truncate(count);
         all
     }
 
-    fn within(points: &[Vec<f64>], state: &[f64], tolerance: f64) -> Option<Found> {
-        let mut best: Option<Found> = None;
+    fn within(points: &[Vec<f64>], state: &[f64], tolerance: f64) -> Option<IndexEntry> {
+        let mut best: Option<IndexEntry> = None;
         for (index, point) in points.iter().enumerate() {
             if let Some(distance_2) = match_distance_2(point, state, tolerance)
                 && best.is_none_or(|best| distance_2 < best.distance_2)
             {
-                best = Some(Found { name: index as u32, distance_2 });
+                best = Some(IndexEntry { name: index as u32, distance_2 });
             }
         }
         best
@@ -342,11 +342,11 @@ mod tests {
         let mut tree = Tree::new(2);
         (0..500u32).for_each(|index| tree.insert(index, &[f64::from(index % 20), f64::from(index / 20)]));
         let even = tree.nearest(&[3.0, 3.0], &[1.0, 1.0], 1, &mut |name| (name % 2 == 0).then_some(0.0));
-        assert_eq!(even, vec![Found { name: 62, distance_2: 1.0 }], "(2, 3), first named of four");
+        assert_eq!(even, vec![IndexEntry { name: 62, distance_2: 1.0 }], "(2, 3), first named of four");
         let mut tree = Tree::new(0);
         (0..100).for_each(|index| tree.insert(index, &[]));
         assert_eq!(tree.nearest(&[], &[], 2, &mut |_| Some(0.0)).len(), 2);
-        assert_eq!(tree.within(&[], 0.0), Some(Found { name: 0, distance_2: 0.0 }));
+        assert_eq!(tree.within(&[], 0.0), Some(IndexEntry { name: 0, distance_2: 0.0 }));
     }
 
     proptest! {

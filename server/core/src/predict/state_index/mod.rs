@@ -1,4 +1,7 @@
-//! Where the known states lie: which are nearest, which one is met again.
+//! The state index: which known states are nearest to a question, and which one is met again.
+//!
+//! A k-d tree (Bentley, "Multidimensional binary search trees used for associative searching", CACM 18, 1975) for each
+//! kind of question, with distances weighted by how far indicators reach in what was measured.
 
 mod spread;
 mod tree;
@@ -8,11 +11,11 @@ use std::collections::BTreeMap;
 use crate::knowledge::KnownState;
 pub(crate) use spread::{Mute, Spread};
 use tree::Tree;
-pub(crate) use tree::{Found, match_distance_2};
+pub(crate) use tree::{IndexEntry, match_distance_2};
 
 /// An index over the anchors of the known states. States are named by their places in the tuner's list.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Atlas {
+pub struct StateIndex {
     /// All states of each machine that may be met again, in which states are recognised.
     all: BTreeMap<u32, Tree>,
     /// States in which something was measured.
@@ -26,11 +29,11 @@ pub struct Atlas {
     weights: Vec<f64>,
 }
 
-impl Atlas {
+impl StateIndex {
     /// An empty index over states of so many indicators.
     pub fn new(indicators: usize) -> Self {
         let tree = Tree::new(indicators);
-        Atlas {
+        StateIndex {
             all: BTreeMap::new(),
             measured: tree.clone(),
             explored: tree,
@@ -129,7 +132,7 @@ impl Atlas {
         count: usize,
         explored: bool,
         mut further: impl FnMut(usize) -> Option<f64>,
-    ) -> Vec<Found> {
+    ) -> Vec<IndexEntry> {
         let tree = if explored { &self.explored } else { &self.measured };
         tree.nearest(state, &self.weights, count, &mut |name| further(name as usize))
     }
