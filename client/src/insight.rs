@@ -30,6 +30,8 @@ pub enum Rule {
     Pinned,
     /// The client asked for the configuration.
     Wanted,
+    /// Explores, but the search waits for what others are measuring; the best that is known is run meanwhile.
+    Waiting,
 }
 
 /// What the policy weighed. Costs are in the objective's units; `None` is what played no part.

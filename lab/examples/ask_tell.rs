@@ -77,8 +77,8 @@ impl Session {
                 let answer = json!({
                     "trial": trial.number,
                     "configuration": plain(&trial.configuration),
-                    "mode": trial.mode,
-                    "step": trial.reason.step,
+                    "mode": trial.mode(),
+                    "step": trial.reason().step,
                 });
                 self.open.insert(trial.number, trial);
                 Ok(answer)
@@ -105,7 +105,7 @@ impl Session {
                 let prediction = tuner.predict(&indicators, None).map_err(refused)?;
                 Ok(json!({
                     "configuration": plain(&prediction.configuration),
-                    "mode": prediction.mode,
+                    "mode": prediction.mode(),
                     "predicted_cost": prediction.predicted_cost,
                 }))
             }

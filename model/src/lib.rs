@@ -12,6 +12,7 @@
 #![forbid(unsafe_code)]
 
 pub mod configuration;
+pub mod decision;
 pub mod ids;
 pub mod indicator;
 pub mod limits;

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::{Configuration, RawConfiguration};
+use crate::decision::Decision;
 use crate::space::{Space, SpaceError};
 
 /// Why a client got a configuration.
@@ -100,6 +101,8 @@ pub enum Rule {
     Pinned,
     /// The client asked for the configuration.
     Wanted,
+    /// Explores, but the search waits for what others are measuring; the best that is known is run meanwhile.
+    Waiting,
 }
 
 /// What the policy weighed when it answered. Costs are in the objective's units, and finite.
@@ -195,11 +198,9 @@ pub struct Trial<C = Configuration> {
     /// What to run with.
     pub configuration: C,
     /// Why this configuration.
-    pub mode: Mode,
+    pub decision: Decision,
     /// Predicted objective; `None` where nothing is known.
     pub predicted_cost: Option<f64>,
-    /// How the answer came about.
-    pub reason: Reason,
     /// Until when the client may take its time, in milliseconds of the caller's clock.
     pub lease_expire_ms: i64,
     /// Where it stands.
@@ -234,6 +235,16 @@ impl RawTrial {
 }
 
 impl<C> Trial<C> {
+    /// What kind of answer it is.
+    pub fn mode(&self) -> Mode {
+        self.decision.mode()
+    }
+
+    /// How the answer came about, for people and for logs.
+    pub fn reason(&self) -> Reason {
+        self.decision.reason()
+    }
+
     fn map_configuration<D, E>(self, map: impl FnOnce(C) -> Result<D, E>) -> Result<Trial<D>, E> {
         Ok(Trial {
             number: self.number,
@@ -241,9 +252,8 @@ impl<C> Trial<C> {
             state_id: self.state_id,
             indicators: self.indicators,
             configuration: map(self.configuration)?,
-            mode: self.mode,
+            decision: self.decision,
             predicted_cost: self.predicted_cost,
-            reason: self.reason,
             lease_expire_ms: self.lease_expire_ms,
             state: self.state,
             measurements: self.measurements,

@@ -288,7 +288,7 @@ async fn a_page_ends_before_its_message_grows_too_large() {
         let ask =
             Ask { client_id: format!("client-{number}"), indicators: triangles(10.0), ..Ask::default() };
         let (mut trial, mut more) = tuner.suggest(&ask, common::START_MS).unwrap();
-        trial.reason.summary = "x".repeat(10_000);
+        trial.decision.said = Some("x".repeat(10_000));
         change.trials.push(trial);
         change.states.append(&mut more.states);
     }

@@ -37,6 +37,7 @@ fn rule(rule: i32) -> Option<Rule> {
         v1::Rule::Shadow => Rule::Shadow,
         v1::Rule::Pinned => Rule::Pinned,
         v1::Rule::Wanted => Rule::Wanted,
+        v1::Rule::Waiting => Rule::Waiting,
     })
 }
 

@@ -104,7 +104,7 @@ fn run(arm: &Arm, seed: u64, trials: u32, noise: Option<f64>) -> Run {
                 false => (problem.truth)(&trial.configuration),
             };
             if counts {
-                result.held = result.held.max(trial.reason.explanation.held.len());
+                result.held = result.held.max(trial.reason().explanation.held.len());
             }
             let (measurements, outcome) = match truth {
                 Some(truth) => {

@@ -146,7 +146,7 @@ impl Session {
             let true_cost = speed * cost(&trial, adversarial);
             let measured = true_cost * (noise * normal(&mut random)).exp();
             let default = speed * DEFAULT_COST;
-            let (spent, outcome) = match trial.reason.explanation.abort_above {
+            let (spent, outcome) = match trial.reason().explanation.abort_above {
                 Some(cap) if measured > cap => (cap, Outcome::Aborted { lower_bound: cap }),
                 _ => (measured, Outcome::Ok),
             };
@@ -154,7 +154,7 @@ impl Session {
             let truly = if spent < measured { spent } else { true_cost };
             paid += truly;
             owed += default;
-            if trial.mode == Mode::Explore {
+            if trial.mode() == Mode::Explore {
                 session.explored += 1;
                 regret += truly - default;
             }

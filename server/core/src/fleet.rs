@@ -15,6 +15,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::decision::Level;
 use crate::limits::MACHINES_MAX;
 use crate::predict::Origin;
 use crate::randomness::text_number;
@@ -37,33 +38,10 @@ const EFFECT_MEMORY: f64 = 64.0;
 /// indicators span 0 to 1.
 const DISTANCE: [f64; 3] = [0.0, 0.05, 0.1];
 
-/// Whose evidence it is, seen from one machine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Level {
-    /// Its own: processor, instruction set, threads and software are the same.
-    Machine,
-    /// That of machines with the same processor and software.
-    Group,
-    /// That of all others.
-    Fleet,
-}
-
-impl Level {
-    /// The name that reasons carry.
-    pub fn name(self) -> &'static str {
-        match self {
-            Level::Machine => "machine",
-            Level::Group => "group",
-            Level::Fleet => "fleet",
-        }
-    }
-
-    /// The square of the distance that a state of that level is further away by.
-    pub(crate) fn distance_2(self) -> f64 {
-        let distance = DISTANCE[self as usize];
-        distance * distance
-    }
+/// The square of the distance that a state of that level is further away by.
+pub(crate) fn distance_2(level: Level) -> f64 {
+    let distance = DISTANCE[level as usize];
+    distance * distance
 }
 
 /// What comparisons with others taught of a machine. Costs are logarithms.

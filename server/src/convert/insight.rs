@@ -36,6 +36,7 @@ fn rule(rule: Rule) -> v1::Rule {
         Rule::Shadow => v1::Rule::Shadow,
         Rule::Pinned => v1::Rule::Pinned,
         Rule::Wanted => v1::Rule::Wanted,
+        Rule::Waiting => v1::Rule::Waiting,
     }
 }
 

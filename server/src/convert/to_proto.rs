@@ -190,9 +190,9 @@ pub fn trial<C: Values>(study: &str, trial: &Trial<C>) -> v1::Trial {
         state_id: signed(trial.state_id),
         indicators: trial.indicators.clone(),
         configuration: Some(configuration(&trial.configuration)),
-        mode: mode(trial.mode).into(),
+        mode: mode(trial.mode()).into(),
         predicted_cost: trial.predicted_cost,
-        reason: Some(reason(&trial.reason)),
+        reason: Some(reason(&trial.reason())),
         lease_expire_time: Some(timestamp(trial.lease_expire_ms)),
         state: match trial.state {
             TrialState::Open => v1::TrialState::Open,
@@ -208,7 +208,7 @@ pub fn trial<C: Values>(study: &str, trial: &Trial<C>) -> v1::Trial {
         create_time: Some(timestamp(trial.create_ms)),
         complete_time: trial.complete_ms.map(timestamp),
         fingerprint: trial.fingerprint.as_ref().map(fingerprint),
-        abort_above: trial.reason.explanation.abort_above,
+        abort_above: trial.decision.abort_above(),
     }
 }
 
@@ -263,9 +263,9 @@ fn fingerprint(fingerprint: &Fingerprint) -> v1::Fingerprint {
 pub fn prediction(prediction: &Prediction) -> v1::PredictResponse {
     v1::PredictResponse {
         configuration: Some(configuration(&prediction.configuration)),
-        mode: mode(prediction.mode).into(),
+        mode: mode(prediction.mode()).into(),
         predicted_cost: prediction.predicted_cost,
-        reason: Some(reason(&prediction.reason)),
+        reason: Some(reason(&prediction.reason())),
         state: prediction.insight.as_ref().map(insight::state),
     }
 }

@@ -194,7 +194,7 @@ pub(super) mod tests {
         }
         assert_eq!(answers[0], answers[1]);
         assert!(
-            answers[0].iter().any(|trial| trial.reason.source == "least_squares"),
+            answers[0].iter().any(|trial| trial.reason().source == "least_squares"),
             "the models were asked"
         );
     }

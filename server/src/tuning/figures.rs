@@ -46,7 +46,7 @@ impl Tally {
         let Some(cost) = trial.cost else {
             return;
         };
-        let mode = MODES.iter().position(|(mode, _)| *mode == trial.mode).unwrap_or_default();
+        let mode = MODES.iter().position(|(mode, _)| *mode == trial.mode()).unwrap_or_default();
         self.frames[mode] += 1;
         self.cost[mode] += cost;
         if let Some(best) = tuner.best_cost(trial.state_id) {

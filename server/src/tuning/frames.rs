@@ -295,9 +295,9 @@ fn note(suggest: &Suggest, trial: &Trial, change: &Change) {
             study,
             client,
             state = trial.state_id,
-            mode = ?trial.mode,
+            mode = ?trial.mode(),
             "client came to a state: {}",
-            trial.reason.summary
+            trial.reason().summary
         );
     }
     tracing::trace!(study, client, trial = trial.number, "suggested");

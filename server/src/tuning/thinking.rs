@@ -169,7 +169,7 @@ mod tests {
     }
 
     fn is_by_model(trial: &Trial) -> bool {
-        ["model", "local"].contains(&trial.reason.step.as_str())
+        ["model", "local"].contains(&trial.reason().step.as_str())
     }
 
     #[tokio::test(flavor = "multi_thread")]
@@ -184,7 +184,7 @@ mod tests {
         let runtime = tuning.runtime("hall");
         let token = runtime.peek(|live| live.searched.take(StateId(state))).expect("in memory");
         let meanwhile = suggest(&tuning, "two").await;
-        assert_eq!(meanwhile.mode, Mode::Exploit, "{meanwhile:?}");
+        assert_eq!(meanwhile.mode(), Mode::Exploit, "{meanwhile:?}");
         drop(token);
         let after = suggest(&tuning, "three").await;
         assert!(is_by_model(&after), "{after:?}");
@@ -198,15 +198,15 @@ mod tests {
         }
         let all = u32::try_from(tuning.thinking.available_permits()).expect("few processors");
         let places = tuning.thinking.acquire_many(all).await.expect("never closed");
-        assert_eq!(suggest(&tuning, "two").await.mode, Mode::Exploit);
+        assert_eq!(suggest(&tuning, "two").await.mode(), Mode::Exploit);
         let predicted =
             tuning.predict("hall", &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
-        assert_eq!(predicted.reason.source, "nearest_neighbour");
+        assert_eq!(predicted.reason().source, "nearest_neighbour");
         drop(places);
-        assert_eq!(suggest(&tuning, "three").await.mode, Mode::Explore);
+        assert_eq!(suggest(&tuning, "three").await.mode(), Mode::Explore);
         let predicted =
             tuning.predict("hall", &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
-        assert_eq!(predicted.reason.source, "contextual");
+        assert_eq!(predicted.reason().source, "contextual");
     }
 
     #[tokio::test(flavor = "multi_thread")]

@@ -7,10 +7,11 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value as Json;
 use treewright_core::configuration::RawConfiguration;
+use treewright_core::decision::recorded::Recorded;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
-use treewright_core::trial::{Mode, Outcome, RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, Exploration, RawVisit, StateRecord, Visit};
+use treewright_core::trial::{Explanation, Mode, Outcome, RawTrial, Trial, TrialState};
+use treewright_core::tuner::{Change, Exploration, RawVisit, RecordedVisitDecision, StateRecord, Visit};
 use treewright_core::value::Value;
 
 use crate::error::StoreError;
@@ -79,6 +80,7 @@ pub(crate) struct VisitRow {
     pub(crate) state_id: i64,
     pub(crate) number: i64,
     pub(crate) decision: String,
+    /// What earlier versions stored beside a decision to explore; part of it since.
     pub(crate) weighed: Option<String>,
     pub(crate) account: Option<String>,
 }
@@ -126,7 +128,7 @@ impl TrialRow {
             number: signed(trial.number)?,
             client_id: trial.client_id.clone(),
             state_id: signed(trial.state_id)?,
-            mode: words::word(MODES, trial.mode).to_owned(),
+            mode: words::word(MODES, trial.mode()).to_owned(),
             state: words::word(STATES, trial.state).to_owned(),
             outcome: kind.map(|kind| words::word(OUTCOMES, kind).to_owned()),
             outcome_reason,
@@ -141,7 +143,7 @@ impl TrialRow {
             configuration: configuration_to_json(trial.configuration.values()),
             indicators: write(&trial.indicators)?,
             measurements: write(&trial.measurements)?,
-            reason: write(&trial.reason)?,
+            reason: write(&trial.decision)?,
             fingerprint: trial.fingerprint.as_ref().map(write).transpose()?,
         })
     }
@@ -168,9 +170,8 @@ impl TrialRow {
             state_id: unsigned(self.state_id)?,
             indicators: read("indicators", &self.indicators)?,
             configuration: configuration_from_json(&self.configuration)?,
-            mode,
+            decision: read::<Recorded>("reason", &self.reason)?.decision(mode),
             predicted_cost: self.predicted_cost,
-            reason: read("reason", &self.reason)?,
             lease_expire_ms: self.lease_expire_ms,
             state,
             measurements: read("measurements", &self.measurements)?,
@@ -227,18 +228,19 @@ impl VisitRow {
             state_id: signed(visit.state_id)?,
             number: signed(visit.number)?,
             decision: write(&visit.decision)?,
-            weighed: (!visit.weighed.is_empty()).then(|| write(&visit.weighed)).transpose()?,
+            weighed: None,
             account: visit.account.as_ref().map(write).transpose()?,
         })
     }
 
     pub(crate) fn into_visit(self) -> Result<RawVisit, StoreError> {
+        let weighed =
+            self.weighed.map_or_else(|| Ok(Explanation::default()), |text| read("weighed", &text))?;
         Ok(RawVisit {
             client_id: self.client_id,
             state_id: unsigned(self.state_id)?,
             number: unsigned(self.number)?,
-            decision: read("decision", &self.decision)?,
-            weighed: self.weighed.map_or_else(|| Ok(Default::default()), |text| read("weighed", &text))?,
+            decision: read::<RecordedVisitDecision>("decision", &self.decision)?.decision(&weighed),
             account: self.account.map(|text| read("account", &text)).transpose()?,
         })
     }

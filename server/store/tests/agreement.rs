@@ -5,7 +5,7 @@ mod common;
 
 use std::cell::Cell;
 
-use common::{change, completed, open, spec};
+use common::{change, completed, decided, open, spec};
 use proptest::prelude::*;
 use proptest::test_runner::{RngAlgorithm, TestRng, TestRunner};
 use treewright_core::configuration::RawConfiguration;
@@ -50,7 +50,7 @@ prop_compose! {
             _ => Trial { state: TrialState::Expired, ..open(1) },
         };
         trial.client_id = client;
-        trial.mode = mode;
+        trial.decision = decided(mode);
         trial.late = flags.0;
         trial.cost = trial.cost.map(|_| numbers[0]);
         if trial.outcome.is_some() && flags.1 {

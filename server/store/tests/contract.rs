@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{change, completed, open, spec, state, visit};
+use common::{change, completed, decided, open, spec, state, visit};
 use treewright_core::policy::{Policy, SearchMethod};
 use treewright_core::trial::{Mode, Outcome, RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Checkpoint};
@@ -115,13 +115,13 @@ async fn studies_are_listed_by_id(store: &dyn Store) {
 async fn everything_comes_back_as_it_was_stored(store: &dyn Store) {
     let held = fence(store, "hall").await;
     let mut default = completed(4, 3, Outcome::Ok);
-    default.mode = Mode::Default;
+    default.decision = decided(Mode::Default);
     default.late = true;
     let mut pinned = open(6);
-    pinned.mode = Mode::Pinned;
+    pinned.decision = decided(Mode::Pinned);
     pinned.state = TrialState::Abandoned;
     let mut exploited = open(7);
-    exploited.mode = Mode::Exploit;
+    exploited.decision = decided(Mode::Exploit);
     exploited.state = TrialState::Expired;
     exploited.predicted_cost = None;
     exploited.fingerprint = None;

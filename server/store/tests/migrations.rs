@@ -14,9 +14,10 @@ use std::time::Duration;
 use common::{change, completed, open, spec};
 use sqlx::migrate::{Migrate, Migrator};
 use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _, Executor as _};
+use treewright_core::decision::Decision;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{Explanation, Outcome, Rule, Trial};
-use treewright_core::tuner::{Ask, StateRecord, Tuner};
+use treewright_core::tuner::{Ask, StateRecord, Tuner, VisitDecision};
 use treewright_store::tokens::TokenStore as _;
 use treewright_store::{OpenError, PostgresAddress, PostgresStore, SqliteStore, SqliteTokens, Store};
 
@@ -52,9 +53,12 @@ fn searched() -> (StudySpec, StateRecord) {
 /// The trials as they come back: the first version told less of its reasons.
 fn trials(version: usize) -> [Trial; 2] {
     let earlier = |mut trial: Trial| {
+        let mut reason = trial.reason();
+        reason.summary = "The next point.".to_owned();
         if version < 2 {
-            trial.reason.explanation = Explanation::default();
+            reason.explanation = Explanation::default();
         }
+        trial.decision = Decision::recorded(trial.mode(), reason);
         trial
     };
     [earlier(completed(1, 1, Outcome::Ok)), earlier(open(2))]
@@ -84,7 +88,7 @@ fn rows(version: usize, truth: &str, bytes: impl Fn(&[u8]) -> String) -> Vec<Str
     });
     let mut weighed = ("", String::new());
     if version >= 2 {
-        let explanation = open(1).reason.explanation;
+        let explanation = open(1).reason().explanation;
         let told = serde_json::to_value(&explanation).expect("plain");
         reason.as_object_mut().expect("an object").insert("explanation".to_owned(), told);
         let of_visit = Explanation { epsilon: Some(0.1), ..Explanation::of(Rule::Explore) };
@@ -96,7 +100,7 @@ fn rows(version: usize, truth: &str, bytes: impl Fn(&[u8]) -> String) -> Vec<Str
             "leaf": {"integer": 8}, "cost": {"float": 2.0}, "quality": {"text": "high"}, "compact": {"boolean": true}
         },
         "mode": "exploit", "predicted_cost": 0.1,
-        "reason": {"summary": "", "source": "", "step": "", "neighbours": []}
+        "reason": {"summary": "As it was.", "source": "best_known", "step": "", "neighbours": []}
     }});
     let fingerprint = serde_json::json!({
         "cpu_model": "a \"fast\" one", "isa": "avx512", "threads": 2, "software": {"embree": "4.4.0"}
@@ -142,7 +146,10 @@ async fn goes_on(store: &dyn Store, version: usize) {
     assert_eq!(loaded.snapshot.states, [state], "the search stands where it stood");
     let visit = &loaded.snapshot.visits[0];
     assert_eq!((visit.client_id.as_str(), visit.number), ("renderer", 3));
-    assert_eq!(visit.weighed.epsilon, (version >= 2).then_some(0.1));
+    let VisitDecision::Exploit { said, .. } = &visit.decision else {
+        panic!("{visit:?}");
+    };
+    assert_eq!(said.as_deref(), Some("As it was."), "told as it was then");
     assert_eq!(loaded.snapshot.models_since, 0);
     let [finished, running] = trials(version);
     assert_eq!(loaded.open_trials, [running]);

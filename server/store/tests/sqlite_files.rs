@@ -299,7 +299,7 @@ async fn a_file_shrinks_when_much_was_removed() {
     let fence = store.load("hall").await.unwrap().fence;
     let wide = |number| {
         let mut trial = completed(number, number, Outcome::Ok);
-        trial.reason.summary = "long ".repeat(2000);
+        trial.decision.said = Some("long ".repeat(2000));
         trial
     };
     for first in (1..=2000).step_by(100) {

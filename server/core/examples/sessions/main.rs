@@ -245,7 +245,7 @@ fn digest(bytes: &[u8]) -> u64 {
 }
 
 fn print_trial(trial: &Trial) {
-    let (mode, reason) = (trial.mode, trial.reason.clone());
+    let (mode, reason) = (trial.mode(), trial.reason());
     let explanation = &reason.explanation;
     let told = (&explanation.epsilon, &explanation.expected_gain, &explanation.expected_frames);
     let budget = (&explanation.budget_left, &explanation.set_aside, &explanation.reference_cost);

@@ -13,7 +13,7 @@ pub mod state_index;
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
-use crate::fleet::Fleet;
+use crate::fleet::{Fleet, distance_2};
 use crate::knowledge::KnownState;
 use crate::search::Verdict;
 use crate::space::Space;
@@ -83,7 +83,7 @@ impl Query<'_> {
     ) -> Vec<IndexEntry> {
         self.state_index.nearest(self.state, count, explored, |place| {
             let known = self.known.get(place).filter(|known| filter(known))?;
-            Some(self.fleet.level(self.machine, known.machine).distance_2())
+            Some(distance_2(self.fleet.level(self.machine, known.machine)))
         })
     }
 

@@ -9,9 +9,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use crate::decision::Choice;
 use crate::policy::PredictorMethod;
 use crate::space::{Domain, Parameter, Scale, Space};
-use crate::trial::{Fingerprint, Mode, Outcome, Reason, Trial, TrialState};
+use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
 use crate::value::Value;
 
 pub(super) fn space(dimension: usize) -> Space {
@@ -103,9 +104,8 @@ impl World {
             state_id: place as u64 + 1,
             indicators: BTreeMap::new(),
             configuration: configuration.clone(),
-            mode: Mode::Explore,
+            decision: Choice::Wanted.decided(),
             predicted_cost: None,
-            reason: Reason::default(),
             lease_expire_ms: 0,
             state: TrialState::Completed,
             measurements: BTreeMap::new(),

@@ -19,6 +19,7 @@ use std::cmp::Ordering;
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::decision::Step;
 pub use guide::{Elsewhere, Guide};
 pub use latin_hypercube::LatinHypercubeSearch;
 pub use layout::Layout;
@@ -37,59 +38,6 @@ pub struct Point {
     pub x: Vec<f64>,
     /// Which step of the search asks.
     pub step: Step,
-}
-
-/// The steps of the searches.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Step {
-    /// The default configuration: the first point of every search.
-    Default,
-    /// A point of a Latin hypercube design.
-    LatinHypercube,
-    /// What did well in other states of the study.
-    Elsewhere,
-    /// The best point so far, one step along one axis: the design of a continuous space.
-    Coordinate,
-    /// The worst vertex of a simplex mirrored at the centre of the others.
-    Reflect,
-    /// Further in the direction of a reflection that paid off.
-    Expand,
-    /// Between the centre and the worst or the reflected vertex.
-    Contract,
-    /// The best point with another value of one choice.
-    Switch,
-    /// A random point, near the best or anywhere.
-    RandomSearch,
-    /// A vertex of a new simplex around the best point.
-    Restart,
-    /// The point that a model expects most of.
-    Model,
-    /// The point that a model of the measurements around the best expects most of.
-    Local,
-    /// A configuration that was measured before and looks best: once more, to tell luck from merit.
-    Replicate,
-}
-
-impl Step {
-    /// The name that reasons carry.
-    pub fn name(self) -> &'static str {
-        match self {
-            Step::Default => "default",
-            Step::LatinHypercube => "latin_hypercube",
-            Step::Elsewhere => "elsewhere",
-            Step::Coordinate => "coordinate",
-            Step::Reflect => "reflect",
-            Step::Expand => "expand",
-            Step::Contract => "contract",
-            Step::Switch => "switch",
-            Step::RandomSearch => "random_search",
-            Step::Restart => "restart",
-            Step::Model => "model",
-            Step::Local => "local",
-            Step::Replicate => "replicate",
-        }
-    }
 }
 
 /// How good a point is. The order is total: costs by size, then everything that is infeasible.

@@ -3,24 +3,59 @@
 use rand::RngExt;
 
 use crate::configuration::Configuration;
+use crate::decision::{Choice, Exploit, ExploitRule, ExploreRule, Means, Predicted, Source, Weighed};
 use crate::ids::StateId;
 use crate::knowledge::{KnownState, Record};
-use crate::policy::{Operation, PredictorMethod};
+use crate::policy::Operation;
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream, text_number};
 use crate::search::Verdict;
-use crate::trial::{Explanation, Mode, Neighbour, Reason, Rule};
+use crate::trial::Neighbour;
 use crate::tuner::plan::Planned;
-use crate::tuner::{Decision, Prediction, Tuner};
+use crate::tuner::{Prediction, Tuner, VisitDecision};
+
+/// What would be exploited.
+#[derive(Clone, Debug)]
+pub(super) struct Exploitation {
+    pub(super) configuration: Configuration,
+    pub(super) predicted_cost: Option<f64>,
+    pub(super) source: Source,
+    /// It stands in for what was predicted, which did clearly worse here.
+    pub(super) rolled_back: bool,
+}
+
+impl Exploitation {
+    /// As an answer, by a rule.
+    pub(super) fn by(self, rule: ExploitRule, weighed: Weighed, means: Means) -> Prediction {
+        let Exploitation { configuration, predicted_cost, source, .. } = self;
+        let decision = Choice::Exploit(Exploit { source, rule, weighed, means }).decided();
+        Prediction { configuration, predicted_cost, decision, insight: None }
+    }
+
+    /// As an answer to who only asked what it would be.
+    pub(super) fn asked(self) -> Prediction {
+        let rule = if self.rolled_back { ExploitRule::RolledBack } else { ExploitRule::Asked };
+        self.by(rule, Weighed::default(), Means::default())
+    }
+
+    /// As the decision for a visit; what was rolled back says so itself.
+    fn kept(self, rule: ExploitRule, weighed: Weighed) -> VisitDecision {
+        let (rule, weighed) = match self.rolled_back {
+            true => (ExploitRule::RolledBack, Weighed::default()),
+            false => (rule, weighed),
+        };
+        let Exploitation { configuration, predicted_cost, source, .. } = self;
+        let exploit = Box::new(Exploit { source, rule, weighed, means: Means::default() });
+        VisitDecision::Exploit { configuration, predicted_cost, exploit, said: None }
+    }
+}
 
 impl Tuner {
     /// The pinned configuration, if the policy has one.
     pub(super) fn pinned(&self) -> Option<Prediction> {
         let configuration = self.spec.policy.pinned.clone()?;
-        let summary = "The policy pins this configuration.".into();
-        let explanation = Explanation::of(Rule::Pinned);
-        let reason = Reason { explanation, ..plain_reason("pinned", summary) };
-        Some(Prediction { configuration, mode: Mode::Pinned, predicted_cost: None, reason, insight: None })
+        let decision = Choice::Pinned.decided();
+        Some(Prediction { configuration, predicted_cost: None, decision, insight: None })
     }
 
     /// What every client gets while the study only looks on.
@@ -34,21 +69,15 @@ impl Tuner {
             return None;
         }
         let would = self.exploitation(normalised, Some(state), planned);
-        let default_cost = self.states.default_cost(state);
-        let explanation = Explanation {
-            instead_of: Some(would.configuration.to_raw()),
-            expected_gain: would
-                .predicted_cost
-                .zip(default_cost)
-                .and_then(|(cost, default)| Some((default - cost) / default).filter(|gain| gain.is_finite())),
-            ..Explanation::of(Rule::Shadow)
-        };
-        let summary = "The study answers the default and learns silently.".into();
+        let predicted_cost = self.states.default_cost(state);
+        let costs = would.predicted_cost.zip(predicted_cost);
+        let expected_gain =
+            costs.map(|(cost, default)| (default - cost) / default).filter(|gain| gain.is_finite());
+        let instead_of = would.configuration.to_raw();
         Some(Prediction {
             configuration: self.spec.space.default_configuration(),
-            mode: Mode::Default,
-            predicted_cost: default_cost,
-            reason: Reason { explanation, ..plain_reason("shadow", summary) },
+            predicted_cost,
+            decision: Choice::Shadow { instead_of, expected_gain }.decided(),
             insight: None,
         })
     }
@@ -63,14 +92,13 @@ impl Tuner {
         let Some(state) = state.filter(|state| visit.state_id == state.0) else {
             return Some(visit.number + 1);
         };
-        let Decision::Exploit { configuration, reason, .. } = &visit.decision else {
+        let VisitDecision::Exploit { configuration, exploit, .. } = &visit.decision else {
             return None;
         };
         let policy = &self.spec.policy;
         let is_weighed_again = || {
             let stay = self.history.stay(client_id, state);
-            let weighed = reason.explanation.rule == Some(Rule::Gain);
-            weighed && policy.weigh_gain && stay > 1 && stay.is_power_of_two()
+            exploit.rule == ExploitRule::Gain && policy.weigh_gain && stay > 1 && stay.is_power_of_two()
         };
         let ends = self.states.knowledge(state).is_infeasible(configuration)
             || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
@@ -81,8 +109,7 @@ impl Tuner {
     /// The epsilon-greedy decision for visit `number` of a client to a state (paper section 6).
     ///
     /// Where exploring is over, or does not pay, there is only exploiting; where nothing is known to exploit
-    /// there is only exploring, unless epsilon is zero, which leaves the default configuration. Tells what was
-    /// weighed as well.
+    /// there is only exploring, unless epsilon is zero, which leaves the default configuration.
     pub(super) fn decide(
         &self,
         client_id: &str,
@@ -90,51 +117,41 @@ impl Tuner {
         normalised: &[f64],
         state: StateId,
         planned: &Planned,
-    ) -> (Decision, Explanation) {
+    ) -> VisitDecision {
         let (policy, gain) = (&self.spec.policy, self.gain());
-        let epsilon = gain.epsilon(state);
-        let weigh = |rule| Explanation { epsilon: Some(epsilon), ..Explanation::of(rule) };
-        let mut weighed = match (policy.operation == Operation::Freeze, self.is_finished(state)) {
-            (true, _) => Explanation::of(Rule::Frozen),
-            (false, true) => Explanation::of(Rule::Finished),
-            (false, false) if self.draws(client_id, number, Some(state)) => weigh(Rule::Explore),
-            (false, false) => weigh(Rule::Exploit),
-        };
-        let fails = |configuration: &Configuration| self.states.knowledge(state).is_infeasible(configuration);
         let exploit = || self.exploitation(normalised, Some(state), planned);
-        let mut exploitation = None;
-        if weighed.rule == Some(Rule::Exploit) {
-            let would = &*exploitation.insert(exploit());
-            let knows_nothing = would.mode == Mode::Default;
-            if knows_nothing && (policy.epsilon > 0.0 || fails(&would.configuration)) {
-                weighed.rule = Some(Rule::NothingKnown);
-            }
+        let fails = |would: &Exploitation| self.states.knowledge(state).is_infeasible(&would.configuration);
+        if policy.operation == Operation::Freeze {
+            return exploit().kept(ExploitRule::Frozen, Weighed::default());
         }
-        if matches!(weighed.rule, Some(Rule::Explore | Rule::NothingKnown)) {
-            if policy.weigh_gain {
-                let prospect = gain.prospect(client_id, state);
-                weighed.expected_gain = Some(prospect.gain);
-                weighed.expected_frames = Some(prospect.frames);
-                weighed.exploring_cost = Some(prospect.exploring_cost);
-                if gain.not_worth(state, &prospect).is_some() {
-                    let would = &*exploitation.get_or_insert_with(exploit);
-                    if !fails(&would.configuration) {
-                        weighed.rule = Some(Rule::Gain);
-                    }
+        if self.is_finished(state) {
+            return exploit().kept(ExploitRule::Finished, Weighed::default());
+        }
+        let mut weighed = Weighed { epsilon: Some(gain.epsilon(state)), ..Weighed::default() };
+        let mut exploitation = None;
+        let rule = if self.draws(client_id, number, Some(state)) {
+            ExploreRule::Dice
+        } else {
+            let would = exploit();
+            if would.source != Source::Default || policy.epsilon == 0.0 && !fails(&would) {
+                return would.kept(ExploitRule::Dice, weighed);
+            }
+            exploitation = Some(would);
+            ExploreRule::NothingKnown
+        };
+        if policy.weigh_gain {
+            let prospect = gain.prospect(client_id, state);
+            weighed.expected_gain = Some(prospect.gain);
+            weighed.expected_frames = Some(prospect.frames);
+            weighed.exploring_cost = Some(prospect.exploring_cost);
+            if gain.not_worth(state, &prospect).is_some() {
+                let would = exploitation.unwrap_or_else(exploit);
+                if !fails(&would) {
+                    return would.kept(ExploitRule::Gain, weighed);
                 }
             }
-            if weighed.rule != Some(Rule::Gain) {
-                return (Decision::Explore, weighed);
-            }
         }
-        let exploitation = exploitation.unwrap_or_else(exploit);
-        let Prediction { configuration, mode, predicted_cost, mut reason, .. } = exploitation;
-        // What was rolled back says so itself.
-        if reason.explanation.rule.is_none() {
-            reason.explanation = weighed;
-        }
-        let reason = Box::new(reason);
-        (Decision::Exploit { configuration, mode, predicted_cost, reason }, Explanation::default())
+        VisitDecision::Explore { rule, weighed }
     }
 
     /// Whether the dice of visit `number` of a client to a state, known or not, fall on exploring.
@@ -164,82 +181,56 @@ impl Tuner {
         normalised: &[f64],
         here: Option<StateId>,
         planned: &Planned,
-    ) -> Prediction {
+    ) -> Exploitation {
         let answer = self.predicted(normalised, here, planned);
         if self.spec.policy.roll_back
             && let Some(state) = here
             && self.gain().does_clearly_worse(state, &answer.configuration)
-            && let Some(mut best) = self.best_known(state)
+            && let Some(best) = self.best_known(state)
         {
-            best.reason.summary.push_str(" What was predicted did clearly worse here.");
-            best.reason.explanation = Explanation::of(Rule::RolledBack);
-            return best;
+            return Exploitation { rolled_back: true, ..best };
         }
         answer
     }
 
-    fn predicted(&self, normalised: &[f64], here: Option<StateId>, planned: &Planned) -> Prediction {
+    fn predicted(&self, normalised: &[f64], here: Option<StateId>, planned: &Planned) -> Exploitation {
         if let Some(state) = here.filter(|&state| self.is_finished(state))
-            && let Some(prediction) = self.best_known(state)
+            && let Some(best) = self.best_known(state)
         {
-            return prediction;
+            return best;
         }
         let transfer = self.transfer();
-        if let Some(prediction) = here.and_then(|state| transfer.best_by_machines(state)) {
-            return prediction;
+        if let Some(best) = here.and_then(|state| transfer.best_by_machines(state)) {
+            return best;
         }
-        if let Some((answer, method)) = transfer.answer(normalised, here, planned) {
-            return exploit(answer, method);
+        if let Some((answer, predictor)) = transfer.answer(normalised, here, planned) {
+            let Answer { configuration, expected, neighbours } = answer;
+            let predicted_cost = Some(expected.cost);
+            let expected = (expected.cost, expected.deviation);
+            let source = Source::Predictor(Predicted { predictor, expected, neighbours });
+            return Exploitation { configuration, predicted_cost, source, rolled_back: false };
         }
-        Prediction {
+        Exploitation {
             configuration: self.spec.space.default_configuration(),
-            mode: Mode::Default,
             predicted_cost: here.and_then(|state| self.states.default_cost(state)),
-            reason: plain_reason("default", "Nothing better is known yet.".into()),
-            insight: None,
+            source: Source::Default,
+            rolled_back: false,
         }
     }
 
     /// The best measured configuration of a state.
-    pub(super) fn best_known(&self, state: StateId) -> Option<Prediction> {
+    pub(super) fn best_known(&self, state: StateId) -> Option<Exploitation> {
         let KnownState { id, knowledge, .. } = &self.states[state];
         let Record { configuration, mean_cost, measurements, .. } = knowledge.best()?;
-        let summary = format!(
-            "Best of {} configurations tried in this state; its cost rests on {measurements} measurements.",
-            knowledge.tried()
-        );
-        let mut reason = plain_reason("best_known", summary);
-        reason.neighbours = vec![Neighbour { state_id: *id, distance: 0.0, best_cost: *mean_cost }];
-        Some(Prediction {
+        Some(Exploitation {
             configuration: configuration.clone(),
-            mode: Mode::Exploit,
             predicted_cost: Some(*mean_cost),
-            reason,
-            insight: None,
+            source: Source::BestKnown {
+                tried: knowledge.tried() as u64,
+                measurements: *measurements,
+                state: Neighbour { state_id: *id, distance: 0.0, best_cost: *mean_cost },
+            },
+            rolled_back: false,
         })
     }
-}
-
-fn exploit(answer: Answer, method: PredictorMethod) -> Prediction {
-    let Answer { configuration, expected, neighbours } = answer;
-    let nearest = neighbours.first();
-    let summary = match (method, nearest) {
-        (PredictorMethod::NearestNeighbour, Some(Neighbour { state_id, distance, .. })) => format!(
-            "Best known configuration of state {state_id}, the nearest known one, at distance {distance:.4}."
-        ),
-        _ => format!(
-            "The model learnt from all trials expects the most of it: {:.4} ± {:.4}; the {} nearest known states are \
-             listed.",
-            expected.cost,
-            expected.deviation,
-            neighbours.len()
-        ),
-    };
-    let reason = Reason { neighbours, ..plain_reason(method.name(), summary) };
-    let predicted_cost = Some(expected.cost);
-    Prediction { configuration, mode: Mode::Exploit, predicted_cost, reason, insight: None }
-}
-
-pub(super) fn plain_reason(source: &str, summary: String) -> Reason {
-    Reason { summary, source: source.to_owned(), ..Reason::default() }
 }

@@ -3,6 +3,7 @@
 use rand::RngExt;
 
 use crate::configuration::Configuration;
+use crate::decision::{self, ExploitRule, Predicted};
 use crate::ids::{StateId, TrialNumber};
 use crate::knowledge::Knowledge;
 use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
@@ -10,11 +11,11 @@ use crate::policy::Policy;
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
 use crate::search::{AnySearch, Feedback, Layout, Point, SearchSetup, Step, Verdict, levels};
-use crate::trial::{Mode, Reason};
+use crate::tuner::decide::Exploitation;
 use crate::tuner::plan::Planned;
 use crate::tuner::screening::{CONTROL, Held};
 use crate::tuner::states::place;
-use crate::tuner::{Exploration, Prediction, Tuner};
+use crate::tuner::{Exploration, Tuner};
 
 /// Most of the best configurations that a search is told which goes on where another one ended.
 const TOLD_MAX: usize = 128;
@@ -29,6 +30,32 @@ enum Walk {
     OnlyKnown,
 }
 
+/// Something to measure, and why.
+#[derive(Clone, Debug)]
+pub(super) struct Candidate {
+    pub(super) configuration: Configuration,
+    pub(super) predicted_cost: Option<f64>,
+    pub(super) point: decision::Point,
+}
+
+/// What exploring came to.
+pub(super) enum Explored {
+    /// Something to measure, and the parameters that were held for it.
+    Candidate { candidate: Candidate, held: Vec<String> },
+    /// Nothing, by a rule; something known is run instead.
+    Nothing { instead: Exploitation, rule: ExploitRule },
+}
+
+impl Explored {
+    /// Whether something else than the default is measured.
+    pub(super) fn explores(&self) -> bool {
+        let is_baseline = |point: &decision::Point| {
+            matches!(point, decision::Point::Baseline(_) | decision::Point::BaselineOfMachine)
+        };
+        matches!(self, Explored::Candidate { candidate, .. } if !is_baseline(&candidate.point))
+    }
+}
+
 impl Tuner {
     /// What a client that explores `state` runs in trial `number`: the search's next point that is worth a
     /// measurement; where there is none (other clients hold what the search waits for, or the budget is
@@ -40,43 +67,44 @@ impl Tuner {
         number: TrialNumber,
         normalised: &[f64],
         planned: &mut Planned,
-    ) -> Prediction {
-        if let Some(prediction) = self.transfer().untried_by_machines(state) {
-            return prediction;
-        }
-        if let Some(prediction) = self.first_of_a_state(state, number, normalised, planned) {
-            return prediction;
+    ) -> Explored {
+        let transfer = self.transfer();
+        let candidate = transfer.untried_by_machines(state);
+        let candidate = candidate.or_else(|| self.first_of_a_state(state, number, normalised, planned));
+        if let Some(candidate) = candidate {
+            return Explored::Candidate { candidate, held: Vec::new() };
         }
         self.ensure_exploration(state, planned);
         let held = self.hold(state);
-        let walk = self.walk(state, &held, planned);
-        let unseen = match walk {
+        let rule = match self.walk(state, &held, planned) {
             Walk::Measure(point, configuration) => {
-                let mut prediction = self.measure(state, number, point, configuration);
-                if prediction.mode == Mode::Explore {
-                    prediction.reason.explanation.held = self.names_of(&held, &prediction.configuration);
-                }
-                return prediction;
+                let candidate = self.measure(state, number, point, configuration);
+                let is_baseline = matches!(candidate.point, decision::Point::Baseline(_));
+                let held =
+                    if is_baseline { Vec::new() } else { self.names_of(&held, &candidate.configuration) };
+                return Explored::Candidate { candidate, held };
             }
-            Walk::OnlyKnown => self.unseen(state, number),
-            Walk::Wait => None,
+            Walk::OnlyKnown => match self.unseen(state, number) {
+                Some(configuration) => {
+                    let point = decision::Point::Random;
+                    let candidate = Candidate { configuration, predicted_cost: None, point };
+                    return Explored::Candidate { candidate, held: Vec::new() };
+                }
+                None => ExploitRule::Finished,
+            },
+            Walk::Wait if self.is_over(state) => ExploitRule::Finished,
+            Walk::Wait => ExploitRule::Waiting,
         };
-        if let Some(configuration) = unseen {
-            let reason = Reason {
-                summary: "The search only met known configurations; this one was drawn at random.".into(),
-                source: "random".into(),
-                step: Step::RandomSearch.name().into(),
-                ..Reason::default()
-            };
-            return Prediction {
-                configuration,
-                mode: Mode::Explore,
-                predicted_cost: None,
-                reason,
-                insight: None,
-            };
-        }
-        self.best_known(state).unwrap_or_else(|| self.exploitation(normalised, Some(state), planned))
+        let best = self.best_known(state);
+        let instead = best.unwrap_or_else(|| self.exploitation(normalised, Some(state), planned));
+        Explored::Nothing { instead, rule }
+    }
+
+    /// Whether the state's search has come to its end, and nobody measures anything for it any more.
+    fn is_over(&self, state: StateId) -> bool {
+        let knowledge = self.states.knowledge(state);
+        let own = self.searches.of(state);
+        own.is_some_and(|own| own.open.is_empty() && is_spent(own, knowledge, &self.spec.policy))
     }
 
     /// What to run where nothing was measured yet, if the predictor can say from elsewhere where much may be
@@ -88,23 +116,13 @@ impl Tuner {
         number: TrialNumber,
         normalised: &[f64],
         planned: &Planned,
-    ) -> Option<Prediction> {
-        let (answer, method) = self.transfer().first(state, number.0, normalised, planned)?;
+    ) -> Option<Candidate> {
+        let (answer, predictor) = self.transfer().first(state, number.0, normalised, planned)?;
         let Answer { configuration, expected, neighbours } = answer;
-        let summary = format!(
-            "Nothing was measured in this state; by what is known of others this may do better than the rest: \
-             {:.4} ± {:.4}.",
-            expected.cost, expected.deviation
-        );
-        let reason = Reason {
-            summary,
-            source: method.name().into(),
-            step: Step::Model.name().into(),
-            neighbours,
-            ..Reason::default()
-        };
         let predicted_cost = Some(expected.cost);
-        Some(Prediction { configuration, mode: Mode::Explore, predicted_cost, reason, insight: None })
+        let expected = (expected.cost, expected.deviation);
+        let point = decision::Point::Proposal(Predicted { predictor, expected, neighbours });
+        Some(Candidate { configuration, predicted_cost, point })
     }
 
     /// Sees that the state has a search of the policy's kind, unless its budget is spent. Trials that carry points
@@ -264,38 +282,24 @@ impl Tuner {
         number: TrialNumber,
         point: Point,
         configuration: Configuration,
-    ) -> Prediction {
+    ) -> Candidate {
         let record = self.states.knowledge(state).record(&configuration);
         let known = record.filter(|record| record.measurements > 0);
         let predicted_cost = known.map(|record| record.mean_cost);
-        let (mode, summary) = match (point.step, known) {
-            (Step::Default, _) => {
-                (Mode::Default, "The baseline comes first in a state that is explored.".to_owned())
+        let measurements = known.map_or(0, |record| record.measurements);
+        let search = self.spec.policy.search;
+        let decided = match point.step {
+            Step::Default => decision::Point::Baseline(search),
+            step => {
+                let told = step == Step::Elsewhere;
+                let neighbours = if told { self.transfer().neighbours(state) } else { Vec::new() };
+                decision::Point::Search { search, step, measurements, neighbours }
             }
-            (_, None) if point.step == Step::Elsewhere => {
-                (Mode::Explore, "It did well in other states; here it was not measured yet.".to_owned())
-            }
-            (_, None) => (Mode::Explore, "The next point of the state's search.".to_owned()),
-            (_, Some(record)) => {
-                let count = record.measurements;
-                (Mode::Explore, format!("Another replicate, after {count} measurements."))
-            }
-        };
-        let neighbours = match point.step {
-            Step::Elsewhere => self.transfer().neighbours(state),
-            _ => Vec::new(),
-        };
-        let reason = Reason {
-            summary,
-            source: self.spec.policy.search.name().to_owned(),
-            step: point.step.name().to_owned(),
-            neighbours,
-            ..Reason::default()
         };
         if let Some(exploration) = self.searches.change(state) {
             exploration.open.insert(number.0, point.id);
         }
-        Prediction { configuration, mode, predicted_cost, reason, insight: None }
+        Candidate { configuration, predicted_cost, point: decided }
     }
 
     /// A configuration without a verdict that nobody runs, drawn at random; `None` when a bounded number of

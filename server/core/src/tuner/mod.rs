@@ -27,6 +27,7 @@ mod history;
 mod insight;
 mod models;
 mod plan;
+mod recorded;
 mod report;
 mod restore;
 mod screening;
@@ -36,6 +37,7 @@ mod suggest;
 mod transfer;
 mod trials;
 mod types;
+mod views;
 mod visits;
 mod within_budget;
 
@@ -47,29 +49,27 @@ pub use checkpoint::Learnt;
 pub use exploration::Exploration;
 pub use insight::{Insight, Omission, OmissionReason, Prospect};
 pub use plan::{PlanRequest, SuggestionPlan};
+pub use recorded::{RecordedVisitDecision, VisitDecisionBefore};
 pub use restore::Restoring;
 pub use types::{
-    Ask, Best, Change, Checkpoint, Decision, Prediction, RawVisit, RestoreError, Snapshot, StateRecord,
-    Statistics, TunerError, Visit,
+    Ask, Best, Change, Checkpoint, Prediction, RawVisit, RestoreError, Snapshot, StateRecord, Statistics,
+    TunerError, Visit, VisitDecision,
 };
 
 use crate::configuration::RawConfiguration;
+use crate::decision::Choice;
 use crate::ids::{StateId, TrialNumber};
-use crate::knowledge::Record;
 use crate::policy::{Policy, PredictorMethod};
 use crate::predict::prequential::Interval;
 use crate::predict::{ComputedUpdates, DeferredUpdates, Predictors};
 use crate::study::{StudyError, StudySpec};
-use crate::trial::{Explanation, Fingerprint, Mode, Outcome, Reason, Rule, Trial, TrialState};
-use crate::tuner::decide::plain_reason;
-use crate::tuner::gain::Gain;
+use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
 use crate::tuner::history::History;
 use crate::tuner::models::Models;
 use crate::tuner::plan::Planned;
 use crate::tuner::screening::Screening;
 use crate::tuner::searches::Searches;
 use crate::tuner::states::States;
-use crate::tuner::transfer::Transfer;
 use crate::tuner::trials::OpenTrials;
 use crate::tuner::visits::Visits;
 
@@ -145,7 +145,7 @@ impl Tuner {
         question: Question<'_>,
         now_ms: i64,
     ) -> Result<(Trial, Change), TunerError> {
-        self.answer(question, self.pinned(), Planned::Ahead(SuggestionPlan::default()), now_ms)
+        self.answer(question, self.pinned(), Planned::Ahead(Box::default()), now_ms)
     }
 
     /// [`Tuner::suggest`] in microseconds, with what was computed before. The tuner may have changed since.
@@ -159,7 +159,7 @@ impl Tuner {
             Some(normalised) => self.recognised(ask, normalised.to_vec()),
             None => self.question(ask)?,
         };
-        self.answer(question, self.pinned(), Planned::Ahead(plan), now_ms)
+        self.answer(question, self.pinned(), Planned::Ahead(Box::new(plan)), now_ms)
     }
 
     /// Hands out a trial of a configuration that the client wants to measure, as if the policy pinned it for
@@ -172,11 +172,8 @@ impl Tuner {
     ) -> Result<(Trial, Change), TunerError> {
         let configuration = self.spec.space.configuration(wanted)?;
         let question = self.question(ask)?;
-        let summary = "The client asked for this configuration.".into();
-        let explanation = Explanation::of(Rule::Wanted);
-        let reason = Reason { explanation, ..plain_reason("wanted", summary) };
-        let wanted =
-            Prediction { configuration, mode: Mode::Pinned, predicted_cost: None, reason, insight: None };
+        let decision = Choice::Wanted.decided();
+        let wanted = Prediction { configuration, predicted_cost: None, decision, insight: None };
         self.answer(question, Some(wanted), Planned::AtOnce, now_ms)
     }
 
@@ -289,7 +286,7 @@ impl Tuner {
         fingerprint: Option<&Fingerprint>,
         plan: SuggestionPlan,
     ) -> Result<Prediction, TunerError> {
-        self.prediction(indicators, fingerprint, &Planned::Ahead(plan))
+        self.prediction(indicators, fingerprint, &Planned::Ahead(Box::new(plan)))
     }
 
     /// The best known configuration of the state that matches the indicators, or of all states where none are given.
@@ -390,63 +387,6 @@ impl Tuner {
     /// Takes over updates that were computed apart, unless somebody was faster.
     pub fn apply_updates(&mut self, updates: ComputedUpdates) {
         self.models.apply(updates);
-    }
-
-    // Views of the parts.
-
-    fn recognised<'a>(&self, ask: &'a Ask, normalised: Vec<f64>) -> Question<'a> {
-        let current = self.visits.state_of(&ask.client_id);
-        let state = self.states.recognise(current, ask.fingerprint.as_ref(), &normalised);
-        Question { ask, normalised, state }
-    }
-
-    fn recognise_for(&self, fingerprint: Option<&Fingerprint>, normalised: &[f64]) -> Option<StateId> {
-        self.states.recognise_for(fingerprint, normalised, |state| self.history.frames(state))
-    }
-
-    fn prediction(
-        &self,
-        indicators: &BTreeMap<String, f64>,
-        fingerprint: Option<&Fingerprint>,
-        planned: &Planned,
-    ) -> Result<Prediction, TunerError> {
-        checks::fingerprint(fingerprint)?;
-        let normalised = self.spec.indicators.normalise(indicators)?;
-        let here = self.recognise_for(fingerprint, &normalised);
-        let prediction = self.pinned().unwrap_or_else(|| self.exploitation(&normalised, here, planned));
-        Ok(Prediction { insight: here.map(|here| self.insight(here)), ..prediction })
-    }
-
-    fn gain(&self) -> Gain<'_> {
-        let Tuner { spec, states, history, .. } = self;
-        Gain { policy: &spec.policy, states, history }
-    }
-
-    fn transfer(&self) -> Transfer<'_> {
-        let Tuner { spec, states, searches, trials, models, .. } = self;
-        Transfer { spec, states, searches, trials, models }
-    }
-
-    fn best_answer(&self, state: StateId, record: &Record) -> Best {
-        Best {
-            configuration: record.configuration.clone(),
-            cost: record.mean_cost,
-            default_cost: self.states.default_cost(state),
-            measurements: record.measurements,
-            state_id: state.0,
-            trial: record.last_trial,
-            last_measure_ms: record.last_measure_ms,
-        }
-    }
-
-    /// The row of a state.
-    fn state_record(&self, state: StateId) -> StateRecord {
-        StateRecord {
-            id: state.0,
-            indicators: self.states[state].anchor.clone(),
-            fingerprint: self.states.fingerprint(state).cloned(),
-            search: self.searches.of(state).cloned(),
-        }
     }
 }
 

@@ -22,7 +22,7 @@ use crate::trial::Fingerprint;
 use crate::tuner::budget::Terms;
 use crate::tuner::explore::is_spent;
 use crate::tuner::transfer::{Beginning, Evidence};
-use crate::tuner::{Ask, Decision, Question, Tuner};
+use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 
 /// What has to be computed before a question can be answered quickly: copies of what that rests on.
 #[derive(Clone, Debug)]
@@ -86,7 +86,7 @@ pub(super) enum Planned {
     /// It is computed when it is needed.
     AtOnce,
     /// It was computed before; what the plan does not have is done without.
-    Ahead(SuggestionPlan),
+    Ahead(Box<SuggestionPlan>),
 }
 
 /// What was planned for predictors.
@@ -117,9 +117,10 @@ impl Planned {
 
     /// What the search of a state with this anchor begins with; `None` where that was not planned.
     pub(super) fn take_beginning(&mut self, state: StateId, anchor: &[f64]) -> Option<Option<Beginning>> {
-        let Planned::Ahead(SuggestionPlan { normalised, beginning, .. }) = self else {
+        let Planned::Ahead(plan) = self else {
             return None;
         };
+        let SuggestionPlan { normalised, beginning, .. } = plan.as_mut();
         let is_of = |of: Option<StateId>| of.map_or(*normalised == anchor, |of| of == state);
         beginning.take_if(|(of, _)| is_of(*of)).map(|(_, beginning)| beginning)
     }
@@ -174,7 +175,9 @@ impl Tuner {
             }
             None => {
                 let visit = self.visits.of(&ask.client_id);
-                if visit.is_none_or(|visit| visit.decision != Decision::Explore) || self.holds(ask, here) {
+                if visit.is_none_or(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }))
+                    || self.holds(ask, here)
+                {
                     return None;
                 }
                 true

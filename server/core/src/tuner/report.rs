@@ -4,10 +4,10 @@ use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
 use crate::predict::Predictors;
 use crate::search::{Feedback, Step, Verdict};
-use crate::trial::{Mode, Outcome, Trial, TrialState};
+use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::explore::is_spent;
 use crate::tuner::states::place;
-use crate::tuner::transfer::{self, TRANSFER};
+use crate::tuner::transfer;
 use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, models};
 
 impl Tuner {
@@ -72,7 +72,7 @@ impl Tuner {
         if is_silent(trial) {
             return;
         }
-        if trial.mode == Mode::Explore && !matches!(trial.outcome, Some(Outcome::Failed { .. })) {
+        if trial.decision.explores() && !matches!(trial.outcome, Some(Outcome::Failed { .. })) {
             let best = self.states.knowledge(state).best().map(|best| best.mean_cost);
             if let Some(best) = best.filter(|&best| best > 0.0) {
                 self.history.explored(trial.cost.map(|cost| cost / best - 1.0));
@@ -133,7 +133,7 @@ impl Tuner {
     /// Tells the state's search what was taken over from others. `false` when there is none.
     fn tell_of_transfer(&mut self, trial: &Trial, state: StateId, verdict: Option<Verdict>) -> bool {
         let goes_on = self.searches.of(state).is_some_and(|own| own.search.is_some());
-        let (Some(verdict), TRANSFER, true) = (verdict, trial.reason.step.as_str(), goes_on) else {
+        let Some(verdict) = verdict.filter(|_| goes_on && trial.decision.is_by_machines()) else {
             return false;
         };
         let point = self.spec.space.encode(&trial.configuration);
@@ -172,7 +172,7 @@ impl Tuner {
 
 /// Whether nothing is to be learnt of a trial but that it cannot be run.
 fn is_silent(trial: &Trial) -> bool {
-    trial.reason.explanation.silent && !matches!(trial.outcome, Some(Outcome::Infeasible { .. }))
+    trial.decision.silent && !matches!(trial.outcome, Some(Outcome::Infeasible { .. }))
 }
 
 /// What a completed trial says of its configuration; `None` where it says nothing.
@@ -188,5 +188,5 @@ fn verdict(trial: &Trial) -> Option<Verdict> {
 
 /// Whether the trial measured a configuration again that its search had measured before.
 fn is_replicate(trial: &Trial) -> bool {
-    trial.reason.step == Step::Replicate.name()
+    trial.decision.search_step() == Some(Step::Replicate)
 }

@@ -1,11 +1,12 @@
 //! The first half of a client's frame: what to run next.
 
+use crate::decision::{Choice, Decision, ExploitRule, ExploreRule, Means, Weighed};
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX};
 use crate::policy::Operation;
-use crate::trial::{Explanation, Mode, Rule, Trial, TrialState};
+use crate::trial::{Mode, Trial, TrialState};
 use crate::tuner::plan::Planned;
-use crate::tuner::{Ask, Change, Decision, Prediction, Question, Tuner, TunerError, Visit};
+use crate::tuner::{Ask, Change, Prediction, Question, Tuner, TunerError, Visit, VisitDecision};
 
 impl Tuner {
     /// Answers a question: with the `wanted` configuration where there is one, else by the policy.
@@ -73,9 +74,9 @@ impl Tuner {
         let Some(number) = self.decides(client_id, Some(state)) else {
             return;
         };
-        let (decision, weighed) = self.decide(client_id, number, normalised, state, planned);
+        let decision = self.decide(client_id, number, normalised, state, planned);
         let client_id = client_id.to_owned();
-        let visit = Visit { client_id, state_id: state.0, number, decision, weighed, account: None };
+        let visit = Visit { client_id, state_id: state.0, number, decision, account: None };
         self.visits.begin(visit);
     }
 
@@ -83,9 +84,11 @@ impl Tuner {
     pub(super) fn still_fits(&self, trial: &Trial, fixed: Option<&Prediction>) -> bool {
         let policy = &self.spec.policy;
         match fixed {
-            Some(fixed) => trial.mode == fixed.mode && trial.configuration == fixed.configuration,
-            None if trial.mode == Mode::Pinned => false,
-            None if trial.mode == Mode::Explore => {
+            Some(fixed) => {
+                trial.mode() == fixed.decision.mode() && trial.configuration == fixed.configuration
+            }
+            None if trial.mode() == Mode::Pinned => false,
+            None if trial.decision.explores() => {
                 // What an earlier session explored, or what was handed out before there was a budget, is not covered;
                 // nor is another run where there is too little left for one.
                 let account = self.visits.account(&trial.client_id);
@@ -93,7 +96,7 @@ impl Tuner {
                     |budget| account.is_some_and(|account| account.covers_again(trial.number, budget));
                 policy.operation == Operation::Tune && policy.regret_budget.is_none_or(covers)
             }
-            None => trial.reason.explanation.rule != Some(Rule::Shadow),
+            None => !matches!(trial.decision.choice, Choice::Shadow { .. }),
         }
     }
 
@@ -106,21 +109,24 @@ impl Tuner {
         state: StateId,
         planned: &mut Planned,
     ) -> Prediction {
-        match self.visits.of(&ask.client_id).map(|visit| &visit.decision) {
-            Some(Decision::Exploit { configuration, mode, predicted_cost, reason }) => Prediction {
-                configuration: configuration.clone(),
-                mode: *mode,
-                predicted_cost: *predicted_cost,
-                reason: reason.as_ref().clone(),
-                insight: None,
-            },
-            _ if self.spec.policy.operation == Operation::Freeze => {
-                let mut prediction = self.exploitation(normalised, Some(state), planned);
-                prediction.reason.explanation = Explanation::of(Rule::Frozen);
-                prediction
+        let decided = match self.visits.of(&ask.client_id).map(|visit| &visit.decision) {
+            Some(VisitDecision::Exploit { configuration, predicted_cost, exploit, said }) => {
+                let choice = Choice::Exploit(exploit.as_ref().clone());
+                return Prediction {
+                    configuration: configuration.clone(),
+                    predicted_cost: *predicted_cost,
+                    decision: Decision { said: said.clone(), ..choice.decided() },
+                    insight: None,
+                };
             }
-            _ => self.explore_within_means(ask, number, normalised, state, planned),
+            Some(VisitDecision::Explore { rule, weighed }) => (*rule, *weighed),
+            None => (ExploreRule::Dice, Weighed::default()),
+        };
+        if self.spec.policy.operation == Operation::Freeze {
+            let known = self.exploitation(normalised, Some(state), planned);
+            return known.by(ExploitRule::Frozen, Weighed::default(), Means::default());
         }
+        self.explore_within_means(ask, number, normalised, state, decided, planned)
     }
 
     fn hand_out(
@@ -131,16 +137,15 @@ impl Tuner {
         mut prediction: Prediction,
         now_ms: i64,
     ) -> Trial {
-        prediction.reason.explanation.silent = self.is_silent(&ask.client_id);
+        prediction.decision.silent = self.is_silent(&ask.client_id);
         let trial = Trial {
             number: number.0,
             client_id: ask.client_id.clone(),
             state_id: state.0,
             indicators: ask.indicators.clone(),
             configuration: prediction.configuration,
-            mode: prediction.mode,
+            decision: prediction.decision,
             predicted_cost: prediction.predicted_cost,
-            reason: prediction.reason,
             lease_expire_ms: now_ms.saturating_add(self.spec.policy.lease_ms()),
             state: TrialState::Open,
             measurements: Default::default(),

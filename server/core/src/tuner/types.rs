@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::configuration::{Configuration, RawConfiguration};
+use crate::decision::{Decision, Exploit, ExploreRule, Weighed};
 use crate::indicator::IndicatorError;
 use crate::limits::{
     CLIENT_ID_CHARACTERS_MAX, CLIENTS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX,
@@ -15,7 +16,7 @@ use crate::names::NAME_RULE;
 use crate::objective::ObjectiveError;
 use crate::space::{Space, SpaceError};
 use crate::study::StudyError;
-use crate::trial::{Explanation, Fingerprint, Mode, Reason, Trial, TrialState};
+use crate::trial::{Fingerprint, Mode, Reason, Trial, TrialState};
 use crate::tuner::budget::Account;
 use crate::tuner::exploration::Exploration;
 use crate::tuner::insight::Insight;
@@ -59,10 +60,7 @@ pub struct Visit<C = Configuration> {
     /// How many visits the client has made, this one included.
     pub number: u64,
     /// Explore or exploit.
-    pub decision: Decision<C>,
-    /// What was weighed when it was decided to explore.
-    #[serde(default, skip_serializing_if = "Explanation::is_empty")]
-    pub weighed: Explanation,
+    pub decision: VisitDecision<C>,
     /// What exploring may cost the client, where the policy limits it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub account: Option<Account>,
@@ -74,19 +72,26 @@ pub type RawVisit = Visit<RawConfiguration>;
 /// What was decided for a visit (paper section 6).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Decision<C = Configuration> {
+pub enum VisitDecision<C = Configuration> {
     /// Points of the state's search, one after the other.
-    Explore,
+    Explore {
+        /// Why.
+        rule: ExploreRule,
+        /// What was weighed.
+        #[serde(default, skip_serializing_if = "Weighed::is_empty")]
+        weighed: Weighed,
+    },
     /// One configuration, kept until the client's state changes.
     Exploit {
         /// The kept configuration.
         configuration: C,
-        /// `Exploit`, or `Default` when nothing was known.
-        mode: Mode,
         /// Predicted objective, where something is known.
         predicted_cost: Option<f64>,
-        /// How it came about.
-        reason: Box<Reason>,
+        /// Why.
+        exploit: Box<Exploit>,
+        /// What an earlier version said of it to people, where it was stored by one.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        said: Option<String>,
     },
 }
 
@@ -94,20 +99,17 @@ impl RawVisit {
     /// Checks the kept configuration against the space of the study.
     pub fn check(self, space: &Space) -> Result<Visit, SpaceError> {
         let decision = match self.decision {
-            Decision::Explore => Decision::Explore,
-            Decision::Exploit { configuration, mode, predicted_cost, reason } => Decision::Exploit {
-                configuration: space.configuration(configuration)?,
-                mode,
-                predicted_cost,
-                reason,
-            },
+            VisitDecision::Explore { rule, weighed } => VisitDecision::Explore { rule, weighed },
+            VisitDecision::Exploit { configuration, predicted_cost, exploit, said } => {
+                let configuration = space.configuration(configuration)?;
+                VisitDecision::Exploit { configuration, predicted_cost, exploit, said }
+            }
         };
         Ok(Visit {
             client_id: self.client_id,
             state_id: self.state_id,
             number: self.number,
             decision,
-            weighed: self.weighed,
             account: self.account,
         })
     }
@@ -161,14 +163,24 @@ pub struct Checkpoint {
 pub struct Prediction {
     /// The configuration.
     pub configuration: Configuration,
-    /// `Default` when nothing is known, `Pinned` when pinned, else `Exploit`.
-    pub mode: Mode,
     /// In the objective's units, where something is known.
     pub predicted_cost: Option<f64>,
     /// How it came about.
-    pub reason: Reason,
+    pub decision: Decision,
     /// What is known of the state, where [`crate::tuner::Tuner::predict`] was asked about one that was met before.
     pub insight: Option<Insight>,
+}
+
+impl Prediction {
+    /// `Default` when nothing is known, `Pinned` when pinned, else `Exploit`.
+    pub fn mode(&self) -> Mode {
+        self.decision.mode()
+    }
+
+    /// How it came about, for people and for logs.
+    pub fn reason(&self) -> Reason {
+        self.decision.reason()
+    }
 }
 
 /// The best known configuration.

@@ -2,12 +2,16 @@
 //!
 //! [`budget`](super::budget) keeps the account; here it is asked before, and what it says decides the answer.
 
+use crate::decision::{Choice, ExploitRule, Explore, ExploreRule, Means, Source, Weighed};
 use crate::ids::{StateId, TrialNumber};
-use crate::trial::{Explanation, Mode, Rule};
-use crate::tuner::budget::{Denied, Leave, Terms};
-use crate::tuner::decide::plain_reason;
+use crate::tuner::budget::{Denied, Terms};
+use crate::tuner::decide::Exploitation;
+use crate::tuner::explore::Explored;
 use crate::tuner::plan::Planned;
 use crate::tuner::{Ask, Prediction, Tuner};
+
+/// Why a client explores, and what was weighed when that was decided.
+pub(super) type Decided = (ExploreRule, Weighed);
 
 impl Tuner {
     /// The search's next point where the budget allows it, told to stop at the policy's cap.
@@ -17,104 +21,88 @@ impl Tuner {
         number: TrialNumber,
         normalised: &[f64],
         state: StateId,
+        decided: Decided,
         planned: &mut Planned,
     ) -> Prediction {
         let policy = &self.spec.policy;
-        let weighed = self.visits.of(&ask.client_id).map(|visit| visit.weighed.clone()).unwrap_or_default();
         let (Some(terms), Some(account)) = (Terms::of(policy), self.visits.account(&ask.client_id)) else {
-            let cap = policy.abort_above;
-            let reference = self.states.knowledge(state).best().map(|best| best.mean_cost);
-            let mut prediction = self.explore(state, number, normalised, planned);
-            let explanation = &mut prediction.reason.explanation;
-            let held = std::mem::take(&mut explanation.held);
-            *explanation = Explanation { held, ..weighed };
-            if prediction.mode == Mode::Explore
-                && let (Some(factor), Some(reference)) = (cap, reference)
-            {
-                explanation.reference_cost = Some(reference);
-                explanation.abort_above = Some(factor * reference).filter(|cost| cost.is_finite());
+            let best = self.states.knowledge(state).best().map(|best| best.mean_cost);
+            let cap = policy.abort_above.zip(best);
+            let explored = self.explore(state, number, normalised, planned);
+            let (mut means, mut abort_above) = (Means::default(), None);
+            if let (true, Some((factor, reference))) = (explored.explores(), cap) {
+                means.reference_cost = Some(reference);
+                abort_above = Some(factor * reference).filter(|cost| cost.is_finite());
             }
-            return prediction;
+            return answer(explored, decided, means, abort_above);
         };
         match account.leave(terms, ask.can_abort, self.default_runs(state)) {
             Ok(leave) => {
-                let prediction = self.explore(state, number, normalised, planned);
-                self.with_leave(leave, weighed, ask, number, prediction)
+                let explored = self.explore(state, number, normalised, planned);
+                let explores = explored.explores();
+                // Enough for the worst.
+                if explores && let Some(account) = self.visits.account_mut(&ask.client_id) {
+                    account.set_aside(number.0, leave.set_aside);
+                }
+                let means = Means {
+                    budget_left: Some(leave.left),
+                    set_aside: explores.then_some(leave.set_aside),
+                    reference_cost: Some(leave.reference),
+                };
+                answer(explored, decided, means, explores.then_some(leave.abort_above))
             }
             Err(denied) => {
-                let left = account.left(terms.budget);
+                let budget_left = Some(account.left(terms.budget));
+                let (set_aside, reference_cost) = match denied {
+                    Denied::NoReference => (None, None),
+                    Denied::TooLittle(leave) => (Some(leave.set_aside), Some(leave.reference)),
+                };
                 match self.baseline(denied, state) {
-                    Some(prediction) => wait_for_budget(denied, left, weighed, prediction),
+                    Some(baseline) => {
+                        let means = Means { budget_left, set_aside, reference_cost };
+                        baseline.by(ExploitRule::Budget, decided.1, means)
+                    }
                     // The only way on is to explore.
-                    None => self.explore(state, number, normalised, planned),
+                    None => {
+                        let explored = self.explore(state, number, normalised, planned);
+                        answer(explored, (ExploreRule::NothingKnown, decided.1), Means::default(), None)
+                    }
                 }
             }
         }
     }
 
-    /// An answer with enough set aside for the worst, if it explores.
-    fn with_leave(
-        &mut self,
-        leave: Leave,
-        weighed: Explanation,
-        ask: &Ask,
-        number: TrialNumber,
-        mut prediction: Prediction,
-    ) -> Prediction {
-        let held = std::mem::take(&mut prediction.reason.explanation.held);
-        let mut explanation = Explanation {
-            held,
-            budget_left: Some(leave.left),
-            reference_cost: Some(leave.reference),
-            ..weighed
-        };
-        if prediction.mode == Mode::Explore {
-            explanation.set_aside = Some(leave.set_aside);
-            explanation.abort_above = Some(leave.abort_above);
-            if let Some(account) = self.visits.account_mut(&ask.client_id) {
-                account.set_aside(number.0, leave.set_aside);
-            }
-        }
-        prediction.reason.explanation = explanation;
-        prediction
-    }
-
     /// What is run while the budget does not allow exploring: the default once in each stay, so that what exploring
     /// costs can be told, then the best that was measured there. `None` where there is neither.
-    fn baseline(&self, denied: Denied, state: StateId) -> Option<Prediction> {
+    fn baseline(&self, denied: Denied, state: StateId) -> Option<Exploitation> {
         if matches!(denied, Denied::NoReference) && self.default_runs(state) {
-            let summary =
-                "The baseline must be measured before anything is explored within a budget.".to_owned();
-            return Some(Prediction {
+            return Some(Exploitation {
                 configuration: self.spec.space.default_configuration(),
-                mode: Mode::Default,
                 predicted_cost: self.states.default_cost(state),
-                reason: plain_reason("default", summary),
-                insight: None,
+                source: Source::Default,
+                rolled_back: false,
             });
         }
-        let mut known = self.best_known(state)?;
-        known.reason.summary.push_str(" Exploring has to wait for its budget.");
-        Some(known)
+        self.best_known(state)
     }
 }
 
-fn wait_for_budget(
-    denied: Denied,
-    left: f64,
-    weighed: Explanation,
-    mut prediction: Prediction,
+fn answer(
+    explored: Explored,
+    (rule, weighed): Decided,
+    means: Means,
+    abort_above: Option<f64>,
 ) -> Prediction {
-    let (set_aside, reference_cost) = match denied {
-        Denied::NoReference => (None, None),
-        Denied::TooLittle(leave) => (Some(leave.set_aside), Some(leave.reference)),
-    };
-    prediction.reason.explanation = Explanation {
-        rule: Some(Rule::Budget),
-        budget_left: Some(left),
-        set_aside,
-        reference_cost,
-        ..weighed
-    };
-    prediction
+    match explored {
+        Explored::Candidate { candidate, held } => {
+            let explore = Explore { point: candidate.point, rule, weighed, means, abort_above, held };
+            Prediction {
+                configuration: candidate.configuration,
+                predicted_cost: candidate.predicted_cost,
+                decision: Choice::Explore(explore).decided(),
+                insight: None,
+            }
+        }
+        Explored::Nothing { instead, rule } => instead.by(rule, weighed, means),
+    }
 }

@@ -17,7 +17,7 @@ impl Comparison {
     fn holds(&self, trial: &RawTrial) -> bool {
         match self {
             Self::State(operator, state) => operator.equality(trial.state == *state),
-            Self::Mode(operator, mode) => operator.equality(trial.mode == *mode),
+            Self::Mode(operator, mode) => operator.equality(trial.mode() == *mode),
             Self::Outcome(operator, kind) => trial
                 .outcome
                 .as_ref()

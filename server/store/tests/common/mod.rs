@@ -5,15 +5,16 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use treewright_core::configuration::RawConfiguration;
+use treewright_core::decision::{
+    Choice, Decision, Exploit, ExploitRule, Explore, ExploreRule, Means, Point, Source, Step, Weighed,
+};
 use treewright_core::indicator::{Indicator, IndicatorSchema};
 use treewright_core::objective::{Objective, ObjectiveTerm};
-use treewright_core::policy::Policy;
+use treewright_core::policy::{Policy, SearchMethod};
 use treewright_core::space::{Domain, Parameter, Scale, Space};
 use treewright_core::study::StudySpec;
-use treewright_core::trial::{
-    Explanation, Fingerprint, Mode, Neighbour, Outcome, Reason, Rule, Trial, TrialState,
-};
-use treewright_core::tuner::{Account, Change, Decision, StateRecord, Visit};
+use treewright_core::trial::{Fingerprint, Mode, Neighbour, Outcome, Trial, TrialState};
+use treewright_core::tuner::{Account, Change, StateRecord, Visit, VisitDecision};
 use treewright_core::value::Value;
 use treewright_store::{PostgresAddress, PostgresStore};
 
@@ -82,19 +83,8 @@ pub(crate) fn open(number: u64) -> Trial {
         state_id: 1,
         indicators: BTreeMap::from([("triangles".to_owned(), 0.1 + 0.2)]),
         configuration: spec().space.configuration(configuration).expect("valid"),
-        mode: Mode::Explore,
+        decision: decided(Mode::Explore),
         predicted_cost: Some(1.0 / 3.0),
-        reason: Reason {
-            summary: "The next point.".to_owned(),
-            source: "nelder_mead".to_owned(),
-            step: "reflect".to_owned(),
-            neighbours: vec![Neighbour { state_id: 1, distance: 0.25, best_cost: 12.5 }],
-            explanation: Explanation {
-                held: vec!["cost".to_owned()],
-                abort_above: Some(0.1),
-                ..Explanation::of(Rule::Explore)
-            },
-        },
         lease_expire_ms: 60_000,
         state: TrialState::Open,
         measurements: BTreeMap::new(),
@@ -111,6 +101,42 @@ pub(crate) fn open(number: u64) -> Trial {
             software: BTreeMap::from([("embree".to_owned(), "4.4.0".to_owned())]),
         }),
     }
+}
+
+fn exploited() -> Exploit {
+    Exploit {
+        source: Source::BestKnown {
+            tried: 3,
+            measurements: 2,
+            state: Neighbour { state_id: 1, distance: 0.0, best_cost: 12.5 },
+        },
+        rule: ExploitRule::Dice,
+        weighed: Weighed { epsilon: Some(0.1), ..Weighed::default() },
+        means: Means::default(),
+    }
+}
+
+/// A decision of each kind.
+pub(crate) fn decided(mode: Mode) -> Decision {
+    let choice = match mode {
+        Mode::Pinned => Choice::Pinned,
+        Mode::Exploit => Choice::Exploit(exploited()),
+        Mode::Default => Choice::Exploit(Exploit { source: Source::Default, ..exploited() }),
+        Mode::Explore => Choice::Explore(Explore {
+            point: Point::Search {
+                search: SearchMethod::NelderMead,
+                step: Step::Reflect,
+                measurements: 0,
+                neighbours: vec![Neighbour { state_id: 1, distance: 0.25, best_cost: 12.5 }],
+            },
+            rule: ExploreRule::Dice,
+            weighed: Weighed::default(),
+            means: Means::default(),
+            abort_above: Some(0.1),
+            held: vec!["cost".to_owned()],
+        }),
+    };
+    choice.decided()
 }
 
 /// The trial as it is once it was reported.
@@ -136,13 +162,12 @@ pub(crate) fn visit(client_id: &str, number: u64) -> Visit {
         client_id: client_id.to_owned(),
         state_id: 1,
         number,
-        decision: Decision::Exploit {
+        decision: VisitDecision::Exploit {
             configuration: open(1).configuration,
-            mode: Mode::Exploit,
             predicted_cost: Some(0.1),
-            reason: Box::default(),
+            exploit: Box::new(exploited()),
+            said: None,
         },
-        weighed: Explanation { epsilon: Some(0.1), ..Explanation::of(Rule::Explore) },
         account: Some(Account::default()),
     }
 }

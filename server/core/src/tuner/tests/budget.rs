@@ -6,7 +6,7 @@ use super::*;
 fn who_cannot_stop_explores_only_once_the_worst_case_is_earned() {
     let policy = Policy { regret_budget: Some(0.1), worst_factor: 20.0, ..explore_always() };
     let mut tuner = tuner(policy);
-    let modes: Vec<Mode> = run(&mut tuner, "a", 0.5, 0.5, 260).iter().map(|trial| trial.mode).collect();
+    let modes: Vec<Mode> = run(&mut tuner, "a", 0.5, 0.5, 260).iter().map(|trial| trial.mode()).collect();
     // 200 frames earn 20.
     let first = modes.iter().position(|mode| *mode == Mode::Explore).expect("at last");
     assert!((200..=202).contains(&first), "{first}");
@@ -22,18 +22,18 @@ fn answers_explain_the_budget_and_sessions_begin_anew() {
         let trial = tuner.suggest(&question(1), 0).expect("valid").0;
         trials.push(finish(&mut tuner, &trial, Outcome::Ok));
     }
-    assert_eq!(trials[0].mode, Mode::Default);
-    assert_eq!(trials[0].reason.explanation.rule, Some(Rule::Budget));
-    let first = trials.iter().find(|trial| trial.mode == Mode::Explore).expect("fifteen frames earn a cap");
-    let explanation = &first.reason.explanation;
+    assert_eq!(trials[0].mode(), Mode::Default);
+    assert_eq!(trials[0].reason().explanation.rule, Some(Rule::Budget));
+    let first = trials.iter().find(|trial| trial.mode() == Mode::Explore).expect("fifteen frames earn a cap");
+    let explanation = first.reason().explanation;
     assert_eq!(explanation.rule, Some(Rule::Explore));
     let reference = explanation.reference_cost.expect("measured");
     assert_eq!(explanation.abort_above, Some(1.5 * reference));
     assert_eq!(explanation.set_aside, explanation.abort_above);
     assert!(explanation.budget_left >= explanation.set_aside);
     let next = tuner.suggest(&question(2), 0).expect("valid").0;
-    assert_ne!(next.mode, Mode::Explore);
-    assert_eq!(next.reason.explanation.budget_left, Some(0.0));
+    assert_ne!(next.mode(), Mode::Explore);
+    assert_eq!(next.reason().explanation.budget_left, Some(0.0));
 }
 
 #[test]
@@ -41,7 +41,7 @@ fn an_infeasible_default_leaves_nothing_but_exploring() {
     let mut tuner = tuner(Policy { regret_budget: Some(0.05), ..explore_always() });
     let first = suggest(&mut tuner, "a", 0.5, 0.5);
     finish(&mut tuner, &first, infeasible());
-    assert_eq!(suggest(&mut tuner, "a", 0.5, 0.5).mode, Mode::Explore);
+    assert_eq!(suggest(&mut tuner, "a", 0.5, 0.5).mode(), Mode::Explore);
 }
 
 #[test]
@@ -57,17 +57,17 @@ fn a_trial_that_is_handed_out_again_is_charged_again() {
     run(&mut tuner, "a", 0.5, 0.5, 80);
     assert_eq!(tuner.set_policy(Policy { epsilon: 1.0, ..tuner.spec().policy.clone() }), Ok(false));
     let first = tuner.suggest(&question, 0).expect("valid").0;
-    assert_eq!(finish(&mut tuner, &first, Outcome::Ok).mode, Mode::Default);
+    assert_eq!(finish(&mut tuner, &first, Outcome::Ok).mode(), Mode::Default);
     let explored = tuner.suggest(&question, 0).expect("valid").0;
-    assert_eq!(explored.mode, Mode::Explore);
-    let worst = explored.reason.explanation.set_aside.expect("there is a budget");
+    assert_eq!(explored.mode(), Mode::Explore);
+    let worst = explored.reason().explanation.set_aside.expect("there is a budget");
     let mut before = left(&tuner);
     // The report never comes; the client asks again, runs it again, and so on.
     let mut runs = 1;
     loop {
         let again = tuner.suggest(&question, 0).expect("valid").0;
         if again.number != explored.number {
-            assert_ne!(again.mode, Mode::Explore, "nothing is left to explore with");
+            assert_ne!(again.mode(), Mode::Explore, "nothing is left to explore with");
             break;
         }
         runs += 1;

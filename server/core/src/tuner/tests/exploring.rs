@@ -7,15 +7,15 @@ fn exploring_begins_with_the_default_and_never_samples_a_pair_twice() {
     for search in [SearchMethod::NelderMead, SearchMethod::LatinHypercube, SearchMethod::Random] {
         let mut tuner = tuner(Policy { search, ..explore_always() });
         let trials = run(&mut tuner, "a", 0.5, 0.5, 30);
-        assert_eq!(trials[0].mode, Mode::Default);
+        assert_eq!(trials[0].mode(), Mode::Default);
         assert_eq!(trials[0].configuration, tuner.spec().space.default_configuration());
-        assert!(trials[1..].iter().all(|trial| trial.mode == Mode::Explore));
+        assert!(trials[1..].iter().all(|trial| trial.mode() == Mode::Explore));
         let distinct: BTreeSet<&Configuration> = trials.iter().map(|trial| &trial.configuration).collect();
         assert_eq!(distinct.len(), 30, "{search:?}");
         // The budget is spent: the best known is exploited from now on.
         let best = trials.iter().min_by(|a, b| a.cost.partial_cmp(&b.cost).expect("finite")).expect("some");
         let next = suggest(&mut tuner, "a", 0.5, 0.5);
-        assert_eq!((next.mode, &next.configuration), (Mode::Exploit, &best.configuration));
+        assert_eq!((next.mode(), &next.configuration), (Mode::Exploit, &best.configuration));
         assert_eq!(next.predicted_cost, best.cost);
     }
 }
@@ -28,7 +28,7 @@ fn a_search_may_measure_its_best_again_within_the_budget() {
     for number in 0..30u32 {
         let trial = suggest(&mut tuner, "a", 0.5, 0.5);
         let again = !known.insert(trial.configuration.clone());
-        assert_eq!(again, trial.reason.step == "replicate", "{trial:?}");
+        assert_eq!(again, trial.reason().step == "replicate", "{trial:?}");
         repeats += u32::from(again);
         // Noise of a fifth, so that rivals are close.
         let cost = cost(&trial) * (0.9 + 0.2 * f64::from(number * 7 % 11) / 10.0);
@@ -38,7 +38,7 @@ fn a_search_may_measure_its_best_again_within_the_budget() {
     assert!((1..=5).contains(&repeats), "{repeats} repeats");
     let best = tuner.best(None, None).expect("valid").expect("measured");
     let next = suggest(&mut tuner, "a", 0.5, 0.5);
-    assert_eq!((next.mode, &next.configuration), (Mode::Exploit, &best.configuration));
+    assert_eq!((next.mode(), &next.configuration), (Mode::Exploit, &best.configuration));
 }
 
 #[test]
@@ -61,14 +61,14 @@ fn clients_share_a_search_without_sharing_a_point_and_nobody_waits() {
     for round in 0..40 {
         let trials: Vec<Trial> = (0..5).map(|c| suggest(&mut tuner, &format!("c{c}"), 0.5, 0.5)).collect();
         for trial in &trials {
-            let explores = matches!(trial.mode, Mode::Explore | Mode::Default);
-            if trial.reason.step == "replicate" {
+            let explores = matches!(trial.mode(), Mode::Explore | Mode::Default);
+            if trial.reason().step == "replicate" {
                 assert!(seen.contains(&trial.configuration), "round {round}");
                 repeats += 1;
-            } else if explores && trial.reason.source != "default" {
+            } else if explores && trial.reason().source != "default" {
                 assert!(seen.insert(trial.configuration.clone()), "round {round} hands out a pair twice");
             } else {
-                assert_eq!(trial.mode, Mode::Exploit);
+                assert_eq!(trial.mode(), Mode::Exploit);
             }
         }
         for trial in trials {
@@ -82,10 +82,10 @@ fn clients_share_a_search_without_sharing_a_point_and_nobody_waits() {
 fn an_infeasible_default_is_explored_away_from_even_without_dice() {
     let mut tuner = tuner(exploit_always());
     let first = suggest(&mut tuner, "a", 0.5, 0.5);
-    assert_eq!(first.mode, Mode::Default);
+    assert_eq!(first.mode(), Mode::Default);
     finish(&mut tuner, &first, infeasible());
     let second = suggest(&mut tuner, "a", 0.5, 0.5);
-    assert_eq!(second.mode, Mode::Explore);
+    assert_eq!(second.mode(), Mode::Explore);
     assert_ne!(second.configuration, first.configuration);
 }
 
@@ -95,10 +95,10 @@ fn a_failure_is_tried_again_but_not_for_ever() {
     let failed = || Outcome::Failed { reason: "out of memory elsewhere".into() };
     for _ in 0..crate::limits::FAILURES_PER_CONFIGURATION_MAX {
         let trial = suggest(&mut tuner, "a", 0.5, 0.5);
-        assert_eq!(trial.mode, Mode::Default);
+        assert_eq!(trial.mode(), Mode::Default);
         assert_eq!(finish(&mut tuner, &trial, failed()).cost, None);
     }
-    assert_eq!(suggest(&mut tuner, "a", 0.5, 0.5).mode, Mode::Explore);
+    assert_eq!(suggest(&mut tuner, "a", 0.5, 0.5).mode(), Mode::Explore);
 }
 
 #[test]
@@ -134,14 +134,14 @@ fn a_space_that_is_used_up_ends_the_search_early() {
     let mut seen = BTreeSet::new();
     for _ in 0..4 {
         let trial = suggest(&mut tuner, "a", 0.5, 0.5);
-        assert!(matches!(trial.mode, Mode::Default | Mode::Explore));
+        assert!(matches!(trial.mode(), Mode::Default | Mode::Explore));
         assert!(seen.insert(trial.configuration.clone()));
         let later = measured(trial.number as f64);
         let reported = tuner.report(&trial, later, Outcome::Ok, 1);
         assert!(reported.is_ok());
     }
     let after = suggest(&mut tuner, "a", 0.5, 0.5);
-    assert_eq!((after.mode, after.predicted_cost), (Mode::Exploit, Some(1.0)));
+    assert_eq!((after.mode(), after.predicted_cost), (Mode::Exploit, Some(1.0)));
 }
 
 #[test]
@@ -188,7 +188,7 @@ fn a_search_is_dropped_once_its_budget_is_spent_and_goes_on_from_the_table_when_
         };
         let fresh = different(&after).difference(&different(&before)).count();
         assert!((1..=9).contains(&fresh), "{search:?}: {fresh} of the eight more");
-        assert!(after.iter().all(|trial| trial.reason.step != "latin_hypercube"), "{search:?}");
+        assert!(after.iter().all(|trial| trial.reason().step != "latin_hypercube"), "{search:?}");
         assert!(tuner.searches.of(StateId(1)).is_some_and(|exploration| exploration.search.is_none()));
     }
 }
@@ -233,19 +233,19 @@ fn a_new_state_begins_with_the_default_and_then_with_what_did_well_in_others() {
         let mut tuner =
             tuner(Policy { search, predictor: PredictorMethod::NearestNeighbour, ..explore_always() });
         let first = run(&mut tuner, "a", 0.5, 0.5, 30);
-        assert!(first.iter().all(|trial| trial.reason.step != "elsewhere"), "nothing is known of others");
+        assert!(first.iter().all(|trial| trial.reason().step != "elsewhere"), "nothing is known of others");
         let best = tuner.best(None, None).expect("valid").expect("measured");
         let second = run(&mut tuner, "a", 0.7, 0.5, 30);
-        let begins = second.iter().position(|trial| trial.mode == Mode::Default).expect("the default");
-        let told = |trial: &&Trial| trial.reason.step == "elsewhere";
+        let begins = second.iter().position(|trial| trial.mode() == Mode::Default).expect("the default");
+        let told = |trial: &&Trial| trial.reason().step == "elsewhere";
         let told: Vec<&Trial> = second.iter().filter(told).collect();
         assert_eq!(!told.is_empty(), follows, "{search:?}");
         for trial in &told {
             assert!(trial.number > second[begins].number, "the default comes first");
-            assert_eq!(trial.mode, Mode::Explore);
-            assert!(trial.reason.summary.contains("other states"), "{}", trial.reason.summary);
-            assert_eq!(trial.reason.neighbours[0].state_id, 1);
-            assert_eq!(trial.reason.neighbours[0].best_cost, best.cost);
+            assert_eq!(trial.mode(), Mode::Explore);
+            assert!(trial.reason().summary.contains("other states"), "{}", trial.reason().summary);
+            assert_eq!(trial.reason().neighbours[0].state_id, 1);
+            assert_eq!(trial.reason().neighbours[0].best_cost, best.cost);
         }
         let own = second.iter().map(|trial| &trial.configuration).take(6);
         assert_eq!(own.clone().any(|configuration| *configuration == best.configuration), follows);

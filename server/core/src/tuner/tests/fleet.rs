@@ -129,21 +129,21 @@ fn other_software_invalidates_what_was_measured_and_answers_say_so() {
     let mut random = ChaCha8Rng::seed_from_u64(9);
     // The machine itself has searched to the end.
     let (_, before) = node.frame(&mut tuner, &mut random);
-    assert_eq!((before.mode, before.reason.source.as_str()), (Mode::Exploit, "best_known"));
+    assert_eq!((before.mode(), before.reason().source.as_str()), (Mode::Exploit, "best_known"));
     let newer = Node { embree: "4.4.0", ..node };
     let (_, first) = newer.frame(&mut tuner, &mut random);
     assert_ne!(first.state_id, before.state_id);
-    assert_eq!(first.mode, Mode::Default, "machines are compared by the default first");
+    assert_eq!(first.mode(), Mode::Default, "machines are compared by the default first");
     let (_, second) = newer.frame(&mut tuner, &mut random);
-    assert_eq!((second.mode, second.reason.step.as_str()), (Mode::Explore, "transfer"));
-    assert_eq!(second.reason.source, "fleet", "not its own any more, nor its group's");
-    assert!(second.reason.summary.contains("embree 4.3.0 -> 4.4.0"), "{}", second.reason.summary);
+    assert_eq!((second.mode(), second.reason().step.as_str()), (Mode::Explore, "transfer"));
+    assert_eq!(second.reason().source, "fleet", "not its own any more, nor its group's");
+    assert!(second.reason().summary.contains("embree 4.3.0 -> 4.4.0"), "{}", second.reason().summary);
     // It goes on to its own end, and the old one is where it was.
     for _ in 0..TRIALS {
         newer.frame(&mut tuner, &mut random);
     }
     let (_, last) = newer.frame(&mut tuner, &mut random);
-    assert_eq!((last.mode, last.reason.source.as_str()), (Mode::Exploit, "best_known"));
+    assert_eq!((last.mode(), last.reason().source.as_str()), (Mode::Exploit, "best_known"));
     assert_eq!(node.frame(&mut tuner, &mut random).1.state_id, before.state_id);
 }
 
@@ -177,12 +177,12 @@ fn a_machine_that_only_exploits_follows_its_group_before_the_fleet() {
     let policy = Policy { epsilon: 0.0, ..tuner.spec().policy.clone() };
     assert_eq!(tuner.set_policy(policy), Ok(false));
     let answer = tuner.suggest(&ask_as("near", 2, "new"), 0).expect("valid").0;
-    assert_eq!((answer.mode, answer.reason.source.as_str()), (Mode::Exploit, "group"));
+    assert_eq!((answer.mode(), answer.reason().source.as_str()), (Mode::Exploit, "group"));
     assert_eq!(answer.configuration, near.configuration);
     let stranger = tuner.suggest(&ask_as("third", 2, "stranger"), 0).expect("valid").0;
-    assert_eq!(stranger.reason.source, "fleet");
+    assert_eq!(stranger.reason().source, "fleet");
     // The same machine under another client's name is the same machine.
     let twin = tuner.suggest(&ask_as("near", 8, "twin"), 0).expect("valid").0;
     assert_eq!((twin.state_id, &twin.configuration), (near.state_id, &near.configuration));
-    assert!(!["group", "fleet"].contains(&twin.reason.source.as_str()));
+    assert!(!["group", "fleet"].contains(&twin.reason().source.as_str()));
 }

@@ -1,6 +1,7 @@
 //! What the state machine promises its clients, one promise a test; here the study they share.
 
 mod budget;
+mod decisions;
 mod exploiting;
 mod exploring;
 mod fleet;

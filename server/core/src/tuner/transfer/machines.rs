@@ -11,18 +11,17 @@
 //! found best; whatever it measures itself soon counts for more, and where it disagrees, the others count less.
 
 use crate::configuration::Configuration;
-use crate::fleet::Level;
+use crate::decision::{ByMachines, Level, Point, Source};
 use crate::ids::StateId;
 use crate::knowledge::Record;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
-use crate::trial::{Mode, Neighbour, Reason};
-use crate::tuner::Prediction;
+use crate::trial::Neighbour;
+use crate::tuner::decide::Exploitation;
+use crate::tuner::explore::Candidate;
 use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
 use crate::tuner::states::States;
 use crate::tuner::transfer::Transfer;
 
-/// The name of the step that reasons carry of what was taken over from other machines.
-pub(in crate::tuner) const TRANSFER: &str = "transfer";
 /// By how much, as a logarithm, a configuration is taken to differ from the default before anybody measured it.
 const SPREAD: f64 = 0.3;
 /// How many of a machine's best configurations two machines are compared by, beside the default.
@@ -61,6 +60,13 @@ struct PooledEstimate {
     level: Level,
     machines: usize,
     measurements: u64,
+}
+
+impl PooledEstimate {
+    /// The cost, in the objective's units.
+    fn cost(&self) -> f64 {
+        libm::exp(self.mean).min(f64::MAX)
+    }
 }
 
 /// The other machines that measured something in a state.
@@ -194,19 +200,23 @@ impl<'a> Peers<'a> {
 impl Transfer<'_> {
     /// What other machines found best in this state, as long as that counts for more than what the machine measured
     /// itself.
-    pub(in crate::tuner) fn best_by_machines(&self, state: StateId) -> Option<Prediction> {
+    pub(in crate::tuner) fn best_by_machines(&self, state: StateId) -> Option<Exploitation> {
         let peers = Peers::of(self.states, self.spec.space.default_ref(), state);
         if peers.is_empty() {
             return None;
         }
         let (configuration, estimate) = peers.best(|_| true)?;
-        (estimate.level != Level::Machine)
-            .then(|| taken_over(&peers, configuration, estimate, Mode::Exploit, ""))
+        (estimate.level != Level::Machine).then(|| Exploitation {
+            configuration: configuration.clone(),
+            predicted_cost: Some(estimate.cost()),
+            source: Source::Machines(by_machines(&peers, &estimate)),
+            rolled_back: false,
+        })
     }
 
     /// What other machines found best and this one has not measured yet, where it is estimated to be better than what
     /// this one has. The default comes first, by which machines are compared.
-    pub(in crate::tuner) fn untried_by_machines(&self, state: StateId) -> Option<Prediction> {
+    pub(in crate::tuner) fn untried_by_machines(&self, state: StateId) -> Option<Candidate> {
         let knowledge = self.states.knowledge(state);
         let is_finished = knowledge.tried() >= self.spec.policy.trials_per_state as usize;
         if self.states.siblings(state).is_empty() || is_finished {
@@ -222,63 +232,37 @@ impl Transfer<'_> {
             return None;
         }
         if !knowledge.is_tried(default) && !self.trials.runs(state, default) && !searches {
-            let summary =
-                "The baseline comes first: by it this machine is compared with the others.".to_owned();
-            let reason =
-                Reason { summary, source: "default".into(), step: "default".into(), ..Reason::default() };
-            return Some(Prediction {
-                configuration: default.clone(),
-                mode: Mode::Default,
-                predicted_cost: None,
-                reason,
-                insight: None,
-            });
+            let (configuration, point) = (default.clone(), Point::BaselineOfMachine);
+            return Some(Candidate { configuration, predicted_cost: None, point });
         }
         let is_new =
             |candidate: &Configuration| !knowledge.is_tried(candidate) && !self.trials.runs(state, candidate);
         let (configuration, estimate) = peers.best(is_new)?;
         let promising = knowledge.best().is_none_or(|best| estimate.mean < log(best.mean_cost));
-        promising.then(|| taken_over(&peers, configuration, estimate, Mode::Explore, TRANSFER))
+        promising.then(|| Candidate {
+            configuration: configuration.clone(),
+            predicted_cost: Some(estimate.cost()),
+            point: Point::ByMachines(by_machines(&peers, &estimate)),
+        })
     }
 }
 
-fn taken_over(
-    peers: &Peers<'_>,
-    configuration: &Configuration,
-    estimate: PooledEstimate,
-    mode: Mode,
-    step: &str,
-) -> Prediction {
+/// Who measured what an estimate rests on.
+fn by_machines(peers: &Peers<'_>, estimate: &PooledEstimate) -> ByMachines {
     let states = peers.states;
-    let PooledEstimate { mean, level, machines, measurements } = estimate;
-    let who = match level {
-        Level::Group => "with the same processor and software",
-        _ => "of the fleet",
-    };
-    let mut summary = format!(
-        "Best by what {machines} other machines {who} measured in this state, {measurements} times; this one has \
-         less to say of it itself."
-    );
-    if let Some(changes) = states.machines().change_of_software(states[peers.state].machine) {
-        summary.push_str(&format!(
-            " What this machine measured before its software changed ({changes}) counts as the fleet's only."
-        ));
-    }
-    let of_level = peers.peers.iter().filter(|peer| peer.level == level);
+    let of_level = peers.peers.iter().filter(|peer| peer.level == estimate.level);
     let neighbours = of_level.filter_map(|peer| {
         let best = states.knowledge(peer.state).best()?;
         let best_cost = libm::exp(log(best.mean_cost) + peer.shift).min(f64::MAX);
         Some(Neighbour { state_id: peer.state.get(), distance: 0.0, best_cost })
     });
-    let reason = Reason {
-        summary,
-        source: level.name().into(),
-        step: step.into(),
+    ByMachines {
+        level: estimate.level,
+        machines: estimate.machines as u64,
+        measurements: estimate.measurements,
+        software_change: states.machines().change_of_software(states[peers.state].machine),
         neighbours: neighbours.take(NEIGHBOURS_MAX).collect(),
-        ..Reason::default()
-    };
-    let predicted_cost = Some(libm::exp(mean).min(f64::MAX));
-    Prediction { configuration: configuration.clone(), mode, predicted_cost, reason, insight: None }
+    }
 }
 
 /// Holds a measured cost against what other machines' measurements would have said of it, before it is learnt.

@@ -22,7 +22,7 @@ use crate::tuner::searches::Searches;
 use crate::tuner::states::States;
 use crate::tuner::trials::OpenTrials;
 
-pub(super) use machines::{TRANSFER, compare};
+pub(super) use machines::compare;
 pub(super) use warm_start::{Beginning, Evidence};
 
 /// What there is to ask.

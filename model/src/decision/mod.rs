@@ -1,0 +1,396 @@
+//! Decisions: why a client gets a configuration, as data.
+//!
+//! A [`Decision`] is what is stored with a trial, and what later steps look at: whether the trial is learnt, where it
+//! is stopped, what the search is told of it. Its [`mode`](Decision::mode), and the [`Reason`] and
+//! [`Explanation`](crate::trial::Explanation) that people and clients see, are made from it ([`Decision::reason`]) and
+//! never read back. The types leave no room for answers that contradict themselves, such as one that exploits by the
+//! rule that says to explore. [`recorded`] reads what earlier versions stored in its place.
+
+pub mod recorded;
+mod words;
+
+use serde::{Deserialize, Serialize};
+
+use crate::configuration::RawConfiguration;
+use crate::policy::{PredictorMethod, SearchMethod};
+use crate::trial::{Mode, Neighbour, Reason, Rule};
+
+/// Why a client gets a configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Decision {
+    /// What was chosen, by which rule.
+    pub choice: Choice,
+    /// What the trial costs is not learnt; that its configuration cannot be run is.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub silent: bool,
+    /// What an earlier version said of it to people, where it was stored by one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub said: Option<String>,
+}
+
+/// What was chosen, by which rule.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Choice {
+    /// The policy pins the configuration.
+    Pinned,
+    /// The client asked for the configuration.
+    Wanted,
+    /// The study answers the default and only looks on.
+    Shadow {
+        /// What would have been answered.
+        instead_of: RawConfiguration,
+        /// By how much that is expected to be cheaper than the default, as a share.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        expected_gain: Option<f64>,
+    },
+    /// Something is measured to learn of it.
+    Explore(Explore),
+    /// What is known to be good is run.
+    Exploit(Exploit),
+}
+
+/// Something is measured to learn of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Explore {
+    /// What.
+    pub point: Point,
+    /// Why the client explores.
+    pub rule: ExploreRule,
+    /// What was weighed when that was decided.
+    #[serde(default, skip_serializing_if = "Weighed::is_empty")]
+    pub weighed: Weighed,
+    /// How the client's regret budget stood.
+    #[serde(default, skip_serializing_if = "Means::is_empty")]
+    pub means: Means,
+    /// The client is to stop the trial as soon as its cost exceeds this, in the objective's units.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub abort_above: Option<f64>,
+    /// Parameters that were left at their best known value because they do not matter here.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub held: Vec<String>,
+}
+
+/// What is explored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Point {
+    /// The default configuration, with which a search begins.
+    Baseline(SearchMethod),
+    /// The default configuration, by which a machine is compared with others.
+    BaselineOfMachine,
+    /// A point of the state's search.
+    Search {
+        /// The search of the policy.
+        search: SearchMethod,
+        /// The step that asked for it; not [`Step::Default`].
+        step: Step,
+        /// How often the configuration had been measured in the state.
+        measurements: u64,
+        /// The states that the point was taken over from, nearest first.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        neighbours: Vec<Neighbour>,
+    },
+    /// What a predictor proposes to begin a state with.
+    Proposal(Predicted),
+    /// What other machines found best.
+    ByMachines(ByMachines),
+    /// Drawn at random, because the search met known configurations only.
+    Random,
+}
+
+/// What is known to be good is run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Exploit {
+    /// Who says that it is good.
+    pub source: Source,
+    /// Why the client does not explore.
+    pub rule: ExploitRule,
+    /// What was weighed when that was decided.
+    #[serde(default, skip_serializing_if = "Weighed::is_empty")]
+    pub weighed: Weighed,
+    /// How the client's regret budget stood.
+    #[serde(default, skip_serializing_if = "Means::is_empty")]
+    pub means: Means,
+}
+
+/// Who says that a configuration is good.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Source {
+    /// Nobody: it is the default configuration.
+    Default,
+    /// The state's own measurements.
+    BestKnown {
+        /// How many configurations have a verdict there.
+        tried: u64,
+        /// How often this one was measured.
+        measurements: u64,
+        /// The state, and the cost.
+        state: Neighbour,
+    },
+    /// A predictor.
+    Predictor(Predicted),
+    /// Other machines that met the same input.
+    Machines(ByMachines),
+}
+
+/// What a predictor says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Predicted {
+    /// Which one.
+    pub predictor: PredictorMethod,
+    /// The cost that it expects, and one standard deviation of a measurement from it.
+    pub expected: (f64, f64),
+    /// The known states that it rests on, nearest first, at most 5.
+    pub neighbours: Vec<Neighbour>,
+}
+
+/// What other machines measured in a state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ByMachines {
+    /// Whose measurements count most.
+    pub level: Level,
+    /// How many machines measured it, and how often together.
+    pub machines: u64,
+    /// How often they did together.
+    pub measurements: u64,
+    /// How the asking machine's software differs from what it ran before, if it does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub software_change: Option<String>,
+    /// Their states.
+    pub neighbours: Vec<Neighbour>,
+}
+
+/// Why a client explores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ExploreRule {
+    /// The dice said so.
+    Dice,
+    /// Nothing is known that could be exploited.
+    NothingKnown,
+}
+
+/// Why a client does not explore.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ExploitRule {
+    /// It was only asked what would be exploited.
+    Asked,
+    /// The dice said so.
+    Dice,
+    /// The state's search is over.
+    Finished,
+    /// It explores, but the search waits for what others are measuring.
+    Waiting,
+    /// The regret budget does not allow it yet.
+    Budget,
+    /// The expected gain does not pay for it, or is below the noise.
+    Gain,
+    /// What was exploited here did clearly worse than this.
+    RolledBack,
+    /// The study is frozen.
+    Frozen,
+}
+
+/// What was weighed when it was decided whether to explore.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Weighed {
+    /// The probability of exploring that the dice were thrown with.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub epsilon: Option<f64>,
+    /// By how much exploring is expected to lower the cost of each later frame, as a share.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_gain: Option<f64>,
+    /// How many frames are expected to profit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_frames: Option<f64>,
+    /// What exploring is expected to cost in all, in frames of the reference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exploring_cost: Option<f64>,
+}
+
+impl Weighed {
+    /// Whether nothing was.
+    pub fn is_empty(&self) -> bool {
+        *self == Weighed::default()
+    }
+}
+
+/// How a client's regret budget stood before an answer; costs in the objective's units.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Means {
+    /// What was left of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub budget_left: Option<f64>,
+    /// What was set aside of it for this trial, or would have had to be: the most that it can cost above the reference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub set_aside: Option<f64>,
+    /// The cost of what would have been run without exploring.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference_cost: Option<f64>,
+}
+
+impl Means {
+    /// Whether there is nothing to tell.
+    pub fn is_empty(&self) -> bool {
+        *self == Means::default()
+    }
+}
+
+/// The steps of the searches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Step {
+    /// The default configuration: the first point of every search.
+    Default,
+    /// A point of a Latin hypercube design.
+    LatinHypercube,
+    /// What did well in other states of the study.
+    Elsewhere,
+    /// The best point so far, one step along one axis: the design of a continuous space.
+    Coordinate,
+    /// The worst vertex of a simplex mirrored at the centre of the others.
+    Reflect,
+    /// Further in the direction of a reflection that paid off.
+    Expand,
+    /// Between the centre and the worst or the reflected vertex.
+    Contract,
+    /// The best point with another value of one choice.
+    Switch,
+    /// A random point, near the best or anywhere.
+    RandomSearch,
+    /// A vertex of a new simplex around the best point.
+    Restart,
+    /// The point that a model expects most of.
+    Model,
+    /// The point that a model of the measurements around the best expects most of.
+    Local,
+    /// A configuration that was measured before and looks best: once more, to tell luck from merit.
+    Replicate,
+}
+
+impl Step {
+    /// The name that reasons carry.
+    pub fn name(self) -> &'static str {
+        match self {
+            Step::Default => "default",
+            Step::LatinHypercube => "latin_hypercube",
+            Step::Elsewhere => "elsewhere",
+            Step::Coordinate => "coordinate",
+            Step::Reflect => "reflect",
+            Step::Expand => "expand",
+            Step::Contract => "contract",
+            Step::Switch => "switch",
+            Step::RandomSearch => "random_search",
+            Step::Restart => "restart",
+            Step::Model => "model",
+            Step::Local => "local",
+            Step::Replicate => "replicate",
+        }
+    }
+}
+
+/// Whose evidence it is, seen from one machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Level {
+    /// Its own: processor, instruction set, threads and software are the same.
+    Machine,
+    /// That of machines with the same processor and software.
+    Group,
+    /// That of all others.
+    Fleet,
+}
+
+impl Level {
+    /// The name that reasons carry.
+    pub fn name(self) -> &'static str {
+        match self {
+            Level::Machine => "machine",
+            Level::Group => "group",
+            Level::Fleet => "fleet",
+        }
+    }
+}
+
+impl Choice {
+    /// A decision for it, of which is learnt.
+    pub fn decided(self) -> Decision {
+        Decision { choice: self, silent: false, said: None }
+    }
+}
+
+impl Decision {
+    /// What kind of answer it is, for clients and filters.
+    pub fn mode(&self) -> Mode {
+        match &self.choice {
+            Choice::Pinned | Choice::Wanted => Mode::Pinned,
+            Choice::Shadow { .. } => Mode::Default,
+            Choice::Explore(Explore { point: Point::Baseline(_) | Point::BaselineOfMachine, .. }) => {
+                Mode::Default
+            }
+            Choice::Explore(_) => Mode::Explore,
+            Choice::Exploit(Exploit { source: Source::Default, .. }) => Mode::Default,
+            Choice::Exploit(_) => Mode::Exploit,
+        }
+    }
+
+    /// The rule of the policy that it follows; `None` where it was only asked what would be exploited.
+    pub fn rule(&self) -> Option<Rule> {
+        Some(match &self.choice {
+            Choice::Pinned => Rule::Pinned,
+            Choice::Wanted => Rule::Wanted,
+            Choice::Shadow { .. } => Rule::Shadow,
+            Choice::Explore(Explore { rule, .. }) => match rule {
+                ExploreRule::Dice => Rule::Explore,
+                ExploreRule::NothingKnown => Rule::NothingKnown,
+            },
+            Choice::Exploit(Exploit { rule, .. }) => match rule {
+                ExploitRule::Asked => return None,
+                ExploitRule::Dice => Rule::Exploit,
+                ExploitRule::Finished => Rule::Finished,
+                ExploitRule::Waiting => Rule::Waiting,
+                ExploitRule::Budget => Rule::Budget,
+                ExploitRule::Gain => Rule::Gain,
+                ExploitRule::RolledBack => Rule::RolledBack,
+                ExploitRule::Frozen => Rule::Frozen,
+            },
+        })
+    }
+
+    /// Whether something else than the default is measured to learn of it.
+    pub fn explores(&self) -> bool {
+        self.mode() == Mode::Explore
+    }
+
+    /// The step of the state's search that the trial is a point of, if it is one.
+    pub fn search_step(&self) -> Option<Step> {
+        match &self.choice {
+            Choice::Explore(Explore { point: Point::Search { step, .. }, .. }) => Some(*step),
+            Choice::Explore(Explore { point: Point::Baseline(_), .. }) => Some(Step::Default),
+            _ => None,
+        }
+    }
+
+    /// Whether it was taken over from other machines to be measured here.
+    pub fn is_by_machines(&self) -> bool {
+        matches!(&self.choice, Choice::Explore(Explore { point: Point::ByMachines(_), .. }))
+    }
+
+    /// The client is to stop the trial as soon as its cost exceeds this, in the objective's units.
+    pub fn abort_above(&self) -> Option<f64> {
+        match &self.choice {
+            Choice::Explore(explore) => explore.abort_above,
+            _ => None,
+        }
+    }
+
+    /// What it is for people and for logs.
+    pub fn reason(&self) -> Reason {
+        words::reason(self)
+    }
+}

@@ -1,0 +1,210 @@
+//! Decisions as earlier versions stored them: a mode and a [`Reason`], whose words had to be read back.
+//!
+//! They are converted once, where rows are read. What a sentence counted (measurements, machines) is not known any
+//! more, so the sentence itself is kept as it was. An answer that contradicted itself, which exploited by a rule that
+//! says to explore, is what it was in truth: its search was waiting.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::words::{BEST_KNOWN, DEFAULT, SHADOW, TRANSFER, WANTED};
+use super::{
+    ByMachines, Choice, Decision, Exploit, ExploitRule, Explore, ExploreRule, Level, Means, Point, Predicted,
+    Source, Step, Weighed,
+};
+use crate::policy::{PredictorMethod, SearchMethod};
+use crate::trial::{Explanation, Mode, Neighbour, Reason, Rule};
+
+/// A decision as any version stored it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Recorded {
+    /// As this version does.
+    Decision(Decision),
+    /// As versions without [`Decision`] did.
+    Reason(Reason),
+}
+
+impl Recorded {
+    /// The decision; `mode` is what was stored beside it.
+    pub fn decision(self, mode: Mode) -> Decision {
+        match self {
+            Recorded::Decision(decision) => decision,
+            Recorded::Reason(reason) => Decision::recorded(mode, reason),
+        }
+    }
+}
+
+/// The value of an enum that is spelt so.
+fn named<T: for<'a> Deserialize<'a>>(name: &str) -> Option<T> {
+    serde_json::from_value(Value::from(name)).ok()
+}
+
+impl Weighed {
+    /// What an explanation has of it.
+    pub fn recorded(explanation: &Explanation) -> Self {
+        Weighed {
+            epsilon: explanation.epsilon,
+            expected_gain: explanation.expected_gain,
+            expected_frames: explanation.expected_frames,
+            exploring_cost: explanation.exploring_cost,
+        }
+    }
+}
+
+impl ExploreRule {
+    /// What the rule of a client that explores stands for.
+    pub fn recorded(rule: Option<Rule>) -> Self {
+        match rule {
+            Some(Rule::NothingKnown) => ExploreRule::NothingKnown,
+            _ => ExploreRule::Dice,
+        }
+    }
+}
+
+impl Decision {
+    /// The decision that an earlier version stored as a mode and a reason.
+    pub fn recorded(mode: Mode, reason: Reason) -> Self {
+        let Reason { summary, source, step, neighbours, explanation } = reason;
+        let choice = match mode {
+            Mode::Pinned if source == WANTED => Choice::Wanted,
+            Mode::Pinned => Choice::Pinned,
+            _ if source == SHADOW => Choice::Shadow {
+                instead_of: explanation.instead_of.clone().unwrap_or_default(),
+                expected_gain: explanation.expected_gain,
+            },
+            _ if step.is_empty() => Choice::Exploit(exploit(mode, &source, neighbours, &explanation)),
+            _ => Choice::Explore(explore(&source, &step, neighbours, &explanation)),
+        };
+        Decision { choice, silent: explanation.silent, said: Some(summary) }
+    }
+}
+
+fn means(explanation: &Explanation) -> Means {
+    let Explanation { budget_left, set_aside, reference_cost, .. } = *explanation;
+    Means { budget_left, set_aside, reference_cost }
+}
+
+fn by_machines(level: Level, neighbours: Vec<Neighbour>) -> ByMachines {
+    let machines = neighbours.len() as u64;
+    ByMachines { level, machines, measurements: 0, software_change: None, neighbours }
+}
+
+fn explore(source: &str, step: &str, neighbours: Vec<Neighbour>, explanation: &Explanation) -> Explore {
+    let search = named::<SearchMethod>(source);
+    let proposed = named::<PredictorMethod>(source).filter(|_| search.is_none());
+    let point = match (named::<Step>(step), search) {
+        _ if step == TRANSFER => {
+            Point::ByMachines(by_machines(named(source).unwrap_or(Level::Fleet), neighbours))
+        }
+        (Some(Step::Default), Some(search)) => Point::Baseline(search),
+        (Some(Step::Default), None) => Point::BaselineOfMachine,
+        (Some(step), search) => match proposed {
+            Some(predictor) => Point::Proposal(Predicted { predictor, expected: (0.0, 0.0), neighbours }),
+            None => {
+                let search = search.unwrap_or_default();
+                let measurements = u64::from(step == Step::Replicate);
+                Point::Search { search, step, measurements, neighbours }
+            }
+        },
+        (None, _) => Point::Random,
+    };
+    Explore {
+        point,
+        rule: ExploreRule::recorded(explanation.rule),
+        weighed: Weighed::recorded(explanation),
+        means: means(explanation),
+        abort_above: explanation.abort_above,
+        held: explanation.held.clone(),
+    }
+}
+
+fn exploit(mode: Mode, source: &str, neighbours: Vec<Neighbour>, explanation: &Explanation) -> Exploit {
+    let known = |neighbours: &[Neighbour]| neighbours.first().cloned();
+    let source = match (source, named::<Level>(source), named::<PredictorMethod>(source)) {
+        (DEFAULT, ..) => Source::Default,
+        _ if mode == Mode::Default => Source::Default,
+        (_, Some(level), _) => Source::Machines(by_machines(level, neighbours)),
+        (_, _, Some(predictor)) => {
+            Source::Predictor(Predicted { predictor, expected: (0.0, 0.0), neighbours })
+        }
+        (BEST_KNOWN, ..) | (_, None, None) => Source::BestKnown {
+            tried: 0,
+            measurements: 0,
+            state: known(&neighbours).unwrap_or(Neighbour { state_id: 0, distance: 0.0, best_cost: 0.0 }),
+        },
+    };
+    let rule = match explanation.rule {
+        None => ExploitRule::Asked,
+        Some(Rule::Exploit) => ExploitRule::Dice,
+        Some(Rule::Finished) => ExploitRule::Finished,
+        Some(Rule::Budget) => ExploitRule::Budget,
+        Some(Rule::Gain) => ExploitRule::Gain,
+        Some(Rule::RolledBack) => ExploitRule::RolledBack,
+        Some(Rule::Frozen | Rule::Shadow | Rule::Pinned | Rule::Wanted) => ExploitRule::Frozen,
+        Some(Rule::Explore | Rule::NothingKnown | Rule::Waiting) => ExploitRule::Waiting,
+    };
+    let (weighed, means) = (Weighed::recorded(explanation), means(explanation));
+    Exploit { source, rule, weighed, means }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn old(source: &str, step: &str, explanation: Explanation) -> Reason {
+        let neighbours = vec![Neighbour { state_id: 3, distance: 0.5, best_cost: 2.0 }];
+        Reason {
+            summary: "As it was.".into(),
+            source: source.into(),
+            step: step.into(),
+            neighbours,
+            explanation,
+        }
+    }
+
+    #[test]
+    fn what_earlier_versions_stored_says_the_same_and_means_the_same() {
+        let told = Explanation {
+            rule: Some(Rule::Explore),
+            abort_above: Some(8.0),
+            budget_left: Some(1.0),
+            silent: true,
+            ..Explanation::default()
+        };
+        for (mode, source, step, rule) in [
+            (Mode::Explore, "nelder_mead", "reflect", Rule::Explore),
+            (Mode::Explore, "auto", "model", Rule::NothingKnown),
+            (Mode::Explore, "contextual", "model", Rule::Explore),
+            (Mode::Explore, "group", "transfer", Rule::Explore),
+            (Mode::Explore, "random", "random_search", Rule::Explore),
+            (Mode::Exploit, "best_known", "", Rule::Finished),
+            (Mode::Exploit, "fleet", "", Rule::Gain),
+            (Mode::Exploit, "nearest_neighbour", "", Rule::Exploit),
+            (Mode::Default, "default", "", Rule::Budget),
+        ] {
+            let abort_above = told.abort_above.filter(|_| mode == Mode::Explore);
+            let explanation = Explanation { rule: Some(rule), abort_above, ..told.clone() };
+            let text = serde_json::to_string(&old(source, step, explanation)).expect("plain data");
+            let recorded: Recorded = serde_json::from_str(&text).expect("an old row");
+            let decision = recorded.decision(mode);
+            let reason = decision.reason();
+            assert_eq!((decision.mode(), decision.rule()), (mode, Some(rule)), "{source} {step}");
+            assert_eq!((reason.source.as_str(), reason.step.as_str()), (source, step));
+            assert_eq!((reason.summary.as_str(), decision.silent), ("As it was.", true));
+            assert_eq!(decision.abort_above(), abort_above);
+            assert_eq!(reason.explanation.budget_left, Some(1.0));
+            // And what this version stores is read as it is.
+            let text = serde_json::to_string(&decision).expect("plain data");
+            let again: Recorded = serde_json::from_str(&text).expect("a row");
+            assert_eq!(again, Recorded::Decision(decision));
+        }
+    }
+
+    #[test]
+    fn an_answer_that_contradicted_itself_was_waiting() {
+        let explanation = Explanation { rule: Some(Rule::NothingKnown), ..Explanation::default() };
+        let decision = Decision::recorded(Mode::Exploit, old("best_known", "", explanation));
+        assert_eq!((decision.mode(), decision.rule()), (Mode::Exploit, Some(Rule::Waiting)));
+    }
+}

@@ -1,0 +1,183 @@
+//! Decisions in words: every sentence that people read of an answer is made here, and nowhere else.
+
+use super::{
+    ByMachines, Choice, Decision, Exploit, ExploitRule, Explore, Level, Point, Predicted, Source, Step,
+};
+use crate::policy::PredictorMethod;
+use crate::trial::{Explanation, Neighbour, Reason};
+
+/// The step that a configuration of other machines carries.
+pub(super) const TRANSFER: &str = "transfer";
+/// The sources of answers that no search and no predictor chose.
+pub(super) const PINNED: &str = "pinned";
+pub(super) const WANTED: &str = "wanted";
+pub(super) const SHADOW: &str = "shadow";
+pub(super) const DEFAULT: &str = "default";
+pub(super) const BEST_KNOWN: &str = "best_known";
+pub(super) const RANDOM: &str = "random";
+
+pub(super) fn reason(decision: &Decision) -> Reason {
+    let (source, step) = source(&decision.choice);
+    Reason {
+        summary: decision.said.clone().unwrap_or_else(|| summary(&decision.choice)),
+        source: source.to_owned(),
+        step: step.to_owned(),
+        neighbours: neighbours(&decision.choice),
+        explanation: explanation(decision),
+    }
+}
+
+/// Who chose, and by which step.
+fn source(choice: &Choice) -> (&'static str, &'static str) {
+    match choice {
+        Choice::Pinned => (PINNED, ""),
+        Choice::Wanted => (WANTED, ""),
+        Choice::Shadow { .. } => (SHADOW, ""),
+        Choice::Explore(Explore { point, .. }) => match point {
+            Point::Baseline(search) => (search.name(), Step::Default.name()),
+            Point::BaselineOfMachine => (DEFAULT, Step::Default.name()),
+            Point::Search { search, step, .. } => (search.name(), step.name()),
+            Point::Proposal(predicted) => (predicted.predictor.name(), Step::Model.name()),
+            Point::ByMachines(by) => (by.level.name(), TRANSFER),
+            Point::Random => (RANDOM, Step::RandomSearch.name()),
+        },
+        Choice::Exploit(Exploit { source, .. }) => match source {
+            Source::Default => (DEFAULT, ""),
+            Source::BestKnown { .. } => (BEST_KNOWN, ""),
+            Source::Predictor(predicted) => (predicted.predictor.name(), ""),
+            Source::Machines(by) => (by.level.name(), ""),
+        },
+    }
+}
+
+fn neighbours(choice: &Choice) -> Vec<Neighbour> {
+    match choice {
+        Choice::Explore(Explore { point, .. }) => match point {
+            Point::Search { neighbours, .. } => neighbours.clone(),
+            Point::Proposal(predicted) => predicted.neighbours.clone(),
+            Point::ByMachines(by) => by.neighbours.clone(),
+            Point::Baseline(_) | Point::BaselineOfMachine | Point::Random => Vec::new(),
+        },
+        Choice::Exploit(Exploit { source, .. }) => match source {
+            Source::Default => Vec::new(),
+            Source::BestKnown { state, .. } => vec![state.clone()],
+            Source::Predictor(predicted) => predicted.neighbours.clone(),
+            Source::Machines(by) => by.neighbours.clone(),
+        },
+        Choice::Pinned | Choice::Wanted | Choice::Shadow { .. } => Vec::new(),
+    }
+}
+
+/// What the policy weighed.
+fn explanation(decision: &Decision) -> Explanation {
+    let mut told = Explanation { rule: decision.rule(), silent: decision.silent, ..Explanation::default() };
+    let (weighed, means) = match &decision.choice {
+        Choice::Pinned | Choice::Wanted => return told,
+        Choice::Shadow { instead_of, expected_gain } => {
+            told.instead_of = Some(instead_of.clone());
+            told.expected_gain = *expected_gain;
+            return told;
+        }
+        Choice::Explore(explore) => {
+            told.abort_above = explore.abort_above;
+            told.held.clone_from(&explore.held);
+            (explore.weighed, explore.means)
+        }
+        Choice::Exploit(exploit) => (exploit.weighed, exploit.means),
+    };
+    Explanation {
+        epsilon: weighed.epsilon,
+        expected_gain: weighed.expected_gain,
+        expected_frames: weighed.expected_frames,
+        exploring_cost: weighed.exploring_cost,
+        budget_left: means.budget_left,
+        set_aside: means.set_aside,
+        reference_cost: means.reference_cost,
+        ..told
+    }
+}
+
+/// One plain sentence, or two.
+fn summary(choice: &Choice) -> String {
+    match choice {
+        Choice::Pinned => "The policy pins this configuration.".into(),
+        Choice::Wanted => "The client asked for this configuration.".into(),
+        Choice::Shadow { .. } => "The study answers the default and learns silently.".into(),
+        Choice::Explore(explore) => of_point(&explore.point),
+        Choice::Exploit(exploit) => of_exploit(exploit),
+    }
+}
+
+fn of_point(point: &Point) -> String {
+    match point {
+        Point::Baseline(_) => "The baseline comes first in a state that is explored.".into(),
+        Point::BaselineOfMachine => {
+            "The baseline comes first: by it this machine is compared with the others.".into()
+        }
+        Point::Search { measurements: 0, step: Step::Elsewhere, .. } => {
+            "It did well in other states; here it was not measured yet.".into()
+        }
+        Point::Search { measurements: 0, .. } => "The next point of the state's search.".into(),
+        Point::Search { measurements, .. } => {
+            format!("Another replicate, after {measurements} measurements.")
+        }
+        Point::Proposal(Predicted { expected: (cost, deviation), .. }) => format!(
+            "Nothing was measured in this state; by what is known of others this may do better than the rest: \
+             {cost:.4} ± {deviation:.4}."
+        ),
+        Point::ByMachines(by) => of_machines(by),
+        Point::Random => "The search only met known configurations; this one was drawn at random.".into(),
+    }
+}
+
+fn of_exploit(exploit: &Exploit) -> String {
+    let said = match (&exploit.source, exploit.rule) {
+        (Source::Default, ExploitRule::Budget) => {
+            return "The baseline must be measured before anything is explored within a budget.".into();
+        }
+        (Source::Default, _) => "Nothing better is known yet.".to_owned(),
+        (Source::BestKnown { tried, measurements, .. }, _) => format!(
+            "Best of {tried} configurations tried in this state; its cost rests on {measurements} measurements."
+        ),
+        (Source::Predictor(predicted), _) => of_predictor(predicted),
+        (Source::Machines(by), _) => of_machines(by),
+    };
+    match exploit.rule {
+        ExploitRule::RolledBack => said + " What was predicted did clearly worse here.",
+        ExploitRule::Budget => said + " Exploring has to wait for its budget.",
+        ExploitRule::Waiting => said + " The search waits for what others are measuring.",
+        _ => said,
+    }
+}
+
+fn of_predictor(predicted: &Predicted) -> String {
+    let Predicted { predictor, expected: (cost, deviation), neighbours } = predicted;
+    match (predictor, neighbours.first()) {
+        (PredictorMethod::NearestNeighbour, Some(Neighbour { state_id, distance, .. })) => format!(
+            "Best known configuration of state {state_id}, the nearest known one, at distance {distance:.4}."
+        ),
+        _ => format!(
+            "The model learnt from all trials expects the most of it: {cost:.4} ± {deviation:.4}; the {} nearest known \
+             states are listed.",
+            neighbours.len()
+        ),
+    }
+}
+
+fn of_machines(by: &ByMachines) -> String {
+    let ByMachines { level, machines, measurements, software_change, .. } = by;
+    let who = match level {
+        Level::Group => "with the same processor and software",
+        Level::Machine | Level::Fleet => "of the fleet",
+    };
+    let mut said = format!(
+        "Best by what {machines} other machines {who} measured in this state, {measurements} times; this one has less \
+         to say of it itself."
+    );
+    if let Some(changes) = software_change {
+        said.push_str(&format!(
+            " What this machine measured before its software changed ({changes}) counts as the fleet's only."
+        ));
+    }
+    said
+}

@@ -1,0 +1,80 @@
+//! Answers never contradict themselves: over sessions of many clients, mode and rule agree, and so do the words.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::policy::Operation;
+
+fn policies() -> Vec<Policy> {
+    let base = Policy { epsilon: 0.5, trials_per_state: 10, ..Policy::default() };
+    vec![
+        base.clone(),
+        Policy { search: SearchMethod::NelderMead, epsilon: 1.0, ..base.clone() },
+        Policy { regret_budget: Some(0.5), abort_above: Some(1.2), ..base.clone() },
+        Policy { weigh_gain: true, freeze_risk: Some(0.3), warm_up: 2, ..base.clone() },
+        Policy { operation: Operation::Freeze, ..base.clone() },
+        Policy { operation: Operation::Shadow, ..base.clone() },
+        Policy { epsilon: 0.0, ..base },
+    ]
+}
+
+/// What an answer's mode allows its rule to be.
+fn agree(mode: Mode, rule: Option<Rule>) -> bool {
+    use Rule::{Budget, Exploit, Explore, Finished, Frozen, Gain, NothingKnown, RolledBack, Shadow, Waiting};
+    let exploits = [Exploit, Finished, Waiting, Budget, Gain, RolledBack, Frozen];
+    rule.is_some_and(|rule| match mode {
+        Mode::Explore => [Explore, NothingKnown].contains(&rule),
+        Mode::Exploit => exploits.contains(&rule),
+        // The baseline of what is explored, what is left where nothing is known, and what a shadow answers.
+        Mode::Default => [Explore, NothingKnown, Shadow].contains(&rule) || exploits.contains(&rule),
+        Mode::Pinned => false,
+    })
+}
+
+proptest! {
+    #![proptest_config(crate::testing::cases(48))]
+
+    #[test]
+    fn mode_and_rule_agree(
+        events in prop::collection::vec((0usize..12, 0usize..3, 0usize..4, 0usize..20), 60..160),
+        switches in prop::collection::vec(0usize..7, 3),
+    ) {
+        let mut tuner = tuner(policies()[switches[0]].clone());
+        let mut open: Vec<Trial> = Vec::new();
+        for (index, &(client, place, kind, which)) in events.iter().enumerate() {
+            if index % 50 == 49 {
+                let _ = tuner.set_policy(policies()[switches[index / 50 % 3]].clone()).expect("valid");
+            }
+            if kind == 0 && !open.is_empty() {
+                let trial = open.swap_remove(which % open.len());
+                let outcome = if which == 0 { infeasible() } else { Outcome::Ok };
+                let _ = tuner.report(&trial, measured(cost(&trial)), outcome, 1);
+                continue;
+            }
+            let client = format!("c{client}");
+            let question = Ask { can_abort: kind > 1, ..ask(&client, 0.3 * place as f64, 0.5) };
+            let trial = tuner.suggest(&question, 0).expect("a valid question").0;
+            let (mode, reason) = (trial.mode(), trial.reason());
+            prop_assert!(agree(mode, reason.explanation.rule), "{mode:?} by {:?}", reason.explanation.rule);
+            // A search's step is told of what it measures, and of nothing else.
+            let is_explored = [Some(Rule::Explore), Some(Rule::NothingKnown)].contains(&reason.explanation.rule);
+            prop_assert_eq!(is_explored, !reason.step.is_empty());
+            prop_assert!(trial.decision.abort_above().is_none() || mode == Mode::Explore);
+            open.push(trial);
+        }
+    }
+}
+
+#[test]
+fn who_finds_a_search_waiting_is_told_so() {
+    let mut tuner = tuner(Policy { search: SearchMethod::NelderMead, ..explore_always() });
+    run(&mut tuner, "a", 0.5, 0.5, 3);
+    let trials: Vec<Trial> = (0..32).map(|c| suggest(&mut tuner, &format!("c{c}"), 0.5, 0.5)).collect();
+    let waiting: Vec<&Trial> = trials.iter().filter(|trial| trial.mode() == Mode::Exploit).collect();
+    assert!(!waiting.is_empty(), "the simplex waits for its vertices");
+    for trial in waiting {
+        let reason = trial.reason();
+        assert!(matches!(reason.explanation.rule, Some(Rule::Waiting | Rule::Finished)), "{reason:?}");
+        assert_eq!(reason.source, "best_known");
+    }
+}

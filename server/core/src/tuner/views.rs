@@ -1,0 +1,73 @@
+//! What the steps of the tuner look at: its parts, joined for one purpose.
+
+use std::collections::BTreeMap;
+
+use crate::ids::StateId;
+use crate::knowledge::Record;
+use crate::trial::Fingerprint;
+use crate::tuner::gain::Gain;
+use crate::tuner::plan::Planned;
+use crate::tuner::transfer::Transfer;
+use crate::tuner::{Ask, Best, Prediction, Question, StateRecord, Tuner, TunerError, checks};
+
+impl Tuner {
+    pub(super) fn recognised<'a>(&self, ask: &'a Ask, normalised: Vec<f64>) -> Question<'a> {
+        let current = self.visits.state_of(&ask.client_id);
+        let state = self.states.recognise(current, ask.fingerprint.as_ref(), &normalised);
+        Question { ask, normalised, state }
+    }
+
+    pub(super) fn recognise_for(
+        &self,
+        fingerprint: Option<&Fingerprint>,
+        normalised: &[f64],
+    ) -> Option<StateId> {
+        self.states.recognise_for(fingerprint, normalised, |state| self.history.frames(state))
+    }
+
+    pub(super) fn prediction(
+        &self,
+        indicators: &BTreeMap<String, f64>,
+        fingerprint: Option<&Fingerprint>,
+        planned: &Planned,
+    ) -> Result<Prediction, TunerError> {
+        checks::fingerprint(fingerprint)?;
+        let normalised = self.spec.indicators.normalise(indicators)?;
+        let here = self.recognise_for(fingerprint, &normalised);
+        let exploit = || self.exploitation(&normalised, here, planned).asked();
+        let prediction = self.pinned().unwrap_or_else(exploit);
+        Ok(Prediction { insight: here.map(|here| self.insight(here)), ..prediction })
+    }
+
+    pub(super) fn gain(&self) -> Gain<'_> {
+        let Tuner { spec, states, history, .. } = self;
+        Gain { policy: &spec.policy, states, history }
+    }
+
+    pub(super) fn transfer(&self) -> Transfer<'_> {
+        let Tuner { spec, states, searches, trials, models, .. } = self;
+        Transfer { spec, states, searches, trials, models }
+    }
+
+    pub(super) fn best_answer(&self, state: StateId, record: &Record) -> Best {
+        Best {
+            configuration: record.configuration.clone(),
+            cost: record.mean_cost,
+            default_cost: self.states.default_cost(state),
+            measurements: record.measurements,
+            state_id: state.0,
+            trial: record.last_trial,
+            last_measure_ms: record.last_measure_ms,
+        }
+    }
+
+    /// The row of a state.
+    pub(super) fn state_record(&self, state: StateId) -> StateRecord {
+        StateRecord {
+            id: state.0,
+            indicators: self.states[state].anchor.clone(),
+            fingerprint: self.states.fingerprint(state).cloned(),
+            search: self.searches.of(state).cloned(),
+        }
+    }
+}
