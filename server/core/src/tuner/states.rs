@@ -300,3 +300,44 @@ impl States {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::Policy;
+    use crate::tuner::tests::spec;
+
+    fn machine(threads: u32) -> Fingerprint {
+        Fingerprint { threads, ..Fingerprint::default() }
+    }
+
+    #[test]
+    fn a_state_is_recognised_on_its_machine_and_the_current_one_is_kept() {
+        let mut states = States::new(&spec(Policy::default()));
+        assert_eq!(states.recognise(None, None, &[0.5, 0.5]), None);
+        let first = states.found(vec![0.50, 0.5], None);
+        let second = states.found(vec![0.56, 0.5], None);
+        assert_eq!((first, second, states.len()), (StateId(1), StateId(2), 2));
+        // Both match; the nearest is taken, unless the client is in the other.
+        assert_eq!(states.recognise(None, None, &[0.54, 0.5]), Some(second));
+        assert_eq!(states.recognise(Some(first), None, &[0.54, 0.5]), Some(first));
+        assert_eq!(states.recognise(Some(first), None, &[0.59, 0.5]), Some(second), "it matches no more");
+        assert_eq!(states.recognise(None, Some(&machine(8)), &[0.5, 0.5]), None, "another machine's");
+        assert!(states.contains(second) && !states.contains(StateId(3)) && !states.contains(StateId(0)));
+    }
+
+    #[test]
+    fn states_of_the_same_input_know_each_other() {
+        let mut states = States::new(&spec(Policy::default()));
+        let own = states.found(vec![0.5, 0.5], None);
+        let far = states.found(vec![0.9, 0.5], None);
+        let other = states.found(vec![0.51, 0.5], Some(&machine(8)));
+        assert_eq!((states.siblings(own), states.siblings(other)), (&[other][..], &[own][..]));
+        assert!(states.siblings(far).is_empty());
+        // Whoever names no machine is told of the one with the most frames.
+        let frames = |state: StateId| if state == other { 9 } else { 1 };
+        assert_eq!(states.recognise_for(None, &[0.5, 0.5], frames), Some(other));
+        assert_eq!(states.recognise_for(Some(&machine(9)), &[0.5, 0.5], |_| 1), Some(own));
+        assert_eq!(states.fingerprint(other), Some(&machine(8)));
+    }
+}

@@ -118,3 +118,60 @@ impl OpenTrials {
         Some(trial)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::decision::Choice;
+    use crate::policy::Policy;
+    use crate::trial::TrialState;
+    use crate::tuner::tests::spec;
+
+    fn trial(number: u64, client_id: &str, state_id: u64, lease_expire_ms: i64) -> Trial {
+        Trial {
+            number,
+            client_id: client_id.into(),
+            state_id,
+            indicators: BTreeMap::new(),
+            configuration: spec(Policy::default()).space.default_configuration(),
+            decision: Choice::Wanted.decided(),
+            predicted_cost: None,
+            lease_expire_ms,
+            state: TrialState::Open,
+            measurements: BTreeMap::new(),
+            cost: None,
+            outcome: None,
+            late: false,
+            create_ms: 0,
+            complete_ms: None,
+            completion: None,
+            fingerprint: None,
+        }
+    }
+
+    #[test]
+    fn what_is_open_is_held_leased_and_running_until_it_is_taken_out() {
+        let mut trials = OpenTrials::default();
+        let default = trial(1, "a", 1, 0).configuration;
+        for (number, client, state, expire_ms) in [(1, "a", 1, 50), (2, "b", 1, 40), (3, "a", 2, 60)] {
+            trials.enter(trial(number, client, state, expire_ms));
+        }
+        assert_eq!((trials.len(), trials.last(), trials.held_by("a")), (3, TrialNumber(3), 2));
+        assert_eq!(trials.of_client("b", StateId(1)).map(|trial| trial.number), Some(2));
+        assert_eq!(trials.next_expiry_ms(), Some(40));
+        assert!(trials.due(40).is_empty(), "the last millisecond still counts");
+        assert_eq!(trials.due(51).into_iter().collect::<Vec<_>>(), [TrialNumber(1), TrialNumber(2)]);
+
+        assert_eq!(trials.renew(TrialNumber(2), 90).map(|trial| trial.lease_expire_ms), Some(90));
+        assert_eq!(trials.next_expiry_ms(), Some(50));
+        assert!(trials.remove(TrialNumber(1)).is_some() && trials.remove(TrialNumber(1)).is_none());
+        assert!(trials.runs(StateId(1), &default), "the other client runs it still");
+        assert!(trials.remove(TrialNumber(2)).is_some());
+        assert!(!trials.runs_anything(StateId(1)) && trials.runs(StateId(2), &default));
+        assert!(trials.remove(TrialNumber(3)).is_some());
+        assert_eq!((trials.len(), trials.held_by("a"), trials.next_expiry_ms()), (0, 0, None));
+        assert_eq!(trials.last(), TrialNumber(3), "numbers are never used again");
+    }
+}

@@ -59,3 +59,38 @@ impl Visits {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::decision::{ExploreRule, Weighed};
+    use crate::tuner::VisitDecision;
+
+    #[test]
+    fn an_account_goes_with_its_client_for_a_session() {
+        let mut visits = Visits::default();
+        let policy = Policy { regret_budget: Some(0.1), ..Policy::default() };
+        let ask = |session| Ask { client_id: "a".into(), session, ..Ask::default() };
+        let begin = |visits: &mut Visits, state_id| {
+            let decision = VisitDecision::Explore { rule: ExploreRule::Dice, weighed: Weighed::default() };
+            visits.begin(Visit { client_id: "a".into(), state_id, number: 1, decision, account: None });
+        };
+        visits.keep_account(&ask(7), &policy, StateId(1), TrialNumber(0));
+        assert!(visits.account("a").is_none(), "nobody is there yet");
+        begin(&mut visits, 1);
+        visits.keep_account(&ask(7), &policy, StateId(1), TrialNumber(0));
+        visits.account_mut("a").expect("there is a budget").report(1, 1, Some(10.0), true);
+        begin(&mut visits, 2);
+        visits.keep_account(&ask(7), &policy, StateId(2), TrialNumber(1));
+        assert_eq!(visits.state_of("a"), Some(StateId(2)));
+        assert_eq!(
+            visits.account("a").map(|account| account.left(0.1)),
+            Some(1.0),
+            "earned in the state before"
+        );
+        visits.keep_account(&ask(8), &policy, StateId(2), TrialNumber(1));
+        assert_eq!(visits.account("a").map(|account| account.left(0.1)), Some(0.0), "another session");
+        visits.keep_account(&ask(8), &Policy::default(), StateId(2), TrialNumber(1));
+        assert!(visits.account("a").is_none(), "no budget, no account");
+    }
+}
