@@ -10,10 +10,11 @@ help: ## what there is to make
 setup: ## find or fetch Embree 4.4, libclang and a C compiler (tools/setup.py)
 	@python3 tools/setup.py
 
-build: setup ## release binaries: treewrightd, treewright, treewright-render
-	$(CARGO) build --release --locked --bins
+build: setup ## release binaries: treewrightd, treewright, treewright-render, treewright-lab
+	$(CARGO) build --release --locked --bins -p treewright-server -p treewright-cli -p treewright-render-cli -p treewright-lab
 
-demo: build ## tune a built-in scene, then open demo/report.html
+demo: setup ## tune a built-in scene, then open demo/report.html
+	$(CARGO) build --profile demo --locked --bins -p treewright-server -p treewright-render-cli
 	@tools/demo.sh
 
 test: ## formatting, lints, docs, unit, property and end-to-end tests

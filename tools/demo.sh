@@ -3,19 +3,19 @@
 #
 #   DEMO_SCENE       what is tuned (default builtin:voxels; also a glTF, OBJ or PLY file)
 #   DEMO_ITERATIONS  how many configurations are tried (default 50)
-#   DEMO_BIN         folder of the programs (default target/release)
+#   DEMO_BIN         folder of the programs (default target/demo)
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 scene=${DEMO_SCENE:-builtin:voxels}
 iterations=${DEMO_ITERATIONS:-50}
-bin=${DEMO_BIN:-target/release}
+bin=${DEMO_BIN:-target/demo}
 folder=demo
 size=320x240
 
 for program in treewrightd treewright-render; do
     if [ ! -x "$bin/$program" ]; then
-        echo "demo: $bin/$program is missing; run: make build" >&2
+        echo "demo: $bin/$program is missing; run: make demo" >&2
         exit 1
     fi
 done
