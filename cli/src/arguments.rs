@@ -1,4 +1,4 @@
-//! The command line.
+//! What the command line `treewright` understands: its commands and their arguments.
 
 use std::time::Duration;
 

@@ -45,7 +45,7 @@ fn lamps() -> Scene {
             ),
         );
     }
-    let view = framing::View {
+    let view = framing::CameraPose {
         position: Vec3::new(0.0, 2.6, 3.8),
         forward: Vec3::new(0.0, -0.35, -1.0),
         up: Vec3::Y,

@@ -1,4 +1,4 @@
-//! A renderer that does not exist, for judging the regret budget: its machine changes its speed, its frames vary, and
+//! A simulated renderer, for judging the regret budget: its machine changes its speed, its frames vary, and
 //! its states are the worst that can be.
 
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! `treewright-render ablate`: which parameter brought what.
+//! `treewright-lab ablate`: which parameter brought what.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `treewright-render converge`: error over wall time of several configurations.
+//! `treewright-lab converge`: error over wall time of several configurations.
 
 use std::path::PathBuf;
 
@@ -6,16 +6,16 @@ use clap::Args;
 use indicatif::ProgressBar;
 use treewright_client::Fingerprint;
 
-use super::converge_entrants::{Chosen, EntrantArguments, Setting};
+use super::converge_entrants::{Chosen, EntrantArguments, EntrantSetting};
 use super::converge_output;
-use crate::converge::curve::{Entrant, Plan, compare};
+use crate::converge::curve::{ComparisonPlan, Entrant, compare};
 use crate::converge::equal_error::equal_error;
 use crate::converge::metrics::Yardstick;
 use crate::converge::reference::{Reference, TRUSTED_FROM};
 use crate::converge::reference_file;
 use crate::converge::reference_key::ReferenceKey;
 use crate::converge::report::{self, Ground};
-use crate::converge::results::{Found, ReferenceFacts, Results};
+use crate::converge::results::{ComparisonResults, ContenderResult, ReferenceFacts};
 use treewright_render_cli::arguments::{CameraArguments, FrameArguments, SceneArguments, Size};
 use treewright_render_cli::error::{CliError, check_folder, write_file};
 use treewright_render_cli::interrupt::Interrupt;
@@ -135,7 +135,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let mut notes = Vec::new();
     let mut chosen = told;
     if arguments.entrants.server.is_some() {
-        let setting = Setting { view, size: arguments.size, threads: arguments.frame.threads };
+        let setting = EntrantSetting { view, size: arguments.size, threads: arguments.frame.threads };
         chosen.extend(arguments.entrants.ask(&mut renderer, &setting, interrupt, &mut notes)?);
     }
     if chosen.len() > CONTENDERS_MAX {
@@ -150,8 +150,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let yardstick = Yardstick::new(reference.picture());
     let floor = reference.floor(&yardstick);
 
-    let plan =
-        Plan { view, runs: arguments.runs, budget_ms: arguments.seconds * 1e3, samples_max: arguments.spp };
+    let plan = ComparisonPlan {
+        view,
+        runs: arguments.runs,
+        budget_ms: arguments.seconds * 1e3,
+        samples_max: arguments.spp,
+    };
     let all: Vec<Entrant> = chosen.iter().map(|one| one.entrant.clone()).collect();
     let bar = if arguments.prints_json() {
         ProgressBar::hidden()
@@ -168,7 +172,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         return Err(failure.map_or(CliError::Interrupted, CliError::Failed));
     }
 
-    let results = Results {
+    let results = ComparisonResults {
         scene: SceneFacts {
             name: scene.name.clone(),
             triangles: scene.triangles.len(),
@@ -193,7 +197,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             .zip(chosen)
             .map(|(curve, Chosen { configuration, origin, .. })| {
                 let squared_bias = curve.ends.squared_bias(&reference, &yardstick);
-                Found::new(curve, configuration, origin, floor, squared_bias)
+                ContenderResult::new(curve, configuration, origin, floor, squared_bias)
             })
             .collect(),
         notes,
@@ -237,7 +241,7 @@ fn converge_reference(
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
-fn write(arguments: &Arguments, results: &Results, yardstick: &Yardstick) -> Result<(), CliError> {
+fn write(arguments: &Arguments, results: &ComparisonResults, yardstick: &Yardstick) -> Result<(), CliError> {
     let quiet = arguments.prints_json();
     if quiet {
         output::json(results)?;

@@ -78,7 +78,7 @@ pub(super) struct Chosen {
 
 /// What is tuned for.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Setting {
+pub(super) struct EntrantSetting {
     pub(super) view: View,
     pub(super) size: Size,
     pub(super) threads: usize,
@@ -126,7 +126,7 @@ impl EntrantArguments {
     pub(super) fn ask(
         &self,
         renderer: &mut Renderer,
-        setting: &Setting,
+        setting: &EntrantSetting,
         interrupt: Interrupt,
         notes: &mut Vec<String>,
     ) -> Result<Vec<Chosen>, CliError> {
@@ -161,7 +161,7 @@ impl EntrantArguments {
             all.push(chosen(PREDICTED, &space, &answer.configuration, answer_ms, answer.reason.summary)?);
         }
         if self.tuned.is_none() && self.iterations > 0 {
-            let setting = search::Setting {
+            let setting = search::SearchSetting {
                 objective: Objective::Render,
                 baseline: verdict::baseline(space.preset()).choice,
                 space: Arc::clone(&space),
@@ -185,7 +185,7 @@ impl EntrantArguments {
         client: &Client,
         study: &Study,
         id: &str,
-        setting: &search::Setting,
+        setting: &search::SearchSetting,
         interrupt: Interrupt,
     ) -> Result<Configuration, CliError> {
         let done = u32::try_from(study.record()?.statistics.completed_trials).unwrap_or(0);

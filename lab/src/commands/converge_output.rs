@@ -2,13 +2,13 @@
 
 use crate::converge::bootstrap::Interval;
 use crate::converge::report::{seconds, target_in_words, verdict_in_words, with_range};
-use crate::converge::results::Results;
+use crate::converge::results::ComparisonResults;
 use crate::converge::slope::Verdict;
 use treewright_render_cli::output;
 use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT};
 
 /// Prints the results for people.
-pub(super) fn print(results: &Results) {
+pub(super) fn print(results: &ComparisonResults) {
     let reference = &results.reference;
     println!(
         "{}: {} triangles, {}x{}, {} s for each of {} runs",

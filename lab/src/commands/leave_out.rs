@@ -1,4 +1,4 @@
-//! `treewright-render leave-out`: what it saves to leave out what a scene does not need.
+//! `treewright-lab leave-out`: what it saves to leave out what a scene does not need.
 //!
 //! Each thing left out is put back on its own, and at last all at once. All variants render the same frame on
 //! the same structure, one after the other in each round, beginning with another one each time; told are the
@@ -47,7 +47,7 @@ pub(super) struct Arguments {
 
 /// What `leave-out --json` prints.
 #[derive(Debug, Serialize)]
-struct Results {
+struct LeaveOutResults {
     scene: String,
     triangles: usize,
     size: [u32; 2],
@@ -127,7 +127,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let [first, others @ ..] = &variants[..] else {
         return Ok(());
     };
-    let results = Results {
+    let results = LeaveOutResults {
         scene: scene.name.clone(),
         triangles: scene.triangles.len(),
         size: [arguments.size.width, arguments.size.height],
@@ -158,7 +158,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
-fn print(results: &Results) {
+fn print(results: &LeaveOutResults) {
     println!(
         "{}: {} triangles, {}x{}, {} threads, {} rounds; {:.1} ms a frame with all of this left out:\n",
         results.scene,

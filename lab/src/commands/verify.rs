@@ -1,4 +1,4 @@
-//! `treewright-render verify`: all accelerators give the same hits and the same pictures.
+//! `treewright-lab verify`: all accelerators give the same hits and the same pictures.
 //!
 //! Hits are compared ray by ray with the brute-force oracle, on rays from the camera and between random
 //! points of the scene's bounds. Triangles that coincide or touch can be named differently by different
@@ -107,7 +107,7 @@ struct Verdict {
 }
 
 #[derive(Debug, Serialize)]
-struct Results {
+struct VerificationResults {
     scene: String,
     /// As rays meet them.
     triangles: u64,
@@ -183,7 +183,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             failure: None,
         });
     }
-    let results = Results {
+    let results = VerificationResults {
         scene: scene.name.clone(),
         triangles: scene.placed().count(),
         rays: rays.len(),
@@ -209,7 +209,7 @@ impl Verdict {
     }
 }
 
-fn print(results: &Results, json: bool) -> Result<(), CliError> {
+fn print(results: &VerificationResults, json: bool) -> Result<(), CliError> {
     if json {
         output::json(results)?;
     } else {

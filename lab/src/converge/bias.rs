@@ -1,4 +1,4 @@
-//! The error that no time removes.
+//! Bias: the part of a picture's error that does not fall with the number of samples.
 //!
 //! An error curve that flattens could tell it, but where few bright pixels decide the error such a curve is
 //! bent by chance. The runs' mean picture tells it directly: its squared error is the squared bias, and its

@@ -27,7 +27,7 @@ pub struct Entrant {
 
 /// How contenders are compared.
 #[derive(Clone, Copy, Debug)]
-pub struct Plan {
+pub struct ComparisonPlan {
     /// What is rendered; the seed is the first run's.
     pub view: View,
     /// How many independent runs.
@@ -125,7 +125,7 @@ pub struct Progress {
 pub fn compare(
     renderer: &Renderer,
     entrants: &[Entrant],
-    plan: &Plan,
+    plan: &ComparisonPlan,
     yardstick: &Yardstick,
     mut go_on: impl FnMut(Progress) -> bool,
 ) -> Vec<Curve> {
@@ -219,7 +219,7 @@ impl Lane {
         self.build_ms + self.render_ms
     }
 
-    fn share(&self, plan: &Plan) -> f64 {
+    fn share(&self, plan: &ComparisonPlan) -> f64 {
         let samples = f64::from(self.film.samples()) / f64::from(plan.samples_max);
         (self.spent_ms() / plan.budget_ms).max(samples).min(1.0)
     }
@@ -268,7 +268,7 @@ impl Lane {
 struct Stage<'a> {
     renderer: &'a Renderer,
     view: &'a View,
-    plan: &'a Plan,
+    plan: &'a ComparisonPlan,
     yardstick: &'a Yardstick,
     keeps_pictures: bool,
 }
@@ -307,7 +307,7 @@ mod tests {
         let structure = renderer.build(&entrants[0].contender.choice.build).expect("it can be built").0;
         reference.extend(&renderer, &structure, &view, &RenderOptions::default(), 512, || true);
         let yardstick = Yardstick::new(reference.picture());
-        let plan = Plan { view, runs: 3, budget_ms: 1e9, samples_max: 25 };
+        let plan = ComparisonPlan { view, runs: 3, budget_ms: 1e9, samples_max: 25 };
         let mut last = 0.0;
         let curves = compare(&renderer, &entrants, &plan, &yardstick, |progress| {
             assert!(progress.run as f64 + progress.share >= last);

@@ -13,7 +13,7 @@ use treewright_renderer::tuning::results::SceneFacts;
 
 /// A finished comparison.
 #[derive(Clone, Debug, Serialize)]
-pub struct Results {
+pub struct ComparisonResults {
     /// What was rendered.
     pub scene: SceneFacts,
     /// Pixels across and down.
@@ -29,7 +29,7 @@ pub struct Results {
     /// The picture that errors are measured against.
     pub reference: ReferenceFacts,
     /// The contenders.
-    pub contenders: Vec<Found>,
+    pub contenders: Vec<ContenderResult>,
     /// Who reaches an error how much earlier.
     pub equal_error: Vec<EqualError>,
     /// What went wrong without ending the run, one sentence each.
@@ -51,7 +51,7 @@ pub struct ReferenceFacts {
 
 /// What was found out about one contender.
 #[derive(Clone, Debug, Serialize)]
-pub struct Found {
+pub struct ContenderResult {
     /// Its measurements.
     #[serde(flatten)]
     pub curve: Curve,
@@ -73,7 +73,7 @@ pub struct Found {
     pub convergence: Convergence,
 }
 
-impl Found {
+impl ContenderResult {
     /// Evaluates a curve. `floor` is the reference's own error.
     pub fn new(
         curve: Curve,
@@ -127,7 +127,7 @@ fn mean_of(values: &[f64]) -> Option<Interval> {
     })
 }
 
-impl Results {
+impl ComparisonResults {
     /// Every point of every run as comma-separated values (RFC 4180) with a heading.
     pub fn csv(&self) -> String {
         let mut text = String::from(
@@ -159,7 +159,7 @@ impl Results {
     }
 
     /// The contender of that name.
-    pub fn contender(&self, name: &str) -> Option<&Found> {
+    pub fn contender(&self, name: &str) -> Option<&ContenderResult> {
         self.contenders.iter().find(|found| found.curve.name == name)
     }
 }

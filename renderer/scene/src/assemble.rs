@@ -9,7 +9,7 @@ use treewright_accel::limits::{COORDINATE_MAX, TRIANGLES_MAX};
 use treewright_accel::{GeometryError, Triangles};
 
 use super::bounds::Bounds;
-use super::framing::{self, View};
+use super::framing::{self, CameraPose};
 use super::limits::{CAMERAS_MAX, MESHES_MAX, VERTICES_MAX};
 use super::objects::Objects;
 use super::part::Part;
@@ -179,7 +179,7 @@ impl Assembler {
     }
 
     /// The finished scene. `views` are the source's cameras; without any, one is made up.
-    pub fn finish(mut self, lighting: Lighting, mut views: Vec<View>) -> Result<Scene, SceneError> {
+    pub fn finish(mut self, lighting: Lighting, mut views: Vec<CameraPose>) -> Result<Scene, SceneError> {
         if self.indices.is_empty() {
             let mut found = std::mem::take(&mut self.notes);
             if self.dropped > 0 {

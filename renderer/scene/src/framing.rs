@@ -24,7 +24,7 @@ const ROOM_SHARE: f32 = 0.7;
 
 /// A camera as files describe it: often with a direction but no point that it looks at.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
+pub struct CameraPose {
     /// Eye point.
     pub position: Vec3,
     /// Direction of view, any length but zero.
@@ -37,7 +37,7 @@ pub struct View {
     pub distance: Option<f32>,
 }
 
-impl View {
+impl CameraPose {
     /// The camera. Without a given distance it looks at the point of its line of sight that is nearest to
     /// the scene's middle, at least a tenth of the diagonal away. `None` when a number is not finite or the
     /// direction has no length.
@@ -187,7 +187,7 @@ mod tests {
     #[test]
     fn views_without_sense_are_refused() {
         let (_, bounds) = box_scene(false);
-        let view = View {
+        let view = CameraPose {
             position: Vec3::ZERO,
             forward: Vec3::X,
             up: Vec3::X,
@@ -197,7 +197,7 @@ mod tests {
         let camera = view.aim(&bounds).unwrap();
         assert_eq!(camera.vertical_fov_deg, 170.0);
         assert!(camera.up.dot(Vec3::X).abs() < 1e-5);
-        assert!(View { forward: Vec3::ZERO, ..view }.aim(&bounds).is_none());
-        assert!(View { position: Vec3::NAN, ..view }.aim(&bounds).is_none());
+        assert!(CameraPose { forward: Vec3::ZERO, ..view }.aim(&bounds).is_none());
+        assert!(CameraPose { position: Vec3::NAN, ..view }.aim(&bounds).is_none());
     }
 }

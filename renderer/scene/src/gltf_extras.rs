@@ -18,7 +18,7 @@
 use glam::{Mat4, Vec3};
 use serde_json::Value;
 
-use super::framing::View;
+use super::framing::CameraPose;
 use super::{Sky, Sun};
 
 /// Width over height of the pictures that such cameras were made for.
@@ -27,7 +27,7 @@ const ASPECT: f32 = 16.0 / 9.0;
 /// What scene extras say.
 #[derive(Debug, Default)]
 pub(super) struct Extras {
-    pub(super) views: Vec<View>,
+    pub(super) views: Vec<CameraPose>,
     pub(super) sky: Option<Sky>,
     pub(super) notes: Vec<String>,
 }
@@ -76,7 +76,7 @@ pub(super) fn parse(json: &str) -> Extras {
     extras
 }
 
-fn view(camera: &Value, look_at: Option<(Vec3, Vec3, Vec3)>) -> Option<View> {
+fn view(camera: &Value, look_at: Option<(Vec3, Vec3, Vec3)>) -> Option<CameraPose> {
     let (to_world, fov) = if let Some(matrix) = camera.get("world_to_camera") {
         (matrix_of(matrix)?.inverse(), camera.pointer("/params/fov"))
     } else {
@@ -95,9 +95,9 @@ fn view(camera: &Value, look_at: Option<(Vec3, Vec3, Vec3)>) -> Option<View> {
     Some(match look_at {
         Some((eye, target, up)) => {
             let forward = target - eye;
-            View { position: eye, forward, up, vertical_fov_deg, distance: Some(forward.length()) }
+            CameraPose { position: eye, forward, up, vertical_fov_deg, distance: Some(forward.length()) }
         }
-        None => View { position, forward, up, vertical_fov_deg, distance: None },
+        None => CameraPose { position, forward, up, vertical_fov_deg, distance: None },
     })
 }
 

@@ -11,7 +11,7 @@ use gltf::{Document, Gltf, Mesh, Node};
 
 use super::assemble::{Assembler, Lighting};
 use super::error::one_line;
-use super::framing::View;
+use super::framing::CameraPose;
 use super::gltf_extras;
 use super::gltf_geometry::{self, Buffers, is_readable};
 use super::gltf_material::{self, Materials};
@@ -132,7 +132,7 @@ struct Walk<'a> {
     buffers: &'a Buffers,
     materials: Materials,
     assembler: Assembler,
-    views: Vec<View>,
+    views: Vec<CameraPose>,
     sky: Option<Sky>,
     glows: Vec<Glow>,
     ignored_primitives: usize,
@@ -174,7 +174,7 @@ impl Walk<'_> {
     fn node(&mut self, node: &Node, to_world: &Mat4) -> Result<(), SceneError> {
         if let Some(camera) = node.camera() {
             match camera.projection() {
-                Projection::Perspective(perspective) => self.views.push(View {
+                Projection::Perspective(perspective) => self.views.push(CameraPose {
                     position: to_world.w_axis.truncate(),
                     forward: -to_world.z_axis.truncate(),
                     up: to_world.y_axis.truncate(),

@@ -221,12 +221,12 @@ mod tests {
     use super::*;
     use crate::assemble::{Assembler, Lighting};
     use crate::builtin;
-    use crate::framing::View;
+    use crate::framing::CameraPose;
     use crate::shapes::Shapes;
     use std::path::Path;
 
-    fn view(position: Vec3) -> View {
-        View {
+    fn view(position: Vec3) -> CameraPose {
+        CameraPose {
             position,
             forward: -position,
             up: Vec3::Y,

@@ -1,4 +1,4 @@
-//! Objects on their way into a scene: runs of triangles in spaces of their own, and where they are placed.
+//! Objects of a scene that is being assembled: runs of triangles in spaces of their own, and where they are placed.
 
 use std::ops::Range;
 

@@ -1,4 +1,4 @@
-//! One mesh on its way into a scene.
+//! One mesh before it joins a scene: positions, normals and triangles with their own numbering.
 
 use glam::{Mat3, Mat4, Vec3};
 

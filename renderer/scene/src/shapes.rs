@@ -1,4 +1,4 @@
-//! The carpenter's shop of the built-in scenes: flat and smooth shapes with unit normals.
+//! The shapes that built-in scenes are made of: boxes, spheres, lathes and sweeps, with unit normals.
 //!
 //! Flat shapes get vertices of their own for each face; smooth ones share them.
 

@@ -12,7 +12,7 @@ use crate::statistics::{BreakEven, Summary, quantile};
 
 /// A finished run.
 #[derive(Clone, Debug, Serialize)]
-pub struct Results {
+pub struct TuningResults {
     /// What was rendered.
     pub scene: SceneFacts,
     /// Pixels across and down.
@@ -126,7 +126,7 @@ impl Overhead {
     }
 }
 
-impl Results {
+impl TuningResults {
     /// Trials that could not be built, or failed otherwise.
     pub fn failed(&self) -> usize {
         self.trials.iter().filter(|trial| trial.has_failed()).count()

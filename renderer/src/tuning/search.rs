@@ -1,4 +1,4 @@
-//! The loop itself: ask, build, render, tell.
+//! The tuning loop: ask for a configuration, build, render, report.
 //!
 //! A build that fails is an outcome like any other, and the frame is skipped; a daemon that is away costs
 //! one deadline at most, and the frame is rendered with the last good configuration. Nobody looks at the frames of a
@@ -71,7 +71,7 @@ impl Iteration {
 
 /// What stays the same during a search.
 #[derive(Clone, Debug)]
-pub struct Setting {
+pub struct SearchSetting {
     /// What is minimised.
     pub objective: Objective,
     /// What is tuned.
@@ -105,17 +105,17 @@ pub struct Drift {
 
 impl Drift {
     /// The setting of an iteration, counted from 1.
-    fn at(&self, setting: &Setting, number: u32, iterations: u32) -> Setting {
+    fn at(&self, setting: &SearchSetting, number: u32, iterations: u32) -> SearchSetting {
         let share = (number - 1) as f32 / (iterations - 1).max(1) as f32;
         let camera = self.path.sample(self.from + self.span * share);
         let indicators = self.scene.with_camera(&camera).values().into_iter().collect();
-        Setting { view: View { camera, ..setting.view }, indicators, ..setting.clone() }
+        SearchSetting { view: View { camera, ..setting.view }, indicators, ..setting.clone() }
     }
 }
 
 /// What a search found.
 #[derive(Clone, Debug)]
-pub struct Found {
+pub struct SearchOutcome {
     /// Every frame.
     pub trials: Vec<Iteration>,
     /// Median cost of the baseline in frames before and after the search, which nobody was told of.
@@ -131,11 +131,11 @@ const REFERENCE_FRAMES: usize = 3;
 pub fn run(
     renderer: &mut Renderer,
     tuner: &mut Tuner,
-    setting: &Setting,
+    setting: &SearchSetting,
     iterations: u32,
     drift: Option<&Drift>,
     mut told: impl FnMut(&Iteration) -> bool,
-) -> Result<Found, ClientError> {
+) -> Result<SearchOutcome, ClientError> {
     let mut film = Film::new(setting.width, setting.height);
     // The first frame of a process is slower than all others: memory is touched for the first time, threads
     // start, clocks rise. So some are rendered before anything counts.
@@ -170,11 +170,11 @@ pub fn run(
     // Puts the last result on its way before more frames are rendered.
     drop(previous);
     references.extend(reference(renderer, setting, &mut film));
-    Ok(Found { trials: all, reference_ms: Summary::of(&references).median })
+    Ok(SearchOutcome { trials: all, reference_ms: Summary::of(&references).median })
 }
 
 /// Costs of some frames of the baseline.
-fn reference(renderer: &mut Renderer, setting: &Setting, film: &mut Film) -> Vec<f64> {
+fn reference(renderer: &mut Renderer, setting: &SearchSetting, film: &mut Film) -> Vec<f64> {
     (0..REFERENCE_FRAMES)
         .filter_map(|_| run_choice(renderer, &setting.baseline, None, setting, film).1)
         .map(|times| setting.objective.cost(times))
@@ -187,7 +187,7 @@ fn trial(
     renderer: &mut Renderer,
     configuration: &Configuration,
     cap_ms: Option<f64>,
-    setting: &Setting,
+    setting: &SearchSetting,
     film: &mut Film,
 ) -> (Outcome, Option<FrameTimes>) {
     match setting.space.choice(configuration) {
@@ -200,7 +200,7 @@ fn run_choice(
     renderer: &mut Renderer,
     choice: &Choice,
     cap_ms: Option<f64>,
-    setting: &Setting,
+    setting: &SearchSetting,
     film: &mut Film,
 ) -> (Outcome, Option<FrameTimes>) {
     let build_ms = match renderer.rebuild(&choice.build) {
@@ -280,7 +280,7 @@ mod tests {
         let mut renderer = Renderer::new(Arc::new(scene), 0).expect("Embree is set up");
         let space = Arc::new(TuningSpace::new(Preset::Full, &Premises::all()));
         let camera = renderer.scene().cameras[0];
-        let mut setting = Setting {
+        let mut setting = SearchSetting {
             objective: Objective::Total,
             space: Arc::clone(&space),
             baseline: baseline(Preset::Full).choice,

@@ -1,4 +1,5 @@
-//! Winners are measured again before anything is claimed.
+//! Whom a tuned configuration is compared with, and when its search has paid for itself. Winners are measured again
+//! before anything is claimed.
 //!
 //! The best of many noisy single measurements is mostly luck. So the best few configurations of the search
 //! first run against each other; the winner of that is then measured once more, in fresh paired rounds,
@@ -8,7 +9,7 @@ use treewright_accel::NativeQuality;
 use treewright_client::Configuration;
 
 use super::objective::Objective;
-use super::search::Found;
+use super::search::SearchOutcome;
 use crate::measure::{Contender, Standing};
 use crate::space::{Choice, ConfigurationError, Preset, TuningSpace};
 use crate::statistics::BreakEven;
@@ -75,7 +76,7 @@ pub fn contender(
 /// baseline are taken at the reference of that time, `frames` of them a trial, and tuned ones at that over the
 /// speed-up that was measured again.
 pub fn break_even(
-    found: &Found,
+    found: &SearchOutcome,
     objective: Objective,
     frames: u32,
     standings: &[Standing],
@@ -118,7 +119,7 @@ mod tests {
         };
         let standings = [standing(PAPER_DEFAULT, 20.0, 1.0), standing(TUNED, 30.0, 1.25)];
         let trials = vec![trial(Some(10.0), 1), trial(None, 2), trial(Some(8.0), 3)];
-        let found = Found { trials, reference_ms: 10.0 };
+        let found = SearchOutcome { trials, reference_ms: 10.0 };
         let render = break_even(&found, Objective::Render, 1, &standings, PAPER_DEFAULT);
         assert_eq!((render.tuning_ms, render.frames_while_tuning), (36.0, 2));
         assert_eq!((render.default_setup_ms, render.tuned_setup_ms), (20.0, 30.0));

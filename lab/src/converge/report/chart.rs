@@ -3,7 +3,7 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use crate::converge::results::{Found, Results};
+use crate::converge::results::{ComparisonResults, ContenderResult};
 
 const WIDTH: u32 = 960;
 const HEIGHT: u32 = 600;
@@ -33,7 +33,7 @@ pub enum Ground {
 }
 
 /// The plot as an SVG element or file.
-pub fn svg(results: &Results, ground: Ground) -> Result<String, String> {
+pub fn svg(results: &ComparisonResults, ground: Ground) -> Result<String, String> {
     let mut svg = String::new();
     draw(results, ground, &mut svg).map_err(|error| error.to_string())?;
     let (ink, faint) = match ground {
@@ -54,14 +54,14 @@ pub fn svg(results: &Results, ground: Ground) -> Result<String, String> {
 
 /// A contender's curve with a time added before it.
 struct Line<'a> {
-    found: &'a Found,
+    found: &'a ContenderResult,
     colour: RGBColor,
     offset_s: f64,
     dashed: bool,
 }
 
 /// Solid lines count everything; where finding the configuration took time, a dashed one leaves that out.
-fn lines(results: &Results) -> Vec<Line<'_>> {
+fn lines(results: &ComparisonResults) -> Vec<Line<'_>> {
     let mut lines = Vec::new();
     for (found, &colour) in results.contenders.iter().zip(COLOURS.iter().cycle()) {
         let setup_s = found.curve.setup_ms / 1e3;
@@ -73,7 +73,11 @@ fn lines(results: &Results) -> Vec<Line<'_>> {
     lines
 }
 
-fn draw(results: &Results, ground: Ground, svg: &mut String) -> Result<(), Box<dyn std::error::Error>> {
+fn draw(
+    results: &ComparisonResults,
+    ground: Ground,
+    svg: &mut String,
+) -> Result<(), Box<dyn std::error::Error>> {
     let lines = lines(results);
     let points = || {
         lines.iter().flat_map(|line| {
@@ -187,7 +191,7 @@ fn seconds_label(seconds: f64) -> String {
 
 fn legend(
     root: &DrawingArea<SVGBackend, Shift>,
-    results: &Results,
+    results: &ComparisonResults,
 ) -> Result<(), Box<dyn std::error::Error>> {
     let (right, top) = (WIDTH as i32 - 280, 34);
     let text = ("sans-serif", 15).into_font().color(&INK);

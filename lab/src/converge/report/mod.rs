@@ -9,7 +9,7 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::curve::Shot;
 use super::metrics::Yardstick;
-use super::results::Results;
+use super::results::ComparisonResults;
 use parts::{ContenderRow, EqualErrorTable, LegendRow};
 use treewright_render_cli::report::thousands;
 use treewright_renderer::image_file::{self, ImageFileError};
@@ -35,7 +35,7 @@ pub enum ConvergeReportError {
 }
 
 /// A picture on the page, with what it must be judged by.
-struct Frame {
+struct PictureCard {
     name: String,
     picture: String,
     difference: String,
@@ -52,8 +52,8 @@ struct Page<'a> {
     headline: String,
     explanation: String,
     budget: String,
-    frames: Vec<Frame>,
-    frames_with_setup: Vec<Frame>,
+    frames: Vec<PictureCard>,
+    frames_with_setup: Vec<PictureCard>,
     still_tuning: Vec<String>,
     reference_image: String,
     reference_text: String,
@@ -67,11 +67,11 @@ struct Page<'a> {
 }
 
 /// Puts the page together.
-pub fn html(results: &Results, yardstick: &Yardstick) -> Result<String, ConvergeReportError> {
-    let frame = |name: &str, shot: &Shot, from: &str| -> Result<Frame, ConvergeReportError> {
+pub fn html(results: &ComparisonResults, yardstick: &Yardstick) -> Result<String, ConvergeReportError> {
+    let frame = |name: &str, shot: &Shot, from: &str| -> Result<PictureCard, ConvergeReportError> {
         let [width, height] = results.size;
         let glow = yardstick.difference(&shot.picture, WHITE_AT);
-        Ok(Frame {
+        Ok(PictureCard {
             name: name.to_owned(),
             picture: data_url(&image_file::png_bytes(&shot.picture, yardstick.exposure())?),
             difference: data_url(&image_file::png_bytes_of_colours(width, height, &glow)?),

@@ -4,7 +4,7 @@ use super::chart::COLOURS;
 use crate::converge::bootstrap::Interval;
 use crate::converge::curve::Point;
 use crate::converge::equal_error::{EqualError, Row};
-use crate::converge::results::{Found, Results};
+use crate::converge::results::{ComparisonResults, ContenderResult};
 use crate::converge::slope::Verdict;
 use treewright_render_cli::report::thousands;
 use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, TUNED};
@@ -77,7 +77,7 @@ pub(crate) fn seconds(time_ms: f64) -> String {
 }
 
 /// Who is the subject of the page: the tuned contender, or the predicted one.
-fn hero(results: &Results) -> Option<&Found> {
+fn hero(results: &ComparisonResults) -> Option<&ContenderResult> {
     [TUNED, PREDICTED]
         .iter()
         .filter_map(|name| results.contender(name))
@@ -85,12 +85,12 @@ fn hero(results: &Results) -> Option<&Found> {
 }
 
 /// The row of a contender where the error is least.
-fn last_row<'a>(results: &'a Results, name: &str) -> Option<(&'a EqualError, &'a Row)> {
+fn last_row<'a>(results: &'a ComparisonResults, name: &str) -> Option<(&'a EqualError, &'a Row)> {
     let last = results.equal_error.last()?;
     Some((last, last.rows.iter().find(|row| row.name == name)?))
 }
 
-pub(super) fn headline(results: &Results) -> String {
+pub(super) fn headline(results: &ComparisonResults) -> String {
     let told = hero(results).and_then(|found| {
         let (_, row) = last_row(results, &found.curve.name)?;
         let speedup = row.speedups.first()?;
@@ -112,7 +112,7 @@ pub(super) fn headline(results: &Results) -> String {
     told.unwrap_or_else(|| "How soon each configuration's picture is good enough.".to_owned())
 }
 
-pub(super) fn explanation(results: &Results) -> String {
+pub(super) fn explanation(results: &ComparisonResults) -> String {
     let runs = results.contenders.iter().map(|found| found.curve.runs.len()).max().unwrap_or(0);
     let with_setup = hero(results).and_then(|found| {
         let (_, row) = last_row(results, &found.curve.name)?;
@@ -141,7 +141,7 @@ pub(super) fn caption(point: &Point, from: &str) -> String {
     )
 }
 
-pub(super) fn reference(results: &Results) -> String {
+pub(super) fn reference(results: &ComparisonResults) -> String {
     let reference = &results.reference;
     format!(
         "The reference has {} samples a pixel, none of them shared with a contender. Its own relative error, estimated from two \
@@ -152,7 +152,7 @@ pub(super) fn reference(results: &Results) -> String {
     )
 }
 
-pub(super) fn legend(results: &Results) -> Vec<LegendRow> {
+pub(super) fn legend(results: &ComparisonResults) -> Vec<LegendRow> {
     let mut rows = Vec::new();
     for (found, colour) in results.contenders.iter().zip(COLOURS.iter().cycle()) {
         let colour = format!("rgb({} {} {})", colour.0, colour.1, colour.2);
@@ -175,8 +175,8 @@ pub(crate) fn verdict_in_words(verdict: Verdict) -> &'static str {
     }
 }
 
-pub(super) fn contenders(results: &Results) -> Vec<ContenderRow> {
-    let row = |found: &Found| ContenderRow {
+pub(super) fn contenders(results: &ComparisonResults) -> Vec<ContenderRow> {
+    let row = |found: &ContenderResult| ContenderRow {
         name: found.curve.name.clone(),
         origin: match &found.curve.failure {
             Some(failure) => failure.clone(),
@@ -205,7 +205,7 @@ pub(crate) fn target_in_words(target: &EqualError) -> String {
     }
 }
 
-pub(super) fn equal_error(results: &Results) -> Vec<EqualErrorTable> {
+pub(super) fn equal_error(results: &ComparisonResults) -> Vec<EqualErrorTable> {
     let table = |target: &EqualError| EqualErrorTable {
         title: target_in_words(target),
         baselines: [NATIVE_DEFAULT, PAPER_DEFAULT].map(str::to_owned).into(),
@@ -239,7 +239,7 @@ pub(super) fn equal_error(results: &Results) -> Vec<EqualErrorTable> {
     results.equal_error.iter().map(table).collect()
 }
 
-pub(super) fn slopes(results: &Results) -> String {
+pub(super) fn slopes(results: &ComparisonResults) -> String {
     let biased: Vec<&str> = results
         .contenders
         .iter()
@@ -262,7 +262,7 @@ pub(super) fn slopes(results: &Results) -> String {
     )
 }
 
-pub(super) fn machine(results: &Results) -> String {
+pub(super) fn machine(results: &ComparisonResults) -> String {
     let machine = &results.machine;
     let cpu = if machine.cpu_model.is_empty() { "an unnamed processor" } else { &machine.cpu_model };
     let (major, minor, patch) = results.embree;

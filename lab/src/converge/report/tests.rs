@@ -9,7 +9,7 @@ use crate::converge::bias::Moments;
 use crate::converge::bootstrap::Interval;
 use crate::converge::curve::{Curve, Pictures, Point, Run};
 use crate::converge::equal_error::equal_error;
-use crate::converge::results::{Found, ReferenceFacts};
+use crate::converge::results::{ContenderResult, ReferenceFacts};
 use treewright_renderer::film::Picture;
 use treewright_renderer::tuning::results::SceneFacts;
 use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, TUNED};
@@ -44,7 +44,7 @@ fn curve(name: &str, setup_ms: f64, frame_ms: f64, plateau: f64) -> Curve {
     }
 }
 
-fn results(squared_bias: f64) -> Results {
+fn results(squared_bias: f64) -> ComparisonResults {
     let mut broken = curve("broken <b>", 0.0, 1.0, FLOOR);
     (broken.runs, broken.pictures, broken.failure) =
         (Vec::new(), Pictures::default(), Some("too deep".into()));
@@ -54,7 +54,7 @@ fn results(squared_bias: f64) -> Results {
         curve(TUNED, 5000.0, 5.0, FLOOR + squared_bias),
         broken,
     ];
-    Results {
+    ComparisonResults {
         scene: SceneFacts {
             name: "a & b".into(),
             triangles: 1_234_567,
@@ -79,7 +79,13 @@ fn results(squared_bias: f64) -> Results {
             .map(|curve| {
                 let estimate = if curve.name == TUNED { squared_bias } else { 0.0 };
                 let range = Some([estimate - 0.1 * FLOOR, estimate + 0.1 * FLOOR]);
-                Found::new(curve, None, "a file".to_owned(), FLOOR, Some(Interval { estimate, range }))
+                ContenderResult::new(
+                    curve,
+                    None,
+                    "a file".to_owned(),
+                    FLOOR,
+                    Some(Interval { estimate, range }),
+                )
             })
             .collect(),
         notes: vec!["something was left out".into()],
@@ -126,7 +132,7 @@ fn the_plot_has_all_curves() {
     assert!(!plot.contains("#010101") && !plot.contains("NaN") && !plot.contains("inf"));
     // Five runs: 14 marks on each of three contenders.
     assert_eq!(plot.matches("<circle").count(), 3 * 14);
-    let nothing = Results { contenders: Vec::new(), ..results };
+    let nothing = ComparisonResults { contenders: Vec::new(), ..results };
     assert!(svg(&nothing, Ground::Page).is_err_and(|told| told.contains("rendered")));
 }
 

@@ -67,7 +67,7 @@ struct Follower {
 }
 
 #[derive(Debug, Serialize)]
-struct Results<'a> {
+struct AnimationResults<'a> {
     scene: &'a str,
     triangles: usize,
     size: [u32; 2],
@@ -151,7 +151,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     );
     println!("{}", table(&followers));
     if let Some(path) = &arguments.json {
-        let results = Results {
+        let results = AnimationResults {
             scene: &scene.name,
             triangles: scene.triangles.len(),
             size: [arguments.size.width, arguments.size.height],

@@ -62,7 +62,7 @@ pub(crate) struct Arguments {
 
 /// What `bench --json` writes.
 #[derive(Debug, Serialize)]
-struct Results<'a> {
+struct BenchResults<'a> {
     scene: &'a str,
     triangles: usize,
     size: [u32; 2],
@@ -130,7 +130,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     println!("A frame with a whole build:\n{}", output::standings(&total));
     if let Some(path) = &arguments.json {
         let choices = contenders.iter().map(|one| NamedChoice { name: &one.name, choice: one.choice });
-        let results = Results {
+        let results = BenchResults {
             scene: &scene.name,
             triangles: scene.triangles.len(),
             size: [arguments.size.width, arguments.size.height],

@@ -95,7 +95,7 @@ pub(crate) struct Arguments {
 
 /// One frame of the flight.
 #[derive(Debug, Serialize)]
-struct Frame {
+struct PlayedFrame {
     number: u32,
     camera_at: f32,
     mode: Mode,
@@ -112,13 +112,13 @@ struct Frame {
 
 /// What `play --json` writes.
 #[derive(Debug, Serialize)]
-struct Results {
+struct FlightResults {
     scene: String,
     study: String,
     objective: Objective,
     /// Name of what frames are compared with.
     baseline: String,
-    frames: Vec<Frame>,
+    frames: Vec<PlayedFrame>,
     client: Stats,
 }
 
@@ -175,7 +175,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let waiting_ms = milliseconds(begin);
         flight.view.camera = camera;
         let (outcome, times, rebuilt) = flight.frame(suggestion.configuration());
-        let frame = Frame {
+        let frame = PlayedFrame {
             number,
             camera_at,
             mode: suggestion.mode(),
@@ -201,7 +201,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
     summarise(&frames, arguments.objective, &baseline.name);
     if let Some(path) = &arguments.json {
-        let results = Results {
+        let results = FlightResults {
             scene: scene.name.clone(),
             study: id,
             objective: arguments.objective,
@@ -333,7 +333,7 @@ impl Flight {
     }
 }
 
-fn print(frame: &Frame, objective: Objective) {
+fn print(frame: &PlayedFrame, objective: Objective) {
     let mode = match (frame.source, frame.mode) {
         (Source::LastGood, _) => "last good",
         (Source::Default, _) => "away",
@@ -364,8 +364,8 @@ fn print(frame: &Frame, objective: Objective) {
     );
 }
 
-fn summarise(frames: &[Frame], objective: Objective, baseline: &str) {
-    let exploited: Vec<&Frame> =
+fn summarise(frames: &[PlayedFrame], objective: Objective, baseline: &str) {
+    let exploited: Vec<&PlayedFrame> =
         frames.iter().filter(|frame| frame.mode == Mode::Exploit && frame.source == Source::Daemon).collect();
     let waiting: Vec<f64> = frames.iter().map(|frame| frame.waiting_ms).collect();
     println!(

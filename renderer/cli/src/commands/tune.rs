@@ -25,9 +25,9 @@ use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_M
 use treewright_renderer::measure::{Conditions, Contender, Standing, interleaved, standings};
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::{Objective, specification};
-use treewright_renderer::tuning::results::{Overhead, Prediction, Results, SceneFacts};
+use treewright_renderer::tuning::results::{Overhead, Prediction, SceneFacts, TuningResults};
 use treewright_renderer::tuning::run_off::{FINALISTS, Finalist, leaders, run_off};
-use treewright_renderer::tuning::search::{self, Drift, Found, Setting, measurements};
+use treewright_renderer::tuning::search::{self, Drift, SearchOutcome, SearchSetting, measurements};
 use treewright_renderer::tuning::verdict::{self, PAPER_TUNED, PREDICTED, TUNED};
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
@@ -149,7 +149,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
 
     let interrupt = Interrupt::listen();
     let baseline = verdict::baseline(space.preset());
-    let setting = Setting {
+    let setting = SearchSetting {
         objective: arguments.objective,
         space: Arc::clone(&space),
         baseline: baseline.choice,
@@ -191,7 +191,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
 
     let break_even =
         verdict::break_even(&found, arguments.objective, arguments.frames, &standings, &baseline.name);
-    let results = Results {
+    let results = TuningResults {
         scene: facts(&scene, &renderer),
         size: [arguments.size.width, arguments.size.height],
         objective: arguments.objective,
@@ -266,11 +266,11 @@ fn factor(text: &str) -> Result<f64, String> {
 fn search(
     renderer: &mut Renderer,
     study: &Study,
-    setting: &Setting,
+    setting: &SearchSetting,
     iterations: u32,
     drift: Option<&Drift>,
     interrupt: Interrupt,
-) -> Result<Found, CliError> {
+) -> Result<SearchOutcome, CliError> {
     let bar = output::bar(u64::from(iterations), "trials");
     let mut tuner = study.tuner();
     let mut best: Option<f64> = None;
@@ -331,9 +331,9 @@ impl Judge<'_> {
     /// measurement and was not among the finalists: that one has to run against the winner, too.
     fn winner(
         &self,
-        found: &Found,
+        found: &SearchOutcome,
         candidates: Vec<Configuration>,
-        setting: &Setting,
+        setting: &SearchSetting,
         notes: &mut Vec<String>,
     ) -> Result<Configuration, CliError> {
         let conditions = self.conditions(setting.view.camera);

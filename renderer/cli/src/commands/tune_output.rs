@@ -5,11 +5,11 @@ use comfy_table::Table;
 use crate::output;
 use treewright_renderer::measure::Standing;
 use treewright_renderer::statistics::Summary;
-use treewright_renderer::tuning::results::Results;
+use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT};
 
 /// Prints the results for people.
-pub(crate) fn print(results: &Results) {
+pub(crate) fn print(results: &TuningResults) {
     let per_frame = if results.objective.builds_each_frame() { "build + render ms" } else { "frame ms" };
     let mut table = output::table(&[
         "structure",

@@ -5,7 +5,7 @@
 use plotters::prelude::*;
 
 use super::parts::{predicted, roofline};
-use treewright_renderer::tuning::results::Results;
+use treewright_renderer::tuning::results::TuningResults;
 
 const WIDTH: u32 = 900;
 const HEIGHT: u32 = 430;
@@ -31,7 +31,7 @@ const COLOURS: [(&str, &str); 6] = [
 ];
 
 /// The curve as an SVG element for the inside of the page.
-pub(super) fn svg(results: &Results) -> Result<String, String> {
+pub(super) fn svg(results: &TuningResults) -> Result<String, String> {
     let mut svg = String::new();
     draw(results, &mut svg).map_err(|error| error.to_string())?;
     for (placeholder, colour) in COLOURS {
@@ -45,7 +45,7 @@ pub(super) fn svg(results: &Results) -> Result<String, String> {
     ))
 }
 
-fn draw(results: &Results, svg: &mut String) -> Result<(), Box<dyn std::error::Error>> {
+fn draw(results: &TuningResults, svg: &mut String) -> Result<(), Box<dyn std::error::Error>> {
     let best = roofline(results);
     let curve: Vec<(f64, f64)> = results
         .trials

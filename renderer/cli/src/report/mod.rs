@@ -16,8 +16,8 @@ use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::image_file::{Exposure, ImageFileError, png_bytes};
 use treewright_renderer::space::{Choice, ConfigurationError};
-use treewright_renderer::tuning::results::Results;
-use treewright_renderer::tuning::search::Setting;
+use treewright_renderer::tuning::results::TuningResults;
+use treewright_renderer::tuning::search::SearchSetting;
 use treewright_renderer::tuning::verdict::{TUNED, baseline};
 
 /// Samples a pixel of the report's two pictures.
@@ -77,13 +77,17 @@ struct Page<'a> {
 }
 
 /// Puts the report together. Renders the two pictures, which takes some seconds.
-pub fn html(renderer: &Renderer, setting: &Setting, results: &Results) -> Result<String, ReportError> {
+pub fn html(
+    renderer: &Renderer,
+    setting: &SearchSetting,
+    results: &TuningResults,
+) -> Result<String, ReportError> {
     let default = picture(renderer, setting, &baseline(results.space).choice)?;
     let tuned = picture(renderer, setting, &setting.space.choice(&results.tuned)?)?;
     page(results, &default, &tuned)
 }
 
-fn picture(renderer: &Renderer, setting: &Setting, choice: &Choice) -> Result<Picture, ReportError> {
+fn picture(renderer: &Renderer, setting: &SearchSetting, choice: &Choice) -> Result<Picture, ReportError> {
     let (structure, _) = renderer.build(&choice.build)?;
     let mut film = Film::new(setting.width, setting.height);
     for _ in 0..PICTURE_SAMPLES {
@@ -92,7 +96,7 @@ fn picture(renderer: &Renderer, setting: &Setting, choice: &Choice) -> Result<Pi
     Ok(film.picture())
 }
 
-fn page(results: &Results, default: &Picture, tuned: &Picture) -> Result<String, ReportError> {
+fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<String, ReportError> {
     let frame_ms = |name: &str| results.standing(name).map_or(0.0, |standing| standing.frame_ms.median);
     let page = Page {
         scene: &results.scene.name,

@@ -3,7 +3,7 @@
 use treewright_client::{Configuration, Value};
 
 use treewright_renderer::space::{Explained, Preset};
-use treewright_renderer::tuning::results::Results;
+use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, TUNED};
 
 /// A speed-up below this is not told as one: frames vary more than that.
@@ -32,7 +32,7 @@ pub(super) struct ConfigurationRow {
     pub(super) predicted_changed: bool,
 }
 
-pub(super) fn headline(results: &Results) -> String {
+pub(super) fn headline(results: &TuningResults) -> String {
     let speedup = results.speedup();
     let (verb, subject) = match results.objective.builds_each_frame() {
         false => ("renders this scene", "tuned structure"),
@@ -54,7 +54,7 @@ fn the(name: &str) -> String {
     }
 }
 
-pub(super) fn explanation(results: &Results) -> String {
+pub(super) fn explanation(results: &TuningResults) -> String {
     let other = [PAPER_DEFAULT, NATIVE_DEFAULT].into_iter().find(|name| *name != results.baseline);
     let ratio = other.and_then(|name| Some((name, results.speedup_over(name)?)));
     let other = ratio.map_or_else(String::new, |(name, ratio)| {
@@ -64,7 +64,7 @@ pub(super) fn explanation(results: &Results) -> String {
     format!("Medians of {frames} paired frames, measured again after the search.{other}")
 }
 
-pub(super) fn standings(results: &Results) -> Vec<StandingRow> {
+pub(super) fn standings(results: &TuningResults) -> Vec<StandingRow> {
     let slowest = results.standings.iter().map(|standing| standing.frame_ms.median).fold(1e-9, f64::max);
     results
         .standings
@@ -90,7 +90,7 @@ pub(super) fn standings(results: &Results) -> Vec<StandingRow> {
         .collect()
 }
 
-pub(super) fn search_summary(results: &Results) -> String {
+pub(super) fn search_summary(results: &TuningResults) -> String {
     let stops = match results.stopped() {
         0 => String::new(),
         1 => " One was stopped once it had cost too much.".to_owned(),
@@ -106,7 +106,7 @@ pub(super) fn search_summary(results: &Results) -> String {
     format!("The search tried {} configurations.{failures}{stops}", results.trials.len())
 }
 
-pub(super) fn prediction(results: &Results) -> Option<String> {
+pub(super) fn prediction(results: &TuningResults) -> Option<String> {
     results.prediction.as_ref().map(|prediction| {
         let speedup = prediction.speedup();
         let verdict = if speedup >= WORTH_TELLING {
@@ -122,7 +122,7 @@ pub(super) fn prediction(results: &Results) -> Option<String> {
     })
 }
 
-pub(super) fn overhead(results: &Results) -> String {
+pub(super) fn overhead(results: &TuningResults) -> String {
     let overhead = &results.overhead;
     format!(
         "Telling the service a result and getting the next suggestion took {:.2} ms (median), {:.2} % of the time. The whole search waited {:.0} ms for it.",
@@ -132,7 +132,7 @@ pub(super) fn overhead(results: &Results) -> String {
     )
 }
 
-pub(super) fn break_even(results: &Results) -> String {
+pub(super) fn break_even(results: &TuningResults) -> String {
     match results.break_even_frame {
         Some(frame) => format!(
             "The search spent {:.1} s, slow trials and all builds included. After {frame} frames it has paid for itself: \
@@ -147,14 +147,14 @@ pub(super) fn break_even(results: &Results) -> String {
     }
 }
 
-pub(super) fn machine(results: &Results) -> String {
+pub(super) fn machine(results: &TuningResults) -> String {
     let machine = &results.machine;
     let cpu = if machine.cpu_model.is_empty() { "an unnamed processor" } else { &machine.cpu_model };
     format!("{cpu}, {} threads, {}", machine.threads, machine.isa)
 }
 
 /// How many there are and of what kind, after "is controlled by".
-pub(super) fn what_was_tuned(results: &Results) -> &'static str {
+pub(super) fn what_was_tuned(results: &TuningResults) -> &'static str {
     match results.space {
         Preset::Paper => "How that tree is built is controlled by eleven numbers and switches.",
         Preset::Full => {
@@ -164,7 +164,7 @@ pub(super) fn what_was_tuned(results: &Results) -> &'static str {
     }
 }
 
-pub(super) fn configurations(results: &Results) -> Vec<ConfigurationRow> {
+pub(super) fn configurations(results: &TuningResults) -> Vec<ConfigurationRow> {
     let default = &results.start;
     let predicted = results.prediction.as_ref().map(|prediction| &prediction.configuration);
     let text = |configuration: Option<&Configuration>, name: &str| {
@@ -220,12 +220,12 @@ pub fn thousands(number: usize) -> String {
 }
 
 /// Relative frame time of the winner: the roofline.
-pub(super) fn roofline(results: &Results) -> f64 {
+pub(super) fn roofline(results: &TuningResults) -> f64 {
     1.0 / results.speedup().max(f64::MIN_POSITIVE)
 }
 
 /// Relative frame time of the prediction on the fresh camera.
-pub(super) fn predicted(results: &Results) -> Option<f64> {
+pub(super) fn predicted(results: &TuningResults) -> Option<f64> {
     let prediction = results.prediction.as_ref()?;
     let names: Vec<&str> = prediction.standings.iter().map(|standing| standing.name.as_str()).collect();
     (names == [results.baseline.as_str(), PREDICTED])

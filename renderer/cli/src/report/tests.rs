@@ -31,7 +31,7 @@ fn iteration(number: u32, render_ms: Option<f64>) -> Iteration {
     }
 }
 
-fn results(tuned_ms: f64, scene: &str) -> Results {
+fn results(tuned_ms: f64, scene: &str) -> TuningResults {
     let measured = |name: &str, render_ms: f64| Measured {
         name: name.into(),
         build_ms: vec![20.0],
@@ -55,7 +55,7 @@ fn results(tuned_ms: f64, scene: &str) -> Results {
         default_setup_ms: 20.0,
         default_frame_ms: 100.0,
     };
-    Results {
+    TuningResults {
         scene: SceneFacts {
             name: scene.into(),
             triangles: 1_234_567,

@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3};
 
 use super::noise::at_cell;
 use super::palette::{glow, matt, metal, polished, steel};
-use super::stage::{Plan, Stage, key};
+use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{Material, SceneError, Sky, Sun};
 
@@ -36,7 +36,7 @@ struct Kit {
     cars: Vec<u32>,
 }
 
-pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
+pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     let kit = kit(stage);
     let blocks = ((BLOCKS * stage.options.detail.sqrt()).round() as usize).max(1);
     let half = blocks as f32 * PITCH * 0.5;
@@ -48,7 +48,7 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
         }
     }
     let at = |x: f32, y: f32, z: f32| [x * half, y, z * half];
-    Ok(Plan {
+    Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(0.16, 0.28, 0.6),
             horizon: Vec3::new(0.7, 0.52, 0.42),

@@ -8,7 +8,7 @@ use glam::{Vec2, Vec3};
 use super::architecture::{Opening, WallPlane, arched_wall, archivolt, column};
 use super::noise::octaves;
 use super::palette::{brass, glass, glow, matt, metal, polished};
-use super::stage::{Plan, Stage, key};
+use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{SceneError, Sky, Sun};
 
@@ -20,13 +20,13 @@ const COLUMN: f32 = 2.6;
 const EAVES: f32 = 4.6;
 const BAYS: usize = 4;
 
-pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
+pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     floor(stage)?;
     arcade(stage)?;
     fountain(stage)?;
     tree(stage)?;
     ornaments(stage)?;
-    Ok(Plan {
+    Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(0.26, 0.45, 0.85),
             horizon: Vec3::new(0.8, 0.85, 0.9),

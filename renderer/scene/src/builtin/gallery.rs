@@ -6,7 +6,7 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3};
 
 use super::palette::{brass, glass, glow, matt, metal, polished, steel};
-use super::stage::{Plan, Stage, key};
+use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{Material, SceneError, Sky, Sun};
 
@@ -27,14 +27,14 @@ const PAINTS: [(f32, f32, f32); 8] = [
     (0.55, 0.66, 0.75),
 ];
 
-pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
+pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     room(stage)?;
     roof(stage)?;
     pictures(stage)?;
     balcony(stage)?;
     sculpture(stage)?;
     spotlights(stage)?;
-    Ok(Plan {
+    Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(0.9, 1.2, 1.6),
             horizon: Vec3::new(1.3, 1.4, 1.5),

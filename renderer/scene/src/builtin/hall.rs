@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3};
 
 use super::architecture::{Opening, WallPlane, arched_wall, archivolt, coffer, column, lattice};
 use super::palette::{brass, glow, matt, metal, polished};
-use super::stage::{Plan, Stage, key};
+use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{SceneError, Sky, Sun};
 
@@ -26,14 +26,14 @@ const BAYS: usize = 9;
 const BAY: f32 = 2.0 * HALF_LENGTH / BAYS as f32;
 const WALL: f32 = 0.5;
 
-pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
+pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     floor(stage)?;
     arcades(stage)?;
     walls(stage)?;
     ceiling(stage)?;
     lamps(stage)?;
     furniture(stage)?;
-    Ok(Plan {
+    Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(0.9, 1.4, 2.4),
             horizon: Vec3::new(1.3, 1.6, 2.0),

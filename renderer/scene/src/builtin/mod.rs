@@ -26,17 +26,17 @@ mod voxels;
 
 use std::path::PathBuf;
 
-use stage::{Plan, Stage};
+use stage::{LightAndPath, Stage};
 
 pub use stage::Options;
 
 use super::assemble::{Assembler, Lighting};
-use super::framing::View;
+use super::framing::CameraPose;
 use super::limits::DETAIL_RANGE;
 use super::{Scene, SceneError};
 
 /// A scene in the list: its name, what it shows, and its generator.
-type Entry = (&'static str, &'static str, fn(&mut Stage) -> Result<Plan, SceneError>);
+type Entry = (&'static str, &'static str, fn(&mut Stage) -> Result<LightAndPath, SceneError>);
 
 const SCENES: [Entry; 10] = [
     (
@@ -99,7 +99,7 @@ pub fn build(name: &str, options: &Options) -> Result<Scene, SceneError> {
     }
     let mut assembler = Assembler::new(*name, &PathBuf::from(format!("builtin:{name}")));
     let plan = generate(&mut Stage::new(&mut assembler, *options))?;
-    let views = plan.keys.iter().take(1).map(|camera| View {
+    let views = plan.keys.iter().take(1).map(|camera| CameraPose {
         position: camera.position,
         forward: camera.target - camera.position,
         up: camera.up,

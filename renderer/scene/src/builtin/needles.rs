@@ -9,7 +9,7 @@ use glam::{Mat3, Vec3};
 use super::hall;
 use super::palette::polished;
 use super::stage::Options;
-use super::stage::{Plan, Stage, key};
+use super::stage::{LightAndPath, Stage, key};
 use crate::SceneError;
 use crate::bounds::Bounds;
 use crate::part::Part;
@@ -23,7 +23,7 @@ const START: f32 = 0.1;
 /// Radius of the cylinder in shares of its length.
 const SLENDER: f32 = 0.07;
 
-pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
+pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     let own = stage.options;
     stage.options = Options { detail: (own.detail * HALL_DETAIL).max(0.001), ..own };
     let hall = hall::build(stage)?;
@@ -55,7 +55,7 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
     let grey = stage.material(polished(0.55, 0.6, 0.66, 0.4));
     stage.add_part("red needles", red, &bundles[0])?;
     stage.add_part("grey needles", grey, &bundles[1])?;
-    Ok(Plan {
+    Ok(LightAndPath {
         sky: hall.sky,
         keys: vec![
             key([-21.0, 2.2, 2.6], [2.0, 5.6, -1.4], 60.0),

@@ -7,7 +7,7 @@ use glam::{Mat3, Mat4, Vec2, Vec3};
 
 use super::noise::{octaves, ridges};
 use super::palette::{glow, matt, polished};
-use super::stage::{Plan, Stage, key};
+use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{SceneError, Sky, Sun};
 
@@ -26,7 +26,7 @@ const WAVES: [(f32, f32, f32, f32); 6] = [
     (0.31, 1.7, 0.02, 9.0),
 ];
 
-pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
+pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     let time = stage.options.time.rem_euclid(1.0);
     let water = stage.material(polished(0.012, 0.05, 0.065, 0.08));
     let side = stage.segments(280);
@@ -35,7 +35,7 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
     stage.add("sea", water, &sea)?;
     lighthouse(stage)?;
     boats(stage, time)?;
-    Ok(Plan {
+    Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(0.2, 0.34, 0.62),
             horizon: Vec3::new(0.95, 0.78, 0.6),

@@ -1,4 +1,5 @@
-//! What every generator works with: an assembler, its dice, and a sense of scale.
+//! What every generator of a built-in scene works with: the assembler that collects its meshes, a seeded random number
+//! generator, and the counts that go with the level of detail.
 
 use glam::{Affine3A, Vec3};
 use rand::{RngExt as _, SeedableRng as _};
@@ -28,7 +29,7 @@ impl Default for Options {
 }
 
 /// What a generator leaves besides meshes.
-pub(super) struct Plan {
+pub(super) struct LightAndPath {
     /// Light from outside.
     pub(super) sky: Sky,
     /// Keys of the camera path; the first is the scene's camera.

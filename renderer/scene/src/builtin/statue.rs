@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3};
 
 use super::noise::{octaves, ridges};
 use super::palette::{brass, glow, matt, polished};
-use super::stage::{Plan, Stage, key};
+use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{SceneError, Sky, Sun};
 
@@ -43,12 +43,12 @@ const OUTLINE: [(f32, f32, f32); 17] = [
     (1.0, 0.012, 0.014),
 ];
 
-pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
+pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     figure(stage)?;
     pedestal(stage)?;
     rotunda(stage)?;
     sconces(stage)?;
-    Ok(Plan {
+    Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(1.6, 2.2, 3.2),
             horizon: Vec3::new(1.6, 2.0, 2.6),

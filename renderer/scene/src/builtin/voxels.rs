@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::noise::{at_cell, gradient, octaves, ridges};
 use super::palette::{glow, matt, polished};
-use super::stage::{Plan, Stage, key};
+use super::stage::{LightAndPath, Stage, key};
 use super::voxel_mesh::{AIR, Grid};
 use crate::{Camera, Material, SceneError, Sky, Sun};
 
@@ -99,7 +99,7 @@ fn hollow(seed: u64, x: i32, y: i32, z: i32) -> bool {
     tunnel || octaves(seed + 23, at / 34.0, 2) > 0.37
 }
 
-pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
+pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     let seed = stage.options.seed;
     let side = ((SIDE * stage.options.detail.sqrt()).round() as i32).max(48);
     let mut grid = Grid::new(IVec3::new(side, HEIGHT, side));
@@ -123,7 +123,7 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
         let index = KINDS.iter().position(|(known, _)| *known == kind).unwrap_or(0);
         stage.add_part(KINDS[index].1, materials[index], &part)?;
     }
-    Ok(Plan { sky: sky(), keys: keys(seed, side, keep) })
+    Ok(LightAndPath { sky: sky(), keys: keys(seed, side, keep) })
 }
 
 fn sky() -> Sky {

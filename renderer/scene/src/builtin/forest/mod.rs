@@ -12,7 +12,7 @@ use glam::{Affine3A, Mat3, Quat, Vec3};
 
 use super::noise::{octaves, ridges};
 use super::palette::{matt, polished};
-use super::stage::{Plan, Stage, key};
+use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{SceneError, Sky, Sun};
 
@@ -28,7 +28,7 @@ const PATH_CLEAR: f32 = 5.0;
 /// Eye points of the camera path, seen from above.
 const WALK: [[f32; 2]; 5] = [[4.0, 41.0], [-16.0, 38.0], [-34.0, 24.0], [-36.0, 2.0], [-24.0, -20.0]];
 
-pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
+pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     let seed = stage.options.seed;
     ground(stage, seed)?;
     let trees = trees::species(stage)?;
@@ -41,7 +41,7 @@ pub(super) fn build(stage: &mut Stage) -> Result<Plan, SceneError> {
         let [x, z] = WALK[index];
         [x, height(seed, x, z).max(WATER) + up, z]
     };
-    Ok(Plan {
+    Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(0.16, 0.31, 0.66),
             horizon: Vec3::new(0.52, 0.57, 0.62),
