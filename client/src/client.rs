@@ -74,15 +74,15 @@ impl Client {
     /// by a different specification; [`ClientError::Malformed`].
     pub async fn study(&self, id: &str, spec: StudySpec) -> Result<Study, ClientError> {
         let name = study_name(id);
-        let known = match self.core.create_study(&name, &spec).await {
-            Ok(_) => true,
+        let (known, differs) = match self.core.create_study(&name, &spec).await {
+            Ok(record) => (true, record.policy_differs),
             Err(problem) if problem.is_unreachable() => {
                 self.core.counters.note(&problem);
-                false
+                (false, Vec::new())
             }
             Err(problem) => return Err(problem),
         };
-        Ok(Study::new(&self.core, &self.last_handle, &name, spec, known, true))
+        Ok(Study::new(&self.core, &self.last_handle, &name, spec, known, true, differs))
     }
 
     /// A study that exists already. It is not created again when it is deleted meanwhile.
@@ -90,7 +90,7 @@ impl Client {
     /// Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn existing_study(&self, id: &str) -> Result<Study, ClientError> {
         let record = self.core.study_record(&study_name(id)).await?;
-        Ok(Study::new(&self.core, &self.last_handle, &record.name, record.spec, true, false))
+        Ok(Study::new(&self.core, &self.last_handle, &record.name, record.spec, true, false, Vec::new()))
     }
 
     /// The address the client was made with.
@@ -230,7 +230,11 @@ impl Core {
             v1::CreateStudyRequest { study_id, study: Some(wire::spec_to_wire(String::new(), spec)) };
         let mut rpc = self.rpc();
         let study = self.admin("CreateStudy", rpc.create_study(request)).await?;
-        self.read_study("CreateStudy", study)
+        let record = self.read_study("CreateStudy", study)?;
+        if !record.policy_differs.is_empty() {
+            tracing::warn!(study = name, fields = ?record.policy_differs, "the stored policy differs and stays");
+        }
+        Ok(record)
     }
 
     pub(crate) async fn study_record(&self, name: &str) -> Result<StudyRecord, ClientError> {

@@ -81,5 +81,6 @@ pub use stats::Stats;
 pub use study::Study;
 pub use study_spec::{Indicator, ObjectiveTerm, StudyBuilder, StudySpec};
 pub use suggestion::{Finished, Source, Suggestion};
+pub use treewright_model::session::SessionPolicy;
 pub use tuner::Tuner;
 pub use value::{Configuration, Value};

@@ -125,6 +125,9 @@ pub struct StudyRecord {
     pub create_time: Option<SystemTime>,
     /// How far it is.
     pub statistics: StudyStatistics,
+    /// In the answer to its creation: the fields of the given policy that differ from the stored one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub policy_differs: Vec<String>,
 }
 
 impl StudyRecord {

@@ -12,8 +12,8 @@ use crate::delivery::worth_repeating;
 use crate::memory::Memory;
 use crate::suggestion::Lease;
 use crate::{
-    Best, ClientError, Configuration, Indicators, Outcome, Prediction, SharedError, StudyRecord, StudySpec,
-    Suggestion, Tuner, limits, wire,
+    Best, ClientError, Configuration, Indicators, Outcome, Prediction, SessionPolicy, SharedError,
+    StudyRecord, StudySpec, Suggestion, Tuner, limits, wire,
 };
 
 /// How often a suggestion is asked for again when the daemon names a trial that is just being reported.
@@ -39,6 +39,9 @@ pub(crate) struct Shared {
     ours: bool,
     registration: watch::Sender<Registration>,
     memory: Mutex<Memory>,
+    session_policy: Mutex<SessionPolicy>,
+    /// Where the stored policy is another than the one given; see [`Study::policy_differs`].
+    policy_differs: Mutex<Vec<String>>,
     questions: Arc<Semaphore>,
 }
 
@@ -60,6 +63,7 @@ impl Study {
         spec: StudySpec,
         known: bool,
         ours: bool,
+        differs: Vec<String>,
     ) -> Self {
         let registration = if known { Registration::Done } else { Registration::Pending };
         let shared = Arc::new(Shared {
@@ -69,6 +73,8 @@ impl Study {
             ours,
             registration: watch::Sender::new(registration),
             memory: Mutex::default(),
+            session_policy: Mutex::default(),
+            policy_differs: Mutex::new(differs),
             questions: Arc::new(Semaphore::new(limits::OUTSTANDING_SUGGESTIONS)),
         });
         if !known {
@@ -87,6 +93,24 @@ impl Study {
     #[must_use]
     pub fn spec(&self) -> &StudySpec {
         &self.shared.spec
+    }
+
+    /// What this process wants for itself from now on, instead of what the study's policy says. It goes along with every
+    /// question of this study's handles and holds for their answers alone: other clients are not concerned, and when the
+    /// process ends, however it ends, nothing is left behind.
+    ///
+    /// Errors: [`ClientError::Invalid`] for a value out of its range.
+    pub fn set_session_policy(&self, policy: SessionPolicy) -> Result<(), ClientError> {
+        policy.validate().map_err(|problem| ClientError::invalid("session policy", problem.to_string()))?;
+        *lock(&self.shared.session_policy) = policy;
+        Ok(())
+    }
+
+    /// The fields of the policy given to [`crate::Client::study`] that differ from the stored policy, which stays as it
+    /// is. Empty until the daemon has answered.
+    #[must_use]
+    pub fn policy_differs(&self) -> Vec<String> {
+        lock(&self.shared.policy_differs).clone()
     }
 
     /// What to run next for these indicators, within the client's deadline ([`crate::Options::deadline`]): from the
@@ -216,6 +240,7 @@ impl Shared {
             wanted: None,
             session: self.core.session,
             can_abort: self.core.options.can_abort,
+            session_policy: wire::session_policy_to_wire(*lock(&self.session_policy)),
         }
     }
 
@@ -289,7 +314,10 @@ impl Shared {
         let registration = loop {
             self.core.link.wait_until_worth_asking().await;
             match self.core.create_study(&self.name, &self.spec).await {
-                Ok(_) => break Registration::Done,
+                Ok(record) => {
+                    *lock(&self.policy_differs) = record.policy_differs;
+                    break Registration::Done;
+                }
                 Err(problem) => {
                     failures += 1;
                     self.core.counters.note(&problem);

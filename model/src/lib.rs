@@ -19,6 +19,7 @@ pub mod limits;
 pub mod names;
 pub mod objective;
 pub mod policy;
+pub mod session;
 pub mod space;
 pub mod study;
 #[cfg(test)]

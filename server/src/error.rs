@@ -31,6 +31,12 @@ pub enum Error {
         /// What does not fit.
         problem: RestoreError,
     },
+    /// The study is being read from the database, which goes on whether somebody waits for it or not.
+    #[error("study {study:?} is being loaded; try again")]
+    Loading {
+        /// The study.
+        study: String,
+    },
     /// Nothing is known to be best yet.
     #[error("nothing has been measured {place} of study {study:?} yet; report a trial first")]
     NothingMeasured {

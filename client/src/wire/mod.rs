@@ -4,7 +4,7 @@ mod insight;
 mod study;
 mod trial;
 
-pub(crate) use study::{policy_to_wire, spec_to_wire, study_from_wire};
+pub(crate) use study::{policy_to_wire, session_policy_to_wire, spec_to_wire, study_from_wire};
 pub(crate) use trial::{
     best_from_wire, fingerprint_to_wire, outcome_to_wire, prediction_from_wire, trial_from_wire,
 };

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     Condition, Constraint, Domain, Indicator, ObjectiveTerm, Operation, Parameter, Policy, PredictorMethod,
-    Scale, SearchMethod, Space, StudyRecord, StudySpec, StudyStatistics, Value,
+    Scale, SearchMethod, SessionPolicy, Space, StudyRecord, StudySpec, StudyStatistics, Value,
 };
 
 pub(crate) fn spec_to_wire(name: String, spec: &StudySpec) -> v1::Study {
@@ -28,7 +28,15 @@ pub(crate) fn spec_to_wire(name: String, spec: &StudySpec) -> v1::Study {
         seed: spec.seed,
         create_time: None,
         statistics: None,
+        policy_differs: Vec::new(),
     }
+}
+
+pub(crate) fn session_policy_to_wire(policy: SessionPolicy) -> Option<v1::SessionPolicy> {
+    let SessionPolicy { epsilon, trials_per_state, abort_above } = policy;
+    // It was checked against a limit far below.
+    let trials_per_state = trials_per_state.map(|trials| i32::try_from(trials).unwrap_or(i32::MAX));
+    (!policy.is_empty()).then_some(v1::SessionPolicy { epsilon, trials_per_state, abort_above })
 }
 
 pub(crate) fn study_from_wire(study: v1::Study) -> Result<StudyRecord, Problem> {
@@ -55,6 +63,7 @@ pub(crate) fn study_from_wire(study: v1::Study) -> Result<StudyRecord, Problem> 
             completed_trials: statistics.completed_trials,
             open_trials: statistics.open_trials,
         },
+        policy_differs: study.policy_differs,
     })
 }
 

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use treewright_core::configuration::RawConfiguration;
 use treewright_core::indicator::{Indicator, IndicatorSchema};
 use treewright_core::objective::{Objective, ObjectiveTerm};
+use treewright_core::session::SessionPolicy;
 use treewright_core::space::{Condition, Constraint, Domain, Parameter, Scale, Space};
 use treewright_core::study::{STATE_TOLERANCE_DEFAULT, StudySpec};
 use treewright_core::trial::{Fingerprint, Outcome};
@@ -170,9 +171,20 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
             fingerprint: request.fingerprint.map(fingerprint).transpose()?,
             session: request.session,
             can_abort: request.can_abort,
+            session_policy: session_policy(request.session_policy)?,
         },
         wanted: request.wanted.map(|wanted| configuration("wanted", wanted)).transpose()?,
     })
+}
+
+/// What a session wants for itself.
+fn session_policy(wire: Option<v1::SessionPolicy>) -> Result<SessionPolicy, Error> {
+    let v1::SessionPolicy { epsilon, trials_per_state, abort_above } = wire.unwrap_or_default();
+    // What is negative is as far out of its range as 0.
+    let trials_per_state = trials_per_state.map(|trials| u32::try_from(trials).unwrap_or(0));
+    let policy = SessionPolicy { epsilon, trials_per_state, abort_above };
+    policy.validate().map_err(|error| Error::invalid("session_policy", error))?;
+    Ok(policy)
 }
 
 /// Who asks.

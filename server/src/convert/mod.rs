@@ -6,4 +6,5 @@ pub mod from_proto;
 mod insight;
 pub mod names;
 pub mod policy;
+pub mod policy_differences;
 pub mod to_proto;

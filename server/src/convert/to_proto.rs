@@ -58,6 +58,7 @@ pub fn study(record: &StudyRecord) -> v1::Study {
             completed_trials: signed(statistics.completed_trials),
             open_trials: signed(statistics.open_trials),
         }),
+        policy_differs: Vec::new(),
     }
 }
 
@@ -119,7 +120,7 @@ fn scale(scale: Scale) -> v1::Scale {
     }
 }
 
-fn policy(policy: &Policy) -> v1::Policy {
+pub(super) fn policy(policy: &Policy) -> v1::Policy {
     v1::Policy {
         epsilon: Some(policy.epsilon),
         search: match policy.search {

@@ -94,6 +94,11 @@ pub(super) async fn query(
     let study = caller.study("study", &request.study)?;
     let filter = Filter::parse(&request.filter).map_err(|error| Error::invalid("filter", error))?;
     let order = Order::parse(&request.order_by).map_err(|error| Error::invalid("order_by", error))?;
+    if filter.has_names() {
+        let spec = tuning.get_study(&study).await?.spec;
+        let named = filter.check_names(&request.filter, &spec);
+        named.map_err(|error| Error::invalid("filter", error))?;
+    }
     let question = [study.as_str(), &request.filter, &request.order_by];
     let after =
         Cursor::parse(&request.page_token, &question).map_err(|error| Error::invalid("page_token", error))?;

@@ -15,7 +15,7 @@ use clap::Args;
 use serde::Serialize;
 use treewright_accel::{BuildError, Structure, Update};
 use treewright_client::{
-    Configuration, Finished, Indicators, Mode, Outcome, Policy, PolicyChange, Source, Stats,
+    Configuration, Finished, Indicators, Mode, Outcome, Policy, SessionPolicy, Source, Stats,
 };
 
 use crate::arguments::{
@@ -145,7 +145,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         specification(&space, &title, arguments.objective, Policy::new(), arguments.frame.seed)?;
     let study = client.study(&id, specification)?;
     if let Some(epsilon) = arguments.epsilon {
-        client.update_policy(&id, &PolicyChange::set(Policy::new().epsilon(f64::from(epsilon))))?;
+        let epsilon = Some(f64::from(epsilon));
+        study.set_session_policy(SessionPolicy { epsilon, ..SessionPolicy::default() })?;
     }
     println!("Flying through {} in {} frames, study {id}\n", scene.name, arguments.frames);
     println!(

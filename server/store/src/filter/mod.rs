@@ -9,6 +9,7 @@
 //! have, or that is of another kind, is false, whatever the operator. It is what SQL does with NULL.
 
 mod evaluate;
+mod names;
 mod order;
 mod parse;
 mod token;

@@ -1,6 +1,6 @@
 //! Tokens to [`Filter`]: `comparison { AND comparison }`, `comparison = field operator value`.
 
-use super::token::{Placed, Token, tokens};
+use super::token::{FilterToken, PlacedToken, tokens};
 use super::{Comparison, Filter, FilterError, Literal, Operator};
 use crate::limits;
 use crate::words::{self, MODES, OUTCOMES, STATES};
@@ -50,7 +50,7 @@ pub(super) fn name(name: &str, position: usize) -> Result<String, FilterError> {
 }
 
 struct Parser {
-    tokens: Vec<Placed>,
+    tokens: Vec<PlacedToken>,
     next: usize,
     /// The place just behind the text, where what is missing is missing.
     end: usize,
@@ -62,7 +62,7 @@ impl Parser {
     }
 
     /// Takes the next token, or says that `expected` is missing.
-    fn take(&mut self, expected: &str) -> Result<Placed, FilterError> {
+    fn take(&mut self, expected: &str) -> Result<PlacedToken, FilterError> {
         let placed = self
             .tokens
             .get(self.next)
@@ -75,14 +75,14 @@ impl Parser {
     fn and(&mut self) -> Result<(), FilterError> {
         let placed = self.take("`AND`")?;
         match placed.token {
-            Token::Word(word) if word == "AND" => Ok(()),
+            FilterToken::Word(word) if word == "AND" => Ok(()),
             other => Err(unexpected(placed.position, &other, "`AND`")),
         }
     }
 
     fn comparison(&mut self) -> Result<Comparison, FilterError> {
         let field = self.take(FIELDS)?;
-        let Token::Word(word) = &field.token else {
+        let FilterToken::Word(word) = &field.token else {
             return Err(unexpected(field.position, &field.token, FIELDS));
         };
         let prefixed = word.split_once('.');
@@ -129,7 +129,7 @@ impl Parser {
         const EXPECTED: &str = "an operator: = != < <= > >=";
         let placed = self.take(EXPECTED)?;
         match placed.token {
-            Token::Operator(operator) => Ok(PlacedOperator { position: placed.position, operator }),
+            FilterToken::Operator(operator) => Ok(PlacedOperator { position: placed.position, operator }),
             other => Err(unexpected(placed.position, &other, EXPECTED)),
         }
     }
@@ -140,7 +140,7 @@ impl Parser {
         let expected = format!("{what}: {}", list.join(", "));
         let placed = self.take(&expected)?;
         let found = match &placed.token {
-            Token::Word(word) => words::value(words, word),
+            FilterToken::Word(word) => words::value(words, word),
             _ => None,
         };
         found.ok_or_else(|| unexpected(placed.position, &placed.token, &expected))
@@ -150,7 +150,7 @@ impl Parser {
         const EXPECTED: &str = "text in double quotes";
         let placed = self.take(EXPECTED)?;
         match placed.token {
-            Token::Text(text) => Ok(text),
+            FilterToken::Text(text) => Ok(text),
             other => Err(unexpected(placed.position, &other, EXPECTED)),
         }
     }
@@ -159,7 +159,7 @@ impl Parser {
         const EXPECTED: &str = "a number";
         let placed = self.take(EXPECTED)?;
         match &placed.token {
-            Token::Number(written) => finite(written, placed.position),
+            FilterToken::Number(written) => finite(written, placed.position),
             other => Err(unexpected(placed.position, other, EXPECTED)),
         }
     }
@@ -168,7 +168,7 @@ impl Parser {
         const EXPECTED: &str = "a whole number";
         let placed = self.take(EXPECTED)?;
         match &placed.token {
-            Token::Number(written) => {
+            FilterToken::Number(written) => {
                 written.parse().map_err(|_| unexpected(placed.position, &placed.token, EXPECTED))
             }
             other => Err(unexpected(placed.position, other, EXPECTED)),
@@ -179,10 +179,10 @@ impl Parser {
         const EXPECTED: &str = "a number, text in double quotes, true or false";
         let placed = self.take(EXPECTED)?;
         match &placed.token {
-            Token::Number(written) => finite(written, placed.position).map(Literal::Number),
-            Token::Text(text) => Ok(Literal::Text(text.clone())),
-            Token::Word(word) if word == "true" => Ok(Literal::Boolean(true)),
-            Token::Word(word) if word == "false" => Ok(Literal::Boolean(false)),
+            FilterToken::Number(written) => finite(written, placed.position).map(Literal::Number),
+            FilterToken::Text(text) => Ok(Literal::Text(text.clone())),
+            FilterToken::Word(word) if word == "true" => Ok(Literal::Boolean(true)),
+            FilterToken::Word(word) if word == "false" => Ok(Literal::Boolean(false)),
             other => Err(unexpected(placed.position, other, EXPECTED)),
         }
     }
@@ -214,7 +214,7 @@ fn finite(written: &str, position: usize) -> Result<f64, FilterError> {
     }
 }
 
-fn unexpected(position: usize, found: &Token, expected: &str) -> FilterError {
+fn unexpected(position: usize, found: &FilterToken, expected: &str) -> FilterError {
     FilterError::new(position, format!("found {} instead of {expected}", found.shown()))
 }
 

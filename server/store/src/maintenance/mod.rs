@@ -17,11 +17,11 @@ pub use backup::back_up;
 pub use restore::{Restored, restore};
 
 use crate::error::OpenError;
-use crate::sqlite::{Depth, Looked, Owner, Unsound, file};
+use crate::sqlite::{Depth, FileOwner, Looked, Unsound, file};
 
 /// Why a database could not be copied, put back or checked. Nothing was changed unless the message says so.
 #[derive(Debug, thiserror::Error)]
-pub enum KeepError {
+pub enum MaintenanceError {
     /// The database cannot be had.
     #[error(transparent)]
     Open(#[from] OpenError),
@@ -71,7 +71,7 @@ pub enum KeepError {
     },
 }
 
-impl KeepError {
+impl MaintenanceError {
     fn system(path: &Path, doing: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_owned();
         move |error| Self::System { path, doing, problem: error.to_string() }
@@ -105,8 +105,8 @@ pub struct Inventory {
 /// is done.
 ///
 /// # Errors
-/// [`KeepError::Damaged`] with what was found, or why one could not look.
-pub async fn check(database: &Path) -> Result<Inventory, KeepError> {
+/// [`MaintenanceError::Damaged`] with what was found, or why one could not look.
+pub async fn check(database: &Path) -> Result<Inventory, MaintenanceError> {
     files::need(database)?;
     let mut connection = connect(database).await?;
     let version = schema_version(&mut connection, database).await?;
@@ -119,29 +119,29 @@ pub async fn check(database: &Path) -> Result<Inventory, KeepError> {
         return Err(OpenError::Other { path: database.to_owned(), problem }.into());
     }
     let looked = file::check(&mut connection, Depth::Whole).await;
-    looked.map_err(|unsound| KeepError::unsound(database, unsound))?;
+    looked.map_err(|unsound| MaintenanceError::unsound(database, unsound))?;
     let inventory = inventory(&mut connection, database).await?;
-    connection.close().await.map_err(|error| KeepError::sqlite(database, &error))?;
+    connection.close().await.map_err(|error| MaintenanceError::sqlite(database, &error))?;
     Ok(inventory)
 }
 
 /// A connection to a file that exists, whoever has it.
-async fn connect(path: &Path) -> Result<SqliteConnection, KeepError> {
+async fn connect(path: &Path) -> Result<SqliteConnection, MaintenanceError> {
     file::check_path(path)?;
     let options = file::options(path).create_if_missing(false);
-    options.connect().await.map_err(|error| KeepError::sqlite(path, &error))
+    options.connect().await.map_err(|error| MaintenanceError::sqlite(path, &error))
 }
 
 /// A connection to a closed file that nobody changes: it needs neither locks nor files beside it.
-async fn connect_closed(path: &Path) -> Result<SqliteConnection, KeepError> {
+async fn connect_closed(path: &Path) -> Result<SqliteConnection, MaintenanceError> {
     let options = file::options(path).create_if_missing(false).read_only(true).immutable(true);
-    options.connect().await.map_err(|error| KeepError::sqlite(path, &error))
+    options.connect().await.map_err(|error| MaintenanceError::sqlite(path, &error))
 }
 
 /// The version of the schema, if the database is ours and not of a newer program.
-async fn schema_version(connection: &mut SqliteConnection, path: &Path) -> Result<i64, KeepError> {
-    let failed = |error: sqlx::Error| KeepError::sqlite(path, &error);
-    if file::owner(connection).await.map_err(failed)? != Owner::Ours {
+async fn schema_version(connection: &mut SqliteConnection, path: &Path) -> Result<i64, MaintenanceError> {
+    let failed = |error: sqlx::Error| MaintenanceError::sqlite(path, &error);
+    if file::owner(connection).await.map_err(failed)? != FileOwner::Ours {
         return Err(OpenError::Foreign { path: path.to_owned() }.into());
     }
     let version: Option<i64> = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
@@ -155,17 +155,17 @@ async fn schema_version(connection: &mut SqliteConnection, path: &Path) -> Resul
     Ok(version)
 }
 
-async fn inventory(connection: &mut SqliteConnection, path: &Path) -> Result<Inventory, KeepError> {
-    let sql = "SELECT (SELECT count(*) FROM studies), (SELECT count(*) FROM trials), \
+async fn inventory(connection: &mut SqliteConnection, path: &Path) -> Result<Inventory, MaintenanceError> {
+    let sql = "SELECT (SELECT count(*) FROM studies WHERE name < '~'), (SELECT count(*) FROM trials), \
                (SELECT page_count * page_size FROM pragma_page_count, pragma_page_size)";
     let counted: Result<(i64, i64, i64), _> = sqlx::query_as(sql).fetch_one(connection).await;
-    let (studies, trials, bytes) = counted.map_err(|error| KeepError::sqlite(path, &error))?;
+    let (studies, trials, bytes) = counted.map_err(|error| MaintenanceError::sqlite(path, &error))?;
     let count = |number: i64| u64::try_from(number).unwrap_or(0);
     Ok(Inventory { studies: count(studies), trials: count(trials), bytes: count(bytes) })
 }
 
 /// Looks through a closed file that may be of an earlier schema, and says what it holds.
-async fn check_closed(path: &Path) -> Result<Inventory, KeepError> {
+async fn check_closed(path: &Path) -> Result<Inventory, MaintenanceError> {
     let mut connection = connect_closed(path).await?;
     let version = schema_version(&mut connection, path).await?;
     let looked = match version == file::known_version() {
@@ -173,8 +173,8 @@ async fn check_closed(path: &Path) -> Result<Inventory, KeepError> {
         // Its tables are those of its time; the next start brings them up to date.
         false => file::check_pages(&mut connection).await.map(|()| Looked::Through),
     };
-    looked.map_err(|unsound| KeepError::unsound(path, unsound))?;
+    looked.map_err(|unsound| MaintenanceError::unsound(path, unsound))?;
     let inventory = inventory(&mut connection, path).await?;
-    connection.close().await.map_err(|error| KeepError::sqlite(path, &error))?;
+    connection.close().await.map_err(|error| MaintenanceError::sqlite(path, &error))?;
     Ok(inventory)
 }

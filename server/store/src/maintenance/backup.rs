@@ -11,41 +11,43 @@ use sqlx::Connection as _;
 use sqlx::sqlite::SqliteConnection;
 
 use super::files::{self, Draft};
-use super::{Inventory, KeepError, check_closed, connect, schema_version};
+use super::{Inventory, MaintenanceError, check_closed, connect, schema_version};
 
 /// Writes a copy of `database` to the file `to`, which may exist only if it is to be replaced. While it is written,
 /// the database's write-ahead log cannot be folded and grows by what is written to it.
 ///
 /// # Errors
-/// [`KeepError`]; then `to` is as it was.
-pub async fn back_up(database: &Path, to: &Path, replace: bool) -> Result<Inventory, KeepError> {
+/// [`MaintenanceError`]; then `to` is as it was.
+pub async fn back_up(database: &Path, to: &Path, replace: bool) -> Result<Inventory, MaintenanceError> {
     files::need(database)?;
     if to.is_dir() {
         files::need(to)?;
     }
     if files::are_same(database, to) {
-        return Err(KeepError::Same { path: to.to_owned() });
+        return Err(MaintenanceError::Same { path: to.to_owned() });
     }
     if to.exists() && !replace {
-        return Err(KeepError::Exists { path: to.to_owned() });
+        return Err(MaintenanceError::Exists { path: to.to_owned() });
     }
     let mut source = connect(database).await?;
     schema_version(&mut source, database).await?;
     let draft = Draft::beside(to, database)?;
     // An absolute path is never taken for a URI.
-    let absolute = std::path::absolute(draft.path()).map_err(KeepError::system(draft.path(), "written"))?;
-    let name = std::str::from_utf8(absolute.as_os_str().as_bytes()).map_err(|_| KeepError::System {
-        path: to.to_owned(),
-        doing: "written",
-        problem: "SQLite needs a name in UTF-8".to_owned(),
-    })?;
+    let absolute =
+        std::path::absolute(draft.path()).map_err(MaintenanceError::system(draft.path(), "written"))?;
+    let name =
+        std::str::from_utf8(absolute.as_os_str().as_bytes()).map_err(|_| MaintenanceError::System {
+            path: to.to_owned(),
+            doing: "written",
+            problem: "SQLite needs a name in UTF-8".to_owned(),
+        })?;
     let written = write(&mut source, name).await;
-    written.map_err(|error| KeepError::System {
+    written.map_err(|error| MaintenanceError::System {
         path: to.to_owned(),
         doing: "written",
         problem: crate::sqlite::file::message(&error),
     })?;
-    source.close().await.map_err(|error| KeepError::sqlite(database, &error))?;
+    source.close().await.map_err(|error| MaintenanceError::sqlite(database, &error))?;
     draft.sync()?;
     let inventory = check_closed(draft.path()).await?;
     match replace {

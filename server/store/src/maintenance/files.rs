@@ -7,7 +7,7 @@ use std::io;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 
-use super::KeepError;
+use super::MaintenanceError;
 use crate::error::OpenError;
 
 /// `PATH` with something behind its name.
@@ -18,11 +18,11 @@ pub(super) fn beside(path: &Path, suffix: &str) -> PathBuf {
 }
 
 /// Refuses what is not a file.
-pub(super) fn need(path: &Path) -> Result<(), KeepError> {
+pub(super) fn need(path: &Path) -> Result<(), MaintenanceError> {
     if path.is_dir() {
         return Err(OpenError::Directory { path: path.to_owned() }.into());
     }
-    if path.exists() { Ok(()) } else { Err(KeepError::Missing { path: path.to_owned() }) }
+    if path.exists() { Ok(()) } else { Err(MaintenanceError::Missing { path: path.to_owned() }) }
 }
 
 /// Whether both names are of one file.
@@ -42,10 +42,10 @@ pub(super) fn folder(path: &Path) -> &Path {
 }
 
 /// Makes names in a folder durable.
-pub(super) fn sync_folder(path: &Path) -> Result<(), KeepError> {
+pub(super) fn sync_folder(path: &Path) -> Result<(), MaintenanceError> {
     let folder = folder(path);
     let synced = File::open(folder).and_then(|open| open.sync_all());
-    synced.map_err(KeepError::system(folder, "made durable"))
+    synced.map_err(MaintenanceError::system(folder, "made durable"))
 }
 
 /// A file that is being written under a name for the time being. It is removed unless it is kept.
@@ -56,7 +56,7 @@ pub(super) struct Draft {
 
 impl Draft {
     /// An empty file beside `path`, to be read by whoever may read `like`: a database holds the hashes of tokens.
-    pub(super) fn beside(path: &Path, like: &Path) -> Result<Self, KeepError> {
+    pub(super) fn beside(path: &Path, like: &Path) -> Result<Self, MaintenanceError> {
         let draft = beside(path, &format!(".part-{}", std::process::id()));
         let mode = fs::metadata(like).map_or(0o600, |metadata| metadata.permissions().mode() & 0o777);
         // What an earlier process of this number left.
@@ -67,7 +67,7 @@ impl Draft {
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 Err(OpenError::NoDirectory { path: folder(path).to_owned() }.into())
             }
-            Err(error) => Err(KeepError::system(&draft, "written")(error)),
+            Err(error) => Err(MaintenanceError::system(&draft, "written")(error)),
         }
     }
 
@@ -76,28 +76,28 @@ impl Draft {
     }
 
     /// Waits until all of it is on the disk.
-    pub(super) fn sync(&self) -> Result<(), KeepError> {
+    pub(super) fn sync(&self) -> Result<(), MaintenanceError> {
         let synced = File::open(&self.path).and_then(|open| open.sync_all());
-        synced.map_err(KeepError::system(&self.path, "made durable"))
+        synced.map_err(MaintenanceError::system(&self.path, "made durable"))
     }
 
     /// Gives it its name, durably, in the place of what has that name now.
-    pub(super) fn keep_as(mut self, path: &Path) -> Result<(), KeepError> {
-        fs::rename(&self.path, path).map_err(KeepError::system(path, "put in place"))?;
+    pub(super) fn keep_as(mut self, path: &Path) -> Result<(), MaintenanceError> {
+        fs::rename(&self.path, path).map_err(MaintenanceError::system(path, "put in place"))?;
         self.is_kept = true;
         sync_folder(path)
     }
 
     /// Gives it its name, durably, unless something has that name.
-    pub(super) fn keep_as_new(self, path: &Path) -> Result<(), KeepError> {
+    pub(super) fn keep_as_new(self, path: &Path) -> Result<(), MaintenanceError> {
         match fs::hard_link(&self.path, path) {
             // The other name goes when this is dropped.
             Ok(()) => sync_folder(path),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
-                Err(KeepError::Exists { path: path.to_owned() })
+                Err(MaintenanceError::Exists { path: path.to_owned() })
             }
             // Some file systems know no second names.
-            Err(_) if path.exists() => Err(KeepError::Exists { path: path.to_owned() }),
+            Err(_) if path.exists() => Err(MaintenanceError::Exists { path: path.to_owned() }),
             Err(_) => self.keep_as(path),
         }
     }

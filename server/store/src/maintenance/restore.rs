@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::files::{self, Draft};
-use super::{Inventory, KeepError, check_closed};
+use super::{Inventory, MaintenanceError, check_closed};
 use crate::sqlite::file;
 
 /// What was done.
@@ -25,19 +25,19 @@ pub struct Restored {
 /// Puts a copy of the backup `from` in the place of `database`, whether or not there is one.
 ///
 /// # Errors
-/// [`KeepError`], chiefly when a daemon has the database, or the backup is damaged or of a newer schema. Nothing was
+/// [`MaintenanceError`], chiefly when a daemon has the database, or the backup is damaged or of a newer schema. Nothing was
 /// changed then.
-pub async fn restore(from: &Path, database: &Path) -> Result<Restored, KeepError> {
+pub async fn restore(from: &Path, database: &Path) -> Result<Restored, MaintenanceError> {
     files::need(from)?;
     if files::are_same(from, database) {
-        return Err(KeepError::Same { path: from.to_owned() });
+        return Err(MaintenanceError::Same { path: from.to_owned() });
     }
     // A link to a database stands for the file that it names.
     let database = &database.canonicalize().unwrap_or_else(|_| database.to_owned());
     file::check_path(database)?;
-    let lock = file::DatabaseLock::take(database)?;
+    let lock = file::DatabaseLock::take_without_file(database)?;
     if fs::metadata(files::beside(from, "-wal")).is_ok_and(|log| log.len() > 0) {
-        return Err(KeepError::Unfit {
+        return Err(MaintenanceError::Unfit {
             path: from.to_owned(),
             problem:
                 "a write-ahead log lies beside it, so it is a database in use and no backup; make one with \
@@ -56,15 +56,15 @@ pub async fn restore(from: &Path, database: &Path) -> Result<Restored, KeepError
     Ok(Restored { inventory, aside })
 }
 
-fn copy(from: &Path, to: &Path) -> Result<(), KeepError> {
-    let mut source = File::open(from).map_err(KeepError::system(from, "read"))?;
+fn copy(from: &Path, to: &Path) -> Result<(), MaintenanceError> {
+    let mut source = File::open(from).map_err(MaintenanceError::system(from, "read"))?;
     let target = File::options().write(true).truncate(true).open(to);
-    let mut target = target.map_err(KeepError::system(to, "written"))?;
-    io::copy(&mut source, &mut target).map_err(KeepError::system(to, "written")).map(|_| ())
+    let mut target = target.map_err(MaintenanceError::system(to, "written"))?;
+    io::copy(&mut source, &mut target).map_err(MaintenanceError::system(to, "written")).map(|_| ())
 }
 
 /// Gives the database and its log further names, and takes the log from beside it.
-fn put_aside(database: &Path) -> Result<PathBuf, KeepError> {
+fn put_aside(database: &Path) -> Result<PathBuf, MaintenanceError> {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let aside = files::beside(database, &format!(".before-restore-{}", since.as_millis()));
     let log = files::beside(database, "-wal");
@@ -72,7 +72,7 @@ fn put_aside(database: &Path) -> Result<PathBuf, KeepError> {
         match fs::hard_link(name, other) {
             Ok(()) => {}
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            Err(error) => return Err(KeepError::system(name, "kept under another name")(error)),
+            Err(error) => return Err(MaintenanceError::system(name, "kept under another name")(error)),
         }
     }
     files::sync_folder(database)?;
@@ -80,17 +80,19 @@ fn put_aside(database: &Path) -> Result<PathBuf, KeepError> {
         match fs::remove_file(&name) {
             Ok(()) => {}
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            Err(error) => return Err(KeepError::system(&name, "removed")(error)),
+            Err(error) => return Err(MaintenanceError::system(&name, "removed")(error)),
         }
     }
     Ok(aside)
 }
 
 /// An error about the copy is one about the backup.
-fn about(from: &Path, draft: &Path, error: KeepError) -> KeepError {
-    let problem = |text: String| KeepError::Unfit { path: from.to_owned(), problem: text };
+fn about(from: &Path, draft: &Path, error: MaintenanceError) -> MaintenanceError {
+    let problem = |text: String| MaintenanceError::Unfit { path: from.to_owned(), problem: text };
     match error {
-        KeepError::Damaged { problems, .. } => KeepError::Damaged { path: from.to_owned(), problems },
+        MaintenanceError::Damaged { problems, .. } => {
+            MaintenanceError::Damaged { path: from.to_owned(), problems }
+        }
         other => {
             let text = other.to_string();
             problem(text.replace(&draft.display().to_string(), &from.display().to_string()))

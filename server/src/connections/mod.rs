@@ -1,19 +1,23 @@
 //! Accepts connections up to a limit, encrypts them where that is wished, and ends those that only wait.
 //!
-//! A connection must get on: its TLS handshake, the first bytes of HTTP/2 and its first request each have a time
-//! limit, and one on which nothing is under way for long is closed. So whoever opens many and says little or
-//! nothing ("slow loris") cannot hold places that others need. What happens once a request has begun is limited
-//! in `front`.
+//! A connection must get on: its TLS handshake, the first bytes of HTTP/2 and its first authorised request each have a
+//! time limit, and one on which nothing is under way for long is closed. So whoever opens many and says little or
+//! nothing ("slow loris") cannot hold places that others need. `activity` keeps that time, `places` counts connections
+//! and decides who makes room. What happens once a request has begun is limited in
+//! [`middleware`](crate::middleware).
+
+mod activity;
+mod places;
 
 use std::io;
 use std::net::SocketAddr;
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+use tokio::sync::mpsc;
 use tokio::time::{Instant, Sleep, sleep_until, timeout};
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
@@ -22,18 +26,19 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::server::Connected;
 
 use crate::limits;
-use crate::metrics::METRICS;
+use crate::metrics::Metrics;
 use crate::tls::Tls;
 
-/// Bytes with which every HTTP/2 connection begins (RFC 9113, section 3.4).
-const PREFACE_BYTES: u64 = 24;
+pub(crate) use activity::{Activity, UnderWay};
+pub use places::ConnectionLimits;
+pub(crate) use places::Places;
 
 /// A connection that counts until it is dropped.
 pub(crate) struct Connection {
     transport: Transport,
     activity: Arc<Activity>,
     deadline: Pin<Box<Sleep>>,
-    _permit: OwnedSemaphorePermit,
+    metrics: Arc<Metrics>,
 }
 
 enum Transport {
@@ -46,10 +51,11 @@ enum Transport {
 pub(crate) fn accept(
     listener: TcpListener,
     tls: Option<Arc<Tls>>,
+    places: Places,
+    metrics: Arc<Metrics>,
 ) -> impl Stream<Item = io::Result<Connection>> {
-    let (ready, connections) = mpsc::channel(limits::CONNECTIONS);
+    let (ready, connections) = mpsc::channel(limits::CONNECTIONS_READY);
     tokio::spawn(async move {
-        let permits = Arc::new(Semaphore::new(limits::CONNECTIONS));
         loop {
             let accepted = tokio::select! {
                 () = ready.closed() => return,
@@ -64,19 +70,23 @@ pub(crate) fn accept(
                     continue;
                 }
             };
-            let Ok(permit) = Arc::clone(&permits).try_acquire_owned() else {
-                METRICS.connection_lost("limit");
-                tracing::warn!(%address, limit = limits::CONNECTIONS, "connection refused: too many are open");
-                continue;
+            let place = match places.take(Some(address.ip().to_canonical())) {
+                Ok(place) => place,
+                Err(reason) => {
+                    metrics.connection_lost(reason);
+                    tracing::debug!(%address, reason, "connection refused: too many are open");
+                    continue;
+                }
             };
-            let (ready, tls) = (ready.clone(), tls.clone());
+            let activity = Arc::new(Activity::new(Instant::now(), place));
+            let (ready, tls, metrics) = (ready.clone(), tls.clone(), Arc::clone(&metrics));
             if tls.is_none() {
-                drop(ready.send(Ok(Connection::new(Transport::Plain(stream), permit))).await);
+                drop(ready.send(Ok(Connection::new(Transport::Plain(stream), activity, metrics))).await);
                 continue;
             }
             tokio::spawn(async move {
-                if let Some(transport) = handshake(stream, address, tls).await {
-                    drop(ready.send(Ok(Connection::new(transport, permit))).await);
+                if let Some(transport) = handshake(stream, address, tls, &metrics).await {
+                    drop(ready.send(Ok(Connection::new(transport, activity, metrics))).await);
                 }
             });
         }
@@ -84,17 +94,22 @@ pub(crate) fn accept(
     ReceiverStream::new(connections)
 }
 
-async fn handshake(stream: TcpStream, address: SocketAddr, tls: Option<Arc<Tls>>) -> Option<Transport> {
+async fn handshake(
+    stream: TcpStream,
+    address: SocketAddr,
+    tls: Option<Arc<Tls>>,
+    metrics: &Metrics,
+) -> Option<Transport> {
     let acceptor = TlsAcceptor::from(tls?.current());
     match timeout(limits::HANDSHAKE, acceptor.accept(stream)).await {
         Ok(Ok(stream)) => Some(Transport::Tls(Box::new(stream))),
         Ok(Err(error)) => {
-            METRICS.connection_lost("tls");
+            metrics.connection_lost("tls");
             tracing::info!(%address, %error, "TLS handshake failed");
             None
         }
         Err(_) => {
-            METRICS.connection_lost("overdue");
+            metrics.connection_lost("overdue");
             tracing::info!(%address, "TLS handshake took too long");
             None
         }
@@ -102,7 +117,7 @@ async fn handshake(stream: TcpStream, address: SocketAddr, tls: Option<Arc<Tls>>
 }
 
 impl Connection {
-    fn new(transport: Transport, permit: OwnedSemaphorePermit) -> Self {
+    fn new(transport: Transport, activity: Arc<Activity>, metrics: Arc<Metrics>) -> Self {
         let tcp = match &transport {
             Transport::Plain(stream) => stream,
             Transport::Tls(stream) => stream.get_ref().0,
@@ -110,9 +125,8 @@ impl Connection {
         if let Err(error) = tcp.set_nodelay(true) {
             tracing::debug!(%error, "small messages to this connection may be delayed");
         }
-        let activity = Arc::new(Activity::new(Instant::now()));
         let deadline = Box::pin(sleep_until(activity.deadline()));
-        Self { transport, activity, deadline, _permit: permit }
+        Self { transport, activity, deadline, metrics }
     }
 
     /// Whether the connection has not got on in time.
@@ -125,62 +139,6 @@ impl Connection {
             }
             self.deadline.as_mut().reset(deadline);
         }
-    }
-}
-
-/// What happens on a connection: shared by it and its requests.
-#[derive(Debug)]
-pub(crate) struct Activity {
-    opened: Instant,
-    state: Mutex<State>,
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct State {
-    bytes: u64,
-    under_way: usize,
-    last: Option<Instant>,
-}
-
-/// A request or stream under way, until dropped.
-#[derive(Debug)]
-pub(crate) struct UnderWay {
-    activity: Arc<Activity>,
-}
-
-impl Activity {
-    fn new(opened: Instant) -> Self {
-        Self { opened, state: Mutex::default() }
-    }
-
-    fn with<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
-        change(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-
-    /// A request begins.
-    pub(crate) fn begin(self: &Arc<Self>) -> UnderWay {
-        self.with(|state| state.under_way += 1);
-        UnderWay { activity: Arc::clone(self) }
-    }
-
-    /// Until when something must happen.
-    fn deadline(&self) -> Instant {
-        let state = self.with(|state| *state);
-        match state.last {
-            _ if state.under_way > 0 => Instant::now() + limits::IDLE,
-            Some(last) => last + limits::IDLE,
-            None if state.bytes < PREFACE_BYTES => self.opened + limits::PREFACE,
-            None => self.opened + limits::FIRST_REQUEST,
-        }
-    }
-}
-
-impl Drop for UnderWay {
-    fn drop(&mut self) {
-        self.activity.with(|state| {
-            state.under_way -= 1;
-            state.last = Some(Instant::now());
-        });
     }
 }
 
@@ -205,9 +163,12 @@ impl AsyncRead for Connection {
         };
         if read.is_ready() {
             let more = (buffer.filled().len() - before) as u64;
-            self.activity.with(|state| state.bytes += more);
+            self.activity.read(more);
+        } else if self.activity.has_to_go(context) {
+            self.metrics.connection_lost("made_room");
+            return Poll::Ready(Err(io::ErrorKind::ConnectionAborted.into()));
         } else if self.poll_overdue(context).is_ready() {
-            METRICS.connection_lost("overdue");
+            self.metrics.connection_lost("overdue");
             tracing::debug!("a connection on which nothing happened in time is closed");
             return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
         }
@@ -257,27 +218,5 @@ impl AsyncWrite for Connection {
             Transport::Plain(stream) => Pin::new(stream).poll_shutdown(context),
             Transport::Tls(stream) => Pin::new(stream).poll_shutdown(context),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[tokio::test(start_paused = true)]
-    async fn a_connection_must_get_on() {
-        let opened = Instant::now();
-        let activity = Arc::new(Activity::new(opened));
-        assert_eq!(activity.deadline(), opened + limits::PREFACE);
-        activity.with(|state| state.bytes = PREFACE_BYTES);
-        assert_eq!(activity.deadline(), opened + limits::FIRST_REQUEST);
-        let (first, second) = (activity.begin(), activity.begin());
-        tokio::time::advance(2 * limits::IDLE).await;
-        drop(first);
-        assert!(activity.deadline() > Instant::now(), "something is under way");
-        drop(second);
-        assert_eq!(activity.deadline(), Instant::now() + limits::IDLE);
-        tokio::time::advance(limits::IDLE).await;
-        assert!(activity.deadline() <= Instant::now());
     }
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use common::{change, completed, open, spec};
 use sqlx::{ConnectOptions as _, Connection as _, Executor as _};
 use treewright_core::trial::Outcome;
-use treewright_store::keep::{self, Inventory, KeepError};
+use treewright_store::maintenance::{self, Inventory, MaintenanceError};
 use treewright_store::{OpenError, SqliteStore, Store};
 
 struct Place {
@@ -56,7 +56,7 @@ async fn foreign(path: &Path) -> sqlx::SqliteConnection {
 async fn a_backup_is_taken_from_a_running_store_and_put_back() {
     let place = Place::new();
     let running = store(&place.database, 500).await;
-    let inventory = keep::back_up(&place.database, &place.backup, false).await.unwrap();
+    let inventory = maintenance::back_up(&place.database, &place.backup, false).await.unwrap();
     assert_eq!((inventory.studies, inventory.trials), (1, 501));
     assert_eq!(inventory.bytes, std::fs::metadata(&place.backup).unwrap().len());
     // Nothing else is left behind, neither a draft nor a log.
@@ -65,11 +65,11 @@ async fn a_backup_is_taken_from_a_running_store_and_put_back() {
     // The store goes on.
     running.create_study("later", &spec(), 6).await.unwrap();
 
-    let error = keep::restore(&place.backup, &place.database).await.unwrap_err();
-    assert!(matches!(error, KeepError::Open(OpenError::InUse { .. })), "{error}");
+    let error = maintenance::restore(&place.backup, &place.database).await.unwrap_err();
+    assert!(matches!(error, MaintenanceError::Open(OpenError::InUse { .. })), "{error}");
     running.close().await;
 
-    let restored = keep::restore(&place.backup, &place.database).await.unwrap();
+    let restored = maintenance::restore(&place.backup, &place.database).await.unwrap();
     assert_eq!(restored.inventory, inventory);
     assert_eq!(trials(&place.database).await, 501);
     let back = SqliteStore::open(&place.database).await.unwrap();
@@ -84,7 +84,7 @@ async fn a_backup_is_taken_from_a_running_store_and_put_back() {
 async fn the_log_of_a_killed_daemon_is_put_aside_with_its_database() {
     let place = Place::new();
     let running = store(&place.database, 3).await;
-    keep::back_up(&place.database, &place.backup, false).await.unwrap();
+    maintenance::back_up(&place.database, &place.backup, false).await.unwrap();
     running.create_study("later", &spec(), 6).await.unwrap();
     let killed = place.database.with_file_name("killed.db");
     for suffix in ["", "-wal"] {
@@ -92,7 +92,7 @@ async fn the_log_of_a_killed_daemon_is_put_aside_with_its_database() {
         std::fs::copy(name(&place.database), name(&killed)).unwrap();
     }
     running.close().await;
-    let restored = keep::restore(&place.backup, &killed).await.unwrap();
+    let restored = maintenance::restore(&place.backup, &killed).await.unwrap();
     assert!(!killed.with_file_name("killed.db-wal").exists());
     let back = SqliteStore::open(&killed).await.unwrap();
     assert_eq!(back.list_studies(None, 10).await.unwrap().len(), 1);
@@ -104,27 +104,27 @@ async fn the_log_of_a_killed_daemon_is_put_aside_with_its_database() {
 async fn a_backup_goes_where_nothing_is_unless_told() {
     let place = Place::new();
     store(&place.database, 2).await.close().await;
-    let error = keep::back_up(&place.database, &place.database, true).await.unwrap_err();
-    assert!(matches!(error, KeepError::Same { .. }), "{error}");
+    let error = maintenance::back_up(&place.database, &place.database, true).await.unwrap_err();
+    assert!(matches!(error, MaintenanceError::Same { .. }), "{error}");
     std::fs::write(&place.backup, "a letter").unwrap();
-    let error = keep::back_up(&place.database, &place.backup, false).await.unwrap_err();
+    let error = maintenance::back_up(&place.database, &place.backup, false).await.unwrap_err();
     assert!(error.to_string().contains("--replace"), "{error}");
     assert_eq!(std::fs::read(&place.backup).unwrap(), b"a letter");
-    keep::back_up(&place.database, &place.backup, true).await.unwrap();
+    maintenance::back_up(&place.database, &place.backup, true).await.unwrap();
     assert_eq!(trials(&place.backup).await, 3);
 
     let folder = place.database.parent().unwrap();
-    let error = keep::back_up(&place.database, folder, true).await.unwrap_err();
-    assert!(matches!(error, KeepError::Open(OpenError::Directory { .. })), "{error}");
-    let error = keep::back_up(&place.database, &folder.join("missing/b"), false).await.unwrap_err();
-    assert!(matches!(error, KeepError::Open(OpenError::NoDirectory { .. })), "{error}");
-    let error = keep::back_up(&folder.join("missing"), &place.backup, true).await.unwrap_err();
-    assert!(matches!(error, KeepError::Missing { .. }), "{error}");
+    let error = maintenance::back_up(&place.database, folder, true).await.unwrap_err();
+    assert!(matches!(error, MaintenanceError::Open(OpenError::Directory { .. })), "{error}");
+    let error = maintenance::back_up(&place.database, &folder.join("missing/b"), false).await.unwrap_err();
+    assert!(matches!(error, MaintenanceError::Open(OpenError::NoDirectory { .. })), "{error}");
+    let error = maintenance::back_up(&folder.join("missing"), &place.backup, true).await.unwrap_err();
+    assert!(matches!(error, MaintenanceError::Missing { .. }), "{error}");
     assert!(!folder.join("missing").exists());
     // Who may not read the database may not read its backup.
     use std::os::unix::fs::PermissionsExt as _;
     std::fs::set_permissions(&place.database, std::fs::Permissions::from_mode(0o600)).unwrap();
-    keep::back_up(&place.database, &place.backup, true).await.unwrap();
+    maintenance::back_up(&place.database, &place.backup, true).await.unwrap();
     assert_eq!(std::fs::metadata(&place.backup).unwrap().permissions().mode() & 0o777, 0o600);
 }
 
@@ -132,7 +132,7 @@ async fn a_backup_goes_where_nothing_is_unless_told() {
 async fn what_cannot_be_restored_changes_nothing() {
     let place = Place::new();
     store(&place.database, 7).await.close().await;
-    keep::back_up(&place.database, &place.backup, false).await.unwrap();
+    maintenance::back_up(&place.database, &place.backup, false).await.unwrap();
     let folder = place.database.parent().unwrap().to_owned();
     let names = place.names().len();
 
@@ -165,7 +165,7 @@ async fn what_cannot_be_restored_changes_nothing() {
         (&folder.join("missing"), "does not exist"),
         (&folder, "is a directory"),
     ] {
-        let error = keep::restore(from, &place.database).await.unwrap_err();
+        let error = maintenance::restore(from, &place.database).await.unwrap_err();
         let said = error.to_string();
         assert!(said.contains(fragment) && said.contains(from.to_str().unwrap()), "{said}");
         assert!(!said.contains(".part-"), "{said}");
@@ -181,7 +181,7 @@ async fn what_cannot_be_restored_changes_nothing() {
 async fn a_check_finds_what_a_start_need_not() {
     let place = Place::new();
     store(&place.database, 300).await.close().await;
-    let sound = keep::check(&place.database).await.unwrap();
+    let sound = maintenance::check(&place.database).await.unwrap();
     assert!(matches!(sound, Inventory { studies: 1, trials: 301, .. }));
 
     // A text that SQLite takes for one, and an index that lacks a row.
@@ -190,7 +190,7 @@ async fn a_check_finds_what_a_start_need_not() {
     let mut other = foreign(&unreadable).await;
     other.execute("UPDATE trials SET indicators = '{\"x\": ' WHERE state = 'OPEN'").await.unwrap();
     other.close().await.unwrap();
-    let error = keep::check(&unreadable).await.unwrap_err();
+    let error = maintenance::check(&unreadable).await.unwrap_err();
     assert!(error.to_string().contains("trial 301 of study 1 cannot be read"), "{error}");
 
     let stray = place.database.with_file_name("stray.db");
@@ -198,7 +198,7 @@ async fn a_check_finds_what_a_start_need_not() {
     let mut other = foreign(&stray).await;
     other.execute("PRAGMA foreign_keys = OFF; DELETE FROM states").await.unwrap();
     other.close().await.unwrap();
-    let error = keep::check(&stray).await.unwrap_err();
+    let error = maintenance::check(&stray).await.unwrap_err();
     assert!(error.to_string().contains("missing row of states"), "{error}");
     SqliteStore::open(&stray).await.expect("its pages are sound").close().await;
 }
@@ -212,7 +212,7 @@ async fn the_copy_of_a_file_that_cannot_shrink_can() {
     old.execute("PRAGMA application_id = 0x54577274; CREATE TABLE t (x); DROP TABLE t").await.unwrap();
     old.close().await.unwrap();
     store(&place.database, 5).await.close().await;
-    keep::back_up(&place.database, &place.backup, false).await.unwrap();
+    maintenance::back_up(&place.database, &place.backup, false).await.unwrap();
     for (file, expected) in [(&place.database, 0), (&place.backup, 2)] {
         let mut other = foreign(file).await;
         let shrinks: i64 = sqlx::query_scalar("PRAGMA auto_vacuum").fetch_one(&mut other).await.unwrap();

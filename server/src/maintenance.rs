@@ -2,30 +2,30 @@
 
 use std::time::Instant;
 
-use treewright_store::keep::{self, Inventory, KeepError};
+use treewright_store::maintenance::{self, Inventory, MaintenanceError};
 
 use crate::administration::Said;
 use crate::config::{BackupConfig, FileDatabase, RestoreConfig};
 
 /// Exit code of a command that did not do what it should: as of `serve` where the database is at fault.
 #[must_use]
-pub fn exit_code(error: &KeepError) -> u8 {
+pub fn exit_code(error: &MaintenanceError) -> u8 {
     match error {
-        KeepError::Open(_) | KeepError::Damaged { .. } | KeepError::Unfit { .. } => 4,
-        KeepError::Missing { .. }
-        | KeepError::Exists { .. }
-        | KeepError::Same { .. }
-        | KeepError::System { .. } => 1,
+        MaintenanceError::Open(_) | MaintenanceError::Damaged { .. } | MaintenanceError::Unfit { .. } => 4,
+        MaintenanceError::Missing { .. }
+        | MaintenanceError::Exists { .. }
+        | MaintenanceError::Same { .. }
+        | MaintenanceError::System { .. } => 1,
     }
 }
 
 /// Copies a database while a daemon may run on it.
 ///
 /// # Errors
-/// [`KeepError`]; there is no new copy then.
-pub async fn back_up(config: &BackupConfig) -> Result<Said, KeepError> {
+/// [`MaintenanceError`]; there is no new copy then.
+pub async fn back_up(config: &BackupConfig) -> Result<Said, MaintenanceError> {
     let begun = Instant::now();
-    let inventory = keep::back_up(&config.database.database, &config.to, config.replace).await?;
+    let inventory = maintenance::back_up(&config.database.database, &config.to, config.replace).await?;
     let seconds = begun.elapsed().as_secs_f64();
     Ok(said(format!("backed up to {}: {} in {seconds:.1} s", config.to.display(), shown(inventory))))
 }
@@ -33,10 +33,10 @@ pub async fn back_up(config: &BackupConfig) -> Result<Said, KeepError> {
 /// Puts a copy back.
 ///
 /// # Errors
-/// [`KeepError`]; the database is then as it was.
-pub async fn restore(config: &RestoreConfig) -> Result<Said, KeepError> {
+/// [`MaintenanceError`]; the database is then as it was.
+pub async fn restore(config: &RestoreConfig) -> Result<Said, MaintenanceError> {
     let database = &config.database.database;
-    let done = keep::restore(&config.from, database).await?;
+    let done = maintenance::restore(&config.from, database).await?;
     let before = match &done.aside {
         Some(aside) => format!("; what was there before is {}", aside.display()),
         None => String::new(),
@@ -47,10 +47,10 @@ pub async fn restore(config: &RestoreConfig) -> Result<Said, KeepError> {
 /// Looks at all of a database.
 ///
 /// # Errors
-/// [`KeepError::Damaged`] with what was found.
-pub async fn check(database: &FileDatabase) -> Result<Said, KeepError> {
+/// [`MaintenanceError::Damaged`] with what was found.
+pub async fn check(database: &FileDatabase) -> Result<Said, MaintenanceError> {
     let begun = Instant::now();
-    let inventory = keep::check(&database.database).await?;
+    let inventory = maintenance::check(&database.database).await?;
     let seconds = begun.elapsed().as_secs_f64();
     Ok(said(format!("{} is sound: {}, {seconds:.1} s", database.database.display(), shown(inventory))))
 }

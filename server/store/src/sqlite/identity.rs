@@ -15,7 +15,7 @@ type Identity = (u64, u64);
 
 /// The files of an open database.
 #[derive(Debug)]
-pub(super) struct Place {
+pub(super) struct FileIdentity {
     database: PathBuf,
     log: PathBuf,
     database_is: Option<Identity>,
@@ -23,7 +23,7 @@ pub(super) struct Place {
     log_is: Option<Identity>,
 }
 
-impl Place {
+impl FileIdentity {
     /// Remembers what lies under the name of a database that has just been opened.
     pub(super) fn of(database: &Path) -> Self {
         // A link to the database stands for the file that it names, and the log lies beside that.
