@@ -23,6 +23,7 @@ use std::fmt::Write;
 use serde::{Deserialize, Serialize};
 
 use crate::error::BuildError;
+use crate::geometry::Packets;
 use crate::limits::{NATIVE_SPLIT_BUDGET_RANGE, SPLIT_BUDGET};
 
 /// Build quality of a native Embree scene.
@@ -96,6 +97,24 @@ impl NativeAcceleration {
             | Self::Bvh8Triangle4i
             | Self::Qbvh8Triangle4
             | Self::Qbvh8Triangle4i => quality == NativeQuality::Medium,
+        }
+    }
+
+    /// How rays are traced through it where `packets` are asked for: so, or one by one where Embree has no kernel
+    /// for packets, which is so for all compressed nodes.
+    ///
+    /// `rtcIntersect8` and its like notice that only for the scene they are given and then trace its rays one by
+    /// one. Below an instance they do not ask, and call a function that is not there.
+    pub(crate) fn traced(self, packets: Packets) -> Packets {
+        match self {
+            Self::Qbvh4Triangle4i | Self::Qbvh8Triangle4 | Self::Qbvh8Triangle4i => Packets::Single,
+            Self::Auto
+            | Self::Bvh4Triangle4
+            | Self::Bvh4Triangle4v
+            | Self::Bvh4Triangle4i
+            | Self::Bvh8Triangle4
+            | Self::Bvh8Triangle4v
+            | Self::Bvh8Triangle4i => packets,
         }
     }
 

@@ -89,7 +89,7 @@ fn place(
             attach(device, &scene, number as u32, object, &instance.to_world)?;
         }
     }
-    commit(device, scene, triangles, before)
+    commit(device, scene, triangles, options, before)
 }
 
 fn attach(

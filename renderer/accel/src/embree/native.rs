@@ -72,8 +72,8 @@ impl NativeScene {
         if !triangles.is_empty() {
             attach(device, &scene, triangles, options, refits)?;
         }
-        let scene = commit(device, scene, triangles, before)?;
-        Ok(Self { options: *options, refits, ..scene })
+        let scene = commit(device, scene, triangles, options, before)?;
+        Ok(Self { refits, ..scene })
     }
 
     /// Follows moved triangles; there is no partial update, so it is a refit too. The first refit builds a scene
@@ -152,11 +152,12 @@ pub(super) fn new_scene(device: &Device, options: &NativeOptions) -> Result<Scen
     Ok(scene)
 }
 
-/// Commits a scene that reads `triangles`; `before` is what Embree held when its build began.
+/// Commits a scene that reads `triangles`, or whose instances were built with `options`; `before` is what Embree held when its build began.
 pub(super) fn commit(
     device: &Device,
     scene: SceneHandle,
     triangles: &Arc<Triangles>,
+    options: &NativeOptions,
     before: usize,
 ) -> Result<NativeScene, BuildError> {
     // SAFETY: the scene is valid; the shared arrays are alive.
@@ -164,8 +165,7 @@ pub(super) fn commit(
     device.check().map_err(BuildError::from)?;
     let bytes = device.bytes_held().saturating_sub(before);
     let (triangles, _indexed, device) = (Arc::clone(triangles), Arc::clone(triangles), device.clone());
-    let options = NativeOptions::default();
-    Ok(NativeScene { scene, bytes, options, refits: false, triangles, _indexed, device })
+    Ok(NativeScene { scene, bytes, options: *options, refits: false, triangles, _indexed, device })
 }
 
 pub(super) fn failure(device: &Device) -> BuildError {
@@ -297,9 +297,9 @@ impl Intersector for NativeScene {
 
     fn closest_each(&self, packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
         assert_eq!(rays.len(), hits.len(), "one hit a ray");
-        // SAFETY: the scene is committed.
+        // SAFETY: the scene is committed, and all below it has kernels for these packets.
         unsafe {
-            match packets {
+            match self.options.acceleration.traced(packets) {
                 Packets::Single => {
                     rays.iter().zip(hits).for_each(|(ray, hit)| *hit = self.closest(ray));
                 }
@@ -315,7 +315,7 @@ impl Intersector for NativeScene {
         assert_eq!(rays.len(), occluded.len(), "one answer a ray");
         // SAFETY: as above.
         unsafe {
-            match packets {
+            match self.options.acceleration.traced(packets) {
                 Packets::Single => {
                     rays.iter().zip(occluded).for_each(|(ray, occluded)| *occluded = self.occluded(ray));
                 }

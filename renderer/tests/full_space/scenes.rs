@@ -1,0 +1,107 @@
+//! Small scenes of every kind: flat, of instances, and both in motion.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{Affine3A, Quat, Vec3, Vec3A};
+use treewright_scene::assemble::{Assembler, Lighting};
+use treewright_scene::framing::CameraPose;
+use treewright_scene::shapes::Shapes;
+use treewright_scene::{Material, Scene, Sky};
+
+/// What a structure is built over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Flat,
+    Instanced,
+    Moving,
+    MovingInstanced,
+}
+
+impl Kind {
+    pub(crate) const ALL: [Self; 4] = [Self::Flat, Self::Instanced, Self::Moving, Self::MovingInstanced];
+
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Flat => "flat",
+            Self::Instanced => "instanced",
+            Self::Moving => "moving",
+            Self::MovingInstanced => "moving-instanced",
+        }
+    }
+
+    pub(crate) fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// The scene, and for one that moves the same a moment later.
+    pub(crate) fn scenes(self) -> Vec<Arc<Scene>> {
+        let scene = match self {
+            Self::Flat | Self::Moving => room(false),
+            Self::Instanced | Self::MovingInstanced => room(true),
+        };
+        let is_still = matches!(self, Self::Flat | Self::Instanced);
+        let later = (!is_still).then(|| Arc::new(later(&scene)));
+        [Arc::new(scene)].into_iter().chain(later).collect()
+    }
+}
+
+/// A room with a lamp, shiny balls behind panes of glass, and an object that nothing places.
+fn room(instanced: bool) -> Scene {
+    let mut assembler = Assembler::new("room", Path::new("room"));
+    let wall = assembler.material(Material::default());
+    let shiny = assembler.material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
+    let glass = assembler.material(Material { transmission: 0.9, roughness: 0.0, ..Material::default() });
+    let light = assembler.material(Material { emission: Vec3::new(6.0, 5.0, 3.0), ..Material::default() });
+    let mut room = Shapes::new();
+    room.cuboid(Vec3::new(-4.0, 0.0, -4.0), Vec3::new(4.0, 4.0, 4.0));
+    room.part.indices.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+    room.part.normals.iter_mut().for_each(|normal| *normal = -*normal);
+    let (mut ball, mut bulb, mut pane) = (Shapes::new(), Shapes::new(), Shapes::new());
+    ball.sphere(Vec3::new(0.0, 0.6, 0.0), 0.6, 12, 8);
+    bulb.cuboid(Vec3::new(-0.2, 1.3, -0.3), Vec3::new(0.3, 1.4, 0.3));
+    let corner = |x: f32, y: f32| Vec3::new(x, y, 0.9);
+    pane.quad(corner(-0.4, 0.0), corner(0.4, 0.0), corner(0.4, 1.2), corner(-0.4, 1.2));
+    assembler.mesh("room", wall, &room.part).expect("the mesh is sound");
+    if instanced {
+        assembler.begin_object();
+    }
+    assembler.mesh("ball", shiny, &ball.part).expect("the mesh is sound");
+    assembler.mesh("bulb", light, &bulb.part).expect("the mesh is sound");
+    assembler.mesh("pane", glass, &pane.part).expect("the mesh is sound");
+    if instanced {
+        let lamp = assembler.end_object();
+        for number in 0..5 {
+            let angle = number as f32;
+            let mirror = if number % 2 == 0 { 1.0 } else { -1.0 };
+            assembler.place(
+                lamp,
+                Affine3A::from_scale_rotation_translation(
+                    Vec3::new(mirror * (0.6 + 0.1 * angle), 1.2, 0.7),
+                    Quat::from_rotation_y(angle) * Quat::from_rotation_x(0.3),
+                    Vec3::new(2.5 * angle.cos(), 0.4, 2.5 * angle.sin()),
+                ),
+            );
+        }
+        assembler.begin_object();
+        assembler.mesh("nowhere", wall, &ball.part).expect("the mesh is sound");
+        assembler.end_object();
+    }
+    let view = CameraPose {
+        position: Vec3::new(0.0, 2.6, 3.8),
+        forward: Vec3::new(0.0, -0.35, -1.0),
+        up: Vec3::Y,
+        vertical_fov_deg: 65.0,
+        distance: None,
+    };
+    assembler.finish(Lighting::Given(Sky::BLACK), vec![view]).expect("the scene is sound")
+}
+
+/// Everything waved to and fro.
+fn later(scene: &Scene) -> Scene {
+    let moved = scene.triangles.positions().iter().map(|position| {
+        *position + Vec3A::new(0.2 * (3.0 * position.y).sin(), 0.0, 0.1 * (2.0 * position.x).cos())
+    });
+    let triangles = scene.triangles.moved(moved.collect()).expect("the scene is sound");
+    Scene { triangles: Arc::new(triangles), ..scene.clone() }
+}
