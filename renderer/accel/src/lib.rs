@@ -7,6 +7,7 @@ mod embree;
 mod error;
 pub mod geometry;
 mod instances;
+mod layout;
 pub mod limits;
 mod native_options;
 pub mod parameters;

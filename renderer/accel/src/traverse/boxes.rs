@@ -7,8 +7,7 @@
 
 use super::lanes::{Lanes, Lanes3, Order};
 use crate::geometry::Ray;
-use crate::tree::Root;
-use crate::tree::layout::{Node, QuantisedNode, TreeNode};
+use crate::layout::{Node, QuantisedNode, Root, TreeNode};
 
 /// A ray prepared for tests against the boxes of nodes.
 ///
@@ -264,7 +263,7 @@ mod tests {
 
     use super::super::lanes::Portable;
     use super::*;
-    use crate::tree::layout::{Bounds, NodeRef};
+    use crate::layout::{Bounds, NodeRef, Root};
 
     /// The unit cube as the only child.
     fn cube() -> (Root, Node<2>) {

@@ -17,8 +17,7 @@ use super::lanes::Order;
 use super::stack::{PlainStack, Stack};
 use super::triangles::Blocks;
 use crate::geometry::{Hit, Ray};
-use crate::tree::Root;
-use crate::tree::layout::{NodeRef, TreeNode};
+use crate::layout::{NodeRef, Root, TreeNode};
 
 /// Replaces `hit` by a nearer one below `start`, if there is one. Rays that are not valid miss.
 ///

@@ -17,9 +17,8 @@ mod watertight;
 pub use isa::{Isa, Work};
 
 use crate::geometry::{Hit, Packets, Ray};
+use crate::layout::{NodeRef, Root};
 use crate::parameters::TreeParameters;
-use crate::tree::Root;
-use crate::tree::layout::NodeRef;
 
 /// Replaces a hit by a nearer one below a node, if there is one.
 type ClosestBelow = unsafe fn(&Root, NodeRef, &Ray, &mut Hit);
@@ -140,7 +139,7 @@ macro_rules! compile {
             use super::watertight::WatertightBlocks;
             use super::{ClosestBelow, Hit, Kernels, NodeRef, OccludedBelow, Ray, Root, kernel, packet};
             use crate::parameters::{NodeFormat, TreeParameters};
-            use crate::tree::layout::{Node, QuantisedNode, TreeNode};
+            use crate::layout::{Node, QuantisedNode, TreeNode};
 
             // SAFETY: for all four, the caller has the processor features and a tree of nodes `N` and blocks
             // of the width and kind `T` tests.

@@ -6,8 +6,8 @@
 
 use std::mem::MaybeUninit;
 
+use crate::layout::{NodeRef, WIDTH_MAX};
 use crate::limits::MAX_DEPTH;
-use crate::tree::layout::{NodeRef, WIDTH_MAX};
 
 /// Most entries: on each level all children but one. Builders keep within the permitted depth.
 const ENTRIES: usize = (*MAX_DEPTH.end() as usize + 1) * (WIDTH_MAX - 1) + 1;

@@ -8,7 +8,7 @@
 
 use super::lanes::{Lanes, Lanes3, Stored};
 use crate::geometry::{Hit, NO_INSTANCE, Ray};
-use crate::tree::layout::Block;
+use crate::layout::Block;
 
 /// A ray prepared for tests against blocks of triangles.
 ///

@@ -10,7 +10,7 @@
 use super::lanes::{Lanes, Stored};
 use super::triangles::{Blocks, Found, take_nearest};
 use crate::geometry::{Hit, Ray};
-use crate::tree::layout::Block;
+use crate::layout::Block;
 
 /// The axes of a ray, the one it runs along most last.
 #[inline(always)]

@@ -5,8 +5,8 @@
 
 use glam::Vec3A;
 
-use super::layout::Bounds;
 use super::sketch::{SketchRef, Sketched};
+use crate::layout::Bounds;
 
 /// A node or leaf with its box.
 #[derive(Clone, Copy, Debug)]

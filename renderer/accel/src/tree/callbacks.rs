@@ -9,10 +9,10 @@ use std::ffi::c_void;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use super::layout::{Block, Bounds, LEAF_BLOCKS_MAX, NodeRef, TreeNode, WIDTH_MAX};
 use super::split::{Cutter, Piece};
 use crate::embree::ffi;
 use crate::geometry::Triangles;
+use crate::layout::{Block, Bounds, LEAF_BLOCKS_MAX, NodeRef, TreeNode, WIDTH_MAX};
 use crate::traverse::Isa;
 
 const _: () = {

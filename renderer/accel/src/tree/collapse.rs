@@ -8,8 +8,8 @@
 //! going down again from the root the decisions are read off.
 
 use super::binary::{BinaryNode, BinaryTree};
-use super::layout::Bounds;
 use super::plan::Plan;
+use crate::layout::Bounds;
 use crate::parameters::TreeParameters;
 
 /// Fewest leaves of a subtree that is worth a task of its own.
@@ -199,9 +199,9 @@ mod tests {
     use proptest::prelude::*;
 
     use super::super::binary::tests::{boxes, halved};
-    use super::super::layout::Bounds;
     use super::super::plan::{Link, Named};
     use super::*;
+    use crate::layout::Bounds;
 
     /// What the plan costs by the model of its parameters, without the factor that all have in common.
     fn cost(plan: &Plan, link: Link, bounds: Bounds, parameters: &TreeParameters) -> f64 {

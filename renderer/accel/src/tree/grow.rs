@@ -14,10 +14,10 @@ use std::sync::atomic::Ordering;
 use rayon::prelude::*;
 
 use super::callbacks::{Context, split_callback};
-use super::layout::Bounds;
 use crate::embree::{Device, ffi};
 use crate::error::BuildError;
 use crate::geometry::Triangles;
+use crate::layout::Bounds;
 use crate::parameters::{Quality, TreeParameters};
 use crate::traverse::Isa;
 

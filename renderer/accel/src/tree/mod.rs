@@ -1,8 +1,6 @@
 //! The tunable tree: built by Embree's `rtcBuildBVH`, kept in our own layout, walked by our own kernels; on the way
 //! it can be optimised, collapsed to wide nodes of least cost, and put into an order that caches like.
 
-pub(crate) mod layout;
-
 mod arena;
 mod binary;
 mod build;
@@ -30,11 +28,11 @@ pub use two_level::TwoLevel;
 pub use validate::TreeFault;
 
 use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
+use crate::layout::{Bounds, Root};
 use crate::parameters::TreeParameters;
 use crate::traverse::{Isa, Kernels};
 use arena::Arena;
 use grow::EmbreeMemory;
-use layout::{Bounds, NodeRef};
 
 /// A tree over triangles, with the kernels that fit it and this machine.
 #[derive(Debug)]
@@ -48,13 +46,6 @@ pub struct Tree {
     motion: Option<Box<motion::Motion>>,
     /// Owns every node and leaf.
     _memory: Memory,
-}
-
-/// Where a ray begins, and the box of everything.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Root {
-    pub(crate) node: NodeRef,
-    pub(crate) bounds: Bounds,
 }
 
 /// Who owns the nodes and leaves. It is only held, to be dropped with the tree.

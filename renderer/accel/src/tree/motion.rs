@@ -16,11 +16,11 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::Tree;
-use super::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX, for_block, for_node};
 use super::refit::{Fitted, blocks_of, measure, refit};
 use crate::embree::Device;
 use crate::error::BuildError;
 use crate::geometry::Triangles;
+use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX, for_block, for_node};
 use crate::limits::MAX_DEPTH;
 use crate::parameters::{TreeParameters, Update};
 

@@ -1,7 +1,7 @@
 //! A wide tree by numbers, before it gets a layout and a place in memory.
 
-use super::layout::Bounds;
 use super::sketch::{SketchRef, Sketched};
+use crate::layout::Bounds;
 
 /// A node or a leaf of a [`Plan`], by number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,8 +4,8 @@
 //! using AABB Trees", 1997). On the way back the cost by the surface area heuristic falls out, so that decay can
 //! be seen.
 
-use super::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
 use crate::geometry::Triangles;
+use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
 
 /// What a subtree came to.
 #[derive(Clone, Copy, Debug)]

@@ -240,8 +240,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::super::binary::tests::{boxes, check, halved};
-    use super::super::layout::Bounds;
     use super::*;
+    use crate::layout::Bounds;
 
     proptest! {
         #[test]

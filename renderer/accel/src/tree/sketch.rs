@@ -7,8 +7,8 @@
 use std::ffi::c_void;
 
 use super::callbacks::{Context, from_embree, guarded};
-use super::layout::Bounds;
 use crate::embree::ffi;
+use crate::layout::Bounds;
 
 /// A node of up to `W` children.
 #[repr(C, align(32))]

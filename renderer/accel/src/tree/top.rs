@@ -7,8 +7,8 @@
 
 use glam::{Affine3A, BVec4A, Vec3, Vec3A, Vec4};
 
-use super::layout::Bounds;
 use crate::geometry::Ray;
+use crate::layout::Bounds;
 use crate::limits::INSTANCES_MAX;
 
 /// Bins an axis.

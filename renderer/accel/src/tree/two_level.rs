@@ -8,13 +8,13 @@
 
 use std::sync::Arc;
 
-use super::layout::Bounds;
 use super::top::{Top, transformed};
 use super::{Tree, TreeFault, TreeStatistics};
 use crate::embree::Device;
 use crate::error::BuildError;
 use crate::geometry::{Hit, Intersector, Ray, Triangles};
 use crate::instances::{Instance, Instances};
+use crate::layout::Bounds;
 use crate::parameters::{TreeParameters, Update};
 
 /// Trees of our own under a tree over their instances.

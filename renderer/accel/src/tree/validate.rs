@@ -1,8 +1,8 @@
 //! Is the tree right? Checked triangle by triangle, for tests and for doubt.
 
 use super::Tree;
-use super::layout::Bounds;
 use super::walk::Met;
+use crate::layout::Bounds;
 use crate::parameters::{NodeFormat, Quality};
 
 /// What is wrong with a tree.

@@ -1,7 +1,7 @@
 //! Visits every node and leaf of a tree once, for statistics and checks.
 
-use super::layout::{Block, Bounds, NodeRef, TreeNode, for_block, for_node};
-use super::{Root, Tree};
+use super::Tree;
+use crate::layout::{Block, Bounds, NodeRef, Root, TreeNode, for_block, for_node};
 
 /// What is met on the walk. `bounds` is what the parent says of it; the root has depth 0. `reach` is the part
 /// inside all boxes on the way, which is where a ray can meet the leaf.

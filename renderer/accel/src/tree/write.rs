@@ -3,11 +3,11 @@
 use rayon::prelude::*;
 
 use super::arena::Arena;
-use super::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
 use super::order::sequence;
 use super::plan::{Link, Named, Plan};
 use crate::error::BuildError;
 use crate::geometry::Triangles;
+use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
 use crate::parameters::NodeOrder;
 
 /// Fewest nodes and leaves that are worth a task of their own.

@@ -10,7 +10,7 @@ use std::arch::x86_64::*;
 
 use super::avx512::{Eight, Four, Sixteen, Two};
 use super::order::Order;
-use crate::tree::layout::NodeRef;
+use crate::layout::NodeRef;
 
 /// Four keys, largest first, in three steps.
 #[inline(always)]

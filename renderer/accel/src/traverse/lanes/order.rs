@@ -1,7 +1,7 @@
 //! Which child next: those a ray meets, sorted by distance, straight onto the stack.
 
 use super::{Lanes, Stored};
-use crate::tree::layout::NodeRef;
+use crate::layout::NodeRef;
 
 /// What the walk does with the distances of a node's children.
 ///

@@ -1,8 +1,8 @@
 //! Every kind of vector against plain Rust, operation by operation.
 
 use super::*;
+use crate::layout::NodeRef;
 use crate::traverse::Isa;
-use crate::tree::layout::NodeRef;
 
 /// Pairs of numbers with every special value among them.
 fn samples() -> Vec<[f32; 2]> {

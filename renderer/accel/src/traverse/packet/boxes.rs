@@ -6,9 +6,9 @@
 
 use super::{PACKET, numbers};
 use crate::geometry::Ray;
+use crate::layout::Root;
 use crate::traverse::boxes::{DIVISOR_MIN, PaddedBoxes, Planes, near_offsets, safe_reciprocals, scaled};
 use crate::traverse::lanes::{Lanes, Lanes3};
-use crate::tree::Root;
 
 /// Rays prepared for tests against single boxes. A ray gets the answer it gets alone, bit by bit.
 ///

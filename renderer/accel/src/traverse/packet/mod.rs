@@ -24,9 +24,8 @@ use super::boxes::{Boxes, DIVISOR_MIN, PaddedBoxes, Planes};
 use super::lanes::{Lanes, Order, Stored};
 use super::{ClosestBelow, OccludedBelow};
 use crate::geometry::{Hit, NO_INSTANCE, NO_TRIANGLE, Ray};
+use crate::layout::{Block, NodeRef, Root, WIDTH_MAX};
 use crate::limits::MAX_DEPTH;
-use crate::tree::Root;
-use crate::tree::layout::{Block, NodeRef, WIDTH_MAX};
 
 /// Most rays together.
 pub(crate) const PACKET: usize = 16;

@@ -4,10 +4,10 @@
 
 use super::{PACKET, numbers};
 use crate::geometry::Ray;
+use crate::layout::Block;
 use crate::traverse::lanes::{Lanes, Lanes3};
 use crate::traverse::triangles::{Faces, Found, Lines, meet};
 use crate::traverse::watertight::{Sheared, axes};
-use crate::tree::layout::Block;
 
 /// Rays prepared for tests against single triangles. A ray gets the answer it gets alone, bit by bit.
 ///

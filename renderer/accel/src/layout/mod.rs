@@ -135,12 +135,19 @@ impl NodeRef {
     }
 }
 
+/// Where a ray begins, and the box of everything.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Root {
+    pub(crate) node: NodeRef,
+    pub(crate) bounds: Bounds,
+}
+
 /// Compiles an expression for each kind of node and evaluates the one of these parameters:
 /// `for_node!(parameters, N => something::<N>())`.
 macro_rules! for_node {
     ($parameters:expr, $N:ident => $body:expr) => {{
+        use $crate::layout::{Node, QuantisedNode};
         use $crate::parameters::NodeFormat;
-        use $crate::tree::layout::{Node, QuantisedNode};
         match ($parameters.active_format(), $parameters.branching_factor) {
             (NodeFormat::Full, 2) => {
                 type $N = Node<2>;
