@@ -122,13 +122,10 @@ impl Buffers {
     /// Shades all hits; returns how many paths go on and how many shadow rays there are.
     fn shade(&mut self, frame: &Frame, active: usize, counts: &mut Counts) -> (usize, usize) {
         let (mut kept, mut shadows) = (0, 0);
-        let in_chunks = Chunk::serves(frame.kernel.needs);
         for first in (0..active).step_by(HITS) {
             let range = first..active.min(first + HITS);
             let mut lanes = [None; HITS];
-            if in_chunks {
-                self.gather(frame, range.clone(), active, &mut lanes);
-            }
+            self.gather(frame, range.clone(), active, &mut lanes);
             self.scatter(frame, range, &lanes, (&mut kept, &mut shadows), counts);
         }
         (kept, shadows)
@@ -159,8 +156,10 @@ impl Buffers {
             } else {
                 prepared.surface::<false>(facet)
             };
+            let instance = if needs.instances { prepared.scene.instance(hit.instance) } else { None };
             let arrival = (&paths[index], &rays[index], hit);
-            *lane = chunk.gather(needs, frame.bounces, arrival, (facet, shading)).map(|lane| lane as u8);
+            let met = (facet, instance, shading);
+            *lane = chunk.gather(needs, frame.bounces, arrival, met).map(|lane| lane as u8);
         }
         chunk.shade(prepared, needs);
     }

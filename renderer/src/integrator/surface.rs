@@ -78,12 +78,6 @@ impl Facet {
         self.a.w.to_bits() & SMOOTH != 0
     }
 
-    /// The interpolated normal, of any length.
-    #[inline(always)]
-    fn normal(&self, u: f32, v: f32) -> Vec3 {
-        interpolated(self.normals(), u, v)
-    }
-
     /// The normals of the corners, of one length.
     #[inline(always)]
     pub(super) fn normals(&self) -> [Vec3; 3] {
@@ -96,11 +90,40 @@ impl Facet {
     pub(super) fn corner_and_edges(&self) -> [Vec3; 3] {
         [self.a, self.ab, self.ac].map(Vec4::truncate)
     }
+}
 
+/// A facet where it stands in the world.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Standing {
+    pub(super) corner_and_edges: [Vec3; 3],
+    /// Of the corners, of any length. Zero where no facet is smooth.
+    pub(super) normals: [Vec3; 3],
     /// The largest component of its edges.
+    pub(super) longest: f32,
+    /// How far from the origin its object stands: a ray's way into the object's space rounds at this magnitude.
+    pub(super) place: f32,
+}
+
+impl Standing {
+    /// `INTERPOLATE` is false where no facet is smooth.
     #[inline(always)]
-    pub(super) fn longest(&self) -> f32 {
-        self.ab.w
+    pub(super) fn new<const INTERPOLATE: bool>(facet: &Facet, instance: Option<&Instance>) -> Self {
+        let corner_and_edges = facet.corner_and_edges();
+        let normals = if INTERPOLATE { facet.normals() } else { [Vec3::ZERO; 3] };
+        let Some(Instance { to_world, to_object, .. }) = instance else {
+            return Self { corner_and_edges, normals, longest: facet.ab.w, place: 0.0 };
+        };
+        let [a, ab, ac] = corner_and_edges.map(Vec3A::from);
+        let a = to_world.transform_point3a(a);
+        let [ab, ac] = [ab, ac].map(|edge| to_world.transform_vector3a(edge));
+        // Normals go to the world by the inverse's transpose.
+        let turn = to_object.matrix3.transpose();
+        Self {
+            corner_and_edges: [a, ab, ac].map(Vec3::from),
+            normals: if INTERPOLATE { normals.map(|normal| turn * normal) } else { normals },
+            longest: longest(ab, ac),
+            place: to_world.translation.abs().max_element(),
+        }
     }
 }
 
@@ -140,31 +163,21 @@ impl Surface {
         ray: &Ray,
         hit: &Hit,
     ) -> Option<Self> {
-        let [mut a, mut ab, mut ac] = [facet.a, facet.ab, facet.ac].map(Vec3A::from_vec4);
-        let (mut edge, mut place) = (facet.ab.w, 0.0);
-        if let Some(Instance { to_world, .. }) = instance {
-            a = to_world.transform_point3a(a);
-            [ab, ac] = [ab, ac].map(|edge| to_world.transform_vector3a(edge));
-            edge = longest(ab, ac);
-            // A ray's way into an object's space rounds at the magnitude of the object's place as well.
-            place = to_world.translation.abs().max_element();
-        }
-        let [a, ab, ac] = [a, ab, ac].map(Vec3::from);
-        let (u, v) = barycentric(ray.origin, ray.direction, [a, ab, ac], (hit.u, hit.v));
+        let Standing { corner_and_edges, normals, longest, place } =
+            Standing::new::<INTERPOLATE>(facet, instance);
+        let [a, ab, ac] = corner_and_edges;
+        let (u, v) = barycentric(ray.origin, ray.direction, corner_and_edges, (hit.u, hit.v));
         let across = ab.cross(ac);
         // Squares of tiny triangles underflow; the slower way is right for them.
         let unit = unit_normal(across).or_else(|| across.try_normalize())?;
         let geometric_normal = facing(unit, ray.direction);
         let shading_normal = if INTERPOLATE && facet.is_smooth() {
-            let normal = facet.normal(u, v);
-            // Normals go to the world by the inverse's transpose.
-            let normal = instance.map_or(normal, |instance| instance.to_object.matrix3.transpose() * normal);
-            guarded(normal, geometric_normal, ray.direction)
+            guarded(interpolated(normals, u, v), geometric_normal, ray.direction)
         } else {
             geometric_normal
         };
         let position = a + ab * u + ac * v;
-        Some(Self { position, geometric_normal, shading_normal, offset: offset(position, place, edge) })
+        Some(Self { position, geometric_normal, shading_normal, offset: offset(position, place, longest) })
     }
 
     /// Where a ray in `direction` starts: off the surface, on the side it goes to.

@@ -8,7 +8,7 @@ use crate::integrator::LightSample;
 use crate::integrator::bsdf::Gloss;
 use crate::integrator::lights::Lamp;
 use crate::integrator::random::PathRandom;
-use crate::integrator::surface::{Facet, Surface};
+use crate::integrator::surface::{Standing, Surface};
 
 /// Hits of a chunk: the columns stay in the first-level cache, and the cost of a pass is spread wide enough.
 pub(super) const LANES: usize = 64;
@@ -40,12 +40,14 @@ impl Vectors {
     }
 }
 
-/// Triangles.
+/// Triangles, as they stand in the world.
 #[derive(Clone, Debug)]
 pub(super) struct Facets {
     corner: Vectors,
     edges: [Vectors; 2],
     pub(super) longest: Column,
+    /// See [`Standing::place`].
+    pub(super) place: Column,
     normals: [Vectors; 3],
     /// 1 where normals are interpolated.
     pub(super) smooth: Column<u32>,
@@ -56,25 +58,27 @@ impl Facets {
         corner: Vectors::ZERO,
         edges: [Vectors::ZERO; 2],
         longest: [0.0; LANES],
+        place: [0.0; LANES],
         normals: [Vectors::ZERO; 3],
         smooth: [0; LANES],
     };
 
     #[inline(always)]
-    pub(super) fn set(&mut self, lane: usize, facet: &Facet) {
-        let [corner, ab, ac] = facet.corner_and_edges();
+    pub(super) fn set(&mut self, lane: usize, standing: &Standing) {
+        let [corner, ab, ac] = standing.corner_and_edges;
         self.corner.set(lane, corner);
         self.edges[0].set(lane, ab);
         self.edges[1].set(lane, ac);
-        self.longest[lane] = facet.longest();
-        self.smooth[lane] = facet.is_smooth().into();
+        self.longest[lane] = standing.longest;
+        self.place[lane] = standing.place;
     }
 
     #[inline(always)]
-    pub(super) fn set_normals(&mut self, lane: usize, facet: &Facet) {
-        for (column, normal) in self.normals.iter_mut().zip(facet.normals()) {
+    pub(super) fn set_normals(&mut self, lane: usize, standing: &Standing, is_smooth: bool) {
+        for (column, normal) in self.normals.iter_mut().zip(standing.normals) {
             column.set(lane, normal);
         }
+        self.smooth[lane] = is_smooth.into();
     }
 
     #[inline(always)]

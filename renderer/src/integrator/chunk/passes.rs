@@ -65,7 +65,7 @@ fn surfaces<const INTERPOLATE: bool>(columns: &mut Columns, lanes: Range<usize>)
             geometric_normal
         };
         let position = a + ab * u + ac * v;
-        let offset = offset(position, 0.0, facets.longest[lane]);
+        let offset = offset(position, facets.place[lane], facets.longest[lane]);
         surfaces.set(lane, &Surface { position, geometric_normal, shading_normal, offset });
     }
 }
