@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use treewright_proto::convert::{fingerprint_to_wire, policy_to_wire, spec_to_wire};
 use treewright_proto::v1;
 
 use crate::core::Core;
@@ -90,7 +91,7 @@ impl Client {
     /// Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn existing_study(&self, id: &str) -> Result<Study, ClientError> {
         let record = self.core.study_record(&study_name(id)).await?;
-        Ok(Study::new(&self.core, &self.last_handle, &record.name, record.spec, true, false))
+        Ok(Study::new(&self.core, &self.last_handle, &record.name.clone(), record.into_spec()?, true, false))
     }
 
     /// The address the client was made with.
@@ -159,7 +160,7 @@ impl Client {
         if paths.is_empty() {
             return Err(ClientError::invalid("policy", "nothing to change; name at least one field"));
         }
-        let policy = wire::policy_to_wire(&change.values());
+        let policy = policy_to_wire(change.values());
         let study = v1::Study { name: study_name(id), policy: Some(policy), ..v1::Study::default() };
         let request = v1::UpdateStudyRequest {
             study: Some(study),
@@ -226,8 +227,7 @@ impl Core {
         spec: &StudySpec,
     ) -> Result<StudyRecord, ClientError> {
         let study_id = name.strip_prefix("studies/").unwrap_or(name).to_owned();
-        let request =
-            v1::CreateStudyRequest { study_id, study: Some(wire::spec_to_wire(String::new(), spec)) };
+        let request = v1::CreateStudyRequest { study_id, study: Some(spec_to_wire(spec)) };
         let mut rpc = self.rpc();
         let study = self.admin("CreateStudy", rpc.create_study(request)).await?;
         self.read_study("CreateStudy", study)
@@ -248,7 +248,7 @@ impl Core {
         let request = v1::PredictRequest {
             study: study.to_owned(),
             indicators: indicators.0.clone(),
-            fingerprint: Some(wire::fingerprint_to_wire(&self.options.fingerprint)),
+            fingerprint: Some(fingerprint_to_wire(&self.options.fingerprint)),
         };
         let mut rpc = self.rpc();
         let prediction = self.admin("Predict", rpc.predict(request)).await?;
@@ -259,7 +259,7 @@ impl Core {
         let request = v1::GetBestRequest {
             study: study.to_owned(),
             indicators: indicators.0.clone(),
-            fingerprint: Some(wire::fingerprint_to_wire(&self.options.fingerprint)),
+            fingerprint: Some(fingerprint_to_wire(&self.options.fingerprint)),
         };
         let mut rpc = self.rpc();
         let best = self.admin("GetBest", rpc.get_best(request)).await?;

@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::{Semaphore, oneshot, watch};
+use treewright_proto::convert::{configuration_to_wire, fingerprint_to_wire};
 use treewright_proto::v1;
 
 use crate::answer::{self, Answer, Outstanding};
@@ -13,7 +14,7 @@ use crate::memory::Memory;
 use crate::suggestion::Lease;
 use crate::{
     Best, ClientError, Configuration, Indicators, Outcome, Prediction, SharedError, StudyRecord, StudySpec,
-    Suggestion, Tuner, limits, wire,
+    Suggestion, Tuner, checks, limits, wire,
 };
 
 /// How often a suggestion is asked for again when the daemon names a trial that is just being reported.
@@ -116,7 +117,7 @@ impl Study {
         indicators: &Indicators,
         configuration: &Configuration,
     ) -> Result<Suggestion, ClientError> {
-        self.shared.spec.check_indicators(indicators)?;
+        checks::state(&self.shared.spec, indicators)?;
         let core = &self.shared.core;
         let asked = self.shared.ask_once_told(indicators, Some(configuration));
         match tokio::time::timeout(core.options.deadline, asked).await {
@@ -196,13 +197,20 @@ impl Shared {
 
     /// Turns a trial from the daemon into a suggestion.
     pub(crate) fn accept(self: &Arc<Self>, trial: v1::Trial) -> Answer {
-        let trial =
-            wire::trial_from_wire(trial).map_err(|problem| self.core.malformed("Suggest", problem))?;
+        let malformed = |problem: String| self.core.malformed("Suggest", problem);
+        let has_configuration = trial.configuration.is_some();
+        let trial = wire::trial_from_wire(trial).map_err(malformed)?;
         let Some(lease) = Lease::take(self, &trial.name) else {
-            return Err(self
-                .core
-                .malformed("Suggest", format!("{} is just being reported by this client", trial.name)));
+            return Err(malformed(format!("{} is just being reported by this client", trial.name)));
         };
+        // From here on, what cannot be run is given back with the lease.
+        if !has_configuration {
+            return Err(malformed(format!("{} has no configuration", trial.name)));
+        }
+        if !trial.unreadable.is_empty() {
+            let what = trial.unreadable.join(", ");
+            return Err(malformed(format!("{} has values of an unknown kind for {what}", trial.name)));
+        }
         lock(&self.memory).remember(&trial.configuration);
         Ok(Suggestion::of_trial(Arc::clone(self), trial, lease))
     }
@@ -212,7 +220,7 @@ impl Shared {
             study: self.name.to_string(),
             client_id: self.core.options.client_id.clone(),
             indicators: indicators.0.clone(),
-            fingerprint: Some(wire::fingerprint_to_wire(&self.core.options.fingerprint)),
+            fingerprint: Some(fingerprint_to_wire(&self.core.options.fingerprint)),
             wanted: None,
             session: self.core.session,
             can_abort: self.core.options.can_abort,
@@ -267,7 +275,7 @@ impl Shared {
         for _ in 0..ASK_AGAIN {
             self.core.outbox.wait_until_told(&self.name).await;
             let mut rpc = self.core.rpc();
-            let wanted = wanted.map(wire::configuration_to_wire);
+            let wanted = wanted.map(|wanted| configuration_to_wire(wanted.as_raw()));
             let asked = rpc.suggest(v1::SuggestRequest { wanted, ..self.suggest_request(indicators) });
             match self.core.call("Suggest", limits::LATE_ANSWER, asked).await {
                 Ok(trial) => result = self.accept(trial),

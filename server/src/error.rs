@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use treewright_core::tuner::{RestoreError, TunerError};
+use treewright_proto::convert::Malformed;
 use treewright_store::StoreError;
 use treewright_store::tokens::TokenError;
 
@@ -84,6 +85,12 @@ pub enum Error {
     /// A part of the daemon ended that should not have.
     #[error("the daemon has a defect: {0}")]
     Defect(&'static str),
+}
+
+impl From<Malformed> for Error {
+    fn from(Malformed { field, problem }: Malformed) -> Self {
+        Self::Invalid { field, problem }
+    }
 }
 
 impl Error {

@@ -26,7 +26,6 @@ mod rows;
 mod sqlite;
 mod store;
 pub mod tokens;
-mod words;
 
 pub use error::{OpenError, StoreError};
 pub use fence::{Fence, Receipt};

@@ -15,7 +15,7 @@ use clap::Args;
 use serde::Serialize;
 use treewright_accel::{BuildError, Structure, Update};
 use treewright_client::{
-    Configuration, Finished, Indicators, Mode, Outcome, Policy, PolicyChange, Source, Stats,
+    Configuration, Finished, Indicators, Mode, OpenEnum, Outcome, Policy, PolicyChange, Source, Stats,
 };
 
 use crate::arguments::{
@@ -98,7 +98,7 @@ pub(crate) struct Arguments {
 struct PlayedFrame {
     number: u32,
     camera_at: f32,
-    mode: Mode,
+    mode: OpenEnum<Mode>,
     source: Source,
     reason: String,
     configuration: Configuration,
@@ -337,10 +337,11 @@ fn print(frame: &PlayedFrame, objective: Objective) {
     let mode = match (frame.source, frame.mode) {
         (Source::LastGood, _) => "last good",
         (Source::Default, _) => "away",
-        (Source::Daemon, Mode::Default) => "default",
-        (Source::Daemon, Mode::Explore) => "explore",
-        (Source::Daemon, Mode::Exploit) => "exploit",
-        (Source::Daemon, Mode::Pinned) => "pinned",
+        (Source::Daemon, OpenEnum::Known(Mode::Default)) => "default",
+        (Source::Daemon, OpenEnum::Known(Mode::Explore)) => "explore",
+        (Source::Daemon, OpenEnum::Known(Mode::Exploit)) => "exploit",
+        (Source::Daemon, OpenEnum::Known(Mode::Pinned)) => "pinned",
+        (Source::Daemon, OpenEnum::Unrecognised(_)) => "other",
     };
     let Some(times) = frame.times else {
         println!(

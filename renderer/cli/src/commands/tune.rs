@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use treewright_client::blocking::{Client, Study};
 use treewright_client::{
-    ClientError, Configuration, Fingerprint, Indicators, Outcome, Policy, PolicyChange, Source,
+    ClientError, Configuration, Indicators, Outcome, Policy, PolicyChange, Source, detect_fingerprint,
 };
 
 use super::tune_output;
@@ -201,7 +201,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         baseline: baseline.name,
         server: client.url().to_owned(),
         study: id,
-        machine: Fingerprint::detect().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
+        machine: detect_fingerprint().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
         indicators: setting.indicators.clone(),
         overhead: Overhead::of(&found.trials),
         trials: found.trials,

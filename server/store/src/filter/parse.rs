@@ -1,9 +1,11 @@
 //! Tokens to [`Filter`]: `comparison { AND comparison }`, `comparison = field operator value`.
 
+use treewright_core::trial::{Mode, OutcomeKind, TrialState};
+use treewright_core::words::Word as _;
+
 use super::token::{Placed, Token, tokens};
 use super::{Comparison, Filter, FilterError, Literal, Operator};
 use crate::limits;
-use crate::words::{self, MODES, OUTCOMES, STATES};
 
 const FIELDS: &str = "a field: state, mode, outcome, client_id, state_id, number, cost, late, \
                       measurement.NAME, config.NAME or indicator.NAME";
@@ -103,11 +105,14 @@ impl Parser {
 
         let operator = self.operator()?;
         Ok(match prefixed.map_or(word.as_str(), |(prefix, _)| prefix) {
-            "state" => Comparison::State(operator.equality("state")?, self.word(STATES, "a state")?),
-            "mode" => Comparison::Mode(operator.equality("mode")?, self.word(MODES, "a mode")?),
-            "outcome" => {
-                Comparison::Outcome(operator.equality("outcome")?, self.word(OUTCOMES, "an outcome")?)
+            "state" => {
+                Comparison::State(operator.equality("state")?, self.word(TrialState::WORDS, "a state")?)
             }
+            "mode" => Comparison::Mode(operator.equality("mode")?, self.word(Mode::WORDS, "a mode")?),
+            "outcome" => Comparison::Outcome(
+                operator.equality("outcome")?,
+                self.word(OutcomeKind::WORDS, "an outcome")?,
+            ),
             "late" => Comparison::Late(operator.equality("late")?, self.word(BOOLEANS, "a truth value")?),
             "client_id" => Comparison::ClientId(operator.operator, self.text()?),
             "state_id" => Comparison::StateId(operator.operator, self.whole_number()?),
@@ -135,12 +140,12 @@ impl Parser {
     }
 
     /// One of a list of words.
-    fn word<T: Copy>(&mut self, words: &[(&str, T)], what: &str) -> Result<T, FilterError> {
-        let list: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
+    fn word<T: Copy>(&mut self, words: &[(T, &str)], what: &str) -> Result<T, FilterError> {
+        let list: Vec<&str> = words.iter().map(|(_, word)| *word).collect();
         let expected = format!("{what}: {}", list.join(", "));
         let placed = self.take(&expected)?;
         let found = match &placed.token {
-            Token::Word(word) => words::value(words, word),
+            Token::Word(word) => words.iter().find(|(_, known)| known == word).map(|(value, _)| *value),
             _ => None,
         };
         found.ok_or_else(|| unexpected(placed.position, &placed.token, &expected))
@@ -204,7 +209,7 @@ impl PlacedOperator {
     }
 }
 
-const BOOLEANS: &[(&str, bool)] = &[("true", true), ("false", false)];
+const BOOLEANS: &[(bool, &str)] = &[(true, "true"), (false, "false")];
 
 fn finite(written: &str, position: usize) -> Result<f64, FilterError> {
     match written.parse::<f64>() {

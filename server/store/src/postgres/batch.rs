@@ -7,8 +7,8 @@ use sqlx::postgres::PgConnection;
 use super::statements as sql;
 use crate::fence::Fence;
 use crate::rows::{Rows, StateRow, TrialRow, VisitRow};
-use crate::words::{STATES, word};
 use treewright_core::trial::TrialState;
+use treewright_core::words::Word as _;
 
 /// Commits that share a statement. Of several changes to one row only the last is kept, since a statement
 /// may touch a row only once.
@@ -26,7 +26,7 @@ impl<'r> Batch<'r> {
     /// another epoch of the same study.
     pub(super) fn add(&mut self, fence: &Fence, rows: &'r Rows) -> bool {
         let study = fence.key();
-        let completed = word(STATES, TrialState::Completed);
+        let completed = TrialState::Completed.word();
         let is_final = |row: &TrialRow| {
             self.trials.get(&(study, row.number)).is_some_and(|earlier| earlier.state == completed)
         };
