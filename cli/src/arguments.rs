@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
-use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
-use treewright_client::{CredentialArguments, Operation, PredictorMethod, SearchMethod, Value};
+use clap::{ArgGroup, Args, Parser, Subcommand};
+use treewright_client::{CredentialArguments, Value};
+
+use crate::setting_flags::{SettingFlags, change_arguments};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -138,133 +140,21 @@ pub(crate) struct State {
 
 /// A change of policy.
 #[derive(Debug, Args)]
-#[command(group = ArgGroup::new("change").required(true).multiple(true).args(
-    ["epsilon", "search", "predictor", "trials_per_state", "replicates", "lease_s", "pin", "unpin",
-     "epsilon_halves_after", "regret_budget", "abort_above", "worst_factor", "operation", "weigh_gain", "freeze_risk",
-     "warm_up", "roll_back", "clear"]))]
+#[command(group = ArgGroup::new("change").required(true).multiple(true).args(change_arguments()))]
 pub(crate) struct Policy {
     /// The study's id, e.g. `sponza`
     pub(crate) study: String,
-    /// Probability of exploring when a client's state changes, 0 to 1
-    #[arg(long)]
-    pub(crate) epsilon: Option<f64>,
-    /// Search inside a state
-    #[arg(long)]
-    pub(crate) search: Option<Search>,
-    /// What answers when exploiting
-    #[arg(long)]
-    pub(crate) predictor: Option<Predictor>,
-    /// A state's search ends after so many measured configurations
-    #[arg(long, value_name = "COUNT")]
-    pub(crate) trials_per_state: Option<u32>,
-    /// How often one configuration is measured in one state
-    #[arg(long, value_name = "COUNT")]
-    pub(crate) replicates: Option<u32>,
-    /// How long a lease lasts, in seconds
-    #[arg(long, value_name = "SECONDS")]
-    pub(crate) lease_s: Option<u32>,
+    #[command(flatten)]
+    pub(crate) settings: SettingFlags,
     /// Give every client this configuration; parameters that are not named take their defaults
     #[arg(long, value_name = "NAME=VALUE,…", value_delimiter = ',', value_parser = parameter)]
     pub(crate) pin: Vec<(String, Value)>,
     /// Give no fixed configuration any more
     #[arg(long, conflicts_with = "pin")]
     pub(crate) unpin: bool,
-    /// Halve epsilon after so many visits to a state; 0 leaves it constant
-    #[arg(long, value_name = "VISITS")]
-    pub(crate) epsilon_halves_after: Option<u32>,
-    /// Exploring may cost each client at most this share of its frame time in each session, 0 to 1
-    #[arg(long, value_name = "SHARE")]
-    pub(crate) regret_budget: Option<f64>,
-    /// Tell clients to stop exploring trials that cost more than the reference by this factor
-    #[arg(long, value_name = "FACTOR")]
-    pub(crate) abort_above: Option<f64>,
-    /// What a trial of a client that cannot stop is taken to cost at worst, in multiples of the reference
-    #[arg(long, value_name = "FACTOR")]
-    pub(crate) worst_factor: Option<f64>,
-    /// What to do with what is known
-    #[arg(long)]
-    pub(crate) operation: Option<OperationWord>,
-    /// Explore only where the expected gain pays for it
-    #[arg(long, value_name = "BOOL")]
-    pub(crate) weigh_gain: Option<bool>,
-    /// Hold parameters that are shown not to matter; each verdict may be wrong with this probability
-    #[arg(long, value_name = "PROBABILITY")]
-    pub(crate) freeze_risk: Option<f64>,
-    /// Do not learn from the first so many trials of a client's session
-    #[arg(long, value_name = "COUNT")]
-    pub(crate) warm_up: Option<u32>,
-    /// Let what does clearly worse give way at once
-    #[arg(long, value_name = "BOOL")]
-    pub(crate) roll_back: Option<bool>,
     /// Set fields back to their defaults, e.g. regret_budget
     #[arg(long, value_name = "FIELD,…", value_delimiter = ',')]
     pub(crate) clear: Vec<String>,
-}
-
-/// Operations, as they are written on the command line.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum OperationWord {
-    Tune,
-    Freeze,
-    Shadow,
-}
-
-impl From<OperationWord> for Operation {
-    fn from(word: OperationWord) -> Self {
-        match word {
-            OperationWord::Tune => Self::Tune,
-            OperationWord::Freeze => Self::Freeze,
-            OperationWord::Shadow => Self::Shadow,
-        }
-    }
-}
-
-/// Searches, as they are written on the command line.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum Search {
-    Auto,
-    NelderMead,
-    LatinHypercube,
-    Random,
-    Model,
-}
-
-/// Predictors, as they are written on the command line.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum Predictor {
-    Auto,
-    NearestNeighbour,
-    RbfGreedyGq,
-    WeightedNeighbours,
-    GaussianGreedyGq,
-    LeastSquares,
-    Contextual,
-}
-
-impl From<Search> for SearchMethod {
-    fn from(search: Search) -> Self {
-        match search {
-            Search::Auto => Self::Auto,
-            Search::NelderMead => Self::NelderMead,
-            Search::LatinHypercube => Self::LatinHypercube,
-            Search::Random => Self::Random,
-            Search::Model => Self::Model,
-        }
-    }
-}
-
-impl From<Predictor> for PredictorMethod {
-    fn from(predictor: Predictor) -> Self {
-        match predictor {
-            Predictor::NearestNeighbour => Self::NearestNeighbour,
-            Predictor::RbfGreedyGq => Self::RbfGreedyGq,
-            Predictor::Auto => Self::Auto,
-            Predictor::WeightedNeighbours => Self::WeightedNeighbours,
-            Predictor::GaussianGreedyGq => Self::GaussianGreedyGq,
-            Predictor::LeastSquares => Self::LeastSquares,
-            Predictor::Contextual => Self::Contextual,
-        }
-    }
 }
 
 fn indicator(text: &str) -> Result<(String, f64), String> {
@@ -293,6 +183,33 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn every_field_of_a_policy_has_a_flag() {
+        let read = |arguments: &[&str]| {
+            let all = ["treewright", "policy", "sponza"].iter().chain(arguments);
+            match Arguments::try_parse_from(all).map(|arguments| arguments.command) {
+                Ok(Command::Policy(policy)) => Ok(policy.settings.0),
+                Ok(other) => panic!("{other:?}"),
+                Err(error) => Err(error.to_string()),
+            }
+        };
+        let set = read(&["--search", "nelder-mead", "--lease-s", "5", "--weigh-gain", "true"]).unwrap();
+        assert_eq!(
+            set,
+            treewright_client::Policy::new()
+                .search(treewright_client::SearchMethod::NelderMead)
+                .lease_s(5)
+                .weigh_gain(true)
+        );
+        assert!(read(&[]).unwrap_err().contains("--epsilon"));
+        assert!(read(&["--search", "best"]).unwrap_err().contains("nelder-mead"));
+        assert!(read(&["--epsilon", "often"]).unwrap_err().contains("`often` is not a number"));
+        let help = Arguments::try_parse_from(["treewright", "policy", "--help"]).unwrap_err().to_string();
+        for field in treewright_client::Policy::FIELDS.iter().filter(|field| field.name != "pinned") {
+            assert!(help.contains(&format!("--{} <", field.name.replace('_', "-"))), "{}", field.name);
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use treewright_client::blocking::Client;
-use treewright_client::{Configuration, Indicators, Options, Policy, PolicyChange, TrialQuery};
+use treewright_client::{Configuration, Indicators, Options, PolicyChange, TrialQuery};
 
 use crate::arguments::{self, Arguments, Command, StudyCommand};
 use crate::failure::Failure;
@@ -70,7 +70,7 @@ fn best(client: &Client, state: &arguments::State, json: bool) -> Result<String,
         return either(json, &best, String::new);
     }
     let study = client.get_study(&state.study)?;
-    Ok(show::best(&best, &study))
+    Ok(show::best(&best, study.spec()?))
 }
 
 fn predict(client: &Client, state: &arguments::State, json: bool) -> Result<String, Failure> {
@@ -79,7 +79,7 @@ fn predict(client: &Client, state: &arguments::State, json: bool) -> Result<Stri
         return either(json, &prediction, String::new);
     }
     let study = client.get_study(&state.study)?;
-    Ok(show::prediction(&prediction, &study))
+    Ok(show::prediction(&prediction, study.spec()?))
 }
 
 fn explain(client: &Client, state: &arguments::State, json: bool) -> Result<String, Failure> {
@@ -88,35 +88,15 @@ fn explain(client: &Client, state: &arguments::State, json: bool) -> Result<Stri
 }
 
 fn policy(client: &Client, change: &arguments::Policy, json: bool) -> Result<String, Failure> {
-    let pinned = if change.pin.is_empty() {
-        None
-    } else {
+    let mut set = change.settings.0.clone();
+    if !change.pin.is_empty() {
         let some: Configuration = change.pin.iter().cloned().collect();
-        Some(client.get_study(&change.study)?.spec.space().complete(&some)?)
-    };
-    let set = Policy {
-        epsilon: change.epsilon,
-        search: change.search.map(Into::into),
-        predictor: change.predictor.map(Into::into),
-        trials_per_state: change.trials_per_state,
-        replicates: change.replicates,
-        lease_s: change.lease_s,
-        pinned,
-        epsilon_halves_after: change.epsilon_halves_after,
-        regret_budget: change.regret_budget,
-        abort_above: change.abort_above,
-        worst_factor: change.worst_factor,
-        operation: change.operation.map(Into::into),
-        weigh_gain: change.weigh_gain,
-        freeze_risk: change.freeze_risk,
-        warm_up: change.warm_up,
-        roll_back: change.roll_back,
-    };
-    let study = client.update_policy(
-        &change.study,
-        &PolicyChange { set, unpin: change.unpin, clear: change.clear.clone() },
-    )?;
-    either(json, study.spec.policy(), || show::policy(study.spec.policy()))
+        set.pinned = Some(client.get_study(&change.study)?.spec()?.space.complete(&some)?.into());
+    }
+    let mut clear = change.clear.clone();
+    clear.extend(change.unpin.then(|| "pinned".to_owned()));
+    let study = client.update_policy(&change.study, &PolicyChange { set, clear })?;
+    either(json, &study.policy, || show::policy(&study.policy))
 }
 
 fn ping(client: &Client, json: bool) -> Result<String, Failure> {

@@ -5,6 +5,7 @@
 mod arguments;
 mod commands;
 mod failure;
+mod setting_flags;
 mod show;
 
 use std::io::Write as _;

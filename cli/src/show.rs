@@ -3,7 +3,9 @@
 use std::fmt::Write as _;
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, presets};
-use treewright_client::{Best, Configuration, Outcome, Policy, Prediction, Scale, StudyRecord, TrialRecord};
+use treewright_client::{
+    Best, Configuration, OpenEnum, Outcome, Policy, Prediction, Scale, StudyRecord, StudySpec, TrialRecord,
+};
 
 /// A table whose columns with the given numbers hold figures.
 fn table(header: &[&str], figures: &[usize]) -> Table {
@@ -34,16 +36,15 @@ pub(crate) fn studies(studies: &[StudyRecord]) -> String {
             counts.completed_trials.to_string(),
             counts.open_trials.to_string(),
             time(study.create_time),
-            study.spec.display_name().to_owned(),
+            study.display_name.clone(),
         ]);
     }
     table.trim_fmt()
 }
 
 pub(crate) fn study(study: &StudyRecord) -> String {
-    let spec = &study.spec;
     let mut text = String::new();
-    line(&mut text, &format!("{}  {}", study.name, spec.display_name()));
+    line(&mut text, &format!("{}  {}", study.name, study.display_name));
     let counts = study.statistics;
     let (states, trials, completed, open) =
         (counts.states, counts.trials, counts.completed_trials, counts.open_trials);
@@ -54,12 +55,18 @@ pub(crate) fn study(study: &StudyRecord) -> String {
             time(study.create_time)
         ),
     );
+    match study.spec() {
+        Ok(spec) => text.push_str(&specification(spec)),
+        Err(problem) => line(&mut text, &format!("what is tuned cannot be read: {problem}")),
+    }
+    text + &policy(&study.policy)
+}
+
+fn specification(spec: &StudySpec) -> String {
+    let mut text = String::new();
     let mut parameters = table(&["parameter", "default", "values", "only if"], &[]);
-    for parameter in spec.space().parameters() {
-        let condition = parameter.active_if.as_ref().map_or_else(String::new, |condition| {
-            let values: Vec<_> = condition.any_of.iter().map(ToString::to_string).collect();
-            format!("{} is {}", condition.parameter, values.join(" or "))
-        });
+    for parameter in spec.space.parameters() {
+        let condition = parameter.active_if.as_ref().map(ToString::to_string).unwrap_or_default();
         parameters.add_row([
             parameter.name.clone(),
             parameter.default.to_string(),
@@ -68,12 +75,12 @@ pub(crate) fn study(study: &StudyRecord) -> String {
         ]);
     }
     line(&mut text, &parameters.trim_fmt());
-    for constraint in spec.space().constraints() {
+    for constraint in spec.space.constraints() {
         line(&mut text, &format!("always {constraint}"));
     }
-    if !spec.indicators().is_empty() {
+    if !spec.indicators.indicators().is_empty() {
         let mut indicators = table(&["indicator", "0 at", "1 at", "scale"], &[1, 2]);
-        for indicator in spec.indicators() {
+        for indicator in spec.indicators.indicators() {
             let scale = if indicator.scale == Scale::Log { "log" } else { "linear" };
             indicators.add_row([
                 indicator.name.clone(),
@@ -83,52 +90,23 @@ pub(crate) fn study(study: &StudyRecord) -> String {
             ]);
         }
         line(&mut text, &indicators.trim_fmt());
-        line(&mut text, &format!("states are the same within {}", figure(spec.state_tolerance())));
+        line(&mut text, &format!("states are the same within {}", figure(spec.state_tolerance)));
     }
-    let terms: Vec<_> =
-        spec.objective().iter().map(|term| format!("{} × {}", figure(term.weight), term.metric)).collect();
+    let terms: Vec<_> = spec
+        .objective
+        .terms()
+        .iter()
+        .map(|term| format!("{} × {}", figure(term.weight), term.metric))
+        .collect();
     line(&mut text, &format!("minimises {}", terms.join(" + ")));
-    text + &policy(spec.policy())
+    text
 }
 
 pub(crate) fn policy(policy: &Policy) -> String {
-    let or_default = |value: Option<String>| value.unwrap_or_else(|| "the service's default".to_owned());
-    let word = |value: serde_json::Result<serde_json::Value>| {
-        value.ok().and_then(|value| value.as_str().map(str::to_owned))
-    };
     let mut table = table(&["policy", "value"], &[]);
-    let rows = [
-        ("epsilon", or_default(policy.epsilon.map(figure))),
-        ("search", or_default(policy.search.and_then(|search| word(serde_json::to_value(search))))),
-        (
-            "predictor",
-            or_default(policy.predictor.and_then(|predictor| word(serde_json::to_value(predictor)))),
-        ),
-        ("trials_per_state", or_default(policy.trials_per_state.map(|value| value.to_string()))),
-        ("replicates", or_default(policy.replicates.map(|value| value.to_string()))),
-        ("lease_s", or_default(policy.lease_s.map(|value| value.to_string()))),
-        ("pinned", policy.pinned.as_ref().map_or_else(|| "nothing".to_owned(), ToString::to_string)),
-        (
-            "operation",
-            or_default(policy.operation.and_then(|operation| word(serde_json::to_value(operation)))),
-        ),
-        ("regret_budget", policy.regret_budget.map_or_else(|| "no limit".to_owned(), figure)),
-        (
-            "abort_above",
-            or_default(policy.abort_above.map(|factor| format!("{} × the reference", figure(factor)))),
-        ),
-        ("worst_factor", or_default(policy.worst_factor.map(figure))),
-        ("weigh_gain", or_default(policy.weigh_gain.map(|weigh| weigh.to_string()))),
-        ("freeze_risk", policy.freeze_risk.map_or_else(|| "nothing is held".to_owned(), figure)),
-        (
-            "epsilon_halves_after",
-            or_default(policy.epsilon_halves_after.map(|visits| format!("{visits} visits"))),
-        ),
-        ("warm_up", or_default(policy.warm_up.map(|trials| format!("{trials} trials")))),
-        ("roll_back", or_default(policy.roll_back.map(|roll_back| roll_back.to_string()))),
-    ];
-    for (name, value) in rows {
-        table.add_row([name.to_owned(), value]);
+    for field in Policy::FIELDS {
+        let value = policy.show(field.name).unwrap_or_else(|| format!("{} (default)", field.unset));
+        table.add_row([field.name.to_owned(), value]);
     }
     table.trim_fmt()
 }
@@ -144,8 +122,8 @@ pub(crate) fn trials(trials: &[TrialRecord], limit: usize) -> String {
             trial.measurements.iter().map(|(name, value)| format!("{name}={}", figure(value))).collect();
         table.add_row([
             trial.number().map_or_else(|| trial.name.clone(), |number| number.to_string()),
-            capital(&trial.state),
-            capital(&trial.mode),
+            trial.state.to_string(),
+            trial.mode.to_string(),
             trial.outcome.as_ref().map_or_else(String::new, outcome)
                 + if trial.late { " (late)" } else { "" },
             trial.cost.map_or_else(String::new, figure),
@@ -162,7 +140,7 @@ pub(crate) fn trials(trials: &[TrialRecord], limit: usize) -> String {
     table.trim_fmt() + &more
 }
 
-pub(crate) fn best(best: &Best, study: &StudyRecord) -> String {
+pub(crate) fn best(best: &Best, spec: &StudySpec) -> String {
     let mut text = String::new();
     line(
         &mut text,
@@ -180,13 +158,13 @@ pub(crate) fn best(best: &Best, study: &StudyRecord) -> String {
         line(&mut text, &format!("default {}, so the best is {gain:.1} % below it", figure(default)));
     }
     line(&mut text, &format!("last measured by {} at {}", best.trial, time(best.last_measure_time)));
-    text + &beside_default("best", &best.configuration, study) + "\n"
+    text + &beside_default("best", &best.configuration, spec) + "\n"
 }
 
-pub(crate) fn prediction(prediction: &Prediction, study: &StudyRecord) -> String {
+pub(crate) fn prediction(prediction: &Prediction, spec: &StudySpec) -> String {
     let mut text = String::new();
     let cost = prediction.predicted_cost.map_or_else(|| "unknown".to_owned(), figure);
-    line(&mut text, &format!("mode {}, predicted cost {cost}", capital(&prediction.mode)));
+    line(&mut text, &format!("mode {}, predicted cost {cost}", prediction.mode));
     if !prediction.reason.summary.is_empty() {
         line(&mut text, &prediction.reason.summary);
     }
@@ -197,7 +175,7 @@ pub(crate) fn prediction(prediction: &Prediction, study: &StudyRecord) -> String
         }
         line(&mut text, &neighbours.trim_fmt());
     }
-    text + &beside_default("predicted", &prediction.configuration, study) + "\n"
+    text + &beside_default("predicted", &prediction.configuration, spec) + "\n"
 }
 
 /// Why a state is answered as it is.
@@ -207,7 +185,7 @@ pub(crate) fn explanation(prediction: &Prediction) -> String {
     line(&mut text, &format!("answered by {source}: {}", prediction.reason.summary));
     let weighed = &prediction.reason.explanation;
     if let Some(rule) = &weighed.rule {
-        line(&mut text, &format!("by the rule {}", capital(rule)));
+        line(&mut text, &format!("by the rule {}", rule));
     }
     let Some(state) = &prediction.state else {
         line(&mut text, "this state was never met");
@@ -252,9 +230,9 @@ pub(crate) fn explanation(prediction: &Prediction) -> String {
 }
 
 /// A configuration in the space's order, beside the recommended values.
-fn beside_default(name: &str, configuration: &Configuration, study: &StudyRecord) -> String {
+fn beside_default(name: &str, configuration: &Configuration, spec: &StudySpec) -> String {
     let mut table = table(&["parameter", name, "default"], &[]);
-    for parameter in study.spec.space().parameters() {
+    for parameter in spec.space.parameters() {
         let value =
             configuration.get(&parameter.name).map_or_else(|| "(inactive)".to_owned(), ToString::to_string);
         table.add_row([parameter.name.clone(), value, parameter.default.to_string()]);
@@ -262,7 +240,8 @@ fn beside_default(name: &str, configuration: &Configuration, study: &StudyRecord
     table.trim_fmt()
 }
 
-fn outcome(outcome: &Outcome) -> String {
+fn outcome(outcome: &OpenEnum<Outcome>) -> String {
+    let OpenEnum::Known(outcome) = outcome else { return "unrecognised".to_owned() };
     match outcome {
         Outcome::Ok => "OK".to_owned(),
         Outcome::Infeasible { reason } => format!("INFEASIBLE: {reason}"),
@@ -293,11 +272,6 @@ fn figure(value: f64) -> String {
         }
         _ => format!("{value:.4e}"),
     }
-}
-
-/// A mode or state as the filter language writes it.
-fn capital(word: &impl serde::Serialize) -> String {
-    serde_json::to_value(word).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
 fn time(time: Option<std::time::SystemTime>) -> String {

@@ -13,7 +13,7 @@ use tokio::sync::oneshot::error::TryRecvError;
 use tokio::time::Instant;
 
 use crate::study::Shared;
-use crate::{ClientError, Indicators, Suggestion};
+use crate::{ClientError, Indicators, Suggestion, checks};
 
 /// What comes back for one question.
 pub(crate) type Answer = Result<Suggestion, ClientError>;
@@ -37,11 +37,12 @@ pub(crate) async fn within_deadline(
 ) -> Suggestion {
     let limit = shared.core.options.deadline;
     let deadline = Instant::now() + limit;
-    if let Err(problem) = shared.spec.check_indicators(indicators) {
+    if let Err(problem) = checks::state(&shared.spec, indicators) {
         return shared.fall_back(Arc::new(problem));
     }
-    let mut earlier =
-        outstanding.take().filter(|earlier| shared.spec.same_state(&earlier.indicators, indicators));
+    let mut earlier = outstanding
+        .take()
+        .filter(|earlier| checks::are_one_state(&shared.spec, &earlier.indicators, indicators));
     if let Some(one) = &mut earlier {
         match one.answer.try_recv() {
             Ok(Ok(suggestion)) if suggestion.lease_is_live(SystemTime::now()) => {

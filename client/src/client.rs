@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use treewright_proto::convert::{fingerprint_to_wire, policy_to_wire, spec_to_wire};
 use treewright_proto::v1;
 
 use crate::core::Core;
@@ -74,15 +75,15 @@ impl Client {
     /// by a different specification; [`ClientError::Malformed`].
     pub async fn study(&self, id: &str, spec: StudySpec) -> Result<Study, ClientError> {
         let name = study_name(id);
-        let known = match self.core.create_study(&name, &spec).await {
-            Ok(_) => true,
+        let (known, differs) = match self.core.create_study(&name, &spec).await {
+            Ok(record) => (true, record.policy_differs),
             Err(problem) if problem.is_unreachable() => {
                 self.core.counters.note(&problem);
-                false
+                (false, Vec::new())
             }
             Err(problem) => return Err(problem),
         };
-        Ok(Study::new(&self.core, &self.last_handle, &name, spec, known, true))
+        Ok(Study::new(&self.core, &self.last_handle, &name, spec, known, true, differs))
     }
 
     /// A study that exists already. It is not created again when it is deleted meanwhile.
@@ -90,7 +91,8 @@ impl Client {
     /// Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn existing_study(&self, id: &str) -> Result<Study, ClientError> {
         let record = self.core.study_record(&study_name(id)).await?;
-        Ok(Study::new(&self.core, &self.last_handle, &record.name, record.spec, true, false))
+        let name = record.name.clone();
+        Ok(Study::new(&self.core, &self.last_handle, &name, record.into_spec()?, true, false, Vec::new()))
     }
 
     /// The address the client was made with.
@@ -159,7 +161,7 @@ impl Client {
         if paths.is_empty() {
             return Err(ClientError::invalid("policy", "nothing to change; name at least one field"));
         }
-        let policy = wire::policy_to_wire(&change.values());
+        let policy = policy_to_wire(change.values());
         let study = v1::Study { name: study_name(id), policy: Some(policy), ..v1::Study::default() };
         let request = v1::UpdateStudyRequest {
             study: Some(study),
@@ -226,11 +228,14 @@ impl Core {
         spec: &StudySpec,
     ) -> Result<StudyRecord, ClientError> {
         let study_id = name.strip_prefix("studies/").unwrap_or(name).to_owned();
-        let request =
-            v1::CreateStudyRequest { study_id, study: Some(wire::spec_to_wire(String::new(), spec)) };
+        let request = v1::CreateStudyRequest { study_id, study: Some(spec_to_wire(spec)) };
         let mut rpc = self.rpc();
         let study = self.admin("CreateStudy", rpc.create_study(request)).await?;
-        self.read_study("CreateStudy", study)
+        let record = self.read_study("CreateStudy", study)?;
+        if !record.policy_differs.is_empty() {
+            tracing::warn!(study = name, fields = ?record.policy_differs, "the stored policy differs and stays");
+        }
+        Ok(record)
     }
 
     pub(crate) async fn study_record(&self, name: &str) -> Result<StudyRecord, ClientError> {
@@ -248,7 +253,7 @@ impl Core {
         let request = v1::PredictRequest {
             study: study.to_owned(),
             indicators: indicators.0.clone(),
-            fingerprint: Some(wire::fingerprint_to_wire(&self.options.fingerprint)),
+            fingerprint: Some(fingerprint_to_wire(&self.options.fingerprint)),
         };
         let mut rpc = self.rpc();
         let prediction = self.admin("Predict", rpc.predict(request)).await?;
@@ -259,7 +264,7 @@ impl Core {
         let request = v1::GetBestRequest {
             study: study.to_owned(),
             indicators: indicators.0.clone(),
-            fingerprint: Some(wire::fingerprint_to_wire(&self.options.fingerprint)),
+            fingerprint: Some(fingerprint_to_wire(&self.options.fingerprint)),
         };
         let mut rpc = self.rpc();
         let best = self.admin("GetBest", rpc.get_best(request)).await?;

@@ -5,11 +5,12 @@
 use std::sync::Arc;
 
 use tonic::Code;
+use treewright_proto::convert::outcome_to_wire;
 use treewright_proto::v1;
 
 use crate::core::Core;
 use crate::outbox::{Item, Message};
-use crate::{ClientError, Measurements, Outcome, limits, wire};
+use crate::{ClientError, Measurements, Outcome, limits};
 
 /// Delivers until the outbox is closed and empty, or for a bounded time after it is closed.
 pub(crate) async fn run(core: Arc<Core>) {
@@ -81,7 +82,7 @@ pub(crate) fn report_request(
     v1::ReportRequest {
         trial: trial.to_owned(),
         measurements: measurements.0.clone(),
-        outcome: Some(wire::outcome_to_wire(outcome)),
+        outcome: Some(outcome_to_wire(outcome)),
     }
 }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::attach::REQUEST_ID;
+use crate::{NoSuchValue, PolicyError, SpaceError, StudyError};
 
 /// Why a call did not succeed.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -87,15 +88,8 @@ pub enum ClientError {
     },
 
     /// A configuration was asked for a value that it does not have, or has with another type.
-    #[error("the configuration has no {wanted} named `{name}`: found {found}")]
-    NoSuchValue {
-        /// The name asked for.
-        name: String,
-        /// The type asked for.
-        wanted: &'static str,
-        /// What there is instead.
-        found: String,
-    },
+    #[error(transparent)]
+    NoSuchValue(#[from] NoSuchValue),
 
     /// Reports were still waiting when the time for sending them was up.
     #[error("{waiting} report(s) are not acknowledged after {} ms; the last problem was: {last}", deadline.as_millis())]
@@ -116,6 +110,24 @@ pub enum ClientError {
         /// The limit.
         limit: usize,
     },
+}
+
+impl From<SpaceError> for ClientError {
+    fn from(error: SpaceError) -> Self {
+        Self::invalid("space", error.to_string())
+    }
+}
+
+impl From<StudyError> for ClientError {
+    fn from(error: StudyError) -> Self {
+        Self::invalid("study", error.to_string())
+    }
+}
+
+impl From<PolicyError> for ClientError {
+    fn from(error: PolicyError) -> Self {
+        Self::invalid("policy", error.to_string())
+    }
 }
 
 /// An error that several handles share.

@@ -2,43 +2,13 @@
 
 use serde::Serialize;
 
-use crate::Configuration;
-
-/// Which rule of the policy an answer follows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
-pub enum Rule {
-    /// The dice said explore.
-    Explore,
-    /// Explored, because nothing is known that could be exploited.
-    NothingKnown,
-    /// The dice said exploit.
-    Exploit,
-    /// The state's search is over.
-    Finished,
-    /// Not explored, because the regret budget does not allow it yet.
-    Budget,
-    /// Not explored, because the expected gain does not pay for it, or is below the noise.
-    Gain,
-    /// What was exploited here did clearly worse than another configuration.
-    RolledBack,
-    /// The study is frozen.
-    Frozen,
-    /// The study answers the default and learns silently.
-    Shadow,
-    /// The policy pins the configuration.
-    Pinned,
-    /// The client asked for the configuration.
-    Wanted,
-    /// Explores, but the search waits for what others are measuring; the best that is known is run meanwhile.
-    Waiting,
-}
+use crate::{Configuration, OmissionReason, OpenEnum, Rule};
 
 /// What the policy weighed. Costs are in the objective's units; `None` is what played no part.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Explanation {
     /// The rule that decided.
-    pub rule: Option<Rule>,
+    pub rule: Option<OpenEnum<Rule>>,
     /// The probability of exploring that the dice were thrown with.
     pub epsilon: Option<f64>,
     /// What was left of the client's regret budget before this answer.
@@ -94,30 +64,12 @@ pub struct Omission {
     /// The parameter, or for [`Constant`](OmissionReason::Constant) and [`Redundant`](OmissionReason::Redundant) the
     /// indicator; `None` for the state's whole search.
     pub parameter: Option<String>,
-    /// Why; `None` for reasons that this client does not know.
-    pub reason: Option<OmissionReason>,
+    /// Why.
+    pub reason: Option<OpenEnum<OmissionReason>>,
     /// For people.
     pub summary: String,
     /// How many trials were or will be saved by it, estimated.
     pub saved_trials: f64,
     /// With which probability leaving it out is wrong; `None` where it is certain.
     pub risk: Option<f64>,
-}
-
-/// Why something is left out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
-pub enum OmissionReason {
-    /// The parameter means nothing beside the best known values of others.
-    Inactive,
-    /// The parameter was shown not to matter.
-    Insensitive,
-    /// The most that can be gained is below the noise.
-    BelowNoise,
-    /// The gain to expect does not pay for the search.
-    BelowCost,
-    /// The indicator is the same in all states: left out of distances and features.
-    Constant,
-    /// The indicator follows another in a straight line: left out of distances and features.
-    Redundant,
 }

@@ -11,10 +11,11 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | `space`, `study_spec`, `policy`, `value`, `numbers`, `outcome`, `records` | the words of the service as Rust types |
-//! | `wire` | the only place that knows both these and the wire types |
+//! | `numbers`, `records`, `insight` | what the service tells, as Rust types; the rest of its words is `treewright-model` |
+//! | `checks` | what the service would refuse, found before it is sent |
+//! | `wire` | messages as records; what both sides convert alike is in `treewright_proto::convert` |
 //! | `client`, `study`, `suggestion`, `tuner`, `pages` | what a program calls |
-//! | `credentials`, `attach`, `arguments` (a feature) | what is shown to the daemon with every call |
+//! | `credentials`, `attach`, `machine`, `arguments` (a feature) | what is shown to the daemon with every call |
 //! | `link`, `back_off` | whether the daemon is there, and when to ask again |
 //! | `outbox`, `delivery`, `stats` | reports on their way, and counts of what became of them |
 //! | `answer`, `memory`, `stream` | answers within a deadline, and what to do without one |
@@ -26,34 +27,29 @@ mod arguments;
 mod attach;
 mod back_off;
 pub mod blocking;
+mod checks;
 mod client;
 mod core;
 mod credentials;
 mod delivery;
 mod error;
 mod failover;
-mod fingerprint;
 mod frame_set;
 mod insight;
 pub mod limits;
 mod link;
+mod machine;
 mod memory;
 mod numbers;
 mod options;
 mod outbox;
-mod outcome;
 mod pages;
-mod policy;
 mod records;
-mod space;
-mod space_builder;
 mod stats;
 mod stream;
 mod study;
-mod study_spec;
 mod suggestion;
 mod tuner;
-mod value;
 mod wire;
 
 #[cfg(feature = "arguments")]
@@ -61,25 +57,35 @@ pub use arguments::CredentialArguments;
 pub use client::Client;
 pub use credentials::Credentials;
 pub use error::{ClientError, SharedError};
-pub use fingerprint::Fingerprint;
 pub use frame_set::{FrameSet, FrameSetResult};
-pub use insight::{Explanation, Omission, OmissionReason, Rule, StateInsight};
+pub use insight::{Explanation, Omission, StateInsight};
 pub use link::Status;
+pub use machine::detect_fingerprint;
 pub use numbers::{Indicators, Measurements};
 pub use options::Options;
-pub use outcome::Outcome;
 pub use pages::{TrialPages, TrialQuery};
-pub use policy::{Operation, Policy, PolicyChange, PredictorMethod, SearchMethod};
-pub use records::{
-    Best, Mode, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TrialRecord, TrialState,
-};
-pub use space::{Condition, Constraint, Domain, Parameter, Scale, Space};
-pub use space_builder::{
-    BooleanParameter, CategoricalParameter, FloatParameter, IntegerParameter, SpaceBuilder,
-};
+pub use records::{Best, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TrialRecord};
 pub use stats::Stats;
 pub use study::Study;
-pub use study_spec::{Indicator, ObjectiveTerm, StudyBuilder, StudySpec};
 pub use suggestion::{Finished, Source, Suggestion};
+pub use treewright_model::assignment::{Assignment as Configuration, NoSuchValue};
+pub use treewright_model::indicator::Indicator;
+pub use treewright_model::objective::ObjectiveTerm;
+pub use treewright_model::plain::{Plain, plain};
+pub use treewright_model::policy::{
+    Operation, PolicyChange, PolicyError, PolicyField, PolicySettings as Policy, PredictorMethod,
+    SearchMethod,
+};
+pub use treewright_model::session::SessionPolicy;
+pub use treewright_model::space::{
+    BooleanParameter, CategoricalParameter, Condition, Constraint, Domain, FloatParameter, IntegerParameter,
+    Parameter, Scale, Space, SpaceBuilder, SpaceError,
+};
+pub use treewright_model::study::{StudyBuilder, StudyError};
+pub use treewright_model::trial::{Fingerprint, Mode, OmissionReason, Outcome, Rule, TrialState};
+pub use treewright_model::value::Value;
+pub use treewright_model::words::{OpenEnum, Word};
 pub use tuner::Tuner;
-pub use value::{Configuration, Value};
+
+/// Everything that defines a study, with its policy as the client says it. Made with [`StudyBuilder`].
+pub type StudySpec = treewright_model::study::StudySpec<Policy>;

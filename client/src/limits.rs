@@ -1,32 +1,6 @@
-//! Every limit of the client, in one place. The service has limits of its own; those that can be
-//! checked before anything is sent are repeated here, so that a mistake is found where it is made.
+//! Every limit of the client, in one place. What is said to the service has the limits of `treewright_model::limits`.
 
 use std::time::Duration;
-
-/// Parameters of one space (the wire contract's limit).
-pub const PARAMETERS: usize = 128;
-/// Constraints of one space (the wire contract's limit).
-pub const CONSTRAINTS: usize = 64;
-/// Values of one categorical parameter (the wire contract's limit).
-pub const CATEGORICAL_VALUES: usize = 64;
-/// Terms of one objective (the wire contract's limit).
-pub const OBJECTIVE_TERMS: usize = 16;
-/// Measurements of one report (the wire contract's limit).
-pub const MEASUREMENTS: usize = 64;
-/// Indicators of one study. The contract sets no number; this one keeps a request small.
-pub const INDICATORS: usize = 256;
-/// Pieces of software in one fingerprint (the wire contract's limit).
-pub const SOFTWARE: usize = 32;
-/// Bytes of a parameter's, indicator's or metric's name (the wire contract's limit).
-pub const NAME_BYTES: usize = 64;
-/// Characters of a reason that a client gives for people; longer ones are cut (the wire contract's limit).
-pub const REASON_CHARACTERS: usize = 1000;
-/// Characters of a client id (the wire contract's limit).
-pub const CLIENT_ID_CHARACTERS: usize = 128;
-/// Characters of a study's display name (the wire contract's limit).
-pub const DISPLAY_NAME_CHARACTERS: usize = 200;
-/// Integers beyond this magnitude are not exact in every program that reads them (the wire contract's limit).
-pub const INTEGER_MAGNITUDE: i64 = 1 << 53;
 
 /// Reports and abandoned trials that wait for the daemon, unless the options say otherwise.
 pub const DEFAULT_QUEUE: usize = 1024;

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use crate::{ClientError, Credentials, Fingerprint, limits};
+use treewright_model::limits::CLIENT_ID_CHARACTERS_MAX;
+
+use crate::{ClientError, Credentials, Fingerprint, detect_fingerprint, limits};
 
 /// Settings of a client; the defaults suit a renderer on the daemon's machine.
 #[derive(Debug, Clone)]
@@ -12,7 +14,7 @@ pub struct Options {
     /// Default: program, machine and process number, unique but new with every start; set it to
     /// something stable to get an unfinished trial back after a restart.
     pub client_id: String,
-    /// The machine and software, sent with every suggestion. Default: [`Fingerprint::detect`].
+    /// The machine and software, sent with every suggestion. Default: [`crate::detect_fingerprint`].
     pub fingerprint: Fingerprint,
     /// Token and certificates. Default: none.
     pub credentials: Credentials,
@@ -36,7 +38,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             client_id: default_client_id(),
-            fingerprint: Fingerprint::detect(),
+            fingerprint: detect_fingerprint(),
             credentials: Credentials::new(),
             can_abort: false,
             deadline: Duration::from_millis(50),
@@ -107,10 +109,10 @@ impl Options {
     pub(crate) fn check(&self) -> Result<(), ClientError> {
         let characters = self.client_id.chars().count();
         if characters == 0
-            || characters > limits::CLIENT_ID_CHARACTERS
+            || characters > CLIENT_ID_CHARACTERS_MAX
             || self.client_id.chars().any(char::is_control)
         {
-            let problem = format!("it must have 1 to {} printable characters", limits::CLIENT_ID_CHARACTERS);
+            let problem = format!("it must have 1 to {CLIENT_ID_CHARACTERS_MAX} printable characters");
             return Err(ClientError::invalid("client id", problem));
         }
         if !(1..=limits::LARGEST_QUEUE).contains(&self.queue) {

@@ -5,35 +5,10 @@ use std::time::SystemTime;
 use serde::{Serialize, Serializer};
 
 use crate::insight::{Explanation, StateInsight};
-use crate::{Configuration, Fingerprint, Indicators, Measurements, Outcome, StudySpec};
-
-/// Why a client got a configuration.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
-pub enum Mode {
-    /// The space's defaults.
-    Default,
-    /// The next point of the state's search.
-    Explore,
-    /// What is known or predicted to be good.
-    Exploit,
-    /// The policy pins it.
-    Pinned,
-}
-
-/// Where a trial stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
-pub enum TrialState {
-    /// Leased and not reported.
-    Open,
-    /// Reported; see the outcome.
-    Completed,
-    /// Given back by its client.
-    Abandoned,
-    /// The lease ran out; a late report still completes it.
-    Expired,
-}
+use crate::{
+    ClientError, Configuration, Fingerprint, Indicators, Measurements, Mode, OpenEnum, Outcome, Plain,
+    Policy, StudySpec, TrialState,
+};
 
 /// How an answer came about.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -74,8 +49,11 @@ pub struct TrialRecord {
     pub indicators: Indicators,
     /// What to run with.
     pub configuration: Configuration,
+    /// Parameters of it whose values are of a kind that this version cannot read.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub unreadable: Vec<String>,
     /// Why this configuration.
-    pub mode: Mode,
+    pub mode: OpenEnum<Mode>,
     /// In the objective's units, where something is known.
     pub predicted_cost: Option<f64>,
     /// How the answer came about.
@@ -84,13 +62,13 @@ pub struct TrialRecord {
     #[serde(serialize_with = "time_as_text")]
     pub lease_expire_time: Option<SystemTime>,
     /// Where the trial stands.
-    pub state: TrialState,
+    pub state: OpenEnum<TrialState>,
     /// The raw measurements of the report.
     pub measurements: Measurements,
     /// The objective computed from the measurements.
     pub cost: Option<f64>,
     /// How it ended; `None` before the report.
-    pub outcome: Option<Outcome>,
+    pub outcome: Option<OpenEnum<Outcome>>,
     /// The report came after the lease had expired.
     pub late: bool,
     /// When it was handed out.
@@ -118,16 +96,38 @@ impl TrialRecord {
 pub struct StudyRecord {
     /// `studies/{study}`.
     pub name: String,
-    /// What defines it, and its policy at the time.
-    pub spec: StudySpec,
+    /// A line for people; may be empty.
+    pub display_name: String,
+    /// How the service decides.
+    pub policy: Policy,
+    /// What defines it; else what this version cannot read of it.
+    #[serde(serialize_with = "spec_or_problem")]
+    pub(crate) spec: Result<StudySpec, String>,
     /// When it was created.
     #[serde(serialize_with = "time_as_text")]
     pub create_time: Option<SystemTime>,
     /// How far it is.
     pub statistics: StudyStatistics,
+    /// In the answer to its creation: the fields of the given policy that differ from the stored one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub policy_differs: Vec<String>,
 }
 
 impl StudyRecord {
+    /// What defines it, and its policy at the time.
+    ///
+    /// # Errors
+    /// [`ClientError::Malformed`] for a study of a newer version, when this one cannot read it.
+    pub fn spec(&self) -> Result<&StudySpec, ClientError> {
+        self.spec
+            .as_ref()
+            .map_err(|problem| ClientError::Malformed { call: "GetStudy", problem: problem.clone() })
+    }
+
+    pub(crate) fn into_spec(self) -> Result<StudySpec, ClientError> {
+        self.spec.map_err(|problem| ClientError::Malformed { call: "GetStudy", problem })
+    }
+
     /// The name without `studies/`.
     #[must_use]
     pub fn id(&self) -> &str {
@@ -154,7 +154,7 @@ pub struct Prediction {
     /// The configuration.
     pub configuration: Configuration,
     /// `Default` when nothing is known yet, `Pinned` when pinned, else `Exploit`.
-    pub mode: Mode,
+    pub mode: OpenEnum<Mode>,
     /// In the objective's units, where something is known.
     pub predicted_cost: Option<f64>,
     /// How the answer came about.
@@ -181,6 +181,17 @@ pub struct Best {
     /// When that was.
     #[serde(serialize_with = "time_as_text")]
     pub last_measure_time: Option<SystemTime>,
+}
+
+/// A specification in plain values, or `{"unreadable": "…"}`.
+fn spec_or_problem<S: Serializer>(
+    spec: &Result<StudySpec, String>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    match spec {
+        Ok(spec) => Plain(spec).serialize(serializer),
+        Err(problem) => serializer.collect_map([("unreadable", problem)]),
+    }
 }
 
 /// Times are written as RFC 3339 text.

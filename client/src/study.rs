@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::{Semaphore, oneshot, watch};
+use treewright_proto::convert::{configuration_to_wire, fingerprint_to_wire, session_policy_to_wire};
 use treewright_proto::v1;
 
 use crate::answer::{self, Answer, Outstanding};
@@ -12,8 +13,8 @@ use crate::delivery::worth_repeating;
 use crate::memory::Memory;
 use crate::suggestion::Lease;
 use crate::{
-    Best, ClientError, Configuration, Indicators, Outcome, Prediction, SharedError, StudyRecord, StudySpec,
-    Suggestion, Tuner, limits, wire,
+    Best, ClientError, Configuration, Indicators, Outcome, Prediction, SessionPolicy, SharedError,
+    StudyRecord, StudySpec, Suggestion, Tuner, checks, limits, wire,
 };
 
 /// How often a suggestion is asked for again when the daemon names a trial that is just being reported.
@@ -39,6 +40,9 @@ pub(crate) struct Shared {
     ours: bool,
     registration: watch::Sender<Registration>,
     memory: Mutex<Memory>,
+    session_policy: Mutex<SessionPolicy>,
+    /// Where the stored policy is another than the one given; see [`Study::policy_differs`].
+    policy_differs: Mutex<Vec<String>>,
     questions: Arc<Semaphore>,
 }
 
@@ -60,6 +64,7 @@ impl Study {
         spec: StudySpec,
         known: bool,
         ours: bool,
+        differs: Vec<String>,
     ) -> Self {
         let registration = if known { Registration::Done } else { Registration::Pending };
         let shared = Arc::new(Shared {
@@ -69,6 +74,8 @@ impl Study {
             ours,
             registration: watch::Sender::new(registration),
             memory: Mutex::default(),
+            session_policy: Mutex::default(),
+            policy_differs: Mutex::new(differs),
             questions: Arc::new(Semaphore::new(limits::OUTSTANDING_SUGGESTIONS)),
         });
         if !known {
@@ -87,6 +94,24 @@ impl Study {
     #[must_use]
     pub fn spec(&self) -> &StudySpec {
         &self.shared.spec
+    }
+
+    /// What this process wants for itself from now on, instead of what the study's policy says. It goes along with every
+    /// question of this study's handles and holds for their answers alone: other clients are not concerned, and when the
+    /// process ends, however it ends, nothing is left behind.
+    ///
+    /// Errors: [`ClientError::Invalid`] for a value out of its range.
+    pub fn set_session_policy(&self, policy: SessionPolicy) -> Result<(), ClientError> {
+        policy.validate().map_err(|problem| ClientError::invalid("session policy", problem.to_string()))?;
+        *lock(&self.shared.session_policy) = policy;
+        Ok(())
+    }
+
+    /// The fields of the policy given to [`crate::Client::study`] that differ from the stored policy, which stays as it
+    /// is. Empty until the daemon has answered.
+    #[must_use]
+    pub fn policy_differs(&self) -> Vec<String> {
+        lock(&self.shared.policy_differs).clone()
     }
 
     /// What to run next for these indicators, within the client's deadline ([`crate::Options::deadline`]): from the
@@ -116,7 +141,7 @@ impl Study {
         indicators: &Indicators,
         configuration: &Configuration,
     ) -> Result<Suggestion, ClientError> {
-        self.shared.spec.check_indicators(indicators)?;
+        checks::state(&self.shared.spec, indicators)?;
         let core = &self.shared.core;
         let asked = self.shared.ask_once_told(indicators, Some(configuration));
         match tokio::time::timeout(core.options.deadline, asked).await {
@@ -196,13 +221,20 @@ impl Shared {
 
     /// Turns a trial from the daemon into a suggestion.
     pub(crate) fn accept(self: &Arc<Self>, trial: v1::Trial) -> Answer {
-        let trial =
-            wire::trial_from_wire(trial).map_err(|problem| self.core.malformed("Suggest", problem))?;
+        let malformed = |problem: String| self.core.malformed("Suggest", problem);
+        let has_configuration = trial.configuration.is_some();
+        let trial = wire::trial_from_wire(trial).map_err(malformed)?;
         let Some(lease) = Lease::take(self, &trial.name) else {
-            return Err(self
-                .core
-                .malformed("Suggest", format!("{} is just being reported by this client", trial.name)));
+            return Err(malformed(format!("{} is just being reported by this client", trial.name)));
         };
+        // From here on, what cannot be run is given back with the lease.
+        if !has_configuration {
+            return Err(malformed(format!("{} has no configuration", trial.name)));
+        }
+        if !trial.unreadable.is_empty() {
+            let what = trial.unreadable.join(", ");
+            return Err(malformed(format!("{} has values of an unknown kind for {what}", trial.name)));
+        }
         lock(&self.memory).remember(&trial.configuration);
         Ok(Suggestion::of_trial(Arc::clone(self), trial, lease))
     }
@@ -212,10 +244,11 @@ impl Shared {
             study: self.name.to_string(),
             client_id: self.core.options.client_id.clone(),
             indicators: indicators.0.clone(),
-            fingerprint: Some(wire::fingerprint_to_wire(&self.core.options.fingerprint)),
+            fingerprint: Some(fingerprint_to_wire(&self.core.options.fingerprint)),
             wanted: None,
             session: self.core.session,
             can_abort: self.core.options.can_abort,
+            session_policy: session_policy_to_wire(*lock(&self.session_policy)),
         }
     }
 
@@ -267,7 +300,7 @@ impl Shared {
         for _ in 0..ASK_AGAIN {
             self.core.outbox.wait_until_told(&self.name).await;
             let mut rpc = self.core.rpc();
-            let wanted = wanted.map(wire::configuration_to_wire);
+            let wanted = wanted.map(|wanted| configuration_to_wire(wanted.as_raw()));
             let asked = rpc.suggest(v1::SuggestRequest { wanted, ..self.suggest_request(indicators) });
             match self.core.call("Suggest", limits::LATE_ANSWER, asked).await {
                 Ok(trial) => result = self.accept(trial),
@@ -289,7 +322,10 @@ impl Shared {
         let registration = loop {
             self.core.link.wait_until_worth_asking().await;
             match self.core.create_study(&self.name, &self.spec).await {
-                Ok(_) => break Registration::Done,
+                Ok(record) => {
+                    *lock(&self.policy_differs) = record.policy_differs;
+                    break Registration::Done;
+                }
                 Err(problem) => {
                     failures += 1;
                     self.core.counters.note(&problem);

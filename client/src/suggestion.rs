@@ -6,7 +6,10 @@ use std::time::SystemTime;
 use crate::delivery::report_request;
 use crate::outbox::{Item, Message};
 use crate::study::Shared;
-use crate::{ClientError, Configuration, Measurements, Mode, Outcome, Reason, SharedError, TrialRecord};
+use crate::{
+    ClientError, Configuration, Measurements, Mode, OpenEnum, Outcome, Reason, SharedError, TrialRecord,
+    checks,
+};
 
 /// Where a configuration came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -31,7 +34,7 @@ pub struct Suggestion {
     shared: Arc<Shared>,
     configuration: Configuration,
     source: Source,
-    mode: Mode,
+    mode: OpenEnum<Mode>,
     predicted_cost: Option<f64>,
     reason: Reason,
     problem: Option<SharedError>,
@@ -65,7 +68,7 @@ impl Suggestion {
             Some(_) => (Source::LastGood, Mode::Exploit),
             None => (Source::Default, Mode::Default),
         };
-        let configuration = last_good.unwrap_or_else(|| shared.spec.space().default_configuration());
+        let configuration = last_good.unwrap_or_else(|| shared.spec.space.default_configuration().into());
         let what = match source {
             Source::LastGood => "the last good configuration",
             Source::Daemon | Source::Default => "the recommended values",
@@ -77,7 +80,7 @@ impl Suggestion {
             shared,
             configuration,
             source,
-            mode,
+            mode: mode.into(),
             predicted_cost: None,
             reason,
             problem,
@@ -101,7 +104,7 @@ impl Suggestion {
 
     /// Why this configuration. Fallbacks are [`Mode::Exploit`] or [`Mode::Default`].
     #[must_use]
-    pub fn mode(&self) -> Mode {
+    pub fn mode(&self) -> OpenEnum<Mode> {
         self.mode
     }
 
@@ -148,7 +151,7 @@ impl Suggestion {
     /// Errors: [`ClientError::Invalid`] when the service would refuse the result, e.g. a measurement
     /// that is not finite; the trial is then given back.
     pub fn finished(mut self, measurements: Measurements, outcome: Outcome) -> Result<Finished, ClientError> {
-        outcome.check(&measurements, self.shared.spec.objective())?;
+        checks::result(&self.shared.spec, &outcome, &measurements)?;
         self.shared.learn(&self.configuration, &outcome);
         let lease = self.lease.take();
         match &lease {

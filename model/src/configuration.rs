@@ -1,11 +1,14 @@
-//! Configurations: a value for every active parameter of a space, in canonical form.
+//! Configurations: a value for every active parameter of a space, in canonical form. What is not checked yet stands in
+//! `assignment`.
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::ops::Deref;
 use std::sync::Arc;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
+use crate::assignment::Assignment;
 use crate::value::Value;
 
 /// A configuration that has not been checked against a space yet: what comes over the wire or out of a
@@ -15,29 +18,23 @@ pub type RawConfiguration = BTreeMap<String, Value>;
 /// A value for every active parameter of a space, and for no other; every value inside its domain, every
 /// constraint fulfilled.
 ///
-/// It can only be made by a [`Space`](crate::space::Space), and serialises as a plain map of values. There
-/// is on purpose no `Deserialize`: read a [`RawConfiguration`] and hand it to the space.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
-#[serde(transparent)]
+/// It can only be made by a [`Space`](crate::space::Space), is read like an [`Assignment`], and serialises as a map of
+/// values with their kinds. There is on purpose no `Deserialize`: read a [`RawConfiguration`] and hand it to the space.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Configuration {
     /// Shared, since tables, trials and models all name the same few configurations.
-    values: Arc<BTreeMap<String, Value>>,
+    values: Arc<Assignment>,
 }
 
 impl Configuration {
     /// The one way in; the caller is the space, which has checked `values`.
-    pub(crate) fn from_checked(values: BTreeMap<String, Value>) -> Self {
-        Configuration { values: Arc::new(values) }
+    pub(crate) fn from_checked(values: RawConfiguration) -> Self {
+        Configuration { values: Arc::new(values.into()) }
     }
 
     /// The values by parameter name, in the order of the names.
-    pub fn values(&self) -> &BTreeMap<String, Value> {
-        &self.values
-    }
-
-    /// The value of one parameter; `None` when it is not active.
-    pub fn get(&self, name: &str) -> Option<&Value> {
-        self.values.get(name)
+    pub fn values(&self) -> &RawConfiguration {
+        self.values.as_raw()
     }
 
     /// A compact text, equal exactly for equal configurations of one space:
@@ -48,15 +45,15 @@ impl Configuration {
 
     /// The unchecked form, for the wire and for tables.
     pub fn to_raw(&self) -> RawConfiguration {
-        BTreeMap::clone(&self.values)
+        self.values().clone()
     }
 }
 
 impl fmt::Display for Configuration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (index, (name, value)) in self.values.iter().enumerate() {
+        for (index, (name, value)) in self.values().iter().enumerate() {
             let separator = if index == 0 { "" } else { ";" };
-            write!(f, "{separator}{name}={value}")?;
+            write!(f, "{separator}{name}={}", value.quoted())?;
         }
         Ok(())
     }
@@ -64,7 +61,33 @@ impl fmt::Display for Configuration {
 
 impl From<Configuration> for RawConfiguration {
     fn from(configuration: Configuration) -> Self {
+        Arc::unwrap_or_clone(configuration.values).into()
+    }
+}
+
+impl Deref for Configuration {
+    type Target = Assignment;
+
+    fn deref(&self) -> &Assignment {
+        &self.values
+    }
+}
+
+impl PartialEq<Assignment> for Configuration {
+    fn eq(&self, other: &Assignment) -> bool {
+        *self.values == *other
+    }
+}
+
+impl From<Configuration> for Assignment {
+    fn from(configuration: Configuration) -> Self {
         Arc::unwrap_or_clone(configuration.values)
+    }
+}
+
+impl Serialize for Configuration {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.values().serialize(serializer)
     }
 }
 

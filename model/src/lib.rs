@@ -11,6 +11,7 @@
 //! them; [`trial`] is what is handed out and what came of it. [`ids`], [`names`] and [`limits`] hold for all of them.
 #![forbid(unsafe_code)]
 
+pub mod assignment;
 pub mod configuration;
 pub mod decision;
 pub mod ids;
@@ -18,10 +19,13 @@ pub mod indicator;
 pub mod limits;
 pub mod names;
 pub mod objective;
+pub mod plain;
 pub mod policy;
+pub mod session;
 pub mod space;
 pub mod study;
 #[cfg(test)]
 mod testing;
 pub mod trial;
 pub mod value;
+pub mod words;

@@ -1,22 +1,24 @@
 //! The specification of a study: everything that is fixed when it is created, and its policy.
 
-use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
+
+use serde::{Deserialize, Deserializer, Serialize, de};
 use thiserror::Error;
 
-use crate::indicator::IndicatorSchema;
+use crate::indicator::{Indicator, IndicatorError, IndicatorSchema};
 use crate::limits::DISPLAY_NAME_CHARACTERS_MAX;
-use crate::objective::Objective;
-use crate::policy::{Policy, PolicyError, RawPolicy};
-use crate::space::Space;
+use crate::objective::{Objective, ObjectiveError, ObjectiveTerm};
+use crate::policy::{Policy, PolicyError, PolicySettings, RawPolicy};
+use crate::space::{Scale, Space};
 
 /// State tolerance where the study does not say.
 pub const STATE_TOLERANCE_DEFAULT: f64 = 0.01;
 
 /// A tuning problem. All but `policy` (and `display_name`) is fixed: trials measured under one space and
-/// one schema are not comparable with trials measured under another.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "RawStudySpec")]
-pub struct StudySpec {
+/// one schema are not comparable with trials measured under another. `P` is [`Policy`] where it decides, and
+/// [`PolicySettings`] as clients say it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StudySpec<P = Policy> {
     /// A line for people, at most 200 characters.
     pub display_name: String,
     /// The tunables.
@@ -28,7 +30,7 @@ pub struct StudySpec {
     /// Two states are the same when every normalised indicator differs by at most this much, 0 to 1.
     pub state_tolerance: f64,
     /// How the study decides; the one mutable part.
-    pub policy: Policy,
+    pub policy: P,
     /// Seed of every random decision.
     pub seed: u64,
 }
@@ -58,6 +60,18 @@ pub enum StudyError {
     /// The policy is not acceptable.
     #[error(transparent)]
     Policy(#[from] PolicyError),
+    /// The indicators are not acceptable.
+    #[error(transparent)]
+    Indicators(#[from] IndicatorError),
+    /// The objective is not acceptable.
+    #[error(transparent)]
+    Objective(#[from] ObjectiveError),
+}
+
+impl<'de> Deserialize<'de> for StudySpec {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        RawStudySpec::deserialize(deserializer)?.try_into().map_err(de::Error::custom)
+    }
 }
 
 impl TryFrom<RawStudySpec> for StudySpec {
@@ -78,9 +92,8 @@ impl TryFrom<RawStudySpec> for StudySpec {
     }
 }
 
-impl StudySpec {
-    /// Checks what the types of the parts cannot say.
-    pub fn validate(&self) -> Result<(), StudyError> {
+impl<P> StudySpec<P> {
+    fn check_texts_and_tolerance(&self) -> Result<(), StudyError> {
         let name = &self.display_name;
         if name.chars().count() > DISPLAY_NAME_CHARACTERS_MAX || name.chars().any(char::is_control) {
             return Err(StudyError::DisplayName);
@@ -88,6 +101,27 @@ impl StudySpec {
         if !(0.0..=1.0).contains(&self.state_tolerance) {
             return Err(StudyError::StateTolerance(self.state_tolerance));
         }
+        Ok(())
+    }
+
+    /// The same with another policy.
+    pub fn with_policy<Q>(self, policy: Q) -> StudySpec<Q> {
+        StudySpec {
+            display_name: self.display_name,
+            space: self.space,
+            indicators: self.indicators,
+            objective: self.objective,
+            state_tolerance: self.state_tolerance,
+            policy,
+            seed: self.seed,
+        }
+    }
+}
+
+impl StudySpec {
+    /// Checks what the types of the parts cannot say.
+    pub fn validate(&self) -> Result<(), StudyError> {
+        self.check_texts_and_tolerance()?;
         self.policy.validate(&self.space)?;
         Ok(())
     }
@@ -145,12 +179,117 @@ fn list_difference<T: PartialEq + Serialize>(
     None
 }
 
+impl StudySpec<PolicySettings> {
+    /// Begins a specification.
+    #[must_use]
+    pub fn builder(space: Space) -> StudyBuilder {
+        StudyBuilder {
+            display_name: String::new(),
+            space,
+            indicators: Vec::new(),
+            objective: Vec::new(),
+            state_tolerance: STATE_TOLERANCE_DEFAULT,
+            policy: PolicySettings::new(),
+            seed: 0,
+        }
+    }
+}
+
+/// Builds a [`StudySpec`].
+///
+/// ```
+/// use treewright_model::policy::PolicySettings;
+/// use treewright_model::space::{Scale, Space};
+/// use treewright_model::study::StudySpec;
+/// let space = Space::builder().integer("quality", 0..=2).default(1).build()?;
+/// let spec = StudySpec::builder(space)
+///     .indicator("triangles", 0.0..=1e8, Scale::Log)
+///     .minimise("render_ms", 1.0)
+///     .policy(PolicySettings::new().epsilon(0.1))
+///     .build()?;
+/// # let _ = spec;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct StudyBuilder {
+    display_name: String,
+    space: Space,
+    indicators: Vec<Indicator>,
+    objective: Vec<ObjectiveTerm>,
+    state_tolerance: f64,
+    policy: PolicySettings,
+    seed: u64,
+}
+
+impl StudyBuilder {
+    /// A line for people, at most 200 characters.
+    #[must_use]
+    pub fn display_name(mut self, text: impl Into<String>) -> Self {
+        self.display_name = text.into();
+        self
+    }
+
+    /// A number that describes the input, with the range that is mapped to 0..1. Values outside are accepted.
+    #[must_use]
+    pub fn indicator(mut self, name: &str, range: RangeInclusive<f64>, scale: Scale) -> Self {
+        let (min, max) = (*range.start(), *range.end());
+        self.indicators.push(Indicator { name: name.to_owned(), min, max, scale });
+        self
+    }
+
+    /// Adds a metric to what is minimised. Render time alone: `render_ms` with weight 1. A tree that
+    /// serves 30 frames: `build_ms` with weight 1/30 and `render_ms` with weight 1.
+    #[must_use]
+    pub fn minimise(mut self, metric: &str, weight: f64) -> Self {
+        self.objective.push(ObjectiveTerm { metric: metric.to_owned(), weight });
+        self
+    }
+
+    /// Two states are the same when every normalised indicator differs by at most this, 0 to 1. Unset: 0.01.
+    #[must_use]
+    pub fn state_tolerance(mut self, tolerance: f64) -> Self {
+        self.state_tolerance = tolerance;
+        self
+    }
+
+    /// How the service decides.
+    #[must_use]
+    pub fn policy(mut self, policy: PolicySettings) -> Self {
+        self.policy = policy;
+        self
+    }
+
+    /// Seed of every random decision taken for the study. Unset: 0.
+    #[must_use]
+    pub fn seed(mut self, seed: u64) -> Self {
+        self.seed = seed;
+        self
+    }
+
+    /// Checks the whole and finishes it.
+    ///
+    /// # Errors
+    /// [`StudyError`] with what the service would refuse.
+    pub fn build(self) -> Result<StudySpec<PolicySettings>, StudyError> {
+        let spec = StudySpec {
+            display_name: self.display_name,
+            space: self.space,
+            indicators: IndicatorSchema::new(self.indicators)?,
+            objective: Objective::new(self.objective)?,
+            state_tolerance: self.state_tolerance,
+            policy: self.policy,
+            seed: self.seed,
+        };
+        spec.check_texts_and_tolerance()?;
+        spec.policy.check()?;
+        Ok(spec)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::indicator::Indicator;
-    use crate::objective::ObjectiveTerm;
-    use crate::space::{Constraint, Domain, Parameter, Scale};
+    use crate::space::{Constraint, Domain, Parameter};
     use crate::value::Value;
 
     fn spec() -> StudySpec {
@@ -213,5 +352,20 @@ mod tests {
         let order = serde_json::from_str::<StudySpec>(&text.replace(r#""pinned":null"#, pinned));
         assert!(order.expect_err("a > b").to_string().contains("a = 5 is greater than b = 4"));
         assert!(StudySpec { state_tolerance: f64::NAN, ..spec() }.validate().is_err());
+    }
+
+    #[test]
+    fn mistakes_are_named_where_they_are_made() {
+        let builder = || {
+            StudySpec::builder(Space::builder().boolean("compact").default(false).build().expect("a space"))
+        };
+        let problem = |builder: StudyBuilder| builder.build().expect_err("not a study").to_string();
+        assert!(problem(builder()).contains("objective"));
+        assert!(problem(builder().minimise("render_ms", 0.0)).contains("weight 0"));
+        assert!(problem(builder().minimise("render_ms", 1.0).state_tolerance(2.0)).contains("tolerance"));
+        let flat = builder().minimise("render_ms", 1.0).indicator("a", 1.0..=1.0, Scale::Linear);
+        assert!(problem(flat).contains("less than max"));
+        let policy = PolicySettings::new().epsilon(1.5);
+        assert!(problem(builder().minimise("render_ms", 1.0).policy(policy)).contains("epsilon"));
     }
 }

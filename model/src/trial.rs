@@ -2,38 +2,40 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::decision::Decision;
+use crate::limits::{FINGERPRINT_SOFTWARE_MAX, OUTCOME_REASON_CHARACTERS_MAX};
 use crate::space::{Space, SpaceError};
+use crate::words::{OpenEnum, words};
 
-/// Why a client got a configuration.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Mode {
-    /// The space's defaults: the first measurement in a state that is explored, or nothing better is known.
-    Default,
-    /// The next point of the state's search.
-    Explore,
-    /// The predictor's answer or the best known configuration.
-    Exploit,
-    /// The policy pins it.
-    Pinned,
+words! {
+    /// Why a client got a configuration.
+    pub enum Mode {
+        /// The space's defaults: the first measurement in a state that is explored, or nothing better is known.
+        Default = "DEFAULT",
+        /// The next point of the state's search.
+        Explore = "EXPLORE",
+        /// The predictor's answer or the best known configuration.
+        Exploit = "EXPLOIT",
+        /// The policy pins it.
+        Pinned = "PINNED",
+    }
 }
 
-/// Where a trial stands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum TrialState {
-    /// Leased and not reported.
-    Open,
-    /// Reported; see the outcome.
-    Completed,
-    /// Given back by its client.
-    Abandoned,
-    /// The lease ran out. A late report still completes it.
-    Expired,
+words! {
+    /// Where a trial stands.
+    pub enum TrialState {
+        /// Leased and not reported.
+        Open = "OPEN",
+        /// Reported; see the outcome.
+        Completed = "COMPLETED",
+        /// Given back by its client.
+        Abandoned = "ABANDONED",
+        /// The lease ran out. A late report still completes it.
+        Expired = "EXPIRED",
+    }
 }
 
 /// How a trial ended.
@@ -59,6 +61,68 @@ pub enum Outcome {
     },
 }
 
+words! {
+    /// The kinds of outcomes.
+    pub enum OutcomeKind {
+        /// Measured.
+        Ok = "OK",
+        /// Cannot work here.
+        Infeasible = "INFEASIBLE",
+        /// Stopped early.
+        Aborted = "ABORTED",
+        /// Failed for another reason.
+        Failed = "FAILED",
+    }
+}
+
+impl Outcome {
+    /// The configuration cannot work here. A reason beyond 1000 characters is cut.
+    #[must_use]
+    pub fn infeasible(reason: impl Into<String>) -> Self {
+        Self::Infeasible { reason: cut(reason.into()) }
+    }
+
+    /// Stopped early; the objective is at least `lower_bound`.
+    #[must_use]
+    pub fn aborted(lower_bound: f64) -> Self {
+        Self::Aborted { lower_bound }
+    }
+
+    /// The client failed for a reason that says nothing about the configuration. A reason beyond 1000 characters is cut.
+    #[must_use]
+    pub fn failed(reason: impl Into<String>) -> Self {
+        Self::Failed { reason: cut(reason.into()) }
+    }
+
+    /// What it is.
+    pub fn kind(&self) -> OutcomeKind {
+        match self {
+            Outcome::Ok => OutcomeKind::Ok,
+            Outcome::Infeasible { .. } => OutcomeKind::Infeasible,
+            Outcome::Aborted { .. } => OutcomeKind::Aborted,
+            Outcome::Failed { .. } => OutcomeKind::Failed,
+        }
+    }
+}
+
+/// For people: as the outcome, or as the word that it is unrecognised.
+impl Serialize for OpenEnum<Outcome> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            OpenEnum::Known(outcome) => outcome.serialize(serializer),
+            OpenEnum::Unrecognised(_) => serializer.serialize_str("unrecognised"),
+        }
+    }
+}
+
+/// Cuts at the limit, between characters.
+fn cut(mut reason: String) -> String {
+    if let Some((end, _)) = reason.char_indices().nth(OUTCOME_REASON_CHARACTERS_MAX) {
+        reason.truncate(end);
+    }
+    reason
+}
+
 /// How an answer came about, for people and for logs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Reason {
@@ -75,34 +139,34 @@ pub struct Reason {
     pub explanation: Explanation,
 }
 
-/// Which rule of the policy an answer follows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Rule {
-    /// The dice said explore.
-    Explore,
-    /// Explored, because nothing is known that could be exploited.
-    NothingKnown,
-    /// The dice said exploit.
-    Exploit,
-    /// The state's search is over.
-    Finished,
-    /// Not explored, because the regret budget does not allow it yet.
-    Budget,
-    /// Not explored, because the expected gain does not pay for it, or is below the noise.
-    Gain,
-    /// What was exploited here did clearly worse than another configuration.
-    RolledBack,
-    /// The study is frozen.
-    Frozen,
-    /// The study answers the default and learns silently.
-    Shadow,
-    /// The policy pins the configuration.
-    Pinned,
-    /// The client asked for the configuration.
-    Wanted,
-    /// Explores, but the search waits for what others are measuring; the best that is known is run meanwhile.
-    Waiting,
+words! {
+    /// Which rule of the policy an answer follows.
+    pub enum Rule {
+        /// The dice said explore.
+        Explore = "EXPLORE",
+        /// Explored, because nothing is known that could be exploited.
+        NothingKnown = "NOTHING_KNOWN",
+        /// The dice said exploit.
+        Exploit = "EXPLOIT",
+        /// The state's search is over.
+        Finished = "FINISHED",
+        /// Not explored, because the regret budget does not allow it yet.
+        Budget = "BUDGET",
+        /// Not explored, because the expected gain does not pay for it, or is below the noise.
+        Gain = "GAIN",
+        /// What was exploited here did clearly worse than another configuration.
+        RolledBack = "ROLLED_BACK",
+        /// The study is frozen.
+        Frozen = "FROZEN",
+        /// The study answers the default and learns silently.
+        Shadow = "SHADOW",
+        /// The policy pins the configuration.
+        Pinned = "PINNED",
+        /// The client asked for the configuration.
+        Wanted = "WANTED",
+        /// Explores, but the search waits for what others are measuring; the best that is known is run meanwhile.
+        Waiting = "WAITING",
+    }
 }
 
 /// What the policy weighed when it answered. Costs are in the objective's units, and finite.
@@ -181,6 +245,42 @@ pub struct Fingerprint {
     pub threads: u32,
     /// Names and versions of what matters, at most 32.
     pub software: BTreeMap<String, String>,
+}
+
+impl Fingerprint {
+    /// Adds a piece of software that matters; further ones than 32 are left out.
+    #[must_use]
+    pub fn software(mut self, name: impl Into<String>, version: impl Into<String>) -> Self {
+        if self.software.len() < FINGERPRINT_SOFTWARE_MAX {
+            self.software.insert(name.into(), version.into());
+        }
+        self
+    }
+
+    /// Says how many threads the program really uses.
+    #[must_use]
+    pub fn threads(mut self, threads: u32) -> Self {
+        self.threads = threads;
+        self
+    }
+}
+
+words! {
+    /// Why something is left out of a search, or of what predictors see.
+    pub enum OmissionReason {
+        /// The parameter means nothing beside the best known values of others.
+        Inactive = "INACTIVE",
+        /// The parameter was shown not to matter.
+        Insensitive = "INSENSITIVE",
+        /// The most that can be gained is below the noise.
+        BelowNoise = "BELOW_NOISE",
+        /// The gain to expect does not pay for the search.
+        BelowCost = "BELOW_COST",
+        /// The indicator is the same in all states: left out of distances and features.
+        Constant = "CONSTANT",
+        /// The indicator follows another in a straight line: left out of distances and features.
+        Redundant = "REDUNDANT",
+    }
 }
 
 /// One configuration, handed to one client for one state under a lease. `C` is [`Configuration`] once
@@ -265,5 +365,31 @@ impl<C> Trial<C> {
             completion: self.completion,
             fingerprint: self.fingerprint,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_reasons_are_cut_between_characters() {
+        let Outcome::Failed { reason } = Outcome::failed("é".repeat(1500)) else {
+            panic!("it was made as a failure")
+        };
+        assert_eq!(reason.chars().count(), 1000);
+    }
+
+    #[test]
+    fn software_is_limited() {
+        let add = |so_far: Fingerprint, index| so_far.software(format!("s{index}"), "1");
+        assert_eq!((0..40).fold(Fingerprint::default(), add).software.len(), 32);
+    }
+
+    #[test]
+    fn stored_names_are_not_the_words() {
+        assert_eq!(serde_json::to_string(&Rule::NothingKnown).expect("plain data"), "\"nothing_known\"");
+        assert_eq!(Rule::NothingKnown.to_string(), "NOTHING_KNOWN");
+        assert_eq!(serde_json::to_string(&TrialState::Open).expect("plain data"), "\"open\"");
     }
 }

@@ -54,6 +54,37 @@ impl Value {
         }
     }
 
+    /// Reads a value as people write it: `true`, `32`, `0.5`, or else text. What is in double quotes is text.
+    pub fn parse(text: &str) -> Self {
+        if let Some(quoted) = text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) {
+            return Value::Text(quoted.to_owned());
+        }
+        if let Ok(boolean) = text.parse() {
+            return Value::Boolean(boolean);
+        }
+        if let Ok(integer) = text.parse() {
+            return Value::Integer(integer);
+        }
+        match text.parse::<f64>() {
+            Ok(float) if float.is_finite() => Value::Float(float),
+            _ => Value::Text(text.to_owned()),
+        }
+    }
+
+    /// As text that is different for different values: text stands in double quotes, with escapes.
+    pub fn quoted(&self) -> impl fmt::Display {
+        struct Quoted<'a>(&'a Value);
+        impl fmt::Display for Quoted<'_> {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                match self.0 {
+                    Value::Text(text) => write!(f, "{text:?}"),
+                    other => other.fmt(f),
+                }
+            }
+        }
+        Quoted(self)
+    }
+
     fn rank(&self) -> u8 {
         match self {
             Value::Integer(_) => 0,
@@ -106,14 +137,36 @@ impl Hash for Value {
     }
 }
 
-/// Integers and booleans as usual, floats in the shortest form that reads back exactly (always with a
-/// point or an exponent), text in double quotes with escapes.
+macro_rules! from {
+    ($($type:ty => $kind:ident;)+) => {
+        $(
+            impl From<$type> for Value {
+                fn from(value: $type) -> Self {
+                    Value::$kind(value.into())
+                }
+            }
+        )+
+    };
+}
+
+from! {
+    bool => Boolean;
+    i32 => Integer;
+    u32 => Integer;
+    i64 => Integer;
+    f64 => Float;
+    &str => Text;
+    String => Text;
+}
+
+/// Integers, booleans and text as usual, floats in the shortest form that reads back exactly (always with a
+/// point or an exponent).
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Value::Integer(integer) => write!(f, "{integer}"),
             Value::Float(float) => write!(f, "{float:?}"),
-            Value::Text(text) => write!(f, "{text:?}"),
+            Value::Text(text) => f.write_str(text),
             Value::Boolean(boolean) => write!(f, "{boolean}"),
         }
     }
@@ -133,6 +186,18 @@ mod tests {
         assert_ne!(Value::Boolean(true), Value::Integer(1));
         let all = [Value::Float(-0.0), Value::Float(0.0), Value::Text("0".into()), Value::Integer(0)];
         assert_eq!(all.into_iter().collect::<BTreeSet<_>>().len(), 3);
+    }
+
+    #[test]
+    fn written_values_are_read_back_as_the_same_kind() {
+        for value in
+            [Value::from(true), Value::from(-3), Value::from(2.0), Value::from(0.125), Value::from("sah")]
+        {
+            assert_eq!(Value::parse(&value.to_string()), value);
+        }
+        assert_eq!(Value::parse("\"12\""), Value::from("12"));
+        assert_eq!(Value::from("12").quoted().to_string(), "\"12\"");
+        assert_eq!(Value::parse("nan"), Value::from("nan"));
     }
 
     #[test]

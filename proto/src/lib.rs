@@ -1,6 +1,9 @@
 //! Wire types of the Treewright tuning service. The meaning of every message stands in the comments of
-//! `proto/treewright/v1/*.proto`; this crate only compiles them.
+//! `proto/treewright/v1/*.proto`; this crate compiles them, and [`convert`] turns messages into the types of
+//! `treewright-model` and back: the only place that knows both.
 #![forbid(unsafe_code)]
+
+pub mod convert;
 
 /// Package `treewright.v1`.
 #[allow(clippy::doc_markdown, clippy::large_enum_variant, missing_docs)]

@@ -1,8 +1,9 @@
 //! The command line of `treewrightd`. Every option can also be set by an environment variable.
 
+mod capacity;
 mod database;
 mod guard;
-mod keeping;
+mod maintenance;
 mod peers;
 mod token;
 
@@ -10,13 +11,15 @@ use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::time::Duration;
 
 use clap::error::ErrorKind;
-use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum};
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 use crate::limits::{DRAIN_S, KEEP_TRIALS_MIN, STUDIES_SHOWN};
+use crate::telemetry::LogFormat;
 
+pub use capacity::CapacityConfig;
 pub use database::{Database, DatabaseConfig, Given};
 pub use guard::GuardConfig;
-pub use keeping::{BackupConfig, FileDatabase, RestoreConfig};
+pub use maintenance::{BackupConfig, FileDatabase, RestoreConfig};
 pub use peers::PeersConfig;
 pub use token::{CreateConfig, ScopeWord, TokenCommand};
 
@@ -76,6 +79,10 @@ pub struct ServeConfig {
     #[command(flatten)]
     pub guard: GuardConfig,
 
+    /// How much is taken on at once.
+    #[command(flatten)]
+    pub capacity: CapacityConfig,
+
     /// The other daemons on the same database.
     #[command(flatten)]
     pub peers: PeersConfig,
@@ -111,15 +118,6 @@ pub struct ServeConfig {
     /// How to write the log.
     #[arg(long, env = "TREEWRIGHT_LOG_FORMAT", default_value = "text", value_name = "FORMAT")]
     pub log_format: LogFormat,
-}
-
-/// Forms of the log.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum LogFormat {
-    /// Lines for people.
-    Text,
-    /// One JSON object a line.
-    Json,
 }
 
 impl ServeConfig {
@@ -224,6 +222,9 @@ mod tests {
     fn mistakes_are_usage_errors() {
         for (arguments, fragment) in [
             (&["--listen", "127.0.0.1:0"][..], "--database"),
+            (&["--database", ""], "it is empty"),
+            (&["--database", "x", "--max-connections", "0"], "65536"),
+            (&["--database", "x", "--max-requests", "4001"], "4000"),
             (&["--database", "x", "--listen", "0.0.0.0:1"], "--insecure"),
             (&["--database", "x", "--listen", "[::]:1"], "--insecure"),
             (&["--database", "x", "--listen", "0.0.0.0:1", "--tokens"], "--tls-cert"),

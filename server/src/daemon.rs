@@ -13,6 +13,7 @@ use crate::access::Access;
 use crate::administration;
 use crate::clock::{SteadyClock, SystemClock};
 use crate::config::{Database, ServeConfig};
+use crate::metrics::Metrics;
 use crate::serve::{self, Options, ServeError};
 use crate::tls::{Tls, TlsError};
 
@@ -84,11 +85,11 @@ async fn open(
     }
 }
 
-/// Serves until SIGTERM or SIGINT.
+/// Serves until SIGTERM or SIGINT, and counts in `metrics`.
 ///
 /// # Errors
 /// [`DaemonError`], before the ready line is printed or after it.
-pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
+pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), DaemonError> {
     let mut terminate = signal(SignalKind::terminate())?;
     let mut interrupt = signal(SignalKind::interrupt())?;
     // Without certificates to read again it is ignored: who closes a terminal does not mean to end the daemon.
@@ -126,7 +127,18 @@ pub async fn run(config: ServeConfig) -> Result<(), DaemonError> {
         }
     };
     let (studies_shown, keep_trials) = (config.metrics_studies, config.keep_trials);
-    let options = Options { drain: config.drain(), access, tls, watch, studies_shown, keep_trials };
+    let (connections, admission) = (config.capacity.connections(), config.capacity.admission());
+    let options = Options {
+        drain: config.drain(),
+        access,
+        tls,
+        watch,
+        studies_shown,
+        keep_trials,
+        connections,
+        admission,
+        metrics,
+    };
     let served = serve::run(listener, store, clock, options, shutdown).await;
     if let Some(reloading) = reloading {
         reloading.abort();

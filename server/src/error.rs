@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use treewright_core::tuner::{RestoreError, TunerError};
+use treewright_proto::convert::Malformed;
 use treewright_store::StoreError;
 use treewright_store::tokens::TokenError;
 
@@ -30,6 +31,12 @@ pub enum Error {
         study: String,
         /// What does not fit.
         problem: RestoreError,
+    },
+    /// The study is being read from the database, which goes on whether somebody waits for it or not.
+    #[error("study {study:?} is being loaded; try again")]
+    Loading {
+        /// The study.
+        study: String,
     },
     /// Nothing is known to be best yet.
     #[error("nothing has been measured {place} of study {study:?} yet; report a trial first")]
@@ -84,6 +91,12 @@ pub enum Error {
     /// A part of the daemon ended that should not have.
     #[error("the daemon has a defect: {0}")]
     Defect(&'static str),
+}
+
+impl From<Malformed> for Error {
+    fn from(Malformed { field, problem }: Malformed) -> Self {
+        Self::Invalid { field, problem }
+    }
 }
 
 impl Error {

@@ -19,7 +19,8 @@ use tower::{Layer, Service, ServiceExt as _};
 
 use crate::limits;
 use crate::peers::key::Counted;
-use crate::peers::{FORWARDED, Fate, Peers, Seeking, find_answer};
+use crate::peers::{FORWARDED, Peers, Seeking, find_answer};
+use crate::redirect::Redirect;
 
 /// Bytes before a message: whether it is compressed, and its length.
 const MESSAGE_HEAD: usize = 5;
@@ -124,15 +125,15 @@ where
 {
     type Answer = Response<Body>;
 
-    async fn here(&self) -> Result<(Response<Body>, Option<Fate>), Status> {
+    async fn here(&self) -> Result<(Response<Body>, Option<Redirect>), Status> {
         let mut request = self.request();
         // However often it is tried, it counts once against its caller's quotas.
         if self.was_tried.swap(true, Ordering::Relaxed) {
             request.extensions_mut().insert(Counted);
         }
         let Ok(answer) = self.inner.clone().oneshot(request).await;
-        let fate = Fate::read(answer.headers());
-        Ok((answer, fate))
+        let redirect = Redirect::read(answer.headers());
+        Ok((answer, redirect))
     }
 
     async fn there(&self, _study: &str, address: &str) -> Result<Option<Response<Body>>, Status> {

@@ -1,28 +1,32 @@
-//! The Treewright daemon: the gRPC front of the tuning core.
+//! The Treewright daemon: serves the tuning core over gRPC.
 //!
-//! A request's way: `connections` and [`tls`] bring it, [`front`] names it and asks [`access`] who sent it, [`gate`]
-//! lets it in, [`rpc`] reads it with [`convert`], [`tuning`] does its work on a tuner in memory and on the store,
-//! [`convert`] writes the answer, and [`status`] says what went wrong.
-//! `metrics` counts all that, and `watch` shows it. [`serve`] runs all that until told to stop;
-//! [`daemon`] adds what makes it a process, and [`administration`] makes and revokes tokens, [`keeping`] copies,
-//! restores and checks database files.
+//! A request's way: [`connections`] and [`tls`] bring it, [`middleware`] gives it an id and asks [`access`] who sent
+//! it, [`admission`] limits how many are worked on at once, [`rpc`] reads it with [`convert`], [`tuning`] does its work
+//! on a tuner in memory and on the store, [`convert`] writes the answer, and [`status`] turns errors into gRPC codes.
+//! Where several daemons share a database, [`forward`] and [`peers`] bring it to the one that holds its study.
+//! [`metrics`] counts all that, [`refusals`] logs what was refused, and `watch` shows the figures.
+//!
+//! [`serve`] runs all that until told to stop; [`daemon`] adds what makes it a process. [`administration`] makes and
+//! revokes tokens, [`maintenance`] backs up, restores and checks database files.
 #![forbid(unsafe_code)]
 
 pub mod access;
 pub mod administration;
+pub mod admission;
 pub mod clock;
 pub mod config;
-mod connections;
+pub mod connections;
 pub mod convert;
 pub mod daemon;
 pub mod error;
 pub mod forward;
-pub mod front;
-pub mod gate;
-pub mod keeping;
 pub mod limits;
-mod metrics;
+pub mod maintenance;
+pub mod metrics;
+pub mod middleware;
 pub mod peers;
+pub mod redirect;
+pub mod refusals;
 pub mod rpc;
 pub mod serve;
 pub mod status;

@@ -13,8 +13,20 @@ pub const REQUEST_BYTES: usize = 1 << 20;
 /// clients refuse messages above 4 MiB unless told otherwise.
 pub const PAGE_BYTES: usize = 3 << 20;
 
-/// Connections at once.
-pub const CONNECTIONS: usize = 512;
+/// Connections at once, unless told otherwise.
+pub const CONNECTIONS: usize = 4096;
+
+/// Most connections that can be asked for.
+pub const CONNECTIONS_MAX: usize = 65_536;
+
+/// Connections at once from one address, unless told otherwise.
+pub const CONNECTIONS_PER_ADDRESS: usize = 2048;
+
+/// Connections that were told to make room and have not closed yet.
+pub const CONNECTIONS_LEAVING: usize = 64;
+
+/// Connections that wait for the HTTP server to take them.
+pub const CONNECTIONS_READY: usize = 64;
 
 /// Calls and streams at once on one connection.
 pub const CALLS_PER_CONNECTION: u32 = 256;
@@ -38,7 +50,7 @@ pub const HANDSHAKE: Duration = Duration::from_secs(5);
 /// The first bytes of HTTP/2 must be there within this time after the connection.
 pub const PREFACE: Duration = Duration::from_secs(5);
 
-/// The first whole request head must be there within this time after the connection.
+/// The first request that is authorised must be there within this time after the connection.
 pub const FIRST_REQUEST: Duration = Duration::from_secs(20);
 
 /// A connection with no request and no stream for so long is closed.
@@ -46,6 +58,9 @@ pub const IDLE: Duration = Duration::from_secs(900);
 
 /// A Tune stream without a whole frame for so long is ended.
 pub const TUNE_IDLE: Duration = Duration::from_secs(3600);
+
+/// A Tune stream whose client does not read the answers that wait for it is ended after so long.
+pub const TUNE_UNREAD: Duration = Duration::from_secs(60);
 
 /// A request may take so long, the reading of its message included.
 pub const REQUEST: Duration = Duration::from_secs(30);
@@ -66,14 +81,17 @@ pub const TOKENS_STALE: Duration = Duration::from_secs(30);
 /// How often what tokens used is stored. A crash forgets so much of it at most.
 pub const USAGE_PERIOD: Duration = Duration::from_secs(2);
 
-/// Requests that are being worked on at once; a frame of a Tune stream counts as one.
-pub const REQUESTS_IN_FLIGHT: usize = 384;
+/// Requests that are being worked on at once, unless told otherwise; a frame of a Tune stream counts as one.
+pub const REQUESTS_IN_FLIGHT: usize = 512;
+
+/// Most such requests that can be asked for.
+pub const REQUESTS_IN_FLIGHT_MAX: usize = 4000;
 
 /// Writes one request can have in the store's queue at once: ended leases, and its own.
 const WRITES_PER_REQUEST: usize = 2;
 
 // The store's queue cannot overflow as long as callers wait for their answers.
-const _: () = assert!(REQUESTS_IN_FLIGHT * WRITES_PER_REQUEST < WRITE_QUEUE);
+const _: () = assert!(REQUESTS_IN_FLIGHT_MAX * WRITES_PER_REQUEST < WRITE_QUEUE);
 
 /// Connections to other replicas that are kept.
 pub const PEERS: usize = 64;
@@ -93,14 +111,29 @@ pub const PEER_PAUSE_LONGEST: Duration = Duration::from_millis(100);
 
 const _: () = assert!(PEER_PATIENCE.as_millis() > treewright_store::limits::REPLICA_LAPSE.as_millis());
 
-/// Tune streams open at once.
-pub const TUNE_STREAMS: usize = 1024;
+/// Tune streams open at once, unless told otherwise.
+pub const TUNE_STREAMS: usize = 4096;
+
+/// Most Tune streams that can be asked for.
+pub const TUNE_STREAMS_MAX: usize = 65_536;
 
 /// Answers of one Tune stream that wait for a slow reader.
 pub const TUNE_ANSWERS_WAITING: usize = 4;
 
 /// Studies whose tuner is held in memory. Another one replaces the least recently used.
 pub const STUDIES_IN_MEMORY: usize = 256;
+
+/// How long a request waits for its study to be loaded before it is told to come again. The load goes on.
+pub const LOADING_WAIT: Duration = Duration::from_secs(1);
+
+/// When a request whose study is being loaded should come again.
+pub const LOADING_RETRY: Duration = Duration::from_millis(100);
+
+/// Lines logged about refusals of one reason within [`REFUSAL_PERIOD`].
+pub const REFUSAL_LINES: u64 = 10;
+
+/// Period of [`REFUSAL_LINES`], in whole seconds.
+pub const REFUSAL_PERIOD: Duration = Duration::from_secs(10);
 
 /// How long a question waits for a processor to think about it; then it is answered from the tables.
 pub const THINKING_WAIT: Duration = Duration::from_millis(5);

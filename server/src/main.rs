@@ -1,14 +1,17 @@
-//! `treewrightd`: reads the command line, runs the daemon, administers its tokens or keeps its database, reports how it ended.
+//! `treewrightd`: reads the command line, runs the daemon, administers its tokens or maintains its database, and reports how
+//! it ended.
 #![forbid(unsafe_code)]
 
 use std::io::Write as _;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use treewright_server::administration::Said;
 use treewright_server::config::{Cli, Command, ServeConfig};
+use treewright_server::metrics::Metrics;
 use treewright_server::telemetry::traces::Traces;
-use treewright_server::{administration, daemon, keeping, telemetry};
-use treewright_store::keep::KeepError;
+use treewright_server::{administration, daemon, maintenance, telemetry};
+use treewright_store::maintenance::MaintenanceError;
 
 fn main() -> ExitCode {
     let command = match Cli::read(std::env::args_os()) {
@@ -28,9 +31,9 @@ fn main() -> ExitCode {
             let done = runtime.block_on(administration::run(&command));
             finish(done.map_err(|error| (error.exit_code(), error.to_string())))
         }
-        Command::Backup(config) => finish(kept(runtime.block_on(keeping::back_up(&config)))),
-        Command::Restore(config) => finish(kept(runtime.block_on(keeping::restore(&config)))),
-        Command::Check(database) => finish(kept(runtime.block_on(keeping::check(&database)))),
+        Command::Backup(config) => finish(maintained(runtime.block_on(maintenance::back_up(&config)))),
+        Command::Restore(config) => finish(maintained(runtime.block_on(maintenance::restore(&config)))),
+        Command::Check(database) => finish(maintained(runtime.block_on(maintenance::check(&database)))),
     }
 }
 
@@ -48,7 +51,7 @@ fn serve(runtime: &tokio::runtime::Runtime, config: ServeConfig) -> ExitCode {
     if let Ok(filter) = telemetry::filter(&config.log) {
         telemetry::begin(config.log_format, filter, traces.as_ref());
     }
-    let ran = runtime.block_on(daemon::run(config));
+    let ran = runtime.block_on(daemon::run(config, Arc::new(Metrics::new())));
     if let Some(traces) = traces {
         traces.end();
     }
@@ -61,8 +64,8 @@ fn serve(runtime: &tokio::runtime::Runtime, config: ServeConfig) -> ExitCode {
     }
 }
 
-fn kept(done: Result<Said, KeepError>) -> Result<Said, (u8, String)> {
-    done.map_err(|error| (keeping::exit_code(&error), error.to_string()))
+fn maintained(done: Result<Said, MaintenanceError>) -> Result<Said, (u8, String)> {
+    done.map_err(|error| (maintenance::exit_code(&error), error.to_string()))
 }
 
 /// Says what a command has to say: the result, or exit code and cause.

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use tokio::net::TcpListener;
 use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
+use tonic::codec::CompressionEncoding;
 use tonic::transport::Server;
 use tonic_health::ServingStatus;
 use tonic_health::server::{HealthReporter, HealthService};
@@ -12,13 +13,15 @@ use treewright_proto::v1::tuning_service_server::{SERVICE_NAME, TuningServiceSer
 use treewright_store::Store;
 
 use crate::access::Access;
+use crate::admission::{Admission, AdmissionLimits};
 use crate::clock::Clock;
-use crate::connections;
+use crate::connections::{self, ConnectionLimits, Places};
 use crate::forward::ForwardLayer;
-use crate::front::FrontLayer;
-use crate::gate::Gate;
 use crate::limits;
+use crate::metrics::Metrics;
+use crate::middleware::MiddlewareLayer;
 use crate::peers::Peers;
+use crate::refusals::Refusals;
 use crate::rpc::Service;
 use crate::tls::Tls;
 use crate::tuning::Tuning;
@@ -50,6 +53,12 @@ pub struct Options {
     pub studies_shown: u16,
     /// How many trials of a study to keep at least, where not all are kept.
     pub keep_trials: Option<u64>,
+    /// How many connections there may be.
+    pub connections: ConnectionLimits,
+    /// How much may be worked on at once.
+    pub admission: AdmissionLimits,
+    /// Where everything is counted.
+    pub metrics: Arc<Metrics>,
 }
 
 impl From<Duration> for Options {
@@ -72,15 +81,30 @@ pub async fn run(
     options: impl Into<Options>,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
-    let Options { drain, access, tls, watch: watch_listener, studies_shown, keep_trials } = options.into();
-    let tuning = Arc::new(Tuning::new(Arc::clone(&store), clock));
-    let peers = Peers::of(&store, tls.clone());
-    let gate = Gate::default();
+    let Options {
+        drain,
+        access,
+        tls,
+        watch: watch_listener,
+        studies_shown,
+        keep_trials,
+        connections,
+        admission,
+        metrics,
+    } = options.into();
+    let tuning = Arc::new(Tuning::new(Arc::clone(&store), clock).with_metrics(Arc::clone(&metrics)));
+    let refusals = Refusals::new(Arc::clone(&metrics));
+    let peers = Peers::of(&store, tls.clone(), refusals.clone());
+    let admission = Admission::new(admission);
+    let places = Places::new(connections);
     let mut health = HealthReporter::new();
     set_health(&health, ServingStatus::Serving).await;
 
-    let service = Service::behind_front(Arc::clone(&tuning), gate.clone()).with_peers(peers.clone());
-    let service = TuningServiceServer::new(service).max_decoding_message_size(limits::REQUEST_BYTES);
+    let service = Service::behind_middleware(Arc::clone(&tuning), admission.clone(), refusals.clone())
+        .with_peers(peers.clone());
+    let service = TuningServiceServer::new(service)
+        .max_decoding_message_size(limits::REQUEST_BYTES)
+        .accept_compressed(CompressionEncoding::Gzip);
     let health_service = tonic_health::pb::health_server::HealthServer::new(
         HealthService::from_health_reporter(health.clone()),
     );
@@ -90,11 +114,12 @@ pub async fn run(
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
     };
     let defect = |error: tonic_reflection::server::Error| ServeError::Server(error.to_string());
-    let front = FrontLayer::new(access.clone(), peers.as_ref().map(|peers| peers.key().clone()))
+    let replica_key = peers.as_ref().map(|peers| peers.key().clone());
+    let middleware = MiddlewareLayer::new(access.clone(), replica_key, refusals)
         .map_err(|error| ServeError::Server(error.to_string()))?;
-    let stop = Gate::draining(&gate);
+    let stop = Admission::draining(&admission);
     let server = Server::builder()
-        .layer(front)
+        .layer(middleware)
         .max_concurrent_streams(limits::CALLS_PER_CONNECTION)
         .http2_max_pending_accept_reset_streams(Some(limits::RESETS_PER_CONNECTION))
         .http2_max_header_list_size(limits::HEADER_BYTES)
@@ -105,14 +130,19 @@ pub async fn run(
         .add_service(reflection().build_v1().map_err(defect)?)
         .add_service(reflection().build_v1alpha().map_err(defect)?)
         .add_service(service)
-        .serve_with_incoming_shutdown(connections::accept(listener, tls), stop);
+        .serve_with_incoming_shutdown(
+            connections::accept(listener, tls, places.clone(), Arc::clone(&metrics)),
+            stop,
+        );
     tokio::pin!(server);
 
     let watching = watch_listener.map(|listener| {
         let watched = Watched {
             tuning: Arc::clone(&tuning),
             store: Arc::clone(&store),
-            gate: gate.clone(),
+            admission: admission.clone(),
+            places,
+            metrics,
             studies_shown: studies_shown.into(),
         };
         tokio::spawn(watch::serve(listener, watched))
@@ -130,10 +160,10 @@ pub async fn run(
         None => {
             tracing::info!(drain_s = drain.as_secs(), "draining");
             set_health(&health, ServingStatus::NotServing).await;
-            gate.drain();
+            admission.drain();
             // The server must go on while those inside finish.
             let finish = async {
-                gate.empty().await;
+                admission.empty().await;
                 // Before the answers have left, so that other replicas take over at once.
                 store.close().await;
                 sleep(FLUSH).await;

@@ -12,7 +12,8 @@ use treewright_proto::v1::TuneError;
 use treewright_store::StoreError;
 
 use crate::error::Error;
-use crate::peers::Fate;
+use crate::limits::LOADING_RETRY;
+use crate::redirect::Redirect;
 
 /// The canonical code of an error.
 #[must_use]
@@ -22,7 +23,7 @@ pub fn code(error: &Error) -> Code {
         Error::Tuner(error) => tuner_code(error),
         Error::Store(error) => store_code(error),
         Error::NothingMeasured { .. } => Code::NotFound,
-        Error::Reloading { .. } | Error::Draining => Code::Unavailable,
+        Error::Loading { .. } | Error::Reloading { .. } | Error::Draining => Code::Unavailable,
         Error::Busy { .. } | Error::Quota { .. } => Code::ResourceExhausted,
         Error::Tokens(_) => Code::Unavailable,
         Error::Unauthenticated(_) => Code::Unauthenticated,
@@ -67,6 +68,19 @@ fn store_code(error: &StoreError) -> Code {
     }
 }
 
+/// How the gRPC library's refusals of a malformed message begin. It calls them INTERNAL, but nothing here is broken.
+const MALFORMED: [&str; 2] = ["failed to decode Protobuf message", "protocol error: "];
+
+/// A status with the code that it should have: INVALID_ARGUMENT for a message that cannot be read.
+#[must_use]
+pub fn corrected(status: Status) -> Status {
+    let is_malformed = MALFORMED.iter().any(|begin| status.message().starts_with(begin));
+    if status.code() == Code::Internal && is_malformed {
+        return Status::invalid_argument(format!("the request cannot be read: {}", status.message()));
+    }
+    status
+}
+
 /// The kind of an error in one word, for counting.
 #[must_use]
 pub fn reason(error: &Error) -> &'static str {
@@ -78,6 +92,7 @@ pub fn reason(error: &Error) -> &'static str {
         Error::Busy { .. } => "busy",
         Error::Draining => "draining",
         Error::Deadline { .. } => "deadline",
+        Error::Loading { .. } => "loading",
         Error::Reloading { .. } => "reloading",
         Error::NothingMeasured { .. } => "nothing_measured",
         Error::Tuner(_) => "tuner",
@@ -93,6 +108,7 @@ pub fn retry_after(error: &Error) -> Option<Duration> {
     const LATER: Duration = Duration::from_secs(1);
     match error {
         Error::Quota { retry, .. } => *retry,
+        Error::Loading { .. } => Some(LOADING_RETRY),
         Error::Busy { .. } | Error::Reloading { .. } => Some(SOON),
         Error::Store(StoreError::QueueFull { .. } | StoreError::Fenced { .. }) => Some(SOON),
         Error::Tuner(TunerError::TooManyOpenTrials { .. }) => Some(LATER),
@@ -110,8 +126,8 @@ impl From<Error> for Status {
                 Status::with_error_details(code, message, ErrorDetails::with_retry_info(Some(wait)))
             }
         };
-        if let Some(fate) = Fate::of(&error) {
-            fate.write(status.metadata_mut());
+        if let Some(redirect) = Redirect::of(&error) {
+            redirect.write(status.metadata_mut());
         }
         status
     }
@@ -140,6 +156,7 @@ mod tests {
         for passing in [
             Error::Busy { what: "requests", limit: 1 },
             Error::Draining,
+            Error::Loading { study: String::new() },
             Error::Reloading { study: String::new() },
             Error::Store(StoreError::QueueFull { limit: 1 }),
             Error::Store(StoreError::Unavailable { problem: String::new() }),

@@ -5,14 +5,23 @@ pub mod traces;
 
 use std::io::{self, IsTerminal as _, Write};
 
+use clap::ValueEnum;
 use tracing_subscriber::filter::ParseError;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _};
 
 use crate::access::token::{SECRET_CHARACTERS, TOKEN_MARK};
-use crate::config::LogFormat;
 use traces::Traces;
+
+/// Forms of the log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// Lines for people.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
 
 /// Reads a filter such as `info,treewright_server=debug`.
 ///

@@ -16,9 +16,10 @@ use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 use treewright_store::{Store, StoreError};
 
-use crate::gate::Gate;
+use crate::admission::Admission;
+use crate::connections::Places;
 use crate::limits;
-use crate::metrics::{METRICS, Moment};
+use crate::metrics::{Metrics, Moment};
 use crate::tuning::Tuning;
 
 /// The media type of OpenMetrics' text form.
@@ -29,7 +30,9 @@ const PLAIN: &str = "text/plain; charset=utf-8";
 pub(crate) struct Watched {
     pub(crate) tuning: Arc<Tuning>,
     pub(crate) store: Arc<dyn Store>,
-    pub(crate) gate: Gate,
+    pub(crate) admission: Admission,
+    pub(crate) places: Places,
+    pub(crate) metrics: Arc<Metrics>,
     /// How many studies are shown with their names.
     pub(crate) studies_shown: usize,
 }
@@ -37,7 +40,7 @@ pub(crate) struct Watched {
 impl Watched {
     /// Whether requests would be served, or why not.
     async fn ready(&self) -> Result<(), String> {
-        if self.gate.is_draining() {
+        if self.admission.is_draining() {
             return Err("draining".to_owned());
         }
         // No study can have this name: whoever says so has looked.
@@ -49,14 +52,17 @@ impl Watched {
     }
 
     fn moment(&self) -> Moment {
-        let (in_flight, streams) = self.gate.inside();
+        let (in_flight, streams) = self.admission.in_progress();
         let (studies_in_memory, open_leases) = self.tuning.in_use();
+        let (connections, newcomers) = self.places.counts();
         Moment {
+            connections,
+            newcomers,
             in_flight,
             streams,
             studies_in_memory,
             open_leases,
-            draining: self.gate.is_draining(),
+            draining: self.admission.is_draining(),
             studies: self.tuning.figures(self.studies_shown),
         }
     }
@@ -72,7 +78,7 @@ impl Watched {
             return of(StatusCode::METHOD_NOT_ALLOWED, PLAIN, "only GET\n".to_owned());
         }
         match request.uri().path() {
-            "/metrics" => match METRICS.text(&self.moment()) {
+            "/metrics" => match self.metrics.text(&self.moment()) {
                 Ok(text) => of(StatusCode::OK, OPEN_METRICS, text),
                 Err(error) => of(StatusCode::INTERNAL_SERVER_ERROR, PLAIN, format!("{error}\n")),
             },

@@ -171,6 +171,11 @@ async fn scopes_include_each_other_upwards() {
     let stream = caller[0].tune(tokio_stream::wrappers::ReceiverStream::new(frames)).await;
     assert_eq!(stream.err().map(|status| status.code()), Some(Code::PermissionDenied));
     caller[2].suggest(ask("one", 5.0)).await.expect("a trial");
+    // The policy is the operator's.
+    let study = wire::Study { name: "studies/hall".to_owned(), ..study() };
+    let update = wire::UpdateStudyRequest { study: Some(study), update_mask: None };
+    assert_refused(caller[1].update_study(update.clone()).await, Code::PermissionDenied, "scope");
+    caller[2].update_study(update).await.expect("changed");
     caller[2].delete_study(delete("hall")).await.expect("deleted");
     guarded.server.stop().await;
 }

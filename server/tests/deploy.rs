@@ -225,6 +225,13 @@ async fn dashboard_and_documentation_name_figures_that_there_are() {
     let hidden: Vec<_> = samples.difference(&shown).filter(whole).collect();
     assert!(hidden.is_empty(), "the dashboard does not show {hidden:?}");
 
+    let alerts = read("deploy/alerts.yaml");
+    let rules = documents("deploy/alerts.yaml");
+    let rules = rules[0]["groups"][0]["rules"].as_array().expect("rules").clone();
+    assert!(rules.iter().all(|rule| rule["expr"].is_string() && rule["annotations"]["summary"].is_string()));
+    let unknown: Vec<_> = named(&alerts).difference(&samples).cloned().collect();
+    assert!(unknown.is_empty(), "the alerts ask for {unknown:?}");
+
     let documentation = read("../docs/observability.md");
     let unknown: Vec<_> = named(&documentation).difference(&samples).cloned().collect();
     assert!(unknown.is_empty(), "the documentation names {unknown:?}");
@@ -235,4 +242,40 @@ async fn dashboard_and_documentation_name_figures_that_there_are() {
         .filter(|name| !documentation.contains(&format!("`{}`", short(name))))
         .collect();
     assert!(missing.is_empty(), "the documentation lacks {missing:?}");
+}
+
+/// The variables of the unit are ones that the daemon understands; systemd itself looks at the rest, where it is.
+#[test]
+fn the_systemd_unit_starts_a_daemon() {
+    let unit = read("deploy/treewrightd.service");
+    let of = |key: &str| unit.lines().filter_map(|line| line.strip_prefix(key)).collect::<Vec<_>>();
+    let variables: BTreeMap<String, String> = of("Environment=")
+        .into_iter()
+        .filter_map(|pair| pair.split_once('='))
+        .map(|(name, value)| (name.to_owned(), value.to_owned()))
+        .collect();
+    let start = of("ExecStart=/usr/local/bin/treewrightd ");
+    let arguments: Vec<String> = start[0].split_whitespace().map(str::to_owned).collect();
+    let config = understood(&arguments, &variables);
+    assert!(config.listen.ip().is_loopback());
+    assert!(variables["TREEWRIGHT_DATABASE"].starts_with("/var/lib/treewright/"), "in its StateDirectory");
+    let files: u64 = of("LimitNOFILE=")[0].parse().expect("a number");
+    assert!(files > treewright_server::limits::CONNECTIONS_MAX as u64);
+
+    let verify = std::process::Command::new("systemd-analyze")
+        .args(["verify", "--man=no"])
+        .arg(path("deploy/treewrightd.service"))
+        .output();
+    match verify {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            eprintln!("skipped: there is no systemd-analyze here");
+        }
+        verified => {
+            let said = String::from_utf8_lossy(&verified.expect("it runs").stderr).into_owned();
+            // The program need not be installed where this runs.
+            let serious = said.lines().filter(|line| !line.contains("/usr/local/bin/treewrightd"));
+            let serious: Vec<_> = serious.filter(|line| line.contains("treewrightd.service")).collect();
+            assert!(serious.is_empty(), "{serious:?}");
+        }
+    }
 }

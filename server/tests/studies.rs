@@ -85,7 +85,7 @@ async fn malformed_specifications_name_the_field() {
         (|s| space(s)[1].default_value = None, "study.space.parameters[1].default_value: is required"),
         (
             |s| space(s)[1].default_value = Some(wire::Value { kind: None }),
-            "parameters[1].default_value: a value is empty",
+            "parameters[1].default_value: is required; known here are integer",
         ),
         (|s| space(s)[1].default_value = Some(integer(99)), "\"max_leaf\": the default 99"),
         (|s| space(s)[0].name = "Leaf".to_owned(), "\"Leaf\" is not a name"),

@@ -13,13 +13,15 @@ use treewright_tests::daemon::Daemon;
 
 use crate::wire;
 
-/// Tune streams that the daemon keeps open at once, as its operators are told.
+/// Tune streams that the daemon is told to keep open at once.
 const TUNE_STREAMS: usize = 1024;
 
 #[tokio::test]
 async fn more_streams_than_there_is_room_for_are_refused_and_others_are_served() {
     let folder = tempfile::tempdir().expect("a scratch folder");
-    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let (database, log) = (folder.path().join("tuning.db"), folder.path().join("log"));
+    let limit = TUNE_STREAMS.to_string();
+    let daemon = Daemon::start_with(&database, &["--max-streams", &limit], &log);
     let mut other = wire::connect(daemon.url()).await;
     let name = wire::create(&mut other, "flooded").await;
 

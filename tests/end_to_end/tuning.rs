@@ -88,3 +88,46 @@ fn the_renderer_survives_the_daemon() {
     assert!(stored >= acknowledged, "{acknowledged} acknowledged, {stored} stored");
     assert!(acknowledged >= 5);
 }
+
+/// What the operator set is what the study has, whoever else is killed in the middle of a run of his own.
+#[test]
+fn a_run_that_is_killed_leaves_the_policy_alone() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let url = daemon.url().to_owned();
+    let json = folder.path().join("run.json");
+    let first = tune(&url, &json, "3").output().expect("the renderer runs");
+    assert!(first.status.success(), "{}", stderr(&first));
+    let policy = || {
+        let shown = run("treewright", &["--server", &url, "--json", "studies"]);
+        let shown: serde_json::Value = serde_json::from_str(&stdout(&shown)).expect("JSON");
+        let study = shown.as_array().and_then(|all| all.first()).unwrap_or(&shown).clone();
+        study["spec"]["policy"].clone()
+    };
+    let set = run("treewright", &["--server", &url, "policy", "quick", "--epsilon", "0"]);
+    assert!(set.status.success(), "{}", stderr(&set));
+    let before = policy();
+    assert_eq!(before["epsilon"].as_f64(), Some(0.0), "{before}");
+
+    let mut second = tune(&url, &json, "60").spawn().expect("the renderer runs");
+    let explored = || trials(&url, "state = COMPLETED AND mode = EXPLORE").len();
+    let already = explored();
+    while explored() < already + 3 {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    second.kill().expect("it was alive");
+    second.wait().expect("it is gone");
+    assert_eq!(policy(), before, "whatever the run wanted for itself went with it");
+
+    let explored_by_then = explored();
+    let mut play = Command::new(program("treewright-render"));
+    play.current_dir(std::env::temp_dir());
+    play.args(["play", "--server", &url, "--scene", "builtin:quick", "--size", "64x48", "--study", "quick"]);
+    let calm = play.args(["--frames", "8"]).output().expect("the renderer runs");
+    assert!(calm.status.success(), "{}", stderr(&calm));
+    assert_eq!(explored(), explored_by_then, "another run explores nothing: the study's epsilon is 0");
+    let eager = play.args(["--epsilon", "1"]).output().expect("the renderer runs");
+    assert!(eager.status.success(), "{}", stderr(&eager));
+    assert!(explored() > explored_by_then, "its own epsilon is 1");
+    assert_eq!(policy(), before);
+}

@@ -13,8 +13,8 @@ use std::time::Duration;
 use runtime::RuntimeThread;
 
 use crate::{
-    Best, ClientError, Configuration, Finished, Indicators, Options, PolicyChange, Prediction, Stats, Status,
-    StudyRecord, StudySpec, Suggestion, TrialQuery, TrialRecord,
+    Best, ClientError, Configuration, Finished, Indicators, Options, PolicyChange, Prediction, SessionPolicy,
+    Stats, Status, StudyRecord, StudySpec, Suggestion, TrialQuery, TrialRecord,
 };
 
 /// See [`crate::Client`]. Cheap to clone.
@@ -138,6 +138,17 @@ impl Study {
     #[must_use]
     pub fn spec(&self) -> &StudySpec {
         self.study.spec()
+    }
+
+    /// See [`crate::Study::set_session_policy`]. Errors: as there.
+    pub fn set_session_policy(&self, policy: SessionPolicy) -> Result<(), ClientError> {
+        self.study.set_session_policy(policy)
+    }
+
+    /// See [`crate::Study::policy_differs`].
+    #[must_use]
+    pub fn policy_differs(&self) -> Vec<String> {
+        self.study.policy_differs()
     }
 
     /// See [`crate::Study::suggest`]: answers within the deadline, whatever happens.

@@ -1,56 +1,54 @@
-//! The one place where types of this crate become wire types and back.
+//! Messages as records of this crate. What daemon and client convert alike is in `treewright_proto::convert`.
+//!
+//! Reading a list never fails for what a newer daemon says of one entry: unknown words are carried along, and what
+//! cannot be read of an entry stands in that entry. Whoever must act on it fails then, with that reason.
 
 mod insight;
-mod study;
 mod trial;
 
-pub(crate) use study::{policy_to_wire, spec_to_wire, study_from_wire};
-pub(crate) use trial::{
-    best_from_wire, fingerprint_to_wire, outcome_to_wire, prediction_from_wire, trial_from_wire,
-};
+pub(crate) use trial::{best_from_wire, prediction_from_wire, trial_from_wire};
 
+use treewright_model::words::OpenEnum;
+use treewright_proto::convert::{WireEnum, configuration_from_wire, policy_from_wire, spec_from_wire};
 use treewright_proto::v1;
 
-use crate::{Configuration, Value};
+use crate::{Configuration, StudyRecord, StudyStatistics};
 
 /// Something the daemon sent that the contract does not allow; says what.
 pub(crate) type Problem = String;
 
-pub(crate) fn value_to_wire(value: &Value) -> v1::Value {
-    use v1::value::Kind;
-    let kind = match value {
-        Value::Boolean(value) => Kind::Boolean(*value),
-        Value::Integer(value) => Kind::Integer(*value),
-        Value::Float(value) => Kind::Float(*value),
-        Value::Text(value) => Kind::Text(value.clone()),
-    };
-    v1::Value { kind: Some(kind) }
+/// A study; what cannot be read of its specification stands in the record.
+pub(crate) fn study_from_wire(study: v1::Study) -> Result<StudyRecord, Problem> {
+    let statistics = study.statistics.unwrap_or_default();
+    let policy = policy_from_wire("study.policy", study.policy.clone().unwrap_or_default());
+    Ok(StudyRecord {
+        name: study.name.clone(),
+        display_name: study.display_name.clone(),
+        policy: policy.map_err(|problem| problem.to_string())?,
+        create_time: time_from_wire(study.create_time),
+        policy_differs: study.policy_differs.clone(),
+        statistics: StudyStatistics {
+            states: statistics.states,
+            trials: statistics.trials,
+            completed_trials: statistics.completed_trials,
+            open_trials: statistics.open_trials,
+        },
+        spec: spec_from_wire(study).map_err(|problem| problem.to_string()),
+    })
 }
 
-pub(crate) fn value_from_wire(value: v1::Value) -> Result<Value, Problem> {
-    use v1::value::Kind;
-    match value.kind {
-        Some(Kind::Boolean(value)) => Ok(Value::Boolean(value)),
-        Some(Kind::Integer(value)) => Ok(Value::Integer(value)),
-        Some(Kind::Float(value)) => Ok(Value::Float(value)),
-        Some(Kind::Text(value)) => Ok(Value::Text(value)),
-        None => Err("a value without a type".into()),
-    }
+/// A configuration that is to be used, and so must be read as a whole.
+fn usable_configuration(wire: Option<v1::Configuration>) -> Result<Configuration, Problem> {
+    let read = configuration_from_wire("configuration", wire.ok_or("no configuration")?);
+    read.map(Into::into).map_err(|problem| problem.to_string())
 }
 
-pub(crate) fn configuration_to_wire(configuration: &Configuration) -> v1::Configuration {
-    let values = configuration.iter().map(|(name, value)| (name.to_owned(), value_to_wire(value))).collect();
-    v1::Configuration { values }
-}
-
-pub(crate) fn configuration_from_wire(
-    configuration: Option<v1::Configuration>,
-) -> Result<Configuration, Problem> {
-    let configuration = configuration.ok_or("no configuration")?;
-    configuration.values.into_iter().map(|(name, value)| Ok((name, value_from_wire(value)?))).collect()
+/// A word; `Unrecognised(0)` where none was said.
+fn word<T: WireEnum>(number: i32) -> OpenEnum<T> {
+    T::from_number(number).unwrap_or(OpenEnum::Unrecognised(0))
 }
 
 /// A time, where there is one that this machine can represent.
-pub(crate) fn time_from_wire(time: Option<prost_types::Timestamp>) -> Option<std::time::SystemTime> {
+fn time_from_wire(time: Option<prost_types::Timestamp>) -> Option<std::time::SystemTime> {
     time.and_then(|time| time.try_into().ok())
 }

@@ -31,12 +31,9 @@ async fn studies_are_listed_changed_and_deleted() {
     let pinned = Configuration::new().with("max_depth", 9).with("compact", true);
     let change = PolicyChange::set(Policy::new().epsilon(0.5).pinned(pinned.clone()));
     let changed = client.update_policy("scene", &change).await.unwrap();
-    assert_eq!(
-        (changed.spec.policy().epsilon, changed.spec.policy().pinned.as_ref()),
-        (Some(0.5), Some(&pinned))
-    );
+    assert_eq!((changed.policy.epsilon, changed.policy.pinned.as_ref()), (Some(0.5), Some(&pinned)));
     let changed = client.update_policy("scene", &PolicyChange::unpin()).await.unwrap();
-    assert_eq!((changed.spec.policy().epsilon, changed.spec.policy().pinned.as_ref()), (Some(0.5), None));
+    assert_eq!((changed.policy.epsilon, changed.policy.pinned.as_ref()), (Some(0.5), None));
     assert!(matches!(
         client.update_policy("scene", &PolicyChange::default()).await,
         Err(ClientError::Invalid { .. })
@@ -63,7 +60,7 @@ async fn trials_are_read_across_pages() {
     assert_eq!(all.iter().map(|trial| trial.number().unwrap()).collect::<Vec<_>>(), [5, 4, 3, 2, 1]);
     let first = client.trials("scene", TrialQuery::all()).take(3).await.unwrap();
     assert_eq!(first.iter().filter_map(|trial| trial.cost).collect::<Vec<_>>(), [9.0, 3.0, 5.0]);
-    assert_eq!(first[0].outcome, Some(Outcome::Ok));
+    assert_eq!(first[0].outcome, Some(Outcome::Ok.into()));
     let error = client.trials("scene", TrialQuery::all().filter("rubbish")).next().await.unwrap_err();
     assert!(error.to_string().contains("column 1"), "{error}");
     let best = study.best(&Indicators::new()).await.unwrap();
@@ -72,7 +69,7 @@ async fn trials_are_read_across_pages() {
         ("studies/scene/trials/2", 3.0, Some(9.0))
     );
     let prediction = study.predict(&state(1)).await.unwrap();
-    assert_eq!((prediction.mode, prediction.predicted_cost), (Mode::Exploit, Some(3.0)));
+    assert_eq!((prediction.mode, prediction.predicted_cost), (Mode::Exploit.into(), Some(3.0)));
     assert_eq!(prediction.reason.neighbours.len(), 1);
 }
 

@@ -8,6 +8,8 @@ mod support;
 
 mod administration;
 mod blocking;
+mod newer;
 mod outbox;
+mod released;
 mod suggesting;
 mod tuner;

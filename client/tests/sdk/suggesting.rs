@@ -15,7 +15,7 @@ async fn the_daemon_answers_and_gets_the_result() {
     let study = client.study("scene", spec()).await.unwrap();
     assert_eq!(study.name(), "studies/scene");
     let suggestion = study.suggest(&state(3)).await;
-    assert_eq!((suggestion.source(), suggestion.mode()), (Source::Daemon, Mode::Default));
+    assert_eq!((suggestion.source(), suggestion.mode()), (Source::Daemon, Mode::Default.into()));
     assert_eq!(suggestion.trial(), Some("studies/scene/trials/1"));
     assert_eq!(suggestion.configuration().integer("max_depth").unwrap(), 32);
     assert!(suggestion.problem().is_none());
@@ -39,10 +39,11 @@ async fn a_program_measures_what_it_wants() {
     let fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
-    let wanted = study.spec().space().complete(&Configuration::new().with("max_depth", 17)).unwrap();
+    let some = Configuration::new().with("max_depth", 17);
+    let wanted = Configuration::from(study.spec().space.complete(&some).unwrap());
     for render_ms in [12.5, 12.0] {
         let suggestion = study.trial_of(&state(3), &wanted).await.unwrap();
-        assert_eq!((suggestion.mode(), suggestion.configuration()), (Mode::Pinned, &wanted));
+        assert_eq!((suggestion.mode(), suggestion.configuration()), (Mode::Pinned.into(), &wanted));
         suggestion.report(measured(render_ms), Outcome::Ok).unwrap();
     }
     client.flush(Duration::from_secs(20)).await.unwrap();
@@ -80,8 +81,8 @@ async fn without_a_daemon_the_default_is_used_and_the_study_created_later() {
     let client = Client::connect(&fake.url(), patient()).unwrap();
     let study = client.study("scene", spec()).await.unwrap();
     let suggestion = study.suggest(&state(1)).await;
-    assert_eq!((suggestion.source(), suggestion.mode()), (Source::Default, Mode::Default));
-    assert_eq!(*suggestion.configuration(), spec().space().default_configuration());
+    assert_eq!((suggestion.source(), suggestion.mode()), (Source::Default, Mode::Default.into()));
+    assert_eq!(*suggestion.configuration(), Configuration::from(spec().space.default_configuration()));
     let problem = suggestion.problem().expect("there is no daemon").to_string();
     assert!(problem.contains(&fake.url()) && problem.contains("treewrightd serve"), "{problem}");
     assert!(suggestion.trial().is_none());

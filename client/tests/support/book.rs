@@ -18,6 +18,10 @@ pub struct Book {
     pub lose_answers: usize,
     /// So many of the next streamed requests are carried out, and the stream breaks instead of the answer.
     pub break_streams: usize,
+    /// It says what only a newer daemon would say: modes, rules and outcomes of tomorrow.
+    pub newer: bool,
+    /// What to answer to Predict instead of the best that is known.
+    pub predicted: Option<v1::PredictResponse>,
     /// Answers to give instead of doing what is asked.
     pub refuse: BTreeMap<&'static str, Code>,
 }
@@ -95,6 +99,7 @@ impl Book {
             fingerprint: request.fingerprint,
             ..v1::Trial::default()
         };
+        let trial = if self.newer { of_tomorrow(trial) } else { trial };
         self.trials.push(trial.clone());
         Ok(trial)
     }
@@ -198,4 +203,11 @@ fn configuration(study: &v1::Study, number: usize) -> v1::Configuration {
         Some((parameter.name.clone(), value))
     });
     v1::Configuration { values: values.collect() }
+}
+
+/// The trial as a newer daemon might hand it out: with words that nobody knows yet.
+fn of_tomorrow(trial: v1::Trial) -> v1::Trial {
+    let explanation = Some(v1::Explanation { rule: 77, ..v1::Explanation::default() });
+    let reason = trial.reason.map(|reason| v1::Reason { explanation, ..reason });
+    v1::Trial { mode: 17, reason, ..trial }
 }

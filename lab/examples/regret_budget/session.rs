@@ -141,7 +141,7 @@ impl Session {
             }
             let indicators = BTreeMap::from([("place".to_owned(), place)]);
             let ask =
-                Ask { client_id: "a".into(), indicators, session: 1, can_abort: true, fingerprint: None };
+                Ask { client_id: "a".into(), indicators, session: 1, can_abort: true, ..Ask::default() };
             let trial = tuner.suggest(&ask, 0).expect("a valid question").0;
             let true_cost = speed * cost(&trial, adversarial);
             let measured = true_cost * (noise * normal(&mut random)).exp();

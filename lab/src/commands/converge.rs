@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use indicatif::ProgressBar;
-use treewright_client::Fingerprint;
+use treewright_client::detect_fingerprint;
 
 use super::converge_entrants::{Chosen, EntrantArguments, EntrantSetting};
 use super::converge_output;
@@ -182,7 +182,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         },
         size: [width, height],
         bounces: view.bounces,
-        machine: Fingerprint::detect().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
+        machine: detect_fingerprint().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
         embree: renderer.embree_version(),
         budget_ms: plan.budget_ms,
         reference: ReferenceFacts {

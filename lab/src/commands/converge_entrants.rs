@@ -8,7 +8,7 @@ use clap::Args;
 use serde_json::Value;
 use treewright_accel::NativeQuality;
 use treewright_client::blocking::{Client, Study};
-use treewright_client::{Configuration, Mode, Policy, PolicyChange};
+use treewright_client::{Configuration, Mode, Policy, SessionPolicy};
 
 use crate::converge::curve::Entrant;
 use treewright_render_cli::arguments::{Size, SpaceArguments, indicators};
@@ -31,9 +31,6 @@ const DEADLINE_MS: u64 = 500;
 
 /// How long the last reports may take to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
-
-/// The service's own default, which a study is left with.
-const EPSILON_AFTERWARDS: f64 = 0.2;
 
 /// Which configurations take part besides the two defaults.
 #[derive(Args, Clone, Debug)]
@@ -172,7 +169,7 @@ impl EntrantArguments {
                 indicators,
             };
             let begin = Instant::now();
-            let winner = self.tune(renderer, &client, &study, &id, &setting, interrupt)?;
+            let winner = self.tune(renderer, &client, &study, &setting, interrupt)?;
             let origin = format!("{} trials of the study {id}", self.iterations);
             all.push(chosen(TUNED, &space, &winner, milliseconds(begin), origin)?);
         }
@@ -184,14 +181,16 @@ impl EntrantArguments {
         renderer: &mut Renderer,
         client: &Client,
         study: &Study,
-        id: &str,
         setting: &search::SearchSetting,
         interrupt: Interrupt,
     ) -> Result<Configuration, CliError> {
         let done = u32::try_from(study.record()?.statistics.completed_trials).unwrap_or(0);
         let room = done.saturating_add(self.iterations).min(ITERATIONS_MAX);
-        let explore = Policy::new().epsilon(1.0).trials_per_state(room);
-        client.update_policy(id, &PolicyChange::set(explore))?;
+        study.set_session_policy(SessionPolicy {
+            epsilon: Some(1.0),
+            trials_per_state: Some(room),
+            abort_above: None,
+        })?;
         let bar = output::bar(u64::from(self.iterations), "trials");
         let found = search::run(renderer, &mut study.tuner(), setting, self.iterations, None, |_| {
             bar.inc(1);
@@ -199,7 +198,7 @@ impl EntrantArguments {
         })?;
         bar.finish_and_clear();
         client.flush(FLUSH)?;
-        client.update_policy(id, &PolicyChange::set(Policy::new().epsilon(EPSILON_AFTERWARDS)))?;
+        study.set_session_policy(SessionPolicy::default())?;
         if interrupt.requested() {
             return Err(CliError::Interrupted);
         }

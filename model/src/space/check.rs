@@ -59,7 +59,8 @@ impl Space {
             let given = values.remove(&parameter.name).map(Value::canonical);
             match given {
                 Some(_) if !is_active => {
-                    return Err(SpaceError::Inactive { name: parameter.name.clone() });
+                    let needs = parameter.active_if.as_ref().map(Condition::to_string).unwrap_or_default();
+                    return Err(SpaceError::Inactive { name: parameter.name.clone(), needs });
                 }
                 None if is_active => {
                     return Err(SpaceError::Missing { name: parameter.name.clone() });
@@ -68,7 +69,7 @@ impl Space {
                     return Err(SpaceError::Value {
                         parameter: parameter.name.clone(),
                         value,
-                        allowed: parameter.domain.describe(),
+                        allowed: parameter.domain.to_string(),
                     });
                 }
                 Some(value) => ordered.push(value),
@@ -170,7 +171,7 @@ fn check_parameter(parameter: &Parameter, earlier: &[Parameter]) -> Result<Optio
         return Err(SpaceError::Default {
             parameter: name.clone(),
             value: parameter.default.clone(),
-            allowed: parameter.domain.describe(),
+            allowed: parameter.domain.to_string(),
         });
     }
     let Some(condition) = &parameter.active_if else {
@@ -185,11 +186,7 @@ fn check_parameter(parameter: &Parameter, earlier: &[Parameter]) -> Result<Optio
     }
     let domain = &earlier[index].domain;
     if let Some(value) = condition.any_of.iter().find(|value| !domain.contains(value)) {
-        return Err(refuse(format!(
-            "asks for {value}, but {:?} is {}",
-            condition.parameter,
-            domain.describe()
-        )));
+        return Err(refuse(format!("asks for {value}, but {:?} is {}", condition.parameter, domain)));
     }
     Ok(Some(index))
 }

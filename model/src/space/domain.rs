@@ -50,19 +50,6 @@ impl Domain {
         }
     }
 
-    /// The domain in words, for messages.
-    pub fn describe(&self) -> String {
-        match self {
-            Domain::Integer { min, max, .. } => format!("an integer from {min} to {max}"),
-            Domain::Float { min, max, .. } => format!("a float from {min:?} to {max:?}"),
-            Domain::Categorical { values } => {
-                let texts: Vec<String> = values.iter().map(Value::to_string).collect();
-                format!("one of {}", texts.join(", "))
-            }
-            Domain::Boolean => "a boolean".to_owned(),
-        }
-    }
-
     /// Lowest and highest number of a numeric domain.
     pub(super) fn bounds(&self) -> Option<(f64, f64)> {
         match self {

@@ -2,18 +2,25 @@
 //!
 //! A [`Space`] is checked once, when it is made; after that every [`Configuration`] it hands out is valid,
 //! and so is everything that is built on it. `check` holds the rules, `domain` the map of one domain to
-//! the unit interval, `codec` the map of whole configurations to the unit cube in which searches work,
+//! the unit interval, `builder` how programs write a space down, `complete` how a whole configuration is made of some
+//! values, `codec` the map of whole configurations to the unit cube in which searches work,
 //! `repair` what is done about points of the cube that break a constraint.
 
+mod builder;
 mod check;
 mod codec;
+mod complete;
 mod domain;
 mod repair;
 #[cfg(test)]
 mod tests;
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+
+pub use builder::{BooleanParameter, CategoricalParameter, FloatParameter, IntegerParameter, SpaceBuilder};
 
 use crate::configuration::{Configuration, RawConfiguration};
 use crate::names::NAME_RULE;
@@ -140,6 +147,12 @@ pub enum SpaceError {
         /// As given.
         name: String,
     },
+    /// A parameter has no default.
+    #[error("parameter {name:?} has no default; give the recommended value")]
+    NoDefault {
+        /// The parameter.
+        name: String,
+    },
     /// A domain is not acceptable.
     #[error("parameter {parameter:?}: {problem}")]
     Domain {
@@ -191,10 +204,12 @@ pub enum SpaceError {
         name: String,
     },
     /// A configuration has a value for an inactive parameter.
-    #[error("parameter {name:?} is not active here; leave it out")]
+    #[error("parameter {name:?} is not active here: it needs {needs}; leave it out")]
     Inactive {
         /// The parameter.
         name: String,
+        /// Its condition in words.
+        needs: String,
     },
     /// A value is outside its domain.
     #[error("parameter {parameter:?} is {value}; it must be {allowed}")]
@@ -222,7 +237,46 @@ pub enum SpaceError {
     },
 }
 
+/// `split = sah or median`.
+impl fmt::Display for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let values: Vec<String> = self.any_of.iter().map(Value::to_string).collect();
+        write!(f, "{} = {}", self.parameter, values.join(" or "))
+    }
+}
+
+/// `lesser <= greater`.
+impl fmt::Display for Constraint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} <= {}", self.lesser, self.greater)
+    }
+}
+
+/// The domain in words.
+impl fmt::Display for Domain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let log = |scale: &Scale| if *scale == Scale::Log { ", log scale" } else { "" };
+        match self {
+            Domain::Integer { min, max, scale } => {
+                write!(f, "a whole number from {min} to {max}{}", log(scale))
+            }
+            Domain::Float { min, max, scale } => write!(f, "a number from {min} to {max}{}", log(scale)),
+            Domain::Categorical { values } => {
+                let values: Vec<String> = values.iter().map(Value::to_string).collect();
+                write!(f, "one of {}", values.join(", "))
+            }
+            Domain::Boolean => f.write_str("true or false"),
+        }
+    }
+}
+
 impl Space {
+    /// Begins a space.
+    #[must_use]
+    pub fn builder() -> SpaceBuilder {
+        SpaceBuilder::new()
+    }
+
     /// The parameters in order.
     pub fn parameters(&self) -> &[Parameter] {
         &self.parameters

@@ -198,7 +198,10 @@ fn inactive_parameters_are_left_out_all_the_way_down() {
         pairs.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect()
     };
     let values = raw(&[("quality", Value::Integer(1)), ("block", Value::Integer(4))]);
-    assert_eq!(space.configuration(values), Err(SpaceError::Inactive { name: "block".into() }));
+    assert_eq!(
+        space.configuration(values),
+        Err(SpaceError::Inactive { name: "block".into(), needs: "quality = 2 or 3".into() })
+    );
     let values = raw(&[("quality", Value::Integer(2)), ("block", Value::Integer(4))]);
     assert_eq!(space.configuration(values), Err(SpaceError::Missing { name: "cost".into() }));
 }
@@ -214,7 +217,7 @@ fn values_that_do_not_fit_are_named() {
         refuse(&[("leaf", Value::Integer(1))])
             .contains("\"leaf\" is unknown; the space has min_leaf_size, max")
     );
-    assert!(refuse(&[("min_leaf_size", Value::Integer(0))]).contains("an integer from 1 to 32"));
+    assert!(refuse(&[("min_leaf_size", Value::Integer(0))]).contains("a whole number from 1 to 32"));
     assert!(refuse(&[("min_leaf_size", Value::Float(2.0))]).contains("\"min_leaf_size\" is 2.0"));
     let order = refuse(&[("min_leaf_size", Value::Integer(9)), ("max_leaf_size", Value::Integer(8))]);
     assert!(order.contains("min_leaf_size = 9 is greater than max_leaf_size = 8"));
@@ -239,8 +242,16 @@ fn malformed_spaces_are_refused_with_their_reason() {
         (vec![integer("a", 0, 9, Scale::Log, 1)], vec![], "positive lower bound"),
         (vec![float("a", 0.0, 1.0, Scale::Log, 1.0)], vec![], "positive lower bound"),
         (vec![float("a", 0.0, f64::NAN, Scale::Linear, 0.0)], vec![], "must be finite"),
-        (vec![float("a", 0.0, 1.0, Scale::Linear, f64::NAN)], vec![], "the default NaN is not a float"),
-        (vec![integer("a", 0, 1, Scale::Linear, 2)], vec![], "the default 2 is not an integer from 0 to 1"),
+        (
+            vec![float("a", 0.0, 1.0, Scale::Linear, f64::NAN)],
+            vec![],
+            "the default NaN is not a number from 0 to 1",
+        ),
+        (
+            vec![integer("a", 0, 1, Scale::Linear, 2)],
+            vec![],
+            "the default 2 is not a whole number from 0 to 1",
+        ),
         (vec![plain("a", texts(&[]), Value::Text("x".into()))], vec![], "0 values"),
         (vec![plain("a", texts(&["x", "x"]), Value::Text("x".into()))], vec![], "listed twice"),
         (vec![plain("a", mixed, Value::Integer(1))], vec![], "of one kind"),

@@ -5,7 +5,7 @@ use std::time::Duration;
 use clap::Args;
 use treewright_accel::Device;
 use treewright_client::blocking::Client;
-use treewright_client::{CredentialArguments, Fingerprint, Options};
+use treewright_client::{CredentialArguments, Options, detect_fingerprint};
 
 use crate::arguments::Size;
 use crate::error::CliError;
@@ -38,7 +38,7 @@ impl ServerArguments {
     pub fn connect(&self, threads: usize) -> Result<Client, CliError> {
         let (major, minor, patch) = Device::open(threads)?.version();
         // Another version of either may build and trace otherwise: what older ones measured does not hold for it.
-        let mut fingerprint = Fingerprint::detect()
+        let mut fingerprint = detect_fingerprint()
             .software("treewright-render", env!("CARGO_PKG_VERSION"))
             .software("embree", format!("{major}.{minor}.{patch}"));
         if threads > 0 {

@@ -9,7 +9,7 @@ use treewright_client::{Condition, Domain, Parameter, Scale, Value};
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Explained {
     /// The parameter.
-    #[serde(flatten)]
+    #[serde(flatten, serialize_with = "treewright_client::plain")]
     pub parameter: Parameter,
     /// What it does, without a full stop.
     pub about: &'static str,

@@ -18,7 +18,7 @@ mod tests;
 
 use clap::ValueEnum;
 use serde::Serialize;
-use treewright_client::{Configuration, Constraint, Domain, Parameter, Space, SpaceBuilder, Value};
+use treewright_client::{Configuration, Space, SpaceBuilder, Value};
 
 pub use choice::Choice;
 pub use error::ConfigurationError;
@@ -152,7 +152,7 @@ impl TuningSpace {
 
     /// The recommended configuration.
     pub fn default_configuration(&self) -> Configuration {
-        self.space.default_configuration()
+        self.space.default_configuration().into()
     }
 
     /// The recommended configuration as work.
@@ -172,81 +172,13 @@ impl TuningSpace {
     /// Fills what is missing with recommended values and checks everything. The result is canonical: a value
     /// for each active parameter and no other.
     ///
-    /// A value takes along what it needs: `quality=3` alone means the tunable back end in the full space. Where
-    /// a given value and a recommended one contradict each other, the recommended one gives way.
+    /// A value takes along what it needs: `quality=3` alone means the tunable back end in the full space. See
+    /// [`Space::complete`].
     pub fn complete(&self, given: &Configuration) -> Result<Configuration, ConfigurationError> {
-        let parameters = self.space.parameters();
-        for (name, _) in given.iter() {
-            if parameters.iter().all(|parameter| parameter.name != name) {
-                let known: Vec<&str> = parameters.iter().map(|parameter| parameter.name.as_str()).collect();
-                return Err(ConfigurationError::Unknown {
-                    name: name.to_owned(),
-                    space: self.preset.name(),
-                    known: known.join(", "),
-                });
-            }
+        match self.space.complete(given) {
+            Ok(complete) => Ok(complete.into()),
+            Err(problem) => Err(ConfigurationError::Space { space: self.preset.name(), problem }),
         }
-        let given = self.with_needs(given);
-        let mut complete = Configuration::new();
-        for parameter in parameters {
-            let missing = parameter.active_if.as_ref().filter(|condition| {
-                !complete.get(&condition.parameter).is_some_and(|value| condition.any_of.contains(value))
-            });
-            match (missing, given.get(&parameter.name)) {
-                (None, value) => complete.set(parameter.name.clone(), in_domain(parameter, value)?),
-                (Some(_), None) => {}
-                (Some(condition), Some(_)) => {
-                    let condition = format!("{} = {}", condition.parameter, list(&condition.any_of, " or "));
-                    return Err(ConfigurationError::Inactive { name: parameter.name.clone(), condition });
-                }
-            }
-        }
-        for Constraint { lesser, greater } in self.space.constraints() {
-            let (Some(low), Some(high)) = (complete.get(lesser).cloned(), complete.get(greater).cloned())
-            else {
-                continue;
-            };
-            if number(&low) <= number(&high) {
-                continue;
-            }
-            match (given.get(lesser), given.get(greater)) {
-                (None, _) => complete.set(lesser.clone(), high),
-                (_, None) => complete.set(greater.clone(), low),
-                (Some(_), Some(_)) => {
-                    return Err(ConfigurationError::Constraint {
-                        lesser: lesser.clone(),
-                        low: low.to_string(),
-                        greater: greater.clone(),
-                        high: high.to_string(),
-                    });
-                }
-            }
-        }
-        Ok(complete)
-    }
-
-    /// Adds what given values need and nobody has decided otherwise. Conditions name earlier parameters, so
-    /// that one walk from the last to the first follows every chain.
-    fn with_needs(&self, given: &Configuration) -> Configuration {
-        let mut given = given.clone();
-        for parameter in self.space.parameters().iter().rev() {
-            let Some(condition) =
-                parameter.active_if.as_ref().filter(|_| given.get(&parameter.name).is_some())
-            else {
-                continue;
-            };
-            let needed = self.space.parameters().iter().find(|earlier| earlier.name == condition.parameter);
-            if let Some(needed) = needed
-                && given.get(&needed.name).is_none()
-            {
-                let fits = condition.any_of.contains(&needed.default);
-                given.set(
-                    needed.name.clone(),
-                    if fits { needed.default.clone() } else { condition.any_of[0].clone() },
-                );
-            }
-        }
-        given
     }
 }
 
@@ -262,49 +194,4 @@ pub fn parse(text: &str) -> Result<Configuration, ConfigurationError> {
             _ => Err(ConfigurationError::Syntax { part: part.to_owned() }),
         })
         .collect()
-}
-
-/// What a parameter may be, in words.
-pub fn domain_in_words(domain: &Domain) -> String {
-    match domain {
-        Domain::Integer { min, max, .. } => format!("a whole number from {min} to {max}"),
-        Domain::Float { min, max, .. } => format!("a number from {min} to {max}"),
-        Domain::Categorical { values } => format!("one of {}", list(values, ", ")),
-        Domain::Boolean => "true or false".to_owned(),
-    }
-}
-
-fn in_domain(parameter: &Parameter, value: Option<&Value>) -> Result<Value, ConfigurationError> {
-    let value = match (value, &parameter.domain) {
-        (None, _) => return Ok(parameter.default.clone()),
-        // People write 1 for 1.0.
-        (Some(Value::Integer(value)), Domain::Float { .. }) => Value::Float(*value as f64),
-        (Some(Value::Integer(value)), Domain::Categorical { values })
-            if matches!(values.first(), Some(Value::Float(_))) =>
-        {
-            Value::Float(*value as f64)
-        }
-        (Some(value), _) => value.clone(),
-    };
-    if parameter.domain.contains(&value) {
-        Ok(value)
-    } else {
-        Err(ConfigurationError::OutOfDomain {
-            name: parameter.name.clone(),
-            value: value.to_string(),
-            domain: domain_in_words(&parameter.domain),
-        })
-    }
-}
-
-fn number(value: &Value) -> f64 {
-    match value {
-        Value::Integer(value) => *value as f64,
-        Value::Float(value) => *value,
-        Value::Boolean(_) | Value::Text(_) => 0.0,
-    }
-}
-
-fn list(values: &[Value], separator: &str) -> String {
-    values.iter().map(Value::to_string).collect::<Vec<_>>().join(separator)
 }

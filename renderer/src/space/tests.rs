@@ -5,6 +5,8 @@ use treewright_accel::{
     Quality, TreeParameters, Update,
 };
 
+use treewright_client::Domain;
+
 use super::*;
 use crate::render_options::{RenderOptions, Sort, TileOrder};
 
@@ -232,7 +234,7 @@ fn what_a_scene_cannot_use_is_not_there() {
     let missing: Vec<String> =
         names(&full()).into_iter().filter(|name| !names(&still).contains(name)).collect();
     assert_eq!(missing, ["native_dynamic", "native_update", "update", "rebuild_threshold"]);
-    assert!(problem(&dark, "shadow=eight").contains("no parameter \"shadow\" in --space full"));
+    assert!(problem(&dark, "shadow=eight").contains("--space full: parameter \"shadow\" is unknown"));
 }
 
 #[test]
@@ -244,12 +246,12 @@ fn mistakes_are_named() {
     );
     assert!(problem("quality").contains("\"quality\" is not of the form"));
     assert!(problem("quality=9").contains("from 1 to 3"));
-    assert!(problem("quality=fast").contains("cannot be fast"));
+    assert!(problem("quality=fast").contains("is fast; it must be"));
     assert!(problem("branching_factor=3").contains("one of 2, 4, 8"));
     assert!(problem("intersection_cost=0").contains("from 0.1 to 10"));
     assert!(
         problem("min_leaf_size=9,max_leaf_size=3")
-            .contains("min_leaf_size (9) must not be above max_leaf_size (3)")
+            .contains("min_leaf_size = 9 is greater than max_leaf_size = 3")
     );
     assert!(problem("compact=true,quality=3").contains("it needs compact = false"));
     assert!(problem("quality=1,sah_block_size=4").contains("it needs quality = 2 or 3"));

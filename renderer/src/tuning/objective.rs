@@ -75,7 +75,7 @@ pub fn specification(
         builder = builder.indicator(indicator.name, indicator.min..=indicator.max, scale);
     }
     let build_weight = 1.0 / f64::from(objective.frames_per_build());
-    builder.minimise(BUILD_MS, build_weight).minimise(RENDER_MS, 1.0).build()
+    Ok(builder.minimise(BUILD_MS, build_weight).minimise(RENDER_MS, 1.0).build()?)
 }
 
 /// An id of the letters the service takes, made of what tells studies apart.
@@ -139,9 +139,10 @@ mod tests {
             let measured = |metric: &str| {
                 if metric == BUILD_MS { times.build_ms } else { times.render_ms }
             };
-            let sum: f64 = spec.objective().iter().map(|term| term.weight * measured(&term.metric)).sum();
+            let sum: f64 =
+                spec.objective.terms().iter().map(|term| term.weight * measured(&term.metric)).sum();
             assert!((objective.cost(times) - cost).abs() < 1e-9 && (sum - cost).abs() < 1e-9);
-            assert_eq!(spec.indicators().len(), 17);
+            assert_eq!(spec.indicators.indicators().len(), 17);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Everything a tuning run found out. Written as JSON, and shown by the report.
 
 use serde::Serialize;
-use treewright_client::{Configuration, Fingerprint, Indicators, Mode, Stats};
+use treewright_client::{Configuration, Fingerprint, Indicators, Mode, OpenEnum, Stats};
 
 use super::objective::Objective;
 use super::search::Iteration;
@@ -79,7 +79,7 @@ pub struct Prediction {
     /// The point of the camera path.
     pub camera_at: f32,
     /// How the service answered.
-    pub mode: Mode,
+    pub mode: OpenEnum<Mode>,
     /// Its reason in one sentence.
     pub reason: String,
     /// Its answer.

@@ -107,7 +107,7 @@ pub(super) mod testing {
         Iteration {
             number: 1,
             trial: None,
-            mode: Mode::Explore,
+            mode: Mode::Explore.into(),
             source: Source::Daemon,
             reason: String::new(),
             step: String::new(),

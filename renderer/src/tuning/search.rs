@@ -10,8 +10,8 @@ use std::time::Instant;
 use serde::Serialize;
 use treewright_client::blocking::Tuner;
 use treewright_client::{
-    ClientError, Configuration, Finished, FrameSet, FrameSetResult, Indicators, Measurements, Mode, Outcome,
-    Source, Suggestion,
+    ClientError, Configuration, Finished, FrameSet, FrameSetResult, Indicators, Measurements, Mode, OpenEnum,
+    Outcome, Source, Suggestion,
 };
 
 use super::objective::{BUILD_MS, Objective, RENDER_MS};
@@ -31,7 +31,7 @@ pub struct Iteration {
     /// Name of the trial; absent when the daemon was away.
     pub trial: Option<String>,
     /// Why this configuration.
-    pub mode: Mode,
+    pub mode: OpenEnum<Mode>,
     /// Where it came from.
     pub source: Source,
     /// The reason in one sentence.

@@ -14,7 +14,8 @@
 #![forbid(unsafe_code)]
 
 pub use treewright_model::{
-    configuration, decision, ids, indicator, names, objective, policy, space, study, trial, value,
+    configuration, decision, ids, indicator, names, objective, policy, session, space, study, trial, value,
+    words,
 };
 
 pub mod fleet;

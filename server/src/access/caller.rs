@@ -31,7 +31,7 @@ pub struct Holder {
     terms: RwLock<Option<Arc<TokenRecord>>>,
     rate: Rate,
     used: Mutex<Used>,
-    seen: Arc<Seen>,
+    seen: Arc<LastRead>,
     clock: Arc<dyn Clock>,
     /// Requests refused for a quota, so that the log is told of the first and of every thousandth.
     refused: AtomicU64,
@@ -68,7 +68,7 @@ impl Holder {
     pub(super) fn new(
         record: TokenRecord,
         used: (Usage, Usage),
-        seen: Arc<Seen>,
+        seen: Arc<LastRead>,
         clock: Arc<dyn Clock>,
     ) -> Self {
         let day = day(clock.now_ms());
@@ -325,9 +325,9 @@ impl Drop for Spent<'_> {
 /// When the stored tokens were last read. A copy that is too old lets nobody in: somebody may have been shut out
 /// meanwhile.
 #[derive(Debug)]
-pub(super) struct Seen(Mutex<Instant>);
+pub(super) struct LastRead(Mutex<Instant>);
 
-impl Seen {
+impl LastRead {
     pub(super) fn now() -> Self {
         Self(Mutex::new(Instant::now()))
     }

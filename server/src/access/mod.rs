@@ -26,7 +26,7 @@ use treewright_store::tokens::{TokenError, TokenRecord, Usage, day};
 use crate::clock::Clock;
 use crate::error::Error;
 use crate::limits;
-use caller::{Caller, Holder, Seen};
+use caller::{Caller, Holder, LastRead};
 use rules::Need;
 use token::Token;
 
@@ -34,12 +34,12 @@ use token::Token;
 pub struct Access {
     store: Arc<dyn TokenStore>,
     clock: Arc<dyn Clock>,
-    known: RwLock<Known>,
-    seen: Arc<Seen>,
+    known: RwLock<KnownTokens>,
+    seen: Arc<LastRead>,
 }
 
 #[derive(Default)]
-struct Known {
+struct KnownTokens {
     revision: Option<i64>,
     records: HashMap<String, TokenRecord>,
     /// Those that were shown since the start, which keeps memory small whatever is stored.
@@ -52,7 +52,7 @@ impl Access {
     /// # Errors
     /// When they cannot be read.
     pub async fn open(store: Arc<dyn TokenStore>, clock: Arc<dyn Clock>) -> Result<Self, TokenError> {
-        let access = Self { store, clock, known: RwLock::default(), seen: Arc::new(Seen::now()) };
+        let access = Self { store, clock, known: RwLock::default(), seen: Arc::new(LastRead::now()) };
         access.refresh().await?;
         Ok(access)
     }
@@ -85,7 +85,7 @@ impl Access {
             let same = |record: &&TokenRecord| holder.stored().is_some_and(|old| old.hash == record.hash);
             holder.replace(known.records.get(id).filter(same).cloned());
         }
-        let Known { records, holders, .. } = &mut *known;
+        let KnownTokens { records, holders, .. } = &mut *known;
         holders.retain(|id, holder| records.contains_key(id) && holder.stored().is_some());
         Ok(())
     }
@@ -157,7 +157,7 @@ impl Access {
     /// # Errors
     /// [`Error::Unauthenticated`] for no token and for one that is wrong or has ended, [`Error::Denied`] for one
     /// of too narrow a scope.
-    pub async fn admit(&self, need: Need, authorization: Authorization<'_>) -> Result<Caller, Error> {
+    pub async fn authorize(&self, need: Need, authorization: Authorization<'_>) -> Result<Caller, Error> {
         let Need::Scope(scope) = need else {
             return Ok(Caller::Anyone);
         };
@@ -260,13 +260,13 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_daemon_that_is_cut_off_from_the_tokens_lets_nobody_in_after_a_while() {
         let (tokens, access, text) = access(Quota::default()).await;
-        let caller = access.admit(TUNE, Authorization::Bearer(&text)).await.unwrap();
+        let caller = access.authorize(TUNE, Authorization::Bearer(&text)).await.unwrap();
         tokens.close().await;
         tokio::time::advance(limits::TOKENS_STALE).await;
         access.refresh().await.unwrap_err();
-        access.admit(TUNE, Authorization::Bearer(&text)).await.expect("still believed");
+        access.authorize(TUNE, Authorization::Bearer(&text)).await.expect("still believed");
         tokio::time::advance(limits::TOKENS_PERIOD).await;
-        let refused = access.admit(TUNE, Authorization::Bearer(&text)).await.unwrap_err();
+        let refused = access.authorize(TUNE, Authorization::Bearer(&text)).await.unwrap_err();
         assert!(matches!(refused, Error::Tokens(_)), "{refused}");
         // Also on streams that are open.
         assert!(matches!(caller.may(Scope::Tune), Err(Error::Tokens(_))));
@@ -275,7 +275,7 @@ mod tests {
     #[tokio::test]
     async fn what_is_reserved_counts_and_is_stored_only_once_it_came_about() {
         let (tokens, access, text) = access(Quota { trials: Some(2), ..Quota::default() }).await;
-        let caller = access.admit(TUNE, Authorization::Bearer(&text)).await.unwrap();
+        let caller = access.authorize(TUNE, Authorization::Bearer(&text)).await.unwrap();
         let (one, other) = (caller.spend_trial().unwrap(), caller.spend_trial().unwrap());
         assert!(matches!(caller.spend_trial(), Err(Error::Quota { limit: 2, .. })));
         access.save().await;

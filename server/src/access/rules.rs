@@ -14,7 +14,7 @@ pub enum Need {
 
 /// An RPC: its name for people, and what it needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Rule {
+pub struct AccessRule {
     /// The path of the HTTP request.
     pub path: &'static str,
     /// The name in logs and metrics.
@@ -27,12 +27,12 @@ const READ: Need = Need::Scope(Scope::Read);
 const TUNE: Need = Need::Scope(Scope::Tune);
 const ADMIN: Need = Need::Scope(Scope::Admin);
 
-const fn rule(path: &'static str, rpc: &'static str, need: Need) -> Rule {
-    Rule { path, rpc, need }
+const fn rule(path: &'static str, rpc: &'static str, need: Need) -> AccessRule {
+    AccessRule { path, rpc, need }
 }
 
 /// The table.
-pub const RULES: &[Rule] = &[
+pub const RULES: &[AccessRule] = &[
     rule("/treewright.v1.TuningService/GetStudy", "GetStudy", READ),
     rule("/treewright.v1.TuningService/ListStudies", "ListStudies", READ),
     rule("/treewright.v1.TuningService/Predict", "Predict", READ),
@@ -40,7 +40,7 @@ pub const RULES: &[Rule] = &[
     rule("/treewright.v1.TuningService/QueryTrials", "QueryTrials", READ),
     rule("/treewright.v1.TuningService/GetBest", "GetBest", READ),
     rule("/treewright.v1.TuningService/CreateStudy", "CreateStudy", TUNE),
-    rule("/treewright.v1.TuningService/UpdateStudy", "UpdateStudy", TUNE),
+    rule("/treewright.v1.TuningService/UpdateStudy", "UpdateStudy", ADMIN),
     rule("/treewright.v1.TuningService/Suggest", "Suggest", TUNE),
     rule("/treewright.v1.TuningService/Report", "Report", TUNE),
     rule("/treewright.v1.TuningService/Tune", "Tune", TUNE),
@@ -55,9 +55,9 @@ pub const RULES: &[Rule] = &[
 
 /// The rule for a path. Unknown paths need a token with every right, and are then answered UNIMPLEMENTED.
 #[must_use]
-pub fn rule_for(path: &str) -> Rule {
+pub fn rule_for(path: &str) -> AccessRule {
     let known = RULES.iter().find(|rule| rule.path == path);
-    known.copied().unwrap_or(Rule { path: "", rpc: "unknown", need: ADMIN })
+    known.copied().unwrap_or(AccessRule { path: "", rpc: "unknown", need: ADMIN })
 }
 
 #[cfg(test)]

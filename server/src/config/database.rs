@@ -1,7 +1,6 @@
 //! Which database: a file, or a PostgreSQL server. An address may hold a password, so what was given is never
 //! shown as it is, neither in a log nor in an error.
 
-use std::convert::Infallible;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
@@ -31,9 +30,12 @@ pub struct DatabaseConfig {
 pub struct Given(String);
 
 impl FromStr for Given {
-    type Err = Infallible;
+    type Err = &'static str;
 
-    fn from_str(text: &str) -> Result<Self, Infallible> {
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        if text.is_empty() {
+            return Err("it is empty; name a file, or postgres://USER@HOST/DATABASE");
+        }
         Ok(Self(text.to_owned()))
     }
 }

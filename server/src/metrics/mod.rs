@@ -1,12 +1,13 @@
 //! Figures for Prometheus. `watch` serves them.
 //!
-//! A process has one set of figures, so they are a static. Labels have few values, whatever clients send: RPCs come
+//! A process makes one set of figures in `main` and hands it down. Labels have few values, whatever clients send: RPCs come
 //! from the table of `access::rules`, codes are gRPC's seventeen, reasons stand in `status`, and of studies only some
 //! are shown (`studies`). The names and units follow OpenMetrics 1.0.
 
 mod studies;
+mod study;
 
-use std::sync::{LazyLock, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use prometheus_client::encoding::EncodeLabelSet;
@@ -20,46 +21,49 @@ use treewright_core::trial::TrialState;
 use treewright_core::tuner::Change;
 use treewright_store::{Receipt, StoreError};
 
-use crate::tuning::figures::StudyFigures;
-use studies::Studies;
+use studies::StudyFamilies;
+pub(crate) use study::{StudyFigures, Tally};
 
 /// An RPC.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct Rpc {
+struct RpcLabel {
     rpc: &'static str,
 }
 
 /// An RPC and how it ended.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct Ending {
+struct EndingLabel {
     rpc: &'static str,
     code: &'static str,
 }
 
 /// Why something was refused, lost or closed.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct Reason {
+struct ReasonLabel {
     reason: &'static str,
+}
+
+/// Which version runs.
+#[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
+struct BuildLabel {
+    version: &'static str,
 }
 
 /// What came of something.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct Outcome {
+struct OutcomeLabel {
     outcome: &'static str,
 }
 
-/// The figures of this process.
-pub(crate) static METRICS: LazyLock<Metrics> = LazyLock::new(Metrics::new);
-
-/// The figures.
+/// The figures of one daemon.
 #[derive(Debug)]
-pub(crate) struct Metrics {
+pub struct Metrics {
     registry: Mutex<Registry>,
-    requests: Family<Ending, Counter>,
-    request_seconds: Family<Rpc, Histogram, fn() -> Histogram>,
-    refusals: Family<Reason, Counter>,
-    connections_lost: Family<Reason, Counter>,
-    forwarded: Family<Outcome, Counter>,
+    requests: Family<EndingLabel, Counter>,
+    request_seconds: Family<RpcLabel, Histogram, fn() -> Histogram>,
+    refusals: Family<ReasonLabel, Counter>,
+    connections_lost: Family<ReasonLabel, Counter>,
+    forwarded: Family<OutcomeLabel, Counter>,
     durable_seconds: Histogram,
     thinking_seconds: Histogram,
     unthought: Counter,
@@ -67,13 +71,15 @@ pub(crate) struct Metrics {
     expired_leases: Counter,
     late_reports: Counter,
     removed_trials: Counter,
-    now: Now,
-    studies: Studies,
+    now: MomentGauges,
+    studies: StudyFamilies,
 }
 
 /// What is looked up when somebody asks.
 #[derive(Debug, Default)]
-struct Now {
+struct MomentGauges {
+    connections: Gauge,
+    newcomers: Gauge,
     in_flight: Gauge,
     streams: Gauge,
     studies_in_memory: Gauge,
@@ -85,6 +91,10 @@ struct Now {
 /// What [`Metrics::text`] is told about this moment.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Moment {
+    /// Connections that are open.
+    pub(crate) connections: usize,
+    /// Those of them on which no request was authorised yet.
+    pub(crate) newcomers: usize,
     /// Requests that are being worked on.
     pub(crate) in_flight: usize,
     /// Tune streams that are open.
@@ -104,8 +114,16 @@ fn seconds() -> Histogram {
     Histogram::new((0..19).map(|step| 50e-6 * f64::from(1_u32 << step)))
 }
 
+impl Default for Metrics {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Metrics {
-    fn new() -> Self {
+    /// Figures that all stand at 0.
+    #[must_use]
+    pub fn new() -> Self {
         let metrics = Self {
             registry: Mutex::new(Registry::with_prefix("treewright")),
             requests: Family::default(),
@@ -120,8 +138,8 @@ impl Metrics {
             expired_leases: Counter::default(),
             late_reports: Counter::default(),
             removed_trials: Counter::default(),
-            now: Now::default(),
-            studies: Studies::default(),
+            now: MomentGauges::default(),
+            studies: StudyFamilies::default(),
         };
         metrics.register();
         metrics
@@ -173,11 +191,20 @@ impl Metrics {
             "Questions answered from the tables because no processor was free to think in time",
             self.unthought.clone(),
         );
+        let build = Family::<BuildLabel, Gauge>::default();
+        build.get_or_create(&BuildLabel { version: env!("CARGO_PKG_VERSION") }).set(1);
+        r.register("build_info", "Always 1; which version runs", build);
         r.register("store_queue", "Decisions that wait for the disk", self.store_queue.clone());
         r.register("expired_leases", "Leases that ran out", self.expired_leases.clone());
         r.register("late_reports", "Reports that came after their lease", self.late_reports.clone());
         r.register("removed_trials", "Old trials that retention removed", self.removed_trials.clone());
         let now = &self.now;
+        r.register("connections", "Open connections", now.connections.clone());
+        r.register(
+            "connections_unauthorised",
+            "Open connections on which no request was authorised yet",
+            now.newcomers.clone(),
+        );
         r.register("requests_in_flight", "Requests being worked on", now.in_flight.clone());
         r.register("tune_streams", "Open Tune streams", now.streams.clone());
         r.register("studies_in_memory", "Studies whose tuner is in memory", now.studies_in_memory.clone());
@@ -186,33 +213,33 @@ impl Metrics {
         r.register_with_unit("resident_memory", "Memory of the process", Unit::Bytes, now.memory.clone());
         self.studies.register(r);
         // What must be noticed when it first happens is shown before it does.
-        for reason in ["limit", "tls", "overdue"] {
-            drop(self.connections_lost.get_or_create(&Reason { reason }));
+        for reason in ["limit", "address", "made_room", "tls", "overdue"] {
+            drop(self.connections_lost.get_or_create(&ReasonLabel { reason }));
         }
         for outcome in ["answered", "silent"] {
-            drop(self.forwarded.get_or_create(&Outcome { outcome }));
+            drop(self.forwarded.get_or_create(&OutcomeLabel { outcome }));
         }
     }
 
     /// A request, or a frame of a stream, has been answered.
     pub(crate) fn answered(&self, rpc: &'static str, code: Code, took: Duration) {
-        self.requests.get_or_create(&Ending { rpc, code: code_name(code) }).inc();
-        self.request_seconds.get_or_create(&Rpc { rpc }).observe(took.as_secs_f64());
+        self.requests.get_or_create(&EndingLabel { rpc, code: code_name(code) }).inc();
+        self.request_seconds.get_or_create(&RpcLabel { rpc }).observe(took.as_secs_f64());
     }
 
     /// Something was refused.
     pub(crate) fn refused(&self, reason: &'static str) {
-        self.refusals.get_or_create(&Reason { reason }).inc();
+        self.refusals.get_or_create(&ReasonLabel { reason }).inc();
     }
 
-    /// A connection was refused or closed: `limit`, `tls` or `overdue`.
+    /// A connection was refused or closed: `limit`, `address`, `made_room`, `tls` or `overdue`.
     pub(crate) fn connection_lost(&self, reason: &'static str) {
-        self.connections_lost.get_or_create(&Reason { reason }).inc();
+        self.connections_lost.get_or_create(&ReasonLabel { reason }).inc();
     }
 
     /// A request was passed on to another replica: `answered` or `silent`.
     pub(crate) fn forwarded(&self, outcome: &'static str) {
-        self.forwarded.get_or_create(&Outcome { outcome }).inc();
+        self.forwarded.get_or_create(&OutcomeLabel { outcome }).inc();
     }
 
     /// A tuner has decided these changes.
@@ -234,7 +261,7 @@ impl Metrics {
 
     /// Waits for the disk, and counts the wait.
     pub(crate) async fn durable(&self, receipt: Receipt) -> Result<(), StoreError> {
-        let waiting = Waiting { queue: &self.store_queue, since: Instant::now() };
+        let waiting = QueuePlace { queue: &self.store_queue, since: Instant::now() };
         self.store_queue.inc();
         let stored = receipt.durable().await;
         self.durable_seconds.observe(waiting.since.elapsed().as_secs_f64());
@@ -261,6 +288,8 @@ impl Metrics {
         self.studies.show(&moment.studies);
         let now = &self.now;
         for (gauge, value) in [
+            (&now.connections, moment.connections as u64),
+            (&now.newcomers, moment.newcomers as u64),
             (&now.in_flight, moment.in_flight as u64),
             (&now.streams, moment.streams as u64),
             (&now.studies_in_memory, moment.studies_in_memory as u64),
@@ -277,12 +306,12 @@ impl Metrics {
 }
 
 /// A place in the queue to the disk, also of a request that is given up while it waits.
-struct Waiting<'a> {
+struct QueuePlace<'a> {
     queue: &'a Gauge,
     since: Instant,
 }
 
-impl Drop for Waiting<'_> {
+impl Drop for QueuePlace<'_> {
     fn drop(&mut self) {
         self.queue.dec();
     }
@@ -324,7 +353,6 @@ mod tests {
     use treewright_core::tuner::Statistics;
 
     use super::*;
-    use crate::tuning::figures::Tally;
 
     #[test]
     fn figures_are_written_with_few_labels() {

@@ -9,44 +9,44 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::{Registry, Unit};
 
-use crate::tuning::figures::{MODES, StudyFigures};
+use super::study::{MODES, StudyFigures};
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct Study {
+struct StudyLabel {
     study: String,
 }
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct Moded {
+struct ModeLabel {
     study: String,
     mode: &'static str,
 }
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct Predicted {
+struct PredictorLabel {
     study: String,
     predictor: &'static str,
 }
 
-type Sum = Counter<f64, AtomicU64>;
-type Level = Gauge<f64, AtomicU64>;
+type FloatCounter = Counter<f64, AtomicU64>;
+type FloatGauge = Gauge<f64, AtomicU64>;
 
 /// The figures, by study.
 #[derive(Debug, Default)]
-pub(super) struct Studies {
-    trials: Family<Study, Gauge>,
-    states: Family<Study, Gauge>,
-    open_leases: Family<Study, Gauge>,
-    expired_leases: Family<Study, Counter>,
-    frames: Family<Moded, Counter>,
-    cost: Family<Moded, Sum>,
-    regret: Family<Moded, Sum>,
-    model_error: Family<Predicted, Level>,
-    model_age: Family<Study, Level>,
-    unsaved_trials: Family<Study, Gauge>,
+pub(super) struct StudyFamilies {
+    trials: Family<StudyLabel, Gauge>,
+    states: Family<StudyLabel, Gauge>,
+    open_leases: Family<StudyLabel, Gauge>,
+    expired_leases: Family<StudyLabel, Counter>,
+    frames: Family<ModeLabel, Counter>,
+    cost: Family<ModeLabel, FloatCounter>,
+    regret: Family<ModeLabel, FloatCounter>,
+    model_error: Family<PredictorLabel, FloatGauge>,
+    model_age: Family<StudyLabel, FloatGauge>,
+    unsaved_trials: Family<StudyLabel, Gauge>,
 }
 
-impl Studies {
+impl StudyFamilies {
     pub(super) fn register(&self, r: &mut Registry) {
         r.register("study_trials", "Trials that a study handed out in all", self.trials.clone());
         r.register("study_states", "States that a study has met", self.states.clone());
@@ -99,7 +99,7 @@ impl Studies {
         self.model_age.clear();
         let count = |count: u64| i64::try_from(count).unwrap_or(i64::MAX);
         for StudyFigures { study, statistics, tally, errors, unsaved_trials, model_age_ms } in figures {
-            let label = Study { study: study.clone() };
+            let label = StudyLabel { study: study.clone() };
             self.trials.get_or_create(&label).set(count(statistics.trials));
             self.states.get_or_create(&label).set(count(statistics.states));
             self.open_leases.get_or_create(&label).set(count(statistics.open_trials));
@@ -109,13 +109,13 @@ impl Studies {
                 self.model_age.get_or_create(&label).set(*age_ms as f64 / 1000.0);
             }
             for (place, (_, mode)) in MODES.iter().enumerate() {
-                let label = Moded { study: study.clone(), mode };
+                let label = ModeLabel { study: study.clone(), mode };
                 self.frames.get_or_create(&label).inc_by(tally.frames[place]);
                 self.cost.get_or_create(&label).inc_by(tally.cost[place]);
                 self.regret.get_or_create(&label).inc_by(tally.regret[place]);
             }
             for (predictor, error) in errors {
-                let label = Predicted { study: study.clone(), predictor };
+                let label = PredictorLabel { study: study.clone(), predictor };
                 self.model_error.get_or_create(&label).set(*error);
             }
         }

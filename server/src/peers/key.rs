@@ -2,7 +2,7 @@
 //!
 //! A request that a replica passes on carries the client's token, and is judged by it as if it had come from the
 //! client itself. The key only tells that it has been counted already and is not to be passed on again. Every replica
-//! finds it in the database; a client cannot know it, and what it sends in its place is taken away at the front.
+//! finds it in the database; a client cannot know it, and what it sends in its place is taken away by the middleware.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;

@@ -11,31 +11,32 @@ use tonic::Status;
 use tonic::transport::{Channel, ClientTlsConfig, Endpoint};
 
 use crate::limits;
-use crate::metrics::METRICS;
+use crate::metrics::Metrics;
 use crate::tls::Tls;
 
 /// Connections by address.
 #[derive(Default)]
 pub(super) struct Links {
     tls: Option<Arc<Tls>>,
-    known: Mutex<Known>,
+    known: Mutex<KnownLinks>,
+    metrics: Arc<Metrics>,
 }
 
 #[derive(Default)]
-struct Known {
+struct KnownLinks {
     /// Of the certificates with which the connections were made.
     number: u64,
-    by_address: HashMap<String, Link>,
+    by_address: HashMap<String, PeerLink>,
 }
 
-struct Link {
+struct PeerLink {
     channel: Channel,
     is_silent: bool,
 }
 
 impl Links {
-    pub(super) fn new(tls: Option<Arc<Tls>>) -> Self {
-        Self { tls, known: Mutex::default() }
+    pub(super) fn new(tls: Option<Arc<Tls>>, metrics: Arc<Metrics>) -> Self {
+        Self { tls, known: Mutex::default(), metrics }
     }
 
     /// A connection to a replica.
@@ -68,14 +69,14 @@ impl Links {
             .http2_keep_alive_interval(limits::KEEPALIVE)
             .keep_alive_timeout(limits::KEEPALIVE)
             .connect_lazy();
-        let link = Link { channel: channel.clone(), is_silent: false };
+        let link = PeerLink { channel: channel.clone(), is_silent: false };
         known.by_address.insert(address.to_owned(), link);
         Ok(channel)
     }
 
     /// A replica answered, whatever it said.
     pub(super) fn answered(&self, address: &str) {
-        METRICS.forwarded("answered");
+        self.metrics.forwarded("answered");
         if self.note(address, false) {
             tracing::info!(address, "the replica answers again");
         }
@@ -83,7 +84,7 @@ impl Links {
 
     /// A replica did not answer.
     pub(super) fn silent(&self, address: &str, error: &(dyn Error + 'static)) {
-        METRICS.forwarded("silent");
+        self.metrics.forwarded("silent");
         if self.note(address, true) {
             let problem = causes(error);
             tracing::warn!(

@@ -21,87 +21,22 @@ use tonic::transport::Channel;
 use tonic::{Code, Request, Status};
 use treewright_proto::v1 as wire;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
-use treewright_store::{Store, StoreError};
+use treewright_store::Store;
 
-use crate::error::Error;
-use crate::front::note_refusal;
 use crate::limits;
-use crate::metrics::METRICS;
+use crate::redirect::Redirect;
+use crate::refusals::Refusals;
 use crate::tls::Tls;
 use links::Links;
 
 pub use key::{FORWARDED, ReplicaKey};
-
-/// In an answer: which replica holds the study.
-pub const HOLDER: &str = "treewright-holder";
-
-/// In an answer: the study that is meant, or that was reloaded before anything was done.
-pub const STUDY: &str = "treewright-study";
-
-/// Why a request that failed here may go well elsewhere, or at another time. Nothing of it was done.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Fate {
-    /// Another replica holds the study.
-    Elsewhere {
-        /// The study.
-        study: String,
-        /// Where that replica is reached.
-        address: String,
-    },
-    /// The study went to another replica while the request was worked on.
-    Again {
-        /// The study.
-        study: String,
-    },
-}
-
-impl Fate {
-    /// What an error says of the request's fate; none where it is final.
-    #[must_use]
-    pub fn of(error: &Error) -> Option<Self> {
-        match error {
-            Error::Store(StoreError::Elsewhere { study, address }) => {
-                Some(Self::Elsewhere { study: study.clone(), address: address.clone() })
-            }
-            Error::Store(StoreError::Fenced { study }) | Error::Reloading { study } => {
-                Some(Self::Again { study: study.clone() })
-            }
-            _ => None,
-        }
-    }
-
-    /// Writes it beside the status of an answer.
-    pub(crate) fn write(&self, metadata: &mut MetadataMap) {
-        let (study, address) = match self {
-            Self::Elsewhere { study, address } => (study, Some(address)),
-            Self::Again { study } => (study, None),
-        };
-        // Ids of studies are plain characters; an address that is no header cannot be passed on to either.
-        if let Ok(study) = study.parse() {
-            metadata.insert(STUDY, study);
-        }
-        if let Some(Ok(address)) = address.map(|address| address.parse()) {
-            metadata.insert(HOLDER, address);
-        }
-    }
-
-    /// Reads it from the headers of an answer.
-    #[must_use]
-    pub fn read(headers: &http::HeaderMap) -> Option<Self> {
-        let text = |name| headers.get(name)?.to_str().ok().map(str::to_owned);
-        let study = text(STUDY)?;
-        Some(match text(HOLDER) {
-            Some(address) => Self::Elsewhere { study, address },
-            None => Self::Again { study },
-        })
-    }
-}
 
 /// The other replicas.
 pub struct Peers {
     store: Arc<dyn Store>,
     key: ReplicaKey,
     links: Links,
+    refusals: Refusals,
 }
 
 /// A request that may have to look for its replica.
@@ -113,7 +48,7 @@ pub trait Seeking: Sync {
     ///
     /// # Errors
     /// What ends the search.
-    fn here(&self) -> impl Future<Output = Result<(Self::Answer, Option<Fate>), Status>> + Send;
+    fn here(&self) -> impl Future<Output = Result<(Self::Answer, Option<Redirect>), Status>> + Send;
 
     /// Tries in another replica, marked as passed on; none where that leaves the question open.
     ///
@@ -145,15 +80,15 @@ pub async fn find_answer<S: Seeking>(request: &S, was_forwarded: bool) -> Result
         let (answer, fate) = request.here().await?;
         let study = match fate {
             None => return Ok(answer),
-            Some(Fate::Elsewhere { .. }) if was_forwarded => return Ok(answer),
-            Some(Fate::Elsewhere { study, address }) => match request.there(&study, &address).await? {
+            Some(Redirect::ToReplica { .. }) if was_forwarded => return Ok(answer),
+            Some(Redirect::ToReplica { study, address }) => match request.there(&study, &address).await? {
                 Some(theirs) => return Ok(theirs),
                 None => {
                     request.doubt(&study);
                     study
                 }
             },
-            Some(Fate::Again { study }) => study,
+            Some(Redirect::Retry { study }) => study,
         };
         if !patience.wait().await {
             request.gave_up(&study);
@@ -187,9 +122,10 @@ impl Patience {
 impl Peers {
     /// The replicas that share `store`; none where nobody else does. `tls` is how those are reached that speak TLS.
     #[must_use]
-    pub fn of(store: &Arc<dyn Store>, tls: Option<Arc<Tls>>) -> Option<Arc<Self>> {
+    pub fn of(store: &Arc<dyn Store>, tls: Option<Arc<Tls>>, refusals: Refusals) -> Option<Arc<Self>> {
         let key = ReplicaKey::new(&store.replica_key()?);
-        Some(Arc::new(Self { store: Arc::clone(store), key, links: Links::new(tls) }))
+        let links = Links::new(tls, Arc::clone(refusals.metrics()));
+        Some(Arc::new(Self { store: Arc::clone(store), key, links, refusals }))
     }
 
     /// By what replicas know each other's requests.
@@ -221,8 +157,7 @@ impl Peers {
 
     /// Nobody did what was asked for, in the time that there was.
     pub(crate) fn gave_up(&self, study: &str) {
-        METRICS.refused("elsewhere");
-        tracing::warn!(study, "request refused: the study found no replica in time");
+        self.refusals.note_unplaced(study);
     }
 
     /// Passes one frame of a Tune stream on. `metadata` is the stream's own. The inner error is the replica's answer
@@ -257,35 +192,8 @@ fn has_broken(status: &Status) -> bool {
     std::error::Error::source(status).is_some() || status.code() == Code::Unknown
 }
 
-/// Says and counts that something was refused, unless it is only not done here: another replica, or another attempt,
-/// is about to do it.
-pub(crate) fn note_refusal_here(error: &Error, has_peers: bool) {
-    if has_peers && Fate::of(error).is_some() {
-        tracing::debug!(%error, "not done here");
-    } else {
-        note_refusal(error);
-    }
-}
-
 /// Whether an answer of a replica leaves the question open.
 pub(crate) fn is_open(answer: &wire::TuneResponse) -> bool {
     let errors = [&answer.report_error, &answer.suggest_error];
     errors.into_iter().flatten().any(|error| error.code == Code::Unavailable as i32)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_fate_survives_the_way_through_headers() {
-        let study = "hall".to_owned();
-        let address = "http://10.0.0.7:50611".to_owned();
-        for fate in [Fate::Elsewhere { study: study.clone(), address }, Fate::Again { study }] {
-            let mut metadata = MetadataMap::new();
-            fate.write(&mut metadata);
-            assert_eq!(Fate::read(&metadata.into_headers()), Some(fate));
-        }
-        assert_eq!(Fate::read(&http::HeaderMap::new()), None);
-    }
 }

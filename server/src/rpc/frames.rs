@@ -7,7 +7,8 @@ use tonic::metadata::MetadataMap;
 use tonic::{Code, Status};
 use treewright_proto::v1 as wire;
 
-use crate::peers::{FORWARDED, Fate, Peers, Seeking, find_answer, is_open};
+use crate::peers::{FORWARDED, Peers, Seeking, find_answer, is_open};
+use crate::redirect::Redirect;
 
 /// Answers frames with what is at hand in this replica.
 pub(super) trait Attempt: Sync {
@@ -18,17 +19,17 @@ pub(super) trait Attempt: Sync {
     fn attempt(
         &self,
         frame: wire::TuneRequest,
-    ) -> impl Future<Output = Result<(wire::TuneResponse, Option<Fate>), Status>> + Send;
+    ) -> impl Future<Output = Result<(wire::TuneResponse, Option<Redirect>), Status>> + Send;
 }
 
 /// The way of one stream's frames.
-pub(super) struct Frames {
+pub(super) struct FrameRouter {
     peers: Option<Arc<Peers>>,
     /// What the client sent with the stream, its credentials among it.
     metadata: MetadataMap,
 }
 
-impl Frames {
+impl FrameRouter {
     /// Whether what is not done here may be done elsewhere.
     pub(super) fn has_peers(&self) -> bool {
         self.peers.is_some()
@@ -78,22 +79,22 @@ impl Frames {
         here: &impl Attempt,
     ) -> Result<wire::TuneResponse, Status> {
         let was_forwarded = self.metadata.contains_key(FORWARDED);
-        find_answer(&Frame { peers, metadata: &self.metadata, frame, here }, was_forwarded).await
+        find_answer(&SeekingFrame { peers, metadata: &self.metadata, frame, here }, was_forwarded).await
     }
 }
 
 /// One frame, kept so that it can be tried again.
-struct Frame<'a, A> {
+struct SeekingFrame<'a, A> {
     peers: &'a Peers,
     metadata: &'a MetadataMap,
     frame: wire::TuneRequest,
     here: &'a A,
 }
 
-impl<A: Attempt> Seeking for Frame<'_, A> {
+impl<A: Attempt> Seeking for SeekingFrame<'_, A> {
     type Answer = wire::TuneResponse;
 
-    async fn here(&self) -> Result<(wire::TuneResponse, Option<Fate>), Status> {
+    async fn here(&self) -> Result<(wire::TuneResponse, Option<Redirect>), Status> {
         self.here.attempt(self.frame.clone()).await
     }
 

@@ -1,7 +1,7 @@
 //! The gRPC service: reads each request, calls its use case, writes the answer.
 //!
 //! `studies` and `trials` hold the handlers by topic, `tune` the stream. What they share is here: every request
-//! counts against its caller's quotas, passes the gate, and is logged once when it is refused. Handlers read names
+//! counts against its caller's quotas, is admitted, and is logged once when it is refused. Handlers read names
 //! through the [`Caller`], so that nobody reaches a study that is not theirs.
 
 mod frames;
@@ -17,35 +17,37 @@ use treewright_proto::v1::tuning_service_server::TuningService;
 use treewright_proto::v1::{self as wire};
 
 use crate::access::caller::Caller;
+use crate::admission::Admission;
 use crate::connections::UnderWay;
 use crate::error::Error;
-use crate::front::note_refusal;
-use crate::gate::Gate;
+use crate::peers::Peers;
 use crate::peers::key::Counted;
-use crate::peers::{Peers, note_refusal_here};
+use crate::refusals::Refusals;
 use crate::tuning::Tuning;
 
 /// `treewright.v1.TuningService`.
 #[derive(Clone)]
 pub struct Service {
     tuning: Arc<Tuning>,
-    gate: Gate,
+    admission: Admission,
     peers: Option<Arc<Peers>>,
-    /// Whether the front says who sent each request.
-    behind_front: bool,
+    /// Whether the middleware says who sent each request.
+    behind_middleware: bool,
+    refusals: Refusals,
 }
 
 impl Service {
     /// The service on its use cases, open to whoever holds it.
     #[must_use]
-    pub fn new(tuning: Arc<Tuning>, gate: Gate) -> Self {
-        Self { tuning, gate, peers: None, behind_front: false }
+    pub fn new(tuning: Arc<Tuning>, admission: Admission) -> Self {
+        let refusals = Refusals::new(Arc::clone(tuning.metrics()));
+        Self { tuning, admission, peers: None, behind_middleware: false, refusals }
     }
 
-    /// The service behind the [front](crate::front): a request that did not pass it is refused.
+    /// The service behind the [middleware](crate::middleware): a request that did not pass it is refused.
     #[must_use]
-    pub fn behind_front(tuning: Arc<Tuning>, gate: Gate) -> Self {
-        Self { behind_front: true, ..Self::new(tuning, gate) }
+    pub fn behind_middleware(tuning: Arc<Tuning>, admission: Admission, refusals: Refusals) -> Self {
+        Self { behind_middleware: true, refusals, ..Self::new(tuning, admission) }
     }
 
     /// Passes frames of Tune streams on to the replicas that hold their studies.
@@ -54,11 +56,13 @@ impl Service {
         Self { peers, ..self }
     }
 
-    /// Who sent a request, as the front found out.
+    /// Who sent a request, as the middleware found out.
     fn caller<Q>(&self, request: &Request<Q>) -> Result<Caller, Error> {
         match request.extensions().get::<Caller>() {
             Some(caller) => Ok(caller.clone()),
-            None if self.behind_front => Err(Error::Defect("a request came in without passing the front")),
+            None if self.behind_middleware => {
+                Err(Error::Defect("a request came in without passing the middleware"))
+            }
             None => Ok(Caller::Anyone),
         }
     }
@@ -76,13 +80,13 @@ impl Service {
             if !is_counted {
                 caller.spend_request(request.encoded_len())?;
             }
-            let _entered = self.gate.request()?;
+            let _entered = self.admission.request()?;
             work(&self.tuning, &caller, request).await
         };
         match answer.await {
             Ok(answer) => Ok(Response::new(answer)),
             Err(error) => {
-                note_refusal_here(&error, self.peers.is_some());
+                self.refusals.note_here(&error, self.peers.is_some());
                 Err(error.into())
             }
         }
@@ -134,29 +138,30 @@ impl TuningService for Service {
         self.answer(request, trials::report).await
     }
 
-    type TuneStream = tune::Answers;
+    type TuneStream = tune::TuneAnswers;
 
     async fn tune(
         &self,
         request: Request<Streaming<wire::TuneRequest>>,
     ) -> Result<Response<Self::TuneStream>, Status> {
-        let entered = self.caller(&request).and_then(|caller| Ok((caller, self.gate.stream()?)));
+        let entered = self.caller(&request).and_then(|caller| Ok((caller, self.admission.stream()?)));
         match entered {
             Ok((caller, entered)) => {
                 let under_way = request.extensions().get::<Arc<UnderWay>>().cloned();
-                let way = frames::Frames::new(self.peers.clone(), request.metadata());
-                let stream = tune::Stream {
+                let way = frames::FrameRouter::new(self.peers.clone(), request.metadata());
+                let stream = tune::TuneStream {
                     tuning: Arc::clone(&self.tuning),
-                    gate: self.gate.clone(),
+                    admission: self.admission.clone(),
                     caller,
                     is_counted: request.extensions().get::<Counted>().is_some(),
                     has_peers: way.has_peers(),
+                    refusals: self.refusals.clone(),
                     _inside: (entered, under_way),
                 };
                 Ok(Response::new(stream.serve(way, request.into_inner())))
             }
             Err(error) => {
-                note_refusal(&error);
+                self.refusals.note(&error);
                 Err(error.into())
             }
         }

@@ -8,6 +8,7 @@ use treewright_store::{StudyRecord, cursor};
 use crate::access::caller::Caller;
 use crate::convert::from_proto::{self, required};
 use crate::convert::policy::PolicyUpdate;
+use crate::convert::policy_differences::policy_differences;
 use crate::convert::{names, to_proto};
 use crate::error::Error;
 use crate::limits::PAGE_BYTES;
@@ -23,13 +24,19 @@ pub(super) async fn create(
 ) -> Result<wire::Study, Error> {
     let id = names::study_id("study_id", &request.study_id)?;
     caller.reach(&id)?;
-    let spec = from_proto::study(request.study.ok_or_else(|| required("study"))?)?;
+    let study = request.study.ok_or_else(|| required("study"))?;
+    let given = study.policy.clone().unwrap_or_default();
+    let spec = from_proto::study(study)?;
+    let answer = |stored: &StudyRecord| wire::Study {
+        policy_differs: policy_differences(&given, &spec.policy, &stored.spec.policy),
+        ..to_proto::study(stored)
+    };
     let spent = match caller.spend_study() {
         Ok(spent) => spent,
         // Who may create no more may still find what there is.
         Err(over) => {
             return match tuning.get_study(&id).await {
-                Ok(_) => Ok(to_proto::study(&tuning.create_study(&id, &spec).await?.study)),
+                Ok(_) => Ok(answer(&tuning.create_study(&id, &spec).await?.study)),
                 Err(_) => Err(over),
             };
         }
@@ -38,7 +45,7 @@ pub(super) async fn create(
     if created.is_new {
         spent.keep();
     }
-    Ok(to_proto::study(&created.study))
+    Ok(answer(&created.study))
 }
 
 pub(super) async fn get(

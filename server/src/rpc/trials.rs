@@ -1,6 +1,7 @@
 //! Requests that concern trials.
 
 use prost::Message as _;
+use treewright_proto::convert::fingerprint_from_wire;
 use treewright_proto::v1 as wire;
 use treewright_store::TrialQuery;
 use treewright_store::cursor::Cursor;
@@ -52,7 +53,7 @@ pub(super) async fn predict(
     request: wire::PredictRequest,
 ) -> Result<wire::PredictResponse, Error> {
     let study = caller.study("study", &request.study)?;
-    let fingerprint = request.fingerprint.map(from_proto::fingerprint).transpose()?;
+    let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
     let prediction = tuning.predict(&study, &request.indicators, fingerprint.as_ref()).await?;
     Ok(to_proto::prediction(&prediction))
 }
@@ -94,6 +95,11 @@ pub(super) async fn query(
     let study = caller.study("study", &request.study)?;
     let filter = Filter::parse(&request.filter).map_err(|error| Error::invalid("filter", error))?;
     let order = Order::parse(&request.order_by).map_err(|error| Error::invalid("order_by", error))?;
+    if filter.has_names() {
+        let spec = tuning.get_study(&study).await?.spec;
+        let named = filter.check_names(&request.filter, &spec);
+        named.map_err(|error| Error::invalid("filter", error))?;
+    }
     let question = [study.as_str(), &request.filter, &request.order_by];
     let after =
         Cursor::parse(&request.page_token, &question).map_err(|error| Error::invalid("page_token", error))?;
@@ -126,7 +132,7 @@ pub(super) async fn best(
 ) -> Result<wire::Best, Error> {
     let study = caller.study("study", &request.study)?;
     let indicators = Some(&request.indicators).filter(|given| !given.is_empty());
-    let fingerprint = request.fingerprint.map(from_proto::fingerprint).transpose()?;
+    let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
     let best = tuning.best(&study, indicators, fingerprint.as_ref()).await?;
     Ok(to_proto::best(&study, &best))
 }

@@ -12,43 +12,44 @@ use tracing::Instrument as _;
 use treewright_proto::v1 as wire;
 use treewright_store::tokens::Scope;
 
-use super::frames::{Attempt, Frames};
+use super::frames::{Attempt, FrameRouter};
 use super::trials;
 use crate::access::caller::{Caller, Spent};
+use crate::admission::{Admission, Admitted};
 use crate::connections::UnderWay;
 use crate::convert::from_proto::{self, Report, Suggest};
 use crate::convert::to_proto;
 use crate::error::Error;
-use crate::front::note_refusal;
-use crate::gate::{Entered, Gate};
 use crate::limits;
-use crate::metrics::METRICS;
-use crate::peers::{Fate, note_refusal_here};
+use crate::redirect::Redirect;
+use crate::refusals::Refusals;
+use crate::status;
 use crate::tuning::Tuning;
 
 /// The answers of one stream.
-pub(super) type Answers = ReceiverStream<Result<wire::TuneResponse, Status>>;
+pub(super) type TuneAnswers = ReceiverStream<Result<wire::TuneResponse, Status>>;
 
 /// What one stream works with.
-pub(super) struct Stream {
+pub(super) struct TuneStream {
     pub(super) tuning: Arc<Tuning>,
-    pub(super) gate: Gate,
+    pub(super) admission: Admission,
     pub(super) caller: Caller,
     /// Its frames were counted by the replica that passed them on.
     pub(super) is_counted: bool,
     /// What is not done here may be done by another replica.
     pub(super) has_peers: bool,
+    pub(super) refusals: Refusals,
     /// Held until the stream ends: a place among the streams, and the connection's right to stay.
-    pub(super) _inside: (Entered, Option<Arc<UnderWay>>),
+    pub(super) _inside: (Admitted, Option<Arc<UnderWay>>),
 }
 
-impl Stream {
+impl TuneStream {
     /// Serves until the client ends the stream, its token ends or the daemon drains. The work is a task of its own,
     /// so that a client that vanishes does not cut a frame in two.
-    pub(super) fn serve(self, way: Frames, mut frames: Streaming<wire::TuneRequest>) -> Answers {
+    pub(super) fn serve(self, way: FrameRouter, mut frames: Streaming<wire::TuneRequest>) -> TuneAnswers {
         let (answers, stream) = mpsc::channel(limits::TUNE_ANSWERS_WAITING);
         let work = async move {
-            let draining = self.gate.draining();
+            let draining = self.admission.draining();
             tokio::pin!(draining);
             loop {
                 let frame = tokio::select! {
@@ -64,15 +65,20 @@ impl Stream {
                     Ok(Some(frame)) => {
                         let since = Instant::now();
                         let answer = way.answer(frame, &self).await;
-                        METRICS.answered("Tune.frame", code(&answer), since.elapsed());
+                        self.refusals.metrics().answered("Tune.frame", code(&answer), since.elapsed());
                         answer
                     }
                     Ok(None) => break,
-                    Err(status) => Err(status),
+                    Err(status) => Err(status::corrected(status)),
                 };
                 let last = answer.is_err();
-                // A client that no longer listens wants no more answers.
-                if answers.send(answer).await.is_err() || last {
+                // A client that no longer listens wants no more answers, and one that does not read them in time
+                // must not keep a place among the streams.
+                let sent = timeout(limits::TUNE_UNREAD, answers.send(answer)).await;
+                if sent.is_err() {
+                    tracing::info!("a Tune stream is ended: its client does not read the answers");
+                }
+                if last || !matches!(sent, Ok(Ok(()))) {
                     break;
                 }
             }
@@ -87,7 +93,7 @@ impl Stream {
             None => (None, None),
             Some(Ok(value)) => (Some(value), None),
             Some(Err(error)) => {
-                note_refusal_here(&error, self.has_peers);
+                self.refusals.note_here(&error, self.has_peers);
                 (None, Some(error.into()))
             }
         }
@@ -104,9 +110,19 @@ impl Stream {
         self.caller.reach(&suggest.study)?;
         Ok((suggest, self.caller.spend_trial()?))
     }
+
+    /// The answer to a frame of which nothing was done.
+    fn refuse(&self, frame: &wire::TuneRequest, error: &Error) -> wire::TuneResponse {
+        self.refusals.note(error);
+        wire::TuneResponse {
+            report_error: frame.report.as_ref().map(|_| error.clone().into()),
+            suggest_error: frame.suggest.as_ref().map(|_| error.clone().into()),
+            ..wire::TuneResponse::default()
+        }
+    }
 }
 
-impl Attempt for Stream {
+impl Attempt for TuneStream {
     fn count(&self, frame: &wire::TuneRequest) -> Result<Option<wire::TuneResponse>, Status> {
         if self.is_counted {
             return Ok(None);
@@ -114,22 +130,25 @@ impl Attempt for Stream {
         match self.caller.spend_request(frame.encoded_len()) {
             Ok(()) => Ok(None),
             Err(error @ Error::Unauthenticated(_)) => {
-                note_refusal(&error);
+                self.refusals.note(&error);
                 Err(error.into())
             }
-            Err(error) => Ok(Some(refused(frame, &error))),
+            Err(error) => Ok(Some(self.refuse(frame, &error))),
         }
     }
 
     /// An error of one frame comes back in its answer; the end of a token ends the stream.
-    async fn attempt(&self, frame: wire::TuneRequest) -> Result<(wire::TuneResponse, Option<Fate>), Status> {
+    async fn attempt(
+        &self,
+        frame: wire::TuneRequest,
+    ) -> Result<(wire::TuneResponse, Option<Redirect>), Status> {
         if let Err(error) = self.caller.may(Scope::Tune) {
-            note_refusal(&error);
+            self.refusals.note(&error);
             return Err(error.into());
         }
-        let _entered = match self.gate.request() {
+        let _entered = match self.admission.request() {
             Ok(entered) => entered,
-            Err(error) => return Ok((refused(&frame, &error), None)),
+            Err(error) => return Ok((self.refuse(&frame, &error), None)),
         };
         let wire::TuneRequest { report, suggest } = frame;
         let (report, report_error) = self.split(report.map(|report| self.report(report)));
@@ -139,7 +158,7 @@ impl Attempt for Stream {
         let suggest_study = suggest.as_ref().map(|suggest| suggest.study.clone());
 
         let done = self.tuning.frame(report, suggest).await;
-        let fate = done.fate();
+        let redirect = done.redirect();
         if let (Some(Ok(_)), Some(spent)) = (&done.suggested, spent) {
             spent.keep();
         }
@@ -151,7 +170,7 @@ impl Attempt for Stream {
             report_error: report_error.or(taking_error),
             suggest_error: suggest_error.or(suggesting_error),
         };
-        Ok((response, fate))
+        Ok((response, redirect))
     }
 }
 
@@ -163,15 +182,5 @@ fn code(answer: &Result<wire::TuneResponse, Status>) -> Code {
             error.map_or(Code::Ok, |error| Code::from_i32(error.code))
         }
         Err(status) => status.code(),
-    }
-}
-
-/// The answer to a frame of which nothing was done.
-fn refused(frame: &wire::TuneRequest, error: &Error) -> wire::TuneResponse {
-    note_refusal(error);
-    wire::TuneResponse {
-        report_error: frame.report.as_ref().map(|_| error.clone().into()),
-        suggest_error: frame.suggest.as_ref().map(|_| error.clone().into()),
-        ..wire::TuneResponse::default()
     }
 }

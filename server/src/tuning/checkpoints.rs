@@ -33,14 +33,14 @@ impl Saved {
 }
 
 /// What is to be saved, and when it may be.
-struct Due {
+struct DueCheckpoint {
     learnt: Learnt,
     fence: Fence,
     before: Receipt,
 }
 
 impl Live {
-    fn take_due(&mut self, store: &dyn Store, after: u64) -> Option<Due> {
+    fn take_due(&mut self, store: &dyn Store, after: u64) -> Option<DueCheckpoint> {
         let completed = self.tuner.statistics().completed_trials;
         if !self.saved.is_due(completed, after) {
             return None;
@@ -48,7 +48,7 @@ impl Live {
         // Should saving fail, the next attempt comes after as many trials again.
         self.saved.completion = completed;
         let before = self.commit(store, &[]);
-        Some(Due { learnt: self.tuner.learnt(), fence: self.fence().clone(), before })
+        Some(DueCheckpoint { learnt: self.tuner.learnt(), fence: self.fence().clone(), before })
     }
 }
 
@@ -56,7 +56,7 @@ impl Tuning {
     /// Saves checkpoints where they are due, one study after the other. To be called now and then.
     pub async fn save_checkpoints(&self) {
         for (study, runtime) in self.in_memory() {
-            let due = runtime.peek(|live| live.take_due(&*self.store, self.checkpoint_after)).flatten();
+            let due = runtime.peek(|live| live.take_due(self.store(), self.checkpoint_after)).flatten();
             let Some(due) = due else {
                 continue;
             };
@@ -70,11 +70,11 @@ impl Tuning {
         }
     }
 
-    async fn save(&self, due: Due, runtime: &Arc<Runtime>) -> Result<Saved, Error> {
-        let Due { learnt, fence, before } = due;
+    async fn save(&self, due: DueCheckpoint, runtime: &Arc<Runtime>) -> Result<Saved, Error> {
+        let DueCheckpoint { learnt, fence, before } = due;
         let checkpoint = compute(move || learnt.checkpoint()).await?;
         before.durable().await?;
-        self.store.save_checkpoint(&fence, &checkpoint).await?;
+        self.store().save_checkpoint(&fence, &checkpoint).await?;
         let (completion, bytes) = (checkpoint.completion, checkpoint.bytes.len() as u64);
         let saved = Saved { completion, stored: completion, bytes };
         runtime.peek(|live| {

@@ -1,85 +1,18 @@
-//! What is told of one study to those who watch: what its frames cost, how much of that is regret, how wrong its
-//! models are and how old.
+//! Collects the figures of the studies in memory for the metrics.
 
-use treewright_core::trial::{Mode, Trial, TrialState};
-use treewright_core::tuner::{Change, Statistics, Tuner};
+use std::sync::Arc;
 
 use super::Tuning;
-use super::runtime::Live;
-
-/// The modes of trials, in the order of [`Tally`]'s sums.
-pub(crate) const MODES: [(Mode, &str); 4] = [
-    (Mode::Default, "default"),
-    (Mode::Explore, "explore"),
-    (Mode::Exploit, "exploit"),
-    (Mode::Pinned, "pinned"),
-];
-
-/// What has been reported since the study came into memory.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Tally {
-    /// Reported frames with a cost, and those costs, by mode.
-    pub(crate) frames: [u64; MODES.len()],
-    pub(crate) cost: [f64; MODES.len()],
-    /// What they cost above the best configuration known of their state at that time.
-    pub(crate) regret: [f64; MODES.len()],
-    /// Leases that ran out.
-    pub(crate) expired: u64,
-    /// When the models last learnt, by the daemon's clock.
-    pub(crate) learnt_ms: Option<i64>,
-}
-
-impl Tally {
-    /// Counts what a tuner has just decided.
-    pub(super) fn take(&mut self, tuner: &Tuner, changes: &[Change]) {
-        for trial in changes.iter().flat_map(|change| &change.trials) {
-            match trial.state {
-                TrialState::Completed => self.complete(tuner, trial),
-                TrialState::Expired => self.expired += 1,
-                TrialState::Open | TrialState::Abandoned => {}
-            }
-        }
-    }
-
-    fn complete(&mut self, tuner: &Tuner, trial: &Trial) {
-        self.learnt_ms = trial.complete_ms.max(self.learnt_ms);
-        let Some(cost) = trial.cost else {
-            return;
-        };
-        let mode = MODES.iter().position(|(mode, _)| *mode == trial.mode()).unwrap_or_default();
-        self.frames[mode] += 1;
-        self.cost[mode] += cost;
-        if let Some(best) = tuner.best_cost(trial.state_id) {
-            self.regret[mode] += (cost - best).max(0.0);
-        }
-    }
-}
-
-/// What is told of one study.
-#[derive(Clone, Debug)]
-pub(crate) struct StudyFigures {
-    /// Its id.
-    pub(crate) study: String,
-    /// Counts of the whole study.
-    pub(crate) statistics: Statistics,
-    /// What happened since it came into memory.
-    pub(crate) tally: Tally,
-    /// Mean relative error of each predictor, as the absolute logarithm, on trials it had not learnt.
-    pub(crate) errors: Vec<(&'static str, f64)>,
-    /// Completed trials that the last checkpoint does not cover: they would be learnt again at a start.
-    pub(crate) unsaved_trials: u64,
-    /// Since when the models have not learnt, in milliseconds; none before the first report in memory.
-    pub(crate) model_age_ms: Option<i64>,
-}
+use super::runtime::{Live, Runtime};
+use crate::metrics::StudyFigures;
 
 impl Tuning {
     /// Figures of the `most` studies in memory that were used last.
     pub(crate) fn figures(&self, most: usize) -> Vec<StudyFigures> {
-        let now_ms = self.clock.now_ms();
+        let now_ms = self.now_ms();
         let studies = self.last_used(most);
-        let look = |(study, runtime): (String, std::sync::Arc<super::Runtime>)| {
-            runtime.peek(|live| live.figures(study, now_ms))
-        };
+        let look =
+            |(study, runtime): (String, Arc<Runtime>)| runtime.peek(|live| live.figures(study, now_ms));
         studies.into_iter().filter_map(look).collect()
     }
 }

@@ -8,8 +8,7 @@ use super::thinking::{Apart, Prepared};
 use super::{Live, Tuning};
 use crate::convert::from_proto::{Report, Suggest};
 use crate::error::Error;
-use crate::metrics::METRICS;
-use crate::peers::Fate;
+use crate::redirect::Redirect;
 
 /// How often a report of a closed trial is tried, should another request change such a trial meanwhile.
 const TRIES: usize = 8;
@@ -34,10 +33,10 @@ pub struct FrameAnswer {
 impl FrameAnswer {
     /// Where to try again what could not be done here.
     #[must_use]
-    pub fn fate(&self) -> Option<Fate> {
+    pub fn redirect(&self) -> Option<Redirect> {
         let reported = self.reported.as_ref().and_then(|result| result.as_ref().err());
         let suggested = self.suggested.as_ref().and_then(|result| result.as_ref().err());
-        reported.into_iter().chain(suggested).find_map(Fate::of)
+        reported.into_iter().chain(suggested).find_map(Redirect::of)
     }
 }
 
@@ -70,7 +69,7 @@ impl Tuning {
                 }))
             })
             .await??;
-        METRICS.durable(receipt).await?;
+        self.metrics().durable(receipt).await?;
         Ok(trial)
     }
 
@@ -132,7 +131,7 @@ impl Tuning {
         match computed {
             Ok(Some((completed, Err(apart), receipt, _))) => {
                 let suggested = self.suggest_after(suggest, Some(apart));
-                let (durable, suggested) = tokio::join!(METRICS.durable(receipt), suggested);
+                let (durable, suggested) = tokio::join!(self.metrics().durable(receipt), suggested);
                 let reported = durable.map(|()| Reported::Taken(completed)).map_err(Error::from);
                 FrameAnswer { reported: Some(reported), suggested: Some(suggested) }
             }

@@ -1,13 +1,14 @@
 //! The use cases of the daemon, apart from the wire: what each request does to tuner and store.
 //!
-//! The order is always the same: take the tuner's lock, compute, queue the change, let go, wait until it
-//! is durable, answer. Nothing is answered that is not on the disk, and nothing is computed under the lock that takes
-//! a model to be fitted: `thinking` does that before. `runtime` holds the tuners, `loading` reads them,
-//! `checkpoints` spares that, `retention` lets old trials go, `frames` suggests and reports, `trials` does what concerns
-//! one trial, `studies` what concerns a study, `figures` tells those who watch.
+//! The order is always the same: take the tuner's lock, compute, queue the change, let go of the lock, wait until the
+//! change is durable, answer. Nothing is answered that is not on the disk. No model is fitted under the lock:
+//! `thinking` does that before. `runtime` holds the tuners in memory, `loading` reads a study from the database,
+//! `checkpoints` saves what was learnt so that less has to be read, `retention` removes old trials, `frames` suggests
+//! and reports, `trials` does what concerns one trial, `studies` what concerns a study, `figures` collects what the
+//! metrics show.
 
 mod checkpoints;
-pub(crate) mod figures;
+mod figures;
 mod frames;
 mod loading;
 mod retention;
@@ -26,19 +27,27 @@ use treewright_store::Store;
 use crate::clock::Clock;
 use crate::error::Error;
 use crate::limits;
+use crate::metrics::Metrics;
 use runtime::{Live, Runtime};
 
 pub use frames::{FrameAnswer, Reported};
 
-/// The use cases. Cheap to share.
+/// The use cases on one store. Holds the tuners of the studies in memory.
 pub struct Tuning {
-    store: Arc<dyn Store>,
-    clock: Arc<dyn Clock>,
+    environment: Arc<Environment>,
     /// Completed trials after which a checkpoint is worth its bytes, as long as it is small.
     checkpoint_after: u64,
-    /// Places for those who think.
-    thinking: Semaphore,
+    /// Places for model fits that run at once.
+    thinking: Arc<Semaphore>,
     runtimes: Mutex<Runtimes>,
+}
+
+/// What a study in memory works with: the database, the time, and where everything is counted.
+#[derive(Clone)]
+struct Environment {
+    store: Arc<dyn Store>,
+    clock: Arc<dyn Clock>,
+    metrics: Arc<Metrics>,
 }
 
 /// The studies in memory, each with the time of its last use, counted in uses.
@@ -52,8 +61,30 @@ impl Tuning {
     /// The use cases on a store and a clock.
     #[must_use]
     pub fn new(store: Arc<dyn Store>, clock: Arc<dyn Clock>) -> Self {
+        let environment = Arc::new(Environment { store, clock, metrics: Arc::default() });
         let (checkpoint_after, thinking) = (CHECKPOINT_TRIALS_MIN, thinking::places());
-        Self { store, clock, checkpoint_after, thinking, runtimes: Mutex::default() }
+        Self { environment, checkpoint_after, thinking, runtimes: Mutex::default() }
+    }
+
+    /// Counts in `metrics`, instead of in figures that nobody else sees.
+    #[must_use]
+    pub fn with_metrics(self, metrics: Arc<Metrics>) -> Self {
+        let environment = Environment { metrics, ..(*self.environment).clone() };
+        Self { environment: Arc::new(environment), ..self }
+    }
+
+    /// Where everything is counted.
+    #[must_use]
+    pub fn metrics(&self) -> &Arc<Metrics> {
+        &self.environment.metrics
+    }
+
+    fn store(&self) -> &dyn Store {
+        &*self.environment.store
+    }
+
+    fn now_ms(&self) -> i64 {
+        self.environment.clock.now_ms()
     }
 
     /// Saves checkpoints after so many completed trials, where the usual number would hide them from a test.
@@ -68,18 +99,18 @@ impl Tuning {
         study: &str,
         compute: impl FnOnce(&mut Live, &dyn Store, i64) -> T + Send,
     ) -> Result<T, Error> {
-        let runtime = self.runtime(study);
-        let store = &*self.store;
+        let (runtime, store) = (self.runtime(study), self.store());
         let computed = runtime
-            .with(store, study, &*self.clock, |live| {
-                let now_ms = self.clock.now_ms();
+            .with(|live| {
+                let now_ms = self.now_ms();
                 live.expire(store, now_ms);
                 compute(live, store, now_ms)
             })
             .await;
-        if computed.is_err() {
+        match &computed {
+            Ok(_) | Err(Error::Loading { .. }) => {}
             // Chiefly names of no study, which must not fill the memory.
-            self.forget(study);
+            Err(_) => self.forget(study),
         }
         computed
     }
@@ -100,7 +131,7 @@ impl Tuning {
                 runtimes.by_study.remove(&oldest);
             }
         }
-        let runtime = Arc::<Runtime>::default();
+        let runtime = Runtime::new(study, Arc::clone(&self.environment));
         let entry = (Arc::clone(&runtime), now);
         runtimes.by_study.insert(study.to_owned(), entry);
         runtime

@@ -18,10 +18,9 @@ use super::loading::compute;
 use super::runtime::Live;
 use crate::error::Error;
 use crate::limits::{TRIALS_PER_READ, TRIALS_PER_REMOVAL};
-use crate::metrics::METRICS;
 
 /// Where trials can go.
-struct Due {
+struct DueRemoval {
     learnt: Learnt,
     fence: Fence,
     /// Highest number that may go.
@@ -32,7 +31,7 @@ struct Due {
 
 impl Live {
     /// Whether trials may have become superfluous since the last look: there is a newer checkpoint.
-    fn take_thinning(&mut self, keep: u64, models: u64) -> Option<Due> {
+    fn take_thinning(&mut self, keep: u64, models: u64) -> Option<DueRemoval> {
         let stored = self.saved.stored;
         let counts = self.tuner.statistics();
         let number = counts.trials.saturating_sub(keep);
@@ -46,7 +45,7 @@ impl Live {
         if stored <= since {
             completion = completion.min(since.saturating_sub(models));
         }
-        Some(Due { learnt: self.tuner.learnt(), fence: self.fence().clone(), number, completion })
+        Some(DueRemoval { learnt: self.tuner.learnt(), fence: self.fence().clone(), number, completion })
     }
 }
 
@@ -75,15 +74,15 @@ impl Tuning {
     }
 
     /// How many were removed, and how many of those that were looked at stay.
-    async fn thin(&self, due: Due) -> Result<(u64, u64), Error> {
-        let Due { learnt, fence, number, completion } = due;
+    async fn thin(&self, due: DueRemoval) -> Result<(u64, u64), Error> {
+        let DueRemoval { learnt, fence, number, completion } = due;
         let measured_by = compute(move || learnt.measured_by()).await?;
         let may_go = |trial: &ClosedTrial| {
             trial.completion.is_none_or(|at| at <= completion) && !measured_by.contains(&trial.number)
         };
         let (mut after, mut removed, mut stayed) = (0, 0, 0);
         loop {
-            let closed = self.store.closed_trials(&fence, after, number, TRIALS_PER_READ).await?;
+            let closed = self.store().closed_trials(&fence, after, number, TRIALS_PER_READ).await?;
             let Some(last) = closed.last() else {
                 return Ok((removed, stayed));
             };
@@ -93,8 +92,8 @@ impl Tuning {
             stayed += (closed.len() - gone.len()) as u64;
             for some in gone.chunks(TRIALS_PER_REMOVAL) {
                 let begun = Instant::now();
-                let count = self.store.remove_trials(&fence, some, completion).await?;
-                METRICS.removed(count);
+                let count = self.store().remove_trials(&fence, some, completion).await?;
+                self.metrics().removed(count);
                 removed += count;
                 // At most half of the disk's time is for this.
                 sleep(begun.elapsed().min(Duration::from_secs(1))).await;

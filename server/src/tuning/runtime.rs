@@ -2,31 +2,51 @@
 //!
 //! A use case locks it, computes, queues the change in the order of the computations, unlocks, and only
 //! then waits for the disk. The lock is a plain one and is never held across an await. Whether the cache is
-//! still worth anything is told by its [`Fence`]: once a write under it failed, the next use case loads
-//! the study anew.
+//! still worth anything is told by its [`Fence`]: once a write under it failed, the study is loaded anew.
+//!
+//! Loading belongs to the daemon, not to the request that needs it: it is a task of its own that goes on when the
+//! request is cancelled, so that clients with short deadlines find the study in memory when they come again. A request
+//! waits for it [`LOADING_WAIT`] at most.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
+use tokio::sync::watch;
+use tokio::task::AbortHandle;
+use tokio::time::timeout;
 use treewright_core::tuner::{Change, Tuner};
 use treewright_store::{Fence, Receipt, Store};
 
+use super::Environment;
 use super::checkpoints::Saved;
-use super::figures::Tally;
 use super::loading::{self, Read};
 use super::thinking::Searched;
-use crate::clock::Clock;
 use crate::error::Error;
-use crate::metrics::METRICS;
+use crate::limits::LOADING_WAIT;
+use crate::metrics::{Metrics, Tally};
 
 /// How often a study is loaded for one request, should its fence break at once each time.
 const LOADS_PER_REQUEST: usize = 3;
 
 /// The cache of one study.
-#[derive(Debug, Default)]
 pub(super) struct Runtime {
+    study: String,
+    environment: Arc<Environment>,
     live: Mutex<Option<Live>>,
-    /// Lets one request load while the others wait for it. Not held by anyone who has a tuner.
-    loading: tokio::sync::Mutex<()>,
+    /// The last load, which may be under way. Locked before `live` where both are.
+    loading: Mutex<Option<Loading>>,
+}
+
+/// A load of a study. It ends when this is dropped.
+struct Loading {
+    /// How it ended; none while it is under way.
+    result: watch::Receiver<Option<Result<(), Error>>>,
+    task: AbortHandle,
+}
+
+impl Drop for Loading {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
 }
 
 /// A tuner and the right to store what it decides.
@@ -34,6 +54,7 @@ pub(super) struct Runtime {
 pub(super) struct Live {
     pub(super) tuner: Tuner,
     fence: Fence,
+    metrics: Arc<Metrics>,
     /// Rises with each change of a trial that was not open. Whoever read such a trial from the store can
     /// tell by it whether the trial may have changed since.
     pub(super) closed_changes: u64,
@@ -52,8 +73,8 @@ pub(super) struct Live {
 impl Live {
     /// Queues what the tuner decided. Must be called under the lock under which it was decided.
     pub(super) fn commit(&mut self, store: &dyn Store, changes: &[Change]) -> Receipt {
-        METRICS.decided(changes);
-        self.tally.take(&self.tuner, changes);
+        self.metrics.decided(changes);
+        self.tally.add(&self.tuner, changes);
         store.commit(&self.fence, changes)
     }
 
@@ -63,7 +84,7 @@ impl Live {
             return;
         }
         let change = self.tuner.expire(now_ms);
-        METRICS.expired(change.trials.len());
+        self.metrics.expired(change.trials.len());
         for trial in &change.trials {
             tracing::info!(
                 study = self.fence.study(),
@@ -85,21 +106,29 @@ impl Live {
 }
 
 impl Runtime {
+    /// An empty cache of a study.
+    pub(super) fn new(study: &str, environment: Arc<Environment>) -> Arc<Self> {
+        let (live, loading) = (Mutex::default(), Mutex::default());
+        Arc::new(Self { study: study.to_owned(), environment, live, loading })
+    }
+
     /// Computes on the tuner, loading it first where that is needed.
     pub(super) async fn with<T>(
-        &self,
-        store: &dyn Store,
-        study: &str,
-        clock: &dyn Clock,
+        self: &Arc<Self>,
         compute: impl FnOnce(&mut Live) -> T + Send,
     ) -> Result<T, Error> {
         for _ in 0..LOADS_PER_REQUEST {
             if let Some(live) = current(&mut self.lock()) {
                 return Ok(compute(live));
             }
-            self.load(store, study, clock).await?;
+            let mut result = self.load();
+            match timeout(LOADING_WAIT, result.wait_for(Option::is_some)).await {
+                Ok(Ok(ended)) => ended.clone().unwrap_or(Ok(()))?,
+                Ok(Err(_)) => return Err(Error::Defect("loading a study panicked")),
+                Err(_) => return Err(Error::Loading { study: self.study.clone() }),
+            }
         }
-        Err(Error::Reloading { study: study.to_owned() })
+        Err(Error::Reloading { study: self.study.clone() })
     }
 
     /// Looks at the tuner, if there is one and it is current.
@@ -117,28 +146,51 @@ impl Runtime {
         })
     }
 
-    async fn load(&self, store: &dyn Store, study: &str, clock: &dyn Clock) -> Result<(), Error> {
-        let _alone = self.loading.lock().await;
-        if current(&mut self.lock()).is_some() {
-            return Ok(());
+    /// The load that is under way, or a new one where the tuner is not current.
+    fn load(self: &Arc<Self>) -> watch::Receiver<Option<Result<(), Error>>> {
+        let mut loading = self.loading.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(last) = loading.as_ref() {
+            let is_under_way = last.result.borrow().is_none() && last.result.has_changed().is_ok();
+            if is_under_way || current(&mut self.lock()).is_some() {
+                return last.result.clone();
+            }
         }
-        let Read { mut tuner, fence, saved } = loading::load(store, study, clock.now_ms()).await?;
-        tuner.defer_updates();
-        let completed = tuner.statistics().completed_trials;
-        tracing::info!(study, completed, from_checkpoint = saved.completion, "study loaded");
-        let (tally, searched) = (Tally::default(), Searched::default());
-        *self.lock() = Some(Live {
-            tuner,
-            fence,
-            closed_changes: 0,
-            saved,
-            thinned: 0,
-            searched,
-            tally,
-            is_stale: false,
+        let (ended, result) = watch::channel(None);
+        let (study, environment) = (self.study.clone(), Arc::clone(&self.environment));
+        let runtime = Arc::downgrade(self);
+        let task = tokio::spawn(async move {
+            let (store, now_ms) = (&*environment.store, environment.clock.now_ms());
+            let read = loading::load(store, &study, now_ms).await;
+            let read = read.map(|read| keep(&runtime, read, &study));
+            ended.send_replace(Some(read));
         });
-        Ok(())
+        *loading = Some(Loading { result: result.clone(), task: task.abort_handle() });
+        result
     }
+}
+
+/// Makes what was read the tuner of a study, if the study still has a place in memory.
+fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
+    let Read { mut tuner, fence, saved } = read;
+    let Some(runtime) = runtime.upgrade() else {
+        return;
+    };
+    tuner.defer_updates();
+    let completed = tuner.statistics().completed_trials;
+    tracing::info!(study, completed, from_checkpoint = saved.completion, "study loaded");
+    let metrics = Arc::clone(&runtime.environment.metrics);
+    let (tally, searched) = (Tally::default(), Searched::default());
+    *runtime.lock() = Some(Live {
+        tuner,
+        fence,
+        metrics,
+        closed_changes: 0,
+        saved,
+        thinned: 0,
+        searched,
+        tally,
+        is_stale: false,
+    });
 }
 
 /// The tuner, if it is still current.

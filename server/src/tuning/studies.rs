@@ -6,7 +6,6 @@ use treewright_store::{Created, StudyRecord};
 use super::Tuning;
 use crate::convert::policy::PolicyUpdate;
 use crate::error::Error;
-use crate::metrics::METRICS;
 
 impl Tuning {
     /// Creates a study, or finds an equal one.
@@ -14,7 +13,7 @@ impl Tuning {
     /// # Errors
     /// As the wire contract names them.
     pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<Created, Error> {
-        let created = self.store.create_study(id, spec, self.clock.now_ms()).await?;
+        let created = self.store().create_study(id, spec, self.now_ms()).await?;
         if created.is_new {
             tracing::info!(
                 study = id,
@@ -31,7 +30,7 @@ impl Tuning {
     /// # Errors
     /// When there is none, or the store cannot be read.
     pub async fn get_study(&self, study: &str) -> Result<StudyRecord, Error> {
-        Ok(self.store.get_study(study).await?)
+        Ok(self.store().get_study(study).await?)
     }
 
     /// Reads studies by rising id, behind `after`.
@@ -39,7 +38,7 @@ impl Tuning {
     /// # Errors
     /// When the store cannot be read.
     pub async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, Error> {
-        Ok(self.store.list_studies(after, size).await?)
+        Ok(self.store().list_studies(after, size).await?)
     }
 
     /// Changes a study's policy. It holds from the next suggestion on.
@@ -56,7 +55,7 @@ impl Tuning {
                 Ok::<_, Error>(store.update_policy(live.fence(), &policy, live.tuner.models_since()))
             })
             .await??;
-        METRICS.durable(receipt).await?;
+        self.metrics().durable(receipt).await?;
         tracing::info!(study, "policy changed");
         self.get_study(study).await
     }
@@ -66,7 +65,7 @@ impl Tuning {
     /// # Errors
     /// When there is none, or the store cannot be written.
     pub async fn delete_study(&self, study: &str) -> Result<(), Error> {
-        self.store.delete_study(study).await?;
+        self.store().delete_study(study).await?;
         self.forget(study);
         tracing::info!(study, "study deleted");
         Ok(())
@@ -78,12 +77,12 @@ impl Tuning {
     /// # Errors
     /// The first that occurred; the other studies are swept all the same.
     pub async fn sweep_leases(&self) -> Result<(), Error> {
-        let due = self.store.studies_with_due_leases(self.clock.now_ms()).await?;
+        let due = self.store().studies_with_due_leases(self.now_ms()).await?;
         let mut result = Ok(());
         for study in due {
             let swept = self.with_tuner(&study, |live, store, _| live.commit(store, &[])).await;
             let swept = match swept {
-                Ok(receipt) => METRICS.durable(receipt).await.map_err(Error::from),
+                Ok(receipt) => self.metrics().durable(receipt).await.map_err(Error::from),
                 Err(error) => Err(error),
             };
             result = result.and(swept);

@@ -8,7 +8,7 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Weak};
 
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use treewright_core::ids::StateId;
 use treewright_core::tuner::{PlanRequest, SuggestionPlan};
 use treewright_store::{Receipt, Store, StoreError};
@@ -18,11 +18,10 @@ use super::loading::compute;
 use super::runtime::Live;
 use crate::error::Error;
 use crate::limits::THINKING_WAIT;
-use crate::metrics::METRICS;
 
 /// How many plans are computed at once: as many as there are processors.
-pub(super) fn places() -> Semaphore {
-    Semaphore::new(std::thread::available_parallelism().map_or(1, usize::from))
+pub(super) fn places() -> Arc<Semaphore> {
+    Arc::new(Semaphore::new(std::thread::available_parallelism().map_or(1, usize::from)))
 }
 
 /// The states of a study whose search is being planned for: each as long as somebody holds its token.
@@ -104,11 +103,23 @@ impl Tuning {
 
     /// Computes a plan; an empty one where there is no processor for it in time.
     async fn compute_plan(&self, request: PlanRequest) -> Result<SuggestionPlan, Error> {
-        let Ok(Ok(_place)) = tokio::time::timeout(THINKING_WAIT, self.thinking.acquire()).await else {
-            METRICS.not_thought();
+        let Some(place) = self.place().await else {
+            self.metrics().not_thought();
             return Ok(SuggestionPlan::default());
         };
-        METRICS.thought(compute(move || request.compute())).await
+        let fit = move || {
+            let plan = request.compute();
+            drop(place);
+            plan
+        };
+        self.metrics().thought(compute(fit)).await
+    }
+
+    /// A place among the processors, if one is free in time. Whoever works in another thread takes it along, so that
+    /// it is taken until the work has really ended, also when nobody waits for the result any more.
+    async fn place(&self) -> Option<OwnedSemaphorePermit> {
+        let place = Arc::clone(&self.thinking).acquire_owned();
+        tokio::time::timeout(THINKING_WAIT, place).await.ok()?.ok()
     }
 
     /// Waits for the disk, and computes meanwhile the updates of the models that a report has deferred.
@@ -119,9 +130,9 @@ impl Tuning {
         deferred: bool,
     ) -> Result<(), StoreError> {
         if !deferred {
-            return METRICS.durable(receipt).await;
+            return self.metrics().durable(receipt).await;
         }
-        tokio::join!(METRICS.durable(receipt), self.update_models(study)).0
+        tokio::join!(self.metrics().durable(receipt), self.update_models(study)).0
     }
 
     /// Computes the updates that reports have deferred, if there is a processor for it in time; it is no loss if not.
@@ -132,10 +143,15 @@ impl Tuning {
         let Some((updates, spec)) = runtime.peek(deferred).flatten() else {
             return;
         };
-        let Ok(Ok(_place)) = tokio::time::timeout(THINKING_WAIT, self.thinking.acquire()).await else {
+        let Some(place) = self.place().await else {
             return;
         };
-        if let Ok(computed) = compute(move || updates.compute(&spec.space)).await {
+        let update = move || {
+            let computed = updates.compute(&spec.space);
+            drop(place);
+            computed
+        };
+        if let Ok(computed) = compute(update).await {
             runtime.peek(|live| live.tuner.apply_updates(computed));
         }
     }

@@ -10,13 +10,12 @@ use super::Tuning;
 use super::frames::ClosedMark;
 use crate::convert::names::TrialName;
 use crate::error::Error;
-use crate::metrics::METRICS;
 
 /// How often a closed trial is looked at, should another request change such a trial meanwhile.
 const TRIES: usize = 8;
 
 /// What became of a request for a trial under the tuner's lock.
-enum Found {
+enum TrialLookup {
     Done(Box<Trial>, Receipt),
     Closed(ClosedMark),
 }
@@ -30,32 +29,32 @@ impl Tuning {
         let mut found = self
             .with_tuner(&name.study, |live, store, _| {
                 let Some(open) = live.tuner.open_trial(name.number).cloned() else {
-                    return Ok(Found::Closed(live.mark(store)));
+                    return Ok(TrialLookup::Closed(live.mark(store)));
                 };
                 let (trial, change) = live.tuner.abandon(&open)?;
                 let receipt = live.commit(store, &[change]);
-                Ok::<_, Error>(Found::Done(Box::new(trial), receipt))
+                Ok::<_, Error>(TrialLookup::Done(Box::new(trial), receipt))
             })
             .await??;
         for _ in 0..TRIES {
             let mark = match found {
-                Found::Done(trial, receipt) => {
-                    METRICS.durable(receipt).await?;
+                TrialLookup::Done(trial, receipt) => {
+                    self.metrics().durable(receipt).await?;
                     return Ok(*trial);
                 }
-                Found::Closed(mark) => mark,
+                TrialLookup::Closed(mark) => mark,
             };
             let stored = self.closed_trial(name, mark.receipt).await?;
             let (fence, closed_changes) = (mark.fence, mark.closed_changes);
             found = self
                 .with_tuner(&name.study, |live, store, _| {
                     if !live.is_at(&fence, closed_changes) {
-                        return Ok(Found::Closed(live.mark(store)));
+                        return Ok(TrialLookup::Closed(live.mark(store)));
                     }
                     let (trial, change) = live.tuner.abandon(&live.check(stored)?)?;
                     live.closed_changes += 1;
                     let receipt = live.commit(store, &[change]);
-                    Ok::<_, Error>(Found::Done(Box::new(trial), receipt))
+                    Ok::<_, Error>(TrialLookup::Done(Box::new(trial), receipt))
                 })
                 .await??;
         }
@@ -70,19 +69,19 @@ impl Tuning {
         let found = self
             .with_tuner(&name.study, |live, store, now_ms| {
                 let Some(open) = live.tuner.open_trial(name.number).cloned() else {
-                    return Ok(Found::Closed(live.mark(store)));
+                    return Ok(TrialLookup::Closed(live.mark(store)));
                 };
                 let (trial, change) = live.tuner.extend_lease(&open, now_ms)?;
                 let receipt = live.commit(store, &[change]);
-                Ok::<_, TunerError>(Found::Done(Box::new(trial), receipt))
+                Ok::<_, TunerError>(TrialLookup::Done(Box::new(trial), receipt))
             })
             .await??;
         match found {
-            Found::Done(trial, receipt) => {
-                METRICS.durable(receipt).await?;
+            TrialLookup::Done(trial, receipt) => {
+                self.metrics().durable(receipt).await?;
                 Ok(*trial)
             }
-            Found::Closed(mark) => {
+            TrialLookup::Closed(mark) => {
                 let stored = self.closed_trial(name, mark.receipt).await?;
                 Err(TunerError::NotOpen { number: stored.number, state: stored.state }.into())
             }
@@ -91,8 +90,8 @@ impl Tuning {
 
     /// Reads a trial that is not open, once everything before is stored.
     pub(super) async fn closed_trial(&self, name: &TrialName, before: Receipt) -> Result<RawTrial, Error> {
-        METRICS.durable(before).await?;
-        Ok(self.store.get_trial(&name.study, name.number).await?)
+        self.metrics().durable(before).await?;
+        Ok(self.store().get_trial(&name.study, name.number).await?)
     }
 
     /// Reads a trial.
@@ -100,7 +99,7 @@ impl Tuning {
     /// # Errors
     /// When there is none, or the store cannot be read.
     pub async fn get_trial(&self, name: &TrialName) -> Result<RawTrial, Error> {
-        Ok(self.store.get_trial(&name.study, name.number).await?)
+        Ok(self.store().get_trial(&name.study, name.number).await?)
     }
 
     /// Reads a page of trials.
@@ -108,7 +107,7 @@ impl Tuning {
     /// # Errors
     /// When there is no such study, or the store cannot be read.
     pub async fn query_trials(&self, study: &str, query: &TrialQuery) -> Result<TrialPage, Error> {
-        Ok(self.store.query_trials(study, query).await?)
+        Ok(self.store().query_trials(study, query).await?)
     }
 
     /// What would be exploited. Writes nothing and waits for nothing.
@@ -153,7 +152,7 @@ impl Tuning {
                 Ok::<_, TunerError>((best, live.commit(store, &[])))
             })
             .await??;
-        METRICS.durable(receipt).await?;
+        self.metrics().durable(receipt).await?;
         best.ok_or_else(|| Error::NothingMeasured {
             study: study.to_owned(),
             place: if indicators.is_some() { "in this state" } else { "in any state" },

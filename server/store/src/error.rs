@@ -95,6 +95,12 @@ pub enum OpenError {
         /// What the system said.
         problem: String,
     },
+    /// The name stands for no file.
+    #[error("{:?} is not the name of a file, and nothing would be kept; choose a file", path.display().to_string())]
+    NoName {
+        /// The path.
+        path: PathBuf,
+    },
     /// Another daemon serves this file.
     #[error("{} is in use by another treewrightd{}; stop it or choose another path", path.display(), pid.map(|pid| format!(" (pid {pid})")).unwrap_or_default())]
     InUse {

@@ -16,10 +16,10 @@ use crate::error::StoreError;
 
 /// The right to change one study, from its load until the fence breaks. Cheap to clone.
 #[derive(Clone, Debug)]
-pub struct Fence(Arc<Inner>);
+pub struct Fence(Arc<FenceState>);
 
 #[derive(Debug)]
-struct Inner {
+struct FenceState {
     study: String,
     key: i64,
     epoch: i64,
@@ -35,7 +35,7 @@ impl Fence {
 
     /// A fence that the database knows as well: whoever takes the study later raises its epoch.
     pub(crate) fn of_epoch(study: &str, key: i64, epoch: i64) -> Self {
-        Self(Arc::new(Inner { study: study.to_owned(), key, epoch, broken: AtomicBool::new(false) }))
+        Self(Arc::new(FenceState { study: study.to_owned(), key, epoch, broken: AtomicBool::new(false) }))
     }
 
     /// The study's id.

@@ -6,7 +6,7 @@
 //! come out; rows are an affair of the stores.
 //!
 //! [`filter`] is the language in which trials are asked for, [`cursor`] the page tokens, [`fence`] what
-//! keeps a copy in memory honest, [`tokens`] who may do what, [`keep`] how database files are copied, put back and
+//! keeps a copy in memory honest, [`tokens`] who may do what, [`maintenance`] how database files are copied, put back and
 //! checked.
 #![forbid(unsafe_code)]
 
@@ -15,8 +15,8 @@ pub mod cursor;
 mod error;
 pub mod fence;
 pub mod filter;
-pub mod keep;
 pub mod limits;
+pub mod maintenance;
 mod memory;
 mod postgres;
 mod question;
@@ -26,7 +26,6 @@ mod rows;
 mod sqlite;
 mod store;
 pub mod tokens;
-mod words;
 
 pub use error::{OpenError, StoreError};
 pub use fence::{Fence, Receipt};

@@ -28,7 +28,7 @@ pub const TOKENS: u32 = 10_000;
 
 /// Writes that may wait for the writer. Each waits for one caller, so this is also the number of
 /// callers that can be waiting for the disk at once.
-pub const WRITE_QUEUE: usize = 1024;
+pub const WRITE_QUEUE: usize = 8192;
 
 /// Most writes that share one transaction, so that the first of them does not wait for ever.
 pub const WRITE_GROUP: usize = 256;
@@ -93,7 +93,16 @@ pub const OWNERS_REMEMBERED: usize = 4096;
 /// Studies whose leases one sweep looks at.
 pub const SWEEP_STUDIES: u32 = 256;
 
-/// Rows of a deleted study that are taken away at once.
+/// Rows of a deleted study that SQLite removes in one transaction: about two milliseconds.
+pub const REAPED_ROWS_SQLITE: u32 = 500;
+
+/// Pause between two such transactions, in which other writes go on.
+pub const REAP_PAUSE: Duration = Duration::from_millis(20);
+
+/// Pause after a transaction of that kind that failed.
+pub const REAP_RETRY: Duration = Duration::from_secs(10);
+
+/// Rows of a deleted study that PostgreSQL removes in one transaction.
 pub const REAPED_ROWS: u32 = 10_000;
 
 const _: () = assert!(HEARTBEAT.as_millis() * 3 <= REPLICA_LAPSE.as_millis());

@@ -18,11 +18,11 @@ use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, 
 /// Keeps everything in memory and forgets it when dropped.
 #[derive(Debug, Default)]
 pub struct MemoryStore {
-    inner: Mutex<Inner>,
+    inner: Mutex<MemoryTables>,
 }
 
 #[derive(Debug, Default)]
-struct Inner {
+struct MemoryTables {
     studies: BTreeMap<String, MemoryStudy>,
     last_key: i64,
     closed: bool,
@@ -52,13 +52,13 @@ impl MemoryStore {
 
     /// A panic under the lock would leave whole values behind, since each write is checked before it is
     /// done; so a poisoned lock is as good as any.
-    fn lock(&self) -> Result<MutexGuard<'_, Inner>, StoreError> {
+    fn lock(&self) -> Result<MutexGuard<'_, MemoryTables>, StoreError> {
         let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         if inner.closed { Err(StoreError::Closed) } else { Ok(inner) }
     }
 }
 
-impl Inner {
+impl MemoryTables {
     fn study(&self, id: &str) -> Result<&MemoryStudy, StoreError> {
         self.studies.get(id).ok_or_else(|| not_found(id))
     }

@@ -5,11 +5,12 @@
 //! all databases share, and a [`Dialect`] adds what each says in its own way: how values are bound, and
 //! how a member of a JSON document is read and compared.
 
+use treewright_core::words::Word as _;
+
 use crate::error::StoreError;
 use crate::filter::{Comparison, Literal, Operator, OrderKey};
 use crate::rows::signed;
 use crate::store::TrialQuery;
-use crate::words::{MODES, OUTCOMES, STATES, word};
 
 /// A statement under construction, in one database's own words.
 pub(crate) trait Dialect {
@@ -97,13 +98,13 @@ fn push_key<'d, D: Dialect>(sql: &'d mut D, key: &OrderKey) -> &'d mut D {
 fn push_comparison<D: Dialect>(sql: &mut D, comparison: &Comparison) {
     match comparison {
         Comparison::State(operator, state) => {
-            push(sql, "state", *operator).string(word(STATES, *state));
+            push(sql, "state", *operator).string(state.word());
         }
         Comparison::Mode(operator, mode) => {
-            push(sql, "mode", *operator).string(word(MODES, *mode));
+            push(sql, "mode", *operator).string(mode.word());
         }
         Comparison::Outcome(operator, kind) => {
-            push(sql, "outcome", *operator).string(word(OUTCOMES, *kind));
+            push(sql, "outcome", *operator).string(kind.word());
         }
         Comparison::Late(operator, late) => {
             push(sql, "late", *operator).flag(*late);

@@ -10,13 +10,12 @@ use treewright_core::configuration::RawConfiguration;
 use treewright_core::decision::recorded::Recorded;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
-use treewright_core::trial::{Explanation, Mode, Outcome, RawTrial, Trial, TrialState};
+use treewright_core::trial::{Explanation, Outcome, OutcomeKind, RawTrial, Trial};
 use treewright_core::tuner::{Change, Exploration, RawVisit, RecordedVisitDecision, StateRecord, Visit};
 use treewright_core::value::Value;
+use treewright_core::words::Word;
 
 use crate::error::StoreError;
-use crate::filter::OutcomeKind;
-use crate::words::{self, MODES, OUTCOMES, STATES};
 
 /// A row of `trials`, without its study.
 #[derive(Debug, sqlx::FromRow)]
@@ -123,14 +122,13 @@ impl TrialRow {
             Some(Outcome::Aborted { lower_bound }) => (None, Some(*lower_bound)),
             Some(Outcome::Ok) | None => (None, None),
         };
-        let kind = trial.outcome.as_ref().map(OutcomeKind::of);
         Ok(Self {
             number: signed(trial.number)?,
             client_id: trial.client_id.clone(),
             state_id: signed(trial.state_id)?,
-            mode: words::word(MODES, trial.mode()).to_owned(),
-            state: words::word(STATES, trial.state).to_owned(),
-            outcome: kind.map(|kind| words::word(OUTCOMES, kind).to_owned()),
+            mode: trial.mode().word().to_owned(),
+            state: trial.state.word().to_owned(),
+            outcome: trial.outcome.as_ref().map(|outcome| outcome.kind().word().to_owned()),
             outcome_reason,
             outcome_lower_bound,
             cost: trial.cost,
@@ -149,9 +147,9 @@ impl TrialRow {
     }
 
     pub(crate) fn into_trial(self) -> Result<RawTrial, StoreError> {
-        let mode: Mode = value(MODES, &self.mode)?;
-        let state: TrialState = value(STATES, &self.state)?;
-        let kind = self.outcome.map(|word| value(OUTCOMES, &word)).transpose()?;
+        let mode = value(&self.mode)?;
+        let state = value(&self.state)?;
+        let kind = self.outcome.as_deref().map(value).transpose()?;
         let reason_text = self.outcome_reason.unwrap_or_default();
         let outcome = match kind {
             None => None,
@@ -304,8 +302,8 @@ fn configuration_from_json(text: &str) -> Result<RawConfiguration, StoreError> {
         .collect()
 }
 
-fn value<T: Copy>(list: &[(&str, T)], word: &str) -> Result<T, StoreError> {
-    words::value(list, word).ok_or_else(|| inconsistent(format!("{word:?} has no meaning")))
+fn value<T: Word>(word: &str) -> Result<T, StoreError> {
+    T::from_word(word).ok_or_else(|| inconsistent(format!("{word:?} has no meaning")))
 }
 
 pub(crate) fn write(value: &impl Serialize) -> Result<String, StoreError> {

@@ -207,7 +207,7 @@ async fn every_released_file_is_brought_up_to_date() {
         let tokens = SqliteTokens::open(&path).await.unwrap();
         assert_eq!(tokens.list().await.unwrap().len(), usize::from(version >= 4));
         tokens.close().await;
-        treewright_store::keep::check(&path).await.unwrap();
+        treewright_store::maintenance::check(&path).await.unwrap();
     }
 }
 

@@ -109,6 +109,13 @@ async fn a_full_queue_refuses_and_breaks_the_fence() {
 }
 
 #[tokio::test]
+async fn a_name_under_which_nothing_would_be_kept_is_refused() {
+    for name in ["", ":memory:"] {
+        assert!(matches!(refusal(Path::new(name)).await, OpenError::NoName { .. }), "{name:?}");
+    }
+}
+
+#[tokio::test]
 async fn a_second_daemon_is_told_who_has_the_file() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("studies.db");
@@ -124,6 +131,9 @@ async fn a_second_daemon_is_told_who_has_the_file() {
     let link = directory.path().join("link.db");
     std::os::unix::fs::symlink(&path, &link).unwrap();
     assert!(matches!(refusal(&link).await, OpenError::InUse { .. }));
+    let hard_link = directory.path().join("other.db");
+    std::fs::hard_link(&path, &hard_link).unwrap();
+    assert!(matches!(refusal(&hard_link).await, OpenError::InUse { .. }));
     first.close().await;
     SqliteStore::open(&path).await.expect("free again");
 }
@@ -318,7 +328,7 @@ async fn a_file_shrinks_when_much_was_removed() {
     let after = pages("PRAGMA page_count").await;
     assert!(after < before / 2, "{before} pages became {after}");
     store.close().await;
-    treewright_store::keep::check(&path).await.expect("sound");
+    treewright_store::maintenance::check(&path).await.expect("sound");
     assert!(std::fs::metadata(&path).unwrap().len() < before as u64 * 4096 / 2);
 }
 

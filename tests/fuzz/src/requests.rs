@@ -10,8 +10,8 @@ use tokio::runtime::{Builder, Runtime};
 use tonic::{Code, Request, Status};
 use treewright_proto::v1 as wire;
 use treewright_proto::v1::tuning_service_server::TuningService;
+use treewright_server::admission::Admission;
 use treewright_server::clock::ManualClock;
-use treewright_server::gate::Gate;
 use treewright_server::rpc::Service;
 use treewright_server::tuning::Tuning;
 use treewright_store::MemoryStore;
@@ -30,7 +30,7 @@ impl Bench {
         let runtime = Builder::new_current_thread().enable_time().build().expect("a runtime");
         let clock = Arc::new(ManualClock::at(1_750_000_000_000));
         let tuning = Arc::new(Tuning::new(Arc::new(MemoryStore::new()), clock));
-        let service = Service::new(tuning, Gate::default());
+        let service = Service::new(tuning, Admission::default());
         let study = wire::CreateStudyRequest { study_id: "s".into(), study: Some(example::study()) };
         runtime.block_on(service.create_study(Request::new(study))).expect("a valid study");
         let ask = example::suggest("c");

@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use tokio::time::sleep;
 use tonic::Status;
-use treewright_server::peers::{Fate, Seeking, find_answer};
+use treewright_server::peers::{Seeking, find_answer};
+use treewright_server::redirect::Redirect;
 
 use crate::machine::Machine;
 use crate::requests::{self, Answer, Request};
@@ -37,18 +38,18 @@ pub(crate) async fn answer(world: &Arc<World>, machine: &Machine, request: &Requ
 }
 
 /// Answers it here or not at all.
-async fn here(world: &World, machine: &Machine, request: &Request) -> (Done, Option<Fate>) {
+async fn here(world: &World, machine: &Machine, request: &Request) -> (Done, Option<Redirect>) {
     world.awake(machine.index).await;
     let known = world.known();
-    let (answer, fate) = requests::answer(&machine.service, &machine.tuning, request.clone()).await;
+    let (answer, redirect) = requests::answer(&machine.service, &machine.tuning, request.clone()).await;
     world.awake(machine.index).await;
-    ((answer, known), fate)
+    ((answer, known), redirect)
 }
 
 impl Seeking for Call<'_> {
     type Answer = Done;
 
-    async fn here(&self) -> Result<(Done, Option<Fate>), Status> {
+    async fn here(&self) -> Result<(Done, Option<Redirect>), Status> {
         Ok(here(self.world, self.machine, self.request).await)
     }
 
@@ -67,14 +68,14 @@ impl Seeking for Call<'_> {
         };
         let number = other.begin();
         // Marked as passed on, it is not passed on again.
-        let (done, fate) = here(world, &other, self.request).await;
+        let (done, redirect) = here(world, &other, self.request).await;
         other.end(number);
         if !other.is_alive() || !is_carried(world) {
             sleep(SILENCE).await;
             return Ok(None);
         }
         sleep(world.time_ms(world.plan.delay_ms)).await;
-        Ok(Some(done).filter(|_| fate.is_none()))
+        Ok(Some(done).filter(|_| redirect.is_none()))
     }
 
     fn doubt(&self, study: &str) {

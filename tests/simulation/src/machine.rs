@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
+use treewright_server::admission::Admission;
 use treewright_server::clock::Clock;
-use treewright_server::gate::Gate;
 use treewright_server::rpc::Service;
 use treewright_server::tuning::Tuning;
 use treewright_store::Store;
@@ -87,7 +87,7 @@ pub(crate) async fn live(world: Arc<World>, index: usize) {
         let tuning = Tuning::new(Arc::clone(&disk), Arc::new(clock))
             .with_checkpoints_after(world.plan.checkpoint_after);
         let tuning = Arc::new(tuning);
-        let service = Service::new(Arc::clone(&tuning), Gate::default());
+        let service = Service::new(Arc::clone(&tuning), Admission::default());
         let calls = Arc::default();
         let machine =
             Machine { index, service, tuning: Arc::clone(&tuning), disk, alive: Arc::clone(&alive), calls };

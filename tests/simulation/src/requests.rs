@@ -7,7 +7,7 @@ use treewright_proto::v1::tuning_service_server::TuningService;
 use treewright_proto::v1::{self as wire, outcome, parameter, value};
 use treewright_server::convert::{from_proto, to_proto};
 use treewright_server::error::Error;
-use treewright_server::peers::Fate;
+use treewright_server::redirect::Redirect;
 use treewright_server::tuning::{Reported, Tuning};
 
 use crate::plan::{Bug, Plan};
@@ -60,16 +60,17 @@ pub(crate) async fn answer(
     service: &impl TuningService,
     tuning: &Tuning,
     request: Request,
-) -> (Result<Answer, Status>, Option<Fate>) {
+) -> (Result<Answer, Status>, Option<Redirect>) {
     if let Request::Frame(report, suggest) = request {
         return match frame(tuning, report, suggest).await {
-            Ok((answer, fate)) => (Ok(answer), fate),
+            Ok((answer, redirect)) => (Ok(answer), redirect),
             Err(status) => (Err(status), None),
         };
     }
     let answer = single(service, request).await;
-    let fate = answer.as_ref().err().and_then(|status| Fate::read(&status.metadata().clone().into_headers()));
-    (answer, fate)
+    let redirect =
+        answer.as_ref().err().and_then(|status| Redirect::read(&status.metadata().clone().into_headers()));
+    (answer, redirect)
 }
 
 /// Answers a request that has one answer.
@@ -121,11 +122,11 @@ async fn frame(
     tuning: &Tuning,
     report: wire::ReportRequest,
     suggest: wire::SuggestRequest,
-) -> Result<(Answer, Option<Fate>), Status> {
+) -> Result<(Answer, Option<Redirect>), Status> {
     let (report, suggest) = (from_proto::report(report)?, from_proto::suggest(suggest)?);
     let study = suggest.study.clone();
     let done = tuning.frame(Some(report), Some(suggest)).await;
-    let fate = done.fate();
+    let redirect = done.redirect();
     let code = |error: Error| Status::from(error).code();
     let reported = done.reported.map_or(Err(Code::Internal), |reported| match reported {
         Ok(Reported::Taken(trial)) => Ok((to_proto::trial(&study, &*trial), false)),
@@ -138,7 +139,7 @@ async fn frame(
         Ok(trial) => Ok(Box::new(to_proto::trial(&study, &trial))),
         Err(error) => Err(code(error)),
     });
-    Ok((Answer::Frame(reported, suggested), fate))
+    Ok((Answer::Frame(reported, suggested), redirect))
 }
 
 /// The study of a world: two numbers, one switch and a place.

@@ -2,13 +2,13 @@
 
 use clap::Args;
 use serde::Serialize;
-use treewright_client::{Configuration, Constraint, Indicators, Value};
+use treewright_client::{Configuration, Constraint, Indicators};
 
 use crate::arguments::{CameraArguments, SceneArguments, SpaceArguments, indicators};
 use crate::error::CliError;
 use crate::output;
 use treewright_renderer::integrator::{Omission, Prepared};
-use treewright_renderer::space::{Explained, Preset, domain_in_words};
+use treewright_renderer::space::{Explained, Preset};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_scene::builtin;
 
@@ -177,14 +177,11 @@ pub(crate) fn spaces(arguments: &SpacesArguments) -> Result<(), CliError> {
         column.set_cell_alignment(comfy_table::CellAlignment::Left);
     }
     for Explained { parameter, about } in parameters {
-        let condition = parameter.active_if.as_ref().map_or_else(String::new, |condition| {
-            let values: Vec<String> = condition.any_of.iter().map(Value::to_string).collect();
-            format!("{} = {}", condition.parameter, values.join(" or "))
-        });
+        let condition = parameter.active_if.as_ref().map(ToString::to_string).unwrap_or_default();
         table.add_row([
             parameter.name,
             parameter.default.to_string(),
-            domain_in_words(&parameter.domain),
+            parameter.domain.to_string(),
             condition,
             about.to_owned(),
         ]);

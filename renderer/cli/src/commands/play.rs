@@ -15,7 +15,7 @@ use clap::Args;
 use serde::Serialize;
 use treewright_accel::{BuildError, Structure, Update};
 use treewright_client::{
-    Configuration, Finished, Indicators, Mode, Outcome, Policy, PolicyChange, Source, Stats,
+    Configuration, Finished, Indicators, Mode, OpenEnum, Outcome, Policy, SessionPolicy, Source, Stats,
 };
 
 use crate::arguments::{
@@ -98,7 +98,7 @@ pub(crate) struct Arguments {
 struct PlayedFrame {
     number: u32,
     camera_at: f32,
-    mode: Mode,
+    mode: OpenEnum<Mode>,
     source: Source,
     reason: String,
     configuration: Configuration,
@@ -145,7 +145,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         specification(&space, &title, arguments.objective, Policy::new(), arguments.frame.seed)?;
     let study = client.study(&id, specification)?;
     if let Some(epsilon) = arguments.epsilon {
-        client.update_policy(&id, &PolicyChange::set(Policy::new().epsilon(f64::from(epsilon))))?;
+        let epsilon = Some(f64::from(epsilon));
+        study.set_session_policy(SessionPolicy { epsilon, ..SessionPolicy::default() })?;
     }
     println!("Flying through {} in {} frames, study {id}\n", scene.name, arguments.frames);
     println!(
@@ -337,10 +338,11 @@ fn print(frame: &PlayedFrame, objective: Objective) {
     let mode = match (frame.source, frame.mode) {
         (Source::LastGood, _) => "last good",
         (Source::Default, _) => "away",
-        (Source::Daemon, Mode::Default) => "default",
-        (Source::Daemon, Mode::Explore) => "explore",
-        (Source::Daemon, Mode::Exploit) => "exploit",
-        (Source::Daemon, Mode::Pinned) => "pinned",
+        (Source::Daemon, OpenEnum::Known(Mode::Default)) => "default",
+        (Source::Daemon, OpenEnum::Known(Mode::Explore)) => "explore",
+        (Source::Daemon, OpenEnum::Known(Mode::Exploit)) => "exploit",
+        (Source::Daemon, OpenEnum::Known(Mode::Pinned)) => "pinned",
+        (Source::Daemon, OpenEnum::Unrecognised(_)) => "other",
     };
     let Some(times) = frame.times else {
         println!(

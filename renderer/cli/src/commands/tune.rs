@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use treewright_client::blocking::{Client, Study};
 use treewright_client::{
-    ClientError, Configuration, Fingerprint, Indicators, Outcome, Policy, PolicyChange, Source,
+    ClientError, Configuration, Indicators, Outcome, Policy, SessionPolicy, Source, detect_fingerprint,
 };
 
 use super::tune_output;
@@ -41,9 +41,6 @@ const FINALISTS_MAX: usize = 16;
 
 /// How long the last reports may take to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
-
-/// The service's own default, which a study is left with.
-const EPSILON_AFTERWARDS: f64 = 0.2;
 
 /// Arguments of `tune`.
 #[derive(Args, Clone, Debug)]
@@ -170,11 +167,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if let Err(error) = client.flush(FLUSH) {
         notes.push(error.to_string());
     }
-    if let Err(error) =
-        client.update_policy(&id, &PolicyChange::set(Policy::new().epsilon(EPSILON_AFTERWARDS)))
-    {
-        notes.push(format!("the study's policy was left as it was during the search: {error}"));
-    }
 
     let judge =
         Judge { client: &client, renderer: &renderer, study: &study, space: &space, arguments, interrupt };
@@ -201,7 +193,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         baseline: baseline.name,
         server: client.url().to_owned(),
         study: id,
-        machine: Fingerprint::detect().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
+        machine: detect_fingerprint().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
         indicators: setting.indicators.clone(),
         overhead: Overhead::of(&found.trials),
         trials: found.trials,
@@ -228,7 +220,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
-/// Creates or finds the study and lets it explore: the search gets room for the trials to come.
+/// Creates or finds the study and explores it in this session: the search gets room for the trials to come.
 fn open_study(
     client: &Client,
     id: &str,
@@ -238,16 +230,16 @@ fn open_study(
 ) -> Result<Study, CliError> {
     let title = format!("{} at {}, {} time", scene.name, arguments.size, arguments.objective.name());
     let title: String = title.chars().take(200).collect();
-    let mut policy =
-        Policy::new().epsilon(f64::from(arguments.epsilon)).trials_per_state(arguments.iterations);
-    if let Some(factor) = arguments.abort_above {
-        policy = policy.abort_above(factor);
-    }
-    let spec = specification(space, &title, arguments.objective, policy.clone(), arguments.frame.seed)?;
+    let spec = specification(space, &title, arguments.objective, Policy::new(), arguments.frame.seed)?;
     let study = client.study(id, spec)?;
     let done = study.record()?.statistics.completed_trials;
     let room = u32::try_from(done).unwrap_or(0).saturating_add(arguments.iterations).min(ITERATIONS_MAX);
-    client.update_policy(id, &PolicyChange::set(policy.trials_per_state(room)))?;
+    // For this run alone: the study's policy is its operator's.
+    study.set_session_policy(SessionPolicy {
+        epsilon: Some(f64::from(arguments.epsilon)),
+        trials_per_state: Some(room),
+        abort_above: arguments.abort_above,
+    })?;
     if done > 0 {
         println!("The study has {done} trials already; the search goes on where it stood.");
     }

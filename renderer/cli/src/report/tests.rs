@@ -17,7 +17,7 @@ fn iteration(number: u32, render_ms: Option<f64>) -> Iteration {
     Iteration {
         number,
         trial: Some(format!("studies/test/trials/{number}")),
-        mode: Mode::Explore,
+        mode: Mode::Explore.into(),
         source: Source::Daemon,
         reason: "the search goes on".into(),
         step: "reflect".into(),
@@ -85,7 +85,7 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
         standings: standings(&side_by_side, 1000),
         prediction: Some(Prediction {
             camera_at: 0.2,
-            mode: Mode::Exploit,
+            mode: Mode::Exploit.into(),
             reason: "nearest state".into(),
             configuration: Configuration::new().with("quality", 1),
             answer_ms: 0.8,

@@ -175,6 +175,7 @@ impl Session {
             fingerprint: machine(threads),
             session: self.trials.len() as u64 / 100,
             can_abort: client > 1,
+            ..Ask::default()
         };
         let answer = if wants {
             let x: Vec<f64> = (0..6).map(|_| self.random.random()).collect();

@@ -27,6 +27,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::limits::{CHARGES_MAX, OPEN_TRIALS_PER_CLIENT_MAX, REFERENCES_MAX};
 use crate::policy::{ABORT_ABOVE_DEFAULT, Policy};
+use crate::session::SessionPolicy;
 
 /// The share of the cheapest reference that is taken for certain: frames vary by some percent.
 pub const GUARD: f64 = 0.9;
@@ -66,6 +67,9 @@ struct Charge {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Account {
     session: u64,
+    /// What the session wants for itself.
+    #[serde(default, skip_serializing_if = "SessionPolicy::is_empty")]
+    policy: SessionPolicy,
     /// Trials from this number on are of this session.
     first_trial: u64,
     /// How many trials were handed out in this session.
@@ -133,6 +137,16 @@ impl Account {
     /// Whether this is the account of a session.
     pub(super) fn is_of(&self, session: u64) -> bool {
         self.session == session
+    }
+
+    /// What the session wants for itself.
+    pub(super) fn policy(&self) -> SessionPolicy {
+        self.policy
+    }
+
+    /// Notes what the session wants for itself.
+    pub(super) fn set_policy(&mut self, policy: SessionPolicy) {
+        self.policy = policy;
     }
 
     /// Notes where the client is. What it explored elsewhere and did not settle stays charged in full.

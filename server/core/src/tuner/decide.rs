@@ -12,7 +12,7 @@ use crate::randomness::{Purpose, stream, text_number};
 use crate::search::Verdict;
 use crate::trial::Neighbour;
 use crate::tuner::plan::Planned;
-use crate::tuner::{Prediction, Tuner, VisitDecision};
+use crate::tuner::{Ask, Prediction, Tuner, VisitDecision};
 
 /// What would be exploited.
 #[derive(Clone, Debug)]
@@ -83,15 +83,19 @@ impl Tuner {
     }
 
     /// The number of the visit that a decision is to be taken for in a state, known or not; `None` where the last
-    /// one holds. A kept configuration that proved infeasible or clearly worse than another here meanwhile is decided
+    /// one holds, which it does not for a session that wants something else. A kept configuration that proved infeasible or clearly worse than another here meanwhile is decided
     /// anew, and so is whether exploring pays whenever a stay has doubled its length.
-    pub(super) fn decides(&self, client_id: &str, state: Option<StateId>) -> Option<u64> {
+    pub(super) fn decides(&self, ask: &Ask, state: Option<StateId>) -> Option<u64> {
+        let client_id = &ask.client_id;
         let Some(visit) = self.visits.of(client_id) else {
             return Some(1);
         };
         let Some(state) = state.filter(|state| visit.state_id == state.0) else {
             return Some(visit.number + 1);
         };
+        if self.has_other_wishes(client_id, &ask.session_policy) {
+            return Some(visit.number + 1);
+        }
         let VisitDecision::Exploit { configuration, exploit, .. } = &visit.decision else {
             return None;
         };
@@ -112,28 +116,32 @@ impl Tuner {
     /// there is only exploring, unless epsilon is zero, which leaves the default configuration.
     pub(super) fn decide(
         &self,
-        client_id: &str,
+        ask: &Ask,
         number: u64,
         normalised: &[f64],
         state: StateId,
         planned: &Planned,
     ) -> VisitDecision {
         let (policy, gain) = (&self.spec.policy, self.gain());
+        let (client_id, session) = (&ask.client_id, &ask.session_policy);
         let exploit = || self.exploitation(normalised, Some(state), planned);
         let fails = |would: &Exploitation| self.states.knowledge(state).is_infeasible(&would.configuration);
         if policy.operation == Operation::Freeze {
             return exploit().kept(ExploitRule::Frozen, Weighed::default());
         }
-        if self.is_finished(state) {
+        if self.is_finished_for(session, state) {
             return exploit().kept(ExploitRule::Finished, Weighed::default());
         }
-        let mut weighed = Weighed { epsilon: Some(gain.epsilon(state)), ..Weighed::default() };
+        let mut weighed =
+            Weighed { epsilon: Some(self.epsilon_of(session, Some(state))), ..Weighed::default() };
         let mut exploitation = None;
-        let rule = if self.draws(client_id, number, Some(state)) {
+        let rule = if self.draws(ask, number, Some(state)) {
             ExploreRule::Dice
         } else {
             let would = exploit();
-            if would.source != Source::Default || policy.epsilon == 0.0 && !fails(&would) {
+            if would.source != Source::Default
+                || session.epsilon.unwrap_or(policy.epsilon) == 0.0 && !fails(&would)
+            {
                 return would.kept(ExploitRule::Dice, weighed);
             }
             exploitation = Some(would);
@@ -155,9 +163,10 @@ impl Tuner {
     }
 
     /// Whether the dice of visit `number` of a client to a state, known or not, fall on exploring.
-    pub(super) fn draws(&self, client_id: &str, number: u64, state: Option<StateId>) -> bool {
-        let draw: f64 = stream(self.spec.seed, Purpose::Decision, text_number(client_id), number).random();
-        draw < state.map_or(self.spec.policy.epsilon, |state| self.gain().epsilon(state))
+    pub(super) fn draws(&self, ask: &Ask, number: u64, state: Option<StateId>) -> bool {
+        let client = text_number(&ask.client_id);
+        let draw: f64 = stream(self.spec.seed, Purpose::Decision, client, number).random();
+        draw < self.epsilon_of(&ask.session_policy, state)
     }
 
     /// Whether the state's search has spent its budget.

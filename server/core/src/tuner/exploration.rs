@@ -17,6 +17,9 @@ pub struct Exploration {
     /// How many answers to a search that was dropped added no configuration.
     #[serde(default, skip_serializing_if = "is_zero")]
     repeats: u64,
+    /// The most measured configurations that a session wanted the search to go on for, beyond the policy.
+    #[serde(default, skip_serializing_if = "is_no_room")]
+    room: u32,
     /// Which point of the search each open trial measures, by trial number.
     pub(super) open: BTreeMap<u64, u64>,
     /// What is left out, where the policy allows it.
@@ -26,7 +29,17 @@ pub struct Exploration {
 
 impl Exploration {
     pub(super) fn new(search: AnySearch) -> Self {
-        Exploration { search: Some(search), repeats: 0, open: BTreeMap::new(), held: None }
+        Exploration { search: Some(search), repeats: 0, room: 0, open: BTreeMap::new(), held: None }
+    }
+
+    /// Notes that a session wants the search to go on until so many configurations are measured.
+    pub(super) fn make_room(&mut self, room: usize) {
+        self.room = self.room.max(u32::try_from(room).unwrap_or(u32::MAX));
+    }
+
+    /// The most that a session wanted.
+    pub(super) fn room(&self) -> usize {
+        self.room as usize
     }
 
     /// How many of the answers added no configuration.
@@ -63,6 +76,10 @@ impl Exploration {
         }
         true
     }
+}
+
+fn is_no_room(room: &u32) -> bool {
+    *room == 0
 }
 
 fn is_zero(count: &u64) -> bool {

@@ -7,7 +7,6 @@ use crate::decision::{self, ExploitRule, Predicted};
 use crate::ids::{StateId, TrialNumber};
 use crate::knowledge::Knowledge;
 use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
-use crate::policy::Policy;
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
 use crate::search::{AnySearch, Feedback, Layout, Point, SearchSetup, Step, Verdict, levels};
@@ -63,6 +62,7 @@ impl Tuner {
     /// the next here: measuring the leaders again is what tells luck from merit.
     pub(super) fn explore(
         &mut self,
+        room: usize,
         state: StateId,
         number: TrialNumber,
         normalised: &[f64],
@@ -74,9 +74,9 @@ impl Tuner {
         if let Some(candidate) = candidate {
             return Explored::Candidate { candidate, held: Vec::new() };
         }
-        self.ensure_exploration(state, planned);
+        self.ensure_exploration(room, state, planned);
         let held = self.hold(state);
-        let rule = match self.walk(state, &held, planned) {
+        let rule = match self.walk(room, state, &held, planned) {
             Walk::Measure(point, configuration) => {
                 let candidate = self.measure(state, number, point, configuration);
                 let is_baseline = matches!(candidate.point, decision::Point::Baseline(_));
@@ -92,7 +92,7 @@ impl Tuner {
                 }
                 None => ExploitRule::Finished,
             },
-            Walk::Wait if self.is_over(state) => ExploitRule::Finished,
+            Walk::Wait if self.is_over(room, state) => ExploitRule::Finished,
             Walk::Wait => ExploitRule::Waiting,
         };
         let best = self.best_known(state);
@@ -101,10 +101,10 @@ impl Tuner {
     }
 
     /// Whether the state's search has come to its end, and nobody measures anything for it any more.
-    fn is_over(&self, state: StateId) -> bool {
+    fn is_over(&self, room: usize, state: StateId) -> bool {
         let knowledge = self.states.knowledge(state);
         let own = self.searches.of(state);
-        own.is_some_and(|own| own.open.is_empty() && is_spent(own, knowledge, &self.spec.policy))
+        own.is_some_and(|own| own.open.is_empty() && is_spent(own, knowledge, room))
     }
 
     /// What to run where nothing was measured yet, if the predictor can say from elsewhere where much may be
@@ -129,14 +129,21 @@ impl Tuner {
     /// of an earlier search only feed the table from then on. Where an earlier one was dropped because its budget
     /// was spent, and the budget was raised since, the new one is told what the table knows, and so it is where that was
     /// taken over from other machines.
-    fn ensure_exploration(&mut self, state: StateId, planned: &mut Planned) {
+    fn ensure_exploration(&mut self, room: usize, state: StateId, planned: &mut Planned) {
+        // What the policy allows anyway need not be noted.
+        let more = if room > self.spec.policy.trials_per_state as usize { room } else { 0 };
+        if self.searches.of(state).is_some_and(|own| own.room() < more)
+            && let Some(own) = self.searches.change(state)
+        {
+            own.make_room(more);
+        }
         let (space, policy) = (&self.spec.space, &self.spec.policy);
         let mut was_dropped = false;
         if let Some(current) = self.searches.of(state) {
             was_dropped = current.search.is_none();
             let goes_on = match &current.search {
                 Some(search) => search.is_of(policy.search),
-                None => is_spent(current, self.states.knowledge(state), policy),
+                None => is_spent(current, self.states.knowledge(state), room),
             };
             if goes_on {
                 return;
@@ -146,7 +153,7 @@ impl Tuner {
             seed: self.spec.seed,
             state_id: state.0,
             start: space.encode(space.default_ref()),
-            budget: policy.trials_per_state,
+            budget: u32::try_from(room).unwrap_or(u32::MAX),
             levels: levels(space),
             layout: Layout::of(space),
         };
@@ -170,6 +177,11 @@ impl Tuner {
             }
         }
         self.searches.begin(state, search);
+        if more > 0
+            && let Some(own) = self.searches.change(state)
+        {
+            own.make_room(more);
+        }
         self.states.note_search(state);
     }
 
@@ -219,11 +231,11 @@ impl Tuner {
     /// Asks the search until a point is worth a measurement. Points that fall on configurations with a
     /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
     /// whose configuration runs just now in this state go back until it is reported.
-    fn walk(&mut self, state: StateId, held: &[(usize, f64)], planned: &mut Planned) -> Walk {
+    fn walk(&mut self, room: usize, state: StateId, held: &[(usize, f64)], planned: &mut Planned) -> Walk {
         let (space, policy) = (&self.spec.space, &self.spec.policy);
         let knowledge = self.states.knowledge(state);
         let spent = match self.searches.of(state) {
-            Some(own) if own.search.is_some() => is_spent(own, knowledge, policy),
+            Some(own) if own.search.is_some() => is_spent(own, knowledge, room),
             _ => return Walk::Wait,
         };
         let Some(Exploration { search: Some(search), .. }) = self.searches.change(state) else {
@@ -317,8 +329,8 @@ impl Tuner {
     }
 }
 
-/// Whether a search has no trial left to hand out that adds a configuration.
-pub(super) fn is_spent(exploration: &Exploration, knowledge: &Knowledge, policy: &Policy) -> bool {
+/// Whether a search has no trial left to hand out that adds a configuration, where there is room for so many.
+pub(super) fn is_spent(exploration: &Exploration, knowledge: &Knowledge, room: usize) -> bool {
     let taken = knowledge.tried() + exploration.repeats() as usize + exploration.open.len();
-    taken >= policy.trials_per_state as usize
+    taken >= room
 }

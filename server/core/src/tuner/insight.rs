@@ -1,6 +1,6 @@
 //! What the policy knows of a state, for people: why it explores there or not, and what it leaves out.
 
-use serde::{Deserialize, Serialize};
+pub use crate::trial::OmissionReason;
 
 use crate::ids::StateId;
 use crate::predict::state_index::Mute;
@@ -58,24 +58,6 @@ pub struct Omission {
     pub saved_trials: f64,
     /// With which probability leaving it out is wrong; `None` where it is certain.
     pub risk: Option<f64>,
-}
-
-/// Why something is left out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum OmissionReason {
-    /// The parameter means nothing beside the best known values of others.
-    Inactive,
-    /// The parameter was shown not to matter.
-    Insensitive,
-    /// The most that can be gained is below the noise.
-    BelowNoise,
-    /// The gain to expect does not pay for the search.
-    BelowCost,
-    /// The indicator is the same in all states: left out of distances and features.
-    Constant,
-    /// The indicator follows another in a straight line: left out of distances and features.
-    Redundant,
 }
 
 impl Tuner {

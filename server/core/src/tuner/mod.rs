@@ -32,6 +32,7 @@ mod report;
 mod restore;
 mod screening;
 mod searches;
+mod session;
 mod states;
 mod suggest;
 mod transfer;

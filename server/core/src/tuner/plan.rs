@@ -168,10 +168,11 @@ impl Tuner {
             search: None,
             evidence: None,
         };
-        let explores = match self.decides(&ask.client_id, here) {
+        let explores = match self.decides(ask, here) {
             _ if policy.operation == Operation::Shadow => false,
             Some(number) => {
-                here.is_none_or(|here| !self.is_finished(here)) && self.draws(&ask.client_id, number, here)
+                here.is_none_or(|here| !self.is_finished_for(&ask.session_policy, here))
+                    && self.draws(ask, number, here)
             }
             None => {
                 let visit = self.visits.of(&ask.client_id);
@@ -247,7 +248,7 @@ impl Tuner {
         let search = exploration.search.as_ref()?;
         let goes_on = search.is_of(policy.search)
             && !search.is_ready()
-            && !is_spent(exploration, knowledge, policy)
+            && !is_spent(exploration, knowledge, self.room_of(&ask.session_policy))
             && self.transfer().untried_by_machines(state).is_none();
         if !goes_on || !self.affords(ask, state) {
             return None;

@@ -156,7 +156,7 @@ impl Tuner {
         // What is spent is not needed any more: the table knows what came of it.
         let (knowledge, policy): (_, &Policy) = (self.states.knowledge(state), &self.spec.policy);
         if exploration.open.is_empty()
-            && is_spent(exploration, knowledge, policy)
+            && is_spent(exploration, knowledge, exploration.room().max(policy.trials_per_state as usize))
             && (policy.replicates == 1 || knowledge.is_settled(policy.replicates))
         {
             exploration.end();

@@ -26,7 +26,7 @@ impl Tuner {
         let visit_before = self.visits.of(&ask.client_id).cloned();
         let fixed = wanted.or_else(|| self.in_shadow(&normalised, state, &planned));
         if fixed.is_none() {
-            self.visit(&ask.client_id, &normalised, state, &planned);
+            self.visit(ask, &normalised, state, &planned);
             self.visits.keep_account(ask, &self.spec.policy, state, self.trials.last());
         }
         let held = self.trials.of_client(&ask.client_id, state);
@@ -70,12 +70,12 @@ impl Tuner {
     }
 
     /// Notes a change of the client's state and decides for the new visit.
-    fn visit(&mut self, client_id: &str, normalised: &[f64], state: StateId, planned: &Planned) {
-        let Some(number) = self.decides(client_id, Some(state)) else {
+    fn visit(&mut self, ask: &Ask, normalised: &[f64], state: StateId, planned: &Planned) {
+        let Some(number) = self.decides(ask, Some(state)) else {
             return;
         };
-        let decision = self.decide(client_id, number, normalised, state, planned);
-        let client_id = client_id.to_owned();
+        let decision = self.decide(ask, number, normalised, state, planned);
+        let client_id = ask.client_id.clone();
         let visit = Visit { client_id, state_id: state.0, number, decision, account: None };
         self.visits.begin(visit);
     }

@@ -14,6 +14,7 @@ use crate::limits::{
 };
 use crate::names::NAME_RULE;
 use crate::objective::ObjectiveError;
+use crate::session::SessionPolicy;
 use crate::space::{Space, SpaceError};
 use crate::study::StudyError;
 use crate::trial::{Fingerprint, Mode, Reason, Trial, TrialState};
@@ -34,6 +35,8 @@ pub struct Ask {
     pub session: u64,
     /// The client stops every trial when its cost reaches the cap it is told.
     pub can_abort: bool,
+    /// What the session wants for itself, instead of what the study's policy says.
+    pub session_policy: SessionPolicy,
 }
 
 /// A state of the study as it is stored.

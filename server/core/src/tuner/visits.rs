@@ -45,16 +45,18 @@ impl Visits {
         self.0.insert(visit.client_id.clone(), Visit { account, ..visit });
     }
 
-    /// Opens a client's account if the policy keeps one, and notes where the client is. Trials after `last` are of the
+    /// Opens a client's account if the policy keeps one or its session wants something for itself, and notes where the client is. Trials after `last` are of the
     /// session that the account is for.
     pub(super) fn keep_account(&mut self, ask: &Ask, policy: &Policy, state: StateId, last: TrialNumber) {
-        let wanted = policy.regret_budget.is_some() || policy.warm_up > 0;
+        let has_wishes = !ask.session_policy.is_empty();
+        let wanted = policy.regret_budget.is_some() || policy.warm_up > 0 || has_wishes;
         let Some(visit) = self.0.get_mut(&ask.client_id) else {
             return;
         };
         let current = visit.account.take().filter(|account| account.is_of(ask.session));
         visit.account = wanted.then(|| current.unwrap_or_else(|| Account::open(ask.session, last.0 + 1)));
         if let Some(account) = &mut visit.account {
+            account.set_policy(ask.session_policy);
             account.enter(state.0);
         }
     }

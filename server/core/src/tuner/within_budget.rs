@@ -24,11 +24,11 @@ impl Tuner {
         decided: Decided,
         planned: &mut Planned,
     ) -> Prediction {
-        let policy = &self.spec.policy;
+        let (policy, room) = (&self.spec.policy, self.room_of(&ask.session_policy));
         let (Some(terms), Some(account)) = (Terms::of(policy), self.visits.account(&ask.client_id)) else {
             let best = self.states.knowledge(state).best().map(|best| best.mean_cost);
-            let cap = policy.abort_above.zip(best);
-            let explored = self.explore(state, number, normalised, planned);
+            let cap = ask.session_policy.abort_above.or(policy.abort_above).zip(best);
+            let explored = self.explore(room, state, number, normalised, planned);
             let (mut means, mut abort_above) = (Means::default(), None);
             if let (true, Some((factor, reference))) = (explored.explores(), cap) {
                 means.reference_cost = Some(reference);
@@ -38,7 +38,7 @@ impl Tuner {
         };
         match account.leave(terms, ask.can_abort, self.default_runs(state)) {
             Ok(leave) => {
-                let explored = self.explore(state, number, normalised, planned);
+                let explored = self.explore(room, state, number, normalised, planned);
                 let explores = explored.explores();
                 // Enough for the worst.
                 if explores && let Some(account) = self.visits.account_mut(&ask.client_id) {
@@ -64,7 +64,7 @@ impl Tuner {
                     }
                     // The only way on is to explore.
                     None => {
-                        let explored = self.explore(state, number, normalised, planned);
+                        let explored = self.explore(room, state, number, normalised, planned);
                         answer(explored, (ExploreRule::NothingKnown, decided.1), Means::default(), None)
                     }
                 }

@@ -3,7 +3,7 @@
 use treewright_core::trial::RawTrial;
 use treewright_core::value::Value;
 
-use super::{Comparison, Filter, Literal, Operator, OutcomeKind};
+use super::{Comparison, Filter, Literal, Operator};
 
 impl Filter {
     /// Whether every comparison holds for `trial`.
@@ -18,10 +18,9 @@ impl Comparison {
         match self {
             Self::State(operator, state) => operator.equality(trial.state == *state),
             Self::Mode(operator, mode) => operator.equality(trial.mode() == *mode),
-            Self::Outcome(operator, kind) => trial
-                .outcome
-                .as_ref()
-                .is_some_and(|outcome| operator.equality(OutcomeKind::of(outcome) == *kind)),
+            Self::Outcome(operator, kind) => {
+                trial.outcome.as_ref().is_some_and(|outcome| operator.equality(outcome.kind() == *kind))
+            }
             Self::Late(operator, late) => operator.equality(trial.late == *late),
             Self::ClientId(operator, text) => operator.holds(trial.client_id.as_str(), text),
             Self::StateId(operator, id) => operator.holds(&signed(trial.state_id), id),

@@ -9,13 +9,14 @@
 //! have, or that is of another kind, is false, whatever the operator. It is what SQL does with NULL.
 
 mod evaluate;
+mod names;
 mod order;
 mod parse;
 mod token;
 
 pub use order::{Order, OrderKey};
 
-use treewright_core::trial::{Mode, Outcome, TrialState};
+use treewright_core::trial::{Mode, OutcomeKind, TrialState};
 
 /// A parsed filter: comparisons that must all hold. The empty filter matches every trial.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -85,32 +86,6 @@ impl Operator {
     #[must_use]
     pub fn is_equality(self) -> bool {
         matches!(self, Self::Equal | Self::NotEqual)
-    }
-}
-
-/// The kinds of outcome, without what they carry.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OutcomeKind {
-    /// Measured.
-    Ok,
-    /// The configuration cannot work there.
-    Infeasible,
-    /// Stopped early with a lower bound.
-    Aborted,
-    /// The client failed.
-    Failed,
-}
-
-impl OutcomeKind {
-    /// The kind of an outcome.
-    #[must_use]
-    pub fn of(outcome: &Outcome) -> Self {
-        match outcome {
-            Outcome::Ok => Self::Ok,
-            Outcome::Infeasible { .. } => Self::Infeasible,
-            Outcome::Aborted { .. } => Self::Aborted,
-            Outcome::Failed { .. } => Self::Failed,
-        }
     }
 }
 

@@ -6,7 +6,7 @@ use treewright_core::trial::Trial;
 
 use super::FilterError;
 use super::parse;
-use super::token::{Token, tokens};
+use super::token::{FilterToken, tokens};
 use crate::cursor::Cursor;
 
 /// An order. Equal values, and trials without the value, which come last, follow by rising number, so
@@ -48,13 +48,13 @@ impl Order {
         let Some(first) = tokens.next() else {
             return Ok(Self::default());
         };
-        let unexpected = |position, token: &Token, expected| {
+        let unexpected = |position, token: &FilterToken, expected| {
             FilterError::new(position, format!("found {} instead of {expected}", token.shown()))
         };
         let key = match &first.token {
-            Token::Word(word) if word == "number" => OrderKey::Number,
-            Token::Word(word) if word == "cost" => OrderKey::Cost,
-            Token::Word(word) => match word.split_once('.') {
+            FilterToken::Word(word) if word == "number" => OrderKey::Number,
+            FilterToken::Word(word) if word == "cost" => OrderKey::Cost,
+            FilterToken::Word(word) => match word.split_once('.') {
                 Some(("measurement", name)) => {
                     OrderKey::Measurement(parse::name(name, first.position + "measurement.".len())?)
                 }
@@ -64,7 +64,7 @@ impl Order {
         };
         let descending = match tokens.next() {
             None => false,
-            Some(placed) if placed.token == Token::Word("desc".to_owned()) => true,
+            Some(placed) if placed.token == FilterToken::Word("desc".to_owned()) => true,
             Some(placed) => return Err(unexpected(placed.position, &placed.token, DIRECTION)),
         };
         if let Some(placed) = tokens.next() {

@@ -1,9 +1,11 @@
 //! Tokens to [`Filter`]: `comparison { AND comparison }`, `comparison = field operator value`.
 
-use super::token::{Placed, Token, tokens};
+use treewright_core::trial::{Mode, OutcomeKind, TrialState};
+use treewright_core::words::Word as _;
+
+use super::token::{FilterToken, PlacedToken, tokens};
 use super::{Comparison, Filter, FilterError, Literal, Operator};
 use crate::limits;
-use crate::words::{self, MODES, OUTCOMES, STATES};
 
 const FIELDS: &str = "a field: state, mode, outcome, client_id, state_id, number, cost, late, \
                       measurement.NAME, config.NAME or indicator.NAME";
@@ -50,7 +52,7 @@ pub(super) fn name(name: &str, position: usize) -> Result<String, FilterError> {
 }
 
 struct Parser {
-    tokens: Vec<Placed>,
+    tokens: Vec<PlacedToken>,
     next: usize,
     /// The place just behind the text, where what is missing is missing.
     end: usize,
@@ -62,7 +64,7 @@ impl Parser {
     }
 
     /// Takes the next token, or says that `expected` is missing.
-    fn take(&mut self, expected: &str) -> Result<Placed, FilterError> {
+    fn take(&mut self, expected: &str) -> Result<PlacedToken, FilterError> {
         let placed = self
             .tokens
             .get(self.next)
@@ -75,14 +77,14 @@ impl Parser {
     fn and(&mut self) -> Result<(), FilterError> {
         let placed = self.take("`AND`")?;
         match placed.token {
-            Token::Word(word) if word == "AND" => Ok(()),
+            FilterToken::Word(word) if word == "AND" => Ok(()),
             other => Err(unexpected(placed.position, &other, "`AND`")),
         }
     }
 
     fn comparison(&mut self) -> Result<Comparison, FilterError> {
         let field = self.take(FIELDS)?;
-        let Token::Word(word) = &field.token else {
+        let FilterToken::Word(word) = &field.token else {
             return Err(unexpected(field.position, &field.token, FIELDS));
         };
         let prefixed = word.split_once('.');
@@ -103,11 +105,14 @@ impl Parser {
 
         let operator = self.operator()?;
         Ok(match prefixed.map_or(word.as_str(), |(prefix, _)| prefix) {
-            "state" => Comparison::State(operator.equality("state")?, self.word(STATES, "a state")?),
-            "mode" => Comparison::Mode(operator.equality("mode")?, self.word(MODES, "a mode")?),
-            "outcome" => {
-                Comparison::Outcome(operator.equality("outcome")?, self.word(OUTCOMES, "an outcome")?)
+            "state" => {
+                Comparison::State(operator.equality("state")?, self.word(TrialState::WORDS, "a state")?)
             }
+            "mode" => Comparison::Mode(operator.equality("mode")?, self.word(Mode::WORDS, "a mode")?),
+            "outcome" => Comparison::Outcome(
+                operator.equality("outcome")?,
+                self.word(OutcomeKind::WORDS, "an outcome")?,
+            ),
             "late" => Comparison::Late(operator.equality("late")?, self.word(BOOLEANS, "a truth value")?),
             "client_id" => Comparison::ClientId(operator.operator, self.text()?),
             "state_id" => Comparison::StateId(operator.operator, self.whole_number()?),
@@ -129,18 +134,18 @@ impl Parser {
         const EXPECTED: &str = "an operator: = != < <= > >=";
         let placed = self.take(EXPECTED)?;
         match placed.token {
-            Token::Operator(operator) => Ok(PlacedOperator { position: placed.position, operator }),
+            FilterToken::Operator(operator) => Ok(PlacedOperator { position: placed.position, operator }),
             other => Err(unexpected(placed.position, &other, EXPECTED)),
         }
     }
 
     /// One of a list of words.
-    fn word<T: Copy>(&mut self, words: &[(&str, T)], what: &str) -> Result<T, FilterError> {
-        let list: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
+    fn word<T: Copy>(&mut self, words: &[(T, &str)], what: &str) -> Result<T, FilterError> {
+        let list: Vec<&str> = words.iter().map(|(_, word)| *word).collect();
         let expected = format!("{what}: {}", list.join(", "));
         let placed = self.take(&expected)?;
         let found = match &placed.token {
-            Token::Word(word) => words::value(words, word),
+            FilterToken::Word(word) => words.iter().find(|(_, known)| known == word).map(|(value, _)| *value),
             _ => None,
         };
         found.ok_or_else(|| unexpected(placed.position, &placed.token, &expected))
@@ -150,7 +155,7 @@ impl Parser {
         const EXPECTED: &str = "text in double quotes";
         let placed = self.take(EXPECTED)?;
         match placed.token {
-            Token::Text(text) => Ok(text),
+            FilterToken::Text(text) => Ok(text),
             other => Err(unexpected(placed.position, &other, EXPECTED)),
         }
     }
@@ -159,7 +164,7 @@ impl Parser {
         const EXPECTED: &str = "a number";
         let placed = self.take(EXPECTED)?;
         match &placed.token {
-            Token::Number(written) => finite(written, placed.position),
+            FilterToken::Number(written) => finite(written, placed.position),
             other => Err(unexpected(placed.position, other, EXPECTED)),
         }
     }
@@ -168,7 +173,7 @@ impl Parser {
         const EXPECTED: &str = "a whole number";
         let placed = self.take(EXPECTED)?;
         match &placed.token {
-            Token::Number(written) => {
+            FilterToken::Number(written) => {
                 written.parse().map_err(|_| unexpected(placed.position, &placed.token, EXPECTED))
             }
             other => Err(unexpected(placed.position, other, EXPECTED)),
@@ -179,10 +184,10 @@ impl Parser {
         const EXPECTED: &str = "a number, text in double quotes, true or false";
         let placed = self.take(EXPECTED)?;
         match &placed.token {
-            Token::Number(written) => finite(written, placed.position).map(Literal::Number),
-            Token::Text(text) => Ok(Literal::Text(text.clone())),
-            Token::Word(word) if word == "true" => Ok(Literal::Boolean(true)),
-            Token::Word(word) if word == "false" => Ok(Literal::Boolean(false)),
+            FilterToken::Number(written) => finite(written, placed.position).map(Literal::Number),
+            FilterToken::Text(text) => Ok(Literal::Text(text.clone())),
+            FilterToken::Word(word) if word == "true" => Ok(Literal::Boolean(true)),
+            FilterToken::Word(word) if word == "false" => Ok(Literal::Boolean(false)),
             other => Err(unexpected(placed.position, other, EXPECTED)),
         }
     }
@@ -204,7 +209,7 @@ impl PlacedOperator {
     }
 }
 
-const BOOLEANS: &[(&str, bool)] = &[("true", true), ("false", false)];
+const BOOLEANS: &[(bool, &str)] = &[(true, "true"), (false, "false")];
 
 fn finite(written: &str, position: usize) -> Result<f64, FilterError> {
     match written.parse::<f64>() {
@@ -214,7 +219,7 @@ fn finite(written: &str, position: usize) -> Result<f64, FilterError> {
     }
 }
 
-fn unexpected(position: usize, found: &Token, expected: &str) -> FilterError {
+fn unexpected(position: usize, found: &FilterToken, expected: &str) -> FilterError {
     FilterError::new(position, format!("found {} instead of {expected}", found.shown()))
 }
 

@@ -4,7 +4,7 @@ use super::{FilterError, Operator};
 
 /// A piece of a filter.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Token {
+pub(super) enum FilterToken {
     /// A field, an enum's value, `AND`, `true` or `false`.
     Word(String),
     /// A comparison.
@@ -15,7 +15,7 @@ pub(super) enum Token {
     Text(String),
 }
 
-impl Token {
+impl FilterToken {
     /// The token as an error message shows it.
     pub(super) fn shown(&self) -> String {
         match self {
@@ -29,13 +29,13 @@ impl Token {
 
 /// A token and where it begins, in characters from 1.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Placed {
+pub(super) struct PlacedToken {
     pub(super) position: usize,
-    pub(super) token: Token,
+    pub(super) token: FilterToken,
 }
 
 /// Cuts `text` into tokens.
-pub(super) fn tokens(text: &str) -> Result<Vec<Placed>, FilterError> {
+pub(super) fn tokens(text: &str) -> Result<Vec<PlacedToken>, FilterError> {
     let characters: Vec<char> = text.chars().collect();
     let mut found = Vec::new();
     let mut at = 0;
@@ -52,20 +52,20 @@ pub(super) fn tokens(text: &str) -> Result<Vec<Placed>, FilterError> {
             _ => operator(&characters[at..])
                 .ok_or_else(|| FilterError::new(at + 1, format!("`{first}` has no meaning here")))?,
         };
-        found.push(Placed { position: at + 1, token });
+        found.push(PlacedToken { position: at + 1, token });
         at += length;
     }
     Ok(found)
 }
 
-fn word(rest: &[char]) -> (Token, usize) {
+fn word(rest: &[char]) -> (FilterToken, usize) {
     let length = run(rest, |c| c.is_ascii_alphanumeric() || c == '_' || c == '.');
-    (Token::Word(rest[..length].iter().collect()), length)
+    (FilterToken::Word(rest[..length].iter().collect()), length)
 }
 
 /// Takes everything that can belong to a number; the parser decides whether it is one. A sign inside
 /// belongs to it only after an exponent's `e`.
-fn number(rest: &[char]) -> (Token, usize) {
+fn number(rest: &[char]) -> (FilterToken, usize) {
     let mut length = 1;
     while length < rest.len() {
         let previous = rest[length - 1];
@@ -79,16 +79,16 @@ fn number(rest: &[char]) -> (Token, usize) {
         }
         length += 1;
     }
-    (Token::Number(rest[..length].iter().collect()), length)
+    (FilterToken::Number(rest[..length].iter().collect()), length)
 }
 
 /// Text in double quotes, in which a backslash makes the next quote or backslash literal.
-fn quoted(rest: &[char], position: usize) -> Result<(Token, usize), FilterError> {
+fn quoted(rest: &[char], position: usize) -> Result<(FilterToken, usize), FilterError> {
     let mut text = String::new();
     let mut at = 1;
     while let Some(&c) = rest.get(at) {
         match c {
-            '"' => return Ok((Token::Text(text), at + 1)),
+            '"' => return Ok((FilterToken::Text(text), at + 1)),
             '\\' => match rest.get(at + 1) {
                 Some(&escaped @ ('"' | '\\')) => {
                     text.push(escaped);
@@ -113,7 +113,7 @@ fn quoted(rest: &[char], position: usize) -> Result<(Token, usize), FilterError>
     Err(FilterError::new(position, r#"this text is not closed with `"`"#))
 }
 
-fn operator(rest: &[char]) -> Option<(Token, usize)> {
+fn operator(rest: &[char]) -> Option<(FilterToken, usize)> {
     let second_is_equal = rest.get(1) == Some(&'=');
     let (operator, length) = match (rest[0], second_is_equal) {
         ('=', _) => (Operator::Equal, 1),
@@ -124,7 +124,7 @@ fn operator(rest: &[char]) -> Option<(Token, usize)> {
         ('>', false) => (Operator::Greater, 1),
         _ => return None,
     };
-    Some((Token::Operator(operator), length))
+    Some((FilterToken::Operator(operator), length))
 }
 
 fn run(rest: &[char], belongs: impl Fn(char) -> bool) -> usize {

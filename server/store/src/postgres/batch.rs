@@ -7,8 +7,8 @@ use sqlx::postgres::PgConnection;
 use super::statements as sql;
 use crate::fence::Fence;
 use crate::rows::{Rows, StateRow, TrialRow, VisitRow};
-use crate::words::{STATES, word};
 use treewright_core::trial::TrialState;
+use treewright_core::words::Word as _;
 
 /// Commits that share a statement. Of several changes to one row only the last is kept, since a statement
 /// may touch a row only once.
@@ -26,7 +26,7 @@ impl<'r> Batch<'r> {
     /// another epoch of the same study.
     pub(super) fn add(&mut self, fence: &Fence, rows: &'r Rows) -> bool {
         let study = fence.key();
-        let completed = word(STATES, TrialState::Completed);
+        let completed = TrialState::Completed.word();
         let is_final = |row: &TrialRow| {
             self.trials.get(&(study, row.number)).is_some_and(|earlier| earlier.state == completed)
         };
@@ -41,14 +41,9 @@ impl<'r> Batch<'r> {
         true
     }
 
-    /// Whether there is nothing to store.
-    pub(super) fn is_empty(&self) -> bool {
+    /// Whether there are no rows to store, so that only the epochs are asked for.
+    fn is_empty(&self) -> bool {
         self.states.is_empty() && self.visits.is_empty() && self.trials.is_empty()
-    }
-
-    /// The keys of all studies in the batch.
-    pub(super) fn studies(&self) -> HashSet<i64> {
-        self.fences.keys().copied().collect()
     }
 
     /// Stores what belongs to studies whose epoch still holds, durably, and returns the keys of these.
@@ -56,9 +51,15 @@ impl<'r> Batch<'r> {
         let states = || self.states.iter().map(|((study, _), row)| (*study, *row));
         let visits = || self.visits.iter().map(|((study, _), row)| (*study, *row));
         let trials = || self.trials.iter().map(|((study, _), row)| (*study, *row));
+        let keys: Vec<i64> = self.fences.keys().copied().collect();
+        let epochs: Vec<i64> = self.fences.values().copied().collect();
+        if self.is_empty() {
+            let held = sqlx::query_scalar(sql::HELD_STUDIES).bind(keys).bind(epochs);
+            return Ok(held.fetch_all(connection).await?.into_iter().collect());
+        }
         let held: Vec<i64> = sqlx::query_scalar(sql::BATCH)
-            .bind(self.fences.keys().copied().collect::<Vec<_>>())
-            .bind(self.fences.values().copied().collect::<Vec<_>>())
+            .bind(keys)
+            .bind(epochs)
             .bind(column(states(), |study, _| study))
             .bind(column(states(), |_, row| row.id))
             .bind(column(states(), |_, row| row.indicators.as_str()))

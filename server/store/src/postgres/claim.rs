@@ -5,7 +5,7 @@ use std::time::Instant;
 use sqlx::postgres::PgConnection;
 
 use super::failed;
-use super::shared::{Owner, Shared};
+use super::shared::{SharedState, StudyHolder};
 use super::statements as sql;
 use crate::assembly::study_not_found;
 use crate::error::StoreError;
@@ -19,7 +19,7 @@ const TRIES: usize = 8;
 /// from here on.
 pub(super) async fn claim(
     connection: &mut PgConnection,
-    shared: &Shared,
+    shared: &SharedState,
     study: &str,
 ) -> Result<Fence, StoreError> {
     for _ in 0..TRIES {
@@ -33,7 +33,7 @@ pub(super) async fn claim(
         let (key, epoch, owner, address) = found.ok_or_else(|| study_not_found(study))?;
         if let (Some(replica), Some(address)) = (owner.filter(|owner| *owner != me), address) {
             let seen = Instant::now();
-            shared.remember_owner(study, Owner { key, replica, address: address.clone(), seen });
+            shared.remember_owner(study, StudyHolder { key, replica, address: address.clone(), seen });
             return Err(StoreError::Elsewhere { study: study.to_owned(), address });
         }
         let claimed: Option<i64> = sqlx::query_scalar(sql::STUDY_CLAIM)

@@ -41,23 +41,23 @@ use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::rows::{self, Rows};
 use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
-use shared::Shared;
-use writer::Job;
+use shared::SharedState;
+use writer::StudyJob;
 
 pub use open::PostgresAddress;
 pub use tokens::PostgresTokens;
 
 /// Keeps everything in a PostgreSQL database that other replicas may serve as well.
 pub struct PostgresStore {
-    shared: Arc<Shared>,
+    shared: Arc<SharedState>,
     readers: PgPool,
     replica_key: [u8; 32],
     /// None once closed.
-    open: Mutex<Option<Open>>,
+    open: Mutex<Option<OpenPostgres>>,
 }
 
-struct Open {
-    queues: Vec<mpsc::Sender<Job>>,
+struct OpenPostgres {
+    queues: Vec<mpsc::Sender<StudyJob>>,
     writers: Vec<JoinHandle<()>>,
     leave: oneshot::Sender<()>,
     session: JoinHandle<()>,
@@ -93,7 +93,7 @@ impl PostgresStore {
         };
         let replica_key = open::replica_key(&mut connection, &database.shown()).await?;
         let me = replica::register(&mut connection, advertised).await.map_err(unreachable)?;
-        let shared = Arc::new(Shared::new(database.clone(), advertised.to_owned(), me));
+        let shared = Arc::new(SharedState::new(database.clone(), advertised.to_owned(), me));
         let listener = replica::listener(&shared).await.map_err(unreachable)?;
         let (leave, left) = oneshot::channel();
         let mut queues = Vec::new();
@@ -104,7 +104,7 @@ impl PostgresStore {
             writers.push(tokio::spawn(writer::run(Arc::clone(&shared), waiting)));
         }
         tracing::info!(replica = me, advertised, "entered");
-        let open = Open {
+        let open = OpenPostgres {
             queues,
             writers,
             leave,
@@ -116,7 +116,7 @@ impl PostgresStore {
     }
 
     /// Gives a write its place in the order of writes of its study.
-    fn enqueue(&self, study: &str, job: Job) {
+    fn enqueue(&self, study: &str, job: StudyJob) {
         let mut hasher = DefaultHasher::new();
         study.hash(&mut hasher);
         let open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
@@ -184,7 +184,7 @@ impl Store for PostgresStore {
             return Err(StoreError::Elsewhere { study: study.to_owned(), address: owner.address });
         }
         let (answer, claimed) = oneshot::channel();
-        self.enqueue(study, Job::Claim { study: study.to_owned(), answer });
+        self.enqueue(study, StudyJob::Claim { study: study.to_owned(), answer });
         let fence = claimed.await.unwrap_or(Err(StoreError::Closed))?;
         read::load(&mut *self.reader().await?, fence).await
     }
@@ -201,7 +201,7 @@ impl Store for PostgresStore {
         match Rows::of(changes) {
             Ok(rows) => {
                 let (answer, receipt) = oneshot::channel();
-                self.enqueue(fence.study(), Job::Commit { fence: fence.clone(), rows, answer });
+                self.enqueue(fence.study(), StudyJob::Commit { fence: fence.clone(), rows, answer });
                 Receipt(receipt)
             }
             Err(error) => Receipt::refused(fence, error),
@@ -214,7 +214,7 @@ impl Store for PostgresStore {
                 let (answer, receipt) = oneshot::channel();
                 let fence = fence.clone();
                 let study = fence.study().to_owned();
-                self.enqueue(&study, Job::Policy { fence, policy, models_since, answer });
+                self.enqueue(&study, StudyJob::Policy { fence, policy, models_since, answer });
                 Receipt(receipt)
             }
             Err(error) => Receipt::refused(fence, error),
@@ -237,7 +237,7 @@ impl Store for PostgresStore {
             let row = rows::PartRow::of(*completion, part, parts.len(), bytes)?;
             let (answer, saved) = oneshot::channel();
             // One after the other, so that others' writes come in between.
-            self.enqueue(fence.study(), Job::Part { fence: fence.clone(), row, answer });
+            self.enqueue(fence.study(), StudyJob::Part { fence: fence.clone(), row, answer });
             saved.await.unwrap_or(Err(StoreError::Closed))?;
         }
         Ok(())
@@ -271,7 +271,7 @@ impl Store for PostgresStore {
 
     async fn close(&self) {
         let taken = self.open.lock().unwrap_or_else(PoisonError::into_inner).take();
-        let Some(Open { queues, writers, leave, session, listener }) = taken else {
+        let Some(OpenPostgres { queues, writers, leave, session, listener }) = taken else {
             return;
         };
         // With their last senders gone the queues run dry, and the writers end.

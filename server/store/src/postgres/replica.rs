@@ -14,7 +14,7 @@ use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
 use super::open::silent;
-use super::shared::Shared;
+use super::shared::SharedState;
 use super::statements as sql;
 use super::studies;
 use crate::limits;
@@ -42,7 +42,11 @@ async fn take_lock(connection: &mut PgConnection, me: i32) -> Result<bool, sqlx:
 
 /// Keeps the replica alive in the eyes of the others, until told to leave. Without a word on `leave` it ends
 /// as if killed.
-pub(super) async fn live(shared: Arc<Shared>, connection: PgConnection, mut leave: oneshot::Receiver<()>) {
+pub(super) async fn live(
+    shared: Arc<SharedState>,
+    connection: PgConnection,
+    mut leave: oneshot::Receiver<()>,
+) {
     let mut session = Some(connection);
     loop {
         let pause = if session.is_some() { limits::HEARTBEAT } else { RETRY };
@@ -68,7 +72,7 @@ pub(super) async fn live(shared: Arc<Shared>, connection: PgConnection, mut leav
 }
 
 /// One heartbeat, on a connection that is made anew where it is lost, and some housework.
-async fn beat(shared: &Shared, session: Option<PgConnection>) -> Result<PgConnection, sqlx::Error> {
+async fn beat(shared: &SharedState, session: Option<PgConnection>) -> Result<PgConnection, sqlx::Error> {
     let (mut connection, is_new) = match session {
         Some(connection) => (connection, false),
         None => (shared.database.connect().await?, true),
@@ -101,7 +105,7 @@ async fn beat(shared: &Shared, session: Option<PgConnection>) -> Result<PgConnec
 }
 
 /// Leaves all studies to the others.
-async fn say_good_bye(shared: &Shared, mut connection: PgConnection) {
+async fn say_good_bye(shared: &SharedState, mut connection: PgConnection) {
     let leaving = async {
         sqlx::query(sql::REPLICA_DELETE).bind(shared.me()).execute(&mut connection).await?;
         connection.close().await
@@ -113,7 +117,7 @@ async fn say_good_bye(shared: &Shared, mut connection: PgConnection) {
 }
 
 /// Begins to listen.
-pub(super) async fn listener(shared: &Shared) -> Result<PgListener, sqlx::Error> {
+pub(super) async fn listener(shared: &SharedState) -> Result<PgListener, sqlx::Error> {
     let pool = PgPoolOptions::new()
         .max_connections(1)
         .acquire_timeout(limits::POSTGRES_CONNECT_TIMEOUT)
@@ -124,7 +128,7 @@ pub(super) async fn listener(shared: &Shared) -> Result<PgListener, sqlx::Error>
 }
 
 /// Acts on the notices of the others, for ever. A lost notice costs time and nothing else.
-pub(super) async fn listen(shared: Arc<Shared>, mut listener: PgListener) {
+pub(super) async fn listen(shared: Arc<SharedState>, mut listener: PgListener) {
     loop {
         match listener.try_recv().await {
             Ok(Some(notice)) => act(&shared, notice.payload()),
@@ -138,7 +142,7 @@ pub(super) async fn listen(shared: Arc<Shared>, mut listener: PgListener) {
     }
 }
 
-fn act(shared: &Shared, notice: &str) {
+fn act(shared: &SharedState, notice: &str) {
     let words: Vec<&str> = notice.split(' ').collect();
     match words.as_slice() {
         ["claimed", key, epoch] => {

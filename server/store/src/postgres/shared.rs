@@ -11,18 +11,18 @@ use crate::fence::Fence;
 use crate::limits;
 
 /// Shared by the store, its writers, its session and its listener.
-pub(super) struct Shared {
+pub(super) struct SharedState {
     pub(super) database: PostgresAddress,
     /// Where other replicas reach this one.
     pub(super) advertised: String,
     me: AtomicI32,
     fences: Mutex<HashMap<i64, Fence>>,
-    owners: Mutex<HashMap<String, Owner>>,
+    owners: Mutex<HashMap<String, StudyHolder>>,
 }
 
 /// Another replica that holds a study.
 #[derive(Clone, Debug)]
-pub(super) struct Owner {
+pub(super) struct StudyHolder {
     pub(super) key: i64,
     pub(super) replica: i32,
     pub(super) address: String,
@@ -34,7 +34,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Shared {
+impl SharedState {
     pub(super) fn new(database: PostgresAddress, advertised: String, me: i32) -> Self {
         Self {
             database,
@@ -87,12 +87,12 @@ impl Shared {
     }
 
     /// Who is known to hold the study, where that is fresh enough to be believed.
-    pub(super) fn owner(&self, study: &str) -> Option<Owner> {
+    pub(super) fn owner(&self, study: &str) -> Option<StudyHolder> {
         lock(&self.owners).get(study).filter(|owner| owner.seen.elapsed() < limits::OWNER_REMEMBERED).cloned()
     }
 
     /// Remembers who holds a study.
-    pub(super) fn remember_owner(&self, study: &str, owner: Owner) {
+    pub(super) fn remember_owner(&self, study: &str, owner: StudyHolder) {
         let mut owners = lock(&self.owners);
         if owners.len() >= limits::OWNERS_REMEMBERED {
             owners.clear();
@@ -106,7 +106,7 @@ impl Shared {
     }
 
     /// Forgets owners.
-    pub(super) fn forget_owners(&self, which: impl Fn(&Owner) -> bool) {
+    pub(super) fn forget_owners(&self, which: impl Fn(&StudyHolder) -> bool) {
         lock(&self.owners).retain(|_, owner| !which(owner));
     }
 }

@@ -190,6 +190,11 @@ pub(super) const STUDIES_WITH_DUE_LEASES: &str = concat!(
     "AND t.state = 'OPEN' AND t.lease_expire_ms < $1) LIMIT $4) ORDER BY name"
 );
 
+/// Of these studies, those whose epoch still holds: for commits without rows, behind which somebody reads.
+pub(super) const HELD_STUDIES: &str = "SELECT s.id FROM studies s \
+     JOIN unnest($1::bigint[], $2::bigint[]) AS f (id, epoch) ON s.id = f.id AND s.epoch = f.epoch \
+     WHERE s.name IS NOT NULL";
+
 /// Locks a deleted study, so that one replica at a time takes its rows away.
 pub(super) const DELETED_STUDY: &str =
     "SELECT id FROM studies WHERE name IS NULL ORDER BY id LIMIT 1 FOR UPDATE SKIP LOCKED";

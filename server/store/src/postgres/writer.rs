@@ -17,7 +17,7 @@ use tokio::time::timeout;
 
 use super::batch::Batch;
 use super::open::silent;
-use super::shared::Shared;
+use super::shared::SharedState;
 use super::{claim, failed, statements as sql};
 use crate::error::StoreError;
 use crate::fence::Fence;
@@ -33,7 +33,7 @@ const TRIES: usize = 4;
 type Statement<'q> = Query<'q, Postgres, PgArguments>;
 
 /// A write and where its answer goes.
-pub(super) enum Job {
+pub(super) enum StudyJob {
     Commit {
         fence: Fence,
         rows: Rows,
@@ -57,7 +57,7 @@ pub(super) enum Job {
     },
 }
 
-impl Job {
+impl StudyJob {
     /// What the caller computed is lost, so nothing computed on top of it may be stored. A caller that has
     /// left is no reason for anything.
     pub(super) fn refuse(self, error: StoreError) {
@@ -80,7 +80,7 @@ impl Job {
 }
 
 /// What came of a batch.
-enum Fate {
+enum BatchResult {
     /// The studies whose epoch still holds; what belongs to these is stored.
     Held(HashSet<i64>),
     /// One of the rows breaks a rule; nothing is stored.
@@ -90,7 +90,7 @@ enum Fate {
 }
 
 /// Writes until the queue is closed and empty.
-pub(super) async fn run(shared: Arc<Shared>, mut queue: mpsc::Receiver<Job>) {
+pub(super) async fn run(shared: Arc<SharedState>, mut queue: mpsc::Receiver<StudyJob>) {
     let mut writer = Writer { shared, connection: None, failure: None };
     while let Some(first) = queue.recv().await {
         let mut group = VecDeque::from([first]);
@@ -104,14 +104,14 @@ pub(super) async fn run(shared: Arc<Shared>, mut queue: mpsc::Receiver<Job>) {
 }
 
 struct Writer {
-    shared: Arc<Shared>,
+    shared: Arc<SharedState>,
     connection: Option<PgConnection>,
     /// The last failure to connect.
     failure: Option<(Instant, StoreError)>,
 }
 
 impl Writer {
-    async fn write(&mut self, mut group: VecDeque<Job>) {
+    async fn write(&mut self, mut group: VecDeque<StudyJob>) {
         loop {
             let together = leading_commits(&group);
             if together > 0 {
@@ -121,7 +121,7 @@ impl Writer {
             }
             match group.pop_front() {
                 None => return,
-                Some(Job::Claim { study, answer }) => {
+                Some(StudyJob::Claim { study, answer }) => {
                     // Nobody listens any more when the caller has left; the claim is then one for nothing.
                     drop(answer.send(self.claim(&study).await));
                 }
@@ -134,13 +134,13 @@ impl Writer {
     }
 
     /// Stores commits that fit into one statement; where that breaks a rule, each in its own.
-    async fn store(&mut self, jobs: Vec<Job>) {
+    async fn store(&mut self, jobs: Vec<StudyJob>) {
         match self.batch(&jobs).await {
-            Fate::Held(held) => {
+            BatchResult::Held(held) => {
                 tracing::trace!(writes = jobs.len(), "stored");
                 for job in jobs {
                     match &job {
-                        Job::Commit { fence, .. } if !held.contains(&fence.key()) => {
+                        StudyJob::Commit { fence, .. } if !held.contains(&fence.key()) => {
                             let error = StoreError::Fenced { study: fence.study().to_owned() };
                             job.refuse(error);
                         }
@@ -148,21 +148,21 @@ impl Writer {
                     }
                 }
             }
-            Fate::Broken(error) if jobs.len() == 1 => {
+            BatchResult::Broken(error) if jobs.len() == 1 => {
                 for job in jobs {
                     job.refuse(error.clone());
                 }
             }
-            Fate::Broken(_) => {
+            BatchResult::Broken(_) => {
                 for job in jobs {
-                    let Job::Commit { fence, .. } = &job else { continue };
+                    let StudyJob::Commit { fence, .. } = &job else { continue };
                     match fence.check() {
                         Ok(()) => Box::pin(self.store(vec![job])).await,
                         Err(error) => job.refuse(error),
                     }
                 }
             }
-            Fate::Failed(error) => {
+            BatchResult::Failed(error) => {
                 for job in jobs {
                     job.refuse(error.clone());
                 }
@@ -170,25 +170,21 @@ impl Writer {
         }
     }
 
-    async fn batch(&mut self, jobs: &[Job]) -> Fate {
+    async fn batch(&mut self, jobs: &[StudyJob]) -> BatchResult {
         let mut batch = Batch::default();
         for job in jobs {
-            if let Job::Commit { fence, rows, .. } = job {
+            if let StudyJob::Commit { fence, rows, .. } = job {
                 batch.add(fence, rows);
             }
-        }
-        if batch.is_empty() {
-            // They only wait for the writes before them.
-            return Fate::Held(batch.studies());
         }
         for _ in 0..TRIES {
             let connection = match self.connection().await {
                 Ok(connection) => connection,
-                Err(error) => return Fate::Failed(error),
+                Err(error) => return BatchResult::Failed(error),
             };
             let storing = timeout(limits::POSTGRES_WRITE_TIMEOUT, batch.store(connection));
             let error = match storing.await.unwrap_or_else(|_| Err(silent())) {
-                Ok(held) => return Fate::Held(held),
+                Ok(held) => return BatchResult::Held(held),
                 Err(error) => error,
             };
             let (class, problem) = match error.as_database_error() {
@@ -198,16 +194,16 @@ impl Writer {
             match class {
                 // A deadlock with another replica, or the like: it was rolled back.
                 Class::Again => {}
-                Class::Rule => return Fate::Broken(inconsistent(problem)),
-                Class::Refusal => return Fate::Failed(StoreError::Unavailable { problem }),
+                Class::Rule => return BatchResult::Broken(inconsistent(problem)),
+                Class::Refusal => return BatchResult::Failed(StoreError::Unavailable { problem }),
                 Class::Gone => {
                     self.connection = None;
-                    return Fate::Failed(StoreError::Unavailable { problem });
+                    return BatchResult::Failed(StoreError::Unavailable { problem });
                 }
             }
         }
         let problem = "it broke the write off again and again for the sake of others".to_owned();
-        Fate::Failed(StoreError::Unavailable { problem })
+        BatchResult::Failed(StoreError::Unavailable { problem })
     }
 
     async fn claim(&mut self, study: &str) -> Result<Fence, StoreError> {
@@ -220,15 +216,15 @@ impl Writer {
     }
 
     /// A write that shares no statement: a policy, a part of a checkpoint, or a commit under a broken fence, which is refused.
-    async fn alone(&mut self, job: &Job) -> Result<(), StoreError> {
+    async fn alone(&mut self, job: &StudyJob) -> Result<(), StoreError> {
         match job {
-            Job::Policy { fence, policy, models_since, .. } => {
+            StudyJob::Policy { fence, policy, models_since, .. } => {
                 fence.check()?;
                 let query = sqlx::query(sql::POLICY_UPDATE);
                 let query = query.bind(fence.key()).bind(fence.epoch()).bind(policy).bind(models_since);
                 self.execute_held(fence, query).await
             }
-            Job::Part { fence, row, .. } => {
+            StudyJob::Part { fence, row, .. } => {
                 fence.check()?;
                 let query = sqlx::query(sql::PART_UPSERT).bind(fence.key()).bind(fence.epoch());
                 let query = query.bind(row.completion).bind(row.part).bind(row.parts).bind(&row.bytes);
@@ -240,8 +236,8 @@ impl Writer {
                 let query = sqlx::query(sql::OTHER_CHECKPOINTS_DELETE).bind(fence.key());
                 self.execute(query.bind(row.completion).bind(row.parts)).await.map(|_| ())
             }
-            Job::Commit { fence, .. } => fence.check(),
-            Job::Claim { .. } => Ok(()),
+            StudyJob::Commit { fence, .. } => fence.check(),
+            StudyJob::Claim { .. } => Ok(()),
         }
     }
 
@@ -291,12 +287,12 @@ impl Writer {
 }
 
 /// How many jobs at the front can share a statement.
-fn leading_commits(group: &VecDeque<Job>) -> usize {
+fn leading_commits(group: &VecDeque<StudyJob>) -> usize {
     let mut batch = Batch::default();
     let mut count = 0;
     for job in group {
         match job {
-            Job::Commit { fence, rows, .. } if fence.holds() && batch.add(fence, rows) => count += 1,
+            StudyJob::Commit { fence, rows, .. } if fence.holds() && batch.add(fence, rows) => count += 1,
             _ => break,
         }
     }

@@ -5,7 +5,7 @@ use sqlx::sqlite::SqliteConnection;
 use treewright_core::study::StudySpec;
 
 use super::statements as sql;
-use super::writer::{Command, Done, Fences};
+use super::writer::{GroupFences, WriteCommand, WriteResult};
 use super::{read, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
@@ -15,30 +15,30 @@ use crate::store::Created;
 
 pub(super) async fn apply(
     connection: &mut SqliteConnection,
-    fences: &mut Fences,
-    command: &Command,
-) -> Result<Done, StoreError> {
+    fences: &mut GroupFences,
+    command: &WriteCommand,
+) -> Result<WriteResult, StoreError> {
     match command {
-        Command::Create { id, spec, now_ms } => {
-            create(connection, id, spec, *now_ms).await.map(|created| Done::Created(Box::new(created)))
+        WriteCommand::Create { id, spec, now_ms } => {
+            create(connection, id, spec, *now_ms).await.map(|created| WriteResult::Created(Box::new(created)))
         }
-        Command::Delete { study } => {
+        WriteCommand::Delete { study } => {
             let key = read::study_key(&mut *connection, study).await?;
             if let Some(fence) = fences.remove(&key) {
                 fence.break_up();
             }
             sqlx::query(sql::STUDY_DELETE).bind(key).execute(connection).await.map_err(refused)?;
-            Ok(Done::Nothing)
+            Ok(WriteResult::Nothing)
         }
-        Command::Fence { study } => {
+        WriteCommand::Fence { study } => {
             let key = read::study_key(&mut *connection, study).await?;
             let fence = Fence::new(study, key);
             if let Some(earlier) = fences.insert(key, fence.clone()) {
                 earlier.break_up();
             }
-            Ok(Done::Fenced(fence))
+            Ok(WriteResult::Fenced(fence))
         }
-        Command::Policy { fence, policy, models_since } => {
+        WriteCommand::Policy { fence, policy, models_since } => {
             fence.check()?;
             sqlx::query(sql::POLICY_UPDATE)
                 .bind(fence.key())
@@ -47,21 +47,24 @@ pub(super) async fn apply(
                 .execute(connection)
                 .await
                 .map_err(refused)?;
-            Ok(Done::Nothing)
+            Ok(WriteResult::Nothing)
         }
-        Command::Part { fence, row } => {
+        WriteCommand::Part { fence, row } => {
             fence.check()?;
             save_part(connection, fence.key(), row).await.map_err(refused)?;
-            Ok(Done::Nothing)
+            Ok(WriteResult::Nothing)
         }
-        Command::Remove { fence, numbers, covered } => {
+        WriteCommand::Remove { fence, numbers, covered } => {
             fence.check()?;
-            remove(connection, fence.key(), numbers, *covered).await.map(Done::Removed).map_err(refused)
+            remove(connection, fence.key(), numbers, *covered)
+                .await
+                .map(WriteResult::Removed)
+                .map_err(refused)
         }
-        Command::Commit { fence, rows } => {
+        WriteCommand::Commit { fence, rows } => {
             fence.check()?;
             script::rows(fence.key(), rows).execute(connection).await.map_err(refused)?;
-            Ok(Done::Nothing)
+            Ok(WriteResult::Nothing)
         }
     }
 }

@@ -1,5 +1,9 @@
-//! One daemon, one database: an advisory lock on `FILE.lock`, which the system releases when its holder
-//! dies, however it dies.
+//! One daemon, one database: advisory locks (`flock`), which the system releases when their holder dies, however it
+//! dies.
+//!
+//! `FILE.lock` holds the process id for the error message. The database file itself is locked as well, since it may
+//! be reached by several names: through hard links or bind mounts. SQLite's own locks (`fcntl`) are of another kind,
+//! and the two do not meet.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read as _, Seek as _, Write as _};
@@ -11,38 +15,63 @@ use crate::error::OpenError;
 /// a daemon that has just opened it.
 #[derive(Debug)]
 pub(crate) struct DatabaseLock {
-    _file: File,
+    _named: File,
+    _database: Option<File>,
 }
 
 impl DatabaseLock {
-    /// Takes the lock, or names the process that holds it.
+    /// Takes the lock, or names the process that holds it. A database that does not exist yet is made, as an empty
+    /// file.
     pub(crate) fn take(database: &Path) -> Result<Self, OpenError> {
-        let path = lock_path(database);
-        let not_writable =
-            |error: std::io::Error| OpenError::NotWritable { path: path.clone(), problem: error.to_string() };
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(&path)
-            .map_err(not_writable)?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                let mut text = String::new();
-                // The process id is a courtesy; without it the message is only shorter.
-                let _ = file.read_to_string(&mut text);
-                return Err(OpenError::InUse { path: database.to_owned(), pid: text.trim().parse().ok() });
-            }
-            Err(TryLockError::Error(error)) => return Err(not_writable(error)),
-        }
-        file.set_len(0)
-            .and_then(|()| file.rewind())
-            .and_then(|()| writeln!(file, "{}", std::process::id()))
-            .map_err(not_writable)?;
-        Ok(Self { _file: file })
+        Self::take_with(database, true)
     }
+
+    /// The same, where no file is to be made.
+    pub(crate) fn take_without_file(database: &Path) -> Result<Self, OpenError> {
+        Self::take_with(database, false)
+    }
+
+    fn take_with(database: &Path, make: bool) -> Result<Self, OpenError> {
+        let path = lock_path(database);
+        let mut named = open(&path)?;
+        if !try_lock(&named, &path)? {
+            let mut text = String::new();
+            // The process id is a courtesy; without it the message is only shorter.
+            let _ = named.read_to_string(&mut text);
+            return Err(OpenError::InUse { path: database.to_owned(), pid: text.trim().parse().ok() });
+        }
+        let file = if make || database.exists() { Some(open(database)?) } else { None };
+        if let Some(file) = &file
+            && !try_lock(file, database)?
+        {
+            return Err(OpenError::InUse { path: database.to_owned(), pid: None });
+        }
+        let written = named
+            .set_len(0)
+            .and_then(|()| named.rewind())
+            .and_then(|()| writeln!(named, "{}", std::process::id()));
+        written.map_err(|error| not_writable(&path, &error))?;
+        Ok(Self { _named: named, _database: file })
+    }
+}
+
+fn open(path: &Path) -> Result<File, OpenError> {
+    let mut options = OpenOptions::new();
+    let opened = options.read(true).write(true).create(true).truncate(false).open(path);
+    opened.map_err(|error| not_writable(path, &error))
+}
+
+/// Whether the lock could be had.
+fn try_lock(file: &File, path: &Path) -> Result<bool, OpenError> {
+    match file.try_lock() {
+        Ok(()) => Ok(true),
+        Err(TryLockError::WouldBlock) => Ok(false),
+        Err(TryLockError::Error(error)) => Err(not_writable(path, &error)),
+    }
+}
+
+fn not_writable(path: &Path, error: &std::io::Error) -> OpenError {
+    OpenError::NotWritable { path: path.to_owned(), problem: error.to_string() }
 }
 
 /// Beside the file itself, should `database` be a link to it.

@@ -1,16 +1,17 @@
 //! The store on SQLite: a write-ahead log, one writer, a few readers.
 //!
 //! `open` readies the file, `lock` keeps a second daemon out, `check` looks whether it is
-//! sound, `place` whether it lies where it did, `writer`, `commands` and `script` write, `read`
-//! reads, `filter` translates questions, `statements` holds the fixed SQL.
+//! sound, `identity` whether it lies where it did, `writer`, `commands` and `script` write, `read`
+//! reads, `reap` removes what was deleted, `filter` translates questions, `statements` holds the fixed SQL.
 
 mod check;
 mod commands;
 mod filter;
+mod identity;
 mod lock;
 mod open;
-mod place;
 mod read;
+mod reap;
 mod script;
 mod statements;
 mod tokens;
@@ -36,16 +37,16 @@ use crate::limits;
 use crate::rows::{self, Rows};
 use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
 pub use tokens::SqliteTokens;
-use writer::{Answer, Command, Done, Job};
+use writer::{Reply, WriteCommand, WriteJob, WriteResult};
 
-/// What those need of a file who keep it: see [`keep`](crate::keep).
+/// What those need of a file who keep it: see [`maintenance`](crate::maintenance).
 pub(crate) mod file {
     pub(crate) use super::check::{check, check_pages};
     pub(crate) use super::lock::DatabaseLock;
     pub(crate) use super::open::{check_path, explain, known_version, message, options, owner};
 }
 pub(crate) use check::{Depth, Looked, Unsound};
-pub(crate) use open::Owner;
+pub(crate) use open::FileOwner;
 
 /// Keeps everything in one SQLite file and survives being killed at any moment: what has been
 /// acknowledged is on the disk.
@@ -54,14 +55,14 @@ pub struct SqliteStore {
     path: PathBuf,
     readers: SqlitePool,
     /// None once closed.
-    open: Mutex<Option<Open>>,
+    open: Mutex<Option<OpenFile>>,
     /// Held while the file is being closed.
     closing: Arc<tokio::sync::Mutex<()>>,
 }
 
 #[derive(Debug)]
-struct Open {
-    queue: mpsc::Sender<Job>,
+struct OpenFile {
+    queue: mpsc::Sender<WriteJob>,
     writer: JoinHandle<SqliteConnection>,
     lock: lock::DatabaseLock,
 }
@@ -76,11 +77,11 @@ impl SqliteStore {
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
         let opened = open::open(path).await?;
         let (queue, waiting) = mpsc::channel(limits::WRITE_QUEUE);
-        let writer = tokio::spawn(writer::run(opened.writer, place::Place::of(path), waiting));
+        let writer = tokio::spawn(writer::run(opened.writer, identity::FileIdentity::of(path), waiting));
         Ok(Self {
             path: path.to_owned(),
             readers: opened.readers,
-            open: Mutex::new(Some(Open { queue, writer, lock: opened.lock })),
+            open: Mutex::new(Some(OpenFile { queue, writer, lock: opened.lock })),
             closing: Arc::default(),
         })
     }
@@ -92,11 +93,11 @@ impl SqliteStore {
     }
 
     /// Gives a write its place in the order of writes.
-    fn enqueue(&self, command: Command, answer: Answer) {
+    fn enqueue(&self, command: WriteCommand, answer: Reply) {
         let open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
         let (job, error) = match &*open {
-            None => (Job { command, answer }, StoreError::Closed),
-            Some(open) => match open.queue.try_send(Job { command, answer }) {
+            None => (WriteJob { command, answer }, StoreError::Closed),
+            Some(open) => match open.queue.try_send(WriteJob { command, answer }) {
                 Ok(()) => return,
                 Err(mpsc::error::TrySendError::Closed(job)) => (job, StoreError::Closed),
                 Err(mpsc::error::TrySendError::Full(job)) => {
@@ -108,15 +109,15 @@ impl SqliteStore {
         job.refuse(error);
     }
 
-    fn enqueue_change(&self, command: Command) -> Receipt {
+    fn enqueue_change(&self, command: WriteCommand) -> Receipt {
         let (sender, receiver) = oneshot::channel();
-        self.enqueue(command, Answer::Stored(sender));
+        self.enqueue(command, Reply::Stored(sender));
         Receipt(receiver)
     }
 
-    async fn write(&self, command: Command) -> Result<Done, StoreError> {
+    async fn write(&self, command: WriteCommand) -> Result<WriteResult, StoreError> {
         let (sender, receiver) = oneshot::channel();
-        self.enqueue(command, Answer::Done(sender));
+        self.enqueue(command, Reply::Done(sender));
         receiver.await.unwrap_or(Err(StoreError::Closed))
     }
 
@@ -145,9 +146,9 @@ fn mismatch() -> StoreError {
 #[async_trait]
 impl Store for SqliteStore {
     async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
-        let command = Command::Create { id: id.to_owned(), spec: Box::new(spec.clone()), now_ms };
+        let command = WriteCommand::Create { id: id.to_owned(), spec: Box::new(spec.clone()), now_ms };
         match self.write(command).await? {
-            Done::Created(created) => Ok(*created),
+            WriteResult::Created(created) => Ok(*created),
             _ => Err(mismatch()),
         }
     }
@@ -162,13 +163,13 @@ impl Store for SqliteStore {
 
     async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
         let study = study.to_owned();
-        self.write(Command::Delete { study }).await.map(|_| ())
+        self.write(WriteCommand::Delete { study }).await.map(|_| ())
     }
 
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
         let study = study.to_owned();
-        match self.write(Command::Fence { study }).await? {
-            Done::Fenced(fence) => read::load(&mut *self.reader().await?, fence).await,
+        match self.write(WriteCommand::Fence { study }).await? {
+            WriteResult::Fenced(fence) => read::load(&mut *self.reader().await?, fence).await,
             _ => Err(mismatch()),
         }
     }
@@ -176,7 +177,7 @@ impl Store for SqliteStore {
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {
         let fence = fence.clone();
         match Rows::of(changes) {
-            Ok(rows) => self.enqueue_change(Command::Commit { fence, rows }),
+            Ok(rows) => self.enqueue_change(WriteCommand::Commit { fence, rows }),
             Err(error) => Receipt::refused(&fence, error),
         }
     }
@@ -184,7 +185,7 @@ impl Store for SqliteStore {
     fn update_policy(&self, fence: &Fence, policy: &Policy, models_since: u64) -> Receipt {
         let fence = fence.clone();
         match rows::policy(policy) {
-            Ok(policy) => self.enqueue_change(Command::Policy { fence, policy, models_since }),
+            Ok(policy) => self.enqueue_change(WriteCommand::Policy { fence, policy, models_since }),
             Err(error) => Receipt::refused(&fence, error),
         }
     }
@@ -204,7 +205,7 @@ impl Store for SqliteStore {
         for (part, bytes) in parts.iter().enumerate() {
             let row = rows::PartRow::of(*completion, part, parts.len(), bytes)?;
             // One after the other, so that others' writes come in between.
-            self.write(Command::Part { fence: fence.clone(), row }).await?;
+            self.write(WriteCommand::Part { fence: fence.clone(), row }).await?;
         }
         Ok(())
     }
@@ -221,8 +222,8 @@ impl Store for SqliteStore {
 
     async fn remove_trials(&self, fence: &Fence, numbers: &[u64], covered: u64) -> Result<u64, StoreError> {
         let (numbers, covered) = (rows::write(&numbers)?, rows::signed(covered)?);
-        match self.write(Command::Remove { fence: fence.clone(), numbers, covered }).await? {
-            Done::Removed(count) => Ok(count),
+        match self.write(WriteCommand::Remove { fence: fence.clone(), numbers, covered }).await? {
+            WriteResult::Removed(count) => Ok(count),
             _ => Err(mismatch()),
         }
     }
@@ -257,8 +258,8 @@ impl Store for SqliteStore {
     }
 }
 
-async fn close(open: Open, readers: SqlitePool) {
-    let Open { queue, writer, lock } = open;
+async fn close(open: OpenFile, readers: SqlitePool) {
+    let OpenFile { queue, writer, lock } = open;
     // With its last sender gone the queue runs dry, and the writer ends.
     drop(queue);
     let connection = writer.await;

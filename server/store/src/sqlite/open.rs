@@ -119,6 +119,10 @@ pub(super) async fn beside(path: &Path) -> Result<SqliteConnectOptions, OpenErro
 
 /// Answers what the system can answer better than SQLite, whose one message is "unable to open".
 pub(crate) fn check_path(path: &Path) -> Result<(), OpenError> {
+    // To SQLite these are databases that vanish when they are closed.
+    if path.as_os_str().is_empty() || path.as_os_str() == ":memory:" {
+        return Err(OpenError::NoName { path: path.to_owned() });
+    }
     if path.is_dir() {
         return Err(OpenError::Directory { path: path.to_owned() });
     }
@@ -144,7 +148,7 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), Open
     for statement in ["BEGIN IMMEDIATE", "ROLLBACK"] {
         sqlx::query(statement).execute(&mut connection).await.map_err(explained)?;
     }
-    if owner(&mut connection).await.map_err(explained)? == Owner::Foreign {
+    if owner(&mut connection).await.map_err(explained)? == FileOwner::Foreign {
         return Err(OpenError::Foreign { path: path.to_owned() });
     }
     connection.close().await.map_err(explained)
@@ -152,21 +156,21 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), Open
 
 /// Whose a file is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Owner {
+pub(crate) enum FileOwner {
     Ours,
     /// Nothing is in it.
     Nobody,
     Foreign,
 }
 
-pub(crate) async fn owner(connection: &mut SqliteConnection) -> Result<Owner, sqlx::Error> {
+pub(crate) async fn owner(connection: &mut SqliteConnection) -> Result<FileOwner, sqlx::Error> {
     let application: i64 = sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *connection).await?;
     let tables: i64 =
         sqlx::query_scalar("SELECT count(*) FROM sqlite_master").fetch_one(&mut *connection).await?;
     Ok(match (application, tables) {
-        (APPLICATION_ID, _) => Owner::Ours,
-        (0, 0) => Owner::Nobody,
-        _ => Owner::Foreign,
+        (APPLICATION_ID, _) => FileOwner::Ours,
+        (0, 0) => FileOwner::Nobody,
+        _ => FileOwner::Foreign,
     })
 }
 

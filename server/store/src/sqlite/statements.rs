@@ -4,14 +4,33 @@
 /// Begins a transaction that only reads, and reads the database as it is at its first question.
 pub(super) const BEGIN_READING: &str = "BEGIN";
 
-pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1";
+pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1 AND name < '~'";
 
-pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies";
+pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies WHERE name < '~'";
 
 pub(super) const STUDY_INSERT: &str = "INSERT INTO studies (name, specification, policy, create_ms) \
      VALUES ($1, $2, $3, $4)";
 
-pub(super) const STUDY_DELETE: &str = "DELETE FROM studies WHERE id = $1";
+/// Gives a study a name that no study can have and that sorts behind all others. [`REAP_TRIALS`] and the following take
+/// its rows away.
+pub(super) const STUDY_DELETE: &str = "UPDATE studies SET name = '~' || id WHERE id = $1";
+
+/// A study whose rows are to be taken away.
+pub(super) const DELETED_STUDY: &str = "SELECT id FROM studies WHERE name >= '~' ORDER BY name LIMIT 1";
+
+pub(super) const REAP_TRIALS: &str = "DELETE FROM trials WHERE study = $1 AND number IN \
+     (SELECT number FROM trials WHERE study = $1 ORDER BY number LIMIT $2)";
+
+pub(super) const REAP_VISITS: &str = "DELETE FROM visits WHERE study = $1 AND client_id IN \
+     (SELECT client_id FROM visits WHERE study = $1 ORDER BY client_id LIMIT $2)";
+
+pub(super) const REAP_STATES: &str = "DELETE FROM states WHERE study = $1 AND id IN \
+     (SELECT id FROM states WHERE study = $1 ORDER BY id LIMIT $2)";
+
+pub(super) const REAP_CHECKPOINTS: &str = "DELETE FROM checkpoints WHERE study = $1 AND part IN \
+     (SELECT part FROM checkpoints WHERE study = $1 ORDER BY part LIMIT $2)";
+
+pub(super) const REAP_STUDY: &str = "DELETE FROM studies WHERE id = $1";
 
 pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $2, models_since = $3 WHERE id = $1";
 
@@ -32,11 +51,11 @@ macro_rules! study_select {
     };
 }
 
-pub(super) const STUDY_BY_NAME: &str = study_select!("WHERE name = $1");
+pub(super) const STUDY_BY_NAME: &str = study_select!("WHERE name = $1 AND name < '~'");
 
 pub(super) const STUDY_BY_KEY: &str = study_select!("WHERE id = $1");
 
-pub(super) const STUDY_PAGE: &str = study_select!("WHERE name > $1 ORDER BY name LIMIT $2");
+pub(super) const STUDY_PAGE: &str = study_select!("WHERE name > $1 AND name < '~' ORDER BY name LIMIT $2");
 
 pub(super) const STATES_OF_STUDY: &str =
     "SELECT id, indicators, fingerprint, search, search_packed FROM states WHERE study = $1 ORDER BY id";
@@ -121,7 +140,7 @@ pub(super) const CHECKPOINT: &str = "SELECT completion FROM checkpoints WHERE st
 pub(super) const CHECKPOINT_PARTS: &str =
     "SELECT bytes FROM checkpoints WHERE study = $1 AND completion = $2 ORDER BY part";
 
-pub(super) const STUDIES_WITH_DUE_LEASES: &str = "SELECT name FROM studies WHERE EXISTS \
+pub(super) const STUDIES_WITH_DUE_LEASES: &str = "SELECT name FROM studies WHERE name < '~' AND EXISTS \
      (SELECT 1 FROM trials t WHERE t.study = studies.id AND t.state = 'OPEN' AND t.lease_expire_ms < $1) \
      ORDER BY name";
 
@@ -151,6 +170,7 @@ mod tests {
             COMPLETED_TRIALS,
             CLOSED_TRIALS,
             TRIALS_DELETE,
+            DELETED_STUDY,
             STUDIES_WITH_DUE_LEASES,
             CHECKPOINT,
             CHECKPOINT_PARTS,

@@ -9,10 +9,11 @@ use std::collections::HashMap;
 
 use sqlx::sqlite::SqliteConnection;
 use tokio::sync::{mpsc, oneshot};
+use tokio::time::{Instant, timeout_at};
 use treewright_core::study::StudySpec;
 
-use super::place::Place;
-use super::{commands, script};
+use super::identity::FileIdentity;
+use super::{commands, reap, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
@@ -20,7 +21,7 @@ use crate::rows::{PartRow, Rows};
 use crate::store::Created;
 
 /// What can be written.
-pub(super) enum Command {
+pub(super) enum WriteCommand {
     Create {
         id: String,
         spec: Box<StudySpec>,
@@ -56,7 +57,7 @@ pub(super) enum Command {
 }
 
 /// What a write yields.
-pub(super) enum Done {
+pub(super) enum WriteResult {
     Nothing,
     Created(Box<Created>),
     Fenced(Fence),
@@ -64,19 +65,19 @@ pub(super) enum Done {
 }
 
 /// A write and where its answer goes.
-pub(super) struct Job {
-    pub(super) command: Command,
-    pub(super) answer: Answer,
+pub(super) struct WriteJob {
+    pub(super) command: WriteCommand,
+    pub(super) answer: Reply,
 }
 
 /// Where an answer goes. A caller that has left is no reason not to write.
-pub(super) enum Answer {
-    Done(oneshot::Sender<Result<Done, StoreError>>),
+pub(super) enum Reply {
+    Done(oneshot::Sender<Result<WriteResult, StoreError>>),
     Stored(oneshot::Sender<Result<(), StoreError>>),
 }
 
-impl Answer {
-    pub(super) fn give(self, result: Result<Done, StoreError>) {
+impl Reply {
+    pub(super) fn give(self, result: Result<WriteResult, StoreError>) {
         match self {
             Self::Done(sender) => drop(sender.send(result)),
             Self::Stored(sender) => drop(sender.send(result.map(|_| ()))),
@@ -84,10 +85,10 @@ impl Answer {
     }
 }
 
-impl Job {
+impl WriteJob {
     pub(super) fn refuse(self, error: StoreError) {
         // What the caller computed is lost, so nothing computed on top of it may be stored.
-        if let Command::Policy { fence, .. } | Command::Commit { fence, .. } = &self.command {
+        if let WriteCommand::Policy { fence, .. } | WriteCommand::Commit { fence, .. } = &self.command {
             fence.break_up();
             tracing::warn!(study = fence.study(), %error, "a change was not stored");
         }
@@ -96,15 +97,15 @@ impl Job {
 
     /// Whether it only waits for the writes before it.
     fn is_empty(&self) -> bool {
-        matches!(&self.command, Command::Commit { fence, rows } if rows.is_empty() && fence.holds())
+        matches!(&self.command, WriteCommand::Commit { fence, rows } if rows.is_empty() && fence.holds())
     }
 }
 
 /// The fence in force for each study, by key.
-pub(super) type Fences = HashMap<i64, Fence>;
+pub(super) type GroupFences = HashMap<i64, Fence>;
 
 /// Why a transaction did not come about: one write, or the database.
-struct Failure {
+struct GroupFailure {
     culprit: Option<usize>,
     error: StoreError,
 }
@@ -112,18 +113,20 @@ struct Failure {
 /// Writes until the queue is closed and empty, then hands the connection back.
 pub(super) async fn run(
     mut connection: SqliteConnection,
-    mut place: Place,
-    mut queue: mpsc::Receiver<Job>,
+    mut identity: FileIdentity,
+    mut queue: mpsc::Receiver<WriteJob>,
 ) -> SqliteConnection {
-    let mut fences = Fences::new();
-    while let Some(first) = queue.recv().await {
+    let mut fences = GroupFences::new();
+    let mut reaper = Reaper::default();
+    while let Some(first) = reaper.next(&mut queue, &mut connection).await {
         let mut group = vec![first];
         while group.len() < limits::WRITE_GROUP
             && let Ok(job) = queue.try_recv()
         {
             group.push(job);
         }
-        match place.check() {
+        reaper.look_at(&group);
+        match identity.check() {
             Ok(()) => write(&mut connection, &mut fences, group).await,
             Err(error) => group.into_iter().for_each(|job| job.refuse(error.clone())),
         }
@@ -131,7 +134,59 @@ pub(super) async fn run(
     connection
 }
 
-async fn write(connection: &mut SqliteConnection, fences: &mut Fences, mut group: Vec<Job>) {
+/// When the rows of deleted studies are removed: a piece at a time, with a pause between two.
+struct Reaper {
+    /// When the next piece is due; none while there is nothing to remove.
+    due: Option<Instant>,
+}
+
+impl Default for Reaper {
+    /// An earlier process may have left something.
+    fn default() -> Self {
+        Self { due: Some(Instant::now() + limits::REAP_PAUSE) }
+    }
+}
+
+impl Reaper {
+    /// The next write; pieces that are due meanwhile are removed.
+    async fn next(
+        &mut self,
+        queue: &mut mpsc::Receiver<WriteJob>,
+        connection: &mut SqliteConnection,
+    ) -> Option<WriteJob> {
+        loop {
+            let Some(due) = self.due else {
+                return queue.recv().await;
+            };
+            if Instant::now() < due {
+                match timeout_at(due, queue.recv()).await {
+                    Ok(job) => return job,
+                    Err(_) => continue,
+                }
+            }
+            let pause = match reap::reap(connection).await {
+                Ok(more) => more.then_some(limits::REAP_PAUSE),
+                Err(error) => {
+                    tracing::warn!(%error, "rows of a deleted study stay for now; trying again");
+                    Some(limits::REAP_RETRY)
+                }
+            };
+            self.due = pause.map(|pause| Instant::now() + pause);
+            if let Ok(job) = queue.try_recv() {
+                return Some(job);
+            }
+        }
+    }
+
+    /// Notes that there will be something to remove.
+    fn look_at(&mut self, group: &[WriteJob]) {
+        if group.iter().any(|job| matches!(job.command, WriteCommand::Delete { .. })) {
+            self.due.get_or_insert_with(|| Instant::now() + limits::REAP_PAUSE);
+        }
+    }
+}
+
+async fn write(connection: &mut SqliteConnection, fences: &mut GroupFences, mut group: Vec<WriteJob>) {
     while !group.is_empty() {
         match transaction(connection, fences, &group).await {
             Ok(done) => {
@@ -141,8 +196,8 @@ async fn write(connection: &mut SqliteConnection, fences: &mut Fences, mut group
                 }
                 return;
             }
-            Err(Failure { culprit: Some(index), error }) => group.remove(index).refuse(error),
-            Err(Failure { culprit: None, error }) => {
+            Err(GroupFailure { culprit: Some(index), error }) => group.remove(index).refuse(error),
+            Err(GroupFailure { culprit: None, error }) => {
                 for job in group {
                     job.refuse(error.clone());
                 }
@@ -154,13 +209,13 @@ async fn write(connection: &mut SqliteConnection, fences: &mut Fences, mut group
 
 async fn transaction(
     connection: &mut SqliteConnection,
-    fences: &mut Fences,
-    group: &[Job],
-) -> Result<Vec<Done>, Failure> {
-    if group.iter().all(Job::is_empty) {
-        return Ok(group.iter().map(|_| Done::Nothing).collect());
+    fences: &mut GroupFences,
+    group: &[WriteJob],
+) -> Result<Vec<WriteResult>, GroupFailure> {
+    if group.iter().all(WriteJob::is_empty) {
+        return Ok(group.iter().map(|_| WriteResult::Nothing).collect());
     }
-    if let [Job { command: Command::Commit { fence, rows }, .. }] = group {
+    if let [WriteJob { command: WriteCommand::Commit { fence, rows }, .. }] = group {
         return lone_commit(connection, fence, rows).await;
     }
     execute(connection, "BEGIN IMMEDIATE").await.map_err(database_failed)?;
@@ -170,7 +225,7 @@ async fn transaction(
             Ok(one) => done.push(one),
             Err(error) => {
                 roll_back(connection).await;
-                return Err(Failure { culprit: Some(index), error });
+                return Err(GroupFailure { culprit: Some(index), error });
             }
         }
     }
@@ -187,11 +242,11 @@ async fn lone_commit(
     connection: &mut SqliteConnection,
     fence: &Fence,
     rows: &Rows,
-) -> Result<Vec<Done>, Failure> {
-    let failed = |error| Failure { culprit: Some(0), error };
+) -> Result<Vec<WriteResult>, GroupFailure> {
+    let failed = |error| GroupFailure { culprit: Some(0), error };
     fence.check().map_err(failed)?;
     match script::transaction(fence.key(), rows).execute(&mut *connection).await {
-        Ok(_) => Ok(vec![Done::Nothing]),
+        Ok(_) => Ok(vec![WriteResult::Nothing]),
         Err(error) => {
             roll_back(connection).await;
             Err(failed(commands::refused(error)))
@@ -199,8 +254,8 @@ async fn lone_commit(
     }
 }
 
-fn database_failed(error: sqlx::Error) -> Failure {
-    Failure { culprit: None, error: super::store_error(&error) }
+fn database_failed(error: sqlx::Error) -> GroupFailure {
+    GroupFailure { culprit: None, error: super::store_error(&error) }
 }
 
 async fn roll_back(connection: &mut SqliteConnection) {

@@ -12,11 +12,11 @@ use crate::limits;
 /// Keeps tokens in memory and forgets them when dropped.
 #[derive(Debug, Default)]
 pub struct MemoryTokens {
-    inner: Mutex<Inner>,
+    inner: Mutex<TokenTables>,
 }
 
 #[derive(Debug, Default)]
-struct Inner {
+struct TokenTables {
     tokens: Vec<TokenRecord>,
     used: BTreeMap<(String, i64), Usage>,
     revision: i64,
@@ -31,7 +31,7 @@ impl MemoryTokens {
     }
 
     /// A panic under the lock leaves whole values behind, since every change is a single one.
-    fn lock(&self) -> Result<MutexGuard<'_, Inner>, TokenError> {
+    fn lock(&self) -> Result<MutexGuard<'_, TokenTables>, TokenError> {
         let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         if inner.closed { Err(StoreError::Closed.into()) } else { Ok(inner) }
     }

@@ -1,9 +1,8 @@
 //! What parses to what, and where each kind of mistake is pointed at.
 
-use treewright_core::trial::{Mode, TrialState};
+use treewright_core::trial::{Mode, OutcomeKind, TrialState};
 
 use super::*;
-use crate::filter::OutcomeKind;
 
 fn error(text: &str) -> (usize, String) {
     let error = Filter::parse(text).expect_err("the filter is wrong");

@@ -1,0 +1,129 @@
+//! What the service would refuse, found before anything is sent.
+
+use treewright_model::limits;
+use treewright_model::names::{NAME_RULE, is_name};
+
+use crate::{ClientError, Indicators, Measurements, Outcome, StudySpec};
+
+/// The state that the numbers stand for: one normalised number for each indicator of the study.
+///
+/// Errors: [`ClientError::Invalid`] naming an indicator that is missing, unknown or not finite.
+pub(crate) fn state(spec: &StudySpec, indicators: &Indicators) -> Result<Vec<f64>, ClientError> {
+    spec.indicators
+        .normalise(&indicators.0)
+        .map_err(|error| ClientError::invalid("indicators", error.to_string()))
+}
+
+/// Whether the service takes both for one state: every normalised indicator within the tolerance.
+pub(crate) fn are_one_state(spec: &StudySpec, a: &Indicators, b: &Indicators) -> bool {
+    let (Ok(a), Ok(b)) = (state(spec, a), state(spec, b)) else { return false };
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= spec.state_tolerance)
+}
+
+/// Checks measurements on their way out.
+pub(crate) fn measurements(measurements: &Measurements) -> Result<(), ClientError> {
+    if measurements.len() > limits::MEASUREMENTS_MAX {
+        let (count, most) = (measurements.len(), limits::MEASUREMENTS_MAX);
+        return Err(ClientError::invalid(
+            "measurements",
+            format!("{count} of them; a report holds at most {most}"),
+        ));
+    }
+    for (name, value) in measurements.iter() {
+        let what = || format!("measurement `{name}`");
+        if !is_name(name) {
+            return Err(ClientError::invalid(what(), format!("it is not a name; use {NAME_RULE}")));
+        }
+        if !(value.is_finite() && value >= 0.0) {
+            return Err(ClientError::invalid(
+                what(),
+                format!("{value} is not a finite number of at least 0"),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Checks a result: with [`Outcome::Ok`] every metric of the objective must have been measured.
+pub(crate) fn result(
+    spec: &StudySpec,
+    outcome: &Outcome,
+    measured: &Measurements,
+) -> Result<(), ClientError> {
+    measurements(measured)?;
+    match outcome {
+        Outcome::Ok => {
+            match spec.objective.terms().iter().find(|term| measured.get(&term.metric).is_none()) {
+                Some(term) => {
+                    let problem =
+                        "it is part of the objective and missing; measure it, or report another outcome";
+                    Err(ClientError::invalid(format!("measurement `{}`", term.metric), problem))
+                }
+                None => Ok(()),
+            }
+        }
+        Outcome::Aborted { lower_bound } if !(lower_bound.is_finite() && *lower_bound >= 0.0) => {
+            let problem = format!("{lower_bound} is not a finite number of at least 0");
+            Err(ClientError::invalid("lower bound of an aborted trial", problem))
+        }
+        Outcome::Aborted { .. } | Outcome::Infeasible { .. } | Outcome::Failed { .. } => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Scale, Space};
+
+    fn spec() -> StudySpec {
+        StudySpec::builder(Space::builder().boolean("compact").default(false).build().unwrap())
+            .indicator("distance", 0.0..=100.0, Scale::Linear)
+            .indicator("triangles", 0.0..=1e6, Scale::Log)
+            .minimise("render_ms", 1.0)
+            .state_tolerance(0.02)
+            .build()
+            .unwrap()
+    }
+
+    fn at(distance: f64, triangles: f64) -> Indicators {
+        Indicators::from([("distance", distance), ("triangles", triangles)])
+    }
+
+    #[test]
+    fn indicators_are_checked_by_name_and_value() {
+        assert!(state(&spec(), &at(1.0, 1e9)).is_ok());
+        let problem = |indicators: Indicators| state(&spec(), &indicators).unwrap_err().to_string();
+        assert!(problem(Indicators::new()).contains("\"distance\" is missing"));
+        assert!(problem(at(1.0, f64::NAN)).contains("NaN"));
+        assert!(problem(at(1.0, 2.0).with("lights", 2.0)).contains("\"lights\""));
+    }
+
+    #[test]
+    fn states_are_the_same_within_the_tolerance_of_the_scale() {
+        assert!(are_one_state(&spec(), &at(10.0, 1000.0), &at(11.5, 1100.0)));
+        assert!(!are_one_state(&spec(), &at(10.0, 1000.0), &at(12.5, 1000.0)));
+        assert!(!are_one_state(&spec(), &at(10.0, 1000.0), &at(10.0, 2000.0)));
+    }
+
+    #[test]
+    fn measurements_are_checked_before_they_are_sent() {
+        assert!(measurements(&Measurements::from([("build_ms", 0.0), ("render_ms", 12.5)])).is_ok());
+        for bad in [f64::NAN, f64::INFINITY, -1.0] {
+            let error = measurements(&Measurements::new().with("render_ms", bad)).unwrap_err().to_string();
+            assert!(error.contains("render_ms") && error.contains("finite"), "{error}");
+        }
+        assert!(measurements(&Measurements::new().with("Render ms", 1.0)).is_err());
+        let many: Measurements = (0..65).map(|index| (format!("m{index}"), 1.0)).collect();
+        assert!(measurements(&many).unwrap_err().to_string().contains("64"));
+    }
+
+    #[test]
+    fn an_outcome_needs_its_numbers() {
+        let nothing = Measurements::new();
+        let problem = result(&spec(), &Outcome::Ok, &nothing).unwrap_err().to_string();
+        assert!(problem.contains("render_ms"), "{problem}");
+        assert!(result(&spec(), &Outcome::Ok, &Measurements::from([("render_ms", 1.0)])).is_ok());
+        assert!(result(&spec(), &Outcome::infeasible("depth limit reached"), &nothing).is_ok());
+        assert!(result(&spec(), &Outcome::aborted(f64::NAN), &nothing).is_err());
+    }
+}

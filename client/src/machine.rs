@@ -1,0 +1,57 @@
+//! What can be found out about the machine that a measurement holds for.
+
+use treewright_model::trial::Fingerprint;
+
+/// Looks at this machine. What cannot be found out stays empty.
+#[must_use]
+pub fn detect_fingerprint() -> Fingerprint {
+    let cpu_info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let threads = std::thread::available_parallelism()
+        .map_or(0, |threads| threads.get().try_into().unwrap_or(u32::MAX));
+    Fingerprint { cpu_model: cpu_model(&cpu_info), isa: isa().to_owned(), threads, ..Fingerprint::default() }
+}
+
+/// The first `model name` (x86) of Linux's list of processors.
+fn cpu_model(cpu_info: &str) -> String {
+    cpu_info
+        .lines()
+        .filter_map(|line| line.split_once(':'))
+        .find(|(key, _)| matches!(key.trim(), "model name" | "Model"))
+        .map_or_else(String::new, |(_, value)| value.trim().to_owned())
+}
+
+#[cfg(target_arch = "x86_64")]
+fn isa() -> &'static str {
+    if std::arch::is_x86_feature_detected!("avx512f") {
+        "avx512"
+    } else if std::arch::is_x86_feature_detected!("avx2") {
+        "avx2"
+    } else if std::arch::is_x86_feature_detected!("avx") {
+        "avx"
+    } else {
+        "sse2"
+    }
+}
+
+#[cfg(target_arch = "aarch64")]
+fn isa() -> &'static str {
+    "neon"
+}
+
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+fn isa() -> &'static str {
+    ""
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_model_is_found_in_the_list() {
+        let list = "processor\t: 0\nvendor_id\t: X\nmodel name\t: Fast One @ 3 GHz\nflags\t: avx2\n\nprocessor\t: 1\nmodel name\t: Other\n";
+        assert_eq!(cpu_model(list), "Fast One @ 3 GHz");
+        assert_eq!(cpu_model(""), "");
+        assert!(detect_fingerprint().threads >= 1);
+    }
+}

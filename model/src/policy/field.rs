@@ -1,0 +1,244 @@
+//! What a field of a policy can be: a number, a switch or a word, with its range.
+
+use std::fmt;
+
+use crate::assignment::Assignment;
+use crate::value::Value;
+use crate::words::{OpenEnum, Word};
+
+/// Which numbers a field takes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Range {
+    /// There is nothing to check: a switch or a word.
+    Any,
+    /// From the first to the second, both included.
+    Within(f64, f64),
+    /// Above the first, at most the second.
+    Above(f64, f64),
+}
+
+impl Range {
+    /// Whether a number lies in the range; NaN lies in none.
+    pub fn contains(self, number: f64) -> bool {
+        match self {
+            Range::Any => true,
+            Range::Within(least, most) => (least..=most).contains(&number),
+            Range::Above(bound, most) => number > bound && number <= most,
+        }
+    }
+}
+
+impl fmt::Display for Range {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Range::Any => f.write_str("anything"),
+            Range::Within(least, most) => write!(f, "between {least} and {most}"),
+            Range::Above(bound, most) => write!(f, "above {bound} and at most {most}"),
+        }
+    }
+}
+
+/// A field of a policy, for command lines, help and tables.
+#[derive(Clone, Copy, Debug)]
+pub struct PolicyField {
+    /// Its name, in the field mask too.
+    pub name: &'static str,
+    /// What it does, with its unit and range.
+    pub about: &'static str,
+    /// What holds where it is not set, in words.
+    pub unset: &'static str,
+    /// What it may be.
+    pub range: Range,
+    /// What stands for a value in help.
+    pub placeholder: &'static str,
+    /// The words that can be given, for methods and operations; else none.
+    pub words: fn() -> Vec<&'static str>,
+}
+
+/// What is said for a field that is set.
+pub trait Said: Sized + Clone {
+    /// As a program gives it.
+    type Given;
+
+    /// Takes what a program gives.
+    fn given(given: Self::Given) -> Self;
+
+    /// Reads what people write. The error says what would be right.
+    fn parse(text: &str) -> Result<Self, String>;
+
+    /// As it is shown.
+    fn show(&self) -> String;
+
+    /// As a number, where it is one.
+    fn number(&self) -> Option<f64> {
+        None
+    }
+
+    /// The words that can be given.
+    fn words() -> Vec<&'static str> {
+        Vec::new()
+    }
+}
+
+impl Said for f64 {
+    type Given = f64;
+
+    fn given(given: f64) -> Self {
+        given
+    }
+
+    fn parse(text: &str) -> Result<Self, String> {
+        text.parse().map_err(|_| format!("`{text}` is not a number"))
+    }
+
+    fn show(&self) -> String {
+        self.to_string()
+    }
+
+    fn number(&self) -> Option<f64> {
+        Some(*self)
+    }
+}
+
+impl Said for u32 {
+    type Given = u32;
+
+    fn given(given: u32) -> Self {
+        given
+    }
+
+    fn parse(text: &str) -> Result<Self, String> {
+        text.parse().map_err(|_| format!("`{text}` is not a whole number of at least 0"))
+    }
+
+    fn show(&self) -> String {
+        self.to_string()
+    }
+
+    fn number(&self) -> Option<f64> {
+        Some(f64::from(*self))
+    }
+}
+
+impl Said for bool {
+    type Given = bool;
+
+    fn given(given: bool) -> Self {
+        given
+    }
+
+    fn parse(text: &str) -> Result<Self, String> {
+        text.parse().map_err(|_| format!("`{text}` is neither true nor false"))
+    }
+
+    fn show(&self) -> String {
+        self.to_string()
+    }
+}
+
+impl<T: Word + fmt::Display> Said for OpenEnum<T> {
+    type Given = T;
+
+    fn given(given: T) -> Self {
+        OpenEnum::Known(given)
+    }
+
+    /// Dashes count as underscores, so that people may write words like flags.
+    fn parse(text: &str) -> Result<Self, String> {
+        let known = T::from_word(&text.replace('-', "_")).map(OpenEnum::Known);
+        known.ok_or_else(|| format!("`{text}` is none of {}", Self::words().join(", ")))
+    }
+
+    fn show(&self) -> String {
+        self.to_string()
+    }
+
+    fn words() -> Vec<&'static str> {
+        T::WORDS.iter().map(|(_, word)| *word).collect()
+    }
+}
+
+/// A field as it is decided, from what is said.
+pub trait Decided<S>: Sized {
+    /// Decides. The error is the number of what is not known here.
+    fn decide(said: S) -> Result<Self, i32>;
+
+    /// What to say for it; `None` is the default.
+    fn say(self) -> Option<S>;
+}
+
+impl Decided<f64> for f64 {
+    fn decide(said: f64) -> Result<Self, i32> {
+        Ok(said)
+    }
+
+    fn say(self) -> Option<f64> {
+        Some(self)
+    }
+}
+
+impl Decided<f64> for Option<f64> {
+    fn decide(said: f64) -> Result<Self, i32> {
+        Ok(Some(said))
+    }
+
+    fn say(self) -> Option<f64> {
+        self
+    }
+}
+
+impl Decided<u32> for u32 {
+    fn decide(said: u32) -> Result<Self, i32> {
+        Ok(said)
+    }
+
+    fn say(self) -> Option<u32> {
+        Some(self)
+    }
+}
+
+impl Decided<bool> for bool {
+    fn decide(said: bool) -> Result<Self, i32> {
+        Ok(said)
+    }
+
+    fn say(self) -> Option<bool> {
+        Some(self)
+    }
+}
+
+impl<T: Word> Decided<OpenEnum<T>> for T {
+    fn decide(said: OpenEnum<T>) -> Result<Self, i32> {
+        match said {
+            OpenEnum::Known(value) => Ok(value),
+            OpenEnum::Unrecognised(number) => Err(number),
+        }
+    }
+
+    fn say(self) -> Option<OpenEnum<T>> {
+        Some(OpenEnum::Known(self))
+    }
+}
+
+/// The pinned configuration, as `name=value,name=value`.
+impl Said for Assignment {
+    type Given = Assignment;
+
+    fn given(given: Assignment) -> Self {
+        given
+    }
+
+    fn parse(text: &str) -> Result<Self, String> {
+        let parts = text.split(',').map(str::trim).filter(|part| !part.is_empty());
+        let pair = |part: &str| match part.split_once('=') {
+            Some((name, value)) => Ok((name.trim().to_owned(), Value::parse(value.trim()))),
+            None => Err(format!("`{part}` is not of the form NAME=VALUE")),
+        };
+        parts.map(pair).collect()
+    }
+
+    fn show(&self) -> String {
+        let pairs: Vec<String> = self.iter().map(|(name, value)| format!("{name}={value}")).collect();
+        pairs.join(",")
+    }
+}

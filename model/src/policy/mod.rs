@@ -1,0 +1,138 @@
+//! How a study decides what a client gets: as it is decided ([`Policy`]), as it is said ([`PolicySettings`]), and changes
+//! to it ([`PolicyChange`]).
+//!
+//! `table` lists the fields once, `define` makes the structs and their checks of it, `field` holds what a field can be,
+//! `methods` the searches, predictors and operations, `change` what replaces which fields.
+
+mod change;
+mod define;
+mod field;
+mod methods;
+mod table;
+
+use thiserror::Error;
+
+pub use change::PolicyChange;
+pub use define::{Policy, PolicySettings};
+pub use field::{Decided, PolicyField, Range, Said};
+pub use methods::{Operation, PredictorMethod, SearchMethod};
+
+use crate::configuration::RawConfiguration;
+use crate::space::{Space, SpaceError};
+
+/// The factor of the reference's cost at which exploring trials stop where a budget is kept and the policy names
+/// none.
+pub const ABORT_ABOVE_DEFAULT: f64 = 2.0;
+
+/// A policy whose pinned configuration has not been checked yet.
+pub type RawPolicy = Policy<RawConfiguration>;
+
+/// Why a policy is refused.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum PolicyError {
+    /// A number is out of its range.
+    #[error("policy.{field} is {value}; it must be {range}")]
+    Range {
+        /// The field.
+        field: &'static str,
+        /// As given.
+        value: f64,
+        /// What is allowed.
+        range: Range,
+    },
+    /// A method or operation of another version.
+    #[error("policy.{field}: {number} is not a known value; known are {known}")]
+    Unrecognised {
+        /// The field.
+        field: &'static str,
+        /// As given.
+        number: i32,
+        /// The words for what there is.
+        known: String,
+    },
+    /// What is written for a field cannot be read.
+    #[error("policy.{field}: {problem}")]
+    Text {
+        /// The field.
+        field: &'static str,
+        /// What is wrong and what would be right.
+        problem: String,
+    },
+    /// There is no such field.
+    #[error("policy.{field} is not a field of a policy; there are {known}")]
+    Field {
+        /// As given.
+        field: String,
+        /// The fields.
+        known: String,
+    },
+    /// The pinned configuration does not fit the space.
+    #[error("policy.pinned: {0}")]
+    Pinned(#[from] SpaceError),
+}
+
+impl PolicyError {
+    /// The error for a field that does not exist.
+    pub fn no_such_field(field: &str) -> Self {
+        Self::Field { field: field.to_owned(), known: field_names() }
+    }
+}
+
+/// The names of all fields, for messages.
+pub fn field_names() -> String {
+    let names: Vec<&str> = PolicySettings::FIELDS.iter().map(|field| field.name).collect();
+    names.join(", ")
+}
+
+impl<C> Policy<C> {
+    /// How long a lease lasts, in milliseconds.
+    pub fn lease_ms(&self) -> i64 {
+        i64::from(self.lease_s) * 1000
+    }
+}
+
+impl Policy {
+    /// Checks every field against `space` and the limits.
+    ///
+    /// # Errors
+    /// [`PolicyError`] with the field.
+    pub fn validate(&self, space: &Space) -> Result<(), PolicyError> {
+        self.check_ranges()?;
+        if let Some(pinned) = &self.pinned {
+            // The configuration may come from another space than the study's.
+            space.configuration(pinned.to_raw())?;
+        }
+        Ok(())
+    }
+
+    /// The unchecked form, for tables.
+    pub fn to_raw(&self) -> RawPolicy {
+        self.clone().map_pinned(|pinned| Ok::<_, SpaceError>(pinned.into())).expect("the map cannot fail")
+    }
+}
+
+impl RawPolicy {
+    /// Checks every field against `space` and the limits.
+    ///
+    /// # Errors
+    /// [`PolicyError`] with the field.
+    pub fn check(self, space: &Space) -> Result<Policy, PolicyError> {
+        self.check_ranges()?;
+        Ok(self.map_pinned(|pinned| space.configuration(pinned))?)
+    }
+}
+
+impl From<Policy> for PolicySettings {
+    fn from(policy: Policy) -> Self {
+        policy.to_raw().into()
+    }
+}
+
+impl<C> Default for Policy<C> {
+    fn default() -> Self {
+        Self::defaults()
+    }
+}
+
+#[cfg(test)]
+mod tests;

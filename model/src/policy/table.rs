@@ -1,0 +1,70 @@
+//! The one list of a policy's fields. The structs, their checks, the field mask, the command line and what is shown
+//! follow from it, and so does the wire conversion (`treewright_proto::convert`), which does not compile while this
+//! list and the proto's `message Policy` differ. Another field is one row here and one in the proto.
+
+/// Hands the table to another macro, as rows of
+/// `name: type as it is decided | type as it is said = default, unset "default in words", in range, as "placeholder";`
+/// each with its documentation. The field `pinned`, whose type differs from form to form, is not among the rows.
+#[macro_export]
+macro_rules! policy_table {
+    ($apply:ident) => {
+        $apply! {
+            /// Probability of exploring when a client's state changes, 0 to 1 (paper section 6).
+            epsilon: f64 | f64 = 0.2, unset "0.2", in Range::Within(0.0, 1.0), as "PROBABILITY";
+
+            /// Search inside a state.
+            search: SearchMethod | OpenEnum<SearchMethod> = SearchMethod::Auto, unset "auto", in Range::Any, as "METHOD";
+
+            /// Predictor that answers when exploiting.
+            predictor: PredictorMethod | OpenEnum<PredictorMethod> = PredictorMethod::NearestNeighbour,
+                unset "nearest_neighbour", in Range::Any, as "METHOD";
+
+            /// A state's search ends after so many measured configurations, 1 to 100,000 (paper 7.1.1: 80).
+            trials_per_state: u32 | u32 = 80, unset "80", in Range::Within(1.0, TRIALS_PER_STATE_MAX as f64), as "COUNT";
+
+            /// How often one configuration is measured in one state before the search goes on, 1 to 100.
+            replicates: u32 | u32 = 1, unset "1", in Range::Within(1.0, REPLICATES_MAX as f64), as "COUNT";
+
+            /// A lease lasts so many seconds unless it is extended, 1 to 86,400.
+            lease_s: u32 | u32 = 60, unset "60", in Range::Within(1.0, LEASE_S_MAX as f64), as "SECONDS";
+
+            /// After so many visits to a state epsilon is halved there, 0 to 1,000,000; 0 leaves it constant.
+            ///
+            /// It is `epsilon h / (h + n)` after `n` visits, which never stops exploring and lets it become rare (Singh,
+            /// Jaakkola, Littman and Szepesvári, "Convergence results for single-step on-policy
+            /// reinforcement-learning algorithms", 2000).
+            epsilon_halves_after: u32 | u32 = 0, unset "0", in Range::Within(0.0, EPSILON_HALVES_AFTER_MAX as f64), as "VISITS";
+
+            /// Exploring may cost each client at most this share of its frame time in each session, 0 to 1.
+            ///
+            /// The guarantee needs clients that stop trials in time (`SuggestRequest.can_abort`).
+            regret_budget: Option<f64> | f64 = None, unset "no limit", in Range::Within(0.0, 1.0), as "SHARE";
+
+            /// Exploring trials are told to stop when they cost more than the reference by this factor, above 1.
+            abort_above: Option<f64> | f64 = None, unset "2 where a budget is kept, else never",
+                in Range::Above(1.0, COST_FACTOR_MAX), as "FACTOR";
+
+            /// What a trial of a client that cannot stop is taken to cost at worst, in multiples of the reference.
+            ///
+            /// Only counts where a budget is kept.
+            worst_factor: f64 | f64 = 100.0, unset "100", in Range::Above(1.0, COST_FACTOR_MAX), as "FACTOR";
+
+            /// What the study does with what it knows.
+            operation: Operation | OpenEnum<Operation> = Operation::Tune, unset "tune", in Range::Any, as "OPERATION";
+
+            /// Explore only where the expected gain pays for it within the expected stay.
+            weigh_gain: bool | bool = false, unset "false", in Range::Any, as "BOOL";
+
+            /// Parameters that are shown not to matter are held, and each of these verdicts may be wrong with this
+            /// probability, above 0 and at most 0.5.
+            freeze_risk: Option<f64> | f64 = None, unset "nothing is held", in Range::Above(0.0, 0.5), as "PROBABILITY";
+
+            /// The first so many trials of each session of a client are not learnt, 0 to 10,000.
+            warm_up: u32 | u32 = 0, unset "0", in Range::Within(0.0, WARM_UP_MAX as f64), as "COUNT";
+
+            /// A configuration that does clearly worse where it is exploited than another that was measured there gives
+            /// way to it at once.
+            roll_back: bool | bool = true, unset "true", in Range::Any, as "BOOL";
+        }
+    };
+}

@@ -1,0 +1,80 @@
+//! What a client's session wants for itself.
+//!
+//! A run such as a benchmark wants to explore more, or not at all, without changing how the study treats everybody else.
+//! It sends its wishes with every question. They hold for its own answers and nobody else's; nothing of them is kept in
+//! the study, so that a run that is killed leaves nothing behind.
+
+use serde::{Deserialize, Serialize};
+
+use crate::policy::{PolicyError, PolicySettings};
+
+/// What replaces the study's [`Policy`](crate::policy::Policy) for one session. What is `None` is as the study has it.
+///
+/// Pinned configurations, the operation and the regret budget belong to the study's operator and cannot be replaced.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SessionPolicy {
+    /// Probability of exploring when the client's state changes, 0 to 1, whatever the number of visits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub epsilon: Option<f64>,
+    /// For this session a state's search ends after so many measured configurations, 1 to 100,000.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trials_per_state: Option<u32>,
+    /// Exploring trials are told to stop when their cost exceeds that of the reference by this factor, above 1. Where
+    /// the study keeps a regret budget, its own factor holds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub abort_above: Option<f64>,
+}
+
+impl SessionPolicy {
+    /// Whether nothing is replaced.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// The first value that is out of its range.
+    pub fn validate(&self) -> Result<(), PolicyError> {
+        let said = [
+            ("epsilon", self.epsilon),
+            ("trials_per_state", self.trials_per_state.map(f64::from)),
+            ("abort_above", self.abort_above),
+        ];
+        for (field, value) in said {
+            // The ranges are those of the fields of the same name.
+            let range =
+                PolicySettings::FIELDS.iter().find(|known| known.name == field).map(|known| known.range);
+            if let Some((value, range)) = value.zip(range).filter(|(value, range)| !range.contains(*value)) {
+                return Err(PolicyError::Range { field, value, range });
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::limits::TRIALS_PER_STATE_MAX;
+
+    #[test]
+    fn wishes_are_checked_like_policies() {
+        SessionPolicy::default().validate().expect("nothing is wished for");
+        let wishes =
+            |epsilon, trials_per_state, abort_above| SessionPolicy { epsilon, trials_per_state, abort_above };
+        wishes(Some(1.0), Some(TRIALS_PER_STATE_MAX), Some(1.5)).validate().expect("all in range");
+        for (bad, field) in [
+            (wishes(Some(1.1), None, None), "epsilon"),
+            (wishes(Some(f64::NAN), None, None), "epsilon"),
+            (wishes(None, Some(0), None), "trials_per_state"),
+            (wishes(None, Some(TRIALS_PER_STATE_MAX + 1), None), "trials_per_state"),
+            (wishes(None, None, Some(1.0)), "abort_above"),
+            (wishes(None, None, Some(f64::INFINITY)), "abort_above"),
+        ] {
+            let error = bad.validate().expect_err(field).to_string();
+            assert!(error.contains(field), "{error}");
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! A typed builder of parameter spaces. What follows a parameter (`default`, `log`, `active_if`)
+//! belongs to that parameter, and only what makes sense for its type compiles.
+
+use std::marker::PhantomData;
+use std::ops::RangeInclusive;
+
+use crate::space::{Condition, Constraint, Domain, Parameter, Scale, Space, SpaceError};
+use crate::value::Value;
+
+/// The last thing named was an integer parameter.
+#[derive(Debug)]
+pub enum IntegerParameter {}
+/// The last thing named was a float parameter.
+#[derive(Debug)]
+pub enum FloatParameter {}
+/// The last thing named was a boolean parameter.
+#[derive(Debug)]
+pub enum BooleanParameter {}
+/// The last thing named was a categorical parameter.
+#[derive(Debug)]
+pub enum CategoricalParameter {}
+
+/// Builds a [`Space`].
+///
+/// ```
+/// let space = treewright_model::space::Space::builder()
+///     .integer("max_depth", 9..=64).default(32).log()
+///     .integer("min_leaf_size", 1..=32).default(1)
+///     .integer("max_leaf_size", 1..=32).default(8)
+///     .boolean("compact").default(false)
+///     .less_or_equal("min_leaf_size", "max_leaf_size")
+///     .build()?;
+/// assert_eq!(space.default_configuration().integer("max_depth")?, 32);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug)]
+pub struct SpaceBuilder<Last = ()> {
+    parameters: Vec<Draft>,
+    constraints: Vec<Constraint>,
+    last: PhantomData<Last>,
+}
+
+/// A parameter whose default may still be missing.
+#[derive(Debug)]
+struct Draft {
+    name: String,
+    domain: Domain,
+    default: Option<Value>,
+    active_if: Option<Condition>,
+}
+
+impl Default for SpaceBuilder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl SpaceBuilder {
+    /// A space without parameters.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { parameters: Vec::new(), constraints: Vec::new(), last: PhantomData }
+    }
+}
+
+impl<Last> SpaceBuilder<Last> {
+    /// A whole number in a range, both ends included.
+    #[must_use]
+    pub fn integer(self, name: &str, range: RangeInclusive<i64>) -> SpaceBuilder<IntegerParameter> {
+        self.parameter(name, Domain::Integer { min: *range.start(), max: *range.end(), scale: Scale::Linear })
+    }
+
+    /// A number in a range, both ends included.
+    #[must_use]
+    pub fn float(self, name: &str, range: RangeInclusive<f64>) -> SpaceBuilder<FloatParameter> {
+        self.parameter(name, Domain::Float { min: *range.start(), max: *range.end(), scale: Scale::Linear })
+    }
+
+    /// `false` or `true`.
+    #[must_use]
+    pub fn boolean(self, name: &str) -> SpaceBuilder<BooleanParameter> {
+        self.parameter(name, Domain::Boolean)
+    }
+
+    /// One of a list of values, which are all integers, all floats or all words.
+    #[must_use]
+    pub fn categorical<V: Into<Value>>(
+        self,
+        name: &str,
+        values: impl IntoIterator<Item = V>,
+    ) -> SpaceBuilder<CategoricalParameter> {
+        self.parameter(name, Domain::Categorical { values: values.into_iter().map(Into::into).collect() })
+    }
+
+    /// A parameter that is there as a value, e.g. one of a list. It is checked like those that are written out.
+    #[must_use]
+    pub fn with_parameter(mut self, parameter: Parameter) -> SpaceBuilder {
+        let Parameter { name, domain, default, active_if } = parameter;
+        self.parameters.push(Draft { name, domain, default: Some(default), active_if });
+        self.turn()
+    }
+
+    /// Every configuration has `lesser <= greater`.
+    #[must_use]
+    pub fn less_or_equal(mut self, lesser: &str, greater: &str) -> SpaceBuilder {
+        self.constraints.push(Constraint { lesser: lesser.to_owned(), greater: greater.to_owned() });
+        self.turn()
+    }
+
+    /// Checks the whole and finishes it.
+    ///
+    /// # Errors
+    /// [`SpaceError`] with the first parameter or constraint that is not acceptable.
+    pub fn build(self) -> Result<Space, SpaceError> {
+        let finish = |draft: Draft| match draft.default {
+            Some(default) => {
+                let Draft { name, domain, active_if, .. } = draft;
+                Ok(Parameter { name, domain, default, active_if })
+            }
+            None => Err(SpaceError::NoDefault { name: draft.name }),
+        };
+        let parameters = self.parameters.into_iter().map(finish).collect::<Result<_, _>>()?;
+        Space::new(parameters, self.constraints)
+    }
+
+    fn parameter<Next>(mut self, name: &str, domain: Domain) -> SpaceBuilder<Next> {
+        self.parameters.push(Draft { name: name.to_owned(), domain, default: None, active_if: None });
+        self.turn()
+    }
+
+    fn turn<Next>(self) -> SpaceBuilder<Next> {
+        SpaceBuilder { parameters: self.parameters, constraints: self.constraints, last: PhantomData }
+    }
+
+    fn change_last(mut self, change: impl FnOnce(&mut Draft)) -> Self {
+        if let Some(last) = self.parameters.last_mut() {
+            change(last);
+        }
+        self
+    }
+}
+
+macro_rules! of_a_parameter {
+    ($marker:ty, $value:ty) => {
+        impl SpaceBuilder<$marker> {
+            /// The recommended value. Every parameter needs one.
+            #[must_use]
+            pub fn default(self, value: $value) -> Self {
+                self.change_last(|last| last.default = Some(value.into()))
+            }
+
+            /// The parameter exists only while an earlier one has one of these values.
+            #[must_use]
+            pub fn active_if<V: Into<Value>>(
+                self,
+                parameter: &str,
+                any_of: impl IntoIterator<Item = V>,
+            ) -> Self {
+                let any_of = any_of.into_iter().map(Into::into).collect();
+                let condition = Condition { parameter: parameter.to_owned(), any_of };
+                self.change_last(|last| last.active_if = Some(condition))
+            }
+        }
+    };
+}
+
+of_a_parameter!(IntegerParameter, i64);
+of_a_parameter!(FloatParameter, f64);
+of_a_parameter!(BooleanParameter, bool);
+of_a_parameter!(CategoricalParameter, impl Into<Value>);
+
+macro_rules! scaled {
+    ($marker:ty) => {
+        impl SpaceBuilder<$marker> {
+            /// Equal ratios are equal steps; the lower bound must be positive.
+            #[must_use]
+            pub fn log(self) -> Self {
+                self.change_last(|last| match &mut last.domain {
+                    Domain::Integer { scale, .. } | Domain::Float { scale, .. } => *scale = Scale::Log,
+                    Domain::Categorical { .. } | Domain::Boolean => {}
+                })
+            }
+        }
+    };
+}
+
+scaled!(IntegerParameter);
+scaled!(FloatParameter);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn problem<L: std::fmt::Debug>(builder: SpaceBuilder<L>) -> String {
+        builder.build().expect_err("not a space").to_string()
+    }
+
+    #[test]
+    fn a_list_of_parameters_makes_the_same_space() {
+        let written = SpaceBuilder::new()
+            .boolean("deep")
+            .default(true)
+            .integer("depth", 1..=9)
+            .default(3)
+            .active_if("deep", [true])
+            .build()
+            .expect("a space");
+        let listed = written
+            .parameters()
+            .iter()
+            .cloned()
+            .fold(SpaceBuilder::new(), |builder, one| builder.with_parameter(one));
+        assert_eq!(listed.build().expect("a space"), written);
+        let alone = SpaceBuilder::new().with_parameter(written.parameters()[1].clone());
+        assert!(problem(alone).contains("not listed earlier"));
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        let new = SpaceBuilder::new;
+        assert!(problem(new()).contains("1 to 128"));
+        assert!(problem(new().integer("depth", 1..=2)).contains("\"depth\" has no default"));
+        assert!(problem(new().integer("depth", 0..=2).default(1).log()).contains("log scale"));
+        assert!(problem(new().boolean("x").default(true).active_if("y", [true])).contains("\"y\""));
+        let twice = new().integer("low", 1..=9).default(5).integer("high", 1..=9).default(4);
+        assert!(problem(twice.less_or_equal("low", "high")).contains("\"low\" <= \"high\""));
+    }
+}

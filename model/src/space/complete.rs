@@ -1,0 +1,134 @@
+//! A whole configuration from some values, as people and programs give them.
+
+use crate::assignment::Assignment;
+use crate::configuration::{Configuration, RawConfiguration};
+use crate::space::{Constraint, Domain, Space, SpaceError};
+use crate::value::Value;
+
+impl Space {
+    /// A whole configuration from some values: the others are the recommended ones.
+    ///
+    /// A value takes along what it needs: where `bins` exists only with `split = sah`, `bins = 8` alone means that
+    /// split. Where a given and a recommended value break a constraint, the recommended one gives way. Whole numbers are
+    /// taken for float parameters, too, so that people may write `2` for `2.0`.
+    ///
+    /// # Errors
+    /// [`SpaceError`] with the value that is unknown, inactive or outside its domain, or the constraint that is broken.
+    pub fn complete(&self, given: &Assignment) -> Result<Configuration, SpaceError> {
+        let parameters = self.parameters();
+        let given = self.with_needs(given);
+        let mut whole = RawConfiguration::new();
+        for parameter in parameters {
+            let active = parameter.active_if.as_ref().is_none_or(|condition| {
+                whole.get(&condition.parameter).is_some_and(|value| condition.any_of.contains(value))
+            });
+            match given.get(&parameter.name) {
+                // What is given and inactive is refused below.
+                Some(value) => whole.insert(parameter.name.clone(), parameter.domain.as_of(value)),
+                None if active => whole.insert(parameter.name.clone(), parameter.default.clone()),
+                None => None,
+            };
+        }
+        for Constraint { lesser, greater } in self.constraints() {
+            let (Some(low), Some(high)) = (whole.get(lesser), whole.get(greater)) else { continue };
+            if low.as_number() <= high.as_number() {
+                continue;
+            }
+            match (given.contains_key(lesser), given.contains_key(greater)) {
+                (false, _) => whole.insert(lesser.clone(), high.clone()),
+                (_, false) => whole.insert(greater.clone(), low.clone()),
+                (true, true) => None,
+            };
+        }
+        let unknown = given.into_iter().find(|(name, _)| parameters.iter().all(|one| one.name != *name));
+        whole.extend(unknown);
+        self.configuration(whole)
+    }
+
+    /// Adds what given values need and nobody has decided otherwise. Conditions name earlier parameters, so
+    /// that one walk from the last to the first follows every chain.
+    fn with_needs(&self, given: &Assignment) -> RawConfiguration {
+        let mut given = given.as_raw().clone();
+        for (index, parameter) in self.parameters().iter().enumerate().rev() {
+            let Some(condition) =
+                parameter.active_if.as_ref().filter(|_| given.contains_key(&parameter.name))
+            else {
+                continue;
+            };
+            let needed = self.condition_of[index].map(|needed| &self.parameters()[needed]);
+            if let Some(needed) = needed.filter(|needed| !given.contains_key(&needed.name)) {
+                let fits = condition.any_of.contains(&needed.default);
+                let value = if fits { &needed.default } else { &condition.any_of[0] };
+                given.insert(needed.name.clone(), value.clone());
+            }
+        }
+        given
+    }
+}
+
+impl Domain {
+    /// The value as the domain has it: whole numbers are taken for floats.
+    fn as_of(&self, value: &Value) -> Value {
+        let floats = match self {
+            Domain::Float { .. } => true,
+            Domain::Categorical { values } => matches!(values.first(), Some(Value::Float(_))),
+            Domain::Integer { .. } | Domain::Boolean => false,
+        };
+        match value {
+            Value::Integer(integer) if floats => Value::Float(*integer as f64),
+            other => other.clone(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn space() -> Space {
+        Space::builder()
+            .categorical("split", ["sah", "median"])
+            .default("sah")
+            .float("cost", 0.5..=4.0)
+            .default(1.0)
+            .active_if("split", ["sah"])
+            .boolean("shallow")
+            .default(false)
+            .active_if("split", ["median"])
+            .integer("low", 1..=9)
+            .default(3)
+            .integer("high", 1..=9)
+            .default(5)
+            .less_or_equal("low", "high")
+            .build()
+            .expect("a space")
+    }
+
+    fn complete(given: Assignment) -> Result<String, String> {
+        let whole = space().complete(&given).map_err(|error| error.to_string())?;
+        Ok(Assignment::from(whole).to_string())
+    }
+
+    #[test]
+    fn some_values_make_a_whole_configuration() {
+        let new = Assignment::new;
+        assert_eq!(complete(new().with("cost", 2)).as_deref(), Ok("cost=2.0 high=5 low=3 split=sah"));
+        let median = complete(new().with("split", "median"));
+        assert_eq!(median.as_deref(), Ok("high=5 low=3 shallow=false split=median"));
+        assert_eq!(complete(new().with("shallow", false)), median, "it takes along what it needs");
+        let low = complete(new().with("high", 2));
+        assert_eq!(low.as_deref(), Ok("cost=1.0 high=2 low=2 split=sah"), "the recommended value gives way");
+    }
+
+    #[test]
+    fn what_does_not_fit_is_named() {
+        let problem = |given: Assignment| complete(given).expect_err("does not fit");
+        let new = Assignment::new;
+        assert!(
+            problem(new().with("colour", 1)).contains("\"colour\" is unknown; the space has split, cost")
+        );
+        assert!(problem(new().with("low", 10)).contains("10; it must be a whole number from 1 to 9"));
+        assert!(problem(new().with("split", "median").with("cost", 1.0)).contains("it needs split = sah"));
+        assert!(problem(new().with("low", 6).with("high", 4)).contains("low = 6 is greater than high = 4"));
+    }
+}

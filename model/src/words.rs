@@ -1,0 +1,154 @@
+//! Enums whose values are said in words, and such enums as another version of this software may say them.
+
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+
+/// An enum each of whose values has one word: the one in filters, tables, command lines, messages and JSON for people.
+/// (Stored rows hold the values in snake case, see the types' `Serialize`.)
+pub trait Word: Copy + PartialEq + fmt::Debug + 'static {
+    /// Every value with its word, in the order of declaration.
+    const WORDS: &'static [(Self, &'static str)];
+
+    /// The word for a value.
+    fn word(self) -> &'static str {
+        let found = Self::WORDS.iter().find(|(value, _)| *value == self);
+        found.expect("the list is made with the enum").1
+    }
+
+    /// The value that a word stands for, if any.
+    fn from_word(word: &str) -> Option<Self> {
+        Self::WORDS.iter().find(|(_, known)| *known == word).map(|(value, _)| *value)
+    }
+}
+
+/// Declares an enum and its words together, so that neither can be forgotten.
+macro_rules! words {
+    (
+        $(#[$meta:meta])*
+        pub enum $name:ident {
+            $($(#[$value_meta:meta])* $value:ident = $word:literal,)+
+        }
+    ) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        pub enum $name {
+            $($(#[$value_meta])* $value,)+
+        }
+
+        impl $crate::words::Word for $name {
+            const WORDS: &'static [(Self, &'static str)] = &[$((Self::$value, $word),)+];
+        }
+
+        impl std::fmt::Display for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.pad($crate::words::Word::word(*self))
+            }
+        }
+    };
+}
+
+pub(crate) use words;
+
+/// A value as another version of this software may say it (an "open enum" in the words of Protocol Buffers): one
+/// that is known here, or one that is not, which is carried along as it came and shown as such.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum OpenEnum<T> {
+    /// One of ours.
+    Known(T),
+    /// The number that it has on the wire; 0 for an alternative of a `oneof`, whose number is not told.
+    Unrecognised(i32),
+}
+
+impl<T> OpenEnum<T> {
+    /// The value, where it is known.
+    pub fn known(self) -> Option<T> {
+        match self {
+            OpenEnum::Known(value) => Some(value),
+            OpenEnum::Unrecognised(_) => None,
+        }
+    }
+
+    /// The same without taking it.
+    pub fn as_known(&self) -> Option<&T> {
+        match self {
+            OpenEnum::Known(value) => Some(value),
+            OpenEnum::Unrecognised(_) => None,
+        }
+    }
+}
+
+impl<T> From<T> for OpenEnum<T> {
+    fn from(value: T) -> Self {
+        OpenEnum::Known(value)
+    }
+}
+
+impl<T: PartialEq> PartialEq<T> for OpenEnum<T> {
+    fn eq(&self, other: &T) -> bool {
+        self.as_known() == Some(other)
+    }
+}
+
+impl<T: fmt::Display> fmt::Display for OpenEnum<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            OpenEnum::Known(value) => value.fmt(f),
+            OpenEnum::Unrecognised(0) => f.pad("unrecognised"),
+            OpenEnum::Unrecognised(number) => f.pad(&format!("unrecognised ({number})")),
+        }
+    }
+}
+
+/// As the word, for people.
+impl<T: Word + fmt::Display> Serialize for OpenEnum<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::{PredictorMethod, SearchMethod};
+    use crate::trial::{Mode, TrialState};
+
+    fn are_distinct<T: Word>() {
+        for (value, word) in T::WORDS {
+            assert_eq!(T::from_word(word), Some(*value));
+            assert_eq!(value.word(), *word);
+        }
+        assert_eq!(T::from_word("no such word"), None);
+    }
+
+    #[test]
+    fn words_are_read_as_they_are_written() {
+        are_distinct::<Mode>();
+        are_distinct::<TrialState>();
+        are_distinct::<SearchMethod>();
+        are_distinct::<PredictorMethod>();
+    }
+
+    #[test]
+    fn methods_are_stored_under_the_word_they_are_called_by() {
+        for (method, word) in PredictorMethod::WORDS {
+            assert_eq!(serde_json::to_string(method).expect("plain data"), format!("{word:?}"));
+        }
+        for (method, word) in SearchMethod::WORDS {
+            assert_eq!(serde_json::to_string(method).expect("plain data"), format!("{word:?}"));
+        }
+    }
+
+    #[test]
+    fn what_is_not_known_is_shown_as_such() {
+        let known = OpenEnum::from(Mode::Explore);
+        assert_eq!(known, Mode::Explore);
+        assert_eq!(known.to_string(), "EXPLORE");
+        let newer = OpenEnum::<Mode>::Unrecognised(8);
+        assert_ne!(newer, Mode::Explore);
+        assert_eq!(newer.known(), None);
+        assert_eq!(serde_json::to_string(&newer).expect("plain data"), "\"unrecognised (8)\"");
+        assert_eq!(OpenEnum::<Mode>::Unrecognised(0).to_string(), "unrecognised");
+    }
+}

@@ -1,0 +1,216 @@
+//! Records what a released version says, for the tests that hold later versions to it (`proto/released/README.md`):
+//! the descriptors of its messages, and a conversation with its daemon.
+//!
+//! ```sh
+//! treewrightd serve --listen 127.0.0.1:50700 --database /tmp/record.db &
+//! cargo run -p treewright-proto --example record_release -- http://127.0.0.1:50700 proto/released/0.2.0
+//! ```
+
+use std::path::{Path, PathBuf};
+
+use prost::Message;
+use prost_types::{FieldMask, FileDescriptorSet};
+use tonic::transport::Channel;
+use treewright_proto::v1::tuning_service_client::TuningServiceClient;
+use treewright_proto::v1::{self as wire, outcome, parameter, value};
+
+type Failure = Box<dyn std::error::Error>;
+
+#[tokio::main(flavor = "current_thread")]
+async fn main() -> Result<(), Failure> {
+    let mut arguments = std::env::args().skip(1);
+    let (Some(url), Some(folder)) = (arguments.next(), arguments.next()) else {
+        return Err("usage: record_release URL FOLDER".into());
+    };
+    let folder = PathBuf::from(folder);
+    std::fs::create_dir_all(&folder)?;
+    std::fs::write(folder.join("descriptors.binpb"), descriptors()?)?;
+    let client = TuningServiceClient::connect(url).await?;
+    Recorder { client, folder, calls: 0 }.converse().await
+}
+
+/// Without comments and places in the source, which no test compares.
+fn descriptors() -> Result<Vec<u8>, Failure> {
+    let mut all = FileDescriptorSet::decode(treewright_proto::FILE_DESCRIPTOR_SET)?;
+    all.file.retain(|file| file.package() == "treewright.v1");
+    for file in &mut all.file {
+        file.source_code_info = None;
+    }
+    Ok(all.encode_to_vec())
+}
+
+struct Recorder {
+    client: TuningServiceClient<Channel>,
+    folder: PathBuf,
+    calls: usize,
+}
+
+/// Calls an RPC and keeps request and response under its name and the number of the call.
+macro_rules! call {
+    ($recorder:expr, $name:literal, $method:ident, $request:expr) => {{
+        let request = $request;
+        $recorder.calls += 1;
+        let stem = $recorder.folder.join(format!("{:02}.{}", $recorder.calls, $name));
+        write(&stem, "request", &request)?;
+        let response = $recorder.client.$method(request).await?.into_inner();
+        write(&stem, "response", &response)?;
+        response
+    }};
+}
+
+fn write(stem: &Path, side: &str, message: &impl Message) -> Result<(), Failure> {
+    let name = format!("{}.{side}.binpb", stem.display());
+    Ok(std::fs::write(name, message.encode_to_vec())?)
+}
+
+impl Recorder {
+    async fn converse(mut self) -> Result<(), Failure> {
+        let study_id = "recorded".to_owned();
+        call!(self, "CreateStudy", create_study, wire::CreateStudyRequest { study_id, study: Some(study()) });
+        let ends = [
+            outcome::Kind::Ok(wire::Ok {}),
+            outcome::Kind::Infeasible(wire::Infeasible { reason: "too deep".to_owned() }),
+            outcome::Kind::Failed(wire::Failed { reason: "interrupted".to_owned() }),
+            outcome::Kind::Aborted(wire::Aborted { lower_bound: 90.0 }),
+            outcome::Kind::Ok(wire::Ok {}),
+        ];
+        for (index, kind) in ends.into_iter().enumerate() {
+            let trial = call!(self, "Suggest", suggest, suggest(None));
+            let ok = matches!(kind, outcome::Kind::Ok(_));
+            let measured = [("build_ms", 3.0), ("render_ms", 10.0 + index as f64)];
+            let measured = measured.map(|(name, value)| (name.to_owned(), value));
+            let measurements = if ok { measured.into() } else { Default::default() };
+            let outcome = Some(wire::Outcome { kind: Some(kind) });
+            call!(self, "Report", report, wire::ReportRequest { trial: trial.name, measurements, outcome });
+        }
+        let policy = wire::Policy { epsilon: Some(0.5), lease_s: 30, ..wire::Policy::default() };
+        let study = wire::Study { name: STUDY.to_owned(), policy: Some(policy), ..wire::Study::default() };
+        let paths = ["policy.epsilon", "policy.lease_s", "policy.regret_budget"].map(str::to_owned).to_vec();
+        let update = wire::UpdateStudyRequest { study: Some(study), update_mask: Some(FieldMask { paths }) };
+        call!(self, "UpdateStudy", update_study, update);
+        let values = [("min_leaf", 2), ("max_leaf", 4), ("bins", 16)];
+        let mut wanted: std::collections::BTreeMap<_, _> =
+            values.into_iter().map(|(name, number)| (name.to_owned(), integer(number))).collect();
+        wanted.insert("split".to_owned(), text("sah"));
+        wanted.insert("cost".to_owned(), float(1.5));
+        wanted.insert("compact".to_owned(), boolean(true));
+        let wanted = Some(wire::Configuration { values: wanted });
+        let trial = call!(self, "Suggest", suggest, suggest(wanted)).name;
+        call!(self, "ExtendLease", extend_lease, wire::ExtendLeaseRequest { trial: trial.clone() });
+        call!(self, "GetTrial", get_trial, wire::GetTrialRequest { name: trial.clone() });
+        call!(self, "AbandonTrial", abandon_trial, wire::AbandonTrialRequest { trial });
+        let study = STUDY.to_owned();
+        let predict =
+            wire::PredictRequest { study: study.clone(), indicators: indicators(), fingerprint: None };
+        call!(self, "Predict", predict, predict);
+        let best = wire::GetBestRequest { study: study.clone(), indicators: indicators(), fingerprint: None };
+        call!(self, "GetBest", get_best, best);
+        call!(self, "GetStudy", get_study, wire::GetStudyRequest { name: study.clone() });
+        call!(self, "ListStudies", list_studies, wire::ListStudiesRequest::default());
+        let filter = "state = COMPLETED AND mode != PINNED".to_owned();
+        let query = wire::QueryTrialsRequest { study, filter, ..wire::QueryTrialsRequest::default() };
+        call!(self, "QueryTrials", query_trials, query);
+        Ok(())
+    }
+}
+
+const STUDY: &str = "studies/recorded";
+
+fn value(kind: value::Kind) -> wire::Value {
+    wire::Value { kind: Some(kind) }
+}
+
+fn integer(number: i64) -> wire::Value {
+    value(value::Kind::Integer(number))
+}
+
+fn float(number: f64) -> wire::Value {
+    value(value::Kind::Float(number))
+}
+
+fn text(word: &str) -> wire::Value {
+    value(value::Kind::Text(word.to_owned()))
+}
+
+fn boolean(switch: bool) -> wire::Value {
+    value(value::Kind::Boolean(switch))
+}
+
+fn indicators() -> std::collections::BTreeMap<String, f64> {
+    [("triangles".to_owned(), 262_267.0), ("distance".to_owned(), 12.5)].into()
+}
+
+fn suggest(wanted: Option<wire::Configuration>) -> wire::SuggestRequest {
+    let software = [("embree".to_owned(), "4.4.0".to_owned())].into();
+    let machine = wire::Fingerprint {
+        cpu_model: "a processor".to_owned(),
+        isa: "avx2".to_owned(),
+        threads: 8,
+        software,
+    };
+    wire::SuggestRequest {
+        study: STUDY.to_owned(),
+        client_id: "recorder".to_owned(),
+        indicators: indicators(),
+        fingerprint: Some(machine),
+        wanted,
+        session: 7,
+        can_abort: true,
+        session_policy: None,
+    }
+}
+
+/// A study with every kind of domain, condition, constraint and indicator.
+fn study() -> wire::Study {
+    use parameter::Domain;
+    let parameter = |name: &str, domain: Domain, default: wire::Value| wire::Parameter {
+        name: name.to_owned(),
+        domain: Some(domain),
+        default_value: Some(default),
+        active_if: None,
+    };
+    let log = wire::Scale::Log.into();
+    let leaf = || Domain::Integer(wire::IntegerDomain { min: 1, max: 32, scale: log });
+    let split = wire::CategoricalDomain { values: vec![text("sah"), text("median")] };
+    let bins = wire::IntegerDomain { min: 4, max: 64, scale: 0 };
+    let only_sah = wire::Condition { parameter: "split".to_owned(), any_of: vec![text("sah")] };
+    let parameters = vec![
+        parameter("split", Domain::Categorical(split), text("sah")),
+        parameter("min_leaf", leaf(), integer(1)),
+        parameter("max_leaf", leaf(), integer(8)),
+        parameter("cost", Domain::Float(wire::FloatDomain { min: 0.5, max: 4.0, scale: 0 }), float(1.0)),
+        parameter("compact", Domain::Boolean(wire::BooleanDomain {}), boolean(false)),
+        wire::Parameter {
+            active_if: Some(only_sah),
+            ..parameter("bins", Domain::Integer(bins), integer(16))
+        },
+    ];
+    let constraints =
+        vec![wire::Constraint { lesser: "min_leaf".to_owned(), greater: "max_leaf".to_owned() }];
+    let indicator = |name: &str, max, scale| wire::Indicator { name: name.to_owned(), min: 0.0, max, scale };
+    let term = |metric: &str, weight| wire::ObjectiveTerm { metric: metric.to_owned(), weight };
+    wire::Study {
+        display_name: "as recorded".to_owned(),
+        space: Some(wire::Space { parameters, constraints }),
+        indicators: vec![indicator("triangles", 1e8, log), indicator("distance", 100.0, 0)],
+        objective: Some(wire::Objective { terms: vec![term("build_ms", 0.25), term("render_ms", 1.0)] }),
+        state_tolerance: Some(0.02),
+        policy: Some(wire::Policy {
+            epsilon: Some(1.0),
+            search: wire::SearchMethod::NelderMead.into(),
+            predictor: wire::PredictorMethod::Contextual.into(),
+            trials_per_state: 40,
+            replicates: 1,
+            epsilon_halves_after: 100,
+            regret_budget: Some(0.9),
+            abort_above: Some(3.0),
+            worst_factor: Some(50.0),
+            operation: wire::Operation::Tune.into(),
+            freeze_risk: Some(0.05),
+            roll_back: Some(true),
+            ..wire::Policy::default()
+        }),
+        seed: 11,
+        ..wire::Study::default()
+    }
+}

@@ -1,0 +1,92 @@
+//! Enums, by number. 0 is what was not said.
+
+use treewright_model::policy::{Operation, PredictorMethod, SearchMethod};
+use treewright_model::space::Scale;
+use treewright_model::trial::{Mode, OmissionReason, Rule, TrialState};
+use treewright_model::words::OpenEnum;
+
+use crate::v1;
+
+/// An enum of the model that has a counterpart on the wire.
+pub trait WireEnum: Copy {
+    /// Its number on the wire, never 0.
+    fn number(self) -> i32;
+
+    /// The value that has a number on the wire; `None` for 0.
+    fn from_number(number: i32) -> Option<OpenEnum<Self>>;
+}
+
+/// The values are called the same on both sides; one that is missing on either does not compile.
+macro_rules! wire_enums {
+    ($($name:ident { $($value:ident),+ $(,)? })+) => {
+        $(
+            impl WireEnum for $name {
+                fn number(self) -> i32 {
+                    match self {
+                        $($name::$value => v1::$name::$value.into(),)+
+                    }
+                }
+
+                fn from_number(number: i32) -> Option<OpenEnum<Self>> {
+                    match v1::$name::try_from(number) {
+                        Ok(v1::$name::Unspecified) => None,
+                        $(Ok(v1::$name::$value) => Some(OpenEnum::Known($name::$value)),)+
+                        Err(_) => Some(OpenEnum::Unrecognised(number)),
+                    }
+                }
+            }
+        )+
+    };
+}
+
+wire_enums! {
+    Scale { Linear, Log }
+    SearchMethod { NelderMead, LatinHypercube, Random, Model, Auto }
+    PredictorMethod {
+        NearestNeighbour, RbfGreedyGq, Auto, WeightedNeighbours, GaussianGreedyGq, LeastSquares, Contextual,
+    }
+    Operation { Tune, Freeze, Shadow }
+    Mode { Default, Explore, Exploit, Pinned }
+    TrialState { Open, Completed, Abandoned, Expired }
+    Rule {
+        Explore, NothingKnown, Exploit, Finished, Budget, Gain, RolledBack, Frozen, Shadow, Pinned, Wanted, Waiting,
+    }
+    OmissionReason { Inactive, Insensitive, BelowNoise, BelowCost, Constant, Redundant }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use treewright_model::words::Word;
+
+    /// `SEARCH_METHOD_NELDER_MEAD` on the wire is `nelder_mead` in words.
+    fn are_called_the_same<T: WireEnum + Word>(prefix: &str, name: impl Fn(i32) -> Option<&'static str>) {
+        for (value, word) in T::WORDS {
+            let on_wire = name(value.number()).expect("a number of the wire");
+            assert_eq!(on_wire, format!("{prefix}_{}", word.to_uppercase()));
+            assert_eq!(T::from_number(value.number()), Some(OpenEnum::Known(*value)));
+        }
+        assert_eq!(T::from_number(0), None);
+        assert_eq!(T::from_number(99), Some(OpenEnum::Unrecognised(99)));
+    }
+
+    #[test]
+    fn words_are_those_of_the_wire() {
+        macro_rules! check {
+            ($($name:ident $prefix:literal;)+) => {
+                $(are_called_the_same::<$name>($prefix, |number| {
+                    v1::$name::try_from(number).ok().map(|value| value.as_str_name())
+                });)+
+            };
+        }
+        check! {
+            SearchMethod "SEARCH_METHOD";
+            PredictorMethod "PREDICTOR_METHOD";
+            Operation "OPERATION";
+            Mode "MODE";
+            TrialState "TRIAL_STATE";
+            Rule "RULE";
+            OmissionReason "OMISSION_REASON";
+        }
+    }
+}

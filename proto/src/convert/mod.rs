@@ -1,0 +1,60 @@
+//! Between messages and the types of `treewright-model`, for the daemon and for clients alike.
+//!
+//! Reading is tolerant where a newer version may say more: numbers of enums that are not known here become
+//! [`OpenEnum::Unrecognised`](treewright_model::words::OpenEnum), and whoever must decide by them refuses them then. What
+//! a message must have and has not is [`Malformed`], with the field.
+//!
+//! | module | what it converts |
+//! |---|---|
+//! | `enums` | enums, by number |
+//! | `values` | values and configurations |
+//! | `space` | parameter spaces |
+//! | `study` | specifications of studies |
+//! | `policy` | policies, field by field as the model's table lists them |
+//! | `session` | what a session wants for itself |
+//! | `trial` | outcomes and machines |
+
+mod enums;
+mod policy;
+mod session;
+mod space;
+mod study;
+mod trial;
+mod values;
+
+pub use enums::WireEnum;
+pub use policy::{policy_from_wire, policy_to_wire};
+pub use session::{session_policy_from_wire, session_policy_to_wire};
+pub use space::{space_from_wire, space_to_wire};
+pub use study::{spec_from_wire, spec_to_wire};
+pub use trial::{fingerprint_from_wire, fingerprint_to_wire, outcome_from_wire, outcome_to_wire};
+pub use values::{
+    configuration_from_wire, configuration_to_wire, readable_configuration, value_from_wire, value_to_wire,
+};
+
+/// A field of a message is missing or makes no sense.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{field}: {problem}")]
+pub struct Malformed {
+    /// Which, as a path in the message.
+    pub field: String,
+    /// What is wrong and what would be right.
+    pub problem: String,
+}
+
+impl Malformed {
+    /// A field is not as it should be.
+    pub fn new(field: impl Into<String>, problem: impl std::fmt::Display) -> Self {
+        Self { field: field.into(), problem: problem.to_string() }
+    }
+
+    /// A field is missing.
+    pub fn missing(field: impl Into<String>) -> Self {
+        Self::new(field, "is required")
+    }
+
+    /// No alternative of a `oneof` is set, or one that only a newer version knows.
+    pub fn no_kind(field: impl Into<String>, known: &str) -> Self {
+        Self::new(field, format!("is required; known here are {known}"))
+    }
+}

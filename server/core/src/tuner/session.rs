@@ -1,0 +1,29 @@
+//! What a session wants for itself takes the place of the study's policy here, and nowhere else.
+
+use crate::ids::StateId;
+use crate::session::SessionPolicy;
+use crate::tuner::Tuner;
+
+impl Tuner {
+    /// The probability of exploring for a session in a state, which may be unknown yet.
+    pub(super) fn epsilon_of(&self, session: &SessionPolicy, state: Option<StateId>) -> f64 {
+        let by_policy = || state.map_or(self.spec.policy.epsilon, |state| self.gain().epsilon(state));
+        session.epsilon.unwrap_or_else(by_policy)
+    }
+
+    /// After how many measured configurations a state's search is over for a session.
+    pub(super) fn room_of(&self, session: &SessionPolicy) -> usize {
+        session.trials_per_state.unwrap_or(self.spec.policy.trials_per_state) as usize
+    }
+
+    /// Whether a state's search is over for a session.
+    pub(super) fn is_finished_for(&self, session: &SessionPolicy, state: StateId) -> bool {
+        self.states.knowledge(state).tried() >= self.room_of(session)
+    }
+
+    /// Whether the last decision for a client was taken under other wishes than these.
+    pub(super) fn has_other_wishes(&self, client_id: &str, session: &SessionPolicy) -> bool {
+        self.visits.account(client_id).map_or(SessionPolicy::default(), |account| account.policy())
+            != *session
+    }
+}

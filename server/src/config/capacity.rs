@@ -1,0 +1,47 @@
+//! The options that say how much the daemon takes on at once.
+
+use clap::Args;
+
+use crate::admission::AdmissionLimits;
+use crate::connections::ConnectionLimits;
+use crate::limits::{
+    CONNECTIONS, CONNECTIONS_MAX, CONNECTIONS_PER_ADDRESS, REQUESTS_IN_FLIGHT, REQUESTS_IN_FLIGHT_MAX,
+    TUNE_STREAMS, TUNE_STREAMS_MAX,
+};
+
+/// What is above a limit is refused with RESOURCE_EXHAUSTED, or the connection is closed.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Capacity")]
+pub struct CapacityConfig {
+    /// Connections at once. At most half of them may be such on which no request was authorised yet: of these the
+    /// oldest makes room for the next. Each needs a file descriptor; the limit of the process is raised to what the
+    /// system allows.
+    #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS", default_value_t = CONNECTIONS as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
+    pub max_connections: u32,
+
+    /// Connections at once from one address. Clients behind one gateway have one address.
+    #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS_PER_ADDRESS", default_value_t = CONNECTIONS_PER_ADDRESS as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
+    pub max_connections_per_address: u32,
+
+    /// Tune streams open at once.
+    #[arg(long, env = "TREEWRIGHT_MAX_STREAMS", default_value_t = TUNE_STREAMS as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=TUNE_STREAMS_MAX as i64))]
+    pub max_streams: u32,
+
+    /// Requests, and frames of Tune streams, worked on at once.
+    #[arg(long, env = "TREEWRIGHT_MAX_REQUESTS", default_value_t = REQUESTS_IN_FLIGHT as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=REQUESTS_IN_FLIGHT_MAX as i64))]
+    pub max_requests: u32,
+}
+
+impl CapacityConfig {
+    /// How many connections there may be.
+    #[must_use]
+    pub fn connections(&self) -> ConnectionLimits {
+        ConnectionLimits::new(self.max_connections as usize, self.max_connections_per_address as usize)
+    }
+
+    /// How much may be worked on at once.
+    #[must_use]
+    pub fn admission(&self) -> AdmissionLimits {
+        AdmissionLimits { requests: self.max_requests as usize, streams: self.max_streams as usize }
+    }
+}

@@ -1,0 +1,65 @@
+//! `treewrightd backup`, `restore` and `check`: what a database file needs over the years.
+
+use std::time::Instant;
+
+use treewright_store::maintenance::{self, Inventory, MaintenanceError};
+
+use crate::administration::Said;
+use crate::config::{BackupConfig, FileDatabase, RestoreConfig};
+
+/// Exit code of a command that did not do what it should: as of `serve` where the database is at fault.
+#[must_use]
+pub fn exit_code(error: &MaintenanceError) -> u8 {
+    match error {
+        MaintenanceError::Open(_) | MaintenanceError::Damaged { .. } | MaintenanceError::Unfit { .. } => 4,
+        MaintenanceError::Missing { .. }
+        | MaintenanceError::Exists { .. }
+        | MaintenanceError::Same { .. }
+        | MaintenanceError::System { .. } => 1,
+    }
+}
+
+/// Copies a database while a daemon may run on it.
+///
+/// # Errors
+/// [`MaintenanceError`]; there is no new copy then.
+pub async fn back_up(config: &BackupConfig) -> Result<Said, MaintenanceError> {
+    let begun = Instant::now();
+    let inventory = maintenance::back_up(&config.database.database, &config.to, config.replace).await?;
+    let seconds = begun.elapsed().as_secs_f64();
+    Ok(said(format!("backed up to {}: {} in {seconds:.1} s", config.to.display(), shown(inventory))))
+}
+
+/// Puts a copy back.
+///
+/// # Errors
+/// [`MaintenanceError`]; the database is then as it was.
+pub async fn restore(config: &RestoreConfig) -> Result<Said, MaintenanceError> {
+    let database = &config.database.database;
+    let done = maintenance::restore(&config.from, database).await?;
+    let before = match &done.aside {
+        Some(aside) => format!("; what was there before is {}", aside.display()),
+        None => String::new(),
+    };
+    Ok(said(format!("restored {}: {}{before}", database.display(), shown(done.inventory))))
+}
+
+/// Looks at all of a database.
+///
+/// # Errors
+/// [`MaintenanceError::Damaged`] with what was found.
+pub async fn check(database: &FileDatabase) -> Result<Said, MaintenanceError> {
+    let begun = Instant::now();
+    let inventory = maintenance::check(&database.database).await?;
+    let seconds = begun.elapsed().as_secs_f64();
+    Ok(said(format!("{} is sound: {}, {seconds:.1} s", database.database.display(), shown(inventory))))
+}
+
+fn said(out: String) -> Said {
+    Said { out, note: String::new() }
+}
+
+fn shown(inventory: Inventory) -> String {
+    let Inventory { studies, trials, bytes } = inventory;
+    format!("{studies} studies, {trials} trials, {:.1} MB", bytes as f64 / 1e6)
+}

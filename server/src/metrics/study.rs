@@ -1,0 +1,69 @@
+//! The figures of one study: what its frames cost, how much of that is regret, how wrong its models are and how old.
+
+use treewright_core::trial::{Mode, Trial, TrialState};
+use treewright_core::tuner::{Change, Statistics, Tuner};
+
+/// The modes of trials, in the order of [`Tally`]'s sums.
+pub(crate) const MODES: [(Mode, &str); 4] = [
+    (Mode::Default, "default"),
+    (Mode::Explore, "explore"),
+    (Mode::Exploit, "exploit"),
+    (Mode::Pinned, "pinned"),
+];
+
+/// What has been reported since the study came into memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Tally {
+    /// Reported frames with a cost, and those costs, by mode.
+    pub(crate) frames: [u64; MODES.len()],
+    pub(crate) cost: [f64; MODES.len()],
+    /// What they cost above the best configuration known of their state at that time.
+    pub(crate) regret: [f64; MODES.len()],
+    /// Leases that ran out.
+    pub(crate) expired: u64,
+    /// When the models last learnt, by the daemon's clock.
+    pub(crate) learnt_ms: Option<i64>,
+}
+
+impl Tally {
+    /// Counts what a tuner has just decided.
+    pub(crate) fn add(&mut self, tuner: &Tuner, changes: &[Change]) {
+        for trial in changes.iter().flat_map(|change| &change.trials) {
+            match trial.state {
+                TrialState::Completed => self.complete(tuner, trial),
+                TrialState::Expired => self.expired += 1,
+                TrialState::Open | TrialState::Abandoned => {}
+            }
+        }
+    }
+
+    fn complete(&mut self, tuner: &Tuner, trial: &Trial) {
+        self.learnt_ms = trial.complete_ms.max(self.learnt_ms);
+        let Some(cost) = trial.cost else {
+            return;
+        };
+        let mode = MODES.iter().position(|(mode, _)| *mode == trial.mode()).unwrap_or_default();
+        self.frames[mode] += 1;
+        self.cost[mode] += cost;
+        if let Some(best) = tuner.best_cost(trial.state_id) {
+            self.regret[mode] += (cost - best).max(0.0);
+        }
+    }
+}
+
+/// What is told of one study.
+#[derive(Clone, Debug)]
+pub(crate) struct StudyFigures {
+    /// Its id.
+    pub(crate) study: String,
+    /// Counts of the whole study.
+    pub(crate) statistics: Statistics,
+    /// What happened since it came into memory.
+    pub(crate) tally: Tally,
+    /// Mean relative error of each predictor, as the absolute logarithm, on trials it had not learnt.
+    pub(crate) errors: Vec<(&'static str, f64)>,
+    /// Completed trials that the last checkpoint does not cover: they would be learnt again at a start.
+    pub(crate) unsaved_trials: u64,
+    /// Since when the models have not learnt, in milliseconds; none before the first report in memory.
+    pub(crate) model_age_ms: Option<i64>,
+}

@@ -1,0 +1,109 @@
+//! Whether a study has the parameters and indicators that a filter names.
+//!
+//! A comparison with a name that a study does not have would match no trial, which looks like an answer. Names of
+//! measurements are not checked: clients may report whatever they like beside the objective's metrics.
+
+use treewright_core::study::StudySpec;
+
+use super::{Comparison, Filter, FilterError};
+
+impl Filter {
+    /// Whether there are names to check with [`check_names`](Self::check_names).
+    #[must_use]
+    pub fn has_names(&self) -> bool {
+        let is_named =
+            |one: &Comparison| matches!(one, Comparison::Configuration(..) | Comparison::Indicator(..));
+        self.comparisons.iter().any(is_named)
+    }
+
+    /// Refuses parameters and indicators that the study does not have. `text` is what the filter was parsed from.
+    ///
+    /// # Errors
+    /// [`FilterError`] with the place of the first such name, and the names that there are.
+    pub fn check_names(&self, text: &str, spec: &StudySpec) -> Result<(), FilterError> {
+        let parameters: Vec<&str> = spec.space.parameters().iter().map(|one| one.name.as_str()).collect();
+        let indicators: Vec<&str> =
+            spec.indicators.indicators().iter().map(|one| one.name.as_str()).collect();
+        for comparison in &self.comparisons {
+            let (prefix, name, kind, names) = match comparison {
+                Comparison::Configuration(name, ..) => ("config", name, "parameter", &parameters),
+                Comparison::Indicator(name, ..) => ("indicator", name, "indicator", &indicators),
+                _ => continue,
+            };
+            if !names.contains(&name.as_str()) {
+                let position = position(text, &format!("{prefix}.{name}"));
+                let problem = format!("the study has no {kind} {name:?}; it has {}", listed(names));
+                return Err(FilterError::new(position, problem));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Where a field stands in a filter, counted in characters from 1: not within a longer word.
+fn position(text: &str, field: &str) -> usize {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.');
+    let places = text.match_indices(field);
+    let mut whole = places.filter(|(at, _)| {
+        let (before, after) = (text[..*at].chars().next_back(), text[at + field.len()..].chars().next());
+        !before.is_some_and(is_part) && !after.is_some_and(is_part)
+    });
+    let at = whole.next().map_or(0, |(at, _)| at);
+    text[..at].chars().count() + 1
+}
+
+fn listed(names: &[&str]) -> String {
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_core::indicator::{Indicator, IndicatorSchema};
+    use treewright_core::objective::{Objective, ObjectiveTerm};
+    use treewright_core::policy::Policy;
+    use treewright_core::space::{Domain, Parameter, Scale, Space};
+    use treewright_core::value::Value;
+
+    use super::*;
+
+    fn spec() -> StudySpec {
+        let scale = Scale::Linear;
+        let parameter = Parameter {
+            name: "quality".to_owned(),
+            domain: Domain::Integer { min: 0, max: 9, scale },
+            default: Value::Integer(4),
+            active_if: None,
+        };
+        let indicator = Indicator { name: "x".to_owned(), min: 0.0, max: 1.0, scale };
+        let term = ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 };
+        StudySpec {
+            display_name: String::new(),
+            space: Space::new(vec![parameter], vec![]).expect("valid"),
+            indicators: IndicatorSchema::new(vec![indicator]).expect("valid"),
+            objective: Objective::new(vec![term]).expect("valid"),
+            state_tolerance: 0.01,
+            policy: Policy::default(),
+            seed: 0,
+        }
+    }
+
+    fn check(text: &str) -> Result<(), FilterError> {
+        Filter::parse(text).expect("a filter").check_names(text, &spec())
+    }
+
+    #[test]
+    fn names_that_a_study_does_not_have_are_pointed_at() {
+        check("").expect("nothing is named");
+        check("config.quality = 2 AND indicator.x < 0.5 AND measurement.anything > 1").expect("it has them");
+        for (text, position, problem) in [
+            ("config.qualty = 2", 1, "no parameter \"qualty\"; it has quality"),
+            ("client_id = \"config.q\" AND config.q = 2", 28, "no parameter \"q\""),
+            ("indicator.x < 1 AND indicator.xx < 1", 21, "no indicator \"xx\"; it has x"),
+        ] {
+            let error = check(text).expect_err(text);
+            assert!(error.problem.contains(problem), "{error}");
+            assert_eq!(error.position, position, "{error}");
+        }
+        assert!(!Filter::parse("cost < 1").expect("a filter").has_names());
+    }
+}

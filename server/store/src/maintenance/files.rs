@@ -1,0 +1,113 @@
+//! What backup and restore need of the file system: names beside a name, copies that vanish unless they are kept, and
+//! names that are on the disk.
+
+use std::ffi::OsString;
+use std::fs::{self, File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
+use std::path::{Path, PathBuf};
+
+use super::MaintenanceError;
+use crate::error::OpenError;
+
+/// `PATH` with something behind its name.
+pub(super) fn beside(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(suffix);
+    PathBuf::from(name)
+}
+
+/// Refuses what is not a file.
+pub(super) fn need(path: &Path) -> Result<(), MaintenanceError> {
+    if path.is_dir() {
+        return Err(OpenError::Directory { path: path.to_owned() }.into());
+    }
+    if path.exists() { Ok(()) } else { Err(MaintenanceError::Missing { path: path.to_owned() }) }
+}
+
+/// Whether both names are of one file.
+pub(super) fn are_same(one: &Path, other: &Path) -> bool {
+    match (fs::metadata(one), fs::metadata(other)) {
+        (Ok(one), Ok(other)) => (one.dev(), one.ino()) == (other.dev(), other.ino()),
+        _ => false,
+    }
+}
+
+/// The folder that a file lies in.
+pub(super) fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
+/// Makes names in a folder durable.
+pub(super) fn sync_folder(path: &Path) -> Result<(), MaintenanceError> {
+    let folder = folder(path);
+    let synced = File::open(folder).and_then(|open| open.sync_all());
+    synced.map_err(MaintenanceError::system(folder, "made durable"))
+}
+
+/// A file that is being written under a name for the time being. It is removed unless it is kept.
+pub(super) struct Draft {
+    path: PathBuf,
+    is_kept: bool,
+}
+
+impl Draft {
+    /// An empty file beside `path`, to be read by whoever may read `like`: a database holds the hashes of tokens.
+    pub(super) fn beside(path: &Path, like: &Path) -> Result<Self, MaintenanceError> {
+        let draft = beside(path, &format!(".part-{}", std::process::id()));
+        let mode = fs::metadata(like).map_or(0o600, |metadata| metadata.permissions().mode() & 0o777);
+        // What an earlier process of this number left.
+        let _ = fs::remove_file(&draft);
+        let made = OpenOptions::new().write(true).create_new(true).mode(mode).open(&draft);
+        match made {
+            Ok(_) => Ok(Self { path: draft, is_kept: false }),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                Err(OpenError::NoDirectory { path: folder(path).to_owned() }.into())
+            }
+            Err(error) => Err(MaintenanceError::system(&draft, "written")(error)),
+        }
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Waits until all of it is on the disk.
+    pub(super) fn sync(&self) -> Result<(), MaintenanceError> {
+        let synced = File::open(&self.path).and_then(|open| open.sync_all());
+        synced.map_err(MaintenanceError::system(&self.path, "made durable"))
+    }
+
+    /// Gives it its name, durably, in the place of what has that name now.
+    pub(super) fn keep_as(mut self, path: &Path) -> Result<(), MaintenanceError> {
+        fs::rename(&self.path, path).map_err(MaintenanceError::system(path, "put in place"))?;
+        self.is_kept = true;
+        sync_folder(path)
+    }
+
+    /// Gives it its name, durably, unless something has that name.
+    pub(super) fn keep_as_new(self, path: &Path) -> Result<(), MaintenanceError> {
+        match fs::hard_link(&self.path, path) {
+            // The other name goes when this is dropped.
+            Ok(()) => sync_folder(path),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+                Err(MaintenanceError::Exists { path: path.to_owned() })
+            }
+            // Some file systems know no second names.
+            Err(_) if path.exists() => Err(MaintenanceError::Exists { path: path.to_owned() }),
+            Err(_) => self.keep_as(path),
+        }
+    }
+}
+
+impl Drop for Draft {
+    fn drop(&mut self) {
+        if !self.is_kept {
+            // Should it stay, the next draft of this name takes its place.
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}

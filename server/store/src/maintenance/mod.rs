@@ -1,0 +1,180 @@
+//! Keeping a database file over the years: copies of it while a daemon runs, putting one back, and looking whether it
+//! is sound.
+//!
+//! All three work on the file itself, beside the daemon or without one. `backup` writes copies, `restore` puts them
+//! back, `files` holds what both need of the file system. For PostgreSQL its own tools do all that.
+
+mod backup;
+mod files;
+mod restore;
+
+use std::path::{Path, PathBuf};
+
+use sqlx::sqlite::SqliteConnection;
+use sqlx::{ConnectOptions as _, Connection as _};
+
+pub use backup::back_up;
+pub use restore::{Restored, restore};
+
+use crate::error::OpenError;
+use crate::sqlite::{Depth, FileOwner, Looked, Unsound, file};
+
+/// Why a database could not be copied, put back or checked. Nothing was changed unless the message says so.
+#[derive(Debug, thiserror::Error)]
+pub enum MaintenanceError {
+    /// The database cannot be had.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// There is no such file.
+    #[error("{} does not exist; check the path", path.display())]
+    Missing {
+        /// The path.
+        path: PathBuf,
+    },
+    /// The place of the copy is taken.
+    #[error("{} exists already; choose another name or say --replace", path.display())]
+    Exists {
+        /// The path.
+        path: PathBuf,
+    },
+    /// Source and destination are one file.
+    #[error("{} is the database itself; choose another file", path.display())]
+    Same {
+        /// The path.
+        path: PathBuf,
+    },
+    /// A file is not fit to be restored.
+    #[error("{} cannot be restored: {problem}", path.display())]
+    Unfit {
+        /// The path.
+        path: PathBuf,
+        /// Cause and remedy.
+        problem: String,
+    },
+    /// The file is damaged.
+    #[error("{} is damaged:{}", path.display(), problems.iter().map(|line| format!("\n  {}", line.trim())).collect::<String>())]
+    Damaged {
+        /// The path.
+        path: PathBuf,
+        /// What was found, the first twenty things.
+        problems: Vec<String>,
+    },
+    /// The system refuses.
+    #[error("{} cannot be {doing} ({problem}); check space and permissions there", path.display())]
+    System {
+        /// The path.
+        path: PathBuf,
+        /// What was being done to it.
+        doing: &'static str,
+        /// What the system said.
+        problem: String,
+    },
+}
+
+impl MaintenanceError {
+    fn system(path: &Path, doing: &'static str) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_owned();
+        move |error| Self::System { path, doing, problem: error.to_string() }
+    }
+
+    fn sqlite(path: &Path, error: &sqlx::Error) -> Self {
+        Self::Open(file::explain(path, error))
+    }
+
+    fn unsound(path: &Path, unsound: Unsound) -> Self {
+        match unsound {
+            Unsound::Problems(problems) => Self::Damaged { path: path.to_owned(), problems },
+            Unsound::Unreadable(error) => Self::sqlite(path, &error),
+        }
+    }
+}
+
+/// What a sound database holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Inventory {
+    /// Studies.
+    pub studies: u64,
+    /// Trials that are stored, in all of them.
+    pub trials: u64,
+    /// Length of the file in bytes.
+    pub bytes: u64,
+}
+
+/// Looks at all of a database, whether a daemon has it or not: pages, indexes, references, and documents that can be
+/// read. It takes minutes for ten gigabytes. Writes go on meanwhile, into a write-ahead log that grows until the check
+/// is done.
+///
+/// # Errors
+/// [`MaintenanceError::Damaged`] with what was found, or why one could not look.
+pub async fn check(database: &Path) -> Result<Inventory, MaintenanceError> {
+    files::need(database)?;
+    let mut connection = connect(database).await?;
+    let version = schema_version(&mut connection, database).await?;
+    let known = file::known_version();
+    if version < known {
+        let problem = format!(
+            "its schema is of version {version} and this program's of {known}; start the daemon on it once, or use \
+             the treewrightd that it belongs to"
+        );
+        return Err(OpenError::Other { path: database.to_owned(), problem }.into());
+    }
+    let looked = file::check(&mut connection, Depth::Whole).await;
+    looked.map_err(|unsound| MaintenanceError::unsound(database, unsound))?;
+    let inventory = inventory(&mut connection, database).await?;
+    connection.close().await.map_err(|error| MaintenanceError::sqlite(database, &error))?;
+    Ok(inventory)
+}
+
+/// A connection to a file that exists, whoever has it.
+async fn connect(path: &Path) -> Result<SqliteConnection, MaintenanceError> {
+    file::check_path(path)?;
+    let options = file::options(path).create_if_missing(false);
+    options.connect().await.map_err(|error| MaintenanceError::sqlite(path, &error))
+}
+
+/// A connection to a closed file that nobody changes: it needs neither locks nor files beside it.
+async fn connect_closed(path: &Path) -> Result<SqliteConnection, MaintenanceError> {
+    let options = file::options(path).create_if_missing(false).read_only(true).immutable(true);
+    options.connect().await.map_err(|error| MaintenanceError::sqlite(path, &error))
+}
+
+/// The version of the schema, if the database is ours and not of a newer program.
+async fn schema_version(connection: &mut SqliteConnection, path: &Path) -> Result<i64, MaintenanceError> {
+    let failed = |error: sqlx::Error| MaintenanceError::sqlite(path, &error);
+    if file::owner(connection).await.map_err(failed)? != FileOwner::Ours {
+        return Err(OpenError::Foreign { path: path.to_owned() }.into());
+    }
+    let version: Option<i64> = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
+        .fetch_one(connection)
+        .await
+        .map_err(failed)?;
+    let (version, known) = (version.unwrap_or(0), file::known_version());
+    if version > known {
+        return Err(OpenError::Newer { path: path.to_owned(), version, known }.into());
+    }
+    Ok(version)
+}
+
+async fn inventory(connection: &mut SqliteConnection, path: &Path) -> Result<Inventory, MaintenanceError> {
+    let sql = "SELECT (SELECT count(*) FROM studies WHERE name < '~'), (SELECT count(*) FROM trials), \
+               (SELECT page_count * page_size FROM pragma_page_count, pragma_page_size)";
+    let counted: Result<(i64, i64, i64), _> = sqlx::query_as(sql).fetch_one(connection).await;
+    let (studies, trials, bytes) = counted.map_err(|error| MaintenanceError::sqlite(path, &error))?;
+    let count = |number: i64| u64::try_from(number).unwrap_or(0);
+    Ok(Inventory { studies: count(studies), trials: count(trials), bytes: count(bytes) })
+}
+
+/// Looks through a closed file that may be of an earlier schema, and says what it holds.
+async fn check_closed(path: &Path) -> Result<Inventory, MaintenanceError> {
+    let mut connection = connect_closed(path).await?;
+    let version = schema_version(&mut connection, path).await?;
+    let looked = match version == file::known_version() {
+        true => file::check(&mut connection, Depth::Pages).await,
+        // Its tables are those of its time; the next start brings them up to date.
+        false => file::check_pages(&mut connection).await.map(|()| Looked::Through),
+    };
+    looked.map_err(|unsound| MaintenanceError::unsound(path, unsound))?;
+    let inventory = inventory(&mut connection, path).await?;
+    connection.close().await.map_err(|error| MaintenanceError::sqlite(path, &error))?;
+    Ok(inventory)
+}

@@ -1,0 +1,101 @@
+//! Putting a backup in the place of a database.
+//!
+//! The backup is copied beside the database, made durable and checked there, so that what is checked is what will be
+//! used. Then the database so far gets further names, with its write-ahead log, which must not lie beside the new file:
+//! SQLite would take it for that file's own. One rename puts the new file in place.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use super::files::{self, Draft};
+use super::{Inventory, MaintenanceError, check_closed};
+use crate::sqlite::file;
+
+/// What was done.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Restored {
+    /// What the database now holds.
+    pub inventory: Inventory,
+    /// Where the database is that was there before, if there was one.
+    pub aside: Option<PathBuf>,
+}
+
+/// Puts a copy of the backup `from` in the place of `database`, whether or not there is one.
+///
+/// # Errors
+/// [`MaintenanceError`], chiefly when a daemon has the database, or the backup is damaged or of a newer schema. Nothing was
+/// changed then.
+pub async fn restore(from: &Path, database: &Path) -> Result<Restored, MaintenanceError> {
+    files::need(from)?;
+    if files::are_same(from, database) {
+        return Err(MaintenanceError::Same { path: from.to_owned() });
+    }
+    // A link to a database stands for the file that it names.
+    let database = &database.canonicalize().unwrap_or_else(|_| database.to_owned());
+    file::check_path(database)?;
+    let lock = file::DatabaseLock::take_without_file(database)?;
+    if fs::metadata(files::beside(from, "-wal")).is_ok_and(|log| log.len() > 0) {
+        return Err(MaintenanceError::Unfit {
+            path: from.to_owned(),
+            problem:
+                "a write-ahead log lies beside it, so it is a database in use and no backup; make one with \
+                      `treewrightd backup`"
+                    .to_owned(),
+        });
+    }
+    let like = if database.exists() { database } else { from };
+    let draft = Draft::beside(database, like)?;
+    copy(from, draft.path())?;
+    draft.sync()?;
+    let inventory = check_closed(draft.path()).await.map_err(|error| about(from, draft.path(), error))?;
+    let aside = if database.exists() { Some(put_aside(database)?) } else { None };
+    draft.keep_as(database)?;
+    drop(lock);
+    Ok(Restored { inventory, aside })
+}
+
+fn copy(from: &Path, to: &Path) -> Result<(), MaintenanceError> {
+    let mut source = File::open(from).map_err(MaintenanceError::system(from, "read"))?;
+    let target = File::options().write(true).truncate(true).open(to);
+    let mut target = target.map_err(MaintenanceError::system(to, "written"))?;
+    io::copy(&mut source, &mut target).map_err(MaintenanceError::system(to, "written")).map(|_| ())
+}
+
+/// Gives the database and its log further names, and takes the log from beside it.
+fn put_aside(database: &Path) -> Result<PathBuf, MaintenanceError> {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let aside = files::beside(database, &format!(".before-restore-{}", since.as_millis()));
+    let log = files::beside(database, "-wal");
+    for (name, other) in [(database, aside.clone()), (&log, files::beside(&aside, "-wal"))] {
+        match fs::hard_link(name, other) {
+            Ok(()) => {}
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => return Err(MaintenanceError::system(name, "kept under another name")(error)),
+        }
+    }
+    files::sync_folder(database)?;
+    for name in [log, files::beside(database, "-shm")] {
+        match fs::remove_file(&name) {
+            Ok(()) => {}
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => return Err(MaintenanceError::system(&name, "removed")(error)),
+        }
+    }
+    Ok(aside)
+}
+
+/// An error about the copy is one about the backup.
+fn about(from: &Path, draft: &Path, error: MaintenanceError) -> MaintenanceError {
+    let problem = |text: String| MaintenanceError::Unfit { path: from.to_owned(), problem: text };
+    match error {
+        MaintenanceError::Damaged { problems, .. } => {
+            MaintenanceError::Damaged { path: from.to_owned(), problems }
+        }
+        other => {
+            let text = other.to_string();
+            problem(text.replace(&draft.display().to_string(), &from.display().to_string()))
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! What a farm does to a daemon: connections that say nothing, requests that are given up, messages that are none.
+
+mod common;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use common::{Server, ask, assert_refused, create, suggest};
+use tokio::io::AsyncReadExt as _;
+use tokio::net::TcpStream;
+use tonic::codec::CompressionEncoding;
+use tonic::{Code, Request};
+use treewright_proto::v1 as wire;
+use treewright_server::clock::ManualClock;
+use treewright_server::connections::ConnectionLimits;
+use treewright_server::serve::Options;
+use treewright_store::MemoryStore;
+
+#[tokio::test]
+async fn silent_connections_shut_nobody_out() {
+    let connections = ConnectionLimits::new(8, 1000);
+    let options = Options { drain: Duration::from_secs(5), connections, ..Options::default() };
+    let clock = Arc::new(ManualClock::at(common::START_MS));
+    let server = Server::with_options(Arc::new(MemoryStore::new()), clock, options).await;
+    let mut known = server.client().await;
+    create(&mut known, "hall").await;
+    let mut silent = Vec::new();
+    for _ in 0..100 {
+        silent.push(TcpStream::connect(server.address).await.expect("accepted"));
+    }
+    suggest(&mut known, "one", 5.0).await;
+    let mut newcomer = server.client().await;
+    suggest(&mut newcomer, "two", 5.0).await;
+    // The oldest were told to go.
+    let mut byte = [0; 64];
+    let read = tokio::time::timeout(Duration::from_secs(5), async {
+        loop {
+            match silent[0].read(&mut byte).await {
+                Ok(0) | Err(_) => break,
+                Ok(_) => {}
+            }
+        }
+    });
+    read.await.expect("the first is closed");
+    server.stop().await;
+}
+
+/// A GetStudyRequest whose name need not be text.
+#[derive(Clone, PartialEq, prost::Message)]
+struct NameOfBytes {
+    #[prost(bytes = "vec", tag = "1")]
+    name: Vec<u8>,
+}
+
+#[tokio::test]
+async fn messages_that_cannot_be_read_are_the_clients_mistake() {
+    let server = Server::in_memory().await;
+    let mut client = tonic::client::Grpc::new(server.channel().await);
+    client.ready().await.expect("ready");
+    let path = http::uri::PathAndQuery::from_static("/treewright.v1.TuningService/GetStudy");
+    let codec = tonic_prost::ProstCodec::<NameOfBytes, wire::Study>::default();
+    let sent = client.unary(Request::new(NameOfBytes { name: vec![0xff] }), path, codec).await;
+    assert_refused(sent, Code::InvalidArgument, "cannot be read");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn compressed_requests_are_taken() {
+    let server = Server::in_memory().await;
+    let mut client = server.client().await.send_compressed(CompressionEncoding::Gzip);
+    create(&mut client, "hall").await;
+    let answer = client.suggest(ask("one", 5.0)).await;
+    answer.expect("a trial");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn filters_on_names_that_the_study_lacks_are_refused() {
+    let server = Server::in_memory().await;
+    let mut client = server.client().await;
+    create(&mut client, "hall").await;
+    let query = |filter: &str| wire::QueryTrialsRequest {
+        study: "studies/hall".to_owned(),
+        filter: filter.to_owned(),
+        ..wire::QueryTrialsRequest::default()
+    };
+    client.query_trials(query("config.min_leaf = 2 AND indicator.triangles > 1")).await.expect("it has both");
+    let answer = client.query_trials(query("config.leaf = 2")).await;
+    assert_refused(answer, Code::InvalidArgument, "at character 1: the study has no parameter \"leaf\"");
+    let answer = client.query_trials(query("cost > 1 AND indicator.size > 1")).await;
+    assert_refused(answer, Code::InvalidArgument, "at character 14: the study has no indicator \"size\"");
+    server.stop().await;
+}

@@ -1,0 +1,184 @@
+//! A database that a released version wrote opens in this one, and its searches go on where they stood.
+//!
+//! `tests/released/VERSION` holds such a database and what that version would have answered next. To record another
+//! version: check it out, then `TREEWRIGHT_RECORD=FOLDER cargo test -p treewright-tests --test end_to_end upgrade`.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+use tonic::transport::Channel;
+use treewright_proto::v1::tuning_service_client::TuningServiceClient;
+use treewright_proto::v1::{self as pb, parameter::Domain, value::Kind};
+use treewright_tests::daemon::Daemon;
+use treewright_tests::programs::workspace;
+
+use crate::wire;
+
+/// Trials of each study before the database is put away.
+const TRIALS: usize = 48;
+/// The states that its two clients visit in turn, four trials at a time.
+const STATES: [f64; 3] = [0.1, 0.45, 0.8];
+/// A state that nobody has met before.
+const UNSEEN: f64 = 0.6;
+
+type Client = TuningServiceClient<Channel>;
+
+/// A study for each search, each predictor and each rule of the policy that decides by itself.
+fn policies() -> Vec<(String, pb::Policy)> {
+    let plain = pb::Policy { epsilon: Some(0.7), trials_per_state: 30, ..pb::Policy::default() };
+    let searches = (1..=5).map(|search| (format!("search-{search}"), pb::Policy { search, ..plain.clone() }));
+    let predictors = (1..=7)
+        .map(|predictor| (format!("predictor-{predictor}"), pb::Policy { predictor, ..plain.clone() }));
+    let rules = [
+        ("budget", pb::Policy { regret_budget: Some(0.3), ..plain.clone() }),
+        ("gain", pb::Policy { weigh_gain: true, ..plain.clone() }),
+        ("risk", pb::Policy { freeze_risk: Some(0.2), ..plain.clone() }),
+        ("shadow", pb::Policy { operation: pb::Operation::Shadow as i32, ..plain.clone() }),
+        ("replicates", pb::Policy { replicates: 2, warm_up: 1, epsilon_halves_after: 6, ..plain.clone() }),
+    ];
+    searches.chain(predictors).chain(rules.map(|(name, policy)| (name.to_owned(), policy))).collect()
+}
+
+/// Mixed and conditional: leaf sizes in order, a cost on a logarithmic scale, and one parameter of each of two builders.
+fn study(policy: pb::Policy) -> pb::Study {
+    let text = |text: &str| pb::Value { kind: Some(Kind::Text(text.into())) };
+    let parameter = |name: &str, domain, default: Kind, only_for: &str| pb::Parameter {
+        name: name.into(),
+        domain: Some(domain),
+        default_value: Some(pb::Value { kind: Some(default) }),
+        active_if: (!only_for.is_empty())
+            .then(|| pb::Condition { parameter: "builder".into(), any_of: vec![text(only_for)] }),
+    };
+    let integer = |min, max| Domain::Integer(pb::IntegerDomain { min, max, scale: pb::Scale::Linear as i32 });
+    let log = Domain::Float(pb::FloatDomain { min: 0.1, max: 10.0, scale: pb::Scale::Log as i32 });
+    let builders = Domain::Categorical(pb::CategoricalDomain { values: vec![text("sah"), text("morton")] });
+    pb::Study {
+        space: Some(pb::Space {
+            parameters: vec![
+                parameter("builder", builders, Kind::Text("sah".into()), ""),
+                parameter("fewest", integer(1, 32), Kind::Integer(1), ""),
+                parameter("most", integer(1, 32), Kind::Integer(32), ""),
+                parameter("traversal_cost", log, Kind::Float(1.0), "sah"),
+                parameter("bits", integer(3, 10), Kind::Integer(10), "morton"),
+                parameter("compact", Domain::Boolean(pb::BooleanDomain {}), Kind::Boolean(false), ""),
+            ],
+            constraints: vec![pb::Constraint { lesser: "fewest".into(), greater: "most".into() }],
+        }),
+        policy: Some(policy),
+        ..wire::study()
+    }
+}
+
+/// What the pretend renderer measures: another optimum in each state, and the noise of a number made from the trial's.
+fn render_ms(configuration: &pb::Configuration, near: f64, trial: usize) -> f64 {
+    let number = |name: &str| match configuration.values.get(name).and_then(|value| value.kind.clone()) {
+        Some(Kind::Integer(value)) => value as f64,
+        Some(Kind::Float(value)) => value,
+        Some(Kind::Boolean(value)) => f64::from(u8::from(value)),
+        _ => 0.0,
+    };
+    let is_morton = configuration.values["builder"].kind == Some(Kind::Text("morton".into()));
+    let branch =
+        if is_morton { 3.0 + (number("bits") - 8.0).abs() } else { number("traversal_cost").ln().abs() };
+    let noise = ((trial * 7919) % 101) as f64 / 101.0 - 0.5;
+    let leaves = (number("most") - 6.0 - 20.0 * near).powi(2) / 60.0 + number("fewest") / 16.0;
+    (20.0 + leaves + branch + 2.0 * near * number("compact")) * (1.0 + 0.04 * noise)
+}
+
+fn ask(study: &str, client_id: &str, near: f64) -> pb::SuggestRequest {
+    wire::suggestion(study, client_id, near)
+}
+
+fn report(trial: &pb::Trial, near: f64, number: usize) -> pb::ReportRequest {
+    let configuration = trial.configuration.as_ref().expect("a trial has a configuration");
+    let infeasible = number % 17 == 5;
+    let kind = if infeasible {
+        pb::outcome::Kind::Infeasible(pb::Infeasible { reason: "too deep".into() })
+    } else {
+        pb::outcome::Kind::Ok(pb::Ok {})
+    };
+    let render_ms = render_ms(configuration, near, number);
+    pb::ReportRequest {
+        trial: trial.name.clone(),
+        measurements: BTreeMap::from([("render_ms".to_owned(), render_ms)]),
+        outcome: Some(pb::Outcome { kind: Some(kind) }),
+    }
+}
+
+/// Writes the trials of a study.
+async fn teach(client: &mut Client, id: &str, policy: pb::Policy) {
+    let request = pb::CreateStudyRequest { study_id: id.into(), study: Some(study(policy)) };
+    let study = client.create_study(request).await.expect("the study is taken").into_inner().name;
+    for number in 0..TRIALS {
+        let near = STATES[number / 4 % STATES.len()];
+        let who = if number / 12 % 2 == 0 { "one" } else { "two" };
+        let trial = client.suggest(ask(&study, who, near)).await.expect("a trial").into_inner();
+        client.report(report(&trial, near, number)).await.expect("the report is taken");
+    }
+}
+
+/// What is answered next: to a client that comes back to a state, and to one in a state that nobody knows.
+async fn answers(client: &mut Client) -> Value {
+    let mut answers = BTreeMap::new();
+    for (id, _) in policies() {
+        let mut next = Vec::new();
+        for (step, near) in [STATES[0], UNSEEN, STATES[2], UNSEEN].into_iter().enumerate() {
+            let question = ask(&format!("studies/{id}"), "one", near);
+            let trial = client.suggest(question).await.expect("a trial").into_inner();
+            let configuration = wire::text(trial.configuration.as_ref().expect("a configuration"));
+            next.push(format!("mode {} {configuration}", trial.mode));
+            client.report(report(&trial, near, TRIALS + step)).await.expect("the report is taken");
+        }
+        answers.insert(id, next);
+    }
+    json!(answers)
+}
+
+/// Records what this version writes and answers.
+async fn record(folder: &Path) {
+    std::fs::create_dir_all(folder).expect("a folder to record to");
+    let database = folder.join("tuning.db");
+    let daemon = Daemon::start(&database);
+    let mut client = wire::connect(daemon.url()).await;
+    for (id, policy) in policies() {
+        teach(&mut client, &id, policy).await;
+    }
+    assert!(daemon.terminate().success(), "the daemon ends and folds its log into the file");
+    let scratch = tempfile::tempdir().expect("a scratch folder");
+    let answers = answers_of(&database, scratch.path()).await;
+    let text = serde_json::to_string_pretty(&answers).expect("JSON");
+    std::fs::write(folder.join("answers.json"), text + "\n").expect("the answers are written");
+}
+
+/// What this version answers on a copy of a database.
+async fn answers_of(database: &Path, scratch: &Path) -> Value {
+    let copy = scratch.join("tuning.db");
+    std::fs::copy(database, &copy).expect("the recorded database is there");
+    let daemon = Daemon::start(&copy);
+    answers(&mut wire::connect(daemon.url()).await).await
+}
+
+fn released() -> Vec<PathBuf> {
+    let folder = workspace().join("tests/released");
+    let entries = std::fs::read_dir(folder).expect("recorded versions");
+    entries.map(|entry| entry.expect("a version").path()).filter(|path| path.is_dir()).collect()
+}
+
+#[tokio::test]
+async fn a_database_of_every_released_version_goes_on_with_the_same_suggestions() {
+    if let Some(folder) = std::env::var_os("TREEWRIGHT_RECORD") {
+        return record(Path::new(&folder)).await;
+    }
+    let versions = released();
+    assert!(!versions.is_empty(), "there is a recorded version");
+    for version in versions {
+        let scratch = tempfile::tempdir().expect("a scratch folder");
+        let found = answers_of(&version.join("tuning.db"), scratch.path()).await;
+        let text = std::fs::read_to_string(version.join("answers.json")).expect("recorded answers");
+        let expected: Value = serde_json::from_str(&text).expect("JSON");
+        for (id, _) in policies() {
+            assert_eq!(found[&id], expected[&id], "{id}, recorded by {}", version.display());
+        }
+    }
+}
