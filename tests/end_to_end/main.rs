@@ -14,4 +14,5 @@ mod restart;
 mod security;
 mod storm;
 mod tuning;
+mod upgrade;
 mod wire;

@@ -1,7 +1,7 @@
 //! A database that a released version wrote opens in this one, and its searches go on where they stood.
 //!
 //! `tests/released/VERSION` holds such a database and what that version would have answered next. To record another
-//! version: check it out, then `TREEWRIGHT_RECORD=FOLDER cargo test -p treewright-tests --test end_to_end upgrade`.
+//! version: check it out, then `TREEWRIGHT_RECORD=FOLDER cargo test --workspace --test end_to_end upgrade`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -86,6 +86,15 @@ fn render_ms(configuration: &pb::Configuration, near: f64, trial: usize) -> f64 
     (20.0 + leaves + branch + 2.0 * near * number("compact")) * (1.0 + 0.04 * noise)
 }
 
+/// A configuration as comparable text, its floats to nine digits: logarithms of another library differ in the last.
+fn text(configuration: &pb::Configuration) -> String {
+    let value = |value: &pb::Value| match &value.kind {
+        Some(Kind::Float(float)) => format!("{float:.8e}"),
+        other => format!("{other:?}"),
+    };
+    configuration.values.iter().map(|(name, it)| format!("{name}={} ", value(it))).collect()
+}
+
 fn ask(study: &str, client_id: &str, near: f64) -> pb::SuggestRequest {
     wire::suggestion(study, client_id, near)
 }
@@ -126,7 +135,7 @@ async fn answers(client: &mut Client) -> Value {
         for (step, near) in [STATES[0], UNSEEN, STATES[2], UNSEEN].into_iter().enumerate() {
             let question = ask(&format!("studies/{id}"), "one", near);
             let trial = client.suggest(question).await.expect("a trial").into_inner();
-            let configuration = wire::text(trial.configuration.as_ref().expect("a configuration"));
+            let configuration = text(trial.configuration.as_ref().expect("a configuration"));
             next.push(format!("mode {} {configuration}", trial.mode));
             client.report(report(&trial, near, TRIALS + step)).await.expect("the report is taken");
         }
