@@ -45,7 +45,7 @@ impl Indicator {
 
 /// `ln(1 + 2 half)` for `half >= 0`, without overflow.
 fn ln_one_plus_twice(half: f64) -> f64 {
-    if half < f64::MAX / 4.0 { (2.0 * half).ln_1p() } else { half.ln() + std::f64::consts::LN_2 }
+    if half < f64::MAX / 4.0 { libm::log1p(2.0 * half) } else { libm::log(half) + std::f64::consts::LN_2 }
 }
 
 /// The indicators of a study, in the order in which normalised states list them. May be empty.

@@ -83,7 +83,7 @@ impl Domain {
             }
             Domain::Integer { min, max, scale: Scale::Log } => {
                 let (low, high) = integer_log_bounds(*min, *max);
-                let integer = (low + x * (high - low)).exp().round() as i64;
+                let integer = libm::exp(low + x * (high - low)).round() as i64;
                 Value::Integer(integer.clamp(*min, *max))
             }
             // Rounding must not keep a search from the ends of the range.
@@ -92,7 +92,7 @@ impl Domain {
             Domain::Float { min, max, scale } => {
                 let float = match scale {
                     Scale::Linear => min * (1.0 - x) + max * x,
-                    Scale::Log => (min.ln() * (1.0 - x) + max.ln() * x).exp(),
+                    Scale::Log => libm::exp(libm::log(*min) * (1.0 - x) + libm::log(*max) * x),
                 };
                 Value::Float(round_significant(float).clamp(*min, *max)).canonical()
             }
@@ -109,7 +109,7 @@ impl Domain {
             }
             (Domain::Integer { min, max, scale: Scale::Log }, Value::Integer(integer)) => {
                 let (low, high) = integer_log_bounds(*min, *max);
-                ((*integer as f64).ln() - low) / (high - low)
+                (libm::log(*integer as f64) - low) / (high - low)
             }
             (Domain::Float { min, max, .. }, Value::Float(_)) if min == max => 0.5,
             // Halves keep the differences of very large numbers finite.
@@ -117,7 +117,7 @@ impl Domain {
                 (float / 2.0 - min / 2.0) / (max / 2.0 - min / 2.0)
             }
             (Domain::Float { min, max, scale: Scale::Log }, Value::Float(float)) => {
-                (float.ln() - min.ln()) / (max.ln() - min.ln())
+                (libm::log(*float) - libm::log(*min)) / (libm::log(*max) - libm::log(*min))
             }
             (Domain::Categorical { values }, value) => {
                 let index = values.iter().position(|candidate| candidate == value).unwrap_or(0);
@@ -172,7 +172,7 @@ fn categories_problem(values: &[Value]) -> Option<String> {
 }
 
 fn integer_log_bounds(min: i64, max: i64) -> (f64, f64) {
-    ((min as f64 - 0.5).ln(), (max as f64 + 0.5).ln())
+    (libm::log(min as f64 - 0.5), libm::log(max as f64 + 0.5))
 }
 
 fn cell_index(x: f64, cells: usize) -> usize {

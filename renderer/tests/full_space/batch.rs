@@ -134,7 +134,7 @@ fn rays(scene: &Scene) -> Vec<Ray> {
             bounds.min + (bounds.max - bounds.min) * Vec3::new(x, y, z)
         };
         let (origin, target) = (point(1), point(3));
-        let t_max = if number % 2 == 0 { 1.0 } else { f32::INFINITY };
+        let t_max = if number.is_multiple_of(2) { 1.0 } else { f32::INFINITY };
         Ray { origin, direction: target - origin, t_min: 0.0, t_max }
     };
     (0..RAYS).map(ray).collect()

@@ -12,6 +12,8 @@
 //! [`predict`] carries knowledge from state to state, [`fleet`] from machine to machine; [`statistics`] says what
 //! measurements prove; [`tuner`] decides.
 #![forbid(unsafe_code)]
+// Tests may compare with what the platform computes.
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub use treewright_model::{
     configuration, decision, ids, indicator, names, objective, policy, session, space, study, trial, value,

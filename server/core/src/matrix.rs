@@ -39,7 +39,7 @@ impl Factor {
 
     /// Half the logarithm of the determinant.
     pub(crate) fn half_log_determinant(&self) -> f64 {
-        (0..self.size).map(|i| self.row(i)[i].ln()).sum()
+        (0..self.size).map(|i| libm::log(self.row(i)[i])).sum()
     }
 
     /// Solves `L y = b` in place.

@@ -150,6 +150,7 @@ macro_rules! compile {
                 ray: &Ray,
                 hit: &mut Hit,
             ) {
+                // SAFETY: what the caller promises is what this asks for.
                 unsafe { kernel::closest::<N, B, X, T>(root, start, ray, hit) }
             }
 
@@ -160,6 +161,7 @@ macro_rules! compile {
                 start: NodeRef,
                 ray: &Ray,
             ) -> bool {
+                // SAFETY: what the caller promises is what this asks for.
                 unsafe { kernel::occluded::<N, B, X, T>(root, start, ray) }
             }
 
@@ -176,6 +178,7 @@ macro_rules! compile {
                 X: PacketBoxes<N>,
                 T: PacketBlocks<X::Rays, B>,
             {
+                // SAFETY: what the caller promises is what this asks for.
                 unsafe { packet::closest::<N, B, F, X, T>(root, below, rays, hits) }
             }
 
@@ -192,6 +195,7 @@ macro_rules! compile {
                 X: PacketBoxes<N>,
                 T: PacketBlocks<X::Rays, B>,
             {
+                // SAFETY: what the caller promises is what this asks for.
                 unsafe { packet::occluded::<N, B, F, X, T>(root, below, rays, occluded) }
             }
 

@@ -180,8 +180,9 @@ unsafe fn copy(
     let (parents_left, parents_right) = parents.split_at_mut(leaves_left - 1);
     own[0] = node as u32;
     let first_right = first + 2 + below_left.len();
-    // SAFETY: as above, for both.
+    // SAFETY: as above.
     let mut copy_left = || unsafe { copy(left, left_bounds, first, below_left, first + 2, parents_left) };
+    // SAFETY: as above.
     let mut copy_right =
         || unsafe { copy(right, right_bounds, first + 1, below_right, first_right, parents_right) };
     let leaves = (leaves_left + leaves_right) as u32;

@@ -112,7 +112,7 @@ impl Screening {
             last: clock,
         });
         kept.last = clock;
-        let target = cost.ln() - kept.first_cost.ln();
+        let target = libm::log(cost) - libm::log(kept.first_cost);
         kept.sums.learn(&features::of(space, &self.parts, configuration), target);
         if self.states.len() > SCREENED_STATES_MAX {
             let oldest = self.states.iter().min_by_key(|(_, kept)| kept.last).map(|(state, _)| *state);
