@@ -8,9 +8,10 @@
 //! request is cancelled, so that clients with short deadlines find the study in memory when they come again. A request
 //! waits for it [`LOADING_WAIT`] at most.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::pin::pin;
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 
-use tokio::sync::watch;
+use tokio::sync::Notify;
 use tokio::task::AbortHandle;
 use tokio::time::timeout;
 use treewright_core::tuner::{Change, Tuner};
@@ -38,9 +39,43 @@ pub(super) struct Runtime {
 
 /// A load of a study. It ends when this is dropped.
 struct Loading {
-    /// How it ended; none while it is under way.
-    result: watch::Receiver<Option<Result<(), Error>>>,
+    ending: Arc<Ending>,
     task: AbortHandle,
+}
+
+/// How a load ended, for all that wait for it. They are woken in the order in which they came, so that a simulated
+/// world goes the same way each time (tokio's `watch` draws lots).
+#[derive(Default)]
+struct Ending {
+    /// `None` where the load panicked or was given up.
+    result: OnceLock<Option<Result<(), Error>>>,
+    wake: Notify,
+}
+
+impl Ending {
+    async fn wait(&self) -> Option<Result<(), Error>> {
+        let mut woken = pin!(self.wake.notified());
+        woken.as_mut().enable();
+        if self.result.get().is_none() {
+            woken.await;
+        }
+        self.result.get().cloned().flatten()
+    }
+
+    fn end(&self, result: Option<Result<(), Error>>) {
+        // The first end is the end.
+        let _ = self.result.set(result);
+        self.wake.notify_waiters();
+    }
+}
+
+/// Ends a load at the latest when its task does.
+struct Announcement(Arc<Ending>);
+
+impl Drop for Announcement {
+    fn drop(&mut self) {
+        self.0.end(None);
+    }
 }
 
 impl Drop for Loading {
@@ -121,10 +156,9 @@ impl Runtime {
             if let Some(live) = current(&mut self.lock()) {
                 return Ok(compute(live));
             }
-            let mut result = self.load();
-            match timeout(LOADING_WAIT, result.wait_for(Option::is_some)).await {
-                Ok(Ok(ended)) => ended.clone().unwrap_or(Ok(()))?,
-                Ok(Err(_)) => return Err(Error::Defect("loading a study panicked")),
+            match timeout(LOADING_WAIT, self.load().wait()).await {
+                Ok(Some(ended)) => ended?,
+                Ok(None) => return Err(Error::Defect("loading a study panicked")),
                 Err(_) => return Err(Error::Loading { study: self.study.clone() }),
             }
         }
@@ -147,25 +181,26 @@ impl Runtime {
     }
 
     /// The load that is under way, or a new one where the tuner is not current.
-    fn load(self: &Arc<Self>) -> watch::Receiver<Option<Result<(), Error>>> {
+    fn load(self: &Arc<Self>) -> Arc<Ending> {
         let mut loading = self.loading.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(last) = loading.as_ref() {
-            let is_under_way = last.result.borrow().is_none() && last.result.has_changed().is_ok();
+            let is_under_way = last.ending.result.get().is_none();
             if is_under_way || current(&mut self.lock()).is_some() {
-                return last.result.clone();
+                return Arc::clone(&last.ending);
             }
         }
-        let (ended, result) = watch::channel(None);
+        let ending = Arc::new(Ending::default());
+        let announcement = Announcement(Arc::clone(&ending));
         let (study, environment) = (self.study.clone(), Arc::clone(&self.environment));
         let runtime = Arc::downgrade(self);
         let task = tokio::spawn(async move {
             let (store, now_ms) = (&*environment.store, environment.clock.now_ms());
             let read = loading::load(store, &study, now_ms).await;
             let read = read.map(|read| keep(&runtime, read, &study));
-            ended.send_replace(Some(read));
+            announcement.0.end(Some(read));
         });
-        *loading = Some(Loading { result: result.clone(), task: task.abort_handle() });
-        result
+        *loading = Some(Loading { ending: Arc::clone(&ending), task: task.abort_handle() });
+        ending
     }
 }
 

@@ -37,7 +37,7 @@ fn nothing_is_wrong_in_the_first_worlds() {
 #[test]
 fn planted_defects_are_found() {
     for bug in [Bug::AcknowledgeBeforeCommit, Bug::LeaseWithoutClaim, Bug::LostWakeUp, Bug::Overspending] {
-        let found = (1..=40).any(|seed| !run(Plan::of(seed, 3_000, Some(bug))).violations.is_empty());
+        let found = (1..=400).any(|seed| !run(Plan::of(seed, 3_000, Some(bug))).violations.is_empty());
         assert!(found, "{bug:?} was not found");
     }
 }

@@ -40,13 +40,15 @@ impl Filter {
     }
 }
 
-/// Where a field stands in a filter, counted in characters from 1: not within a longer word.
+/// Where a field stands in a filter, counted in characters from 1: not within a longer word, nor
+/// within text.
 fn position(text: &str, field: &str) -> usize {
     let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.');
     let places = text.match_indices(field);
     let mut whole = places.filter(|(at, _)| {
         let (before, after) = (text[..*at].chars().next_back(), text[at + field.len()..].chars().next());
-        !before.is_some_and(is_part) && !after.is_some_and(is_part)
+        let is_within_text = !text[..*at].matches('"').count().is_multiple_of(2);
+        !before.is_some_and(is_part) && !after.is_some_and(is_part) && !is_within_text
     });
     let at = whole.next().map_or(0, |(at, _)| at);
     text[..at].chars().count() + 1
