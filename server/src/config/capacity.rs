@@ -14,8 +14,7 @@ use crate::limits::{
 #[command(next_help_heading = "Capacity")]
 pub struct CapacityConfig {
     /// Connections at once. At most half of them may be such on which no request was authorised yet: of these the
-    /// oldest makes room for the next. Each needs a file descriptor; the limit of the process is raised to what the
-    /// system allows.
+    /// oldest makes room for the next. Each needs a file descriptor: raise `ulimit -n` with it.
     #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS", default_value_t = CONNECTIONS as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
     pub max_connections: u32,
 
