@@ -5,21 +5,23 @@ use treewright_core::tuner::{Checkpoint, Snapshot, StateRecord, Statistics};
 
 use crate::error::StoreError;
 use crate::fence::Fence;
+use crate::from_row::row;
 use crate::rows::{TrialRow, VisitRow, inconsistent, into_specification, unsigned};
 use crate::store::{ClosedTrial, Loaded, StudyRecord, TrialPage, TrialQuery};
 
-/// A row of `studies` with its counts.
-#[derive(sqlx::FromRow)]
-pub(crate) struct StudyRow {
-    name: String,
-    specification: String,
-    policy: String,
-    create_ms: i64,
-    models_since: i64,
-    states: i64,
-    trials: i64,
-    completed_trials: i64,
-    open_trials: i64,
+row! {
+    /// A row of `studies` with its counts.
+    pub(crate) struct StudyRow {
+        name: String,
+        specification: String,
+        policy: String,
+        create_ms: i64,
+        models_since: i64,
+        states: i64,
+        trials: i64,
+        completed_trials: i64,
+        open_trials: i64,
+    }
 }
 
 impl StudyRow {

@@ -16,40 +16,45 @@ use treewright_core::value::Value;
 use treewright_core::words::Word;
 
 use crate::error::StoreError;
+use crate::from_row::row;
 
-/// A row of `trials`, without its study.
-#[derive(Debug, sqlx::FromRow)]
-pub(crate) struct TrialRow {
-    pub(crate) number: i64,
-    pub(crate) client_id: String,
-    pub(crate) state_id: i64,
-    pub(crate) mode: String,
-    pub(crate) state: String,
-    pub(crate) outcome: Option<String>,
-    pub(crate) outcome_reason: Option<String>,
-    pub(crate) outcome_lower_bound: Option<f64>,
-    pub(crate) cost: Option<f64>,
-    pub(crate) predicted_cost: Option<f64>,
-    pub(crate) late: bool,
-    pub(crate) create_ms: i64,
-    pub(crate) lease_expire_ms: i64,
-    pub(crate) complete_ms: Option<i64>,
-    pub(crate) completion: Option<i64>,
-    pub(crate) configuration: String,
-    pub(crate) indicators: String,
-    pub(crate) measurements: String,
-    pub(crate) reason: String,
-    pub(crate) fingerprint: Option<String>,
+row! {
+    /// A row of `trials`, without its study.
+    #[derive(Debug)]
+    pub(crate) struct TrialRow {
+        pub(crate) number: i64,
+        pub(crate) client_id: String,
+        pub(crate) state_id: i64,
+        pub(crate) mode: String,
+        pub(crate) state: String,
+        pub(crate) outcome: Option<String>,
+        pub(crate) outcome_reason: Option<String>,
+        pub(crate) outcome_lower_bound: Option<f64>,
+        pub(crate) cost: Option<f64>,
+        pub(crate) predicted_cost: Option<f64>,
+        pub(crate) late: bool,
+        pub(crate) create_ms: i64,
+        pub(crate) lease_expire_ms: i64,
+        pub(crate) complete_ms: Option<i64>,
+        pub(crate) completion: Option<i64>,
+        pub(crate) configuration: String,
+        pub(crate) indicators: String,
+        pub(crate) measurements: String,
+        pub(crate) reason: String,
+        pub(crate) fingerprint: Option<String>,
+    }
 }
 
-/// A row of `states`, without its study.
-#[derive(Debug, sqlx::FromRow)]
-pub(crate) struct StateRow {
-    pub(crate) id: i64,
-    pub(crate) indicators: String,
-    pub(crate) fingerprint: Option<String>,
-    pub(crate) search: Option<String>,
-    pub(crate) search_packed: Option<Vec<u8>>,
+row! {
+    /// A row of `states`, without its study.
+    #[derive(Debug)]
+    pub(crate) struct StateRow {
+        pub(crate) id: i64,
+        pub(crate) indicators: String,
+        pub(crate) fingerprint: Option<String>,
+        pub(crate) search: Option<String>,
+        pub(crate) search_packed: Option<Vec<u8>>,
+    }
 }
 
 /// A part of a checkpoint: a row of `checkpoints`, without its study.
@@ -72,16 +77,18 @@ impl PartRow {
     }
 }
 
-/// A row of `visits`, without its study.
-#[derive(Debug, sqlx::FromRow)]
-pub(crate) struct VisitRow {
-    pub(crate) client_id: String,
-    pub(crate) state_id: i64,
-    pub(crate) number: i64,
-    pub(crate) decision: String,
-    /// What earlier versions stored beside a decision to explore; part of it since.
-    pub(crate) weighed: Option<String>,
-    pub(crate) account: Option<String>,
+row! {
+    /// A row of `visits`, without its study.
+    #[derive(Debug)]
+    pub(crate) struct VisitRow {
+        pub(crate) client_id: String,
+        pub(crate) state_id: i64,
+        pub(crate) number: i64,
+        pub(crate) decision: String,
+        /// What earlier versions stored beside a decision to explore; part of it since.
+        pub(crate) weighed: Option<String>,
+        pub(crate) account: Option<String>,
+    }
 }
 
 /// The rows of a change. Of several changes to one row only the last is kept, which halves the writes of

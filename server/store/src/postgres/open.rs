@@ -3,17 +3,14 @@
 use std::str::FromStr as _;
 use std::time::Duration;
 
-use sqlx::migrate::{MigrateError, Migrator};
+use sqlx::migrate::MigrateError;
 use sqlx::postgres::{PgConnectOptions, PgConnection, PgPool, PgPoolOptions};
 use sqlx::{ConnectOptions as _, Connection as _, Executor as _};
 use tokio::time::{Instant, sleep, timeout};
 
 use super::statements as sql;
 use crate::error::OpenError;
-use crate::limits;
-
-/// The schema, from the first version to the one this program knows.
-static MIGRATIONS: Migrator = sqlx::migrate!("../../migrations/postgres");
+use crate::{limits, migrations};
 
 /// The oldest PostgreSQL that knows everything the statements use.
 const OLDEST_SERVER: i32 = 130_000;
@@ -146,10 +143,10 @@ async fn prepare(address: &PostgresAddress) -> Result<PgConnection, OpenError> {
     if foreign == Some(true) {
         return Err(unfit("it holds the tables of another program; name a database of its own".to_owned()));
     }
-    MIGRATIONS.run(&mut connection).await.map_err(|error| match error {
+    migrations::postgres().run(&mut connection).await.map_err(|error| match error {
         MigrateError::VersionMissing(version) => unfit(format!(
             "it was written by a newer treewrightd (schema version {version}, this one knows {}); upgrade this program",
-            MIGRATIONS.iter().map(|m| m.version).max().unwrap_or(0)
+            migrations::postgres().iter().map(|m| m.version).max().unwrap_or(0)
         )),
         MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => explained(error),
         other => unfit(format!("its tables are not ours or have been altered ({other}); name another database or restore a backup")),

@@ -10,7 +10,6 @@ use std::time::{Duration, Instant};
 use sqlx::Connection as _;
 use sqlx::sqlite::SqliteConnection;
 
-use super::open::MIGRATIONS;
 use crate::limits;
 
 /// SQLite asks after so many steps whether it should go on; each is at most a page.
@@ -124,7 +123,7 @@ async fn contents(connection: &mut SqliteConnection) -> Result<Vec<String>, Unso
 async fn schema(connection: &mut SqliteConnection) -> Result<Vec<String>, Unsound> {
     let found = objects(connection).await?;
     let mut fresh = SqliteConnection::connect("sqlite::memory:").await?;
-    let migrated = MIGRATIONS.run(&mut fresh).await;
+    let migrated = crate::migrations::sqlite().run(&mut fresh).await;
     migrated.map_err(|error| Unsound::Unreadable(sqlx::Error::Protocol(error.to_string())))?;
     let expected = objects(&mut fresh).await?;
     fresh.close().await?;

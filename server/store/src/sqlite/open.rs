@@ -3,7 +3,7 @@
 use std::io::ErrorKind;
 use std::path::Path;
 
-use sqlx::migrate::{MigrateError, Migrator};
+use sqlx::migrate::MigrateError;
 use sqlx::sqlite::{
     SqliteAutoVacuum, SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool,
     SqlitePoolOptions, SqliteSynchronous,
@@ -13,10 +13,7 @@ use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
 use super::check::{self, Looked, Unsound};
 use super::lock::DatabaseLock;
 use crate::error::OpenError;
-use crate::limits;
-
-/// The schema, from the first version to the one this program knows.
-pub(super) static MIGRATIONS: Migrator = sqlx::migrate!("../../migrations/sqlite");
+use crate::{limits, migrations};
 
 /// Marks a file as ours ("TWrt"), so that another program's database is not migrated by accident.
 const APPLICATION_ID: i64 = 0x5457_7274;
@@ -176,13 +173,13 @@ pub(crate) async fn owner(connection: &mut SqliteConnection) -> Result<FileOwner
 
 /// The newest schema version that this program knows.
 pub(crate) fn known_version() -> i64 {
-    MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or(0)
+    migrations::sqlite().iter().map(|migration| migration.version).max().unwrap_or(0)
 }
 
 async fn migrate(path: &Path, writer: &mut SqliteConnection) -> Result<(), OpenError> {
     let mark = format!("PRAGMA application_id = {APPLICATION_ID}");
     sqlx::query(AssertSqlSafe(mark)).execute(&mut *writer).await.map_err(|error| explain(path, &error))?;
-    MIGRATIONS.run(&mut *writer).await.map_err(|error| match error {
+    migrations::sqlite().run(&mut *writer).await.map_err(|error| match error {
         MigrateError::VersionMissing(version) => {
             OpenError::Newer { path: path.to_owned(), version, known: known_version() }
         }

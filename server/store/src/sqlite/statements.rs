@@ -146,19 +146,16 @@ pub(super) const STUDIES_WITH_DUE_LEASES: &str = "SELECT name FROM studies WHERE
 
 #[cfg(test)]
 mod tests {
-    use sqlx::migrate::Migrator;
     use sqlx::sqlite::SqliteConnection;
     use sqlx::{AssertSqlSafe, Connection as _, Row as _};
 
     use super::*;
 
-    static MIGRATIONS: Migrator = sqlx::migrate!("../../migrations/sqlite");
-
     /// Every question that is asked of a study, whatever its size: none may walk through its trials.
     #[tokio::test]
     async fn no_question_walks_through_the_trials() {
         let mut connection = SqliteConnection::connect("sqlite::memory:").await.unwrap();
-        MIGRATIONS.run(&mut connection).await.unwrap();
+        crate::migrations::sqlite().run(&mut connection).await.unwrap();
         for statement in [
             STUDY_BY_NAME,
             STUDY_BY_KEY,

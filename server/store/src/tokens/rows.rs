@@ -2,19 +2,21 @@
 
 use super::{Quota, Scope, Studies, TokenError, TokenRecord, Usage};
 use crate::error::StoreError;
+use crate::from_row::row;
 
-/// A row of `tokens`, with its JSON columns as texts.
-#[derive(sqlx::FromRow)]
-pub(crate) struct TokenRow {
-    id: String,
-    name: String,
-    hash: Vec<u8>,
-    scope: String,
-    studies: String,
-    quota: String,
-    create_ms: i64,
-    expire_ms: Option<i64>,
-    revoke_ms: Option<i64>,
+row! {
+    /// A row of `tokens`, with its JSON columns as texts.
+    pub(crate) struct TokenRow {
+        id: String,
+        name: String,
+        hash: Vec<u8>,
+        scope: String,
+        studies: String,
+        quota: String,
+        create_ms: i64,
+        expire_ms: Option<i64>,
+        revoke_ms: Option<i64>,
+    }
 }
 
 impl TokenRow {
@@ -36,12 +38,13 @@ impl TokenRow {
     }
 }
 
-/// Sums over rows of `token_usage`.
-#[derive(sqlx::FromRow)]
-pub(crate) struct UsageRow {
-    studies: i64,
-    trials: i64,
-    bytes: i64,
+row! {
+    /// Sums over rows of `token_usage`.
+    pub(crate) struct UsageRow {
+        studies: i64,
+        trials: i64,
+        bytes: i64,
+    }
 }
 
 impl From<UsageRow> for Usage {

@@ -1,0 +1,77 @@
+//! The schema of each database, from its first version to the one that this program knows.
+//!
+//! The files of `migrations/` are part of the program; which of them there are is listed here, and a test compares. (sqlx's
+//! own macro would list them, at the cost of what `from_row` says.)
+
+use std::borrow::Cow;
+
+use sqlx::SqlStr;
+use sqlx::migrate::{Migration, MigrationType, Migrator};
+
+/// `NUMBER_NAME` of every file of a folder of `migrations/`, in their order.
+macro_rules! files {
+    ($folder:literal: $($name:literal),+ $(,)?) => {
+        &[$(($name, include_str!(concat!("../../../migrations/", $folder, "/", $name, ".sql")))),+]
+    };
+}
+
+const SQLITE: &[(&str, &str)] = files!("sqlite":
+    "0001_studies_states_trials_visits",
+    "0002_visits_weigh",
+    "0003_checkpoints",
+    "0004_tokens",
+    "0005_states_fingerprint",
+);
+
+const POSTGRES: &[(&str, &str)] = files!("postgres":
+    "0001_studies_states_trials_visits",
+    "0002_tokens",
+    "0003_states_fingerprint",
+);
+
+/// The schema of a SQLite file.
+pub(crate) fn sqlite() -> Migrator {
+    migrator(SQLITE)
+}
+
+/// The schema on PostgreSQL.
+pub(crate) fn postgres() -> Migrator {
+    migrator(POSTGRES)
+}
+
+fn migrator(files: &'static [(&'static str, &'static str)]) -> Migrator {
+    Migrator { migrations: files.iter().copied().map(migration).collect(), ..Migrator::DEFAULT }
+}
+
+fn migration((name, text): (&'static str, &'static str)) -> Migration {
+    let (version, description) = name.split_once('_').expect("NUMBER_NAME");
+    Migration::new(
+        version.parse().expect("a number"),
+        // As sqlx reads it from a file's name: it stands so in databases that were migrated by earlier versions.
+        Cow::Owned(description.replace('_', " ")),
+        MigrationType::Simple,
+        SqlStr::from_static(text),
+        text.starts_with("-- no-transaction"),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    /// What sqlx reads from the folder, down to the check sums that databases hold.
+    #[tokio::test]
+    async fn every_file_is_listed_as_sqlx_reads_it() {
+        let top = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../migrations");
+        for (folder, ours) in [("sqlite", sqlite()), ("postgres", postgres())] {
+            let read = Migrator::new(top.join(folder)).await.expect("the folder");
+            let rows = |migrator: &Migrator| -> Vec<_> {
+                let row = |m: &Migration| (m.version, m.description.clone(), m.checksum.clone(), m.no_tx);
+                migrator.iter().map(row).collect()
+            };
+            assert_eq!(rows(&ours), rows(&read), "{folder}");
+        }
+    }
+}
