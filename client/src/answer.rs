@@ -72,7 +72,7 @@ pub(crate) async fn within_deadline(
         }
         Err(_elapsed) => {
             let problem = Arc::new(shared.core.late("Suggest", limit));
-            shared.core.link.failure(Arc::clone(&problem));
+            shared.core.circuit_breaker.failure(Arc::clone(&problem));
             *outstanding = Some(question);
             shared.fall_back(problem)
         }

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use treewright_proto::convert::{fingerprint_to_wire, policy_to_wire, spec_to_wire};
 use treewright_proto::v1;
 
+use crate::circuit_breaker::Status;
 use crate::core::Core;
-use crate::link::Status;
 use crate::pages::{TrialPages, TrialQuery};
 use crate::{
     Best, ClientError, Indicators, Options, PolicyChange, Prediction, Stats, Study, StudyRecord, StudySpec,
@@ -53,7 +53,7 @@ impl Client {
         runtime.spawn(async move {
             let probe = || probing.look_for_daemon();
             tokio::select! {
-                () = probing.link.keep_probing(probing.looking_back_off(), probe) => {}
+                () = probing.circuit_breaker.keep_probing(probing.looking_back_off(), probe) => {}
                 // Delivery ends at most so long after closing, and until then wants to know of the daemon's return.
                 () = async {
                     probing.outbox.closing().await;
@@ -104,7 +104,7 @@ impl Client {
     /// What is known of the connection at the moment.
     #[must_use]
     pub fn status(&self) -> Status {
-        self.core.link.status()
+        self.core.circuit_breaker.status()
     }
 
     /// What became of suggestions and reports so far.

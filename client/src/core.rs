@@ -12,8 +12,8 @@ use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 
 use crate::attach::Attach;
 use crate::back_off::BackOff;
+use crate::circuit_breaker::{CircuitBreaker, Status};
 use crate::failover::Failover;
-use crate::link::{Link, Status};
 use crate::outbox::{Lost, Outbox};
 use crate::stats::Counters;
 use crate::{ClientError, Credentials, Options, limits, wire};
@@ -26,7 +26,7 @@ pub(crate) type Connection = InterceptedService<Failover, Attach>;
 pub(crate) struct Core {
     pub(crate) url: String,
     pub(crate) options: Options,
-    pub(crate) link: Link,
+    pub(crate) circuit_breaker: CircuitBreaker,
     pub(crate) outbox: Arc<Outbox>,
     pub(crate) counters: Counters,
     /// Tells this client from an earlier one of the same id.
@@ -52,7 +52,7 @@ impl Core {
         let channel = Failover::new(channels.collect());
         Ok(Self {
             url: url.to_owned(),
-            link: Link::new(),
+            circuit_breaker: CircuitBreaker::new(),
             outbox: Arc::new(Outbox::new(options.queue)),
             counters: Counters::default(),
             session,
@@ -77,7 +77,7 @@ impl Core {
 
     /// Looks for a daemon that serves: at another address first, where the one in use has failed.
     pub(crate) async fn look_for_daemon(&self) -> Result<(), ClientError> {
-        if matches!(self.link.status(), Status::Away { .. }) {
+        if matches!(self.circuit_breaker.status(), Status::Away { .. }) {
             self.channel.distrust();
         }
         // One address after the other may have to run out of time.
@@ -103,11 +103,13 @@ impl Core {
             Err(_) => Err(self.late(name, limit)),
         };
         match &result {
-            Err(problem) if problem.is_unreachable() => self.link.failure(Arc::new(problem.clone())),
-            Ok(_) => self.link.success(),
+            Err(problem) if problem.is_unreachable() => {
+                self.circuit_breaker.failure(Arc::new(problem.clone()))
+            }
+            Ok(_) => self.circuit_breaker.success(),
             Err(problem) => {
-                self.link.success();
-                self.link.note_hint(problem);
+                self.circuit_breaker.success();
+                self.circuit_breaker.note_hint(problem);
             }
         }
         result
@@ -161,8 +163,11 @@ impl Core {
         if quiet.is_ok() || waiting == 0 {
             return Ok(());
         }
-        let last =
-            self.link.problem().map(|problem| problem.to_string()).or_else(|| self.counters.last_error());
+        let last = self
+            .circuit_breaker
+            .problem()
+            .map(|problem| problem.to_string())
+            .or_else(|| self.counters.last_error());
         Err(ClientError::Unflushed { waiting, deadline, last: last.unwrap_or_else(|| "none".into()) })
     }
 }

@@ -9,7 +9,7 @@ use treewright_proto::convert::outcome_to_wire;
 use treewright_proto::v1;
 
 use crate::core::Core;
-use crate::outbox::{Item, Message};
+use crate::outbox::{Message, OutboxItem};
 use crate::{ClientError, Measurements, Outcome, limits};
 
 /// Delivers until the outbox is closed and empty, or for a bounded time after it is closed.
@@ -40,7 +40,7 @@ async fn deliver(core: &Core) {
                     failures += 1;
                     core.count_lost(core.outbox.put_back(item));
                     core.back_off().sleep_at_least(failures, problem.retry_after()).await;
-                    core.link.wait_until_worth_asking().await;
+                    core.circuit_breaker.wait_until_worth_asking().await;
                 } else {
                     if let Message::Report(..) = item.message {
                         tracing::warn!(trial = %item.trial, %problem, "a report is given up");
@@ -53,7 +53,7 @@ async fn deliver(core: &Core) {
     }
 }
 
-async fn send(core: &Core, item: &Item) -> Result<(), ClientError> {
+async fn send(core: &Core, item: &OutboxItem) -> Result<(), ClientError> {
     let mut rpc = core.rpc();
     let trial = item.trial.to_string();
     match &item.message {

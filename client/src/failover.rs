@@ -25,11 +25,11 @@ use crate::limits;
 /// The connections to all addresses, used as if they were one.
 #[derive(Debug, Clone)]
 pub(crate) struct Failover {
-    shared: Arc<Shared>,
+    shared: Arc<FailoverState>,
 }
 
 #[derive(Debug)]
-struct Shared {
+struct FailoverState {
     /// At least one.
     channels: Vec<Channel>,
     current: AtomicUsize,
@@ -43,7 +43,7 @@ impl Failover {
         let trusted = AtomicBool::new(channels.len() < 2);
         // The first look begins with the one after it, which is the first.
         let current = AtomicUsize::new(channels.len().saturating_sub(1));
-        Self { shared: Arc::new(Shared { channels, current, trusted }) }
+        Self { shared: Arc::new(FailoverState { channels, current, trusted }) }
     }
 
     /// How many addresses there are.

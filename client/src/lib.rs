@@ -16,7 +16,7 @@
 //! | `wire` | messages as records; what both sides convert alike is in `treewright_proto::convert` |
 //! | `client`, `study`, `suggestion`, `tuner`, `pages` | what a program calls |
 //! | `credentials`, `attach`, `machine`, `arguments` (a feature) | what is shown to the daemon with every call |
-//! | `link`, `back_off` | whether the daemon is there, and when to ask again |
+//! | `circuit_breaker`, `back_off` | whether the daemon is there, and when to ask again |
 //! | `outbox`, `delivery`, `stats` | reports on their way, and counts of what became of them |
 //! | `answer`, `memory`, `stream` | answers within a deadline, and what to do without one |
 #![forbid(unsafe_code)]
@@ -28,6 +28,7 @@ mod attach;
 mod back_off;
 pub mod blocking;
 mod checks;
+mod circuit_breaker;
 mod client;
 mod core;
 mod credentials;
@@ -37,7 +38,6 @@ mod failover;
 mod frame_set;
 mod insight;
 pub mod limits;
-mod link;
 mod machine;
 mod memory;
 mod numbers;
@@ -54,12 +54,12 @@ mod wire;
 
 #[cfg(feature = "arguments")]
 pub use arguments::CredentialArguments;
+pub use circuit_breaker::Status;
 pub use client::Client;
 pub use credentials::Credentials;
 pub use error::{ClientError, SharedError};
 pub use frame_set::{FrameSet, FrameSetResult};
 pub use insight::{Explanation, Omission, StateInsight};
-pub use link::Status;
 pub use machine::detect_fingerprint;
 pub use numbers::{Indicators, Measurements};
 pub use options::Options;

@@ -7,13 +7,13 @@ use crate::{Configuration, limits};
 
 /// The last good configurations of one study, and those known to be bad.
 #[derive(Debug, Default)]
-pub(crate) struct Memory {
+pub(crate) struct RememberedConfigurations {
     /// Oldest first, distinct.
     good: VecDeque<Configuration>,
     infeasible: VecDeque<Configuration>,
 }
 
-impl Memory {
+impl RememberedConfigurations {
     /// A configuration came from the daemon.
     pub(crate) fn remember(&mut self, configuration: &Configuration) {
         if !self.infeasible.contains(configuration) {
@@ -56,7 +56,7 @@ mod tests {
 
     #[test]
     fn an_infeasible_configuration_is_not_handed_out_again() {
-        let mut memory = Memory::default();
+        let mut memory = RememberedConfigurations::default();
         assert_eq!(memory.last_good(), None);
         memory.remember(&configuration(1));
         memory.remember(&configuration(2));
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn it_does_not_grow() {
-        let mut memory = Memory::default();
+        let mut memory = RememberedConfigurations::default();
         for quality in 0..1000 {
             memory.remember(&configuration(quality));
             memory.infeasible(&configuration(-quality));

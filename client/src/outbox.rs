@@ -23,7 +23,7 @@ pub(crate) enum Message {
 
 /// One thing to be said to the daemon.
 #[derive(Debug, Clone)]
-pub(crate) struct Item {
+pub(crate) struct OutboxItem {
     pub(crate) study: Arc<str>,
     pub(crate) trial: Arc<str>,
     pub(crate) message: Message,
@@ -41,25 +41,25 @@ pub(crate) struct Lost {
 /// The queue and the held trials.
 #[derive(Debug)]
 pub(crate) struct Outbox {
-    state: watch::Sender<State>,
+    state: watch::Sender<OutboxState>,
     capacity: usize,
 }
 
 #[derive(Debug, Default)]
-struct State {
-    queue: VecDeque<Item>,
+struct OutboxState {
+    queue: VecDeque<OutboxItem>,
     /// Study and trial of the item that is being sent.
     sending: Option<(Arc<str>, Arc<str>)>,
-    held: HashMap<Arc<str>, Held>,
+    held: HashMap<Arc<str>, HeldTrial>,
     /// Suggestions asked for and not yet answered.
     answers_due: usize,
     /// Reports that travel on a stream and are not yet acknowledged.
     reports_on_streams: usize,
-    phase: Phase,
+    phase: OutboxPhase,
 }
 
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
-enum Phase {
+enum OutboxPhase {
     #[default]
     Open,
     /// The last handle is gone; what is queued is still sent.
@@ -69,14 +69,14 @@ enum Phase {
 }
 
 #[derive(Debug, Default)]
-struct Held {
+struct HeldTrial {
     handles: usize,
     reported: bool,
 }
 
 impl Outbox {
     pub(crate) fn new(capacity: usize) -> Self {
-        Self { state: watch::Sender::new(State::default()), capacity }
+        Self { state: watch::Sender::new(OutboxState::default()), capacity }
     }
 
     /// Takes hold of a trial. False when it is being reported or given back, so that it is no longer ours.
@@ -118,21 +118,21 @@ impl Outbox {
                 return Lost::default();
             }
             let (study, trial) = (Arc::clone(study), Arc::clone(trial));
-            state.put(Item { study, trial, message: Message::Abandon, attempts: 0 }, self.capacity)
+            state.put(OutboxItem { study, trial, message: Message::Abandon, attempts: 0 }, self.capacity)
         })
     }
 
     /// Queues a report.
-    pub(crate) fn report(&self, item: Item) -> Lost {
+    pub(crate) fn report(&self, item: OutboxItem) -> Lost {
         self.change(|state| state.put(item, self.capacity))
     }
 
     /// The next item to be sent; `None` when closing, everything is sent, and no answer is due that could
     /// bring a trial to be given back.
-    pub(crate) async fn next(&self) -> Option<Item> {
+    pub(crate) async fn next(&self) -> Option<OutboxItem> {
         let mut changes = self.state.subscribe();
         loop {
-            let over = |state: &State| state.phase != Phase::Open && state.answers_due == 0;
+            let over = |state: &OutboxState| state.phase != OutboxPhase::Open && state.answers_due == 0;
             // The sender lives as long as `self`, so that waiting cannot fail.
             let _ = changes.wait_for(|state| !state.queue.is_empty() || over(state)).await;
             let (item, over) = self.change(|state| {
@@ -152,7 +152,7 @@ impl Outbox {
     }
 
     /// The item that was being sent has to be sent again, before all others.
-    pub(crate) fn put_back(&self, item: Item) -> Lost {
+    pub(crate) fn put_back(&self, item: OutboxItem) -> Lost {
         self.change(|state| {
             state.sending = None;
             let taken_up_again = item.message == Message::Abandon && state.held.contains_key(&item.trial);
@@ -169,7 +169,7 @@ impl Outbox {
 
     /// Waits until nothing about the study's trials is queued or being sent.
     pub(crate) async fn wait_until_told(&self, study: &str) {
-        let told = |state: &State| {
+        let told = |state: &OutboxState| {
             state.queue.iter().all(|item| &*item.study != study)
                 && state.sending.as_ref().is_none_or(|(sent, _)| &**sent != study)
         };
@@ -198,38 +198,38 @@ impl Outbox {
     /// No handle is left: what is queued is sent, then no more.
     pub(crate) fn close(&self) {
         self.change(|state| {
-            if state.phase == Phase::Open {
-                state.phase = Phase::Closing;
+            if state.phase == OutboxPhase::Open {
+                state.phase = OutboxPhase::Closing;
             }
         });
     }
 
     /// Waits until [`Outbox::close`] was called.
     pub(crate) async fn closing(&self) {
-        let _ = self.state.subscribe().wait_for(|state| state.phase != Phase::Open).await;
+        let _ = self.state.subscribe().wait_for(|state| state.phase != OutboxPhase::Open).await;
     }
 
     /// Sends nothing any more. Tells what was still waiting.
     pub(crate) fn give_up(&self) -> Lost {
         self.change(|state| {
-            state.phase = Phase::Closed;
+            state.phase = OutboxPhase::Closed;
             state.sending = None;
             state.queue.drain(..).map(|item| Lost::of(&item)).fold(Lost::default(), Lost::and)
         })
     }
 
-    fn change<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
+    fn change<T>(&self, change: impl FnOnce(&mut OutboxState) -> T) -> T {
         let mut result = None;
         self.state.send_modify(|state| result = Some(change(state)));
         result.expect("send_modify calls the closure once")
     }
 }
 
-impl State {
+impl OutboxState {
     /// Appends. A full queue first loses abandoned trials, whose leases run out by themselves, and then
     /// its oldest report: that lease is the likeliest to be gone, and the newest says most of the present.
-    fn put(&mut self, item: Item, capacity: usize) -> Lost {
-        if self.phase == Phase::Closed {
+    fn put(&mut self, item: OutboxItem, capacity: usize) -> Lost {
+        if self.phase == OutboxPhase::Closed {
             return Lost::of(&item);
         }
         let mut lost = Lost::default();
@@ -252,7 +252,7 @@ impl State {
 }
 
 impl Lost {
-    pub(crate) fn of(item: &Item) -> Self {
+    pub(crate) fn of(item: &OutboxItem) -> Self {
         match item.message {
             Message::Report(..) => Self { reports: 1, abandons: 0 },
             Message::Abandon => Self { reports: 0, abandons: 1 },
@@ -288,9 +288,9 @@ mod tests {
         Arc::from(text)
     }
 
-    fn report(trial: &str) -> Item {
+    fn report(trial: &str) -> OutboxItem {
         let message = Message::Report(Measurements::from([("render_ms", 1.0)]), Outcome::Ok);
-        Item { study: name("s"), trial: name(trial), message, attempts: 0 }
+        OutboxItem { study: name("s"), trial: name(trial), message, attempts: 0 }
     }
 
     fn queued(outbox: &Outbox) -> Vec<String> {

@@ -35,7 +35,7 @@ pub(crate) async fn run(shared: Arc<Shared>, mut frames: mpsc::Receiver<Frame>) 
             tracing::debug!(%problem, "the stream broke");
             stream.shared.core.counters.note(&problem);
             if problem.is_unreachable() {
-                stream.shared.core.link.failure(Arc::new(problem.clone()));
+                stream.shared.core.circuit_breaker.failure(Arc::new(problem.clone()));
             }
             stream.fail(&problem);
         }
@@ -124,7 +124,7 @@ impl Stream<'_> {
         let Some((mut frame, _)) = self.waiting.pop_front() else {
             return Err(core.malformed("Tune", "an answer without a request".into()));
         };
-        core.link.success();
+        core.circuit_breaker.success();
         if let Some(finished) = frame.finished.take() {
             match (response.reported, response.report_error) {
                 (Some(reported), _) => finished.acknowledged(reported.duplicate),
@@ -159,7 +159,7 @@ impl Stream<'_> {
         let details = tonic_types::ErrorDetails::with_retry_info(wait);
         let status = tonic::Status::with_error_details(error.code.into(), error.message.clone(), details);
         let problem = ClientError::from_status(&self.shared.core.url, call, &status);
-        self.shared.core.link.note_hint(&problem);
+        self.shared.core.circuit_breaker.note_hint(&problem);
         problem
     }
 

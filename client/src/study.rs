@@ -10,7 +10,7 @@ use crate::answer::{self, Answer, Outstanding};
 use crate::client::LastHandle;
 use crate::core::Core;
 use crate::delivery::worth_repeating;
-use crate::memory::Memory;
+use crate::memory::RememberedConfigurations;
 use crate::suggestion::Lease;
 use crate::{
     Best, ClientError, Configuration, Indicators, Outcome, Prediction, SessionPolicy, SharedError,
@@ -39,7 +39,7 @@ pub(crate) struct Shared {
     /// Whether the program specified the study, so that it may be created again when it is gone.
     ours: bool,
     registration: watch::Sender<Registration>,
-    memory: Mutex<Memory>,
+    memory: Mutex<RememberedConfigurations>,
     session_policy: Mutex<SessionPolicy>,
     /// Where the stored policy is another than the one given; see [`Study::policy_differs`].
     policy_differs: Mutex<Vec<String>>,
@@ -184,7 +184,7 @@ impl Shared {
         if let Registration::Refused(problem) = &*self.registration.borrow() {
             return Some(Arc::clone(problem));
         }
-        if let Some(problem) = self.core.link.problem() {
+        if let Some(problem) = self.core.circuit_breaker.problem() {
             return Some(problem);
         }
         let reason = || format!("{} is not created there yet", self.name);
@@ -320,7 +320,7 @@ impl Shared {
     async fn register(self: Arc<Self>) {
         let mut failures = 0;
         let registration = loop {
-            self.core.link.wait_until_worth_asking().await;
+            self.core.circuit_breaker.wait_until_worth_asking().await;
             match self.core.create_study(&self.name, &self.spec).await {
                 Ok(record) => {
                     *lock(&self.policy_differs) = record.policy_differs;

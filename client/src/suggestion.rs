@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use crate::delivery::report_request;
-use crate::outbox::{Item, Message};
+use crate::outbox::{Message, OutboxItem};
 use crate::study::Shared;
 use crate::{
     ClientError, Configuration, Measurements, Mode, OpenEnum, Outcome, Reason, SharedError, TrialRecord,
@@ -235,7 +235,12 @@ impl Drop for Finished {
             let message = Message::Report(std::mem::take(&mut self.measurements), self.outcome.clone());
             let (study, trial) = (Arc::clone(&lease.shared.name), Arc::clone(&lease.trial));
             let core = &lease.shared.core;
-            core.count_lost(core.outbox.report(Item { study, trial, message, attempts: self.attempts }));
+            core.count_lost(core.outbox.report(OutboxItem {
+                study,
+                trial,
+                message,
+                attempts: self.attempts,
+            }));
         }
     }
 }

@@ -40,7 +40,7 @@ impl TokenCommandError {
 
 /// What a command has to say: for standard output, and for the person before the screen.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub struct Said {
+pub struct CommandOutput {
     /// The result.
     pub out: String,
     /// Words about it.
@@ -62,7 +62,7 @@ pub async fn open(config: &DatabaseConfig) -> Result<Arc<dyn TokenStore>, OpenEr
 ///
 /// # Errors
 /// [`TokenCommandError`]; nothing was changed.
-pub async fn run(command: &TokenCommand) -> Result<Said, TokenCommandError> {
+pub async fn run(command: &TokenCommand) -> Result<CommandOutput, TokenCommandError> {
     let now_ms = SystemClock::default().now_ms();
     let database = match command {
         TokenCommand::Create(create) => &create.database,
@@ -83,7 +83,7 @@ async fn create(
     tokens: &dyn TokenStore,
     config: &CreateConfig,
     now_ms: i64,
-) -> Result<Said, TokenCommandError> {
+) -> Result<CommandOutput, TokenCommandError> {
     let token = Token::make()?;
     let ms = |time: Duration| i64::try_from(time.as_millis()).unwrap_or(i64::MAX);
     let record = TokenRecord {
@@ -106,10 +106,10 @@ async fn create(
         reach(&record),
         ending(&record, now_ms),
     );
-    Ok(Said { out: token.text(), note })
+    Ok(CommandOutput { out: token.text(), note })
 }
 
-async fn list(tokens: &dyn TokenStore, json: bool, now_ms: i64) -> Result<Said, TokenCommandError> {
+async fn list(tokens: &dyn TokenStore, json: bool, now_ms: i64) -> Result<CommandOutput, TokenCommandError> {
     let records = tokens.list().await?;
     let mut rows = Vec::new();
     for record in &records {
@@ -134,10 +134,13 @@ async fn list(tokens: &dyn TokenStore, json: bool, now_ms: i64) -> Result<Said, 
                 })
             })
             .collect();
-        return Ok(Said { out: serde_json::to_string_pretty(&all)?, note: String::new() });
+        return Ok(CommandOutput { out: serde_json::to_string_pretty(&all)?, note: String::new() });
     }
     if records.is_empty() {
-        return Ok(Said { note: "treewrightd: there is no token yet".to_owned(), ..Said::default() });
+        return Ok(CommandOutput {
+            note: "treewrightd: there is no token yet".to_owned(),
+            ..CommandOutput::default()
+        });
     }
     let mut table = comfy_table::Table::new();
     table.load_style(comfy_table::presets::NOTHING);
@@ -153,7 +156,7 @@ async fn list(tokens: &dyn TokenStore, json: bool, now_ms: i64) -> Result<Said, 
             today.trials.to_string(),
         ]);
     }
-    Ok(Said { out: table.to_string(), note: String::new() })
+    Ok(CommandOutput { out: table.to_string(), note: String::new() })
 }
 
 async fn revoke(
@@ -161,7 +164,7 @@ async fn revoke(
     id: &str,
     forget: bool,
     now_ms: i64,
-) -> Result<Said, TokenCommandError> {
+) -> Result<CommandOutput, TokenCommandError> {
     // A whole token by mistake: its id is meant, and the rest must not be repeated.
     let parsed = Token::parse(id);
     let id = parsed.as_ref().map_or(id, Token::id);
@@ -172,7 +175,7 @@ async fn revoke(
         tokens.revoke(id, now_ms).await?;
         "revoked"
     };
-    Ok(Said { out: String::new(), note: format!("treewrightd: token {id} is {done}") })
+    Ok(CommandOutput { out: String::new(), note: format!("treewrightd: token {id} is {done}") })
 }
 
 fn scope(scope: Scope) -> &'static str {

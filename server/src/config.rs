@@ -17,7 +17,7 @@ use crate::limits::{DRAIN_S, KEEP_TRIALS_MIN, STUDIES_SHOWN};
 use crate::telemetry::LogFormat;
 
 pub use capacity::CapacityConfig;
-pub use database::{Database, DatabaseConfig, Given};
+pub use database::{Database, DatabaseArgument, DatabaseConfig};
 pub use guard::GuardConfig;
 pub use maintenance::{BackupConfig, FileDatabase, RestoreConfig};
 pub use peers::PeersConfig;

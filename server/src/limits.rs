@@ -135,8 +135,8 @@ pub const REFUSAL_LINES: u64 = 10;
 /// Period of [`REFUSAL_LINES`], in whole seconds.
 pub const REFUSAL_PERIOD: Duration = Duration::from_secs(10);
 
-/// How long a question waits for a processor to think about it; then it is answered from the tables.
-pub const THINKING_WAIT: Duration = Duration::from_millis(5);
+/// How long a question waits for a processor to compute its plan; then it is answered from the tables.
+pub const PLANNING_WAIT: Duration = Duration::from_millis(5);
 
 /// Completed trials that are read at once when a study is loaded: a few megabytes.
 pub const TRIALS_PER_READ: u32 = 1000;

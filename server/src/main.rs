@@ -6,7 +6,7 @@ use std::io::Write as _;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use treewright_server::administration::Said;
+use treewright_server::administration::CommandOutput;
 use treewright_server::config::{Cli, Command, ServeConfig};
 use treewright_server::metrics::Metrics;
 use treewright_server::telemetry::traces::Traces;
@@ -64,12 +64,12 @@ fn serve(runtime: &tokio::runtime::Runtime, config: ServeConfig) -> ExitCode {
     }
 }
 
-fn maintained(done: Result<Said, MaintenanceError>) -> Result<Said, (u8, String)> {
+fn maintained(done: Result<CommandOutput, MaintenanceError>) -> Result<CommandOutput, (u8, String)> {
     done.map_err(|error| (maintenance::exit_code(&error), error.to_string()))
 }
 
 /// Says what a command has to say: the result, or exit code and cause.
-fn finish(done: Result<Said, (u8, String)>) -> ExitCode {
+fn finish(done: Result<CommandOutput, (u8, String)>) -> ExitCode {
     match done {
         Ok(said) => {
             if !said.note.is_empty() {

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use treewright_store::maintenance::{self, Inventory, MaintenanceError};
 
-use crate::administration::Said;
+use crate::administration::CommandOutput;
 use crate::config::{BackupConfig, FileDatabase, RestoreConfig};
 
 /// Exit code of a command that did not do what it should: as of `serve` where the database is at fault.
@@ -23,7 +23,7 @@ pub fn exit_code(error: &MaintenanceError) -> u8 {
 ///
 /// # Errors
 /// [`MaintenanceError`]; there is no new copy then.
-pub async fn back_up(config: &BackupConfig) -> Result<Said, MaintenanceError> {
+pub async fn back_up(config: &BackupConfig) -> Result<CommandOutput, MaintenanceError> {
     let begun = Instant::now();
     let inventory = maintenance::back_up(&config.database.database, &config.to, config.replace).await?;
     let seconds = begun.elapsed().as_secs_f64();
@@ -34,7 +34,7 @@ pub async fn back_up(config: &BackupConfig) -> Result<Said, MaintenanceError> {
 ///
 /// # Errors
 /// [`MaintenanceError`]; the database is then as it was.
-pub async fn restore(config: &RestoreConfig) -> Result<Said, MaintenanceError> {
+pub async fn restore(config: &RestoreConfig) -> Result<CommandOutput, MaintenanceError> {
     let database = &config.database.database;
     let done = maintenance::restore(&config.from, database).await?;
     let before = match &done.aside {
@@ -48,15 +48,15 @@ pub async fn restore(config: &RestoreConfig) -> Result<Said, MaintenanceError> {
 ///
 /// # Errors
 /// [`MaintenanceError::Damaged`] with what was found.
-pub async fn check(database: &FileDatabase) -> Result<Said, MaintenanceError> {
+pub async fn check(database: &FileDatabase) -> Result<CommandOutput, MaintenanceError> {
     let begun = Instant::now();
     let inventory = maintenance::check(&database.database).await?;
     let seconds = begun.elapsed().as_secs_f64();
     Ok(said(format!("{} is sound: {}, {seconds:.1} s", database.database.display(), shown(inventory))))
 }
 
-fn said(out: String) -> Said {
-    Said { out, note: String::new() }
+fn said(out: String) -> CommandOutput {
+    CommandOutput { out, note: String::new() }
 }
 
 fn shown(inventory: Inventory) -> String {

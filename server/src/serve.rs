@@ -15,7 +15,7 @@ use treewright_store::Store;
 use crate::access::Access;
 use crate::admission::{Admission, AdmissionLimits};
 use crate::clock::Clock;
-use crate::connections::{self, ConnectionLimits, Places};
+use crate::connections::{self, ConnectionLimits, ConnectionSlots};
 use crate::forward::ForwardLayer;
 use crate::limits;
 use crate::metrics::Metrics;
@@ -96,7 +96,7 @@ pub async fn run(
     let refusals = Refusals::new(Arc::clone(&metrics));
     let peers = Peers::of(&store, tls.clone(), refusals.clone());
     let admission = Admission::new(admission);
-    let places = Places::new(connections);
+    let connection_slots = ConnectionSlots::new(connections);
     let mut health = HealthReporter::new();
     set_health(&health, ServingStatus::Serving).await;
 
@@ -131,7 +131,7 @@ pub async fn run(
         .add_service(reflection().build_v1alpha().map_err(defect)?)
         .add_service(service)
         .serve_with_incoming_shutdown(
-            connections::accept(listener, tls, places.clone(), Arc::clone(&metrics)),
+            connections::accept(listener, tls, connection_slots.clone(), Arc::clone(&metrics)),
             stop,
         );
     tokio::pin!(server);
@@ -141,7 +141,7 @@ pub async fn run(
             tuning: Arc::clone(&tuning),
             store: Arc::clone(&store),
             admission: admission.clone(),
-            places,
+            connection_slots,
             metrics,
             studies_shown: studies_shown.into(),
         };

@@ -17,7 +17,7 @@ use tokio::sync::Semaphore;
 use treewright_store::{Store, StoreError};
 
 use crate::admission::Admission;
-use crate::connections::Places;
+use crate::connections::ConnectionSlots;
 use crate::limits;
 use crate::metrics::{Metrics, Moment};
 use crate::tuning::Tuning;
@@ -31,7 +31,7 @@ pub(crate) struct Watched {
     pub(crate) tuning: Arc<Tuning>,
     pub(crate) store: Arc<dyn Store>,
     pub(crate) admission: Admission,
-    pub(crate) places: Places,
+    pub(crate) connection_slots: ConnectionSlots,
     pub(crate) metrics: Arc<Metrics>,
     /// How many studies are shown with their names.
     pub(crate) studies_shown: usize,
@@ -54,7 +54,7 @@ impl Watched {
     fn moment(&self) -> Moment {
         let (in_flight, streams) = self.admission.in_progress();
         let (studies_in_memory, open_leases) = self.tuning.in_use();
-        let (connections, newcomers) = self.places.counts();
+        let (connections, newcomers) = self.connection_slots.counts();
         Moment {
             connections,
             newcomers,
@@ -95,7 +95,7 @@ impl Watched {
 /// Serves those who watch until it is dropped.
 pub(crate) async fn serve(listener: TcpListener, watched: Watched) {
     let watched = Arc::new(watched);
-    let places = Arc::new(Semaphore::new(limits::WATCHERS));
+    let connection_slots = Arc::new(Semaphore::new(limits::WATCHERS));
     loop {
         let stream = match listener.accept().await {
             Ok((stream, _)) => stream,
@@ -106,7 +106,7 @@ pub(crate) async fn serve(listener: TcpListener, watched: Watched) {
             }
         };
         // One too many is closed at once.
-        let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
+        let Ok(place) = Arc::clone(&connection_slots).try_acquire_owned() else {
             continue;
         };
         let watched = Arc::clone(&watched);

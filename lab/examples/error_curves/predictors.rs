@@ -7,10 +7,10 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use treewright_core::fleet::Fleet;
-use treewright_core::knowledge::KnownState;
+use treewright_core::machines::Machines;
 use treewright_core::policy::{Policy, PredictorMethod};
 use treewright_core::predict::{Lesson, Origin, Predictors, Query, StateIndex, prequential};
+use treewright_core::results::KnownState;
 use treewright_core::search::Verdict;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::Trial;
@@ -67,21 +67,22 @@ pub(crate) fn curves(seeds: u64, frames: usize) -> Vec<Curve> {
 fn replay(spec: &StudySpec, method: PredictorMethod, trials: &[(Vec<f64>, Trial)]) -> Vec<Sample> {
     let (space, indicators) = (&spec.space, spec.indicators.indicators().len());
     let mut predictors = Predictors::new(method, space, indicators, spec.seed, &[]);
-    let (mut fleet, mut state_index, mut known) = (Fleet::default(), StateIndex::new(indicators), Vec::new());
-    fleet.found(None);
+    let (mut machines, mut state_index, mut known) =
+        (Machines::default(), StateIndex::new(indicators), Vec::new());
+    machines.note_founder(None);
     let marks = marks(FIRST.min(trials.len()), trials.len());
     let (mut samples, mut errors, mut wall_s, mut compute_us) = (Vec::new(), Vec::new(), 0.0, 0.0);
     for (number, (state, trial)) in (1..).zip(trials) {
         let cost = trial.cost.expect("every trial of a stream gives one");
         let place = trial.state_id as usize - 1;
         if place == known.len() {
-            let (anchor, knowledge) = (state.clone(), Arc::default());
-            known.push(KnownState { id: trial.state_id, anchor, machine: 0, explored: true, knowledge });
+            let (anchor, results) = (state.clone(), Arc::default());
+            known.push(KnownState { id: trial.state_id, anchor, machine: 0, explored: true, results });
         }
-        let (state_index_now, fleet) = (&state_index, &fleet);
+        let (state_index_now, machines) = (&state_index, &machines);
         let here = Some(&known[place]);
         let query =
-            Query { state, here, known: &known, state_index: state_index_now, space, fleet, machine: 0 };
+            Query { state, here, known: &known, state_index: state_index_now, space, machines, machine: 0 };
         // `auto` asks all when it tests them.
         let clock = Instant::now();
         let expected = predictors.estimate(method, &query, &trial.configuration);
@@ -95,9 +96,9 @@ fn replay(spec: &StudySpec, method: PredictorMethod, trials: &[(Vec<f64>, Trial)
         if number > 1 {
             errors.push(prequential::error(expected, cost));
         }
-        Arc::make_mut(&mut known[place].knowledge).learn(trial, &space.default_configuration());
+        Arc::make_mut(&mut known[place].results).learn(trial, &space.default_configuration());
         state_index.note(&known[place]);
-        let default = known[place].knowledge.record(&space.default_configuration());
+        let default = known[place].results.record(&space.default_configuration());
         let default_cost = default.filter(|record| record.measurements > 0).map(|record| record.mean_cost);
         let point = space.encode(&trial.configuration);
         let lesson = Lesson {

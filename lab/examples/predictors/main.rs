@@ -19,12 +19,12 @@ use std::time::Instant;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
-use treewright_core::fleet::Fleet;
-use treewright_core::knowledge::{Knowledge, KnownState};
+use treewright_core::machines::Machines;
 use treewright_core::policy::{Policy, PredictorMethod};
 use treewright_core::predict::{
     LeastSquares, Lesson, Nearest, Origin, Predictor, Query, Rbf, Shape, StateIndex, Weighted,
 };
+use treewright_core::results::{KnownState, ResultTable};
 use treewright_core::search::Verdict;
 use treewright_core::trial::{Outcome, Trial};
 use treewright_core::tuner::{Ask, Tuner};
@@ -69,18 +69,18 @@ fn nearest(count: usize) {
     let trial: Trial = tuner.suggest(&ask, 0).expect("a valid question").0;
     let measurements = BTreeMap::from([("cost".to_owned(), 1.0)]);
     let trial = tuner.report(&trial, measurements, Outcome::Ok, 1).expect("a valid report").0;
-    let mut knowledge = Knowledge::default();
-    knowledge.learn(&trial, &spec.space.default_configuration());
-    let (knowledge, mut fleet, mut state_index) =
-        (Arc::new(knowledge), Fleet::default(), StateIndex::new(INDICATORS));
-    fleet.found(None);
+    let mut results = ResultTable::default();
+    results.learn(&trial, &spec.space.default_configuration());
+    let (results, mut machines, mut state_index) =
+        (Arc::new(results), Machines::default(), StateIndex::new(INDICATORS));
+    machines.note_founder(None);
     let known: Vec<KnownState> = (0..count as u64)
         .map(|place| KnownState {
             id: place + 1,
             anchor: scene(&mut random),
             machine: 0,
             explored: place % 4 == 0,
-            knowledge: Arc::clone(&knowledge),
+            results: Arc::clone(&results),
         })
         .collect();
     known.iter().for_each(|state| state_index.note(state));
@@ -90,8 +90,8 @@ fn nearest(count: usize) {
         let mut asked = ChaCha8Rng::seed_from_u64(2);
         let spent = times(QUESTIONS, || {
             let state = scene(&mut asked);
-            let (known, state_index, space, fleet) = (&known[..], &state_index, &spec.space, &fleet);
-            let query = Query { state: &state, here: None, known, state_index, space, fleet, machine: 0 };
+            let (known, state_index, space, machines) = (&known[..], &state_index, &spec.space, &machines);
+            let query = Query { state: &state, here: None, known, state_index, space, machines, machine: 0 };
             std::hint::black_box(predictor.predict(&query));
         });
         println!("{}", json!({ "nearest": name, "states": count, "answer": spent }));
@@ -100,7 +100,7 @@ fn nearest(count: usize) {
 
 fn features() {
     let spec = study(PARAMETERS, INDICATORS, Policy::default(), 1);
-    let (state_index, fleet) = (StateIndex::new(INDICATORS), Fleet::default());
+    let (state_index, machines) = (StateIndex::new(INDICATORS), Machines::default());
     let models: [(&str, Box<dyn Predictor>); 3] = [
         ("rbf_greedy_gq", Box::new(Rbf::new(Shape::Printed, PARAMETERS, INDICATORS, 1, &[]))),
         ("gaussian_greedy_gq", Box::new(Rbf::new(Shape::Gaussian, PARAMETERS, INDICATORS, 1, &[]))),
@@ -138,7 +138,7 @@ fn features() {
             known: &[],
             state_index: &state_index,
             space,
-            fleet: &fleet,
+            machines: &machines,
             machine: 0,
         };
         let answers = times(QUESTIONS, || drop(std::hint::black_box(model.predict(&query))));

@@ -171,8 +171,8 @@ pub fn compare(
             }
             for offset in 0..count {
                 let (index, lane) = &mut lanes[(turn + offset) % count];
-                let stage = Stage { renderer, view: &view, plan, yardstick, keeps_pictures: run == 0 };
-                lane.advance(&stage, &mut curves[*index]);
+                let setup = RunSetup { renderer, view: &view, plan, yardstick, keeps_pictures: run == 0 };
+                lane.advance(&setup, &mut curves[*index]);
             }
             turn += 1;
         }
@@ -225,18 +225,18 @@ impl Lane {
     }
 
     /// Renders one sample more, if there is time left, and measures where it is due.
-    fn advance(&mut self, stage: &Stage, curve: &mut Curve) {
+    fn advance(&mut self, setup: &RunSetup, curve: &mut Curve) {
         if self.end.is_some() {
             return;
         }
-        let budget_ms = stage.plan.budget_ms;
+        let budget_ms = setup.plan.budget_ms;
         let before_ms = self.spent_ms();
         self.render_ms +=
-            stage.renderer.render_with(&self.structure, stage.view, &curve.choice.render, &mut self.film).0;
+            setup.renderer.render_with(&self.structure, setup.view, &curve.choice.render, &mut self.film).0;
         let samples = self.film.samples();
-        let is_end = self.spent_ms() >= budget_ms || samples >= stage.plan.samples_max;
+        let is_end = self.spent_ms() >= budget_ms || samples >= setup.plan.samples_max;
         // The frame that goes past the budget is the one that is shown, in both ways to count.
-        let is_end_with_setup = stage.keeps_pictures
+        let is_end_with_setup = setup.keeps_pictures
             && before_ms + curve.setup_ms < budget_ms
             && (is_end || self.spent_ms() + curve.setup_ms >= budget_ms);
         if !(is_end || is_end_with_setup || is_checkpoint(samples)) {
@@ -246,8 +246,8 @@ impl Lane {
         let point = Point {
             samples,
             render_ms: self.render_ms,
-            relative_mse: stage.yardstick.relative_mse(&picture),
-            ssim: stage.yardstick.ssim(&picture),
+            relative_mse: setup.yardstick.relative_mse(&picture),
+            ssim: setup.yardstick.ssim(&picture),
         };
         if is_checkpoint(samples) {
             self.points.push(point);
@@ -258,14 +258,14 @@ impl Lane {
         if is_end_with_setup {
             curve.pictures.at_budget_with_setup = Some(Shot { picture: picture.clone(), point });
         }
-        if is_end && stage.keeps_pictures {
+        if is_end && setup.keeps_pictures {
             curve.pictures.at_budget = Some(Shot { picture, point });
         }
     }
 }
 
 /// What all lanes of a run have in common.
-struct Stage<'a> {
+struct RunSetup<'a> {
     renderer: &'a Renderer,
     view: &'a View,
     plan: &'a ComparisonPlan,

@@ -57,12 +57,12 @@ pub struct Explore {
     pub point: Point,
     /// Why the client explores.
     pub rule: ExploreRule,
-    /// What was weighed when that was decided.
-    #[serde(default, skip_serializing_if = "Weighed::is_empty")]
-    pub weighed: Weighed,
+    /// What exploring was expected to bring and to cost when that was decided.
+    #[serde(rename = "weighed", default, skip_serializing_if = "ExplorationEstimate::is_empty")]
+    pub estimate: ExplorationEstimate,
     /// How the client's regret budget stood.
-    #[serde(default, skip_serializing_if = "Means::is_empty")]
-    pub means: Means,
+    #[serde(rename = "means", default, skip_serializing_if = "BudgetStatus::is_empty")]
+    pub budget: BudgetStatus,
     /// The client is to stop the trial as soon as its cost exceeds this, in the objective's units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub abort_above: Option<f64>,
@@ -106,12 +106,12 @@ pub struct Exploit {
     pub source: Source,
     /// Why the client does not explore.
     pub rule: ExploitRule,
-    /// What was weighed when that was decided.
-    #[serde(default, skip_serializing_if = "Weighed::is_empty")]
-    pub weighed: Weighed,
+    /// What exploring was expected to bring and to cost when that was decided.
+    #[serde(rename = "weighed", default, skip_serializing_if = "ExplorationEstimate::is_empty")]
+    pub estimate: ExplorationEstimate,
     /// How the client's regret budget stood.
-    #[serde(default, skip_serializing_if = "Means::is_empty")]
-    pub means: Means,
+    #[serde(rename = "means", default, skip_serializing_if = "BudgetStatus::is_empty")]
+    pub budget: BudgetStatus,
 }
 
 /// Who says that a configuration is good.
@@ -194,10 +194,10 @@ pub enum ExploitRule {
     Frozen,
 }
 
-/// What was weighed when it was decided whether to explore.
+/// What exploring was expected to bring and to cost when it was decided whether to explore. Rows call it `weighed`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct Weighed {
+pub struct ExplorationEstimate {
     /// The probability of exploring that the dice were thrown with.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epsilon: Option<f64>,
@@ -212,17 +212,17 @@ pub struct Weighed {
     pub exploring_cost: Option<f64>,
 }
 
-impl Weighed {
-    /// Whether nothing was.
+impl ExplorationEstimate {
+    /// Whether nothing was estimated.
     pub fn is_empty(&self) -> bool {
-        *self == Weighed::default()
+        *self == ExplorationEstimate::default()
     }
 }
 
-/// How a client's regret budget stood before an answer; costs in the objective's units.
+/// How a client's regret budget stood before an answer; costs in the objective's units. Rows call it `means`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct Means {
+pub struct BudgetStatus {
     /// What was left of it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget_left: Option<f64>,
@@ -234,10 +234,10 @@ pub struct Means {
     pub reference_cost: Option<f64>,
 }
 
-impl Means {
+impl BudgetStatus {
     /// Whether there is nothing to tell.
     pub fn is_empty(&self) -> bool {
-        *self == Means::default()
+        *self == BudgetStatus::default()
     }
 }
 

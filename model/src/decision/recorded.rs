@@ -9,8 +9,8 @@ use serde_json::Value;
 
 use super::words::{BEST_KNOWN, DEFAULT, SHADOW, TRANSFER, WANTED};
 use super::{
-    ByMachines, Choice, Decision, Exploit, ExploitRule, Explore, ExploreRule, Level, Means, Point, Predicted,
-    Source, Step, Weighed,
+    BudgetStatus, ByMachines, Choice, Decision, Exploit, ExploitRule, ExplorationEstimate, Explore,
+    ExploreRule, Level, Point, Predicted, Source, Step,
 };
 use crate::policy::{PredictorMethod, SearchMethod};
 use crate::trial::{Explanation, Mode, Neighbour, Reason, Rule};
@@ -40,10 +40,10 @@ fn named<T: for<'a> Deserialize<'a>>(name: &str) -> Option<T> {
     serde_json::from_value(Value::from(name)).ok()
 }
 
-impl Weighed {
+impl ExplorationEstimate {
     /// What an explanation has of it.
     pub fn recorded(explanation: &Explanation) -> Self {
-        Weighed {
+        ExplorationEstimate {
             epsilon: explanation.epsilon,
             expected_gain: explanation.expected_gain,
             expected_frames: explanation.expected_frames,
@@ -80,9 +80,9 @@ impl Decision {
     }
 }
 
-fn means(explanation: &Explanation) -> Means {
+fn budget(explanation: &Explanation) -> BudgetStatus {
     let Explanation { budget_left, set_aside, reference_cost, .. } = *explanation;
-    Means { budget_left, set_aside, reference_cost }
+    BudgetStatus { budget_left, set_aside, reference_cost }
 }
 
 fn by_machines(level: Level, neighbours: Vec<Neighbour>) -> ByMachines {
@@ -112,8 +112,8 @@ fn explore(source: &str, step: &str, neighbours: Vec<Neighbour>, explanation: &E
     Explore {
         point,
         rule: ExploreRule::recorded(explanation.rule),
-        weighed: Weighed::recorded(explanation),
-        means: means(explanation),
+        estimate: ExplorationEstimate::recorded(explanation),
+        budget: budget(explanation),
         abort_above: explanation.abort_above,
         held: explanation.held.clone(),
     }
@@ -144,8 +144,8 @@ fn exploit(mode: Mode, source: &str, neighbours: Vec<Neighbour>, explanation: &E
         Some(Rule::Frozen | Rule::Shadow | Rule::Pinned | Rule::Wanted) => ExploitRule::Frozen,
         Some(Rule::Explore | Rule::NothingKnown | Rule::Waiting) => ExploitRule::Waiting,
     };
-    let (weighed, means) = (Weighed::recorded(explanation), means(explanation));
-    Exploit { source, rule, weighed, means }
+    let (estimate, budget) = (ExplorationEstimate::recorded(explanation), budget(explanation));
+    Exploit { source, rule, estimate, budget }
 }
 
 #[cfg(test)]

@@ -71,7 +71,7 @@ fn neighbours(choice: &Choice) -> Vec<Neighbour> {
 /// What the policy weighed.
 fn explanation(decision: &Decision) -> Explanation {
     let mut told = Explanation { rule: decision.rule(), silent: decision.silent, ..Explanation::default() };
-    let (weighed, means) = match &decision.choice {
+    let (estimate, budget) = match &decision.choice {
         Choice::Pinned | Choice::Wanted => return told,
         Choice::Shadow { instead_of, expected_gain } => {
             told.instead_of = Some(instead_of.clone());
@@ -81,18 +81,18 @@ fn explanation(decision: &Decision) -> Explanation {
         Choice::Explore(explore) => {
             told.abort_above = explore.abort_above;
             told.held.clone_from(&explore.held);
-            (explore.weighed, explore.means)
+            (explore.estimate, explore.budget)
         }
-        Choice::Exploit(exploit) => (exploit.weighed, exploit.means),
+        Choice::Exploit(exploit) => (exploit.estimate, exploit.budget),
     };
     Explanation {
-        epsilon: weighed.epsilon,
-        expected_gain: weighed.expected_gain,
-        expected_frames: weighed.expected_frames,
-        exploring_cost: weighed.exploring_cost,
-        budget_left: means.budget_left,
-        set_aside: means.set_aside,
-        reference_cost: means.reference_cost,
+        epsilon: estimate.epsilon,
+        expected_gain: estimate.expected_gain,
+        expected_frames: estimate.expected_frames,
+        exploring_cost: estimate.exploring_cost,
+        budget_left: budget.budget_left,
+        set_aside: budget.set_aside,
+        reference_cost: budget.reference_cost,
         ..told
     }
 }

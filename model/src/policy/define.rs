@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::field::{Decided, PolicyField, Range, Said};
+use super::field::{PolicyField, Range, Setting, SettingValue};
 use super::methods::{Operation, PredictorMethod, SearchMethod};
 use super::{PolicyError, RawPolicy};
 use crate::assignment::Assignment;
@@ -43,7 +43,7 @@ macro_rules! define_policy {
 
             pub(super) fn check_ranges(&self) -> Result<(), PolicyError> {
                 $(
-                    let said: Option<$said> = self.$name.clone().say();
+                    let said: Option<$said> = self.$name.clone().to_setting();
                     check_range(stringify!($name), said.as_ref(), $range)?;
                 )+
                 Ok(())
@@ -88,7 +88,7 @@ macro_rules! define_policy {
                     unset: $unset,
                     range: $range,
                     placeholder: $placeholder,
-                    words: <$said as Said>::words,
+                    words: <$said as SettingValue>::words,
                 },)+
                 PolicyField {
                     name: "pinned",
@@ -109,8 +109,8 @@ macro_rules! define_policy {
             $(
                 $(#[doc = $about])+
                 #[must_use]
-                pub fn $name(mut self, value: <$said as Said>::Given) -> Self {
-                    self.$name = Some(Said::given(value));
+                pub fn $name(mut self, value: <$said as SettingValue>::Input) -> Self {
+                    self.$name = Some(SettingValue::from_input(value));
                     self
                 }
             )+
@@ -147,8 +147,8 @@ macro_rules! define_policy {
             /// A field as it is shown; `None` where it is not set, or where there is no such field.
             pub fn show(&self, field: &str) -> Option<String> {
                 match field {
-                    $(stringify!($name) => self.$name.as_ref().map(Said::show),)+
-                    "pinned" => self.pinned.as_ref().map(Said::show),
+                    $(stringify!($name) => self.$name.as_ref().map(SettingValue::show),)+
+                    "pinned" => self.pinned.as_ref().map(SettingValue::show),
                     _ => None,
                 }
             }
@@ -176,7 +176,7 @@ macro_rules! define_policy {
 
         impl From<RawPolicy> for PolicySettings {
             fn from(policy: RawPolicy) -> Self {
-                Self { $($name: policy.$name.say(),)+ pinned: policy.pinned.map(Into::into) }
+                Self { $($name: policy.$name.to_setting(),)+ pinned: policy.pinned.map(Into::into) }
             }
         }
     };
@@ -184,18 +184,22 @@ macro_rules! define_policy {
 
 crate::policy_table!(define_policy);
 
-fn check_range<S: Said>(field: &'static str, said: Option<&S>, range: Range) -> Result<(), PolicyError> {
+fn check_range<S: SettingValue>(
+    field: &'static str,
+    said: Option<&S>,
+    range: Range,
+) -> Result<(), PolicyError> {
     match said.and_then(S::number) {
         Some(value) if !range.contains(value) => Err(PolicyError::Range { field, value, range }),
         _ => Ok(()),
     }
 }
 
-fn read<S: Said>(field: &'static str, text: &str) -> Result<S, PolicyError> {
+fn read<S: SettingValue>(field: &'static str, text: &str) -> Result<S, PolicyError> {
     S::parse(text).map_err(|problem| PolicyError::Text { field, problem })
 }
 
-fn decide<S: Said, D: Decided<S>>(
+fn decide<S: SettingValue, D: Setting<S>>(
     field: &'static str,
     said: Option<S>,
     default: D,

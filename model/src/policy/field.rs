@@ -56,12 +56,12 @@ pub struct PolicyField {
 }
 
 /// What is said for a field that is set.
-pub trait Said: Sized + Clone {
+pub trait SettingValue: Sized + Clone {
     /// As a program gives it.
-    type Given;
+    type Input;
 
     /// Takes what a program gives.
-    fn given(given: Self::Given) -> Self;
+    fn from_input(input: Self::Input) -> Self;
 
     /// Reads what people write. The error says what would be right.
     fn parse(text: &str) -> Result<Self, String>;
@@ -80,11 +80,11 @@ pub trait Said: Sized + Clone {
     }
 }
 
-impl Said for f64 {
-    type Given = f64;
+impl SettingValue for f64 {
+    type Input = f64;
 
-    fn given(given: f64) -> Self {
-        given
+    fn from_input(input: f64) -> Self {
+        input
     }
 
     fn parse(text: &str) -> Result<Self, String> {
@@ -100,11 +100,11 @@ impl Said for f64 {
     }
 }
 
-impl Said for u32 {
-    type Given = u32;
+impl SettingValue for u32 {
+    type Input = u32;
 
-    fn given(given: u32) -> Self {
-        given
+    fn from_input(input: u32) -> Self {
+        input
     }
 
     fn parse(text: &str) -> Result<Self, String> {
@@ -120,11 +120,11 @@ impl Said for u32 {
     }
 }
 
-impl Said for bool {
-    type Given = bool;
+impl SettingValue for bool {
+    type Input = bool;
 
-    fn given(given: bool) -> Self {
-        given
+    fn from_input(input: bool) -> Self {
+        input
     }
 
     fn parse(text: &str) -> Result<Self, String> {
@@ -136,11 +136,11 @@ impl Said for bool {
     }
 }
 
-impl<T: Word + fmt::Display> Said for OpenEnum<T> {
-    type Given = T;
+impl<T: Word + fmt::Display> SettingValue for OpenEnum<T> {
+    type Input = T;
 
-    fn given(given: T) -> Self {
-        OpenEnum::Known(given)
+    fn from_input(input: T) -> Self {
+        OpenEnum::Known(input)
     }
 
     /// Dashes count as underscores, so that people may write words like flags.
@@ -159,55 +159,55 @@ impl<T: Word + fmt::Display> Said for OpenEnum<T> {
 }
 
 /// A field as it is decided, from what is said.
-pub trait Decided<S>: Sized {
+pub trait Setting<S>: Sized {
     /// Decides. The error is the number of what is not known here.
     fn decide(said: S) -> Result<Self, i32>;
 
     /// What to say for it; `None` is the default.
-    fn say(self) -> Option<S>;
+    fn to_setting(self) -> Option<S>;
 }
 
-impl Decided<f64> for f64 {
+impl Setting<f64> for f64 {
     fn decide(said: f64) -> Result<Self, i32> {
         Ok(said)
     }
 
-    fn say(self) -> Option<f64> {
+    fn to_setting(self) -> Option<f64> {
         Some(self)
     }
 }
 
-impl Decided<f64> for Option<f64> {
+impl Setting<f64> for Option<f64> {
     fn decide(said: f64) -> Result<Self, i32> {
         Ok(Some(said))
     }
 
-    fn say(self) -> Option<f64> {
+    fn to_setting(self) -> Option<f64> {
         self
     }
 }
 
-impl Decided<u32> for u32 {
+impl Setting<u32> for u32 {
     fn decide(said: u32) -> Result<Self, i32> {
         Ok(said)
     }
 
-    fn say(self) -> Option<u32> {
+    fn to_setting(self) -> Option<u32> {
         Some(self)
     }
 }
 
-impl Decided<bool> for bool {
+impl Setting<bool> for bool {
     fn decide(said: bool) -> Result<Self, i32> {
         Ok(said)
     }
 
-    fn say(self) -> Option<bool> {
+    fn to_setting(self) -> Option<bool> {
         Some(self)
     }
 }
 
-impl<T: Word> Decided<OpenEnum<T>> for T {
+impl<T: Word> Setting<OpenEnum<T>> for T {
     fn decide(said: OpenEnum<T>) -> Result<Self, i32> {
         match said {
             OpenEnum::Known(value) => Ok(value),
@@ -215,17 +215,17 @@ impl<T: Word> Decided<OpenEnum<T>> for T {
         }
     }
 
-    fn say(self) -> Option<OpenEnum<T>> {
+    fn to_setting(self) -> Option<OpenEnum<T>> {
         Some(OpenEnum::Known(self))
     }
 }
 
 /// The pinned configuration, as `name=value,name=value`.
-impl Said for Assignment {
-    type Given = Assignment;
+impl SettingValue for Assignment {
+    type Input = Assignment;
 
-    fn given(given: Assignment) -> Self {
-        given
+    fn from_input(input: Assignment) -> Self {
+        input
     }
 
     fn parse(text: &str) -> Result<Self, String> {

@@ -14,7 +14,7 @@ use thiserror::Error;
 
 pub use change::PolicyChange;
 pub use define::{Policy, PolicySettings};
-pub use field::{Decided, PolicyField, Range, Said};
+pub use field::{PolicyField, Range, Setting, SettingValue};
 pub use methods::{Operation, PredictorMethod, SearchMethod};
 
 use crate::configuration::RawConfiguration;

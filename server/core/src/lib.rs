@@ -9,7 +9,7 @@
 //! The way through the crate, from the ground up: of the shared words (`treewright-model`), [`value`], [`space`] and [`configuration`] say what can
 //! be run; [`indicator`] and [`objective`] say what is known of an input and what is minimised; [`study`]
 //! joins them with a [`policy`]; [`trial`] is what is handed out; [`search`] explores one state;
-//! [`predict`] carries knowledge from state to state, [`fleet`] from machine to machine; [`statistics`] says what
+//! [`predict`] carries knowledge from state to state, [`machines`] from machine to machine; [`statistics`] says what
 //! measurements prove; [`tuner`] decides.
 #![forbid(unsafe_code)]
 // Tests may compare with what the platform computes.
@@ -20,14 +20,15 @@ pub use treewright_model::{
     words,
 };
 
-pub mod fleet;
+pub mod fnv;
 mod gp;
-pub mod knowledge;
 pub mod limits;
+pub mod machines;
 mod matrix;
 pub mod packed;
 pub mod predict;
 mod randomness;
+pub mod results;
 pub mod robust;
 pub mod search;
 pub mod statistics;

@@ -38,14 +38,6 @@ pub(crate) fn standard_normal(random: &mut ChaCha8Rng) -> f64 {
     libm::sqrt(-2.0 * libm::log(a)) * libm::cos(2.0 * std::f64::consts::PI * b)
 }
 
-/// A number for a text that never changes between releases (the FNV-1a hash; the standard library's hasher
-/// promises no such thing).
-pub(crate) fn text_number(text: &str) -> u64 {
-    text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use rand::Rng;
@@ -61,12 +53,5 @@ mod tests {
         assert_ne!(base, first(1, Purpose::Decision, 2, 3));
         assert_ne!(base, first(1, Purpose::Search, 3, 3));
         assert_ne!(base, first(1, Purpose::Search, 2, 4));
-    }
-
-    #[test]
-    fn the_text_hash_matches_the_published_vectors() {
-        assert_eq!(text_number(""), 0xcbf2_9ce4_8422_2325);
-        assert_eq!(text_number("a"), 0xaf63_dc4c_8601_ec8c);
-        assert_eq!(text_number("foobar"), 0x8594_4171_f739_67e8);
     }
 }

@@ -55,6 +55,13 @@ pub fn median(values: &mut [f64]) -> f64 {
     lower / 2.0 + upper / 2.0
 }
 
+/// The median, the lower of the middle two of an even number: always one of the values. `None` of nothing.
+pub fn lower_median(values: &[f64]) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len().checked_sub(1)? / 2).copied()
+}
+
 /// The last measurements of one configuration in one state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {

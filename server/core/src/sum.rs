@@ -4,25 +4,29 @@ use serde::{Deserialize, Serialize};
 
 /// A compensated sum: what rounding takes from the running sum is kept and put back at the end (Neumaier,
 /// "Rundungsfehleranalyse einiger Verfahren zur Summation endlicher Summen", ZAMM 54, 1974). Its error does not
-/// grow with the number of terms.
+/// grow with the number of terms. Serialised as the running sum and what was taken from it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Sum {
-    sum: f64,
-    lost: f64,
+pub struct Sum(f64, f64);
+
+impl From<f64> for Sum {
+    /// A sum of one term.
+    fn from(term: f64) -> Self {
+        Sum(term, 0.0)
+    }
 }
 
 impl Sum {
     /// Adds a term.
     pub fn add(&mut self, term: f64) {
-        let sum = self.sum + term;
-        self.lost +=
-            if self.sum.abs() >= term.abs() { (self.sum - sum) + term } else { (term - sum) + self.sum };
-        self.sum = sum;
+        let Sum(sum, lost) = *self;
+        let total = sum + term;
+        let rounded_off = if sum.abs() >= term.abs() { (sum - total) + term } else { (term - total) + sum };
+        *self = Sum(total, lost + rounded_off);
     }
 
     /// The sum so far.
     pub fn value(&self) -> f64 {
-        self.sum + self.lost
+        self.0 + self.1
     }
 }
 

@@ -13,7 +13,7 @@ pub struct DatabaseConfig {
     /// Database file, created if it does not exist; or postgres://USER@HOST/DATABASE, which several daemons may
     /// share.
     #[arg(long, env = "TREEWRIGHT_DATABASE", hide_env_values = true, value_name = "FILE or URL")]
-    pub database: Given,
+    pub database: DatabaseArgument,
 
     /// File with the password for PostgreSQL. Without it the password comes from PGPASSFILE, ~/.pgpass,
     /// PGPASSWORD or the address.
@@ -27,9 +27,9 @@ pub struct DatabaseConfig {
 
 /// What was given as the database. Only a file is shown.
 #[derive(Clone)]
-pub struct Given(String);
+pub struct DatabaseArgument(String);
 
-impl FromStr for Given {
+impl FromStr for DatabaseArgument {
     type Err = &'static str;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
@@ -40,7 +40,7 @@ impl FromStr for Given {
     }
 }
 
-impl std::fmt::Debug for Given {
+impl std::fmt::Debug for DatabaseArgument {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         formatter.write_str(if PostgresAddress::is_one(&self.0) { "postgres://..." } else { &self.0 })
     }
@@ -70,7 +70,7 @@ impl DatabaseConfig {
     /// # Errors
     /// What is wrong and what would be right, without any password.
     pub fn read(&self) -> Result<Database, String> {
-        let Given(text) = &self.database;
+        let DatabaseArgument(text) = &self.database;
         if !PostgresAddress::is_one(text) {
             return match &self.database_password_file {
                 Some(_) => Err("--database-password-file goes with --database postgres://...".to_owned()),

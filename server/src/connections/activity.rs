@@ -5,7 +5,7 @@ use std::task::Context;
 
 use tokio::time::Instant;
 
-use super::places::Place;
+use super::slots::ConnectionSlot;
 use crate::limits;
 
 /// Bytes with which every HTTP/2 connection begins (RFC 9113, section 3.4).
@@ -15,7 +15,7 @@ const PREFACE_BYTES: u64 = 24;
 #[derive(Debug)]
 pub(crate) struct Activity {
     opened: Instant,
-    place: Place,
+    slot: ConnectionSlot,
     state: Mutex<ActivityState>,
 }
 
@@ -35,8 +35,8 @@ pub(crate) struct UnderWay {
 }
 
 impl Activity {
-    pub(super) fn new(opened: Instant, place: Place) -> Self {
-        Self { opened, place, state: Mutex::default() }
+    pub(super) fn new(opened: Instant, slot: ConnectionSlot) -> Self {
+        Self { opened, slot, state: Mutex::default() }
     }
 
     /// More bytes have come.
@@ -46,13 +46,13 @@ impl Activity {
 
     /// Whether the connection has to make room for others.
     pub(super) fn has_to_go(&self, context: &Context<'_>) -> bool {
-        self.place.has_to_go(context)
+        self.slot.has_to_go(context)
     }
 
-    /// A request on the connection was authorised: it has its place for as long as it is used.
+    /// A request on the connection was authorised: it has its slot for as long as it is used.
     pub(crate) fn settle(&self) {
         if !self.with(|state| std::mem::replace(&mut state.is_known, true)) {
-            self.place.settle();
+            self.slot.settle();
         }
     }
 
@@ -89,12 +89,12 @@ impl Drop for UnderWay {
 
 #[cfg(test)]
 mod tests {
-    use super::super::places::{ConnectionLimits, Places};
+    use super::super::slots::{ConnectionLimits, ConnectionSlots};
     use super::*;
 
     fn activity(opened: Instant) -> Arc<Activity> {
-        let place = Places::new(ConnectionLimits::default()).take(None).expect("room");
-        Arc::new(Activity::new(opened, place))
+        let slot = ConnectionSlots::new(ConnectionLimits::default()).take(None).expect("room");
+        Arc::new(Activity::new(opened, slot))
     }
 
     #[tokio::test(start_paused = true)]

@@ -2,12 +2,12 @@
 //!
 //! A connection must get on: its TLS handshake, the first bytes of HTTP/2 and its first authorised request each have a
 //! time limit, and one on which nothing is under way for long is closed. So whoever opens many and says little or
-//! nothing ("slow loris") cannot hold places that others need. `activity` keeps that time, `places` counts connections
+//! nothing ("slow loris") cannot hold slots that others need. `activity` keeps that time, `slots` counts connections
 //! and decides who makes room. What happens once a request has begun is limited in
 //! [`middleware`](crate::middleware).
 
 mod activity;
-mod places;
+mod slots;
 
 use std::io;
 use std::net::SocketAddr;
@@ -30,8 +30,8 @@ use crate::metrics::Metrics;
 use crate::tls::Tls;
 
 pub(crate) use activity::{Activity, UnderWay};
-pub use places::ConnectionLimits;
-pub(crate) use places::Places;
+pub use slots::ConnectionLimits;
+pub(crate) use slots::ConnectionSlots;
 
 /// A connection that counts until it is dropped.
 pub(crate) struct Connection {
@@ -51,7 +51,7 @@ enum Transport {
 pub(crate) fn accept(
     listener: TcpListener,
     tls: Option<Arc<Tls>>,
-    places: Places,
+    slots: ConnectionSlots,
     metrics: Arc<Metrics>,
 ) -> impl Stream<Item = io::Result<Connection>> {
     let (ready, connections) = mpsc::channel(limits::CONNECTIONS_READY);
@@ -70,15 +70,15 @@ pub(crate) fn accept(
                     continue;
                 }
             };
-            let place = match places.take(Some(address.ip().to_canonical())) {
-                Ok(place) => place,
+            let slot = match slots.take(Some(address.ip().to_canonical())) {
+                Ok(slot) => slot,
                 Err(reason) => {
                     metrics.connection_lost(reason);
                     tracing::debug!(%address, reason, "connection refused: too many are open");
                     continue;
                 }
             };
-            let activity = Arc::new(Activity::new(Instant::now(), place));
+            let activity = Arc::new(Activity::new(Instant::now(), slot));
             let (ready, tls, metrics) = (ready.clone(), tls.clone(), Arc::clone(&metrics));
             if tls.is_none() {
                 drop(ready.send(Ok(Connection::new(Transport::Plain(stream), activity, metrics))).await);

@@ -22,7 +22,7 @@ use treewright_core::tuner::Change;
 use treewright_store::{Receipt, StoreError};
 
 use studies::StudyFamilies;
-pub(crate) use study::{StudyFigures, Tally};
+pub(crate) use study::{FrameCounts, StudyFigures};
 
 /// An RPC.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
@@ -188,7 +188,7 @@ impl Metrics {
         );
         r.register(
             "unthought",
-            "Questions answered from the tables because no processor was free to think in time",
+            "Questions answered from the tables because no processor was free to compute a plan in time",
             self.unthought.clone(),
         );
         let build = Family::<BuildLabel, Gauge>::default();
@@ -268,16 +268,16 @@ impl Metrics {
         stored
     }
 
-    /// Waits for somebody who thinks about a question, and counts the time.
-    pub(crate) async fn thought<T>(&self, thinking: impl Future<Output = T>) -> T {
+    /// Waits for a plan to be computed, and counts the time.
+    pub(crate) async fn planned<T>(&self, computing: impl Future<Output = T>) -> T {
         let since = Instant::now();
-        let thought = thinking.await;
+        let plan = computing.await;
         self.thinking_seconds.observe(since.elapsed().as_secs_f64());
-        thought
+        plan
     }
 
-    /// A question was answered without having been thought about.
-    pub(crate) fn not_thought(&self) {
+    /// A question was answered from the tables because no processor was free to compute a plan.
+    pub(crate) fn not_planned(&self) {
         self.unthought.inc();
     }
 
@@ -385,7 +385,11 @@ mod tests {
             let figures = |study: &&str| StudyFigures {
                 study: (*study).to_owned(),
                 statistics: Statistics { trials: 7, ..Statistics::default() },
-                tally: Tally { frames: [1, 2, 3, 0], cost: [1.0, 5.5, 2.0, 0.0], ..Tally::default() },
+                tally: FrameCounts {
+                    frames: [1, 2, 3, 0],
+                    cost: [1.0, 5.5, 2.0, 0.0],
+                    ..FrameCounts::default()
+                },
                 errors: vec![("contextual", 0.25)],
                 unsaved_trials: 2,
                 model_age_ms: Some(1500),

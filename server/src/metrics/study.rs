@@ -3,7 +3,7 @@
 use treewright_core::trial::{Mode, Trial, TrialState};
 use treewright_core::tuner::{Change, Statistics, Tuner};
 
-/// The modes of trials, in the order of [`Tally`]'s sums.
+/// The modes of trials, in the order of [`FrameCounts`]'s sums.
 pub(crate) const MODES: [(Mode, &str); 4] = [
     (Mode::Default, "default"),
     (Mode::Explore, "explore"),
@@ -13,7 +13,7 @@ pub(crate) const MODES: [(Mode, &str); 4] = [
 
 /// What has been reported since the study came into memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Tally {
+pub(crate) struct FrameCounts {
     /// Reported frames with a cost, and those costs, by mode.
     pub(crate) frames: [u64; MODES.len()],
     pub(crate) cost: [f64; MODES.len()],
@@ -25,7 +25,7 @@ pub(crate) struct Tally {
     pub(crate) learnt_ms: Option<i64>,
 }
 
-impl Tally {
+impl FrameCounts {
     /// Counts what a tuner has just decided.
     pub(crate) fn add(&mut self, tuner: &Tuner, changes: &[Change]) {
         for trial in changes.iter().flat_map(|change| &change.trials) {
@@ -59,7 +59,7 @@ pub(crate) struct StudyFigures {
     /// Counts of the whole study.
     pub(crate) statistics: Statistics,
     /// What happened since it came into memory.
-    pub(crate) tally: Tally,
+    pub(crate) tally: FrameCounts,
     /// Mean relative error of each predictor, as the absolute logarithm, on trials it had not learnt.
     pub(crate) errors: Vec<(&'static str, f64)>,
     /// Completed trials that the last checkpoint does not cover: they would be learnt again at a start.

@@ -1,10 +1,10 @@
-//! Suggest and report, apart and in one: what a client does every frame.
+//! Suggest and report, as two requests or as one: what a client does every frame.
 
 use treewright_core::trial::{RawTrial, Trial, TrialState};
 use treewright_core::tuner::{Change, Tuner, TunerError};
 use treewright_store::{Fence, Receipt, Store};
 
-use super::thinking::{Apart, Prepared};
+use super::planning::{Preparation, Prepared};
 use super::{Live, Tuning};
 use crate::convert::from_proto::{Report, Suggest};
 use crate::error::Error;
@@ -41,7 +41,7 @@ impl FrameAnswer {
 }
 
 /// What the tuner made of a report.
-enum Taken {
+enum ReportOutcome {
     /// It completes an open trial.
     Now(Box<Trial>, Change),
     /// The trial is not open; the store knows what became of it.
@@ -59,8 +59,8 @@ impl Tuning {
         self.suggest_after(suggest, None).await
     }
 
-    /// The same, where something was found to be done apart first.
-    async fn suggest_after(&self, suggest: Suggest, begun: Option<Apart>) -> Result<Trial, Error> {
+    /// The same, where a preparation is known to be needed.
+    async fn suggest_after(&self, suggest: Suggest, begun: Option<Preparation>) -> Result<Trial, Error> {
         let (trial, receipt) = self
             .with_plan(&suggest.study, begun, |live, store, prepared, now_ms| {
                 Ok(live.suggest(&suggest, prepared, now_ms)?.map(|(trial, change)| {
@@ -107,13 +107,13 @@ impl Tuning {
     }
 
     async fn joint_frame(&self, report: Report, suggest: Suggest) -> FrameAnswer {
-        /// The report, what was suggested or has to be done apart first, when it is durable, and whether updates of
+        /// The report, what was suggested or has to be prepared first, when it is durable, and whether updates of
         /// the models were deferred.
-        type Joint = (Box<Trial>, Result<Result<Trial, TunerError>, Apart>, Receipt, bool);
+        type Joint = (Box<Trial>, Result<Result<Trial, TunerError>, Preparation>, Receipt, bool);
         let study = suggest.study.clone();
         let computed: Result<Option<Joint>, Error> = self
             .with_tuner(&study, |live, store, now_ms| {
-                let Taken::Now(completed, change) = take(&mut live.tuner, &report, now_ms) else {
+                let ReportOutcome::Now(completed, change) = take(&mut live.tuner, &report, now_ms) else {
                     return None;
                 };
                 let mut changes = vec![change];
@@ -129,8 +129,8 @@ impl Tuning {
             })
             .await;
         match computed {
-            Ok(Some((completed, Err(apart), receipt, _))) => {
-                let suggested = self.suggest_after(suggest, Some(apart));
+            Ok(Some((completed, Err(preparation), receipt, _))) => {
+                let suggested = self.suggest_after(suggest, Some(preparation));
                 let (durable, suggested) = tokio::join!(self.metrics().durable(receipt), suggested);
                 let reported = durable.map(|()| Reported::Taken(completed)).map_err(Error::from);
                 FrameAnswer { reported: Some(reported), suggested: Some(suggested) }
@@ -173,7 +173,7 @@ impl Tuning {
                     answer = self
                         .with_tuner(&report.trial.study, |live, store, now_ms| {
                             if !live.is_at(&fence, closed_changes) {
-                                return Ok(queue(live, store, Taken::Closed));
+                                return Ok(queue(live, store, ReportOutcome::Closed));
                             }
                             let trial = live.check(stored)?;
                             let (completed, change) = live.tuner.report(
@@ -183,7 +183,11 @@ impl Tuning {
                                 now_ms,
                             )?;
                             live.closed_changes += 1;
-                            Ok::<_, Error>(queue(live, store, Taken::Now(Box::new(completed), change)))
+                            Ok::<_, Error>(queue(
+                                live,
+                                store,
+                                ReportOutcome::Now(Box::new(completed), change),
+                            ))
                         })
                         .await??;
                 }
@@ -219,13 +223,13 @@ impl Live {
         }
     }
 
-    /// Answers a question, or tells what has to be done apart first.
+    /// Answers a question, or says what has to be prepared first.
     fn suggest(
         &mut self,
         suggest: &Suggest,
         prepared: Prepared,
         now_ms: i64,
-    ) -> Result<Result<(Trial, Change), TunerError>, Apart> {
+    ) -> Result<Result<(Trial, Change), TunerError>, Preparation> {
         let Suggest { ask, wanted, .. } = suggest;
         if let Some(wanted) = wanted {
             return Ok(self.tuner.suggest_wanted(ask, wanted.clone(), now_ms));
@@ -237,8 +241,8 @@ impl Live {
             Ok(question) => question,
             Err(refused) => return Ok(Err(refused)),
         };
-        match self.tuner.plan(&question, |state| self.searched.is_free(state)) {
-            Some(request) => Err(self.apart(request, prepared.is_updated)),
+        match self.tuner.plan(&question, |state| self.planned_searches.is_free(state)) {
+            Some(request) => Err(self.preparation(request, prepared.is_updated)),
             None => Ok(self.tuner.suggest_now(question, now_ms)),
         }
     }
@@ -265,24 +269,24 @@ impl Live {
     }
 }
 
-fn take(tuner: &mut Tuner, report: &Report, now_ms: i64) -> Taken {
+fn take(tuner: &mut Tuner, report: &Report, now_ms: i64) -> ReportOutcome {
     let Some(open) = tuner.open_trial(report.trial.number).cloned() else {
-        return Taken::Closed;
+        return ReportOutcome::Closed;
     };
     let taken = tuner.report(&open, report.measurements.clone(), report.outcome.clone(), now_ms);
     match taken {
-        Ok((completed, change)) => Taken::Now(Box::new(completed), change),
-        Err(error) => Taken::Refused(error),
+        Ok((completed, change)) => ReportOutcome::Now(Box::new(completed), change),
+        Err(error) => ReportOutcome::Refused(error),
     }
 }
 
-fn queue(live: &mut Live, store: &dyn Store, taken: Taken) -> Queued {
+fn queue(live: &mut Live, store: &dyn Store, taken: ReportOutcome) -> Queued {
     match taken {
-        Taken::Now(completed, change) => {
+        ReportOutcome::Now(completed, change) => {
             Queued::Taken(completed, live.commit(store, &[change]), live.tuner.has_deferred_updates())
         }
-        Taken::Closed => Queued::Closed(live.mark(store)),
-        Taken::Refused(error) => Queued::Refused(error),
+        ReportOutcome::Closed => Queued::Closed(live.mark(store)),
+        ReportOutcome::Refused(error) => Queued::Refused(error),
     }
 }
 

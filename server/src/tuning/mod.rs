@@ -2,7 +2,7 @@
 //!
 //! The order is always the same: take the tuner's lock, compute, queue the change, let go of the lock, wait until the
 //! change is durable, answer. Nothing is answered that is not on the disk. No model is fitted under the lock:
-//! `thinking` does that before. `runtime` holds the tuners in memory, `loading` reads a study from the database,
+//! `planning` does that before. `runtime` holds the tuners in memory, `loading` reads a study from the database,
 //! `checkpoints` saves what was learnt so that less has to be read, `retention` removes old trials, `frames` suggests
 //! and reports, `trials` does what concerns one trial, `studies` what concerns a study, `figures` collects what the
 //! metrics show.
@@ -11,10 +11,10 @@ mod checkpoints;
 mod figures;
 mod frames;
 mod loading;
+mod planning;
 mod retention;
 mod runtime;
 mod studies;
-mod thinking;
 mod trials;
 
 use std::collections::HashMap;
@@ -37,8 +37,8 @@ pub struct Tuning {
     environment: Arc<Environment>,
     /// Completed trials after which a checkpoint is worth its bytes, as long as it is small.
     checkpoint_after: u64,
-    /// Places for model fits that run at once.
-    thinking: Arc<Semaphore>,
+    /// Permits for plans that are computed at once.
+    planning_permits: Arc<Semaphore>,
     runtimes: Mutex<Runtimes>,
 }
 
@@ -62,8 +62,8 @@ impl Tuning {
     #[must_use]
     pub fn new(store: Arc<dyn Store>, clock: Arc<dyn Clock>) -> Self {
         let environment = Arc::new(Environment { store, clock, metrics: Arc::default() });
-        let (checkpoint_after, thinking) = (CHECKPOINT_TRIALS_MIN, thinking::places());
-        Self { environment, checkpoint_after, thinking, runtimes: Mutex::default() }
+        let (checkpoint_after, planning_permits) = (CHECKPOINT_TRIALS_MIN, planning::permits());
+        Self { environment, checkpoint_after, planning_permits, runtimes: Mutex::default() }
     }
 
     /// Counts in `metrics`, instead of in figures that nobody else sees.

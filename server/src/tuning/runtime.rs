@@ -20,10 +20,10 @@ use treewright_store::{Fence, Receipt, Store};
 use super::Environment;
 use super::checkpoints::Saved;
 use super::loading::{self, Read};
-use super::thinking::Searched;
+use super::planning::PlannedSearches;
 use crate::error::Error;
 use crate::limits::LOADING_WAIT;
-use crate::metrics::{Metrics, Tally};
+use crate::metrics::{FrameCounts, Metrics};
 
 /// How often a study is loaded for one request, should its fence break at once each time.
 const LOADS_PER_REQUEST: usize = 3;
@@ -96,9 +96,9 @@ pub(super) struct Live {
     /// The last checkpoint.
     pub(super) saved: Saved,
     /// The states whose search somebody plans for.
-    pub(super) searched: Searched,
+    pub(super) planned_searches: PlannedSearches,
     /// For those who watch.
-    pub(super) tally: Tally,
+    pub(super) tally: FrameCounts,
     /// Up to which completion there was a checkpoint when trials were last looked through for what can go.
     pub(super) thinned: u64,
     /// The tuner has to be read anew: its policy needs models that it lacks.
@@ -214,7 +214,7 @@ fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
     let completed = tuner.statistics().completed_trials;
     tracing::info!(study, completed, from_checkpoint = saved.completion, "study loaded");
     let metrics = Arc::clone(&runtime.environment.metrics);
-    let (tally, searched) = (Tally::default(), Searched::default());
+    let (tally, planned_searches) = (FrameCounts::default(), PlannedSearches::default());
     *runtime.lock() = Some(Live {
         tuner,
         fence,
@@ -222,7 +222,7 @@ fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
         closed_changes: 0,
         saved,
         thinned: 0,
-        searched,
+        planned_searches,
         tally,
         is_stale: false,
     });

@@ -7,6 +7,8 @@
 
 use std::fmt::Write as _;
 
+use treewright_core::fnv;
+
 use crate::limits;
 
 /// A page token that this server did not give out, or gave out for another question.
@@ -14,7 +16,7 @@ use crate::limits;
 #[error(
     "page_token does not belong to this request; repeat the request that gave it, with the same filter and order, or begin again without a token"
 )]
-pub struct TokenError;
+pub struct PageTokenError;
 
 /// The last row of a page of trials.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,21 +38,21 @@ impl Cursor {
     /// Reads a token; an empty one is no place.
     ///
     /// # Errors
-    /// [`TokenError`] when the token was not made by [`token`](Self::token) for the same question.
-    pub fn parse(token: &str, question: &[&str]) -> Result<Option<Self>, TokenError> {
+    /// [`PageTokenError`] when the token was not made by [`token`](Self::token) for the same question.
+    pub fn parse(token: &str, question: &[&str]) -> Result<Option<Self>, PageTokenError> {
         if token.is_empty() {
             return Ok(None);
         }
         let text = open(token, question)?;
-        let (value, number) = text.split_once(' ').ok_or(TokenError)?;
+        let (value, number) = text.split_once(' ').ok_or(PageTokenError)?;
         let value = match value {
             "-" => None,
-            bits => Some(f64::from_bits(u64::from_str_radix(bits, 16).map_err(|_| TokenError)?)),
+            bits => Some(f64::from_bits(u64::from_str_radix(bits, 16).map_err(|_| PageTokenError)?)),
         };
         if value.is_some_and(|value| !value.is_finite()) {
-            return Err(TokenError);
+            return Err(PageTokenError);
         }
-        Ok(Some(Self { value, number: number.parse().map_err(|_| TokenError)? }))
+        Ok(Some(Self { value, number: number.parse().map_err(|_| PageTokenError)? }))
     }
 }
 
@@ -68,33 +70,27 @@ pub fn seal(text: &str, question: &[&str]) -> String {
 /// Reads a token that [`seal`] made.
 ///
 /// # Errors
-/// [`TokenError`] when the token was not made for the same question.
-pub fn open(token: &str, question: &[&str]) -> Result<String, TokenError> {
+/// [`PageTokenError`] when the token was not made for the same question.
+pub fn open(token: &str, question: &[&str]) -> Result<String, PageTokenError> {
     if token.len() > limits::TOKEN_CHARACTERS || !token.is_ascii() || !token.len().is_multiple_of(2) {
-        return Err(TokenError);
+        return Err(PageTokenError);
     }
-    let (digits, body) = token.split_at_checked(16).ok_or(TokenError)?;
+    let (digits, body) = token.split_at_checked(16).ok_or(PageTokenError)?;
     let bytes = (0..body.len() / 2)
         .map(|i| u8::from_str_radix(&body[2 * i..2 * i + 2], 16))
         .collect::<Result<Vec<u8>, _>>()
-        .map_err(|_| TokenError)?;
-    let text = String::from_utf8(bytes).map_err(|_| TokenError)?;
+        .map_err(|_| PageTokenError)?;
+    let text = String::from_utf8(bytes).map_err(|_| PageTokenError)?;
     match u64::from_str_radix(digits, 16) {
         Ok(found) if found == digest(&text, question) => Ok(text),
-        _ => Err(TokenError),
+        _ => Err(PageTokenError),
     }
 }
 
-/// FNV-1a (Fowler, Noll, Vo) over the text and the question's parts. It guards against mistakes, not
-/// against malice: a forged token could only ask for a page its sender may read anyway.
+/// A check sum over the text and the question's parts. It guards against mistakes, not against malice: a forged token
+/// could only ask for a page its sender may read anyway.
 fn digest(text: &str, question: &[&str]) -> u64 {
-    let mut hash: u64 = 0xcbf2_9ce4_8422_2325;
-    for part in std::iter::once(&text).chain(question) {
-        for byte in part.bytes().chain([0xff]) {
-            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
-        }
-    }
-    hash
+    fnv::hash(std::iter::once(&text).chain(question).flat_map(|part| part.bytes().chain([0xff])))
 }
 
 #[cfg(test)]
@@ -120,16 +116,16 @@ mod tests {
         for other in
             [["sponza", "cost < 4", "cost"], ["hall", "cost < 3", "cost"], ["sponza", "cost < 3cost", ""]]
         {
-            assert_eq!(Cursor::parse(&token, &other), Err(TokenError));
+            assert_eq!(Cursor::parse(&token, &other), Err(PageTokenError));
         }
         for at in 0..token.len() {
             let mut mangled = token.clone().into_bytes();
             mangled[at] = if mangled[at] == b'1' { b'2' } else { b'1' };
             let mangled = String::from_utf8(mangled).unwrap();
-            assert_eq!(Cursor::parse(&mangled, &QUESTION), Err(TokenError));
+            assert_eq!(Cursor::parse(&mangled, &QUESTION), Err(PageTokenError));
         }
         for nonsense in ["x", "zz", "0123456789abcdef", "é0", &"0".repeat(1000)] {
-            assert_eq!(Cursor::parse(nonsense, &QUESTION), Err(TokenError));
+            assert_eq!(Cursor::parse(nonsense, &QUESTION), Err(PageTokenError));
         }
     }
 }

@@ -8,6 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use tokio::sync::{Notify, oneshot};
 use tokio::time::{Instant, sleep, sleep_until};
+use treewright_core::fnv;
 use treewright_server::convert::from_proto;
 use treewright_store::limits::REPLICA_LAPSE;
 use treewright_store::{Store as _, StoreError};
@@ -200,7 +201,7 @@ impl World {
             cut_until: vec![None; plan.clients as usize],
             away: vec![None; plan.replicas],
             asleep: vec![None; plan.replicas],
-            fingerprint: 0xcbf2_9ce4_8422_2325,
+            fingerprint: fnv::EMPTY,
             ..Inner::default()
         };
         World {
@@ -259,7 +260,7 @@ impl World {
         inner.steps += 1;
         // Fowler, Noll and Vo's hash, 1a.
         for byte in what.bytes().chain(time.to_le_bytes()) {
-            inner.fingerprint = (inner.fingerprint ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
+            inner.fingerprint = fnv::add(inner.fingerprint, u64::from(byte));
         }
         if inner.steps >= self.plan.steps && !inner.is_over {
             inner.is_over = true;

@@ -5,9 +5,9 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 
+use super::generator::{Generator, LightAndPath, key};
 use super::noise::at_cell;
 use super::palette::{glow, matt, metal, polished, steel};
-use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{Material, SceneError, Sky, Sun};
 
@@ -36,15 +36,15 @@ struct Kit {
     cars: Vec<u32>,
 }
 
-pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
-    let kit = kit(stage);
-    let blocks = ((BLOCKS * stage.options.detail.sqrt()).round() as usize).max(1);
+pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
+    let kit = kit(generator);
+    let blocks = ((BLOCKS * generator.options.detail.sqrt()).round() as usize).max(1);
     let half = blocks as f32 * PITCH * 0.5;
-    streets(stage, &kit, blocks, half)?;
+    streets(generator, &kit, blocks, half)?;
     for column in 0..blocks {
         for row in 0..blocks {
             let corner = Vec3::new(-half + column as f32 * PITCH, 0.0, -half + row as f32 * PITCH);
-            block(stage, &kit, corner, half)?;
+            block(generator, &kit, corner, half)?;
         }
     }
     let at = |x: f32, y: f32, z: f32| [x * half, y, z * half];
@@ -65,28 +65,28 @@ pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     })
 }
 
-fn kit(stage: &mut Stage) -> Kit {
+fn kit(generator: &mut Generator) -> Kit {
     let walls =
         [(0.62, 0.55, 0.46), (0.48, 0.22, 0.15), (0.55, 0.56, 0.58), (0.72, 0.68, 0.6), (0.3, 0.32, 0.36)];
     let cars =
         [(0.6, 0.05, 0.04), (0.85, 0.85, 0.85), (0.04, 0.05, 0.06), (0.06, 0.15, 0.4), (0.8, 0.55, 0.05)];
     Kit {
-        walls: walls.iter().map(|(r, g, b)| stage.material(matt(*r, *g, *b))).collect(),
-        pane: stage.material(Material { metallic: 0.6, ..polished(0.25, 0.32, 0.38, 0.05) }),
-        lit_panes: [stage.material(glow(3.2, 2.1, 1.0)), stage.material(glow(1.6, 1.7, 1.9))],
-        roof: stage.material(matt(0.24, 0.23, 0.22)),
-        pavement: stage.material(matt(0.42, 0.41, 0.4)),
-        asphalt: stage.material(polished(0.07, 0.07, 0.075, 0.7)),
-        paint: stage.material(matt(0.75, 0.75, 0.72)),
-        steel: stage.material(steel()),
-        lamp: stage.material(glow(60.0, 42.0, 22.0)),
-        trunk: stage.material(matt(0.17, 0.1, 0.06)),
-        leaves: stage.material(matt(0.12, 0.24, 0.06)),
-        cars: cars.iter().map(|(r, g, b)| stage.material(metal(*r, *g, *b, 0.25))).collect(),
+        walls: walls.iter().map(|(r, g, b)| generator.material(matt(*r, *g, *b))).collect(),
+        pane: generator.material(Material { metallic: 0.6, ..polished(0.25, 0.32, 0.38, 0.05) }),
+        lit_panes: [generator.material(glow(3.2, 2.1, 1.0)), generator.material(glow(1.6, 1.7, 1.9))],
+        roof: generator.material(matt(0.24, 0.23, 0.22)),
+        pavement: generator.material(matt(0.42, 0.41, 0.4)),
+        asphalt: generator.material(polished(0.07, 0.07, 0.075, 0.7)),
+        paint: generator.material(matt(0.75, 0.75, 0.72)),
+        steel: generator.material(steel()),
+        lamp: generator.material(glow(60.0, 42.0, 22.0)),
+        trunk: generator.material(matt(0.17, 0.1, 0.06)),
+        leaves: generator.material(matt(0.12, 0.24, 0.06)),
+        cars: cars.iter().map(|(r, g, b)| generator.material(metal(*r, *g, *b, 0.25))).collect(),
     }
 }
 
-fn streets(stage: &mut Stage, kit: &Kit, blocks: usize, half: f32) -> Result<(), SceneError> {
+fn streets(generator: &mut Generator, kit: &Kit, blocks: usize, half: f32) -> Result<(), SceneError> {
     let mut road = Shapes::new();
     let reach = half + STREET;
     road.quad(
@@ -95,7 +95,7 @@ fn streets(stage: &mut Stage, kit: &Kit, blocks: usize, half: f32) -> Result<(),
         Vec3::new(reach, 0.0, -reach),
         Vec3::new(-reach, 0.0, -reach),
     );
-    stage.add("road", kit.asphalt, &road)?;
+    generator.add("road", kit.asphalt, &road)?;
     let mut marks = Shapes::new();
     for line in 0..=blocks {
         let middle = -half + line as f32 * PITCH;
@@ -108,73 +108,80 @@ fn streets(stage: &mut Stage, kit: &Kit, blocks: usize, half: f32) -> Result<(),
             along += 6.4;
         }
     }
-    stage.add("road marks", kit.paint, &marks)
+    generator.add("road marks", kit.paint, &marks)
 }
 
 /// Four or fewer buildings on a pavement, or a park.
-fn block(stage: &mut Stage, kit: &Kit, corner: Vec3, half: f32) -> Result<(), SceneError> {
+fn block(generator: &mut Generator, kit: &Kit, corner: Vec3, half: f32) -> Result<(), SceneError> {
     let inset = STREET * 0.5 - 3.0;
     let (low, high) =
         (corner + Vec3::new(inset, 0.0, inset), corner + Vec3::new(PITCH - inset, 0.16, PITCH - inset));
     let mut pavement = Shapes::new();
     pavement.bevelled_slab(low, high, 0.05);
-    stage.add("pavement", kit.pavement, &pavement)?;
-    furniture(stage, kit, low, high)?;
+    generator.add("pavement", kit.pavement, &pavement)?;
+    furniture(generator, kit, low, high)?;
     let middle = corner + Vec3::new(PITCH, 0.0, PITCH) * 0.5;
     // Towers grow towards the middle of the city.
     let central = 1.0 - (Vec2::new(middle.x, middle.z).length() / half.max(PITCH)).min(1.0);
-    if stage.chance(0.1) {
-        return park(stage, kit, low, high);
+    if generator.chance(0.1) {
+        return park(generator, kit, low, high);
     }
     let room = PITCH - 2.0 * (STREET * 0.5 + 0.5);
     let start = corner + Vec3::new(1.0, 0.0, 1.0) * (STREET * 0.5 + 0.5) + Vec3::Y * 0.16;
-    let cut = stage.between(0.4, 0.6) * room;
+    let cut = generator.between(0.4, 0.6) * room;
     for (x, width) in [(0.0, cut), (cut, room - cut)] {
-        let cut = stage.between(0.4, 0.6) * room;
+        let cut = generator.between(0.4, 0.6) * room;
         for (z, depth) in [(0.0, cut), (cut, room - cut)] {
             let lot = start + Vec3::new(x + 0.8, 0.0, z + 0.8);
             let size = Vec2::new(width - 1.6, depth - 1.6);
-            let storeys = 3.0 + stage.between(0.0, 5.0) + central * central * stage.between(4.0, 22.0);
-            building(stage, kit, lot, size, storeys as usize)?;
+            let storeys =
+                3.0 + generator.between(0.0, 5.0) + central * central * generator.between(4.0, 22.0);
+            building(generator, kit, lot, size, storeys as usize)?;
         }
     }
     Ok(())
 }
 
 /// A tower that steps back once or twice on its way up.
-fn building(stage: &mut Stage, kit: &Kit, lot: Vec3, size: Vec2, storeys: usize) -> Result<(), SceneError> {
-    let wall = kit.walls[stage.below(kit.walls.len())];
+fn building(
+    generator: &mut Generator,
+    kit: &Kit,
+    lot: Vec3,
+    size: Vec2,
+    storeys: usize,
+) -> Result<(), SceneError> {
+    let wall = kit.walls[generator.below(kit.walls.len())];
     let (mut walls, mut roofs) = (Shapes::new(), Shapes::new());
     let mut panes = [Shapes::new(), Shapes::new(), Shapes::new()];
     let (mut corner, mut size, mut left) = (lot, size, storeys);
-    let bay = stage.between(3.0, 4.4);
-    let share = Vec2::new(stage.between(0.45, 0.75), stage.between(0.5, 0.72));
+    let bay = generator.between(3.0, 4.4);
+    let share = Vec2::new(generator.between(0.45, 0.75), generator.between(0.5, 0.72));
     while left > 0 {
         let floors = if left > 7 { left * 2 / 3 } else { left };
         let height = floors as f32 * STOREY;
-        facades(stage, &mut walls, &mut panes, corner, size, floors, bay, share);
+        facades(generator, &mut walls, &mut panes, corner, size, floors, bay, share);
         let top = corner + Vec3::Y * height;
         roofs.open_cuboid(top, top + Vec3::new(size.x, 0.05, size.y), false);
         parapet(&mut walls, top, size);
         left -= floors;
         if left == 0 {
-            rooftop(stage, &mut roofs, top, size);
+            rooftop(generator, &mut roofs, top, size);
         }
-        let back = Vec2::new(stage.between(0.1, 0.18), stage.between(0.1, 0.18)) * size;
+        let back = Vec2::new(generator.between(0.1, 0.18), generator.between(0.1, 0.18)) * size;
         corner = top + Vec3::new(back.x, 0.0, back.y);
         size -= back * 2.0;
     }
-    stage.add("building", wall, &walls)?;
-    stage.add("roof", kit.roof, &roofs)?;
-    stage.add("panes", kit.pane, &panes[0])?;
-    stage.add("lit panes", kit.lit_panes[0], &panes[1])?;
-    stage.add("lit panes", kit.lit_panes[1], &panes[2])
+    generator.add("building", wall, &walls)?;
+    generator.add("roof", kit.roof, &roofs)?;
+    generator.add("panes", kit.pane, &panes[0])?;
+    generator.add("lit panes", kit.lit_panes[0], &panes[1])?;
+    generator.add("lit panes", kit.lit_panes[1], &panes[2])
 }
 
 /// The four sides of a storeyed block, a grid of windows each.
 #[allow(clippy::too_many_arguments, reason = "one call site; the arguments are the drawing of one block")]
 fn facades(
-    stage: &mut Stage,
+    generator: &mut Generator,
     walls: &mut Shapes,
     panes: &mut [Shapes; 3],
     corner: Vec3,
@@ -190,7 +197,7 @@ fn facades(
         (corner + x * size.x, -x, -z, size.x),
         (corner, z, -x, size.y),
     ];
-    let seed = stage.options.seed;
+    let seed = generator.options.seed;
     for (origin, right, front, width) in sides {
         let columns = ((width / bay) as usize).max(1);
         let step = width / columns as f32;
@@ -274,14 +281,16 @@ fn parapet(walls: &mut Shapes, top: Vec3, size: Vec2) {
 }
 
 /// Machine boxes, a water tank on legs, an aerial.
-fn rooftop(stage: &mut Stage, shapes: &mut Shapes, top: Vec3, size: Vec2) {
-    for _ in 0..2 + stage.below(4) {
-        let at = top + Vec3::new(stage.between(0.15, 0.7) * size.x, 0.0, stage.between(0.15, 0.7) * size.y);
-        let extent = Vec3::new(stage.between(1.2, 3.0), stage.between(0.8, 2.4), stage.between(1.2, 3.0));
+fn rooftop(generator: &mut Generator, shapes: &mut Shapes, top: Vec3, size: Vec2) {
+    for _ in 0..2 + generator.below(4) {
+        let at = top
+            + Vec3::new(generator.between(0.15, 0.7) * size.x, 0.0, generator.between(0.15, 0.7) * size.y);
+        let extent =
+            Vec3::new(generator.between(1.2, 3.0), generator.between(0.8, 2.4), generator.between(1.2, 3.0));
         shapes.open_cuboid(at, at + extent, false);
     }
-    let at = top + Vec3::new(stage.between(0.3, 0.7) * size.x, 0.0, stage.between(0.3, 0.7) * size.y);
-    if stage.chance(0.5) {
+    let at = top + Vec3::new(generator.between(0.3, 0.7) * size.x, 0.0, generator.between(0.3, 0.7) * size.y);
+    if generator.chance(0.5) {
         for (x, z) in [(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)] {
             let foot = at + Vec3::new(x, 0.0, z);
             shapes.rod(foot, foot + Vec3::Y * 2.4, 0.08, 5);
@@ -291,12 +300,12 @@ fn rooftop(stage: &mut Stage, shapes: &mut Shapes, top: Vec3, size: Vec2) {
         shapes.lathe(at, &tank, 16);
         shapes.disc(at + Vec3::Y * 2.4, 1.3, 16);
     } else {
-        shapes.rod(at, at + Vec3::Y * stage.between(5.0, 14.0), 0.06, 5);
+        shapes.rod(at, at + Vec3::Y * generator.between(5.0, 14.0), 0.06, 5);
     }
 }
 
 /// Lamps, trees and parked cars along the kerb.
-fn furniture(stage: &mut Stage, kit: &Kit, low: Vec3, high: Vec3) -> Result<(), SceneError> {
+fn furniture(generator: &mut Generator, kit: &Kit, low: Vec3, high: Vec3) -> Result<(), SceneError> {
     let (mut posts, mut bulbs, mut trunks, mut crowns) =
         (Shapes::new(), Shapes::new(), Shapes::new(), Shapes::new());
     let y = high.y;
@@ -316,30 +325,30 @@ fn furniture(stage: &mut Stage, kit: &Kit, low: Vec3, high: Vec3) -> Result<(), 
             bulbs.sphere(head - Vec3::Y * 0.1, 0.18, 8, 5);
         }
         for tree in 0..4 {
-            if stage.chance(0.75) {
+            if generator.chance(0.75) {
                 let foot = place((tree as f32 + 0.25) * length / 4.0, 1.2);
-                plant(stage, &mut trunks, &mut crowns, foot);
+                plant(generator, &mut trunks, &mut crowns, foot);
             }
         }
         for slot in 0..5 {
-            if stage.chance(0.45) {
+            if generator.chance(0.45) {
                 let along = (slot as f32 + 0.5) * length / 5.0;
                 let (from, to) = (place(along - 2.1, -1.2), place(along + 2.1, -1.2));
-                car(stage, kit, from.with_y(0.0), to.with_y(0.0))?;
+                car(generator, kit, from.with_y(0.0), to.with_y(0.0))?;
             }
         }
     }
-    stage.add("lamp posts", kit.steel, &posts)?;
-    stage.add("street lamps", kit.lamp, &bulbs)?;
-    stage.add("trunks", kit.trunk, &trunks)?;
-    stage.add("crowns", kit.leaves, &crowns)
+    generator.add("lamp posts", kit.steel, &posts)?;
+    generator.add("street lamps", kit.lamp, &bulbs)?;
+    generator.add("trunks", kit.trunk, &trunks)?;
+    generator.add("crowns", kit.leaves, &crowns)
 }
 
-fn plant(stage: &mut Stage, trunks: &mut Shapes, crowns: &mut Shapes, foot: Vec3) {
-    let height = stage.between(2.2, 3.4);
+fn plant(generator: &mut Generator, trunks: &mut Shapes, crowns: &mut Shapes, foot: Vec3) {
+    let height = generator.between(2.2, 3.4);
     trunks.rod(foot, foot + Vec3::Y * height, 0.14, 6);
-    let (middle, radius) = (foot + Vec3::Y * (height + 1.0), stage.between(1.2, 1.9));
-    let phase = stage.between(0.0, 6.0);
+    let (middle, radius) = (foot + Vec3::Y * (height + 1.0), generator.between(1.2, 1.9));
+    let phase = generator.between(0.0, 6.0);
     crowns.surface(12, 8, true, |u, v| {
         let (sin, cos) = (2.0 * PI * u).sin_cos();
         let (up, out) = (PI * (v - 0.5)).sin_cos();
@@ -349,7 +358,7 @@ fn plant(stage: &mut Stage, trunks: &mut Shapes, crowns: &mut Shapes, foot: Vec3
 }
 
 /// A car between two ends, from rear to front.
-fn car(stage: &mut Stage, kit: &Kit, rear: Vec3, front: Vec3) -> Result<(), SceneError> {
+fn car(generator: &mut Generator, kit: &Kit, rear: Vec3, front: Vec3) -> Result<(), SceneError> {
     let along = (front - rear) / 8.0;
     let side = Vec3::Y.cross(along).normalize_or(Vec3::X);
     let outline =
@@ -370,7 +379,11 @@ fn car(stage: &mut Stage, kit: &Kit, rear: Vec3, front: Vec3) -> Result<(), Scen
             }
         }
     }
-    stage.add("car", kit.cars[(rear.x.abs() * 7.0 + rear.z.abs() * 3.0) as usize % kit.cars.len()], &body)?;
+    generator.add(
+        "car",
+        kit.cars[(rear.x.abs() * 7.0 + rear.z.abs() * 3.0) as usize % kit.cars.len()],
+        &body,
+    )?;
     let mut wheels = Shapes::new();
     for x in [1.5, 6.4] {
         for offset in [-0.8, 0.62] {
@@ -378,25 +391,25 @@ fn car(stage: &mut Stage, kit: &Kit, rear: Vec3, front: Vec3) -> Result<(), Scen
             wheels.rod(hub, hub + side * 0.18, 0.33, 10);
         }
     }
-    stage.add("wheels", kit.asphalt, &wheels)
+    generator.add("wheels", kit.asphalt, &wheels)
 }
 
 /// A lawn with trees.
-fn park(stage: &mut Stage, kit: &Kit, low: Vec3, high: Vec3) -> Result<(), SceneError> {
-    let lawn = stage.material(matt(0.16, 0.3, 0.08));
+fn park(generator: &mut Generator, kit: &Kit, low: Vec3, high: Vec3) -> Result<(), SceneError> {
+    let lawn = generator.material(matt(0.16, 0.3, 0.08));
     let mut grass = Shapes::new();
     let inset = Vec3::new(4.0, 0.0, 4.0);
     grass.bevelled_slab(low + inset, high - inset + Vec3::Y * 0.12, 0.08);
-    stage.add("lawn", lawn, &grass)?;
+    generator.add("lawn", lawn, &grass)?;
     let (mut trunks, mut crowns) = (Shapes::new(), Shapes::new());
     for _ in 0..40 {
         let foot = Vec3::new(
-            stage.between(low.x + 7.0, high.x - 7.0),
+            generator.between(low.x + 7.0, high.x - 7.0),
             high.y + 0.12,
-            stage.between(low.z + 7.0, high.z - 7.0),
+            generator.between(low.z + 7.0, high.z - 7.0),
         );
-        plant(stage, &mut trunks, &mut crowns, foot);
+        plant(generator, &mut trunks, &mut crowns, foot);
     }
-    stage.add("trunks", kit.trunk, &trunks)?;
-    stage.add("crowns", kit.leaves, &crowns)
+    generator.add("trunks", kit.trunk, &trunks)?;
+    generator.add("crowns", kit.leaves, &crowns)
 }

@@ -6,9 +6,9 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3};
 
 use super::architecture::{Opening, WallPlane, arched_wall, archivolt, column};
+use super::generator::{Generator, LightAndPath, key};
 use super::noise::octaves;
 use super::palette::{brass, glass, glow, matt, metal, polished};
-use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{SceneError, Sky, Sun};
 
@@ -20,12 +20,12 @@ const COLUMN: f32 = 2.6;
 const EAVES: f32 = 4.6;
 const BAYS: usize = 4;
 
-pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
-    floor(stage)?;
-    arcade(stage)?;
-    fountain(stage)?;
-    tree(stage)?;
-    ornaments(stage)?;
+pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
+    floor(generator)?;
+    arcade(generator)?;
+    fountain(generator)?;
+    tree(generator)?;
+    ornaments(generator)?;
     Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(0.26, 0.45, 0.85),
@@ -42,10 +42,12 @@ pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     })
 }
 
-fn floor(stage: &mut Stage) -> Result<(), SceneError> {
-    let shades =
-        [stage.material(polished(0.62, 0.52, 0.4, 0.5)), stage.material(polished(0.46, 0.3, 0.22, 0.5))];
-    let across = stage.segments(16);
+fn floor(generator: &mut Generator) -> Result<(), SceneError> {
+    let shades = [
+        generator.material(polished(0.62, 0.52, 0.4, 0.5)),
+        generator.material(polished(0.46, 0.3, 0.22, 0.5)),
+    ];
+    let across = generator.segments(16);
     let step = 2.0 * (HALF + WALK) / across as f32;
     let mut tiles = [Shapes::new(), Shapes::new()];
     for column in 0..across {
@@ -60,19 +62,19 @@ fn floor(stage: &mut Stage) -> Result<(), SceneError> {
         }
     }
     for (shapes, material) in tiles.iter().zip(shades) {
-        stage.add("tiles", material, shapes)?;
+        generator.add("tiles", material, shapes)?;
     }
     let mut bed = Shapes::new();
     let half = HALF + WALK;
     bed.cuboid(Vec3::new(-half, -0.4, -half), Vec3::new(half, -0.03, half));
-    stage.add("bed", shades[1], &bed)
+    generator.add("bed", shades[1], &bed)
 }
 
-fn arcade(stage: &mut Stage) -> Result<(), SceneError> {
-    let plaster = stage.material(matt(0.78, 0.62, 0.44));
-    let marble = stage.material(polished(0.8, 0.78, 0.74, 0.35));
-    let tiles = stage.material(matt(0.55, 0.22, 0.13));
-    let (around, rows, arc) = (stage.segments(12), stage.segments(5), stage.segments(8));
+fn arcade(generator: &mut Generator) -> Result<(), SceneError> {
+    let plaster = generator.material(matt(0.78, 0.62, 0.44));
+    let marble = generator.material(polished(0.8, 0.78, 0.74, 0.35));
+    let tiles = generator.material(matt(0.55, 0.22, 0.13));
+    let (around, rows, arc) = (generator.segments(12), generator.segments(5), generator.segments(8));
     let (mut walls, mut trims, mut roof) = (Shapes::new(), Shapes::new(), Shapes::new());
     let bay = 2.0 * HALF / BAYS as f32;
     let turns =
@@ -91,13 +93,13 @@ fn arcade(stage: &mut Stage) -> Result<(), SceneError> {
             archivolt(&mut trims, &plane, &arch, 0.2, arc);
             let mut shapes = Shapes::new();
             column(&mut shapes, plane.corner.with_y(0.0) - front * 0.17, COLUMN, 0.19, around, rows);
-            stage.add("column", marble, &shapes)?;
+            generator.add("column", marble, &shapes)?;
         }
         let back = |x: f32, y: f32| right * x - front * (HALF + WALK) + Vec3::Y * y;
         let out = HALF + WALK;
         walls.quad(back(-out, 0.0), back(out, 0.0), back(out, EAVES + 1.1), back(-out, EAVES + 1.1));
         // A tiled lean-to roof, ribbed along its slope.
-        let ribs = stage.segments(40);
+        let ribs = generator.segments(40);
         let edge = |x: f32| right * (x * (HALF - 0.25)) - front * (HALF - 0.25) + Vec3::Y * EAVES;
         let top = |x: f32| right * (x * out) - front * out + Vec3::Y * (EAVES + 1.1);
         roof.surface(ribs * 2, 1, false, |u, v| {
@@ -106,15 +108,15 @@ fn arcade(stage: &mut Stage) -> Result<(), SceneError> {
             edge(x).lerp(top(x), v) + Vec3::Y * lift
         });
     }
-    stage.add("walls", plaster, &walls)?;
-    stage.add("arch trims", marble, &trims)?;
-    stage.add("roof", tiles, &roof)
+    generator.add("walls", plaster, &walls)?;
+    generator.add("arch trims", marble, &trims)?;
+    generator.add("roof", tiles, &roof)
 }
 
-fn fountain(stage: &mut Stage) -> Result<(), SceneError> {
-    let stone = stage.material(polished(0.7, 0.68, 0.64, 0.4));
-    let water = stage.material(polished(0.03, 0.14, 0.17, 0.03));
-    let around = stage.segments(28);
+fn fountain(generator: &mut Generator) -> Result<(), SceneError> {
+    let stone = generator.material(polished(0.7, 0.68, 0.64, 0.4));
+    let water = generator.material(polished(0.03, 0.14, 0.17, 0.03));
+    let around = generator.segments(28);
     let profile = [
         (1.75, 0.0),
         (1.75, 0.12),
@@ -141,55 +143,62 @@ fn fountain(stage: &mut Stage) -> Result<(), SceneError> {
     let mut shapes = Shapes::new();
     shapes.lathe(Vec3::ZERO, &sharp, around);
     shapes.lathe(Vec3::ZERO, &stem.map(|(r, y)| Vec2::new(r, y)), around);
-    stage.add("fountain", stone, &shapes)?;
-    let rings = stage.segments(12);
+    generator.add("fountain", stone, &shapes)?;
+    let rings = generator.segments(12);
     let mut surface = Shapes::new();
     surface.surface(around, rings, true, |u, v| {
         let radius = 1.45 * (1.0 - v);
         let (sin, cos) = (TAU * u).sin_cos();
         Vec3::new(sin * radius, 0.54 + 0.012 * (radius * 26.0).sin() * v, cos * radius)
     });
-    stage.add("water", water, &surface)
+    generator.add("water", water, &surface)
 }
 
-fn tree(stage: &mut Stage) -> Result<(), SceneError> {
-    let bark = stage.material(matt(0.25, 0.16, 0.1));
-    let green = stage.material(matt(0.16, 0.34, 0.08));
+fn tree(generator: &mut Generator) -> Result<(), SceneError> {
+    let bark = generator.material(matt(0.25, 0.16, 0.1));
+    let green = generator.material(matt(0.16, 0.34, 0.08));
     let foot = Vec3::new(3.4, 0.0, -3.4);
     let mut trunk = Shapes::new();
     let line = [(0.0, 0.0, 0.0), (0.05, 0.8, 0.02), (-0.06, 1.6, 0.08), (0.1, 2.5, -0.05)];
-    trunk.tube(&line.map(|(x, y, z)| foot + Vec3::new(x, y, z)), 0.13, stage.segments(8));
-    stage.add("trunk", bark, &trunk)?;
+    trunk.tube(&line.map(|(x, y, z)| foot + Vec3::new(x, y, z)), 0.13, generator.segments(8));
+    generator.add("trunk", bark, &trunk)?;
     // Leaves are single triangles scattered through a cloud.
     let mut leaves = Shapes::new();
-    for _ in 0..stage.count(3600) {
-        let out = Vec3::new(stage.between(-1.0, 1.0), stage.between(-1.0, 1.0), stage.between(-1.0, 1.0));
-        let reach = 1.25 + 0.5 * octaves(stage.options.seed, out * 2.0, 2);
+    for _ in 0..generator.count(3600) {
+        let out = Vec3::new(
+            generator.between(-1.0, 1.0),
+            generator.between(-1.0, 1.0),
+            generator.between(-1.0, 1.0),
+        );
+        let reach = 1.25 + 0.5 * octaves(generator.options.seed, out * 2.0, 2);
         let middle =
-            foot + Vec3::Y * 3.1 + out.normalize_or(Vec3::Y) * (reach * stage.between(0.2, 1.0).sqrt());
-        let size = stage.between(0.06, 0.12);
+            foot + Vec3::Y * 3.1 + out.normalize_or(Vec3::Y) * (reach * generator.between(0.2, 1.0).sqrt());
+        let size = generator.between(0.06, 0.12);
         let mut corner = || {
             middle
-                + Vec3::new(stage.between(-1.0, 1.0), stage.between(-1.0, 1.0), stage.between(-1.0, 1.0))
-                    * size
+                + Vec3::new(
+                    generator.between(-1.0, 1.0),
+                    generator.between(-1.0, 1.0),
+                    generator.between(-1.0, 1.0),
+                ) * size
         };
         leaves.triangle(corner(), corner(), corner());
     }
-    stage.add("leaves", green, &leaves)
+    generator.add("leaves", green, &leaves)
 }
 
-fn ornaments(stage: &mut Stage) -> Result<(), SceneError> {
-    let segments = stage.segments(28);
-    let gold = stage.material(metal(1.0, 0.76, 0.34, 0.08));
-    let clear = stage.material(glass(0.95, 0.98, 0.97));
-    let iron = stage.material(brass());
-    let flame = stage.material(glow(24.0, 15.0, 7.0));
+fn ornaments(generator: &mut Generator) -> Result<(), SceneError> {
+    let segments = generator.segments(28);
+    let gold = generator.material(metal(1.0, 0.76, 0.34, 0.08));
+    let clear = generator.material(glass(0.95, 0.98, 0.97));
+    let iron = generator.material(brass());
+    let flame = generator.material(glow(24.0, 15.0, 7.0));
     let mut ball = Shapes::new();
     ball.sphere(Vec3::new(-2.9, 0.62, 1.4), 0.6, segments, segments / 2);
-    stage.add("gilded ball", gold, &ball)?;
+    generator.add("gilded ball", gold, &ball)?;
     let mut drop = Shapes::new();
     drop.sphere(Vec3::new(2.2, 0.46, 2.6), 0.45, segments, segments / 2);
-    stage.add("glass ball", clear, &drop)?;
+    generator.add("glass ball", clear, &drop)?;
     let (mut lanterns, mut flames) = (Shapes::new(), Shapes::new());
     for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let hook = Vec3::new(x * (HALF + 1.1), EAVES + 0.3, z * (HALF + 1.1));
@@ -197,6 +206,6 @@ fn ornaments(stage: &mut Stage) -> Result<(), SceneError> {
         lanterns.rod(hook, lamp + Vec3::Y * 0.14, 0.01, 4);
         flames.sphere(lamp, 0.13, segments / 2, segments / 4 + 1);
     }
-    stage.add("lantern chains", iron, &lanterns)?;
-    stage.add("lantern lights", flame, &flames)
+    generator.add("lantern chains", iron, &lanterns)?;
+    generator.add("lantern lights", flame, &flames)
 }

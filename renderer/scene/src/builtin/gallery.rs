@@ -5,8 +5,8 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
+use super::generator::{Generator, LightAndPath, key};
 use super::palette::{brass, glass, glow, matt, metal, polished, steel};
-use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{Material, SceneError, Sky, Sun};
 
@@ -27,13 +27,13 @@ const PAINTS: [(f32, f32, f32); 8] = [
     (0.55, 0.66, 0.75),
 ];
 
-pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
-    room(stage)?;
-    roof(stage)?;
-    pictures(stage)?;
-    balcony(stage)?;
-    sculpture(stage)?;
-    spotlights(stage)?;
+pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
+    room(generator)?;
+    roof(generator)?;
+    pictures(generator)?;
+    balcony(generator)?;
+    sculpture(generator)?;
+    spotlights(generator)?;
     Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(0.9, 1.2, 1.6),
@@ -51,28 +51,30 @@ pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     })
 }
 
-fn room(stage: &mut Stage) -> Result<(), SceneError> {
-    let wall = stage.material(matt(0.42, 0.12, 0.13));
-    let parquet =
-        [stage.material(polished(0.38, 0.22, 0.11, 0.3)), stage.material(polished(0.3, 0.17, 0.08, 0.3))];
-    let white = stage.material(matt(0.82, 0.8, 0.76));
+fn room(generator: &mut Generator) -> Result<(), SceneError> {
+    let wall = generator.material(matt(0.42, 0.12, 0.13));
+    let parquet = [
+        generator.material(polished(0.38, 0.22, 0.11, 0.3)),
+        generator.material(polished(0.3, 0.17, 0.08, 0.3)),
+    ];
+    let white = generator.material(matt(0.82, 0.8, 0.76));
     let (x, z) = (HALF_LENGTH, HALF_WIDTH);
     let mut walls = Shapes::new();
     walls.cuboid(Vec3::new(-x, 0.0, -z - 0.3), Vec3::new(x, HEIGHT, -z));
     walls.cuboid(Vec3::new(-x, 0.0, z), Vec3::new(x, HEIGHT, z + 0.3));
     walls.cuboid(Vec3::new(-x - 0.3, 0.0, -z), Vec3::new(-x, HEIGHT, z));
     walls.cuboid(Vec3::new(x, 0.0, -z), Vec3::new(x + 0.3, HEIGHT, z));
-    stage.add("walls", wall, &walls)?;
+    generator.add("walls", wall, &walls)?;
     // Long planks in staggered rows, of two shades.
     let mut planks = [Shapes::new(), Shapes::new()];
-    let rows = stage.segments(72);
+    let rows = generator.segments(72);
     let width = 2.0 * z / rows as f32;
     for row in 0..rows {
         let low = -z + row as f32 * width;
-        let mut from = -x - stage.between(0.0, 1.2);
+        let mut from = -x - generator.between(0.0, 1.2);
         while from < x {
             let to = from + 1.3;
-            let shade = usize::from(stage.chance(0.4));
+            let shade = usize::from(generator.chance(0.4));
             let (left, right) = (from.max(-x) + 0.001, to.min(x) - 0.001);
             planks[shade].bevelled_slab(
                 Vec3::new(left, -0.02, low + 0.001),
@@ -83,12 +85,12 @@ fn room(stage: &mut Stage) -> Result<(), SceneError> {
         }
     }
     for (shapes, material) in planks.iter().zip(parquet) {
-        stage.add("planks", material, shapes)?;
+        generator.add("planks", material, shapes)?;
     }
     let mut bed = Shapes::new();
     let y = -0.01;
     bed.quad(Vec3::new(-x, y, z), Vec3::new(x, y, z), Vec3::new(x, y, -z), Vec3::new(-x, y, -z));
-    stage.add("floor bed", parquet[1], &bed)?;
+    generator.add("floor bed", parquet[1], &bed)?;
     // Skirting and cornice, with a moulded section.
     let mut trim = Shapes::new();
     let section =
@@ -101,22 +103,22 @@ fn room(stage: &mut Stage) -> Result<(), SceneError> {
             trim.sweep(&section, &ends.map(frame));
         }
     }
-    stage.add("trim", white, &trim)
+    generator.add("trim", white, &trim)
 }
 
 /// Panes between thin bars, the panes left open for the light.
-fn roof(stage: &mut Stage) -> Result<(), SceneError> {
-    let white = stage.material(matt(0.85, 0.85, 0.85));
-    let iron = stage.material(metal(0.3, 0.31, 0.33, 0.4));
+fn roof(generator: &mut Generator) -> Result<(), SceneError> {
+    let white = generator.material(matt(0.85, 0.85, 0.85));
+    let iron = generator.material(metal(0.3, 0.31, 0.33, 0.4));
     let mut edge = Shapes::new();
     for side in [-1.0_f32, 1.0] {
         let (low, high) = ((side * 2.6).min(side * HALF_WIDTH), (side * 2.6).max(side * HALF_WIDTH));
         edge.cuboid(Vec3::new(-HALF_LENGTH, HEIGHT, low), Vec3::new(HALF_LENGTH, HEIGHT + 0.2, high));
     }
-    stage.add("ceiling", white, &edge)?;
+    generator.add("ceiling", white, &edge)?;
     let mut bars = Shapes::new();
-    let ribs = stage.segments(60);
-    let arc = stage.segments(24);
+    let ribs = generator.segments(60);
+    let arc = generator.segments(24);
     let vault = |angle: f32, x: f32| Vec3::new(x, HEIGHT + 0.2 + 1.5 * angle.sin(), 2.6 * angle.cos());
     for rib in 0..=ribs {
         let x = -HALF_LENGTH + 2.0 * HALF_LENGTH * rib as f32 / ribs as f32;
@@ -130,7 +132,7 @@ fn roof(stage: &mut Stage) -> Result<(), SceneError> {
             .collect();
         bars.tube(&line, 0.014, 4);
     }
-    stage.add("roof bars", iron, &bars)
+    generator.add("roof bars", iron, &bars)
 }
 
 /// One picture on a wall: the middle of its canvas, the direction to its right, and its size.
@@ -140,14 +142,15 @@ struct Hanging {
     size: Vec2,
 }
 
-fn pictures(stage: &mut Stage) -> Result<(), SceneError> {
+fn pictures(generator: &mut Generator) -> Result<(), SceneError> {
     let frames = [
-        stage.material(metal(0.95, 0.7, 0.3, 0.25)),
-        stage.material(polished(0.12, 0.06, 0.03, 0.25)),
-        stage.material(metal(0.8, 0.8, 0.82, 0.2)),
+        generator.material(metal(0.95, 0.7, 0.3, 0.25)),
+        generator.material(polished(0.12, 0.06, 0.03, 0.25)),
+        generator.material(metal(0.8, 0.8, 0.82, 0.2)),
     ];
-    let paints: Vec<u32> = PAINTS.iter().map(|(r, g, b)| stage.material(polished(*r, *g, *b, 0.5))).collect();
-    let wire = stage.material(steel());
+    let paints: Vec<u32> =
+        PAINTS.iter().map(|(r, g, b)| generator.material(polished(*r, *g, *b, 0.5))).collect();
+    let wire = generator.material(steel());
     let mut wires = Shapes::new();
     let mut rails = Shapes::new();
     for side in [-1.0_f32, 1.0] {
@@ -156,29 +159,29 @@ fn pictures(stage: &mut Stage) -> Result<(), SceneError> {
             rails.rod(rail_at(-HALF_LENGTH + 0.2), rail_at(HALF_LENGTH - 0.2), 0.02, 8);
             let mut x = -HALF_LENGTH + 1.2;
             while x < HALF_LENGTH - 1.4 {
-                let size = Vec2::new(stage.between(0.7, 1.7), stage.between(0.7, 1.5));
+                let size = Vec2::new(generator.between(0.7, 1.7), generator.between(0.7, 1.5));
                 let hanging = Hanging {
                     middle: Vec3::new(x + size.x * 0.5, hang, side * (HALF_WIDTH - 0.09)),
                     right: Vec3::new(-side, 0.0, 0.0),
                     size,
                 };
-                let material = frames[stage.below(frames.len())];
-                frame(stage, &hanging, material)?;
-                canvas(stage, &hanging, &paints)?;
+                let material = frames[generator.below(frames.len())];
+                frame(generator, &hanging, material)?;
+                canvas(generator, &hanging, &paints)?;
                 for end in [-0.35, 0.35] {
                     let top = hanging.middle + hanging.right * (size.x * end) + Vec3::Y * (size.y * 0.5);
                     wires.rod(top, rail_at(top.x), 0.004, 5);
                 }
-                x += size.x + stage.between(0.35, 0.6) + level as f32 * 0.2;
+                x += size.x + generator.between(0.35, 0.6) + level as f32 * 0.2;
             }
         }
     }
-    stage.add("wires", wire, &wires)?;
-    stage.add("rails", wire, &rails)
+    generator.add("wires", wire, &wires)?;
+    generator.add("rails", wire, &rails)
 }
 
 /// A mitred frame with a hollow moulding and a row of beads along its inner edge.
-fn frame(stage: &mut Stage, hanging: &Hanging, material: u32) -> Result<(), SceneError> {
+fn frame(generator: &mut Generator, hanging: &Hanging, material: u32) -> Result<(), SceneError> {
     let front = hanging.right.cross(Vec3::Y);
     let mut shapes = Shapes::new();
     // Out from the canvas and forward from the wall; the first and last point lie on the back.
@@ -203,7 +206,7 @@ fn frame(stage: &mut Stage, hanging: &Hanging, material: u32) -> Result<(), Scen
             + Vec3::Y * (y * (half.y + out))
             + front * forward
     };
-    let pieces = stage.segments(5);
+    let pieces = generator.segments(5);
     for side in 0..4 {
         for pair in profile.windows(2) {
             let [(out_a, fwd_a), (out_b, fwd_b)] = [pair[0], pair[1]];
@@ -220,22 +223,22 @@ fn frame(stage: &mut Stage, hanging: &Hanging, material: u32) -> Result<(), Scen
             }
         }
         let (from, to) = (corner(side, 0.03, 0.02), corner(side + 1, 0.03, 0.02));
-        let beads = ((from.distance(to) / 0.13) * stage.options.detail.min(4.0)).ceil() as usize;
+        let beads = ((from.distance(to) / 0.13) * generator.options.detail.min(4.0)).ceil() as usize;
         for bead in 0..beads {
             let middle = from.lerp(to, (bead as f32 + 0.5) / beads as f32);
             shapes.sphere(middle, 0.012, 6, 4);
         }
     }
-    stage.add("frame", material, &shapes)
+    generator.add("frame", material, &shapes)
 }
 
 /// A picture of coloured rectangles, each split again until it is small.
-fn canvas(stage: &mut Stage, hanging: &Hanging, paints: &[u32]) -> Result<(), SceneError> {
+fn canvas(generator: &mut Generator, hanging: &Hanging, paints: &[u32]) -> Result<(), SceneError> {
     let front = hanging.right.cross(Vec3::Y);
     let mut fields = vec![(Vec2::splat(-0.5), Vec2::splat(0.5))];
-    for _ in 0..stage.below(9) + 3 {
-        let (low, high) = fields.swap_remove(stage.below(fields.len()));
-        let cut = stage.between(0.3, 0.7);
+    for _ in 0..generator.below(9) + 3 {
+        let (low, high) = fields.swap_remove(generator.below(fields.len()));
+        let cut = generator.between(0.3, 0.7);
         let size = (high - low) * hanging.size;
         if size.x > size.y {
             let x = low.x + (high.x - low.x) * cut;
@@ -247,7 +250,7 @@ fn canvas(stage: &mut Stage, hanging: &Hanging, paints: &[u32]) -> Result<(), Sc
     }
     let mut shapes: Vec<Shapes> = vec![Shapes::new(); paints.len()];
     for (low, high) in fields {
-        let paint = stage.below(paints.len());
+        let paint = generator.below(paints.len());
         let at = |x: f32, y: f32| {
             hanging.middle + hanging.right * (x * hanging.size.x) + Vec3::Y * (y * hanging.size.y)
                 - front * 0.02
@@ -255,23 +258,23 @@ fn canvas(stage: &mut Stage, hanging: &Hanging, paints: &[u32]) -> Result<(), Sc
         shapes[paint].quad(at(low.x, low.y), at(high.x, low.y), at(high.x, high.y), at(low.x, high.y));
     }
     for (shapes, paint) in shapes.iter().zip(paints) {
-        stage.add("canvas", *paint, shapes)?;
+        generator.add("canvas", *paint, shapes)?;
     }
     Ok(())
 }
 
 /// A walk along three sides of the room with a balustrade of turned rods.
-fn balcony(stage: &mut Stage) -> Result<(), SceneError> {
-    let wood = stage.material(polished(0.3, 0.17, 0.08, 0.3));
-    let brass = stage.material(brass());
+fn balcony(generator: &mut Generator) -> Result<(), SceneError> {
+    let wood = generator.material(polished(0.3, 0.17, 0.08, 0.3));
+    let brass = generator.material(brass());
     let deep = 1.1;
     let (x, z) = (HALF_LENGTH, HALF_WIDTH);
     let mut floor = Shapes::new();
     floor.cuboid(Vec3::new(-x, BALCONY - 0.15, -z), Vec3::new(x, BALCONY, -z + deep));
     floor.cuboid(Vec3::new(-x, BALCONY - 0.15, z - deep), Vec3::new(x, BALCONY, z));
     floor.cuboid(Vec3::new(x - deep, BALCONY - 0.15, -z + deep), Vec3::new(x, BALCONY, z - deep));
-    stage.add("balcony", wood, &floor)?;
-    let (around, rows) = (stage.segments(8), stage.segments(9));
+    generator.add("balcony", wood, &floor)?;
+    let (around, rows) = (generator.segments(8), generator.segments(9));
     let runs = [
         (Vec3::new(-x, BALCONY, -z + deep), Vec3::new(x - deep, BALCONY, -z + deep)),
         (Vec3::new(x - deep, BALCONY, -z + deep), Vec3::new(x - deep, BALCONY, z - deep)),
@@ -296,17 +299,17 @@ fn balcony(stage: &mut Stage) -> Result<(), SceneError> {
                 10,
             );
         }
-        stage.add("balustrade", brass, &shapes)?;
+        generator.add("balustrade", brass, &shapes)?;
     }
     Ok(())
 }
 
 /// A closed curve of wire that winds around a sphere, on a glass stand, with a bench on either side.
-fn sculpture(stage: &mut Stage) -> Result<(), SceneError> {
-    let wire = stage.material(metal(0.95, 0.5, 0.32, 0.15));
-    let stand = stage.material(glass(0.92, 0.97, 0.95));
-    let leather = stage.material(polished(0.1, 0.07, 0.05, 0.35));
-    let along = stage.segments(36) * stage.segments(36);
+fn sculpture(generator: &mut Generator) -> Result<(), SceneError> {
+    let wire = generator.material(metal(0.95, 0.5, 0.32, 0.15));
+    let stand = generator.material(glass(0.92, 0.97, 0.95));
+    let leather = generator.material(polished(0.1, 0.07, 0.05, 0.35));
+    let along = generator.segments(36) * generator.segments(36);
     let line: Vec<Vec3> = (0..=along)
         .map(|index| {
             let t = TAU * index as f32 / along as f32;
@@ -317,10 +320,10 @@ fn sculpture(stage: &mut Stage) -> Result<(), SceneError> {
         .collect();
     let mut shapes = Shapes::new();
     shapes.tube(&line, 0.01, 6);
-    stage.add("wire sculpture", wire, &shapes)?;
+    generator.add("wire sculpture", wire, &shapes)?;
     let mut block = Shapes::new();
     block.cuboid(Vec3::new(-0.45, 0.005, -0.45), Vec3::new(0.45, 0.9, 0.45));
-    stage.add("glass stand", stand, &block)?;
+    generator.add("glass stand", stand, &block)?;
     let mut benches = Shapes::new();
     for x in [-6.0, 6.0] {
         benches.cuboid(Vec3::new(x - 1.2, 0.4, -0.3), Vec3::new(x + 1.2, 0.52, 0.3));
@@ -328,13 +331,13 @@ fn sculpture(stage: &mut Stage) -> Result<(), SceneError> {
             benches.rod(Vec3::new(x + dx, 0.0, dz), Vec3::new(x + dx, 0.4, dz), 0.025, 8);
         }
     }
-    stage.add("benches", leather, &benches)
+    generator.add("benches", leather, &benches)
 }
 
-fn spotlights(stage: &mut Stage) -> Result<(), SceneError> {
-    let black = stage.material(Material { roughness: 0.5, ..matt(0.03, 0.03, 0.03) });
-    let warm = stage.material(glow(40.0, 32.0, 22.0));
-    let segments = stage.segments(10);
+fn spotlights(generator: &mut Generator) -> Result<(), SceneError> {
+    let black = generator.material(Material { roughness: 0.5, ..matt(0.03, 0.03, 0.03) });
+    let warm = generator.material(glow(40.0, 32.0, 22.0));
+    let segments = generator.segments(10);
     let (mut bodies, mut bulbs) = (Shapes::new(), Shapes::new());
     for side in [-1.0_f32, 1.0] {
         for index in 0..8 {
@@ -347,6 +350,6 @@ fn spotlights(stage: &mut Stage) -> Result<(), SceneError> {
             bulbs.sphere(lamp + aim * 0.14, 0.04, segments, segments / 2 + 1);
         }
     }
-    stage.add("spotlights", black, &bodies)?;
-    stage.add("spotlight bulbs", warm, &bulbs)
+    generator.add("spotlights", black, &bodies)?;
+    generator.add("spotlight bulbs", warm, &bulbs)
 }

@@ -5,8 +5,8 @@ use std::f32::consts::TAU;
 use glam::{Vec2, Vec3};
 
 use super::architecture::{Opening, WallPlane, arched_wall, archivolt, coffer, column, lattice};
+use super::generator::{Generator, LightAndPath, key};
 use super::palette::{brass, glow, matt, metal, polished};
-use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{SceneError, Sky, Sun};
 
@@ -26,13 +26,13 @@ const BAYS: usize = 9;
 const BAY: f32 = 2.0 * HALF_LENGTH / BAYS as f32;
 const WALL: f32 = 0.5;
 
-pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
-    floor(stage)?;
-    arcades(stage)?;
-    walls(stage)?;
-    ceiling(stage)?;
-    lamps(stage)?;
-    furniture(stage)?;
+pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
+    floor(generator)?;
+    arcades(generator)?;
+    walls(generator)?;
+    ceiling(generator)?;
+    lamps(generator)?;
+    furniture(generator)?;
     Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(0.9, 1.4, 2.4),
@@ -51,8 +51,8 @@ pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     })
 }
 
-fn floor(stage: &mut Stage) -> Result<(), SceneError> {
-    let across = stage.segments(24);
+fn floor(generator: &mut Generator) -> Result<(), SceneError> {
+    let across = generator.segments(24);
     let along = across * 8 / 3;
     let (step_x, step_z) = (2.0 * HALF_LENGTH / along as f32, 2.0 * OUTER / across as f32);
     let mut tiles = [Shapes::new(), Shapes::new()];
@@ -75,12 +75,12 @@ fn floor(stage: &mut Stage) -> Result<(), SceneError> {
         Vec3::new(x, -0.03, -z),
         Vec3::new(-x, -0.03, -z),
     );
-    let pale = stage.material(polished(0.72, 0.66, 0.56, 0.22));
-    let dark = stage.material(polished(0.16, 0.17, 0.2, 0.16));
-    let mortar = stage.material(matt(0.3, 0.28, 0.25));
-    stage.add("floor bed", mortar, &bed)?;
-    stage.add("pale tiles", pale, &tiles[0])?;
-    stage.add("dark tiles", dark, &tiles[1])
+    let pale = generator.material(polished(0.72, 0.66, 0.56, 0.22));
+    let dark = generator.material(polished(0.16, 0.17, 0.2, 0.16));
+    let mortar = generator.material(matt(0.3, 0.28, 0.25));
+    generator.add("floor bed", mortar, &bed)?;
+    generator.add("pale tiles", pale, &tiles[0])?;
+    generator.add("dark tiles", dark, &tiles[1])
 }
 
 /// The two planes of arcade walls, front towards the nave.
@@ -95,18 +95,18 @@ fn arcade_plane(side: f32, bay: usize) -> WallPlane {
     }
 }
 
-fn arcades(stage: &mut Stage) -> Result<(), SceneError> {
-    let marble = stage.material(polished(0.78, 0.72, 0.63, 0.35));
-    let stone = stage.material(matt(0.74, 0.66, 0.54));
-    let trim = stage.material(polished(0.82, 0.78, 0.7, 0.5));
-    let iron = stage.material(metal(0.25, 0.24, 0.23, 0.5));
-    let (around, rows, arc) = (stage.segments(36), stage.segments(14), stage.segments(28));
+fn arcades(generator: &mut Generator) -> Result<(), SceneError> {
+    let marble = generator.material(polished(0.78, 0.72, 0.63, 0.35));
+    let stone = generator.material(matt(0.74, 0.66, 0.54));
+    let trim = generator.material(polished(0.82, 0.78, 0.7, 0.5));
+    let iron = generator.material(metal(0.25, 0.24, 0.23, 0.5));
+    let (around, rows, arc) = (generator.segments(36), generator.segments(14), generator.segments(28));
     for side in [-1.0, 1.0] {
         for index in 0..=BAYS {
             let mut shapes = Shapes::new();
             let foot = Vec3::new(-HALF_LENGTH + index as f32 * BAY, 0.0, side * ROW);
             column(&mut shapes, foot, COLUMN, 0.42, around, rows);
-            stage.add("column", marble, &shapes)?;
+            generator.add("column", marble, &shapes)?;
         }
         let (mut walls, mut mouldings, mut bars) = (Shapes::new(), Shapes::new(), Shapes::new());
         for bay in 0..BAYS {
@@ -132,18 +132,18 @@ fn arcades(stage: &mut Stage) -> Result<(), SceneError> {
             section_seen.reverse();
         }
         mouldings.sweep(&section_seen, &[frame(from), frame(from + plane.right * (2.0 * HALF_LENGTH))]);
-        stage.add("arcade wall", stone, &walls)?;
-        stage.add("mouldings", trim, &mouldings)?;
-        stage.add("window bars", iron, &bars)?;
+        generator.add("arcade wall", stone, &walls)?;
+        generator.add("mouldings", trim, &mouldings)?;
+        generator.add("window bars", iron, &bars)?;
     }
     Ok(())
 }
 
-fn walls(stage: &mut Stage) -> Result<(), SceneError> {
-    let plaster = stage.material(matt(0.7, 0.6, 0.47));
-    let trim = stage.material(polished(0.8, 0.75, 0.66, 0.5));
-    let iron = stage.material(metal(0.25, 0.24, 0.23, 0.5));
-    let arc = stage.segments(20);
+fn walls(generator: &mut Generator) -> Result<(), SceneError> {
+    let plaster = generator.material(matt(0.7, 0.6, 0.47));
+    let trim = generator.material(polished(0.8, 0.75, 0.66, 0.5));
+    let iron = generator.material(metal(0.25, 0.24, 0.23, 0.5));
+    let arc = generator.segments(20);
     let (mut walls, mut mouldings, mut bars) = (Shapes::new(), Shapes::new(), Shapes::new());
     let window = Opening { middle: BAY * 0.5, half_width: 0.8, sill: 2.6, spring: 5.4 };
     for side in [-1.0, 1.0] {
@@ -168,18 +168,18 @@ fn walls(stage: &mut Stage) -> Result<(), SceneError> {
     lattice(&mut bars, &far, &great, 9, 0.05);
     let near = -HALF_LENGTH;
     walls.cuboid(Vec3::new(near - WALL, 0.0, -OUTER), Vec3::new(near, CEILING, OUTER));
-    stage.add("outer walls", plaster, &walls)?;
-    stage.add("outer mouldings", trim, &mouldings)?;
-    stage.add("outer window bars", iron, &bars)
+    generator.add("outer walls", plaster, &walls)?;
+    generator.add("outer mouldings", trim, &mouldings)?;
+    generator.add("outer window bars", iron, &bars)
 }
 
-fn ceiling(stage: &mut Stage) -> Result<(), SceneError> {
-    let wood = stage.material(polished(0.32, 0.19, 0.1, 0.45));
-    let beams = stage.material(matt(0.24, 0.15, 0.09));
+fn ceiling(generator: &mut Generator) -> Result<(), SceneError> {
+    let wood = generator.material(polished(0.32, 0.19, 0.1, 0.45));
+    let beams = generator.material(matt(0.24, 0.15, 0.09));
     let across = 7;
     let along = 32;
     let half = Vec2::new(HALF_LENGTH / along as f32, (ROW - WALL * 0.5) / across as f32);
-    let (around, rings) = (stage.segments(24), stage.segments(5));
+    let (around, rings) = (generator.segments(24), generator.segments(5));
     let mut coffers = Shapes::new();
     for column in 0..along {
         for row in 0..across {
@@ -193,21 +193,21 @@ fn ceiling(stage: &mut Stage) -> Result<(), SceneError> {
         let (from, to) = (side * (ROW + WALL * 0.5), side * (OUTER + WALL));
         let (low, high) = (from.min(to), from.max(to));
         roof.cuboid(Vec3::new(-HALF_LENGTH, AISLE, low), Vec3::new(HALF_LENGTH, AISLE + 0.15, high));
-        let joists = stage.segments(54);
+        let joists = generator.segments(54);
         for joist in 0..joists {
             let x = -HALF_LENGTH + (joist as f32 + 0.5) * 2.0 * HALF_LENGTH / joists as f32;
             roof.cuboid(Vec3::new(x - 0.09, AISLE - 0.28, low), Vec3::new(x + 0.09, AISLE, high));
         }
     }
-    stage.add("coffered ceiling", wood, &coffers)?;
-    stage.add("aisle roofs", beams, &roof)
+    generator.add("coffered ceiling", wood, &coffers)?;
+    generator.add("aisle roofs", beams, &roof)
 }
 
-fn lamps(stage: &mut Stage) -> Result<(), SceneError> {
-    let bronze = stage.material(brass());
-    let flame = stage.material(glow(120.0, 84.0, 46.0));
-    let (around, thick) = (stage.segments(64), stage.segments(10));
-    let (segments, rings) = (stage.segments(12), stage.segments(8));
+fn lamps(generator: &mut Generator) -> Result<(), SceneError> {
+    let bronze = generator.material(brass());
+    let flame = generator.material(glow(120.0, 84.0, 46.0));
+    let (around, thick) = (generator.segments(64), generator.segments(10));
+    let (segments, rings) = (generator.segments(12), generator.segments(8));
     for bay in (0..BAYS).step_by(2) {
         let middle = Vec3::new(-HALF_LENGTH + (bay as f32 + 0.5) * BAY, 5.9, 0.0);
         let (mut ring, mut bulbs) = (Shapes::new(), Shapes::new());
@@ -226,17 +226,17 @@ fn lamps(stage: &mut Stage) -> Result<(), SceneError> {
             }
         }
         ring.rod(middle + Vec3::Y * 1.4, Vec3::new(middle.x, CEILING + 0.4, 0.0), 0.02, 6);
-        stage.add("chandelier", bronze, &ring)?;
-        stage.add("chandelier lights", flame, &bulbs)?;
+        generator.add("chandelier", bronze, &ring)?;
+        generator.add("chandelier lights", flame, &bulbs)?;
     }
     Ok(())
 }
 
-fn furniture(stage: &mut Stage) -> Result<(), SceneError> {
-    let oak = stage.material(polished(0.36, 0.2, 0.1, 0.4));
-    let marble = stage.material(polished(0.85, 0.83, 0.8, 0.2));
-    let gold = stage.material(metal(1.0, 0.74, 0.32, 0.12));
-    let carpet = stage.material(matt(0.42, 0.05, 0.05));
+fn furniture(generator: &mut Generator) -> Result<(), SceneError> {
+    let oak = generator.material(polished(0.36, 0.2, 0.1, 0.4));
+    let marble = generator.material(polished(0.85, 0.83, 0.8, 0.2));
+    let gold = generator.material(metal(1.0, 0.74, 0.32, 0.12));
+    let carpet = generator.material(matt(0.42, 0.05, 0.05));
     let mut benches = Shapes::new();
     for side in [-1.0_f32, 1.0] {
         for row in 0..9 {
@@ -249,11 +249,11 @@ fn furniture(stage: &mut Stage) -> Result<(), SceneError> {
             }
         }
     }
-    stage.add("benches", oak, &benches)?;
+    generator.add("benches", oak, &benches)?;
     let mut runner = Shapes::new();
     runner.bevelled_slab(Vec3::new(-HALF_LENGTH + 0.5, 0.0, -0.8), Vec3::new(11.0, 0.015, 0.8), 0.01);
-    stage.add("carpet", carpet, &runner)?;
-    let (around, along, thick) = (stage.segments(48), stage.segments(420), stage.segments(16));
+    generator.add("carpet", carpet, &runner)?;
+    let (around, along, thick) = (generator.segments(48), generator.segments(420), generator.segments(16));
     let mut pedestal = Shapes::new();
     let profile =
         [(1.5, 0.0), (1.5, 0.2), (1.2, 0.2), (1.2, 0.4), (0.62, 0.5), (0.55, 1.3), (0.8, 1.45), (0.8, 1.6)];
@@ -261,7 +261,7 @@ fn furniture(stage: &mut Stage) -> Result<(), SceneError> {
     let foot = Vec3::new(14.0, 0.0, 0.0);
     pedestal.lathe(foot, &sharp, around);
     pedestal.disc(foot + Vec3::Y * 1.6, 0.8, around);
-    stage.add("pedestal", marble, &pedestal)?;
+    generator.add("pedestal", marble, &pedestal)?;
     // A knot of gilded bronze: the line of a trefoil with a thick round body.
     let line: Vec<Vec3> = (0..=along)
         .map(|index| {
@@ -272,5 +272,5 @@ fn furniture(stage: &mut Stage) -> Result<(), SceneError> {
         .collect();
     let mut knot = Shapes::new();
     knot.tube(&line, 0.19, thick);
-    stage.add("gilded knot", gold, &knot)
+    generator.add("gilded knot", gold, &knot)
 }

@@ -11,13 +11,13 @@ mod city;
 mod courtyard;
 mod forest;
 mod gallery;
+mod generator;
 mod hall;
 mod model;
 mod needles;
 mod noise;
 mod palette;
 mod sea;
-mod stage;
 mod statue;
 #[cfg(test)]
 mod tests;
@@ -26,9 +26,9 @@ mod voxels;
 
 use std::path::PathBuf;
 
-use stage::{LightAndPath, Stage};
+use generator::{Generator, LightAndPath};
 
-pub use stage::Options;
+pub use generator::Options;
 
 use super::assemble::{Assembler, Lighting};
 use super::framing::CameraPose;
@@ -36,7 +36,7 @@ use super::limits::DETAIL_RANGE;
 use super::{Scene, SceneError};
 
 /// A scene in the list: its name, what it shows, and its generator.
-type Entry = (&'static str, &'static str, fn(&mut Stage) -> Result<LightAndPath, SceneError>);
+type Entry = (&'static str, &'static str, fn(&mut Generator) -> Result<LightAndPath, SceneError>);
 
 const SCENES: [Entry; 10] = [
     (
@@ -98,7 +98,7 @@ pub fn build(name: &str, options: &Options) -> Result<Scene, SceneError> {
         return Err(SceneError::BadOption { option: "time", value: options.time });
     }
     let mut assembler = Assembler::new(*name, &PathBuf::from(format!("builtin:{name}")));
-    let plan = generate(&mut Stage::new(&mut assembler, *options))?;
+    let plan = generate(&mut Generator::new(&mut assembler, *options))?;
     let views = plan.keys.iter().take(1).map(|camera| CameraPose {
         position: camera.position,
         forward: camera.target - camera.position,

@@ -6,10 +6,10 @@ use std::f32::consts::TAU;
 
 use glam::{Mat3, Vec3};
 
+use super::generator::Options;
+use super::generator::{Generator, LightAndPath, key};
 use super::hall;
 use super::palette::polished;
-use super::stage::Options;
-use super::stage::{LightAndPath, Stage, key};
 use crate::SceneError;
 use crate::bounds::Bounds;
 use crate::part::Part;
@@ -23,22 +23,22 @@ const START: f32 = 0.1;
 /// Radius of the cylinder in shares of its length.
 const SLENDER: f32 = 0.07;
 
-pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
-    let own = stage.options;
-    stage.options = Options { detail: (own.detail * HALL_DETAIL).max(0.001), ..own };
-    let hall = hall::build(stage)?;
-    stage.options = own;
-    let Bounds { min, max } = stage.bounds();
+pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
+    let own = generator.options;
+    generator.options = Options { detail: (own.detail * HALL_DETAIL).max(0.001), ..own };
+    let hall = hall::build(generator)?;
+    generator.options = own;
+    let Bounds { min, max } = generator.bounds();
     let middle = (min + max) * 0.5;
     let length = (max - min).length() * 0.5;
     // The axis leans a little and turns about the vertical; it starts across the nave, through its walls.
     let turn = Mat3::from_rotation_y(TAU * (own.time.rem_euclid(1.0) + START)) * Mat3::from_rotation_z(0.18);
     let mut bundles = [Part::default(), Part::default()];
-    for needle in 0..stage.count(NEEDLES) {
-        let radius = SLENDER * length * stage.between(0.0, 1.0).sqrt();
-        let angle = stage.between(0.0, TAU);
-        let twist = stage.between(-0.25, 0.25);
-        let width = length * stage.between(0.0004, 0.0011);
+    for needle in 0..generator.count(NEEDLES) {
+        let radius = SLENDER * length * generator.between(0.0, 1.0).sqrt();
+        let angle = generator.between(0.0, TAU);
+        let twist = generator.between(-0.25, 0.25);
+        let width = length * generator.between(0.0004, 0.0011);
         let at = |angle: f32, x: f32| Vec3::new(x, radius * angle.cos(), radius * angle.sin());
         let (from, to) = (at(angle, -0.5 * length), at(angle + twist, 0.5 * length));
         let part = &mut bundles[needle % 2];
@@ -51,10 +51,10 @@ pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
             part.indices.push([first, first + 1, first + 2]);
         }
     }
-    let red = stage.material(polished(0.72, 0.3, 0.13, 0.4));
-    let grey = stage.material(polished(0.55, 0.6, 0.66, 0.4));
-    stage.add_part("red needles", red, &bundles[0])?;
-    stage.add_part("grey needles", grey, &bundles[1])?;
+    let red = generator.material(polished(0.72, 0.3, 0.13, 0.4));
+    let grey = generator.material(polished(0.55, 0.6, 0.66, 0.4));
+    generator.add_part("red needles", red, &bundles[0])?;
+    generator.add_part("grey needles", grey, &bundles[1])?;
     Ok(LightAndPath {
         sky: hall.sky,
         keys: vec![

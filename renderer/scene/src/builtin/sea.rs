@@ -5,9 +5,9 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Mat3, Mat4, Vec2, Vec3};
 
+use super::generator::{Generator, LightAndPath, key};
 use super::noise::{octaves, ridges};
 use super::palette::{glow, matt, polished};
-use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{SceneError, Sky, Sun};
 
@@ -26,15 +26,15 @@ const WAVES: [(f32, f32, f32, f32); 6] = [
     (0.31, 1.7, 0.02, 9.0),
 ];
 
-pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
-    let time = stage.options.time.rem_euclid(1.0);
-    let water = stage.material(polished(0.012, 0.05, 0.065, 0.08));
-    let side = stage.segments(280);
+pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
+    let time = generator.options.time.rem_euclid(1.0);
+    let water = generator.material(polished(0.012, 0.05, 0.065, 0.08));
+    let side = generator.segments(280);
     let mut sea = Shapes::new();
     sea.surface(side, side, false, |u, v| surface(Vec2::new((u - 0.5) * SIZE, (0.5 - v) * SIZE), time));
-    stage.add("sea", water, &sea)?;
-    lighthouse(stage)?;
-    boats(stage, time)?;
+    generator.add("sea", water, &sea)?;
+    lighthouse(generator)?;
+    boats(generator, time)?;
     Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(0.2, 0.34, 0.62),
@@ -64,13 +64,13 @@ fn surface(at: Vec2, time: f32) -> Vec3 {
     point
 }
 
-fn lighthouse(stage: &mut Stage) -> Result<(), SceneError> {
-    let rock = stage.material(matt(0.2, 0.18, 0.16));
-    let white = stage.material(matt(0.8, 0.78, 0.74));
-    let red = stage.material(matt(0.62, 0.07, 0.05));
-    let lamp = stage.material(glow(80.0, 66.0, 40.0));
-    let seed = stage.options.seed;
-    let (around, rows) = (stage.segments(90), stage.segments(50));
+fn lighthouse(generator: &mut Generator) -> Result<(), SceneError> {
+    let rock = generator.material(matt(0.2, 0.18, 0.16));
+    let white = generator.material(matt(0.8, 0.78, 0.74));
+    let red = generator.material(matt(0.62, 0.07, 0.05));
+    let lamp = generator.material(glow(80.0, 66.0, 40.0));
+    let seed = generator.options.seed;
+    let (around, rows) = (generator.segments(90), generator.segments(50));
     let mut island = Shapes::new();
     island.surface(around, rows, true, |u, v| {
         let (sin, cos) = (TAU * u).sin_cos();
@@ -80,15 +80,15 @@ fn lighthouse(stage: &mut Stage) -> Result<(), SceneError> {
         let flat = 1.0 - v.powi(6);
         Vec3::new(at.x * 7.5 * rough, -3.0 + at.y * (5.4 + 0.8 * (rough - 0.8) * flat), at.z * 6.5 * rough)
     });
-    stage.add("rock", rock, &island)?;
-    let segments = stage.segments(40);
+    generator.add("rock", rock, &island)?;
+    let segments = generator.segments(40);
     for band in 0..5 {
         let radius = |at: usize| 1.35 - 0.11 * at as f32;
         let height = |at: usize| 1.6 + 1.6 * at as f32;
         let mut tower = Shapes::new();
         let profile = [Vec2::new(radius(band), height(band)), Vec2::new(radius(band + 1), height(band + 1))];
         tower.lathe(Vec3::ZERO, &profile, segments);
-        stage.add("tower", if band % 2 == 0 { white } else { red }, &tower)?;
+        generator.add("tower", if band % 2 == 0 { white } else { red }, &tower)?;
     }
     let mut top = Shapes::new();
     let roof = [(1.25, 9.6), (1.25, 9.75), (1.25, 9.75), (0.9, 9.75)].map(|(r, y)| Vec2::new(r, y));
@@ -98,25 +98,25 @@ fn lighthouse(stage: &mut Stage) -> Result<(), SceneError> {
         let (sin, cos) = (TAU * post as f32 / 8.0).sin_cos();
         top.rod(Vec3::new(sin * 0.85, 9.7, cos * 0.85), Vec3::new(sin * 0.85, 10.95, cos * 0.85), 0.05, 6);
     }
-    stage.add("lantern", red, &top)?;
+    generator.add("lantern", red, &top)?;
     let mut bulb = Shapes::new();
-    bulb.sphere(Vec3::Y * 10.3, 0.32, stage.segments(16), stage.segments(10));
-    stage.add("lamp", lamp, &bulb)
+    bulb.sphere(Vec3::Y * 10.3, 0.32, generator.segments(16), generator.segments(10));
+    generator.add("lamp", lamp, &bulb)
 }
 
-fn boats(stage: &mut Stage, time: f32) -> Result<(), SceneError> {
-    let wood = stage.material(polished(0.3, 0.16, 0.08, 0.4));
+fn boats(generator: &mut Generator, time: f32) -> Result<(), SceneError> {
+    let wood = generator.material(polished(0.3, 0.16, 0.08, 0.4));
     let sails = [
-        stage.material(matt(0.82, 0.78, 0.68)),
-        stage.material(matt(0.7, 0.2, 0.1)),
-        stage.material(matt(0.16, 0.28, 0.42)),
+        generator.material(matt(0.82, 0.78, 0.68)),
+        generator.material(matt(0.7, 0.2, 0.1)),
+        generator.material(matt(0.16, 0.28, 0.42)),
     ];
-    let (hull, sail) = boat(stage);
-    for number in 0..stage.count(BOATS) {
+    let (hull, sail) = boat(generator);
+    for number in 0..generator.count(BOATS) {
         // Each goes round the lighthouse on a circle of its own, some the other way.
-        let radius = stage.between(11.0, 36.0);
-        let way = if stage.chance(0.3) { -1.0 } else { 1.0 };
-        let angle = stage.between(0.0, TAU) + way * TAU * time;
+        let radius = generator.between(11.0, 36.0);
+        let way = if generator.chance(0.3) { -1.0 } else { 1.0 };
+        let angle = generator.between(0.0, TAU) + way * TAU * time;
         let (sin, cos) = angle.sin_cos();
         let at = Vec2::new(cos, sin) * radius;
         let ahead = Vec2::new(-sin, cos) * way;
@@ -125,22 +125,22 @@ fn boats(stage: &mut Stage, time: f32) -> Result<(), SceneError> {
         let side = Vec2::new(ahead.y, -ahead.x);
         let up = bow.cross(point(-side) - point(side)).normalize_or(Vec3::Y);
         let up = if up.y < 0.0 { -up } else { up };
-        let scale = stage.between(0.8, 1.3);
+        let scale = generator.between(0.8, 1.3);
         let axes = Mat3::from_cols(bow, up, bow.cross(up)) * scale;
         let to_sea = Mat4::from_translation(point(Vec2::ZERO)) * Mat4::from_mat3(axes);
         for (shapes, material) in [(&hull, wood), (&sail, sails[number % sails.len()])] {
             let mut part = shapes.part.clone();
             part.transform(&to_sea);
-            stage.add_part("boat", material, &part)?;
+            generator.add_part("boat", material, &part)?;
         }
     }
     Ok(())
 }
 
 /// A hull with mast and boom along the x axis, and its sails.
-fn boat(stage: &Stage) -> (Shapes, Shapes) {
+fn boat(generator: &Generator) -> (Shapes, Shapes) {
     let (mut hull, mut sails) = (Shapes::new(), Shapes::new());
-    let (long, round) = (stage.segments(36), stage.segments(20));
+    let (long, round) = (generator.segments(36), generator.segments(20));
     hull.surface(long, round, false, |u, v| {
         let x = (u - 0.5) * 4.4;
         // Pointed at the bow, blunt at the stern.
@@ -158,7 +158,7 @@ fn boat(stage: &Stage) -> (Shapes, Shapes) {
     });
     hull.rod(Vec3::new(0.3, 0.1, 0.0), Vec3::new(0.3, 5.6, 0.0), 0.05, 8);
     hull.rod(Vec3::new(0.3, 0.95, 0.0), Vec3::new(-1.9, 0.95, 0.35), 0.04, 6);
-    let cells = stage.segments(26);
+    let cells = generator.segments(26);
     // Triangles of cloth, bellied by the wind.
     let mut cloth = |foot: Vec3, clew: Vec3, head: Vec3, belly: f32| {
         sails.surface(cells, cells, false, |u, v| {

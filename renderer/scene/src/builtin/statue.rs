@@ -5,9 +5,9 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
+use super::generator::{Generator, LightAndPath, key};
 use super::noise::{octaves, ridges};
 use super::palette::{brass, glow, matt, polished};
-use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{SceneError, Sky, Sun};
 
@@ -43,11 +43,11 @@ const OUTLINE: [(f32, f32, f32); 17] = [
     (1.0, 0.012, 0.014),
 ];
 
-pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
-    figure(stage)?;
-    pedestal(stage)?;
-    rotunda(stage)?;
-    sconces(stage)?;
+pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
+    figure(generator)?;
+    pedestal(generator)?;
+    rotunda(generator)?;
+    sconces(generator)?;
     Ok(LightAndPath {
         sky: Sky {
             zenith: Vec3::new(1.6, 2.2, 3.2),
@@ -128,10 +128,10 @@ fn features(angle: f32, v: f32) -> f32 {
     nose + brow + eyes + lips + 0.02 * bump(0.0, 0.871, 0.2, 0.006)
 }
 
-fn figure(stage: &mut Stage) -> Result<(), SceneError> {
-    let marble = stage.material(polished(0.86, 0.82, 0.76, 0.45));
-    let seed = stage.options.seed;
-    let (around, rows) = (stage.segments(780), stage.segments(560));
+fn figure(generator: &mut Generator) -> Result<(), SceneError> {
+    let marble = generator.material(polished(0.86, 0.82, 0.76, 0.45));
+    let seed = generator.options.seed;
+    let (around, rows) = (generator.segments(780), generator.segments(560));
     let mut body = Shapes::new();
     body.surface(around, rows, true, |u, v| {
         let angle = TAU * u;
@@ -152,15 +152,15 @@ fn figure(stage: &mut Stage) -> Result<(), SceneError> {
         );
         turned + sway + Vec3::Y * PEDESTAL
     });
-    stage.add("figure", marble, &body)?;
+    generator.add("figure", marble, &body)?;
     for side in [-1.0, 1.0] {
-        arm(stage, seed, side, marble)?;
+        arm(generator, seed, side, marble)?;
     }
     Ok(())
 }
 
 /// A sleeved arm from the shoulder over the elbow to the hands that meet before the waist.
-fn arm(stage: &mut Stage, seed: u64, side: f32, material: u32) -> Result<(), SceneError> {
+fn arm(generator: &mut Generator, seed: u64, side: f32, material: u32) -> Result<(), SceneError> {
     let points = [
         Vec3::new(side * 0.34, 0.765, 0.05),
         Vec3::new(side * 0.5, 0.72, 0.04),
@@ -185,7 +185,7 @@ fn arm(stage: &mut Stage, seed: u64, side: f32, material: u32) -> Result<(), Sce
             * 0.5;
         (smooth, widths[index] + (widths[index + 1] - widths[index]) * t)
     };
-    let (around, rows) = (stage.segments(130), stage.segments(200));
+    let (around, rows) = (generator.segments(130), generator.segments(200));
     let mut shapes = Shapes::new();
     shapes.surface(around, rows, true, |u, v| {
         let (middle, width) = at(v);
@@ -198,12 +198,12 @@ fn arm(stage: &mut Stage, seed: u64, side: f32, material: u32) -> Result<(), Sce
         let fine = ridges(seed + 3, (middle + out * width) * 7.0, 6) * 0.012;
         middle + out * (width * step(1.0, 0.97, v) + (folds + fine) * step(1.0, 0.8, v)) + Vec3::Y * PEDESTAL
     });
-    stage.add("arm", material, &shapes)
+    generator.add("arm", material, &shapes)
 }
 
-fn pedestal(stage: &mut Stage) -> Result<(), SceneError> {
-    let stone = stage.material(polished(0.22, 0.2, 0.19, 0.18));
-    let around = stage.segments(96);
+fn pedestal(generator: &mut Generator) -> Result<(), SceneError> {
+    let stone = generator.material(polished(0.22, 0.2, 0.19, 0.18));
+    let around = generator.segments(96);
     let profile = [
         (1.75, 0.0),
         (1.75, 0.16),
@@ -221,16 +221,18 @@ fn pedestal(stage: &mut Stage) -> Result<(), SceneError> {
     let mut shapes = Shapes::new();
     shapes.lathe(Vec3::ZERO, &sharp, around);
     shapes.disc(Vec3::Y * PEDESTAL, 1.08, around);
-    stage.add("pedestal", stone, &shapes)
+    generator.add("pedestal", stone, &shapes)
 }
 
-fn rotunda(stage: &mut Stage) -> Result<(), SceneError> {
-    let plaster = stage.material(matt(0.68, 0.56, 0.43));
-    let dome_stone = stage.material(matt(0.7, 0.66, 0.6));
-    let tiles =
-        [stage.material(polished(0.5, 0.42, 0.34, 0.2)), stage.material(polished(0.24, 0.12, 0.1, 0.2))];
+fn rotunda(generator: &mut Generator) -> Result<(), SceneError> {
+    let plaster = generator.material(matt(0.68, 0.56, 0.43));
+    let dome_stone = generator.material(matt(0.7, 0.66, 0.6));
+    let tiles = [
+        generator.material(polished(0.5, 0.42, 0.34, 0.2)),
+        generator.material(polished(0.24, 0.12, 0.1, 0.2)),
+    ];
     // The drum is a wall of flat niches between half columns.
-    let (around, rows) = (stage.segments(192), stage.segments(24));
+    let (around, rows) = (generator.segments(192), generator.segments(24));
     let mut drum = Shapes::new();
     drum.surface(around, rows, true, |u, v| {
         let bay = (u * 16.0).fract();
@@ -240,9 +242,9 @@ fn rotunda(stage: &mut Stage) -> Result<(), SceneError> {
         let (sin, cos) = (-TAU * u).sin_cos();
         Vec3::new(sin * radius, v * DRUM, cos * radius)
     });
-    stage.add("drum", plaster, &drum)?;
+    generator.add("drum", plaster, &drum)?;
     // Coffers in rings up to the eye, each a shallow box in the shell.
-    let (around, rows) = (stage.segments(224), stage.segments(80));
+    let (around, rows) = (generator.segments(224), generator.segments(80));
     let mut dome = Shapes::new();
     let highest = (EYE / ROOM).acos();
     dome.surface(around, rows, true, |u, v| {
@@ -254,8 +256,8 @@ fn rotunda(stage: &mut Stage) -> Result<(), SceneError> {
         let radius = ROOM + deep;
         Vec3::new(sin * out * radius, DRUM + lift * radius, cos * out * radius)
     });
-    stage.add("dome", dome_stone, &dome)?;
-    let rings = stage.segments(14);
+    generator.add("dome", dome_stone, &dome)?;
+    let rings = generator.segments(14);
     let mut floor = [Shapes::new(), Shapes::new()];
     for ring in 0..rings {
         let (inner, outer) =
@@ -276,15 +278,15 @@ fn rotunda(stage: &mut Stage) -> Result<(), SceneError> {
         }
     }
     for (shapes, material) in floor.iter().zip(tiles) {
-        stage.add("floor", material, shapes)?;
+        generator.add("floor", material, shapes)?;
     }
     Ok(())
 }
 
-fn sconces(stage: &mut Stage) -> Result<(), SceneError> {
-    let metal = stage.material(brass());
-    let light = stage.material(glow(90.0, 62.0, 34.0));
-    let segments = stage.segments(16);
+fn sconces(generator: &mut Generator) -> Result<(), SceneError> {
+    let metal = generator.material(brass());
+    let light = generator.material(glow(90.0, 62.0, 34.0));
+    let segments = generator.segments(16);
     let (mut bowls, mut flames) = (Shapes::new(), Shapes::new());
     for index in 0..8 {
         let (sin, cos) = (TAU * (index as f32 + 0.5) / 8.0).sin_cos();
@@ -293,6 +295,6 @@ fn sconces(stage: &mut Stage) -> Result<(), SceneError> {
         bowls.lathe(foot, &bowl, segments);
         flames.sphere(foot + Vec3::Y * 0.1, 0.11, segments, segments / 2 + 2);
     }
-    stage.add("sconces", metal, &bowls)?;
-    stage.add("sconce lights", light, &flames)
+    generator.add("sconces", metal, &bowls)?;
+    generator.add("sconce lights", light, &flames)
 }

@@ -8,9 +8,9 @@ use std::f32::consts::TAU;
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
+use super::generator::{Generator, LightAndPath, key};
 use super::noise::{at_cell, gradient, octaves, ridges};
 use super::palette::{glow, matt, polished};
-use super::stage::{LightAndPath, Stage, key};
 use super::voxel_mesh::{AIR, Grid};
 use crate::{Camera, Material, SceneError, Sky, Sun};
 
@@ -99,9 +99,9 @@ fn hollow(seed: u64, x: i32, y: i32, z: i32) -> bool {
     tunnel || octaves(seed + 23, at / 34.0, 2) > 0.37
 }
 
-pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
-    let seed = stage.options.seed;
-    let side = ((SIDE * stage.options.detail.sqrt()).round() as i32).max(48);
+pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
+    let seed = generator.options.seed;
+    let side = ((SIDE * generator.options.detail.sqrt()).round() as i32).max(48);
     let mut grid = Grid::new(IVec3::new(side, HEIGHT, side));
     grid.columns_mut().enumerate().for_each(|(index, column)| {
         let (x, z) = (index as i32 / side, index as i32 % side);
@@ -109,7 +109,7 @@ pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
     });
     plant_trees(seed, &mut grid);
     let keep = build_keep(seed, &mut grid);
-    let materials: Vec<u32> = KINDS.iter().map(|(kind, _)| stage.material(material(*kind))).collect();
+    let materials: Vec<u32> = KINDS.iter().map(|(kind, _)| generator.material(material(*kind))).collect();
     let blocks: Vec<IVec3> = (0..side)
         .step_by(BLOCK as usize)
         .flat_map(|x| (0..side).step_by(BLOCK as usize).map(move |z| IVec3::new(x, 0, z)))
@@ -121,7 +121,7 @@ pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
         .collect();
     for (kind, part) in surfaces.into_iter().flatten() {
         let index = KINDS.iter().position(|(known, _)| *known == kind).unwrap_or(0);
-        stage.add_part(KINDS[index].1, materials[index], &part)?;
+        generator.add_part(KINDS[index].1, materials[index], &part)?;
     }
     Ok(LightAndPath { sky: sky(), keys: keys(seed, side, keep) })
 }

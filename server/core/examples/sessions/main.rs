@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use treewright_core::fnv;
 use treewright_core::indicator::{Indicator, IndicatorSchema};
 use treewright_core::objective::{Objective, ObjectiveTerm};
 use treewright_core::policy::{Operation, Policy, PredictorMethod, SearchMethod};
@@ -152,7 +153,7 @@ impl Session {
         }
         for state in &change.states {
             let bytes = state.search.as_ref().map_or(Vec::new(), |search| search.pack());
-            println!("  state {} {:?} search {:016x}", state.id, state.indicators, digest(&bytes));
+            println!("  state {} {:?} search {:016x}", state.id, state.indicators, fnv::hash(bytes));
         }
         for visit in &change.visits {
             let account = serde_json::to_string(&visit.account).expect("plain data");
@@ -239,12 +240,6 @@ impl Session {
     }
 }
 
-fn digest(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash: u64, &byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    })
-}
-
 fn print_trial(trial: &Trial) {
     let (mode, reason) = (trial.mode(), trial.reason());
     let explanation = &reason.explanation;
@@ -312,7 +307,7 @@ fn main() {
                 println!("best {x}: {:?}", session.tuner.best(Some(&indicators), None));
             }
             println!("{:?} {:?}", session.tuner.statistics(), session.tuner.predictor_errors());
-            println!("learnt {:016x}", digest(&session.tuner.learnt().checkpoint().bytes));
+            println!("learnt {:016x}", fnv::hash(session.tuner.learnt().checkpoint().bytes));
         }
     }
 }

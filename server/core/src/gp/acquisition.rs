@@ -2,45 +2,55 @@
 
 use std::f64::consts::PI;
 
-use super::regression::Belief;
+use super::regression::Posterior;
 use crate::statistics::distribution::{normal_cdf, normal_density};
+
+/// So many deviations out, tails of the normal distribution come from a continued fraction, because densities and
+/// probabilities vanish there, and differences of them lose their digits before.
+const FAR: f64 = 5.0;
+/// Terms of the fraction: from [`FAR`] on further ones change nothing in double precision.
+const FRACTION_TERMS: u32 = 24;
 
 /// The logarithm of the expected improvement over `best`: of the mean of `best` minus the value where that is positive,
 /// and zero elsewhere (Jones, Schonlau and Welch, "Efficient global optimization of expensive black-box functions",
 /// Journal of Global Optimization 13, 1998, equation 15). In logarithms, so that it tells points apart where it would
 /// otherwise vanish (Ament et al., "Unexpected improvements to expected improvement", NeurIPS 2023).
-pub(crate) fn log_expected_improvement(best: f64, belief: Belief) -> f64 {
+pub(crate) fn log_expected_improvement(best: f64, belief: Posterior) -> f64 {
     log_improvement((best - belief.mean) / belief.deviation) + libm::log(belief.deviation)
 }
 
 /// `ln(phi(z) + z Phi(z))`: the same for a standard normal and a best of `z`.
 fn log_improvement(z: f64) -> f64 {
-    if z > -5.0 {
+    if z > -FAR {
         return libm::log(normal_density(z) + z * normal_cdf(z));
     }
-    // The first terms of the asymptotic expansion: phi(z) / z^2 (1 - 3 / z^2 + 15 / z^4).
-    let inverse = 1.0 / (z * z);
-    -0.5 * z * z - 0.5 * libm::log(2.0 * PI)
-        + libm::log(inverse * (1.0 - 3.0 * inverse + 15.0 * inverse * inverse))
+    // phi(x) (1 - x / h(x)) with x = -z and the hazard h(x) = x + e, so that nothing is subtracted.
+    let (x, excess) = (-z, hazard_excess(-z));
+    -0.5 * x * x - 0.5 * libm::log(2.0 * PI) + libm::log(excess) - libm::log(x + excess)
+}
+
+/// By how much the hazard `phi(x) / Phi(-x)` of the standard normal is above `x`, from [`FAR`] on: Laplace's continued
+/// fraction `1 / (x + 2 / (x + 3 / (x + ...)))` (Abramowitz and Stegun, "Handbook of Mathematical Functions", 26.2.14).
+fn hazard_excess(x: f64) -> f64 {
+    (1..=FRACTION_TERMS).rev().fold(0.0, |rest, term| f64::from(term) / (x + rest))
 }
 
 /// The mean less so many deviations: optimistic above zero, careful below.
-pub(crate) fn confidence_bound(belief: Belief, optimism: f64) -> f64 {
+pub(crate) fn confidence_bound(belief: Posterior, optimism: f64) -> f64 {
     belief.mean - optimism * belief.deviation
 }
 
 /// The probability that a measurement with so much noise (a variance) is below a threshold.
-pub(crate) fn probability_below(threshold: f64, belief: Belief, noise: f64) -> f64 {
+pub(crate) fn probability_below(threshold: f64, belief: Posterior, noise: f64) -> f64 {
     normal_cdf((threshold - belief.mean) / (belief.deviation * belief.deviation + noise).sqrt())
 }
 
 /// The mean of what is believed of a measurement with so much noise (a variance), given that it is above a bound: that of
 /// a truncated normal.
-pub(crate) fn mean_above(bound: f64, belief: Belief, noise: f64) -> f64 {
+pub(crate) fn mean_above(bound: f64, belief: Posterior, noise: f64) -> f64 {
     let deviation = (belief.deviation * belief.deviation + noise).sqrt();
     let z = (bound - belief.mean) / deviation;
-    // The hazard of the normal, which approaches a straight line from above.
-    let hazard = if z > 5.0 { z + 1.0 / z } else { normal_density(z) / normal_cdf(-z) };
+    let hazard = if z > FAR { z + hazard_excess(z) } else { normal_density(z) / normal_cdf(-z) };
     let mean = belief.mean + deviation * hazard;
     if mean.is_finite() { mean.max(bound) } else { bound }
 }

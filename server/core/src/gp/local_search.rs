@@ -13,7 +13,7 @@ use crate::randomness::standard_normal;
 
 /// A point, its score (more is better), and what else was found out about it.
 #[derive(Clone, Debug)]
-pub(crate) struct Candidate<T> {
+pub(crate) struct ScoredPoint<T> {
     pub(crate) x: Vec<f64>,
     pub(crate) score: f64,
     pub(crate) detail: T,
@@ -23,7 +23,7 @@ pub(crate) struct Candidate<T> {
 #[derive(Clone, Debug)]
 pub(crate) struct Leaders<T> {
     size: usize,
-    candidates: Vec<Candidate<T>>,
+    candidates: Vec<ScoredPoint<T>>,
 }
 
 impl<T> Leaders<T> {
@@ -41,7 +41,7 @@ impl<T> Leaders<T> {
     }
 
     /// Takes a candidate in if it is among the best.
-    pub(crate) fn offer(&mut self, candidate: Candidate<T>) {
+    pub(crate) fn offer(&mut self, candidate: ScoredPoint<T>) {
         let place = self.candidates.partition_point(|other| other.score >= candidate.score);
         if place < self.size {
             self.candidates.insert(place, candidate);
@@ -55,14 +55,14 @@ impl<T> Leaders<T> {
     }
 
     /// The candidates, best first.
-    pub(crate) fn into_candidates(self) -> Vec<Candidate<T>> {
+    pub(crate) fn into_candidates(self) -> Vec<ScoredPoint<T>> {
         self.candidates
     }
 }
 
 /// The best of some candidates, the first among equals; `None` where no score is above minus infinity.
-pub(crate) fn best<T>(candidates: impl IntoIterator<Item = Candidate<T>>) -> Option<Candidate<T>> {
-    let mut best: Option<Candidate<T>> = None;
+pub(crate) fn best<T>(candidates: impl IntoIterator<Item = ScoredPoint<T>>) -> Option<ScoredPoint<T>> {
+    let mut best: Option<ScoredPoint<T>> = None;
     for candidate in candidates {
         let floor = best.as_ref().map_or(f64::NEG_INFINITY, |best| best.score);
         if candidate.score > floor {
@@ -93,11 +93,11 @@ pub(crate) trait Moves {
 /// Tries so many changes of a candidate, one after the other. `judge` is given a changed point and the score to beat, and
 /// answers `None` where that is not beaten, or the point is not wanted.
 pub(crate) fn climb<T>(
-    from: Candidate<T>,
+    from: ScoredPoint<T>,
     changes: usize,
     moves: &mut impl Moves,
-    mut judge: impl FnMut(Vec<f64>, f64) -> Option<Candidate<T>>,
-) -> Candidate<T> {
+    mut judge: impl FnMut(Vec<f64>, f64) -> Option<ScoredPoint<T>>,
+) -> ScoredPoint<T> {
     let mut climber = from;
     if climber.x.is_empty() {
         return climber;

@@ -31,7 +31,7 @@ pub(crate) struct Process {
 
 /// What a process says of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Belief {
+pub(crate) struct Posterior {
     /// The expected mean of measurements there.
     pub(crate) mean: f64,
     /// Standard deviation of that mean, noise left out.
@@ -202,14 +202,14 @@ impl Process {
     }
 
     /// What the process says of a point in a context.
-    pub(crate) fn at(&self, context: &Context, features: &[f64]) -> Belief {
+    pub(crate) fn at(&self, context: &Context, features: &[f64]) -> Posterior {
         let mut covariances = Covariances::default();
         self.covariances(context, features, &mut covariances);
-        Belief { mean: self.mean(&covariances), deviation: self.deviation(&mut covariances) }
+        Posterior { mean: self.mean(&covariances), deviation: self.deviation(&mut covariances) }
     }
 
     /// What the process says of a point.
-    pub(crate) fn predict(&self, features: &[f64]) -> Belief {
+    pub(crate) fn predict(&self, features: &[f64]) -> Posterior {
         self.at(&self.context(&[]), features)
     }
 }

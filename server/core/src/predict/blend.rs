@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::limits::REWARD_COST_MIN;
 use crate::policy::PredictorMethod;
 use crate::predict::Estimate;
-use crate::predict::prequential::{Interval, Tally, error};
+use crate::predict::prequential::{ErrorInterval, ErrorStatistics, error};
 use crate::predict::registry::METHODS;
 
 /// Half the error is worth so many doublings of the weight; errors below the least are all the same. The weights go by
@@ -18,17 +18,17 @@ const WEIGHT_POWER: i32 = 8;
 const ERROR_LEAST: f64 = 1e-6;
 
 /// What a predictor said of a configuration.
-pub(super) type Word = (PredictorMethod, Option<Estimate>);
+pub(super) type MethodEstimate = (PredictorMethod, Option<Estimate>);
 
 /// Errors of each predictor, and of the blend of them all (`Auto`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub(super) struct Tallies(BTreeMap<PredictorMethod, Tally>);
+pub(super) struct PredictorErrors(BTreeMap<PredictorMethod, ErrorStatistics>);
 
-impl Tallies {
+impl PredictorErrors {
     /// Notes how far each was off a measured cost, and the blend as it was before. The first trial of all, of which
     /// nobody had a word, is nobody's fault.
-    pub(super) fn take(&mut self, words: &[Word], cost: f64) {
+    pub(super) fn take(&mut self, words: &[MethodEstimate], cost: f64) {
         let Some(blend) = self.blend(words) else {
             return;
         };
@@ -39,12 +39,12 @@ impl Tallies {
 
     /// The error of late; infinite before the first test.
     pub(super) fn recent(&self, method: PredictorMethod) -> f64 {
-        self.0.get(&method).map_or(f64::INFINITY, Tally::recent)
+        self.0.get(&method).map_or(f64::INFINITY, ErrorStatistics::recent)
     }
 
     /// Tests so far, 0 before the second.
     pub(super) fn tests(&self, method: PredictorMethod) -> u64 {
-        self.0.get(&method).and_then(Tally::interval).map_or(0, |interval| interval.count)
+        self.0.get(&method).and_then(ErrorStatistics::interval).map_or(0, |interval| interval.count)
     }
 
     /// The one that erred least of late, the first listed among equals.
@@ -54,8 +54,9 @@ impl Tallies {
     }
 
     /// The mean errors with 95 % intervals. Empty before the second trial.
-    pub(super) fn errors(&self) -> Vec<(PredictorMethod, Interval)> {
-        let interval = |(&method, tally): (&PredictorMethod, &Tally)| Some((method, tally.interval()?));
+    pub(super) fn errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
+        let interval =
+            |(&method, tally): (&PredictorMethod, &ErrorStatistics)| Some((method, tally.interval()?));
         self.0.iter().filter_map(interval).collect()
     }
 
@@ -63,7 +64,7 @@ impl Tallies {
     /// are ratios. To follow one at a time would pay for every change of the lead; and since weights rest on errors
     /// that fade, whoever was bad for long is back after a few good tests, which is what sharing weights does for
     /// those who track the best expert (Herbster and Warmuth, Machine Learning 32, 1998).
-    pub(super) fn blend(&self, words: &[Word]) -> Option<Estimate> {
+    pub(super) fn blend(&self, words: &[MethodEstimate]) -> Option<Estimate> {
         let said: Vec<(f64, Estimate)> =
             words.iter().filter_map(|(method, word)| Some((self.weight(*method), (*word)?))).collect();
         let total: f64 = said.iter().map(|(weight, _)| weight).sum();
@@ -78,7 +79,7 @@ impl Tallies {
 
     /// The weight of a predictor in the blend: all the same before the first test.
     fn weight(&self, method: PredictorMethod) -> f64 {
-        let last = self.0.get(&method).and_then(Tally::last);
+        let last = self.0.get(&method).and_then(ErrorStatistics::last);
         last.map_or(1.0, |error| error.max(ERROR_LEAST).powi(-WEIGHT_POWER))
     }
 }

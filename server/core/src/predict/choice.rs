@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
 use crate::policy::PredictorMethod;
-use crate::predict::blend::Tallies;
+use crate::predict::blend::PredictorErrors;
 use crate::predict::contextual::Request;
 use crate::predict::deferred::{ComputedUpdates, DeferredUpdate, DeferredUpdates};
-use crate::predict::prequential::Interval;
+use crate::predict::prequential::ErrorInterval;
 use crate::predict::registry::{AnyPredictor, METHODS, PredictorSetup, learns};
 use crate::predict::{Answer, Contextual, Estimate, Lesson, Nearest, Predictor, Query};
 use crate::space::Space;
@@ -35,7 +35,7 @@ pub struct Predictors {
     /// Whether there is a choice to be made, for which all are tested.
     chooses: bool,
     trials: u64,
-    tallies: Tallies,
+    tallies: PredictorErrors,
     /// What is yet to be computed, oldest first. It all [is](Predictors::apply_all) before a checkpoint is stored.
     #[serde(skip)]
     deferred: Vec<Arc<DeferredUpdate>>,
@@ -43,17 +43,23 @@ pub struct Predictors {
 
 impl Predictors {
     /// What `method` needs, having seen nothing yet; centres and choices are drawn from the study's seed.
-    /// `mute` are the places of indicators that features leave out.
-    pub fn new(method: PredictorMethod, space: &Space, indicators: usize, seed: u64, mute: &[usize]) -> Self {
+    /// `omitted` are the places of indicators that features leave out.
+    pub fn new(
+        method: PredictorMethod,
+        space: &Space,
+        indicators: usize,
+        seed: u64,
+        omitted: &[usize],
+    ) -> Self {
         let chooses = method == PredictorMethod::Auto;
-        let setup = PredictorSetup { space, indicators, seed, mute };
+        let setup = PredictorSetup { space, indicators, seed, omitted };
         let needed = |single: &PredictorMethod| chooses || method == *single || !learns(*single);
         let singles = METHODS.iter().copied().filter(needed);
         Predictors {
             singles: singles.filter_map(|single| AnyPredictor::new(single, setup)).collect(),
             chooses,
             trials: 0,
-            tallies: Tallies::default(),
+            tallies: PredictorErrors::default(),
             deferred: Vec::new(),
         }
     }
@@ -103,9 +109,9 @@ impl Predictors {
             _ => (method, self.expect(method, query, configuration)),
         };
         let words = METHODS.iter().map(word).collect();
-        let question = self.contextual().map(|model| model.question(query));
+        let local_data = self.contextual().map(|model| model.local_data(query));
         let configuration = configuration.clone();
-        self.deferred.push(Arc::new(DeferredUpdate::Test { words, question, configuration, cost }));
+        self.deferred.push(Arc::new(DeferredUpdate::Test { words, local_data, configuration, cost }));
     }
 
     /// Teaches all. What takes long is deferred.
@@ -113,8 +119,8 @@ impl Predictors {
         for predictor in &mut self.singles {
             match predictor {
                 AnyPredictor::Contextual(contextual) => {
-                    let exercise = contextual.note(lesson);
-                    self.deferred.extend(exercise.map(DeferredUpdate::Exercise).map(Arc::new));
+                    let update = contextual.note(lesson);
+                    self.deferred.extend(update.map(DeferredUpdate::Hyperparameters).map(Arc::new));
                 }
                 other => other.learn(lesson),
             }
@@ -214,7 +220,7 @@ impl Predictors {
 
     /// The mean errors of every predictor and of the choice among them (`Auto`), with 95 % intervals. Empty
     /// before the second trial, and where nothing is to be chosen.
-    pub fn errors(&self) -> Vec<(PredictorMethod, Interval)> {
+    pub fn errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
         self.tallies.errors()
     }
 
@@ -321,7 +327,7 @@ impl Predictors {
         if !translates || query.machine == 0 {
             return expected;
         }
-        let factor = query.fleet.factor(0, query.machine);
+        let factor = query.machines.factor(0, query.machine);
         Estimate::new(factor * expected.cost, factor * expected.deviation)
     }
 }

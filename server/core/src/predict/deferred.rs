@@ -1,27 +1,32 @@
 //! Deferred updates: what learning a trial leaves to be computed later, because it takes a fit.
 //!
-//! A trial is noted at once. What it has to say of the contextual model's lengths, and how far that model would have
-//! been off it, takes a fit each; these are deferred, in the order of the trials. Whoever has the time computes them,
-//! on a copy, and the result is applied. Since they are computed in order, and each holds what it rests on, the
-//! outcome is the same whenever that is.
+//! A trial is noted at once. Two things take a fit of the contextual model each: the update of its lengths, and its error
+//! on the trial's cost. These are deferred, in the order of the trials, and computed on a copy where nobody waits; then
+//! the result is applied. Since they are computed in order, and each holds its inputs, the outcome does not depend on
+//! when that happens.
 
 use std::sync::Arc;
 
 use crate::configuration::Configuration;
 use crate::gp::Hyperparameters;
 use crate::policy::PredictorMethod;
-use crate::predict::blend::{Tallies, Word};
-use crate::predict::contextual::{Exercise, Question};
+use crate::predict::blend::{MethodEstimate, PredictorErrors};
+use crate::predict::contextual::{HyperparameterUpdate, LocalData};
 use crate::space::Space;
 
 /// One of them.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum DeferredUpdate {
-    /// To tell how far the predictors were off a measured cost. The words are complete but for that of the contextual
-    /// model, which is yet to be asked.
-    Test { words: Vec<Word>, question: Option<Question>, configuration: Configuration, cost: f64 },
+    /// To add the predictors' errors on a measured cost to their tallies. The prediction of the contextual model is
+    /// still to be computed, the others are complete.
+    Test {
+        words: Vec<MethodEstimate>,
+        local_data: Option<LocalData>,
+        configuration: Configuration,
+        cost: f64,
+    },
     /// To move the contextual model's lengths.
-    Exercise(Exercise),
+    Hyperparameters(HyperparameterUpdate),
 }
 
 /// Deferred updates, oldest first, with what they change, on a copy.
@@ -29,7 +34,7 @@ pub(super) enum DeferredUpdate {
 pub struct DeferredUpdates {
     pub(super) updates: Vec<Arc<DeferredUpdate>>,
     pub(super) hyper: Option<Hyperparameters>,
-    pub(super) tallies: Tallies,
+    pub(super) tallies: PredictorErrors,
 }
 
 impl DeferredUpdates {
@@ -38,19 +43,19 @@ impl DeferredUpdates {
     pub fn compute(mut self, space: &Space) -> ComputedUpdates {
         for update in &self.updates {
             match &**update {
-                DeferredUpdate::Test { words, question, configuration, cost } => {
+                DeferredUpdate::Test { words, local_data, configuration, cost } => {
                     let mut words = words.clone();
-                    if let (Some(question), Some(hyper)) = (question, &self.hyper) {
-                        let said = question.estimate(hyper, space, configuration);
+                    if let (Some(local_data), Some(hyper)) = (local_data, &self.hyper) {
+                        let said = local_data.estimate(hyper, space, configuration);
                         let own =
                             words.iter_mut().filter(|(method, _)| *method == PredictorMethod::Contextual);
                         own.for_each(|(_, word)| *word = said);
                     }
                     self.tallies.take(&words, *cost);
                 }
-                DeferredUpdate::Exercise(exercise) => {
+                DeferredUpdate::Hyperparameters(update) => {
                     if let Some(hyper) = &mut self.hyper {
-                        exercise.carry_out(hyper);
+                        update.apply(hyper);
                     }
                 }
             }

@@ -13,8 +13,8 @@ pub mod state_index;
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
-use crate::fleet::{Fleet, distance_2};
-use crate::knowledge::KnownState;
+use crate::machines::{Machines, distance_2};
+use crate::results::KnownState;
 use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::Neighbour;
@@ -67,7 +67,7 @@ pub struct Query<'a> {
     /// The study's parameters.
     pub space: &'a Space,
     /// The machines of the study.
-    pub fleet: &'a Fleet,
+    pub machines: &'a Machines,
     /// Which of them asks. Costs in answers are those to expect there.
     pub machine: u32,
 }
@@ -83,13 +83,13 @@ impl Query<'_> {
     ) -> Vec<IndexEntry> {
         self.state_index.nearest(self.state, count, explored, |place| {
             let known = self.known.get(place).filter(|known| filter(known))?;
-            Some(distance_2(self.fleet.level(self.machine, known.machine)))
+            Some(distance_2(self.machines.level(self.machine, known.machine)))
         })
     }
 
     /// Numbers for who asks.
     pub(crate) fn origin(&self) -> Origin {
-        self.fleet.origin(self.machine)
+        self.machines.origin(self.machine)
     }
 
     /// What a cost that was measured in a state is expected to be on the asking machine.
@@ -97,12 +97,12 @@ impl Query<'_> {
         if known.machine == self.machine {
             return cost;
         }
-        (cost * self.fleet.factor(known.machine, self.machine)).min(f64::MAX)
+        (cost * self.machines.factor(known.machine, self.machine)).min(f64::MAX)
     }
 
     /// Whether the configuration is known not to work in the asked state.
     pub fn excludes(&self, configuration: &Configuration) -> bool {
-        self.here.is_some_and(|here| here.knowledge.is_infeasible(configuration))
+        self.here.is_some_and(|here| here.results.is_infeasible(configuration))
     }
 }
 

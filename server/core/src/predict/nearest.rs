@@ -3,10 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
-use crate::knowledge::{KnownState, Record};
 use crate::limits::NEIGHBOURS_MAX;
 use crate::predict::state_index::IndexEntry;
 use crate::predict::{Answer, Estimate, Predictor, Query};
+use crate::results::{KnownState, Record};
 use crate::trial::Neighbour;
 
 /// Best known configuration of the known state that is closest by Euclidean distance. Its table are the known
@@ -34,35 +34,35 @@ const RECORDS: usize = 48;
 const NEARNESS_MAX: f64 = 0.1;
 
 /// A state that can answer, and its distance.
-struct Candidate<'a> {
+struct NearState<'a> {
     state: &'a KnownState,
     distance: f64,
 }
 
 /// The states that can answer, in the order in which they count, at most `count`.
-fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
-    let place = |place: usize| query.known.get(place).filter(|state| state.knowledge.best().is_some());
-    let mut chosen: Vec<Candidate<'a>> = Vec::with_capacity(count + 1);
+fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
+    let place = |place: usize| query.known.get(place).filter(|state| state.results.best().is_some());
+    let mut chosen: Vec<NearState<'a>> = Vec::with_capacity(count + 1);
     for explored in [true, false] {
         let left = count.saturating_sub(chosen.len());
         if left == 0 {
             break;
         }
         let from = chosen.len();
-        let passes = |state: &KnownState| state.explored == explored && state.knowledge.best().is_some();
+        let passes = |state: &KnownState| state.explored == explored && state.results.best().is_some();
         let found = query.nearest(left, explored, passes);
         let candidates = found.iter().filter_map(|found| {
-            Some(Candidate { state: place(found.name as usize)?, distance: found.distance_2.sqrt() })
+            Some(NearState { state: place(found.name as usize)?, distance: found.distance_2.sqrt() })
         });
         chosen.extend(candidates);
         if let Some(here) = query.here.filter(|here| here.explored == explored)
-            && here.knowledge.best().is_some()
+            && here.results.best().is_some()
         {
             let at = chosen[from..].iter().position(|candidate| candidate.state.id == here.id);
             let own = match at {
                 Some(at) => chosen.remove(from + at),
                 None => {
-                    Candidate { state: here, distance: query.state_index.distance(query.state, &here.anchor) }
+                    NearState { state: here, distance: query.state_index.distance(query.state, &here.anchor) }
                 }
             };
             chosen.insert(from, own);
@@ -75,11 +75,11 @@ fn candidates<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
 /// The states nearest to the query in which anything was measured, searched or not. Estimates ask these: they
 /// are compared with what was measured next, over the whole history, and must come out the same when that is
 /// gone through again after a restart, when it is no longer known at which moment each search began.
-fn closest<'a>(query: &Query<'a>, count: usize) -> Vec<Candidate<'a>> {
-    let place = |place: usize| query.known.get(place).filter(|state| state.knowledge.best().is_some());
-    let found = query.nearest(count, false, |state| state.knowledge.best().is_some());
+fn closest<'a>(query: &Query<'a>, count: usize) -> Vec<NearState<'a>> {
+    let place = |place: usize| query.known.get(place).filter(|state| state.results.best().is_some());
+    let found = query.nearest(count, false, |state| state.results.best().is_some());
     let candidate = |found: &IndexEntry| {
-        Some(Candidate { state: place(found.name as usize)?, distance: found.distance_2.sqrt() })
+        Some(NearState { state: place(found.name as usize)?, distance: found.distance_2.sqrt() })
     };
     found.iter().filter_map(candidate).collect()
 }
@@ -89,9 +89,9 @@ pub(super) fn neighbours(query: &Query<'_>) -> Vec<Neighbour> {
     listed(query, &candidates(query, NEIGHBOURS_MAX))
 }
 
-fn listed(query: &Query<'_>, candidates: &[Candidate<'_>]) -> Vec<Neighbour> {
-    let neighbour = |candidate: &Candidate<'_>| {
-        let best = candidate.state.knowledge.best()?;
+fn listed(query: &Query<'_>, candidates: &[NearState<'_>]) -> Vec<Neighbour> {
+    let neighbour = |candidate: &NearState<'_>| {
+        let best = candidate.state.results.best()?;
         let (state_id, best_cost) = (candidate.state.id, query.translate(candidate.state, best.mean_cost));
         Some(Neighbour { state_id, distance: candidate.distance, best_cost })
     };
@@ -99,25 +99,25 @@ fn listed(query: &Query<'_>, candidates: &[Candidate<'_>]) -> Vec<Neighbour> {
 }
 
 /// A state's table as points: its best configurations and their mean costs, on the asking machine.
-struct Table<'a> {
+struct StateCosts<'a> {
     state: &'a KnownState,
     factor: f64,
     points: Vec<(Vec<f64>, f64)>,
 }
 
-impl<'a> Table<'a> {
+impl<'a> StateCosts<'a> {
     fn of(query: &Query<'_>, state: &'a KnownState) -> Self {
-        let records = state.knowledge.ranked().take(RECORDS);
+        let records = state.results.ranked().take(RECORDS);
         let points = records.map(|record| {
             (query.space.encode(&record.configuration), query.translate(state, record.mean_cost))
         });
         let factor = query.translate(state, 1.0);
-        Table { state, factor, points: points.collect() }
+        StateCosts { state, factor, points: points.collect() }
     }
 
     /// What a configuration costs in the state: its own mean, else that of the configuration most like it.
     fn cost(&self, configuration: &Configuration, point: &[f64]) -> Option<f64> {
-        let own = self.state.knowledge.record(configuration).filter(|record| record.measurements > 0);
+        let own = self.state.results.record(configuration).filter(|record| record.measurements > 0);
         own.map(|record| (self.factor * record.mean_cost).min(f64::MAX)).or_else(|| {
             let alike = |(other, _): &(Vec<f64>, f64)| -> f64 {
                 other.iter().zip(point).map(|(a, b)| (a - b) * (a - b)).sum()
@@ -148,7 +148,8 @@ impl Predictor for Nearest {
     fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate> {
         let point = query.space.encode(configuration);
         let candidates = closest(query, NEIGHBOURS_MAX);
-        let cost = |candidate: &Candidate<'_>| Table::of(query, candidate.state).cost(configuration, &point);
+        let cost =
+            |candidate: &NearState<'_>| StateCosts::of(query, candidate.state).cost(configuration, &point);
         first_word(&candidates.iter().filter_map(cost).collect::<Vec<_>>())
     }
 
@@ -157,11 +158,11 @@ impl Predictor for Nearest {
         let cost = |state: &KnownState, record: &Record| query.translate(state, record.mean_cost);
         let (state, record) = candidates
             .iter()
-            .flat_map(|candidate| candidate.state.knowledge.ranked().map(|record| (candidate.state, record)))
+            .flat_map(|candidate| candidate.state.results.ranked().map(|record| (candidate.state, record)))
             .find(|(_, record)| !query.excludes(&record.configuration))?;
         let mut costs = vec![cost(state, record)];
-        let best = |candidate: &Candidate<'_>| {
-            candidate.state.knowledge.best().map(|best| cost(candidate.state, best))
+        let best = |candidate: &NearState<'_>| {
+            candidate.state.results.best().map(|best| cost(candidate.state, best))
         };
         costs.extend(candidates.iter().skip(1).filter_map(best));
         Some(Answer {
@@ -173,12 +174,12 @@ impl Predictor for Nearest {
 }
 
 /// Weights of candidates, of sum one.
-fn weights(candidates: &[Candidate<'_>]) -> Vec<f64> {
+fn weights(candidates: &[NearState<'_>]) -> Vec<f64> {
     let furthest = candidates.iter().map(|candidate| candidate.distance).fold(0.0, f64::max);
     let floor = (NEARNESS_MAX * furthest).powi(2);
-    let square = |candidate: &Candidate<'_>| candidate.distance * candidate.distance + floor;
+    let square = |candidate: &NearState<'_>| candidate.distance * candidate.distance + floor;
     // All at one place weigh the same.
-    let weight = |candidate: &Candidate<'_>| if furthest > 0.0 { floor / square(candidate) } else { 1.0 };
+    let weight = |candidate: &NearState<'_>| if furthest > 0.0 { floor / square(candidate) } else { 1.0 };
     let sum: f64 = candidates.iter().map(weight).sum();
     candidates.iter().map(|candidate| weight(candidate) / sum).collect()
 }
@@ -199,13 +200,13 @@ fn weighted_word(costs: &[(f64, f64)]) -> Option<Estimate> {
 
 impl Weighted {
     fn word(
-        tables: &[(f64, Table<'_>)],
+        tables: &[(f64, StateCosts<'_>)],
         configuration: &Configuration,
         point: &[f64],
     ) -> Option<(Estimate, f64)> {
         let (mut costs, mut score, mut total) = (Vec::new(), 0.0, 0.0);
         for (weight, table) in tables {
-            let best = table.state.knowledge.best().map(|best| table.factor * best.mean_cost);
+            let best = table.state.results.best().map(|best| table.factor * best.mean_cost);
             let (Some(cost), Some(best)) = (table.cost(configuration, point), best) else {
                 continue;
             };
@@ -220,10 +221,10 @@ impl Weighted {
 
     fn tables<'a>(
         query: &Query<'a>,
-        candidates: Vec<Candidate<'a>>,
-    ) -> (Vec<(f64, Table<'a>)>, Vec<Neighbour>) {
+        candidates: Vec<NearState<'a>>,
+    ) -> (Vec<(f64, StateCosts<'a>)>, Vec<Neighbour>) {
         let weights = weights(&candidates);
-        let tables = candidates.iter().map(|candidate| Table::of(query, candidate.state));
+        let tables = candidates.iter().map(|candidate| StateCosts::of(query, candidate.state));
         (weights.into_iter().zip(tables).collect(), listed(query, &candidates))
     }
 }
@@ -241,8 +242,7 @@ impl Predictor for Weighted {
     fn predict(&self, query: &Query<'_>) -> Option<Answer> {
         let (tables, neighbours) = Self::tables(query, candidates(query, WEIGHTED));
         let leaders = tables.iter().flat_map(|(_, table)| {
-            let usable =
-                table.state.knowledge.ranked().filter(|record| !query.excludes(&record.configuration));
+            let usable = table.state.results.ranked().filter(|record| !query.excludes(&record.configuration));
             usable.take(CANDIDATES)
         });
         let mut best: Option<(&Configuration, Estimate, f64)> = None;

@@ -26,7 +26,7 @@ pub fn error(expected: Option<Estimate>, cost: f64) -> f64 {
 
 /// The errors of one predictor so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Tally {
+pub struct ErrorStatistics {
     count: u64,
     sum: Sum,
     squares: Sum,
@@ -54,7 +54,7 @@ impl Fading {
 
 /// A mean error and where it lies with 95 % confidence, by the normal approximation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Interval {
+pub struct ErrorInterval {
     /// Predictions tested.
     pub count: u64,
     /// Mean error.
@@ -65,7 +65,7 @@ pub struct Interval {
     pub high: f64,
 }
 
-impl Tally {
+impl ErrorStatistics {
     /// Counts one more error.
     pub fn take(&mut self, error: f64) {
         self.count += 1;
@@ -86,7 +86,7 @@ impl Tally {
     }
 
     /// The mean error of all trials; `None` before the first.
-    pub fn interval(&self) -> Option<Interval> {
+    pub fn interval(&self) -> Option<ErrorInterval> {
         if self.count == 0 {
             return None;
         }
@@ -98,7 +98,7 @@ impl Tally {
             ERROR_MAX * ERROR_MAX
         };
         let reach = 1.96 * (variance / n).sqrt();
-        Some(Interval { count: self.count, mean, low: (mean - reach).max(0.0), high: mean + reach })
+        Some(ErrorInterval { count: self.count, mean, low: (mean - reach).max(0.0), high: mean + reach })
     }
 }
 
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn the_last_errors_outweigh_the_old() {
-        let mut tally = Tally::default();
+        let mut tally = ErrorStatistics::default();
         assert_eq!((tally.recent(), tally.last()), (f64::INFINITY, None));
         (0..400).for_each(|_| tally.take(1.0));
         (0..40).for_each(|_| tally.take(0.0));
@@ -128,10 +128,10 @@ mod tests {
 
     #[test]
     fn the_interval_narrows_around_the_mean() {
-        let mut tally = Tally::default();
+        let mut tally = ErrorStatistics::default();
         assert_eq!(tally.interval(), None);
         (0..400).for_each(|index| tally.take(if index % 2 == 0 { 0.1 } else { 0.3 }));
-        let Interval { count, mean, low, high } = tally.interval().expect("tested");
+        let ErrorInterval { count, mean, low, high } = tally.interval().expect("tested");
         assert_eq!(count, 400);
         assert!((mean - 0.2).abs() < 1e-12);
         assert!((high - mean - 0.0098).abs() < 1e-4 && (mean - low - 0.0098).abs() < 1e-4);

@@ -22,7 +22,7 @@ pub(super) struct PredictorSetup<'a> {
     /// The study's seed, from which centres and choices are drawn.
     pub(super) seed: u64,
     /// The places of indicators that are left out of features.
-    pub(super) mute: &'a [usize],
+    pub(super) omitted: &'a [usize],
 }
 
 macro_rules! predictors {
@@ -94,9 +94,9 @@ predictors! {
     NearestNeighbour(Nearest) = |_| Nearest,
     /// Radial basis functions by recursive least squares; see `rbf`.
     LeastSquares(LeastSquares) =
-        |s| LeastSquares::new(s.space.dimension(), s.indicators, s.seed, s.mute),
+        |s| LeastSquares::new(s.space.dimension(), s.indicators, s.seed, s.omitted),
     /// Radial basis functions by Greedy-GQ, as the paper prints them; see `rbf`.
-    RbfGreedyGq(Rbf) = |s| Rbf::new(Shape::Printed, s.space.dimension(), s.indicators, s.seed, s.mute),
+    RbfGreedyGq(Rbf) = |s| Rbf::new(Shape::Printed, s.space.dimension(), s.indicators, s.seed, s.omitted),
     /// The same with Gaussians; see `rbf`.
-    GaussianGreedyGq(Rbf) = |s| Rbf::new(Shape::Gaussian, s.space.dimension(), s.indicators, s.seed, s.mute),
+    GaussianGreedyGq(Rbf) = |s| Rbf::new(Shape::Gaussian, s.space.dimension(), s.indicators, s.seed, s.omitted),
 }

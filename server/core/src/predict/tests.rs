@@ -31,7 +31,7 @@ pub(super) struct World {
     pub(super) space: Space,
     pub(super) states: Vec<KnownState>,
     pub(super) state_index: StateIndex,
-    pub(super) fleet: Fleet,
+    pub(super) machines: Machines,
     pub(super) predictors: Predictors,
     trials: u64,
 }
@@ -44,7 +44,7 @@ impl World {
             space,
             states: Vec::new(),
             state_index: StateIndex::new(indicators),
-            fleet: Fleet::default(),
+            machines: Machines::default(),
             trials: 0,
         }
     }
@@ -54,13 +54,13 @@ impl World {
         let threads = (node % 10) as u32;
         let fingerprint =
             Fingerprint { cpu_model: (node / 10).to_string(), threads, ..Fingerprint::default() };
-        self.fleet.found(Some(&fingerprint)).0
+        self.machines.note_founder(Some(&fingerprint)).0
     }
 
     pub(super) fn query<'a>(&'a self, state: &'a [f64]) -> Query<'a> {
         let here = self.states.iter().find(|known| known.anchor == state);
-        let World { space, states, state_index, fleet, .. } = self;
-        Query { state, here, known: states, state_index, space, fleet, machine: 0 }
+        let World { space, states, state_index, machines, .. } = self;
+        Query { state, here, known: states, state_index, space, machines, machine: 0 }
     }
 
     /// A trial as the tuner takes it: tested, entered in its state's table, learnt.
@@ -74,7 +74,7 @@ impl World {
     ) {
         let configuration = self.space.decode(point);
         let machine = self.machine(node);
-        let origin = self.fleet.origin(machine);
+        let origin = self.machines.origin(machine);
         let place = self.states.iter().position(|known| known.anchor == state).unwrap_or_else(|| {
             let id = self.states.len() as u64 + 1;
             let founded = KnownState {
@@ -82,7 +82,7 @@ impl World {
                 anchor: state.to_vec(),
                 machine,
                 explored: true,
-                knowledge: Default::default(),
+                results: Default::default(),
             };
             self.states.push(founded);
             self.states.len() - 1
@@ -117,9 +117,9 @@ impl World {
             completion: Some(self.trials),
             fingerprint: None,
         };
-        Arc::make_mut(&mut self.states[place].knowledge).learn(&trial, self.space.default_ref());
+        Arc::make_mut(&mut self.states[place].results).learn(&trial, self.space.default_ref());
         self.state_index.note(&self.states[place]);
-        let default = self.states[place].knowledge.record(self.space.default_ref());
+        let default = self.states[place].results.record(self.space.default_ref());
         let default_cost = default.filter(|record| record.measurements > 0).map(|record| record.mean_cost);
         let point = self.space.encode(&configuration);
         let lesson =
@@ -226,7 +226,7 @@ fn an_infeasible_configuration_is_never_answered_in_its_state() {
         let mut world = base.clone();
         for _ in 0..12 {
             let Some(answer) = world.ask(method, &state) else { break };
-            assert!(!world.states[3].knowledge.is_infeasible(&answer.configuration), "{method:?}");
+            assert!(!world.states[3].results.is_infeasible(&answer.configuration), "{method:?}");
             let point = world.space.encode(&answer.configuration);
             world.take(&state, &point, Outcome::Infeasible { reason: String::new() }, None, 1);
         }

@@ -11,14 +11,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::gp::kernel::{FeatureKind, INACTIVE};
 use crate::gp::local_search::Neighbourhood;
-use crate::search::guide::Guide;
+use crate::search::main_effects::MainEffects;
 use crate::space::{Domain, Space};
 use crate::value::Value;
 
 /// What an axis of the cube stands for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Kind {
+enum AxisKind {
     /// Integers and floats, mapped as the space maps them.
     Number(Domain),
     /// Values in equal cells. `ranks` holds the place of each cell's value among all by size, where the
@@ -34,8 +34,8 @@ struct Gate {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Axis {
-    kind: Kind,
+struct LayoutAxis {
+    kind: AxisKind,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     gate: Option<Gate>,
 }
@@ -43,7 +43,7 @@ struct Axis {
 /// The axes of a space, in order. Empty where nothing is known: every axis is a number then.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Layout {
-    axes: Vec<Axis>,
+    axes: Vec<LayoutAxis>,
     /// Pairs of axes whose values must not fall: `(lesser, greater)`.
     order: Vec<(usize, usize)>,
     /// Where inactive axes sit.
@@ -51,9 +51,9 @@ pub struct Layout {
     /// Axes that are left where they are, and where. Points that were measured elsewhere stay what they are.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     held: Vec<(usize, f64)>,
-    /// What other states say of points.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    guide: Option<Guide>,
+    /// What other states predict of points. Rows of version 0.1.0 call it `guide`.
+    #[serde(rename = "guide", default, skip_serializing_if = "Option::is_none")]
+    main_effects: Option<MainEffects>,
 }
 
 /// Most cells that are counted; finer axes pass for continuous.
@@ -73,7 +73,7 @@ impl Layout {
                     any_of: condition.any_of.iter().map(|value| level_of(domain, value)).collect(),
                 })
             });
-            Axis { kind: Kind::of(&parameter.domain), gate }
+            LayoutAxis { kind: AxisKind::of(&parameter.domain), gate }
         });
         let order = space.constraints().iter();
         Layout {
@@ -81,7 +81,7 @@ impl Layout {
             order: order.filter_map(|pair| Some((place(&pair.lesser)?, place(&pair.greater)?))).collect(),
             default: space.encode(space.default_ref()),
             held: Vec::new(),
-            guide: None,
+            main_effects: None,
         }
     }
 
@@ -90,17 +90,17 @@ impl Layout {
     pub(crate) fn plain(default: Vec<f64>, levels: &[u32]) -> Self {
         let axis = |index: usize| {
             let kind = match levels.get(index).copied().unwrap_or(0) {
-                0 => Kind::Number(Domain::Float { min: 0.0, max: 1.0, scale: Default::default() }),
-                levels => Kind::Choice { levels, ranks: (0..levels).collect() },
+                0 => AxisKind::Number(Domain::Float { min: 0.0, max: 1.0, scale: Default::default() }),
+                levels => AxisKind::Choice { levels, ranks: (0..levels).collect() },
             };
-            Axis { kind, gate: None }
+            LayoutAxis { kind, gate: None }
         };
         Layout {
             axes: (0..default.len()).map(axis).collect(),
             order: Vec::new(),
             default,
             held: Vec::new(),
-            guide: None,
+            main_effects: None,
         }
     }
 
@@ -109,9 +109,9 @@ impl Layout {
         self.held = held.to_vec();
     }
 
-    /// Has features end with what a guide says of them.
-    pub(super) fn set_guide(&mut self, guide: Guide) {
-        self.guide = Some(guide);
+    /// Adds the prediction of other states as the last feature.
+    pub(super) fn set_main_effects(&mut self, main_effects: MainEffects) {
+        self.main_effects = Some(main_effects);
     }
 
     /// Moves the held axes of a point to where they are held.
@@ -133,53 +133,53 @@ impl Layout {
 
     /// How the values of each feature compare.
     pub(crate) fn kinds(&self) -> Vec<FeatureKind> {
-        let kind = |axis: &Axis| match &axis.kind {
-            Kind::Choice { ranks, .. } if ranks.is_empty() => FeatureKind::Categorical,
+        let kind = |axis: &LayoutAxis| match &axis.kind {
+            AxisKind::Choice { ranks, .. } if ranks.is_empty() => FeatureKind::Categorical,
             _ => FeatureKind::Ordered,
         };
         let twice = self.axes.iter().filter(|axis| axis.is_seen_twice()).map(|_| FeatureKind::Categorical);
-        let guide = self.guide.iter().map(|_| FeatureKind::Linear);
-        self.axes.iter().map(kind).chain(twice).chain(guide).collect()
+        let main_effects = self.main_effects.iter().map(|_| FeatureKind::Linear);
+        self.axes.iter().map(kind).chain(twice).chain(main_effects).collect()
     }
 
     /// How many values an axis has; 0 for a continuous one.
     pub(crate) fn cells(&self, axis: usize) -> u32 {
         match &self.axes[axis].kind {
-            Kind::Choice { levels, .. } => *levels,
-            Kind::Number(Domain::Integer { min, max, .. }) if max.abs_diff(*min) < CELLS_MAX => {
+            AxisKind::Choice { levels, .. } => *levels,
+            AxisKind::Number(Domain::Integer { min, max, .. }) if max.abs_diff(*min) < CELLS_MAX => {
                 max.abs_diff(*min) as u32 + 1
             }
-            Kind::Number(_) => 0,
+            AxisKind::Number(_) => 0,
         }
     }
 
     /// The coordinate of the value that is the `rank`th by size (by listing where there is no order).
     pub(crate) fn at_rank(&self, axis: usize, rank: u32) -> f64 {
         match &self.axes[axis].kind {
-            Kind::Choice { levels, ranks } => {
+            AxisKind::Choice { levels, ranks } => {
                 let cell = ranks.iter().position(|&other| other == rank).map_or(rank, |cell| cell as u32);
                 (f64::from(cell) + 0.5) / f64::from(*levels)
             }
-            Kind::Number(Domain::Integer { min, scale, max }) => {
+            AxisKind::Number(Domain::Integer { min, scale, max }) => {
                 let domain = Domain::Integer { min: *min, max: *max, scale: *scale };
                 domain.encode(&Value::Integer(min + i64::from(rank)))
             }
-            Kind::Number(_) => 0.5,
+            AxisKind::Number(_) => 0.5,
         }
     }
 
     /// The rank of the value at a canonical coordinate.
     pub(crate) fn rank(&self, axis: usize, x: f64) -> u32 {
         match &self.axes[axis].kind {
-            Kind::Choice { levels, ranks } => {
+            AxisKind::Choice { levels, ranks } => {
                 let cell = cell(x, *levels);
                 ranks.get(cell as usize).copied().unwrap_or(cell)
             }
-            Kind::Number(domain @ Domain::Integer { min, .. }) => match domain.decode(x) {
+            AxisKind::Number(domain @ Domain::Integer { min, .. }) => match domain.decode(x) {
                 Value::Integer(integer) => (integer - min) as u32,
                 _ => 0,
             },
-            Kind::Number(_) => 0,
+            AxisKind::Number(_) => 0,
         }
     }
 
@@ -221,7 +221,8 @@ impl Layout {
     }
 
     fn unfold(&self, x: &mut [f64], lesser: usize, greater: usize) -> bool {
-        let (Kind::Number(a), Kind::Number(b)) = (&self.axes[lesser].kind, &self.axes[greater].kind) else {
+        let (AxisKind::Number(a), AxisKind::Number(b)) = (&self.axes[lesser].kind, &self.axes[greater].kind)
+        else {
             return false;
         };
         let (low, high) = (a.decode(x[lesser]), b.decode(x[greater]));
@@ -239,21 +240,21 @@ impl Layout {
     pub(crate) fn features(&self, x: &[f64], active: &[bool]) -> Vec<f64> {
         let feature = |index: usize| match &self.axes[index].kind {
             _ if !active[index] => INACTIVE,
-            Kind::Number(_) => x[index],
-            Kind::Choice { levels, ranks } if ranks.is_empty() => f64::from(cell(x[index], *levels)),
-            Kind::Choice { levels, ranks } => {
+            AxisKind::Number(_) => x[index],
+            AxisKind::Choice { levels, ranks } if ranks.is_empty() => f64::from(cell(x[index], *levels)),
+            AxisKind::Choice { levels, ranks } => {
                 (f64::from(ranks[cell(x[index], *levels) as usize]) + 0.5) / f64::from(*levels)
             }
         };
-        let cell_of = |(index, axis): (usize, &Axis)| match &axis.kind {
+        let cell_of = |(index, axis): (usize, &LayoutAxis)| match &axis.kind {
             _ if !axis.is_seen_twice() => None,
             _ if !active[index] => Some(INACTIVE),
-            Kind::Choice { levels, .. } => Some(f64::from(cell(x[index], *levels))),
-            Kind::Number(_) => None,
+            AxisKind::Choice { levels, .. } => Some(f64::from(cell(x[index], *levels))),
+            AxisKind::Number(_) => None,
         };
         let twice = self.axes.iter().enumerate().filter_map(cell_of);
-        let guide = self.guide.iter().map(|guide| guide.at(self, x, active));
-        (0..x.len()).map(feature).chain(twice).chain(guide).collect()
+        let main_effects = self.main_effects.iter().map(|main_effects| main_effects.at(self, x, active));
+        (0..x.len()).map(feature).chain(twice).chain(main_effects).collect()
     }
 }
 
@@ -279,10 +280,10 @@ impl Neighbourhood for Layout {
     }
 }
 
-impl Kind {
+impl AxisKind {
     fn of(domain: &Domain) -> Self {
         match domain {
-            Domain::Boolean => Kind::Choice { levels: 2, ranks: vec![0, 1] },
+            Domain::Boolean => AxisKind::Choice { levels: 2, ranks: vec![0, 1] },
             Domain::Categorical { values } => {
                 let by_size = |a: &usize, b: &usize| values[*a].cmp(&values[*b]);
                 let mut sorted: Vec<usize> = (0..values.len()).collect();
@@ -290,31 +291,31 @@ impl Kind {
                 let numbers = values.iter().all(|value| value.as_number().is_some());
                 let rank = |cell: usize| sorted.iter().position(|&other| other == cell).unwrap_or(0) as u32;
                 let ranks = if numbers { (0..values.len()).map(rank).collect() } else { Vec::new() };
-                Kind::Choice { levels: values.len() as u32, ranks }
+                AxisKind::Choice { levels: values.len() as u32, ranks }
             }
-            number => Kind::Number(number.clone()),
+            number => AxisKind::Number(number.clone()),
         }
     }
 }
 
-impl Axis {
+impl LayoutAxis {
     fn is_seen_twice(&self) -> bool {
-        matches!(&self.kind, Kind::Choice { ranks, .. } if ranks.len() > 2)
+        matches!(&self.kind, AxisKind::Choice { ranks, .. } if ranks.len() > 2)
     }
 
     fn snap(&self, x: f64) -> f64 {
         match &self.kind {
-            Kind::Number(domain @ Domain::Integer { .. }) => domain.encode(&domain.decode(x)),
-            Kind::Number(Domain::Float { min, max, .. }) if min == max => 0.5,
-            Kind::Number(_) => x.clamp(0.0, 1.0),
-            Kind::Choice { levels, .. } => (f64::from(cell(x, *levels)) + 0.5) / f64::from(*levels),
+            AxisKind::Number(domain @ Domain::Integer { .. }) => domain.encode(&domain.decode(x)),
+            AxisKind::Number(Domain::Float { min, max, .. }) if min == max => 0.5,
+            AxisKind::Number(_) => x.clamp(0.0, 1.0),
+            AxisKind::Choice { levels, .. } => (f64::from(cell(x, *levels)) + 0.5) / f64::from(*levels),
         }
     }
 
     fn level(&self, x: f64) -> i64 {
         match &self.kind {
-            Kind::Number(domain) => level_of(domain, &domain.decode(x)),
-            Kind::Choice { levels, .. } => i64::from(cell(x, *levels)),
+            AxisKind::Number(domain) => level_of(domain, &domain.decode(x)),
+            AxisKind::Choice { levels, .. } => i64::from(cell(x, *levels)),
         }
     }
 }

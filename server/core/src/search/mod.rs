@@ -5,10 +5,10 @@
 //! same points. Pending points (asked and not told) are part of the state; a point whose client went away is
 //! withdrawn and asked again. To add a search, see `registry`.
 
-pub mod guide;
 pub mod latin_hypercube;
 pub(crate) mod layout;
 mod levels;
+pub mod main_effects;
 pub mod model;
 pub mod nelder_mead;
 mod pending;
@@ -20,11 +20,11 @@ use std::cmp::Ordering;
 use serde::{Deserialize, Serialize};
 
 pub use crate::decision::Step;
-pub use guide::{Elsewhere, Guide};
 pub use latin_hypercube::LatinHypercubeSearch;
 pub use layout::Layout;
 pub use levels::levels;
-pub use model::{ModelSearch, Plan};
+pub use main_effects::{MainEffects, SourceMeasurement};
+pub use model::{ModelSearch, PlannedPoint};
 pub use nelder_mead::NelderMead;
 pub use random::RandomSearch;
 pub use registry::{AnySearch, hears_others, resolved};
@@ -132,7 +132,7 @@ pub trait Search {
 
     /// Has a search that has just begun profit from other states: `first` are points to begin with, after the default.
     /// A search that does not hear others begins as always.
-    fn follow(&mut self, _guide: Guide, _first: Vec<Vec<f64>>) {}
+    fn follow(&mut self, _main_effects: MainEffects, _first: Vec<Vec<f64>>) {}
 
     /// Whether the next [`ask`](Search::ask) is a matter of microseconds: no model has to be fitted for it. A search
     /// without a model is always ready.
@@ -142,13 +142,13 @@ pub trait Search {
 
     /// Thinks of the next point on a copy: what takes milliseconds is done here, where nobody waits. `None` where there
     /// is nothing to think about.
-    fn plan(&self) -> Option<Plan> {
+    fn plan(&self) -> Option<PlannedPoint> {
         None
     }
 
     /// Takes over what a copy of this search has [planned](Search::plan), if it is still worth something. Asked next,
     /// a search that was not told anything since gives the same point as if it had thought of it itself.
-    fn adopt(&mut self, _plan: Plan) {}
+    fn adopt(&mut self, _plan: PlannedPoint) {}
 }
 
 /// What a search is made from.

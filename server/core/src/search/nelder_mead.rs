@@ -73,7 +73,7 @@ const ELITE_MAX: usize = 8;
 
 /// A measured point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Vertex {
+struct SimplexVertex {
     x: Vec<f64>,
     score: Score,
 }
@@ -81,7 +81,7 @@ struct Vertex {
 /// What the search is about to measure, or is measuring.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Phase {
+enum SimplexPhase {
     /// Points of a design; they do not depend on each other and may be out together.
     Design { queue: VecDeque<(Vec<f64>, Step)> },
     /// The best point with another value of one choice.
@@ -89,9 +89,9 @@ enum Phase {
     /// The worst vertex mirrored at the centroid of the others.
     Reflect,
     /// The reflection was the best so far: twice as far.
-    Expand { reflected: Vertex },
+    Expand { reflected: SimplexVertex },
     /// The reflection was no gain: between the centroid and the better of worst and reflected vertex.
-    Contract { reflected: Vertex },
+    Contract { reflected: SimplexVertex },
     /// The contraction was no gain either: a random point.
     Random,
 }
@@ -107,9 +107,9 @@ pub struct NelderMead {
     setup: SearchSetup,
     #[serde(rename = "flight")]
     pending: PendingPoints,
-    phase: Phase,
+    phase: SimplexPhase,
     /// Best first.
-    simplex: Vec<Vertex>,
+    simplex: Vec<SimplexVertex>,
     /// Half the width of the box of the next local random step.
     radius: f64,
     /// Answers in a row that taught nothing.
@@ -120,7 +120,7 @@ pub struct NelderMead {
     switches: Vec<(usize, u32)>,
     /// The best measured points so far, best first. Empty where there are no choices.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    elite: Vec<Vertex>,
+    elite: Vec<SimplexVertex>,
     /// Random streams used so far.
     draws: u64,
 }
@@ -132,7 +132,7 @@ impl NelderMead {
     pub fn new(setup: SearchSetup) -> Self {
         let mut search = NelderMead {
             pending: PendingPoints::default(),
-            phase: Phase::Reflect,
+            phase: SimplexPhase::Reflect,
             simplex: Vec::new(),
             radius: RADIUS_START,
             stale: 0,
@@ -148,7 +148,7 @@ impl NelderMead {
         let mut queue = VecDeque::from([(search.setup.start.clone(), Step::Default)]);
         let points = design(count - 1, search.setup.dimension(), &mut search.random());
         queue.extend(points.into_iter().map(|x| (x, Step::LatinHypercube)));
-        search.phase = Phase::Design { queue };
+        search.phase = SimplexPhase::Design { queue };
         search
     }
 
@@ -173,8 +173,8 @@ impl NelderMead {
     /// Begins the round of switches, after the design.
     fn begin_switches(&mut self) {
         let shares_score =
-            |vertex: &Vertex| self.simplex.iter().filter(|v| v.score == vertex.score).count() > 1;
-        let alone: Vec<Vertex> =
+            |vertex: &SimplexVertex| self.simplex.iter().filter(|v| v.score == vertex.score).count() > 1;
+        let alone: Vec<SimplexVertex> =
             self.simplex.iter().filter(|vertex| !shares_score(vertex)).cloned().collect();
         if !alone.is_empty() {
             self.simplex = alone;
@@ -186,12 +186,13 @@ impl NelderMead {
         }
         switches.sort_by(|a, b| b.0.total_cmp(&a.0));
         self.switches = switches.into_iter().map(|(_, switch)| switch).collect();
-        self.phase = Phase::Switch;
+        self.phase = SimplexPhase::Switch;
     }
 
     /// The mean rank of the points with this level of a choice, drawn to the middle where they are few.
     fn mean_rank(&self, axis: usize, level: u32) -> f64 {
-        let has_level = |vertex: &Vertex| level_at(vertex.x[axis], self.setup.levels_of(axis)) == level;
+        let has_level =
+            |vertex: &SimplexVertex| level_at(vertex.x[axis], self.setup.levels_of(axis)) == level;
         let ranks = self.simplex.iter().enumerate().filter(|(_, vertex)| has_level(vertex));
         let (sum, count) = ranks.fold((0.0, 0.0), |(sum, count), (rank, _)| (sum + rank as f64, count + 1.0));
         (sum + self.simplex.len() as f64 / 2.0) / (count + 1.0)
@@ -222,7 +223,7 @@ impl NelderMead {
     }
 
     /// Remembers a measurement if it is one of the best.
-    fn consider(&mut self, vertex: &Vertex) {
+    fn consider(&mut self, vertex: &SimplexVertex) {
         if vertex.score == Score::Infeasible || !self.has_choices() {
             return;
         }
@@ -236,7 +237,7 @@ impl NelderMead {
         stream(self.setup.seed, Purpose::Search, self.setup.state_id, self.draws)
     }
 
-    fn best(&self) -> Option<&Vertex> {
+    fn best(&self) -> Option<&SimplexVertex> {
         self.simplex.first()
     }
 
@@ -262,11 +263,11 @@ impl NelderMead {
     }
 
     /// Takes `vertex` in the place of the worst and goes on with a reflection.
-    fn accept(&mut self, vertex: Vertex) {
+    fn accept(&mut self, vertex: SimplexVertex) {
         self.simplex.pop();
         self.simplex.push(vertex);
         self.sort();
-        self.phase = Phase::Reflect;
+        self.phase = SimplexPhase::Reflect;
         if self.has_collapsed() {
             self.restart();
         }
@@ -276,7 +277,7 @@ impl NelderMead {
         let (Some(best), Some(worst)) = (self.simplex.first(), self.simplex.last()) else {
             return false;
         };
-        let near = |vertex: &Vertex| {
+        let near = |vertex: &SimplexVertex| {
             let is_near = |axis: usize| (vertex.x[axis] - best.x[axis]).abs() < EXTENT_MIN;
             (0..best.x.len()).all(|axis| self.is_choice(axis) || is_near(axis))
         };
@@ -287,7 +288,7 @@ impl NelderMead {
     fn restart(&mut self) {
         self.simplex.truncate(1);
         let radius = match self.best() {
-            Some(Vertex { score: Score::Cost(_), .. }) => {
+            Some(SimplexVertex { score: Score::Cost(_), .. }) => {
                 RESTART_RADII[self.restarts as usize % RESTART_RADII.len()]
             }
             // Nothing feasible is known: look everywhere.
@@ -306,9 +307,9 @@ impl NelderMead {
         self.restarts = self.restarts.wrapping_add(1);
         self.radius = RADIUS_START;
         self.phase = if points.is_empty() {
-            Phase::Random
+            SimplexPhase::Random
         } else {
-            Phase::Design { queue: points.into_iter().map(|x| (x, Step::Restart)).collect() }
+            SimplexPhase::Design { queue: points.into_iter().map(|x| (x, Step::Restart)).collect() }
         };
     }
 
@@ -350,25 +351,25 @@ impl NelderMead {
     }
 
     /// Decides on the next step after `vertex` was measured. The simplex is complete and sorted.
-    fn moved(&mut self, phase: Phase, vertex: Vertex, fresh: bool) {
+    fn moved(&mut self, phase: SimplexPhase, vertex: SimplexVertex, fresh: bool) {
         let worst = self.simplex.len() - 1;
         let second_worst = worst.saturating_sub(1);
         match phase {
-            Phase::Design { .. } | Phase::Switch => unreachable!("answered in `tell`"),
-            Phase::Reflect => {
+            SimplexPhase::Design { .. } | SimplexPhase::Switch => unreachable!("answered in `tell`"),
+            SimplexPhase::Reflect => {
                 if vertex.score.beats(&self.simplex[0].score) {
-                    self.phase = Phase::Expand { reflected: vertex };
+                    self.phase = SimplexPhase::Expand { reflected: vertex };
                 } else if vertex.score.beats(&self.simplex[second_worst].score) {
                     self.accept(vertex);
                 } else {
-                    self.phase = Phase::Contract { reflected: vertex };
+                    self.phase = SimplexPhase::Contract { reflected: vertex };
                 }
             }
-            Phase::Expand { reflected } => {
+            SimplexPhase::Expand { reflected } => {
                 let expanded_wins = vertex.score.beats(&reflected.score);
                 self.accept(if expanded_wins { vertex } else { reflected });
             }
-            Phase::Contract { reflected } => {
+            SimplexPhase::Contract { reflected } => {
                 let outside = reflected.score.beats(&self.simplex[worst].score);
                 let to_beat = if outside { reflected.score } else { self.simplex[worst].score };
                 if vertex.score.beats(&to_beat) {
@@ -378,12 +379,12 @@ impl NelderMead {
                     if outside {
                         self.accept(reflected);
                     }
-                    if matches!(self.phase, Phase::Reflect | Phase::Contract { .. }) {
-                        self.phase = Phase::Random;
+                    if matches!(self.phase, SimplexPhase::Reflect | SimplexPhase::Contract { .. }) {
+                        self.phase = SimplexPhase::Random;
                     }
                 }
             }
-            Phase::Random => {
+            SimplexPhase::Random => {
                 let gain = vertex.score.beats(&self.simplex[0].score);
                 let factor = match (gain, fresh) {
                     (true, _) => 1.3,
@@ -398,8 +399,8 @@ impl NelderMead {
                 }
             }
         }
-        if self.stale >= STALE_MAX && self.phase == Phase::Reflect {
-            self.phase = Phase::Random;
+        if self.stale >= STALE_MAX && self.phase == SimplexPhase::Reflect {
+            self.phase = SimplexPhase::Random;
         }
     }
 }
@@ -409,14 +410,14 @@ impl Search for NelderMead {
         if let Some(point) = self.pending.resume() {
             return Some(point);
         }
-        if let Phase::Design { queue } = &mut self.phase {
+        if let SimplexPhase::Design { queue } = &mut self.phase {
             let (x, step) = queue.pop_front()?;
             return Some(self.pending.add(x, step));
         }
         if !self.pending.is_empty() {
             return None;
         }
-        if self.phase == Phase::Switch {
+        if self.phase == SimplexPhase::Switch {
             if let Some(x) = self.switched() {
                 return Some(self.pending.add(x, Step::Switch));
             }
@@ -425,19 +426,19 @@ impl Search for NelderMead {
         }
         if self.simplex.len() < 2 {
             // A simplex of one vertex cannot move: all axes are choices.
-            self.phase = Phase::Random;
+            self.phase = SimplexPhase::Random;
         }
         let worst = &self.simplex[self.simplex.len() - 1];
         let (mut x, step) = match &self.phase {
-            Phase::Design { .. } | Phase::Switch => return None,
-            Phase::Reflect => (self.on_line(&worst.x, -REFLECTION), Step::Reflect),
-            Phase::Expand { .. } => (self.on_line(&worst.x, -EXPANSION), Step::Expand),
-            Phase::Contract { reflected } => {
+            SimplexPhase::Design { .. } | SimplexPhase::Switch => return None,
+            SimplexPhase::Reflect => (self.on_line(&worst.x, -REFLECTION), Step::Reflect),
+            SimplexPhase::Expand { .. } => (self.on_line(&worst.x, -EXPANSION), Step::Expand),
+            SimplexPhase::Contract { reflected } => {
                 let outside = reflected.score.beats(&worst.score);
                 let target = if outside { &reflected.x } else { &worst.x };
                 (self.on_line(target, CONTRACTION), Step::Contract)
             }
-            Phase::Random => (self.random_point(), Step::RandomSearch),
+            SimplexPhase::Random => (self.random_point(), Step::RandomSearch),
         };
         if step != Step::RandomSearch {
             self.take_choices(&mut x);
@@ -449,17 +450,17 @@ impl Search for NelderMead {
         let Some(Point { x, .. }) = self.pending.finish(id) else {
             return;
         };
-        let vertex = Vertex { x, score: self.score(feedback.verdict) };
+        let vertex = SimplexVertex { x, score: self.score(feedback.verdict) };
         if feedback.fresh {
             self.consider(&vertex);
         }
         self.stale = if feedback.fresh { 0 } else { self.stale.saturating_add(1) };
-        match std::mem::replace(&mut self.phase, Phase::Random) {
-            Phase::Design { queue } => {
+        match std::mem::replace(&mut self.phase, SimplexPhase::Random) {
+            SimplexPhase::Design { queue } => {
                 self.simplex.push(vertex);
                 self.sort();
                 let done = queue.is_empty() && self.pending.is_empty();
-                self.phase = if done { Phase::Reflect } else { Phase::Design { queue } };
+                self.phase = if done { SimplexPhase::Reflect } else { SimplexPhase::Design { queue } };
                 if done && self.restarts == 0 && self.has_choices() {
                     self.begin_switches();
                 } else if done {
@@ -467,12 +468,12 @@ impl Search for NelderMead {
                     self.simplex.truncate(self.vertices());
                     if self.has_collapsed() {
                         // Another simplex would not tell more than this one: step at random first.
-                        self.phase = Phase::Random;
+                        self.phase = SimplexPhase::Random;
                     }
                 }
             }
-            Phase::Switch => {
-                self.phase = Phase::Switch;
+            SimplexPhase::Switch => {
+                self.phase = SimplexPhase::Switch;
                 // A known answer may be the plateau that the round was begun away from.
                 if feedback.fresh {
                     self.simplex.push(vertex);

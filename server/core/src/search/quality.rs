@@ -9,6 +9,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::policy::SearchMethod;
+use crate::robust::median;
 use crate::space::{Constraint, Domain, Parameter, Scale, Space};
 use crate::value::Value;
 
@@ -42,16 +43,14 @@ fn best_on_quadratic(method: SearchMethod, seed: u64, dimension: usize, budget: 
     best.1 - 10.0
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
-
 #[test]
 fn eighty_noisy_trials_come_far_closer_than_random_sampling() {
     for (dimension, ratio) in [(3, 4.0), (5, 8.0), (8, 5.0), (11, 4.0)] {
-        let excess =
-            |method| median((0..31).map(|seed| best_on_quadratic(method, seed, dimension, 80)).collect());
+        let excess = |method| {
+            median(
+                &mut (0..31).map(|seed| best_on_quadratic(method, seed, dimension, 80)).collect::<Vec<_>>(),
+            )
+        };
         let (simplex, random) = (excess(SearchMethod::NelderMead), excess(SearchMethod::Random));
         assert!(simplex * ratio < random, "{dimension}: simplex {simplex}, random {random}");
     }
@@ -140,8 +139,8 @@ fn plateaus_and_infeasible_regions_do_not_stall_the_simplex() {
     let runs: Vec<_> = (0..31).map(|seed| tune_tree(SearchMethod::NelderMead, seed, 80)).collect();
     let random: Vec<_> = (0..31).map(|seed| tune_tree(SearchMethod::Random, seed, 80)).collect();
     let most = runs.iter().map(|run| run.1).max();
-    let simplex = median(runs.iter().map(|run| run.0).collect());
-    let random = median(random.iter().map(|run| run.0).collect());
+    let simplex = median(&mut runs.iter().map(|run| run.0).collect::<Vec<_>>());
+    let random = median(&mut random.iter().map(|run| run.0).collect::<Vec<_>>());
     assert!(most < Some(crate::limits::KNOWN_POINTS_PER_SUGGESTION_MAX), "{most:?} known points in a row");
     // The optimum is 49; the default costs 107.5.
     assert!(simplex < random - 2.0, "simplex {simplex}, random {random}");

@@ -115,7 +115,7 @@ fn one_sided(sum: f64, v: f64, scale: f64) -> f64 {
 
 /// A contender of a race.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct Contender {
+struct Racer {
     /// Logarithms of its costs, one a round.
     log_costs: Vec<f64>,
     /// It does not run any more: it cannot be run, or cannot win.
@@ -124,7 +124,7 @@ struct Contender {
 
 /// What a race came to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Verdict {
+pub enum RaceResult {
     /// Not decided yet.
     Open,
     /// Nobody is proven better than the incumbent.
@@ -136,7 +136,7 @@ pub enum Verdict {
 /// A race between the incumbent, place 0, and its challengers. Plain data, exact through serde.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Race {
-    contenders: Vec<Contender>,
+    contenders: Vec<Racer>,
     noise: Option<f64>,
     rounds_max: usize,
 }
@@ -145,13 +145,13 @@ impl Race {
     /// A race of so many contenders, the incumbent among them, over at most so many rounds. `noise` as for
     /// [`Pairs::new`].
     pub fn new(contenders: usize, noise: Option<f64>, rounds_max: usize) -> Self {
-        Race { contenders: vec![Contender::default(); contenders], noise, rounds_max }
+        Race { contenders: vec![Racer::default(); contenders], noise, rounds_max }
     }
 
     /// Who is to be measured next: whoever has run least among those that stand. `running` tells how often each is being
     /// measured just now. `None` once the race is decided, or while only measurements that are out can decide it.
     pub fn next(&self, running: impl Fn(usize) -> usize) -> Option<usize> {
-        if self.verdict() != Verdict::Open {
+        if self.verdict() != RaceResult::Open {
             return None;
         }
         let standing = (0..self.contenders.len()).filter(|&place| !self.contenders[place].is_out);
@@ -205,11 +205,11 @@ impl Race {
 
     /// What the race came to so far. It is decided once the one challenger that is left is proven better, nobody is left,
     /// or the rounds are over.
-    pub fn verdict(&self) -> Verdict {
+    pub fn verdict(&self) -> RaceResult {
         let standing: Vec<usize> =
             (1..self.contenders.len()).filter(|&place| !self.contenders[place].is_out).collect();
         if standing.is_empty() {
-            return Verdict::NothingBetter;
+            return RaceResult::NothingBetter;
         }
         let incumbent_fails = self.contenders[0].is_out;
         let bar = 1.0 / self.error_each();
@@ -218,7 +218,7 @@ impl Race {
         let incumbent_has_run = incumbent_fails || has_run(0);
         let is_over = incumbent_has_run && standing.iter().all(|&place| has_run(place));
         if !is_over && (standing.len() > 1 || !proven(standing[0])) {
-            return Verdict::Open;
+            return RaceResult::Open;
         }
         let mean = |place: usize| {
             let costs = &self.contenders[place].log_costs;
@@ -228,7 +228,7 @@ impl Race {
             .into_iter()
             .filter(|&place| proven(place) && !self.contenders[place].log_costs.is_empty());
         let best = best.min_by(|&a, &b| mean(a).total_cmp(&mean(b)));
-        best.map_or(Verdict::NothingBetter, Verdict::Better)
+        best.map_or(RaceResult::NothingBetter, RaceResult::Better)
     }
 
     /// How many measurements were taken.
@@ -246,7 +246,7 @@ mod tests {
     use crate::statistics::simulated::normal;
 
     /// Runs a race between costs with noise; what it came to, and how many measurements that took.
-    fn run(costs: &[f64], noise: f64, known: bool, seed: u64) -> (Verdict, usize) {
+    fn run(costs: &[f64], noise: f64, known: bool, seed: u64) -> (RaceResult, usize) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut race = Race::new(costs.len(), known.then_some(noise), 24);
         while let Some(place) = race.next(|_| 0) {
@@ -259,7 +259,7 @@ mod tests {
     fn equals_do_not_replace_the_incumbent() {
         for known in [false, true] {
             let wrong =
-                (0..100).filter(|&seed| run(&[10.0; 5], 0.07, known, seed).0 != Verdict::NothingBetter);
+                (0..100).filter(|&seed| run(&[10.0; 5], 0.07, known, seed).0 != RaceResult::NothingBetter);
             // At most 5 % are allowed, at whatever time one looks.
             let wrong = wrong.count();
             assert!(wrong <= 5, "{wrong} of 100");
@@ -272,7 +272,7 @@ mod tests {
         for (gain, least) in [(0.08, 30), (0.15, 39), (0.4, 40)] {
             let races: Vec<_> =
                 (0..40).map(|seed| run(&[10.0, 10.0 * (1.0 - gain)], 0.04, true, seed)).collect();
-            let won = races.iter().filter(|(verdict, _)| *verdict == Verdict::Better(1)).count();
+            let won = races.iter().filter(|(verdict, _)| *verdict == RaceResult::Better(1)).count();
             let taken: usize = races.iter().map(|(_, taken)| taken).sum();
             assert!(won >= least, "gain {gain}: {won} of 40");
             assert!(taken < before, "gain {gain}: {taken} after {before}");
@@ -301,14 +301,14 @@ mod tests {
         let mut race = Race::new(3, None, 4);
         race.fail(1);
         race.fail(2);
-        assert_eq!(race.verdict(), Verdict::NothingBetter);
+        assert_eq!(race.verdict(), RaceResult::NothingBetter);
         let mut race = Race::new(2, None, 4);
         race.fail(0);
         for _ in 0..4 {
-            assert_eq!(race.next(|_| 0), Some(1).filter(|_| race.verdict() == Verdict::Open));
+            assert_eq!(race.next(|_| 0), Some(1).filter(|_| race.verdict() == RaceResult::Open));
             race.tell(1, 5.0);
         }
-        assert_eq!(race.verdict(), Verdict::Better(1));
+        assert_eq!(race.verdict(), RaceResult::Better(1));
     }
 
     #[test]

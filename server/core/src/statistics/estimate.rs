@@ -35,7 +35,7 @@ const HALVINGS: usize = 50;
 
 /// The measurements of one configuration.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sample {
+pub struct ConfigurationSample {
     /// Its place among the configurations.
     pub features: Vec<f64>,
     /// Mean of the logarithms of its costs.
@@ -52,7 +52,7 @@ struct Model {
     weight: f64,
     /// `None` for the model in which everything costs the same.
     factor: Option<Factor>,
-    /// Posterior means of the logarithms of costs.
+    /// CostPosterior means of the logarithms of costs.
     means: Vec<f64>,
     /// How much the level moves each mean, and the variance of the level in variances of the noise.
     by_level: Vec<f64>,
@@ -64,7 +64,7 @@ struct Model {
 
 /// The posterior of all configurations of a state.
 #[derive(Clone, Debug)]
-pub struct Posterior {
+pub struct CostPosterior {
     models: Vec<Model>,
     counts: Vec<f64>,
 }
@@ -88,10 +88,13 @@ fn matern(distance_2: f64) -> f64 {
     (1.0 + r + r * r / 3.0) * libm::exp(-r)
 }
 
-impl Posterior {
+impl CostPosterior {
     /// The posterior of what was measured. `distance_2` gives the squared distance between features. `None` for no
     /// samples. The work grows with the cube of their number.
-    pub fn of(samples: &[Sample], distance_2: impl Fn(&[f64], &[f64]) -> f64) -> Option<Posterior> {
+    pub fn of(
+        samples: &[ConfigurationSample],
+        distance_2: impl Fn(&[f64], &[f64]) -> f64,
+    ) -> Option<CostPosterior> {
         let n = samples.len();
         if n == 0 {
             return None;
@@ -136,7 +139,7 @@ impl Posterior {
         let sum: f64 = models.iter().map(|model| model.weight).sum();
         models.iter_mut().for_each(|model| model.weight /= sum);
         let counts = samples.iter().map(|sample| sample.count).collect();
-        (!models.is_empty()).then_some(Posterior { models, counts })
+        (!models.is_empty()).then_some(CostPosterior { models, counts })
     }
 
     /// The expected logarithm of the cost of each configuration.
@@ -160,7 +163,7 @@ impl Posterior {
 
     /// Compares the cost of one configuration with that of another.
     pub fn compare(&self, one: usize, other: usize) -> Comparison {
-        let parts: Vec<Part> = self.models.iter().map(|model| self.part(model, one, other)).collect();
+        let parts: Vec<StudentT> = self.models.iter().map(|model| self.part(model, one, other)).collect();
         // The logarithm of a ratio of costs; above zero the first is cheaper.
         let at_most = |x: f64| -> f64 { parts.iter().map(|part| part.at_most(x)).sum() };
         let mean: f64 = parts.iter().map(|part| part.weight * part.mean).sum();
@@ -186,10 +189,10 @@ impl Posterior {
     }
 
     /// What one model says of the logarithm of a ratio of costs.
-    fn part(&self, model: &Model, one: usize, other: usize) -> Part {
+    fn part(&self, model: &Model, one: usize, other: usize) -> StudentT {
         let mean = model.means[other] - model.means[one];
         let Some(factor) = model.factor.as_ref().filter(|_| one != other) else {
-            return Part { weight: model.weight, mean, deviation: 0.0, freedom: model.freedom };
+            return StudentT { weight: model.weight, mean, deviation: 0.0, freedom: model.freedom };
         };
         let n = self.counts.len();
         // Of the difference: both noises, less what the process explains, and what the level adds.
@@ -202,20 +205,20 @@ impl Posterior {
         let by_level = model.by_level[one] - model.by_level[other];
         let variance = (own - explained).max(0.0) + by_level * by_level * model.level_variance;
         let deviation = (model.noise_2 * variance).sqrt();
-        Part { weight: model.weight, mean, deviation, freedom: model.freedom }
+        StudentT { weight: model.weight, mean, deviation, freedom: model.freedom }
     }
 }
 
 /// What one model says of the logarithm of a ratio of costs: a variable of Student's.
 #[derive(Clone, Copy, Debug)]
-struct Part {
+struct StudentT {
     weight: f64,
     mean: f64,
     deviation: f64,
     freedom: f64,
 }
 
-impl Part {
+impl StudentT {
     fn at_most(&self, x: f64) -> f64 {
         let probability = if self.deviation > 0.0 {
             student_cdf((x - self.mean) / self.deviation, self.freedom)
@@ -230,7 +233,7 @@ impl Part {
 
 /// Fits one model: the logarithm of its marginal likelihood, and its posterior. Without a factor everything costs the
 /// same.
-fn fit(samples: &[Sample], factor: Option<Factor>) -> Option<(f64, Model)> {
+fn fit(samples: &[ConfigurationSample], factor: Option<Factor>) -> Option<(f64, Model)> {
     let n = samples.len();
     // The inverse of the covariance of the means, times something.
     let solved = |mut b: Vec<f64>| {
@@ -294,7 +297,12 @@ mod tests {
     }
 
     /// What a search leaves behind that falls for luck: a quarter at random, then steps from the lowest mean.
-    fn searched(truth: impl Fn(&[f64]) -> f64, dimension: usize, trials: usize, seed: u64) -> Vec<Sample> {
+    fn searched(
+        truth: impl Fn(&[f64]) -> f64,
+        dimension: usize,
+        trials: usize,
+        seed: u64,
+    ) -> Vec<ConfigurationSample> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut all: Vec<(Vec<f64>, Vec<f64>)> = vec![(vec![0.7; dimension], Vec::new())];
         for trial in 0..trials {
@@ -318,7 +326,7 @@ mod tests {
         let sample = |(features, log_costs): (Vec<f64>, Vec<f64>)| {
             let mean = mean(&log_costs);
             let scatter = log_costs.iter().map(|x| (x - mean) * (x - mean)).sum();
-            Sample { features, mean, count: log_costs.len() as f64, scatter }
+            ConfigurationSample { features, mean, count: log_costs.len() as f64, scatter }
         };
         all.into_iter().map(sample).collect()
     }
@@ -329,7 +337,7 @@ mod tests {
         let (mut sums, mut held) = ([0.0; 3], 0);
         for seed in 0..20 {
             let samples = searched(&truth, dimension, trials, seed);
-            let posterior = Posterior::of(&samples, distance_2).expect("there are samples");
+            let posterior = CostPosterior::of(&samples, distance_2).expect("there are samples");
             let means = posterior.means();
             let best =
                 (0..means.len()).min_by(|&a, &b| means[a].total_cmp(&means[b])).expect("there are some");
@@ -368,7 +376,7 @@ mod tests {
 
     #[test]
     fn repeats_outweigh_a_lucky_measurement() {
-        let sample = |x: f64, mean: f64, count: f64| Sample {
+        let sample = |x: f64, mean: f64, count: f64| ConfigurationSample {
             features: vec![x],
             mean,
             count,
@@ -376,7 +384,7 @@ mod tests {
         };
         let samples =
             [sample(0.0, 1.0, 10.0), sample(0.5, 0.8, 10.0), sample(1.0, 0.75, 1.0), sample(0.2, 1.0, 6.0)];
-        let posterior = Posterior::of(&samples, distance_2).expect("there are samples");
+        let posterior = CostPosterior::of(&samples, distance_2).expect("there are samples");
         let comparison = posterior.compare(1, 0);
         assert!(comparison.probability_better > 0.99 && comparison.gain_low > 0.1, "{comparison:?}");
         assert!((0.04..0.06).contains(&posterior.noise()), "{}", posterior.noise());
@@ -386,10 +394,13 @@ mod tests {
     #[test]
     fn the_unit_of_costs_and_the_order_of_samples_do_not_matter() {
         let samples = searched(|x| x[0], 3, 20, 1);
-        let posterior = Posterior::of(&samples, distance_2).expect("there are samples");
-        let shifted: Vec<Sample> =
-            samples.iter().rev().map(|sample| Sample { mean: sample.mean + 9.0, ..sample.clone() }).collect();
-        let other = Posterior::of(&shifted, distance_2).expect("there are samples");
+        let posterior = CostPosterior::of(&samples, distance_2).expect("there are samples");
+        let shifted: Vec<ConfigurationSample> = samples
+            .iter()
+            .rev()
+            .map(|sample| ConfigurationSample { mean: sample.mean + 9.0, ..sample.clone() })
+            .collect();
+        let other = CostPosterior::of(&shifted, distance_2).expect("there are samples");
         let last = samples.len() - 1;
         for place in 0..=last {
             let (a, b) = (posterior.compare(place, 0), other.compare(last - place, last));
@@ -399,12 +410,12 @@ mod tests {
 
     #[test]
     fn few_and_equal_samples_are_fine() {
-        assert!(Posterior::of(&[], distance_2).is_none());
-        let one = Sample { features: vec![0.1], mean: 2.0, count: 1.0, scatter: 0.0 };
-        let posterior = Posterior::of(std::slice::from_ref(&one), distance_2).expect("there is a sample");
+        assert!(CostPosterior::of(&[], distance_2).is_none());
+        let one = ConfigurationSample { features: vec![0.1], mean: 2.0, count: 1.0, scatter: 0.0 };
+        let posterior = CostPosterior::of(std::slice::from_ref(&one), distance_2).expect("there is a sample");
         assert_eq!(posterior.compare(0, 0).gain, 0.0);
         assert!((posterior.means()[0] - 2.0).abs() < 1e-12);
-        let posterior = Posterior::of(&vec![one; 12], distance_2).expect("there are samples");
+        let posterior = CostPosterior::of(&vec![one; 12], distance_2).expect("there are samples");
         let comparison = posterior.compare(3, 5);
         assert!(comparison.gain.abs() < 1e-9 && comparison.gain_low <= 0.0 && comparison.gain_high >= 0.0);
     }

@@ -49,7 +49,7 @@ impl Gains {
 
 /// What is known of the search of one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Progress<'a> {
+pub struct SearchProgress<'a> {
     /// By which share each of its octaves that are over lowered the best cost, as estimated.
     pub gained: &'a [f64],
     /// Configurations tried so far.
@@ -76,8 +76,8 @@ pub struct Outlook {
 }
 
 /// Weighs whether to go on.
-pub fn outlook(gains: &Gains, progress: &Progress<'_>) -> Outlook {
-    let Progress { gained, tried, budget, frames, excess } = *progress;
+pub fn outlook(gains: &Gains, progress: &SearchProgress<'_>) -> Outlook {
+    let SearchProgress { gained, tried, budget, frames, excess } = *progress;
     let expected: f64 = (0..gained.len()).map(|octave| gains.expected(octave)).sum();
     let found: f64 = gained.iter().map(|gain| gain.clamp(0.0, 1.0)).sum();
     let rate = (GAIN_COUNTED + found) / (GAIN_COUNTED + expected);
@@ -120,7 +120,7 @@ mod tests {
         while frame < frames {
             let known = octaves.len().min(tried.ilog2() as usize);
             let frames = (frames - frame) as f64;
-            let progress = Progress { gained: &octaves[..known], tried, budget: 80, frames, excess };
+            let progress = SearchProgress { gained: &octaves[..known], tried, budget: 80, frames, excess };
             let trials = outlook(gains, &progress).trials;
             if trials == 0 {
                 break;
@@ -177,7 +177,7 @@ mod tests {
         ) {
             let gains = known(2, &octaves);
             let gained = &octaves[..octaves.len().min(tried.max(1).ilog2() as usize)];
-            let at = |frames: f64| outlook(&gains, &Progress { gained, tried, budget: 80, frames, excess });
+            let at = |frames: f64| outlook(&gains, &SearchProgress { gained, tried, budget: 80, frames, excess });
             let (few, many) = (at(frames), at(2.0 * frames + 1.0));
             prop_assert!(few.value.is_finite() && few.gain.is_finite() && few.exploring_cost.is_finite());
             prop_assert!((0.0..1.0).contains(&few.gain));

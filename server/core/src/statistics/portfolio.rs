@@ -25,7 +25,7 @@ const HELP_LEAST: f64 = 1e-4;
 
 /// What is known of one configuration in one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Known {
+pub enum CostEntry {
     /// Nothing.
     Unknown,
     /// The logarithm of its cost, and the variance of that.
@@ -36,17 +36,17 @@ pub enum Known {
 
 /// A table of what configurations cost in states: `rows[state][configuration]`.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Table {
+pub struct CostTable {
     /// One row for each state, all of one length.
-    pub rows: Vec<Vec<Known>>,
+    pub rows: Vec<Vec<CostEntry>>,
 }
 
-impl Table {
+impl CostTable {
     /// What each configuration is expected to cost above the best of its state: logarithms of ratios, 0 for the
     /// best. Rows without anything measured are left out.
     fn completed(&self) -> Vec<Vec<f64>> {
-        let known = |row: &&Vec<Known>| row.iter().any(|known| matches!(known, Known::LogCost(..)));
-        let rows: Vec<&Vec<Known>> = self.rows.iter().filter(known).collect();
+        let known = |row: &&Vec<CostEntry>| row.iter().any(|known| matches!(known, CostEntry::LogCost(..)));
+        let rows: Vec<&Vec<CostEntry>> = self.rows.iter().filter(known).collect();
         let count = rows.first().map_or(0, |row| row.len());
         let mut effects = vec![0.0; count];
         let mut levels = vec![0.0; rows.len()];
@@ -55,7 +55,7 @@ impl Table {
             for (level, row) in levels.iter_mut().zip(&rows) {
                 let (mut sum, mut weight) = (0.0, 0.0);
                 for (known, effect) in row.iter().zip(&effects) {
-                    if let Known::LogCost(log_cost, variance) = known {
+                    if let CostEntry::LogCost(log_cost, variance) = known {
                         let own = 1.0 / (INTERACTION + variance);
                         sum += own * (log_cost - effect);
                         weight += own;
@@ -67,9 +67,9 @@ impl Table {
                 let (mut sum, mut weight) = (0.0, 1.0 / EFFECT);
                 for (row, level) in rows.iter().zip(&levels) {
                     let (above, variance) = match row[place] {
-                        Known::LogCost(log_cost, variance) => (log_cost - level, variance),
-                        Known::Infeasible => (INFEASIBLE, 0.0),
-                        Known::Unknown => continue,
+                        CostEntry::LogCost(log_cost, variance) => (log_cost - level, variance),
+                        CostEntry::Infeasible => (INFEASIBLE, 0.0),
+                        CostEntry::Unknown => continue,
                     };
                     let own = 1.0 / (INTERACTION + variance);
                     sum += own * above;
@@ -81,13 +81,13 @@ impl Table {
         let mut completed: Vec<Vec<f64>> = Vec::with_capacity(rows.len());
         for (row, level) in rows.iter().zip(&levels) {
             let expected = row.iter().zip(&effects).map(|(known, effect)| match known {
-                Known::LogCost(log_cost, variance) => {
+                CostEntry::LogCost(log_cost, variance) => {
                     // What was measured, drawn towards what the others say by how noisy it is.
                     let share = INTERACTION / (INTERACTION + variance);
                     effect + share * (log_cost - level - effect)
                 }
-                Known::Infeasible => INFEASIBLE,
-                Known::Unknown => *effect,
+                CostEntry::Infeasible => INFEASIBLE,
+                CostEntry::Unknown => *effect,
             });
             let expected: Vec<f64> = expected.collect();
             let best = expected.iter().copied().fold(f64::INFINITY, f64::min);
@@ -149,13 +149,13 @@ mod tests {
 
     use super::*;
 
-    fn table(costs: &[&[f64]]) -> Table {
+    fn table(costs: &[&[f64]]) -> CostTable {
         let known = |cost: &f64| match *cost {
-            0.0 => Known::Unknown,
-            cost if cost < 0.0 => Known::Infeasible,
-            cost => Known::LogCost(cost.ln(), 1e-4),
+            0.0 => CostEntry::Unknown,
+            cost if cost < 0.0 => CostEntry::Infeasible,
+            cost => CostEntry::LogCost(cost.ln(), 1e-4),
         };
-        Table { rows: costs.iter().map(|row| row.iter().map(known).collect()).collect() }
+        CostTable { rows: costs.iter().map(|row| row.iter().map(known).collect()).collect() }
     }
 
     #[test]
@@ -185,7 +185,7 @@ mod tests {
 
     #[test]
     fn nothing_follows_from_nothing() {
-        assert_eq!(Table::default().portfolio(MEMBERS, &[]), Vec::<usize>::new());
+        assert_eq!(CostTable::default().portfolio(MEMBERS, &[]), Vec::<usize>::new());
         assert_eq!(table(&[&[0.0, 0.0]]).best_fixed(), None);
     }
 
@@ -208,7 +208,7 @@ mod tests {
             let mut rows = rows.clone();
             rows[0] = &scaled;
             // But for rounding, which may turn a tie.
-            let best = |table: &Table| table.completed()[0].clone();
+            let best = |table: &CostTable| table.completed()[0].clone();
             let (one, other) = (best(&table(&costs.iter().map(Vec::as_slice).collect::<Vec<_>>())), best(&table(&rows)));
             for (a, b) in one.iter().zip(&other) {
                 prop_assert!((a - b).abs() < 1e-6);

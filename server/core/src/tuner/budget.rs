@@ -27,7 +27,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::limits::{CHARGES_MAX, OPEN_TRIALS_PER_CLIENT_MAX, REFERENCES_MAX};
 use crate::policy::{ABORT_ABOVE_DEFAULT, Policy};
+use crate::robust::lower_median;
 use crate::session::SessionPolicy;
+use crate::sum::Sum;
 
 /// The share of the cheapest reference that is taken for certain: frames vary by some percent.
 pub const GUARD: f64 = 0.9;
@@ -35,23 +37,11 @@ pub const GUARD: f64 = 0.9;
 /// Where sums are held, so that no number of large costs makes them infinite.
 const SUM_MAX: f64 = 1e300;
 
-/// A sum that loses nothing to rounding: Neumaier's variant of Kahan's compensated summation (1974).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct Sum(f64, f64);
-
-impl Sum {
-    fn add(&mut self, value: f64) {
-        let total = self.0 + value;
-        if total.is_nan() || total > SUM_MAX {
-            *self = Sum(SUM_MAX, 0.0);
-            return;
-        }
-        self.1 += if self.0 >= value { (self.0 - total) + value } else { (value - total) + self.0 };
-        self.0 = total;
-    }
-
-    fn value(self) -> f64 {
-        self.0 + self.1
+/// Adds a cost to a sum that stays finite.
+fn add(sum: &mut Sum, cost: f64) {
+    sum.add(cost);
+    if !sum.value().is_finite() || sum.value() > SUM_MAX {
+        *sum = Sum::from(SUM_MAX);
     }
 }
 
@@ -156,7 +146,7 @@ impl Account {
             self.references.clear();
             self.default = None;
             for charge in std::mem::take(&mut self.unsettled) {
-                self.charged.add(charge.cost);
+                add(&mut self.charged, charge.cost);
             }
         }
     }
@@ -177,7 +167,7 @@ impl Account {
     /// Whether an exploring trial may be handed out, and on what terms. Where the default cannot be run in the state,
     /// the frames that did not explore are all the reference there is.
     pub(super) fn leave(&self, terms: Terms, can_abort: bool, default_runs: bool) -> Result<Leave, Denied> {
-        let kept = median(&self.references);
+        let kept = lower_median(&self.references);
         let default = self.default.or(kept.filter(|_| !default_runs)).ok_or(Denied::NoReference)?;
         let reference = kept.map_or(default, |kept| kept.min(default));
         if reference <= 0.0 {
@@ -195,7 +185,7 @@ impl Account {
         // Trials that never come back have cost what was set aside.
         while self.out.len() > OPEN_TRIALS_PER_CLIENT_MAX {
             if let Some((_, lost)) = self.out.pop_first() {
-                self.charged.add(lost);
+                add(&mut self.charged, lost);
             }
         }
     }
@@ -209,7 +199,7 @@ impl Account {
     /// is charged, and as much is set aside once more.
     pub(super) fn again(&mut self, trial: u64) {
         if let Some(&worst) = self.out.get(&trial) {
-            self.charged.add(worst);
+            add(&mut self.charged, worst);
         }
     }
 
@@ -224,12 +214,12 @@ impl Account {
             // Without a cost it may have cost all that was set aside.
             let charge = Charge { cost: cost.unwrap_or(worst), before };
             if cost.is_none() || !before.is_finite() || self.state_id != state_id {
-                self.charged.add(charge.cost);
+                add(&mut self.charged, charge.cost);
             } else {
                 self.unsettled.push(charge);
                 if self.unsettled.len() > CHARGES_MAX {
                     let oldest = self.unsettled.remove(0);
-                    self.charged.add(oldest.cost);
+                    add(&mut self.charged, oldest.cost);
                 }
             }
             return;
@@ -237,10 +227,10 @@ impl Account {
         let Some(cost) = cost else {
             return;
         };
-        self.kept.add(cost);
+        add(&mut self.kept, cost);
         if self.state_id == state_id {
             for charge in std::mem::take(&mut self.unsettled) {
-                self.charged.add((charge.cost - GUARD * charge.before.min(cost)).max(0.0));
+                add(&mut self.charged, (charge.cost - GUARD * charge.before.min(cost)).max(0.0));
             }
             if is_default {
                 self.default = Some(self.default.map_or(cost, |least| least.min(cost)));
@@ -251,13 +241,6 @@ impl Account {
             }
         }
     }
-}
-
-fn median(values: &[f64]) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    // The lower one of two.
-    sorted.get(sorted.len().checked_sub(1)? / 2).copied()
 }
 
 #[cfg(test)]
@@ -329,10 +312,10 @@ mod tests {
 
     #[test]
     fn sums_keep_every_charge_and_stay_finite() {
-        let mut sum = Sum(1e16, 0.0);
-        (0..1000).for_each(|_| sum.add(0.25));
+        let mut sum = Sum::from(1e16);
+        (0..1000).for_each(|_| add(&mut sum, 0.25));
         assert_eq!(sum.value(), 1e16 + 250.0);
-        (0..3).for_each(|_| sum.add(f64::MAX));
+        (0..3).for_each(|_| add(&mut sum, f64::MAX));
         assert_eq!(sum.value(), SUM_MAX);
         let mut account = Account::open(0, 0);
         account.enter(1);

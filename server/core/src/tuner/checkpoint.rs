@@ -10,12 +10,13 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::fleet::Standing;
-use crate::knowledge::Knowledge;
+use crate::fnv;
+use crate::machines::PoolingStatistics;
 use crate::packed::{pack_in_order, unpack};
 use crate::policy::{Policy, PredictorMethod};
 use crate::predict::Predictors;
-use crate::predict::state_index::Spread;
+use crate::predict::state_index::IndicatorStatistics;
+use crate::results::ResultTable;
 use crate::study::StudySpec;
 use crate::tuner::history::History;
 use crate::tuner::screening::Screening;
@@ -37,10 +38,10 @@ pub struct Learnt {
 struct Body {
     completed: u64,
     /// Of each state.
-    knowledge: Vec<Arc<Knowledge>>,
+    results: Vec<Arc<ResultTable>>,
     /// Of each machine.
-    standings: Vec<Standing>,
-    spread: Spread,
+    pooling: Vec<PoolingStatistics>,
+    statistics: IndicatorStatistics,
     history: History,
     screening: Screening,
     forget_above: usize,
@@ -59,7 +60,7 @@ impl Learnt {
     /// The number of the trial that last measured each remembered configuration, by rising number. With these
     /// trials and the latest ones at hand, what a state knows can be learnt again without any checkpoint.
     pub fn measured_by(&self) -> BTreeSet<u64> {
-        let records = self.body.knowledge.iter().flat_map(|knowledge| knowledge.records());
+        let records = self.body.results.iter().flat_map(|results| results.records());
         records.map(|record| record.last_trial).filter(|number| *number > 0).collect()
     }
 
@@ -82,9 +83,9 @@ impl Tuner {
             spec: Arc::clone(&self.spec),
             body: Body {
                 completed: self.completed,
-                knowledge: self.states.known().iter().map(|state| Arc::clone(&state.knowledge)).collect(),
-                standings: self.states.machines().standings(),
-                spread: self.states.spread().clone(),
+                results: self.states.known().iter().map(|state| Arc::clone(&state.results)).collect(),
+                pooling: self.states.machines().pooling(),
+                statistics: self.states.indicator_statistics().clone(),
                 history: self.history.clone(),
                 screening: self.screening.clone(),
                 forget_above: self.states.forget_above(),
@@ -109,17 +110,17 @@ impl Tuner {
             return Err("it is damaged".into());
         }
         let mut body: Body = unpack(packed).map_err(|error| error.to_string())?;
-        if body.knowledge.len() > self.states.len() || body.knowledge.len() != body.history.len() {
+        if body.results.len() > self.states.len() || body.results.len() != body.history.len() {
             return Err("it knows states that do not exist".into());
         }
-        if body.spread.width() != self.states.spread().width() {
+        if body.statistics.width() != self.states.indicator_statistics().width() {
             return Err("it is of other indicators".into());
         }
-        if body.standings.len() > self.states.machines().len() {
+        if body.pooling.len() > self.states.machines().len() {
             return Err("it knows machines that do not exist".into());
         }
         let space = &self.spec.space;
-        let tables = body.knowledge.iter_mut().all(|knowledge| Arc::make_mut(knowledge).settle(space));
+        let tables = body.results.iter_mut().all(|results| Arc::make_mut(results).settle(space));
         if !(tables && body.screening.settle(space) && body.predictors.settle(space)) {
             return Err("it does not fit its study".into());
         }
@@ -133,7 +134,7 @@ impl Tuner {
         }
         (self.completed, self.last_completion) = (body.completed, checkpoint.completion);
         self.screening = body.screening;
-        self.states.take_over(body.knowledge, &body.standings, body.spread, body.forget_above);
+        self.states.take_over(body.results, &body.pooling, body.statistics, body.forget_above);
         self.history = body.history;
         (self.history.len()..self.states.len()).for_each(|_| self.history.found());
         Ok(())
@@ -147,12 +148,12 @@ fn mark(spec: &StudySpec) -> u64 {
     sum_of(&text) ^ sum_of(&VERSION.to_le_bytes()) ^ sum_of(env!("CARGO_PKG_VERSION").as_bytes())
 }
 
-/// A check sum: FNV-1a over words, so that megabytes take milliseconds.
+/// A check sum: FNV-1a over words instead of bytes, so that megabytes take milliseconds.
 fn sum_of(bytes: &[u8]) -> u64 {
     let words =
         bytes.chunks(8).map(|chunk| chunk.iter().fold(1, |word: u64, &byte| word << 8 | u64::from(byte)));
-    words.fold(0xcbf2_9ce4_8422_2325, |hash: u64, word| {
-        let mixed = (hash ^ word).wrapping_mul(0x0000_0100_0000_01b3);
+    words.fold(fnv::EMPTY, |hash, word| {
+        let mixed = fnv::add(hash, word);
         mixed ^ (mixed >> 32)
     })
 }
@@ -196,9 +197,9 @@ mod tests {
                 Restoring::new(tuner.spec().clone(), snapshot, Some(&checkpoint)).expect("consistent");
             assert_eq!((restoring.passed_over(), restoring.after()), (None, 60));
             let back = restoring.finish([]).expect("whole");
-            let knowledge =
-                |tuner: &Tuner| tuner.states.known().iter().map(|s| s.knowledge.clone()).collect::<Vec<_>>();
-            assert_eq!(knowledge(&back), knowledge(&tuner));
+            let results =
+                |tuner: &Tuner| tuner.states.known().iter().map(|s| s.results.clone()).collect::<Vec<_>>();
+            assert_eq!(results(&back), results(&tuner));
             assert_eq!(back.models.predictors(), tuner.models.predictors());
             assert_eq!((&back.history, &back.screening), (&tuner.history, &tuner.screening));
             assert_eq!(

@@ -3,12 +3,15 @@
 use rand::RngExt;
 
 use crate::configuration::Configuration;
-use crate::decision::{Choice, Exploit, ExploitRule, ExploreRule, Means, Predicted, Source, Weighed};
+use crate::decision::{
+    BudgetStatus, Choice, Exploit, ExploitRule, ExplorationEstimate, ExploreRule, Predicted, Source,
+};
+use crate::fnv;
 use crate::ids::StateId;
-use crate::knowledge::{KnownState, Record};
 use crate::policy::Operation;
 use crate::predict::Answer;
-use crate::randomness::{Purpose, stream, text_number};
+use crate::randomness::{Purpose, stream};
+use crate::results::{KnownState, Record};
 use crate::search::Verdict;
 use crate::trial::Neighbour;
 use crate::tuner::plan::Planned;
@@ -26,26 +29,31 @@ pub(super) struct Exploitation {
 
 impl Exploitation {
     /// As an answer, by a rule.
-    pub(super) fn by(self, rule: ExploitRule, weighed: Weighed, means: Means) -> Prediction {
+    pub(super) fn by(
+        self,
+        rule: ExploitRule,
+        estimate: ExplorationEstimate,
+        budget: BudgetStatus,
+    ) -> Prediction {
         let Exploitation { configuration, predicted_cost, source, .. } = self;
-        let decision = Choice::Exploit(Exploit { source, rule, weighed, means }).decided();
+        let decision = Choice::Exploit(Exploit { source, rule, estimate, budget }).decided();
         Prediction { configuration, predicted_cost, decision, insight: None }
     }
 
     /// As an answer to who only asked what it would be.
     pub(super) fn asked(self) -> Prediction {
         let rule = if self.rolled_back { ExploitRule::RolledBack } else { ExploitRule::Asked };
-        self.by(rule, Weighed::default(), Means::default())
+        self.by(rule, ExplorationEstimate::default(), BudgetStatus::default())
     }
 
     /// As the decision for a visit; what was rolled back says so itself.
-    fn kept(self, rule: ExploitRule, weighed: Weighed) -> VisitDecision {
-        let (rule, weighed) = match self.rolled_back {
-            true => (ExploitRule::RolledBack, Weighed::default()),
-            false => (rule, weighed),
+    fn kept(self, rule: ExploitRule, estimate: ExplorationEstimate) -> VisitDecision {
+        let (rule, estimate) = match self.rolled_back {
+            true => (ExploitRule::RolledBack, ExplorationEstimate::default()),
+            false => (rule, estimate),
         };
         let Exploitation { configuration, predicted_cost, source, .. } = self;
-        let exploit = Box::new(Exploit { source, rule, weighed, means: Means::default() });
+        let exploit = Box::new(Exploit { source, rule, estimate, budget: BudgetStatus::default() });
         VisitDecision::Exploit { configuration, predicted_cost, exploit, said: None }
     }
 }
@@ -104,7 +112,7 @@ impl Tuner {
             let stay = self.history.stay(client_id, state);
             exploit.rule == ExploitRule::Gain && policy.weigh_gain && stay > 1 && stay.is_power_of_two()
         };
-        let ends = self.states.knowledge(state).is_infeasible(configuration)
+        let ends = self.states.results(state).is_infeasible(configuration)
             || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
             || is_weighed_again();
         ends.then_some(visit.number)
@@ -125,15 +133,17 @@ impl Tuner {
         let (policy, gain) = (&self.spec.policy, self.gain());
         let (client_id, session) = (&ask.client_id, &ask.session_policy);
         let exploit = || self.exploitation(normalised, Some(state), planned);
-        let fails = |would: &Exploitation| self.states.knowledge(state).is_infeasible(&would.configuration);
+        let fails = |would: &Exploitation| self.states.results(state).is_infeasible(&would.configuration);
         if policy.operation == Operation::Freeze {
-            return exploit().kept(ExploitRule::Frozen, Weighed::default());
+            return exploit().kept(ExploitRule::Frozen, ExplorationEstimate::default());
         }
         if self.is_finished_for(session, state) {
-            return exploit().kept(ExploitRule::Finished, Weighed::default());
+            return exploit().kept(ExploitRule::Finished, ExplorationEstimate::default());
         }
-        let mut weighed =
-            Weighed { epsilon: Some(self.epsilon_of(session, Some(state))), ..Weighed::default() };
+        let mut estimate = ExplorationEstimate {
+            epsilon: Some(self.epsilon_of(session, Some(state))),
+            ..ExplorationEstimate::default()
+        };
         let mut exploitation = None;
         let rule = if self.draws(ask, number, Some(state)) {
             ExploreRule::Dice
@@ -142,41 +152,41 @@ impl Tuner {
             if would.source != Source::Default
                 || session.epsilon.unwrap_or(policy.epsilon) == 0.0 && !fails(&would)
             {
-                return would.kept(ExploitRule::Dice, weighed);
+                return would.kept(ExploitRule::Dice, estimate);
             }
             exploitation = Some(would);
             ExploreRule::NothingKnown
         };
         if policy.weigh_gain {
             let prospect = gain.prospect(client_id, state);
-            weighed.expected_gain = Some(prospect.gain);
-            weighed.expected_frames = Some(prospect.frames);
-            weighed.exploring_cost = Some(prospect.exploring_cost);
+            estimate.expected_gain = Some(prospect.gain);
+            estimate.expected_frames = Some(prospect.frames);
+            estimate.exploring_cost = Some(prospect.exploring_cost);
             if gain.not_worth(state, &prospect).is_some() {
                 let would = exploitation.unwrap_or_else(exploit);
                 if !fails(&would) {
-                    return would.kept(ExploitRule::Gain, weighed);
+                    return would.kept(ExploitRule::Gain, estimate);
                 }
             }
         }
-        VisitDecision::Explore { rule, weighed }
+        VisitDecision::Explore { rule, estimate }
     }
 
     /// Whether the dice of visit `number` of a client to a state, known or not, fall on exploring.
     pub(super) fn draws(&self, ask: &Ask, number: u64, state: Option<StateId>) -> bool {
-        let client = text_number(&ask.client_id);
+        let client = fnv::hash(ask.client_id.bytes());
         let draw: f64 = stream(self.spec.seed, Purpose::Decision, client, number).random();
         draw < self.epsilon_of(&ask.session_policy, state)
     }
 
     /// Whether the state's search has spent its budget.
     pub(super) fn is_finished(&self, state: StateId) -> bool {
-        self.states.knowledge(state).tried() >= self.spec.policy.trials_per_state as usize
+        self.states.results(state).tried() >= self.spec.policy.trials_per_state as usize
     }
 
     /// Whether the default can be run in a state, as far as is known.
     pub(super) fn default_runs(&self, state: StateId) -> bool {
-        let settled = self.states.knowledge(state).settled(self.spec.space.default_ref(), 1);
+        let settled = self.states.results(state).settled(self.spec.space.default_ref(), 1);
         settled != Some(Verdict::Infeasible)
     }
 
@@ -229,13 +239,13 @@ impl Tuner {
 
     /// The best measured configuration of a state.
     pub(super) fn best_known(&self, state: StateId) -> Option<Exploitation> {
-        let KnownState { id, knowledge, .. } = &self.states[state];
-        let Record { configuration, mean_cost, measurements, .. } = knowledge.best()?;
+        let KnownState { id, results, .. } = &self.states[state];
+        let Record { configuration, mean_cost, measurements, .. } = results.best()?;
         Some(Exploitation {
             configuration: configuration.clone(),
             predicted_cost: Some(*mean_cost),
             source: Source::BestKnown {
-                tried: knowledge.tried() as u64,
+                tried: results.tried() as u64,
                 measurements: *measurements,
                 state: Neighbour { state_id: *id, distance: 0.0, best_cost: *mean_cost },
             },

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::packed::{PackedError, pack, unpack};
 use crate::search::{AnySearch, Feedback};
-use crate::tuner::screening::Held;
+use crate::tuner::screening::HeldParameters;
 
 /// The search of one state and its points in flight. Once its budget is spent the search itself is dropped: what it
 /// found stands in the state's table. Opaque, exact through serde.
@@ -24,7 +24,7 @@ pub struct Exploration {
     pub(super) open: BTreeMap<u64, u64>,
     /// What is left out, where the policy allows it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) held: Option<Held>,
+    pub(super) held: Option<HeldParameters>,
 }
 
 impl Exploration {

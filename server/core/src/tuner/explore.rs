@@ -5,14 +5,14 @@ use rand::RngExt;
 use crate::configuration::Configuration;
 use crate::decision::{self, ExploitRule, Predicted};
 use crate::ids::{StateId, TrialNumber};
-use crate::knowledge::Knowledge;
 use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
+use crate::results::ResultTable;
 use crate::search::{AnySearch, Feedback, Layout, Point, SearchSetup, Step, Verdict, levels};
 use crate::tuner::decide::Exploitation;
 use crate::tuner::plan::Planned;
-use crate::tuner::screening::{CONTROL, Held};
+use crate::tuner::screening::{CONTROL, HeldParameters};
 use crate::tuner::states::place;
 use crate::tuner::{Exploration, Tuner};
 
@@ -20,7 +20,7 @@ use crate::tuner::{Exploration, Tuner};
 const TOLD_MAX: usize = 128;
 
 /// What the walk along a search came to.
-enum Walk {
+enum NextPoint {
     /// A point to measure.
     Measure(Point, Configuration),
     /// The search waits for trials that are out, or its budget is spent.
@@ -31,7 +31,7 @@ enum Walk {
 
 /// Something to measure, and why.
 #[derive(Clone, Debug)]
-pub(super) struct Candidate {
+pub(super) struct ProposedTrial {
     pub(super) configuration: Configuration,
     pub(super) predicted_cost: Option<f64>,
     pub(super) point: decision::Point,
@@ -40,7 +40,7 @@ pub(super) struct Candidate {
 /// What exploring came to.
 pub(super) enum Explored {
     /// Something to measure, and the parameters that were held for it.
-    Candidate { candidate: Candidate, held: Vec<String> },
+    Candidate { candidate: ProposedTrial, held: Vec<String> },
     /// Nothing, by a rule; something known is run instead.
     Nothing { instead: Exploitation, rule: ExploitRule },
 }
@@ -77,23 +77,23 @@ impl Tuner {
         self.ensure_exploration(room, state, planned);
         let held = self.hold(state);
         let rule = match self.walk(room, state, &held, planned) {
-            Walk::Measure(point, configuration) => {
+            NextPoint::Measure(point, configuration) => {
                 let candidate = self.measure(state, number, point, configuration);
                 let is_baseline = matches!(candidate.point, decision::Point::Baseline(_));
                 let held =
                     if is_baseline { Vec::new() } else { self.names_of(&held, &candidate.configuration) };
                 return Explored::Candidate { candidate, held };
             }
-            Walk::OnlyKnown => match self.unseen(state, number) {
+            NextPoint::OnlyKnown => match self.unseen(state, number) {
                 Some(configuration) => {
                     let point = decision::Point::Random;
-                    let candidate = Candidate { configuration, predicted_cost: None, point };
+                    let candidate = ProposedTrial { configuration, predicted_cost: None, point };
                     return Explored::Candidate { candidate, held: Vec::new() };
                 }
                 None => ExploitRule::Finished,
             },
-            Walk::Wait if self.is_over(room, state) => ExploitRule::Finished,
-            Walk::Wait => ExploitRule::Waiting,
+            NextPoint::Wait if self.is_over(room, state) => ExploitRule::Finished,
+            NextPoint::Wait => ExploitRule::Waiting,
         };
         let best = self.best_known(state);
         let instead = best.unwrap_or_else(|| self.exploitation(normalised, Some(state), planned));
@@ -102,9 +102,9 @@ impl Tuner {
 
     /// Whether the state's search has come to its end, and nobody measures anything for it any more.
     fn is_over(&self, room: usize, state: StateId) -> bool {
-        let knowledge = self.states.knowledge(state);
+        let results = self.states.results(state);
         let own = self.searches.of(state);
-        own.is_some_and(|own| own.open.is_empty() && is_spent(own, knowledge, room))
+        own.is_some_and(|own| own.open.is_empty() && is_spent(own, results, room))
     }
 
     /// What to run where nothing was measured yet, if the predictor can say from elsewhere where much may be
@@ -116,13 +116,13 @@ impl Tuner {
         number: TrialNumber,
         normalised: &[f64],
         planned: &Planned,
-    ) -> Option<Candidate> {
+    ) -> Option<ProposedTrial> {
         let (answer, predictor) = self.transfer().first(state, number.0, normalised, planned)?;
         let Answer { configuration, expected, neighbours } = answer;
         let predicted_cost = Some(expected.cost);
         let expected = (expected.cost, expected.deviation);
         let point = decision::Point::Proposal(Predicted { predictor, expected, neighbours });
-        Some(Candidate { configuration, predicted_cost, point })
+        Some(ProposedTrial { configuration, predicted_cost, point })
     }
 
     /// Sees that the state has a search of the policy's kind, unless its budget is spent. Trials that carry points
@@ -143,7 +143,7 @@ impl Tuner {
             was_dropped = current.search.is_none();
             let goes_on = match &current.search {
                 Some(search) => search.is_of(policy.search),
-                None => is_spent(current, self.states.knowledge(state), room),
+                None => is_spent(current, self.states.results(state), room),
             };
             if goes_on {
                 return;
@@ -159,7 +159,7 @@ impl Tuner {
         };
         let mut search = AnySearch::new(policy.search, setup);
         let from_others = !self.states.siblings(state).is_empty();
-        for record in self.states.knowledge(state).ranked().take(TOLD_MAX) {
+        for record in self.states.results(state).ranked().take(TOLD_MAX) {
             let point = || space.encode(&record.configuration);
             match (was_dropped, from_others) {
                 (true, _) => search.know(point(), Verdict::Cost(record.mean_cost)),
@@ -170,10 +170,10 @@ impl Tuner {
         let transfer = self.transfer();
         if !was_dropped && transfer.warms_up_searches() {
             let beginning = planned.take_beginning(state, &self.states[state].anchor);
-            if let Some((guide, first)) =
+            if let Some((main_effects, first)) =
                 beginning.unwrap_or_else(|| transfer.evidence(state).beginning(space))
             {
-                search.follow(guide, first);
+                search.follow(main_effects, first);
             }
         }
         self.searches.begin(state, search);
@@ -200,15 +200,15 @@ impl Tuner {
     }
 
     /// The same on a copy of what is held.
-    pub(super) fn held_axes(&self, held: &mut Option<Held>, state: StateId) -> Vec<(usize, f64)> {
+    pub(super) fn held_axes(&self, held: &mut Option<HeldParameters>, state: StateId) -> Vec<(usize, f64)> {
         let Some(risk) = self.spec.policy.freeze_risk else {
             *held = None;
             return Vec::new();
         };
-        let knowledge = self.states.knowledge(state);
-        let tried = knowledge.tried();
+        let results = self.states.results(state);
+        let tried = results.tried();
         if self.screening.is_due(held.as_ref(), tried) {
-            let best = knowledge.best().map_or(self.spec.space.default_ref(), |best| &best.configuration);
+            let best = results.best().map_or(self.spec.space.default_ref(), |best| &best.configuration);
             let now = self.screening.judge(&self.spec.space, place(state), best, risk, held.as_ref(), tried);
             *held = Some(now);
         }
@@ -231,26 +231,32 @@ impl Tuner {
     /// Asks the search until a point is worth a measurement. Points that fall on configurations with a
     /// verdict are answered from the table (a pair of state and configuration is not sampled twice); points
     /// whose configuration runs just now in this state go back until it is reported.
-    fn walk(&mut self, room: usize, state: StateId, held: &[(usize, f64)], planned: &mut Planned) -> Walk {
+    fn walk(
+        &mut self,
+        room: usize,
+        state: StateId,
+        held: &[(usize, f64)],
+        planned: &mut Planned,
+    ) -> NextPoint {
         let (space, policy) = (&self.spec.space, &self.spec.policy);
-        let knowledge = self.states.knowledge(state);
+        let results = self.states.results(state);
         let spent = match self.searches.of(state) {
-            Some(own) if own.search.is_some() => is_spent(own, knowledge, room),
-            _ => return Walk::Wait,
+            Some(own) if own.search.is_some() => is_spent(own, results, room),
+            _ => return NextPoint::Wait,
         };
         let Some(Exploration { search: Some(search), .. }) = self.searches.change(state) else {
-            return Walk::Wait;
+            return NextPoint::Wait;
         };
         let moves = !search.hold(held);
         if let Some(point) = planned.take_point(state) {
             search.adopt(point);
         }
         let mut waiting = Vec::new();
-        let mut walk = Walk::OnlyKnown;
+        let mut walk = NextPoint::OnlyKnown;
         for _ in 0..KNOWN_POINTS_PER_SUGGESTION_MAX {
             let is_at_hand = planned.is_at_once() || search.is_ready();
             let Some(point) = is_at_hand.then(|| search.ask()).flatten() else {
-                walk = Walk::Wait;
+                walk = NextPoint::Wait;
                 break;
             };
             let configuration = match point.step {
@@ -266,19 +272,19 @@ impl Tuner {
             let settled = match point.step {
                 // The search knows it and wants to know it better.
                 Step::Replicate => None,
-                _ => knowledge.settled(&configuration, policy.replicates),
+                _ => results.settled(&configuration, policy.replicates),
             };
             if let Some(verdict) = settled {
                 search.tell(point.id, Feedback { verdict, fresh: false });
             } else if self.trials.runs(state, &configuration) {
                 waiting.push(point.id);
-                walk = Walk::Wait;
-            } else if spent && (point.step == Step::Replicate || !knowledge.is_tried(&configuration)) {
+                walk = NextPoint::Wait;
+            } else if spent && (point.step == Step::Replicate || !results.is_tried(&configuration)) {
                 waiting.push(point.id);
-                walk = Walk::Wait;
+                walk = NextPoint::Wait;
                 break;
             } else {
-                walk = Walk::Measure(point, configuration);
+                walk = NextPoint::Measure(point, configuration);
                 break;
             }
         }
@@ -294,8 +300,8 @@ impl Tuner {
         number: TrialNumber,
         point: Point,
         configuration: Configuration,
-    ) -> Candidate {
-        let record = self.states.knowledge(state).record(&configuration);
+    ) -> ProposedTrial {
+        let record = self.states.results(state).record(&configuration);
         let known = record.filter(|record| record.measurements > 0);
         let predicted_cost = known.map(|record| record.mean_cost);
         let measurements = known.map_or(0, |record| record.measurements);
@@ -311,26 +317,26 @@ impl Tuner {
         if let Some(exploration) = self.searches.change(state) {
             exploration.open.insert(number.0, point.id);
         }
-        Candidate { configuration, predicted_cost, point: decided }
+        ProposedTrial { configuration, predicted_cost, point: decided }
     }
 
     /// A configuration without a verdict that nobody runs, drawn at random; `None` when a bounded number of
     /// draws meets none, as in a space that is as good as used up.
     fn unseen(&self, state: StateId, number: TrialNumber) -> Option<Configuration> {
-        let knowledge = self.states.knowledge(state);
+        let results = self.states.results(state);
         let mut random = stream(self.spec.seed, Purpose::Unseen, state.0, number.0);
         (0..UNSEEN_DRAWS_MAX).find_map(|_| {
             let x: Vec<f64> = (0..self.spec.space.dimension()).map(|_| random.random()).collect();
             let configuration = self.spec.space.decode(&x);
             let seen =
-                knowledge.settled(&configuration, 1).is_some() || self.trials.runs(state, &configuration);
+                results.settled(&configuration, 1).is_some() || self.trials.runs(state, &configuration);
             (!seen).then_some(configuration)
         })
     }
 }
 
 /// Whether a search has no trial left to hand out that adds a configuration, where there is room for so many.
-pub(super) fn is_spent(exploration: &Exploration, knowledge: &Knowledge, room: usize) -> bool {
-    let taken = knowledge.tried() + exploration.repeats() as usize + exploration.open.len();
+pub(super) fn is_spent(exploration: &Exploration, results: &ResultTable, room: usize) -> bool {
+    let taken = results.tried() + exploration.repeats() as usize + exploration.open.len();
     taken >= room
 }

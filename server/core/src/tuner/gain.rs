@@ -36,7 +36,7 @@ impl Gain<'_> {
 
     /// What going on with the search of a state is expected to bring this client's frames and all others.
     pub(super) fn prospect(&self, client_id: &str, state: StateId) -> Prospect {
-        let tried = self.states.knowledge(state).tried();
+        let tried = self.states.results(state).tried();
         let left = (self.policy.trials_per_state as usize).saturating_sub(tried);
         let (gain, gain_at_most) = self.history.gains(state, tried);
         Prospect {
@@ -49,7 +49,7 @@ impl Gain<'_> {
 
     /// Why exploring the state is not worth it; `None` when it is.
     pub(super) fn not_worth(&self, state: StateId, prospect: &Prospect) -> Option<OmissionReason> {
-        let noise = self.states.knowledge(state).noise();
+        let noise = self.states.results(state).noise();
         if noise.is_some_and(|noise| prospect.gain_at_most < noise) {
             return Some(OmissionReason::BelowNoise);
         }
@@ -59,15 +59,15 @@ impl Gain<'_> {
 
     /// Whether a configuration does clearly worse in a state than the best that was measured there.
     pub(super) fn does_clearly_worse(&self, state: StateId, configuration: &Configuration) -> bool {
-        let knowledge = self.states.knowledge(state);
-        let (Some(own), Some(best)) = (knowledge.record(configuration), knowledge.best()) else {
+        let results = self.states.results(state);
+        let (Some(own), Some(best)) = (results.record(configuration), results.best()) else {
             return false;
         };
         // One frame is no evidence.
         if own.measurements < 2 || best.configuration == *configuration {
             return false;
         }
-        let noise = knowledge.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+        let noise = results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
         let part = |measurements: u64| 1.0 / measurements.clamp(1, MEASUREMENTS_COUNTED) as f64;
         let margin = CLEARLY * noise * (part(own.measurements) + part(best.measurements)).sqrt();
         own.mean_cost > best.mean_cost * (1.0 + margin)

@@ -3,7 +3,7 @@
 pub use crate::trial::OmissionReason;
 
 use crate::ids::StateId;
-use crate::predict::state_index::Mute;
+use crate::predict::state_index::OmittedIndicator;
 use crate::tuner::Tuner;
 
 /// What the policy knows of a state.
@@ -63,16 +63,16 @@ pub struct Omission {
 impl Tuner {
     /// What is known of a state.
     pub(super) fn insight(&self, state: StateId) -> Insight {
-        let (knowledge, gain) = (self.states.knowledge(state), self.gain());
+        let (results, gain) = (self.states.results(state), self.gain());
         let prospect = gain.prospect("", state);
-        let left = (self.spec.policy.trials_per_state as usize).saturating_sub(knowledge.tried());
+        let left = (self.spec.policy.trials_per_state as usize).saturating_sub(results.tried());
         let mut omissions = Vec::new();
         if self.spec.policy.weigh_gain
             && !self.is_finished(state)
             && let Some(reason) = gain.not_worth(state, &prospect)
         {
             let percent = 100.0 * prospect.gain_at_most;
-            let noise = 100.0 * knowledge.noise().unwrap_or(0.0);
+            let noise = 100.0 * results.noise().unwrap_or(0.0);
             let summary = match reason {
                 OmissionReason::BelowNoise => {
                     format!("at most {percent:.1} % can be gained, less than frames vary ({noise:.1} %)")
@@ -91,12 +91,12 @@ impl Tuner {
         self.omitted_indicators(&mut omissions);
         Insight {
             state_id: state.0,
-            tried: knowledge.tried() as u64,
+            tried: results.tried() as u64,
             visits: self.history.visits(state),
             frames: self.history.frames(state),
-            noise: knowledge.noise(),
-            outliers: knowledge.outliers(),
-            drifts: knowledge.drifts(),
+            noise: results.noise(),
+            outliers: results.outliers(),
+            drifts: results.drifts(),
             prospect: (!self.is_finished(state)).then_some(prospect),
             omissions,
         }
@@ -104,7 +104,7 @@ impl Tuner {
 
     /// Parameters that the search of a state leaves out, and why.
     fn omitted_parameters(&self, state: StateId, omissions: &mut Vec<Omission>) {
-        let best = self.states.knowledge(state).best();
+        let best = self.states.results(state).best();
         let held = self.searches.of(state).and_then(|exploration| exploration.held.as_ref());
         for (axis, parameter) in self.spec.space.parameters().iter().enumerate() {
             // To try each of its other values once.
@@ -132,9 +132,9 @@ impl Tuner {
     /// Indicators that predictors do not look at, and why.
     fn omitted_indicators(&self, omissions: &mut Vec<Omission>) {
         let name = |axis: usize| self.spec.indicators.indicators()[axis].name.clone();
-        let states = self.states.spread().states();
-        for Mute { axis, says } in self.states.mute() {
-            let (reason, summary) = match says {
+        let states = self.states.indicator_statistics().states();
+        for OmittedIndicator { axis, redundant_with } in self.states.omitted_indicators() {
+            let (reason, summary) = match redundant_with {
                 None => (OmissionReason::Constant, format!("it is the same in all {states} states")),
                 Some(other) => {
                     let summary =

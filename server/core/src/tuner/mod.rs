@@ -61,7 +61,7 @@ use crate::configuration::RawConfiguration;
 use crate::decision::Choice;
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::{Policy, PredictorMethod};
-use crate::predict::prequential::Interval;
+use crate::predict::prequential::ErrorInterval;
 use crate::predict::{ComputedUpdates, DeferredUpdates, Predictors};
 use crate::study::{StudyError, StudySpec};
 use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
@@ -299,7 +299,7 @@ impl Tuner {
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Option<Best>, TunerError> {
         checks::fingerprint(fingerprint)?;
-        let best_of = |state: StateId| self.states.knowledge(state).best().map(|best| (state, best));
+        let best_of = |state: StateId| self.states.results(state).best().map(|best| (state, best));
         let found = match indicators {
             Some(indicators) => {
                 let state = self.recognise_for(fingerprint, &self.spec.indicators.normalise(indicators)?);
@@ -316,7 +316,7 @@ impl Tuner {
     /// What the best known configuration of a state costs; `None` when nothing has been measured there.
     pub fn best_cost(&self, state: impl Into<StateId>) -> Option<f64> {
         let state = state.into();
-        let known = self.states.contains(state).then(|| self.states.knowledge(state))?;
+        let known = self.states.contains(state).then(|| self.states.results(state))?;
         known.best().map(|best| best.mean_cost)
     }
 
@@ -363,7 +363,7 @@ impl Tuner {
 
     /// How wrong each predictor was in this study: mean error with a 95 % interval, see
     /// [`prequential`](crate::predict::prequential). `Auto` stands for the choice among them.
-    pub fn predictor_errors(&self) -> Vec<(PredictorMethod, Interval)> {
+    pub fn predictor_errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
         self.models.errors()
     }
 

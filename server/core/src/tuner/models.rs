@@ -6,11 +6,11 @@
 //! what it rests on, so the outcome is the same whenever that is.
 
 use crate::configuration::Configuration;
-use crate::fleet::Fleet;
 use crate::ids::StateId;
 use crate::limits::{DEFERRED_UPDATES_MAX, RELEARNT_MAX};
+use crate::machines::Machines;
 use crate::policy::PredictorMethod;
-use crate::predict::prequential::Interval;
+use crate::predict::prequential::ErrorInterval;
 use crate::predict::{ComputedUpdates, DeferredUpdates, Lesson, Predictors, Query};
 use crate::search::Verdict;
 use crate::space::Space;
@@ -70,7 +70,7 @@ impl Models {
     }
 
     /// How wrong each predictor was: mean error with a 95 % interval.
-    pub(super) fn errors(&self) -> Vec<(PredictorMethod, Interval)> {
+    pub(super) fn errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
         self.predictors.errors()
     }
 
@@ -141,7 +141,7 @@ impl Models {
             let known = &states[state];
             let factor = states.machines().factor(known.machine, 0);
             let default = states.default_cost(state).map(|cost| (factor * cost).min(f64::MAX));
-            for record in known.knowledge.ranked() {
+            for record in known.results.ranked() {
                 self.predictors.learn_features(&Lesson {
                     state: &known.anchor,
                     configuration: &record.configuration,
@@ -157,11 +157,11 @@ impl Models {
 
 fn untaught(spec: &StudySpec, predictor: PredictorMethod, states: &States) -> Predictors {
     let indicators = spec.indicators.indicators().len();
-    let mute: Vec<usize> = states.mute().iter().map(|mute| mute.axis).collect();
-    Predictors::new(predictor, &spec.space, indicators, spec.seed, &mute)
+    let omitted: Vec<usize> = states.omitted_indicators().iter().map(|omitted| omitted.axis).collect();
+    Predictors::new(predictor, &spec.space, indicators, spec.seed, &omitted)
 }
 
 /// A cost on a machine as it would be on the study's first.
-fn on_first_machine(machines: &Fleet, machine: u32, cost: f64) -> f64 {
+fn on_first_machine(machines: &Machines, machine: u32, cost: f64) -> f64 {
     if machine == 0 { cost } else { (machines.factor(machine, 0) * cost).min(f64::MAX) }
 }

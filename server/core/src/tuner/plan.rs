@@ -16,12 +16,12 @@ use crate::ids::StateId;
 use crate::policy::Operation;
 use crate::predict::contextual::Request;
 use crate::predict::{Answer, Query};
-use crate::search::{AnySearch, Plan};
+use crate::search::{AnySearch, PlannedPoint};
 use crate::study::StudySpec;
 use crate::trial::Fingerprint;
 use crate::tuner::budget::Terms;
 use crate::tuner::explore::is_spent;
-use crate::tuner::transfer::{Beginning, Evidence};
+use crate::tuner::transfer::{MeasuredElsewhere, WarmStart};
 use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 
 /// What has to be computed before a question can be answered quickly: copies of what that rests on.
@@ -33,7 +33,7 @@ pub struct PlanRequest {
     first: Option<Request>,
     search: Option<(StateId, Box<AnySearch>)>,
     /// What others tell the search of a state that begins; one without an id is not there yet.
-    evidence: Option<(Option<StateId>, Evidence)>,
+    evidence: Option<(Option<StateId>, MeasuredElsewhere)>,
 }
 
 /// What came of a [`PlanRequest`]. The default plans nothing.
@@ -45,9 +45,9 @@ pub struct SuggestionPlan {
     /// What to explore first.
     first: Option<Answer>,
     /// The next point of a state's search.
-    point: Option<(StateId, Plan)>,
+    point: Option<(StateId, PlannedPoint)>,
     /// What the search of a state begins with, if anything follows from the others.
-    beginning: Option<(Option<StateId>, Option<Beginning>)>,
+    beginning: Option<(Option<StateId>, Option<WarmStart>)>,
 }
 
 impl PlanRequest {
@@ -116,7 +116,7 @@ impl Planned {
     }
 
     /// What the search of a state with this anchor begins with; `None` where that was not planned.
-    pub(super) fn take_beginning(&mut self, state: StateId, anchor: &[f64]) -> Option<Option<Beginning>> {
+    pub(super) fn take_beginning(&mut self, state: StateId, anchor: &[f64]) -> Option<Option<WarmStart>> {
         let Planned::Ahead(plan) = self else {
             return None;
         };
@@ -126,7 +126,7 @@ impl Planned {
     }
 
     /// The next point of a state's search, if it was planned.
-    pub(super) fn take_point(&mut self, state: StateId) -> Option<Plan> {
+    pub(super) fn take_point(&mut self, state: StateId) -> Option<PlannedPoint> {
         let Planned::Ahead(plan) = self else {
             return None;
         };
@@ -148,14 +148,14 @@ impl Tuner {
         // A machine that is new is known by the time of the question.
         let grown = found.is_none().then(|| {
             let mut machines = machines.clone();
-            let (machine, _) = machines.found(ask.fingerprint.as_ref());
+            let (machine, _) = machines.note_founder(ask.fingerprint.as_ref());
             (machines, machine)
         });
-        let (fleet, machine) = match &grown {
+        let (machines, machine) = match &grown {
             Some((machines, machine)) => (machines, *machine),
             None => (machines, found.unwrap_or_default()),
         };
-        let query = || Query { fleet, machine, ..self.states.query(&self.spec.space, normalised, here) };
+        let query = || Query { machines, machine, ..self.states.query(&self.spec.space, normalised, here) };
         let (predictor, predictors) = (policy.predictor, self.models.predictors());
         let answer =
             || transfer.needs_predictor(here).then(|| predictors.request(predictor, &query())).flatten();
@@ -243,12 +243,12 @@ impl Tuner {
 
     /// A copy of the state's search, if its next point takes a fit and will be asked for.
     fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>)> {
-        let (policy, knowledge) = (&self.spec.policy, self.states.knowledge(state));
+        let (policy, results) = (&self.spec.policy, self.states.results(state));
         let exploration = self.searches.of(state)?;
         let search = exploration.search.as_ref()?;
         let goes_on = search.is_of(policy.search)
             && !search.is_ready()
-            && !is_spent(exploration, knowledge, self.room_of(&ask.session_policy))
+            && !is_spent(exploration, results, self.room_of(&ask.session_policy))
             && self.transfer().untried_by_machines(state).is_none();
         if !goes_on || !self.affords(ask, state) {
             return None;

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::RawConfiguration;
-use crate::decision::{Choice, Decision, ExploreRule, Weighed};
+use crate::decision::{Choice, Decision, ExplorationEstimate, ExploreRule};
 use crate::trial::{Explanation, Mode, Reason};
 use crate::tuner::VisitDecision;
 
@@ -50,8 +50,8 @@ impl RecordedVisitDecision {
             let exploit = Box::new(exploit);
             return VisitDecision::Exploit { configuration, predicted_cost, exploit, said };
         }
-        let (rule, weighed) = (ExploreRule::recorded(weighed.rule), Weighed::recorded(weighed));
-        VisitDecision::Explore { rule, weighed }
+        let (rule, estimate) = (ExploreRule::recorded(weighed.rule), ExplorationEstimate::recorded(weighed));
+        VisitDecision::Explore { rule, estimate }
     }
 }
 
@@ -66,8 +66,8 @@ mod tests {
         let weighed: Explanation =
             serde_json::from_str(r#"{"rule":"nothing_known","epsilon":0.25}"#).expect("an old row");
         let explore = explore.decision(&weighed);
-        let expected = Weighed { epsilon: Some(0.25), ..Weighed::default() };
-        assert_eq!(explore, VisitDecision::Explore { rule: ExploreRule::NothingKnown, weighed: expected });
+        let expected = ExplorationEstimate { epsilon: Some(0.25), ..ExplorationEstimate::default() };
+        assert_eq!(explore, VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate: expected });
         let text = r#"{"exploit":{"configuration":{},"mode":"default","predicted_cost":null,"reason":{"summary":"Nothing.",
             "source":"default","step":"","neighbours":[],"explanation":{"rule":"gain","expected_gain":0.01}}}}"#;
         let exploit: RecordedVisitDecision = serde_json::from_str(text).expect("an old row");
@@ -79,7 +79,7 @@ mod tests {
             (&kept.source, kept.rule, said.as_deref()),
             (&Source::Default, ExploitRule::Gain, Some("Nothing."))
         );
-        assert_eq!(kept.weighed.expected_gain, Some(0.01));
+        assert_eq!(kept.estimate.expected_gain, Some(0.01));
         for decision in [explore, exploit] {
             let text = serde_json::to_string(&decision).expect("plain data");
             let again: RecordedVisitDecision = serde_json::from_str(&text).expect("a row");

@@ -44,7 +44,7 @@ impl Tuner {
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
         change.visits.extend(self.settle(completed));
         let replicates = self.spec.policy.replicates;
-        let settled = self.states.knowledge(state).settled(&completed.configuration, replicates);
+        let settled = self.states.results(state).settled(&completed.configuration, replicates);
         let verdict = match completed.cost {
             // The search keeps the mean of what it has measured again itself.
             Some(cost) if is_replicate(completed) && completed.outcome == Some(Outcome::Ok) => {
@@ -73,7 +73,7 @@ impl Tuner {
             return;
         }
         if trial.decision.explores() && !matches!(trial.outcome, Some(Outcome::Failed { .. })) {
-            let best = self.states.knowledge(state).best().map(|best| best.mean_cost);
+            let best = self.states.results(state).best().map(|best| best.mean_cost);
             if let Some(best) = best.filter(|&best| best > 0.0) {
                 self.history.explored(trial.cost.map(|cost| cost / best - 1.0));
             }
@@ -93,9 +93,9 @@ impl Tuner {
             transfer::compare(&mut self.states, default, state, &trial.configuration, cost);
         }
         self.states.learn(state, trial);
-        let knowledge = self.states.knowledge(state);
-        if let Some(best) = knowledge.best() {
-            self.history.progress(state, knowledge.tried(), best.mean_cost);
+        let results = self.states.results(state);
+        if let Some(best) = results.best() {
+            self.history.progress(state, results.tried(), best.mean_cost);
         }
         if let Some(normalised) = &normalised {
             self.teach(trial, normalised);
@@ -154,10 +154,10 @@ impl Tuner {
         };
         exploration.release(trial.number, feedback);
         // What is spent is not needed any more: the table knows what came of it.
-        let (knowledge, policy): (_, &Policy) = (self.states.knowledge(state), &self.spec.policy);
+        let (results, policy): (_, &Policy) = (self.states.results(state), &self.spec.policy);
         if exploration.open.is_empty()
-            && is_spent(exploration, knowledge, exploration.room().max(policy.trials_per_state as usize))
-            && (policy.replicates == 1 || knowledge.is_settled(policy.replicates))
+            && is_spent(exploration, results, exploration.room().max(policy.trials_per_state as usize))
+            && (policy.replicates == 1 || results.is_settled(policy.replicates))
         {
             exploration.end();
         }

@@ -282,8 +282,8 @@ mod tests {
             let back = restored(&tuner, &snapshot, &kept, None);
             assert_eq!(back.statistics(), tuner.statistics());
             for (state, other) in back.states.known().iter().zip(tuner.states.known()) {
-                let best = |state: &crate::knowledge::KnownState| {
-                    state.knowledge.best().map(|best| (best.configuration.clone(), best.mean_cost))
+                let best = |state: &crate::results::KnownState| {
+                    state.results.best().map(|best| (best.configuration.clone(), best.mean_cost))
                 };
                 assert_eq!(best(state), best(other));
             }

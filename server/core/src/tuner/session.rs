@@ -18,7 +18,7 @@ impl Tuner {
 
     /// Whether a state's search is over for a session.
     pub(super) fn is_finished_for(&self, session: &SessionPolicy, state: StateId) -> bool {
-        self.states.knowledge(state).tried() >= self.room_of(session)
+        self.states.results(state).tried() >= self.room_of(session)
     }
 
     /// Whether the last decision for a client was taken under other wishes than these.

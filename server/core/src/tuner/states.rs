@@ -8,12 +8,12 @@ use std::ops::Index;
 use std::sync::Arc;
 
 use crate::configuration::Configuration;
-use crate::fleet::{Fleet, Standing};
 use crate::ids::StateId;
-use crate::knowledge::{Knowledge, KnownState};
 use crate::limits::{RECORDS_PER_STUDY_MAX, SIBLINGS_MAX};
-use crate::predict::state_index::{Mute, Spread, match_distance_2};
+use crate::machines::{Machines, PoolingStatistics};
+use crate::predict::state_index::{IndicatorStatistics, OmittedIndicator, match_distance_2};
 use crate::predict::{Query, StateIndex};
+use crate::results::{KnownState, ResultTable};
 use crate::space::Space;
 use crate::study::StudySpec;
 use crate::trial::{Fingerprint, Trial};
@@ -28,7 +28,7 @@ pub(crate) struct States {
     /// Where the states lie.
     index: StateIndex,
     /// Whose measurements they are.
-    machines: Fleet,
+    machines: Machines,
     /// No indicator of a recognised state differs from its anchor by more; of the indicator's range.
     tolerance: f64,
     default: Configuration,
@@ -62,7 +62,7 @@ impl States {
             known: Vec::new(),
             siblings: Vec::new(),
             index: StateIndex::new(spec.indicators.indicators().len()),
-            machines: Fleet::default(),
+            machines: Machines::default(),
             tolerance: spec.state_tolerance,
             default: spec.space.default_configuration(),
             remembered: 0,
@@ -91,17 +91,17 @@ impl States {
     }
 
     /// What was measured in one.
-    pub(super) fn knowledge(&self, id: StateId) -> &Knowledge {
-        &self[id].knowledge
+    pub(super) fn results(&self, id: StateId) -> &ResultTable {
+        &self[id].results
     }
 
     /// The machines of the study.
-    pub(super) fn machines(&self) -> &Fleet {
+    pub(super) fn machines(&self) -> &Machines {
         &self.machines
     }
 
     /// The same, to be told what measurements say of them.
-    pub(super) fn machines_mut(&mut self) -> &mut Fleet {
+    pub(super) fn machines_mut(&mut self) -> &mut Machines {
         &mut self.machines
     }
 
@@ -116,13 +116,13 @@ impl States {
     }
 
     /// Indicators that distances and features leave out.
-    pub(super) fn mute(&self) -> Vec<Mute> {
-        self.index.mute()
+    pub(super) fn omitted_indicators(&self) -> Vec<OmittedIndicator> {
+        self.index.omitted_indicators()
     }
 
     /// How far the indicators reach, as far as is known.
-    pub(super) fn spread(&self) -> &Spread {
-        self.index.spread()
+    pub(super) fn indicator_statistics(&self) -> &IndicatorStatistics {
+        self.index.indicator_statistics()
     }
 
     /// How many configurations are remembered in all states.
@@ -138,7 +138,7 @@ impl States {
 
     /// Mean cost of the default configuration in a state, if it was measured there.
     pub(super) fn default_cost(&self, id: StateId) -> Option<f64> {
-        let record = self[id].knowledge.record(&self.default)?;
+        let record = self[id].results.record(&self.default)?;
         (record.measurements > 0).then_some(record.mean_cost)
     }
 
@@ -152,7 +152,7 @@ impl States {
         let here = here.map(|here| &self[here]);
         let machine = here.map_or(0, |here| here.machine);
         let States { known, index, machines, .. } = self;
-        Query { state: normalised, here, known, state_index: index, space, fleet: machines, machine }
+        Query { state: normalised, here, known, state_index: index, space, machines, machine }
     }
 
     /// The machine's state that matches the normalised indicators: every one within the study's tolerance of the
@@ -193,7 +193,7 @@ impl States {
     /// Founds a state of a machine with these indicators as its anchor.
     pub(super) fn found(&mut self, anchor: Vec<f64>, fingerprint: Option<&Fingerprint>) -> StateId {
         let id = at(self.known.len());
-        let (machine, displaced) = self.machines.found(fingerprint);
+        let (machine, displaced) = self.machines.note_founder(fingerprint);
         let others = self.index.within_each(&anchor, self.tolerance).map(at);
         let mut siblings: Vec<StateId> = others.filter(|&other| self[other].machine != machine).collect();
         siblings.sort_by_key(|&other| (self.machines.level(machine, self[other].machine), other));
@@ -207,7 +207,7 @@ impl States {
         if let Some(displaced) = displaced {
             self.index.displace(displaced);
         }
-        let known = KnownState { id: id.0, anchor, machine, explored: false, knowledge: Default::default() };
+        let known = KnownState { id: id.0, anchor, machine, explored: false, results: Default::default() };
         self.index.note(&known);
         self.known.push(known);
         self.siblings.push(siblings);
@@ -233,9 +233,9 @@ impl States {
     /// Takes the result of a completed trial into the table of its state.
     pub(super) fn learn(&mut self, id: StateId, trial: &Trial) {
         let state = &mut self.known[place(id)];
-        let before = state.knowledge.remembered();
-        Arc::make_mut(&mut state.knowledge).learn(trial, &self.default);
-        self.remembered = self.remembered + state.knowledge.remembered() - before;
+        let before = state.results.remembered();
+        Arc::make_mut(&mut state.results).learn(trial, &self.default);
+        self.remembered = self.remembered + state.results.remembered() - before;
         self.index.note(state);
     }
 
@@ -248,17 +248,17 @@ impl States {
         let aim = RECORDS_PER_STUDY_MAX - RECORDS_PER_STUDY_MAX / 8;
         let each = (aim / 2 / self.known.len()).max(1);
         let mut order: Vec<usize> = (0..self.known.len()).collect();
-        order.sort_unstable_by_key(|&place| (self.known[place].knowledge.latest(), place));
+        order.sort_unstable_by_key(|&place| (self.known[place].results.latest(), place));
         for place in order {
-            let knowledge = &mut self.known[place].knowledge;
-            let before = knowledge.remembered();
+            let results = &mut self.known[place].results;
+            let before = results.remembered();
             if self.remembered <= aim {
                 break;
             }
             if before > each {
-                let knowledge = Arc::make_mut(knowledge);
-                knowledge.forget(each, &self.default);
-                self.remembered = self.remembered + knowledge.remembered() - before;
+                let results = Arc::make_mut(results);
+                results.forget(each, &self.default);
+                self.remembered = self.remembered + results.remembered() - before;
             }
         }
         // Where states are so many that this was not enough, not at every report.
@@ -269,10 +269,10 @@ impl States {
     /// together.
     pub(super) fn latest(&self, most: usize) -> Vec<StateId> {
         let mut latest: Vec<StateId> = self.ids().collect();
-        latest.sort_unstable_by_key(|&id| Reverse((self[id].knowledge.latest(), id)));
+        latest.sort_unstable_by_key(|&id| Reverse((self[id].results.latest(), id)));
         let mut left = most;
         let enough = latest.iter().position(|&id| {
-            let records = self[id].knowledge.remembered();
+            let records = self[id].results.remembered();
             let fits = records <= left;
             left = left.saturating_sub(records);
             !fits
@@ -285,17 +285,17 @@ impl States {
     /// comparisons taught of the first machines; and how far indicators reach.
     pub(super) fn take_over(
         &mut self,
-        tables: Vec<Arc<Knowledge>>,
-        standings: &[Standing],
-        spread: Spread,
+        tables: Vec<Arc<ResultTable>>,
+        pooling: &[PoolingStatistics],
+        statistics: IndicatorStatistics,
         forget_above: usize,
     ) {
-        self.machines.take_over(standings);
-        self.index.take_over(spread);
+        self.machines.take_over(pooling);
+        self.index.take_over(statistics);
         self.forget_above = forget_above;
-        self.remembered = tables.iter().map(|knowledge| knowledge.remembered()).sum();
-        for (state, knowledge) in self.known.iter_mut().zip(tables) {
-            state.knowledge = knowledge;
+        self.remembered = tables.iter().map(|results| results.remembered()).sum();
+        for (state, results) in self.known.iter_mut().zip(tables) {
+            state.results = results;
             self.index.note(state);
         }
     }

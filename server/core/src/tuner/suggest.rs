@@ -1,6 +1,6 @@
 //! The first half of a client's frame: what to run next.
 
-use crate::decision::{Choice, Decision, ExploitRule, ExploreRule, Means, Weighed};
+use crate::decision::{BudgetStatus, Choice, Decision, ExploitRule, ExplorationEstimate, ExploreRule};
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX};
 use crate::policy::Operation;
@@ -119,14 +119,14 @@ impl Tuner {
                     insight: None,
                 };
             }
-            Some(VisitDecision::Explore { rule, weighed }) => (*rule, *weighed),
-            None => (ExploreRule::Dice, Weighed::default()),
+            Some(VisitDecision::Explore { rule, estimate }) => (*rule, *estimate),
+            None => (ExploreRule::Dice, ExplorationEstimate::default()),
         };
         if self.spec.policy.operation == Operation::Freeze {
             let known = self.exploitation(normalised, Some(state), planned);
-            return known.by(ExploitRule::Frozen, Weighed::default(), Means::default());
+            return known.by(ExploitRule::Frozen, ExplorationEstimate::default(), BudgetStatus::default());
         }
-        self.explore_within_means(ask, number, normalised, state, decided, planned)
+        self.explore_within_budget(ask, number, normalised, state, decided, planned)
     }
 
     fn hand_out(

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::configuration::{Configuration, RawConfiguration};
-use crate::decision::{Decision, Exploit, ExploreRule, Weighed};
+use crate::decision::{Decision, Exploit, ExplorationEstimate, ExploreRule};
 use crate::indicator::IndicatorError;
 use crate::limits::{
     CLIENT_ID_CHARACTERS_MAX, CLIENTS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX,
@@ -80,9 +80,9 @@ pub enum VisitDecision<C = Configuration> {
     Explore {
         /// Why.
         rule: ExploreRule,
-        /// What was weighed.
-        #[serde(default, skip_serializing_if = "Weighed::is_empty")]
-        weighed: Weighed,
+        /// What exploring was expected to bring and to cost.
+        #[serde(rename = "weighed", default, skip_serializing_if = "ExplorationEstimate::is_empty")]
+        estimate: ExplorationEstimate,
     },
     /// One configuration, kept until the client's state changes.
     Exploit {
@@ -102,7 +102,7 @@ impl RawVisit {
     /// Checks the kept configuration against the space of the study.
     pub fn check(self, space: &Space) -> Result<Visit, SpaceError> {
         let decision = match self.decision {
-            VisitDecision::Explore { rule, weighed } => VisitDecision::Explore { rule, weighed },
+            VisitDecision::Explore { rule, estimate } => VisitDecision::Explore { rule, estimate },
             VisitDecision::Exploit { configuration, predicted_cost, exploit, said } => {
                 let configuration = space.configuration(configuration)?;
                 VisitDecision::Exploit { configuration, predicted_cost, exploit, said }

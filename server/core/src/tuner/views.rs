@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::ids::StateId;
-use crate::knowledge::Record;
+use crate::results::Record;
 use crate::trial::Fingerprint;
 use crate::tuner::gain::Gain;
 use crate::tuner::plan::Planned;

@@ -65,7 +65,7 @@ impl Visits {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::decision::{ExploreRule, Weighed};
+    use crate::decision::{ExplorationEstimate, ExploreRule};
     use crate::tuner::VisitDecision;
 
     #[test]
@@ -74,7 +74,8 @@ mod tests {
         let policy = Policy { regret_budget: Some(0.1), ..Policy::default() };
         let ask = |session| Ask { client_id: "a".into(), session, ..Ask::default() };
         let begin = |visits: &mut Visits, state_id| {
-            let decision = VisitDecision::Explore { rule: ExploreRule::Dice, weighed: Weighed::default() };
+            let decision =
+                VisitDecision::Explore { rule: ExploreRule::Dice, estimate: ExplorationEstimate::default() };
             visits.begin(Visit { client_id: "a".into(), state_id, number: 1, decision, account: None });
         };
         visits.keep_account(&ask(7), &policy, StateId(1), TrialNumber(0));

@@ -1,8 +1,8 @@
-//! Exploring within means: what a client that explores gets where the policy limits what exploring may cost.
+//! Exploring within a budget: what a client that explores gets where the policy limits what exploring may cost.
 //!
 //! [`budget`](super::budget) keeps the account; here it is asked before, and what it says decides the answer.
 
-use crate::decision::{Choice, ExploitRule, Explore, ExploreRule, Means, Source, Weighed};
+use crate::decision::{BudgetStatus, Choice, ExploitRule, ExplorationEstimate, Explore, ExploreRule, Source};
 use crate::ids::{StateId, TrialNumber};
 use crate::tuner::budget::{Denied, Terms};
 use crate::tuner::decide::Exploitation;
@@ -10,31 +10,31 @@ use crate::tuner::explore::Explored;
 use crate::tuner::plan::Planned;
 use crate::tuner::{Ask, Prediction, Tuner};
 
-/// Why a client explores, and what was weighed when that was decided.
-pub(super) type Decided = (ExploreRule, Weighed);
+/// Why a client explores, and what was estimated when that was decided.
+pub(super) type ExploreBasis = (ExploreRule, ExplorationEstimate);
 
 impl Tuner {
     /// The search's next point where the budget allows it, told to stop at the policy's cap.
-    pub(super) fn explore_within_means(
+    pub(super) fn explore_within_budget(
         &mut self,
         ask: &Ask,
         number: TrialNumber,
         normalised: &[f64],
         state: StateId,
-        decided: Decided,
+        decided: ExploreBasis,
         planned: &mut Planned,
     ) -> Prediction {
         let (policy, room) = (&self.spec.policy, self.room_of(&ask.session_policy));
         let (Some(terms), Some(account)) = (Terms::of(policy), self.visits.account(&ask.client_id)) else {
-            let best = self.states.knowledge(state).best().map(|best| best.mean_cost);
+            let best = self.states.results(state).best().map(|best| best.mean_cost);
             let cap = ask.session_policy.abort_above.or(policy.abort_above).zip(best);
             let explored = self.explore(room, state, number, normalised, planned);
-            let (mut means, mut abort_above) = (Means::default(), None);
+            let (mut budget, mut abort_above) = (BudgetStatus::default(), None);
             if let (true, Some((factor, reference))) = (explored.explores(), cap) {
-                means.reference_cost = Some(reference);
+                budget.reference_cost = Some(reference);
                 abort_above = Some(factor * reference).filter(|cost| cost.is_finite());
             }
-            return answer(explored, decided, means, abort_above);
+            return answer(explored, decided, budget, abort_above);
         };
         match account.leave(terms, ask.can_abort, self.default_runs(state)) {
             Ok(leave) => {
@@ -44,12 +44,12 @@ impl Tuner {
                 if explores && let Some(account) = self.visits.account_mut(&ask.client_id) {
                     account.set_aside(number.0, leave.set_aside);
                 }
-                let means = Means {
+                let budget = BudgetStatus {
                     budget_left: Some(leave.left),
                     set_aside: explores.then_some(leave.set_aside),
                     reference_cost: Some(leave.reference),
                 };
-                answer(explored, decided, means, explores.then_some(leave.abort_above))
+                answer(explored, decided, budget, explores.then_some(leave.abort_above))
             }
             Err(denied) => {
                 let budget_left = Some(account.left(terms.budget));
@@ -59,13 +59,18 @@ impl Tuner {
                 };
                 match self.baseline(denied, state) {
                     Some(baseline) => {
-                        let means = Means { budget_left, set_aside, reference_cost };
-                        baseline.by(ExploitRule::Budget, decided.1, means)
+                        let budget = BudgetStatus { budget_left, set_aside, reference_cost };
+                        baseline.by(ExploitRule::Budget, decided.1, budget)
                     }
                     // The only way on is to explore.
                     None => {
                         let explored = self.explore(room, state, number, normalised, planned);
-                        answer(explored, (ExploreRule::NothingKnown, decided.1), Means::default(), None)
+                        answer(
+                            explored,
+                            (ExploreRule::NothingKnown, decided.1),
+                            BudgetStatus::default(),
+                            None,
+                        )
                     }
                 }
             }
@@ -89,13 +94,13 @@ impl Tuner {
 
 fn answer(
     explored: Explored,
-    (rule, weighed): Decided,
-    means: Means,
+    (rule, estimate): ExploreBasis,
+    budget: BudgetStatus,
     abort_above: Option<f64>,
 ) -> Prediction {
     match explored {
         Explored::Candidate { candidate, held } => {
-            let explore = Explore { point: candidate.point, rule, weighed, means, abort_above, held };
+            let explore = Explore { point: candidate.point, rule, estimate, budget, abort_above, held };
             Prediction {
                 configuration: candidate.configuration,
                 predicted_cost: candidate.predicted_cost,
@@ -103,6 +108,6 @@ fn answer(
                 insight: None,
             }
         }
-        Explored::Nothing { instead, rule } => instead.by(rule, weighed, means),
+        Explored::Nothing { instead, rule } => instead.by(rule, estimate, budget),
     }
 }

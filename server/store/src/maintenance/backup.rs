@@ -10,7 +10,7 @@ use std::path::Path;
 use sqlx::Connection as _;
 use sqlx::sqlite::SqliteConnection;
 
-use super::files::{self, Draft};
+use super::files::{self, PartialFile};
 use super::{Inventory, MaintenanceError, check_closed, connect, schema_version};
 
 /// Writes a copy of `database` to the file `to`, which may exist only if it is to be replaced. While it is written,
@@ -31,7 +31,7 @@ pub async fn back_up(database: &Path, to: &Path, replace: bool) -> Result<Invent
     }
     let mut source = connect(database).await?;
     schema_version(&mut source, database).await?;
-    let draft = Draft::beside(to, database)?;
+    let draft = PartialFile::beside(to, database)?;
     // An absolute path is never taken for a URI.
     let absolute =
         std::path::absolute(draft.path()).map_err(MaintenanceError::system(draft.path(), "written"))?;

@@ -49,12 +49,12 @@ pub(super) fn sync_folder(path: &Path) -> Result<(), MaintenanceError> {
 }
 
 /// A file that is being written under a name for the time being. It is removed unless it is kept.
-pub(super) struct Draft {
+pub(super) struct PartialFile {
     path: PathBuf,
     is_kept: bool,
 }
 
-impl Draft {
+impl PartialFile {
     /// An empty file beside `path`, to be read by whoever may read `like`: a database holds the hashes of tokens.
     pub(super) fn beside(path: &Path, like: &Path) -> Result<Self, MaintenanceError> {
         let draft = beside(path, &format!(".part-{}", std::process::id()));
@@ -103,7 +103,7 @@ impl Draft {
     }
 }
 
-impl Drop for Draft {
+impl Drop for PartialFile {
     fn drop(&mut self) {
         if !self.is_kept {
             // Should it stay, the next draft of this name takes its place.

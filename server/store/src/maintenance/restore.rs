@@ -9,7 +9,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use super::files::{self, Draft};
+use super::files::{self, PartialFile};
 use super::{Inventory, MaintenanceError, check_closed};
 use crate::sqlite::file;
 
@@ -46,7 +46,7 @@ pub async fn restore(from: &Path, database: &Path) -> Result<Restored, Maintenan
         });
     }
     let like = if database.exists() { database } else { from };
-    let draft = Draft::beside(database, like)?;
+    let draft = PartialFile::beside(database, like)?;
     copy(from, draft.path())?;
     draft.sync()?;
     let inventory = check_closed(draft.path()).await.map_err(|error| about(from, draft.path(), error))?;

@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use treewright_core::configuration::RawConfiguration;
 use treewright_core::decision::{
-    Choice, Decision, Exploit, ExploitRule, Explore, ExploreRule, Means, Point, Source, Step, Weighed,
+    BudgetStatus, Choice, Decision, Exploit, ExploitRule, ExplorationEstimate, Explore, ExploreRule, Point,
+    Source, Step,
 };
 use treewright_core::indicator::{Indicator, IndicatorSchema};
 use treewright_core::objective::{Objective, ObjectiveTerm};
@@ -111,8 +112,8 @@ fn exploited() -> Exploit {
             state: Neighbour { state_id: 1, distance: 0.0, best_cost: 12.5 },
         },
         rule: ExploitRule::Dice,
-        weighed: Weighed { epsilon: Some(0.1), ..Weighed::default() },
-        means: Means::default(),
+        estimate: ExplorationEstimate { epsilon: Some(0.1), ..ExplorationEstimate::default() },
+        budget: BudgetStatus::default(),
     }
 }
 
@@ -130,8 +131,8 @@ pub(crate) fn decided(mode: Mode) -> Decision {
                 neighbours: vec![Neighbour { state_id: 1, distance: 0.25, best_cost: 12.5 }],
             },
             rule: ExploreRule::Dice,
-            weighed: Weighed::default(),
-            means: Means::default(),
+            estimate: ExplorationEstimate::default(),
+            budget: BudgetStatus::default(),
             abort_above: Some(0.1),
             held: vec!["cost".to_owned()],
         }),

@@ -10,9 +10,9 @@ use std::f32::consts::TAU;
 
 use glam::{Affine3A, Mat3, Quat, Vec3};
 
+use super::generator::{Generator, LightAndPath, key};
 use super::noise::{octaves, ridges};
 use super::palette::{matt, polished};
-use super::stage::{LightAndPath, Stage, key};
 use crate::shapes::Shapes;
 use crate::{SceneError, Sky, Sun};
 
@@ -28,14 +28,14 @@ const PATH_CLEAR: f32 = 5.0;
 /// Eye points of the camera path, seen from above.
 const WALK: [[f32; 2]; 5] = [[4.0, 41.0], [-16.0, 38.0], [-34.0, 24.0], [-36.0, 2.0], [-24.0, -20.0]];
 
-pub(super) fn build(stage: &mut Stage) -> Result<LightAndPath, SceneError> {
-    let seed = stage.options.seed;
-    ground(stage, seed)?;
-    let trees = trees::species(stage)?;
-    let bushes = plants::bushes(stage)?;
-    let small = plants::undergrowth(stage)?;
+pub(super) fn build(generator: &mut Generator) -> Result<LightAndPath, SceneError> {
+    let seed = generator.options.seed;
+    ground(generator, seed)?;
+    let trees = trees::species(generator)?;
+    let bushes = plants::bushes(generator)?;
+    let small = plants::undergrowth(generator)?;
     for (kind, objects) in [trees, bushes, small].into_iter().enumerate() {
-        plant(stage, seed, kind, &objects);
+        plant(generator, seed, kind, &objects);
     }
     let eye = |index: usize, up: f32| {
         let [x, z] = WALK[index];
@@ -77,29 +77,29 @@ fn upright(seed: u64, x: f32, z: f32) -> Vec3 {
     Vec3::new(-slope(step, 0.0), 2.0 * step, -slope(0.0, step)).normalize()
 }
 
-fn ground(stage: &mut Stage, seed: u64) -> Result<(), SceneError> {
-    let soil = stage.material(matt(0.15, 0.16, 0.06));
-    let bed = stage.material(matt(0.1, 0.1, 0.07));
-    let water = stage.material(polished(0.012, 0.03, 0.034, 0.03));
-    let side = stage.segments(210);
+fn ground(generator: &mut Generator, seed: u64) -> Result<(), SceneError> {
+    let soil = generator.material(matt(0.15, 0.16, 0.06));
+    let bed = generator.material(matt(0.1, 0.1, 0.07));
+    let water = generator.material(polished(0.012, 0.03, 0.034, 0.03));
+    let side = generator.segments(210);
     let mut land = Shapes::new();
     land.surface(side, side, false, |u, v| {
         let (x, z) = ((u - 0.5) * GROUND, (0.5 - v) * GROUND);
         Vec3::new(x, height(seed, x, z), z)
     });
-    stage.add("ground", soil, &land)?;
+    generator.add("ground", soil, &land)?;
     let mut lake = Shapes::new();
-    let waves = stage.segments(90);
+    let waves = generator.segments(90);
     lake.surface(waves, waves, false, |u, v| {
         let (x, z) = ((u - 0.5) * 100.0, (0.5 - v) * 100.0);
         Vec3::new(x, WATER + 0.012 * octaves(seed + 11, Vec3::new(x * 0.9, 0.0, z * 0.5), 3), z)
     });
-    stage.add("lake", water, &lake)?;
+    generator.add("lake", water, &lake)?;
     // The ground ends somewhere: a skirt hides that it is thin.
     let mut skirt = Shapes::new();
     let half = GROUND * 0.5;
     skirt.open_cuboid(Vec3::new(-half, -60.0, -half), Vec3::new(half, -12.0, half), false);
-    stage.add("rock below", bed, &skirt)
+    generator.add("rock below", bed, &skirt)
 }
 
 /// Where a plant of a kind may stand, and how often.
@@ -124,19 +124,19 @@ fn grows(seed: u64, kind: usize, x: f32, z: f32) -> bool {
 }
 
 /// Places one kind of plant: a shaken grid, thinner where the ground does not suit it.
-fn plant(stage: &mut Stage, seed: u64, kind: usize, objects: &[u32]) {
+fn plant(generator: &mut Generator, seed: u64, kind: usize, objects: &[u32]) {
     // Detail is shared between finer plants and more of them.
-    let tries = (TRIES[kind] as f32 * stage.options.detail.sqrt()).max(24.0);
+    let tries = (TRIES[kind] as f32 * generator.options.detail.sqrt()).max(24.0);
     // Small plants are only worth it where they can be told from the ground.
     let reach = GROUND * if kind == 2 { 0.31 } else { 0.485 };
     let side = tries.sqrt().ceil() as usize;
     for cell in 0..side * side {
         let shaken = |index: usize, by: f32| ((index as f32 + by) / side as f32 * 2.0 - 1.0) * reach;
-        let (dx, dz) = (stage.between(0.05, 0.95), stage.between(0.05, 0.95));
+        let (dx, dz) = (generator.between(0.05, 0.95), generator.between(0.05, 0.95));
         let (x, z) = (shaken(cell % side, dx), shaken(cell / side, dz));
         let (which, turn, size) =
-            (stage.below(objects.len()), stage.between(0.0, TAU), stage.between(0.0, 1.0));
-        let lean = stage.between(-0.05, 0.05);
+            (generator.below(objects.len()), generator.between(0.0, TAU), generator.between(0.0, 1.0));
+        let lean = generator.between(-0.05, 0.05);
         if !grows(seed, kind, x, z) {
             continue;
         }
@@ -149,6 +149,6 @@ fn plant(stage: &mut Stage, seed: u64, kind: usize, objects: &[u32]) {
         let spread = 1.0 + 0.16 * (turn * 7.0).sin();
         let linear = Mat3::from_quat(turned) * Mat3::from_diagonal(Vec3::new(spread, 1.0, spread) * scale);
         let foot = Vec3::new(x, height(seed, x, z) - 0.05, z);
-        stage.place(objects[which], Affine3A::from_mat3_translation(linear, foot));
+        generator.place(objects[which], Affine3A::from_mat3_translation(linear, foot));
     }
 }

@@ -6,66 +6,70 @@ use glam::Vec3;
 
 use super::trees::leaf;
 use crate::SceneError;
+use crate::builtin::generator::Generator;
 use crate::builtin::noise::{octaves, ridges};
 use crate::builtin::palette::matt;
-use crate::builtin::stage::Stage;
 use crate::part::Part;
 use crate::shapes::Shapes;
 
 /// Bushes and boulders.
-pub(super) fn bushes(stage: &mut Stage) -> Result<Vec<u32>, SceneError> {
+pub(super) fn bushes(generator: &mut Generator) -> Result<Vec<u32>, SceneError> {
     let mut all = Vec::new();
     for [red, green, blue] in [[0.1, 0.16, 0.04], [0.14, 0.2, 0.05], [0.2, 0.13, 0.05]] {
-        let green = stage.material(matt(red, green, blue));
-        all.push(bush(stage, green)?);
+        let green = generator.material(matt(red, green, blue));
+        all.push(bush(generator, green)?);
     }
-    let stone = stage.material(matt(0.3, 0.29, 0.27));
+    let stone = generator.material(matt(0.3, 0.29, 0.27));
     for number in 0..2 {
-        all.push(boulder(stage, stone, number)?);
+        all.push(boulder(generator, stone, number)?);
     }
     Ok(all)
 }
 
 /// Tufts of grass, ferns and reeds.
-pub(super) fn undergrowth(stage: &mut Stage) -> Result<Vec<u32>, SceneError> {
+pub(super) fn undergrowth(generator: &mut Generator) -> Result<Vec<u32>, SceneError> {
     let mut all = Vec::new();
     for ([red, green, blue], tall) in [([0.16, 0.23, 0.05], 0.5), ([0.23, 0.25, 0.08], 0.75)] {
-        let green = stage.material(matt(red, green, blue));
-        let object = tuft(stage, green, tall)?;
+        let green = generator.material(matt(red, green, blue));
+        let object = tuft(generator, green, tall)?;
         all.extend([object; 2]);
     }
-    let green = stage.material(matt(0.08, 0.18, 0.035));
+    let green = generator.material(matt(0.08, 0.18, 0.035));
     for _ in 0..2 {
-        all.push(fern(stage, green)?);
+        all.push(fern(generator, green)?);
     }
     Ok(all)
 }
 
-fn bush(stage: &mut Stage, green: u32) -> Result<u32, SceneError> {
-    stage.begin_object();
+fn bush(generator: &mut Generator, green: u32) -> Result<u32, SceneError> {
+    generator.begin_object();
     let mut leaves = Part::default();
-    let count = stage.count(1_100).max(30);
+    let count = generator.count(1_100).max(30);
     let size = 0.09 * (1_100.0 / count as f32).sqrt().min(3.0);
     for _ in 0..count {
-        let (angle, lift) = (stage.between(0.0, TAU), stage.between(0.0, 1.0));
+        let (angle, lift) = (generator.between(0.0, TAU), generator.between(0.0, 1.0));
         let (sin, cos) = angle.sin_cos();
         let (up, out) = (lift * PI * 0.5).sin_cos();
         let outward = Vec3::new(sin * out, up, cos * out);
         let bumpy = 0.75 + 0.25 * (angle * 3.0).sin() * (lift * 5.0).cos();
-        let foot = outward * Vec3::new(0.85, 0.95, 0.85) * (bumpy * stage.between(0.55, 1.0));
-        let along = Vec3::new(stage.between(-1.0, 1.0), stage.between(-0.4, 1.0), stage.between(-1.0, 1.0));
+        let foot = outward * Vec3::new(0.85, 0.95, 0.85) * (bumpy * generator.between(0.55, 1.0));
+        let along = Vec3::new(
+            generator.between(-1.0, 1.0),
+            generator.between(-0.4, 1.0),
+            generator.between(-1.0, 1.0),
+        );
         let along = (along + outward).normalize_or(outward) * size;
         let across = along.cross(outward).normalize_or(along.any_orthonormal_vector()) * (size * 0.45);
         leaf(&mut leaves, foot, along, across, outward);
     }
-    stage.add_part("bush", green, &leaves)?;
-    Ok(stage.end_object())
+    generator.add_part("bush", green, &leaves)?;
+    Ok(generator.end_object())
 }
 
-fn boulder(stage: &mut Stage, stone: u32, number: u64) -> Result<u32, SceneError> {
-    stage.begin_object();
-    let seed = stage.options.seed + 60 + number;
-    let (around, rows) = (stage.segments(36), stage.segments(22));
+fn boulder(generator: &mut Generator, stone: u32, number: u64) -> Result<u32, SceneError> {
+    generator.begin_object();
+    let seed = generator.options.seed + 60 + number;
+    let (around, rows) = (generator.segments(36), generator.segments(22));
     let mut shapes = Shapes::new();
     shapes.surface(around, rows, true, |u, v| {
         let (sin, cos) = (TAU * u).sin_cos();
@@ -74,19 +78,19 @@ fn boulder(stage: &mut Stage, stone: u32, number: u64) -> Result<u32, SceneError
         let rough = 0.75 + 0.45 * octaves(seed, at * 1.3, 3) - 0.12 * ridges(seed + 1, at * 3.0, 3);
         at * Vec3::new(0.9, 0.55, 0.7) * rough + Vec3::Y * 0.12
     });
-    stage.add("boulder", stone, &shapes)?;
-    Ok(stage.end_object())
+    generator.add("boulder", stone, &shapes)?;
+    Ok(generator.end_object())
 }
 
-fn tuft(stage: &mut Stage, green: u32, tall: f32) -> Result<u32, SceneError> {
-    stage.begin_object();
+fn tuft(generator: &mut Generator, green: u32, tall: f32) -> Result<u32, SceneError> {
+    generator.begin_object();
     let mut blades = Part::default();
-    for _ in 0..stage.count(190).max(12) {
-        let (angle, from) = (stage.between(0.0, TAU), stage.between(0.0, 0.5));
+    for _ in 0..generator.count(190).max(12) {
+        let (angle, from) = (generator.between(0.0, TAU), generator.between(0.0, 0.5));
         let (sin, cos) = angle.sin_cos();
         let out = Vec3::new(sin, 0.0, cos);
-        let (foot, length) = (out * from, tall * stage.between(0.5, 1.15));
-        let bend = stage.between(0.1, 0.5);
+        let (foot, length) = (out * from, tall * generator.between(0.5, 1.15));
+        let bend = generator.between(0.1, 0.5);
         let side = Vec3::new(cos, 0.0, -sin) * 0.011;
         let knee = foot + (Vec3::Y + out * bend * 0.5).normalize() * (length * 0.55);
         let tip = knee + (Vec3::Y * 0.6 + out * bend * 2.0).normalize() * (length * 0.5);
@@ -96,19 +100,19 @@ fn tuft(stage: &mut Stage, green: u32, tall: f32) -> Result<u32, SceneError> {
         let corners = [[0, 1, 2], [0, 2, 3], [3, 2, 4]];
         blades.indices.extend(corners.map(|triangle| triangle.map(|corner: u32| corner + first)));
     }
-    stage.add_part("grass", green, &blades)?;
-    Ok(stage.end_object())
+    generator.add_part("grass", green, &blades)?;
+    Ok(generator.end_object())
 }
 
-fn fern(stage: &mut Stage, green: u32) -> Result<u32, SceneError> {
-    stage.begin_object();
+fn fern(generator: &mut Generator, green: u32) -> Result<u32, SceneError> {
+    generator.begin_object();
     let mut leaves = Part::default();
-    let (fronds, pinnae) = (11, stage.segments(16));
+    let (fronds, pinnae) = (11, generator.segments(16));
     for frond in 0..fronds {
-        let angle = TAU * (frond as f32 + stage.between(-0.3, 0.3)) / fronds as f32;
+        let angle = TAU * (frond as f32 + generator.between(-0.3, 0.3)) / fronds as f32;
         let (sin, cos) = angle.sin_cos();
         let (out, side) = (Vec3::new(sin, 0.0, cos), Vec3::new(cos, 0.0, -sin));
-        let length = stage.between(0.55, 0.85);
+        let length = generator.between(0.55, 0.85);
         for pinna in 0..pinnae {
             let share = (pinna as f32 + 0.7) / pinnae as f32;
             let rise = (share * 2.2).sin() * 0.5;
@@ -120,6 +124,6 @@ fn fern(stage: &mut Stage, green: u32) -> Result<u32, SceneError> {
             }
         }
     }
-    stage.add_part("fern", green, &leaves)?;
-    Ok(stage.end_object())
+    generator.add_part("fern", green, &leaves)?;
+    Ok(generator.end_object())
 }

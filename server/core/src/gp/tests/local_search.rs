@@ -1,7 +1,7 @@
 //! The climb to the highest score.
 
 use super::super::local_search::{
-    AxisSweeps, Candidate, Leaders, Moves, Neighbourhood, NormalSteps, Radii, RandomAxes, best, climb,
+    AxisSweeps, Leaders, Moves, Neighbourhood, NormalSteps, Radii, RandomAxes, ScoredPoint, best, climb,
 };
 use super::*;
 
@@ -16,9 +16,9 @@ impl Neighbourhood for Cube {
     }
 }
 
-fn judged(x: Vec<f64>) -> Candidate<()> {
+fn judged(x: Vec<f64>) -> ScoredPoint<()> {
     let score = -x.iter().enumerate().map(|(axis, x)| (x - 0.2 * (axis + 1) as f64).powi(2)).sum::<f64>();
-    Candidate { x, score, detail: () }
+    ScoredPoint { x, score, detail: () }
 }
 
 #[test]
@@ -47,7 +47,7 @@ fn what_is_refused_is_never_reached_and_scores_only_rise() {
     });
     assert!(top.x[0] > 0.5 && (top.x[1] - 0.4).abs() < 0.05, "{top:?}");
     assert!(floors.len() == 300 && floors.windows(2).all(|pair| pair[1] >= pair[0]));
-    let nothing = climb(Candidate { x: Vec::new(), score: 1.0, detail: () }, 5, &mut moves, |_, _| None);
+    let nothing = climb(ScoredPoint { x: Vec::new(), score: 1.0, detail: () }, 5, &mut moves, |_, _| None);
     assert_eq!(nothing.score, 1.0, "a point without axes stays where it is");
 }
 
@@ -80,12 +80,12 @@ fn the_leaders_are_the_best_of_all_and_the_first_of_equals() {
     let mut leaders = Leaders::new(2);
     assert_eq!(leaders.floor(), f64::NEG_INFINITY);
     for (score, name) in [(1.0, "a"), (3.0, "b"), (3.0, "c"), (2.0, "d"), (3.0, "e")] {
-        leaders.offer(Candidate { x: vec![score], score, detail: name });
+        leaders.offer(ScoredPoint { x: vec![score], score, detail: name });
     }
     assert!(leaders.floor() == 3.0 && leaders.contains(&[3.0]) && !leaders.contains(&[1.0]));
     let names: Vec<&str> = leaders.into_candidates().iter().map(|candidate| candidate.detail).collect();
     assert_eq!(names, ["b", "c"]);
-    let of = |score| Candidate { x: Vec::new(), score, detail: () };
+    let of = |score| ScoredPoint { x: Vec::new(), score, detail: () };
     assert_eq!(best([of(1.0), of(4.0), of(2.0)]).expect("some are finite").score, 4.0);
     assert!(best([of(f64::NEG_INFINITY), of(f64::NAN)]).is_none());
 }

@@ -4,8 +4,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use crate::gp::acquisition::confidence_bound;
-use crate::gp::local_search::{Candidate, Leaders, Radii, RandomAxes, best, climb};
-use crate::gp::{Belief, Context, Covariances, Process};
+use crate::gp::local_search::{Leaders, Radii, RandomAxes, ScoredPoint, best, climb};
+use crate::gp::{Context, Covariances, Posterior, Process};
 use crate::search::layout::Layout;
 
 /// Random points to begin with.
@@ -28,17 +28,17 @@ pub(super) struct LowestBound<'a> {
 
 impl LowestBound<'_> {
     /// Judges a point; the score is minus infinity when it cannot rise above `floor`.
-    fn judge(&self, mut x: Vec<f64>, floor: f64, covariances: &mut Covariances) -> Candidate<Belief> {
+    fn judge(&self, mut x: Vec<f64>, floor: f64, covariances: &mut Covariances) -> ScoredPoint<Posterior> {
         let active = self.layout.canonical(&mut x);
         let features = self.layout.features(&x, &active);
         self.process.covariances(self.context, &features, covariances);
         let mean = self.process.mean(covariances);
-        let at_most = Belief { mean, deviation: self.process.deviation_max(covariances) };
+        let at_most = Posterior { mean, deviation: self.process.deviation_max(covariances) };
         if -confidence_bound(at_most, self.optimism.max(0.0)) <= floor {
-            return Candidate { x, score: f64::NEG_INFINITY, detail: at_most };
+            return ScoredPoint { x, score: f64::NEG_INFINITY, detail: at_most };
         }
-        let belief = Belief { mean, deviation: self.process.deviation(covariances) };
-        Candidate { x, score: -confidence_bound(belief, self.optimism), detail: belief }
+        let belief = Posterior { mean, deviation: self.process.deviation(covariances) };
+        ScoredPoint { x, score: -confidence_bound(belief, self.optimism), detail: belief }
     }
 
     /// The best of `known`, of random points and of what the best of both lead to, but for points that `excludes`
@@ -48,7 +48,7 @@ impl LowestBound<'_> {
         known: impl Iterator<Item = Vec<f64>>,
         random: &mut ChaCha8Rng,
         excludes: impl Fn(&[f64]) -> bool,
-    ) -> Option<(Vec<f64>, Belief)> {
+    ) -> Option<(Vec<f64>, Posterior)> {
         let dimension = self.layout.dimension();
         let mut covariances = Covariances::default();
         let mut leaders = Leaders::new(CLIMBERS);

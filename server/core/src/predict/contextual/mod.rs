@@ -8,8 +8,8 @@
 //! approximation for large computer experiments", 2015), so that an answer costs the same after a million
 //! trials. Lessons only move lengths and noise, one step each while there are few.
 
+mod local_data;
 mod lowest;
-mod question;
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ use crate::search::Verdict;
 use crate::search::layout::Layout;
 use crate::space::Space;
 use crate::trial::Neighbour;
-pub(crate) use question::Question;
+pub(crate) use local_data::LocalData;
 
 /// Most lessons that lengths are learnt from: the latest.
 const LESSONS_MAX: usize = 64;
@@ -100,16 +100,16 @@ pub struct Contextual {
     lessons: u64,
 }
 
-/// What lessons have to say of lengths and noise. To carry it out takes a fit; until then they stay as they are.
+/// An update of lengths and noise by the latest lessons. To apply it takes a fit.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Exercise {
+pub(crate) struct HyperparameterUpdate {
     features: Arc<FeatureMap>,
     examples: Vec<Example>,
 }
 
-impl Exercise {
-    /// Moves lengths and noise.
-    pub(crate) fn carry_out(&self, hyper: &mut Hyperparameters) {
+impl HyperparameterUpdate {
+    /// Moves lengths and noise by some steps of their posterior's gradient.
+    pub(crate) fn apply(&self, hyper: &mut Hyperparameters) {
         let costs: Vec<f64> = self.examples.iter().map(|example| example.cost).collect();
         let Some(warping) = RobustLog::of(&costs) else {
             return;
@@ -123,10 +123,10 @@ impl Exercise {
     }
 }
 
-/// A question, and how it is to be answered: what [`Predictor::predict`] and [`Predictor::propose`] need.
+/// What [`Predictor::predict`] and [`Predictor::propose`] need to compute an answer apart from the study.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Request {
-    question: Question,
+    data: LocalData,
     hyper: Hyperparameters,
     optimism: f64,
     neighbours: Vec<Neighbour>,
@@ -139,7 +139,7 @@ impl Request {
     pub(crate) fn answer(&self, space: &Space) -> Option<Answer> {
         let (seed, kind, number) = self.random;
         let random = &mut stream(seed, Purpose::Contextual, kind, number);
-        self.question.answer(&self.hyper, space, self.optimism, &self.neighbours, random)
+        self.data.answer(&self.hyper, space, self.optimism, &self.neighbours, random)
     }
 }
 
@@ -160,8 +160,8 @@ impl Contextual {
         self.hyper = hyper;
     }
 
-    /// Takes a lesson in; what it has to say of lengths and noise is left to be carried out.
-    pub(super) fn note(&mut self, lesson: &Lesson<'_>) -> Option<Exercise> {
+    /// Adds a lesson. Gives the update of lengths and noise that is now due, to be applied later.
+    pub(super) fn note(&mut self, lesson: &Lesson<'_>) -> Option<HyperparameterUpdate> {
         let Verdict::Cost(cost) = lesson.verdict else {
             return None;
         };
@@ -175,35 +175,37 @@ impl Contextual {
         }
         self.lessons += 1;
         let due = self.lessons <= LESSONS_EAGER || self.lessons.is_multiple_of(LESSONS_SHARE);
-        (due && self.examples.len() >= 4)
-            .then(|| Exercise { features: Arc::clone(&self.features), examples: self.examples.clone() })
+        (due && self.examples.len() >= 4).then(|| HyperparameterUpdate {
+            features: Arc::clone(&self.features),
+            examples: self.examples.clone(),
+        })
     }
 
-    /// A question about a state.
-    pub(super) fn question(&self, query: &Query<'_>) -> Question {
-        Question::new(&self.features, query)
+    /// The measurements near a state.
+    pub(super) fn local_data(&self, query: &Query<'_>) -> LocalData {
+        LocalData::new(&self.features, query)
     }
 
     /// What to exploit.
     pub(super) fn request(&self, query: &Query<'_>) -> Request {
-        let question = self.question(query);
-        let optimism = if question.is_mostly_searched() { EXPLOIT_SEARCHED } else { EXPLOIT };
-        self.requested(query, question, optimism, (self.seed, 0, self.lessons))
+        let data = self.local_data(query);
+        let optimism = if data.is_mostly_searched() { EXPLOIT_SEARCHED } else { EXPLOIT };
+        self.requested(query, data, optimism, (self.seed, 0, self.lessons))
     }
 
     /// What to explore.
     pub(super) fn proposal(&self, query: &Query<'_>, number: u64) -> Request {
-        self.requested(query, self.question(query), EXPLORE, (self.seed, 1, number))
+        self.requested(query, self.local_data(query), EXPLORE, (self.seed, 1, number))
     }
 
     fn requested(
         &self,
         query: &Query<'_>,
-        question: Question,
+        data: LocalData,
         optimism: f64,
         random: (u64, u64, u64),
     ) -> Request {
-        Request { question, hyper: self.hyper.clone(), optimism, neighbours: neighbours(query), random }
+        Request { data, hyper: self.hyper.clone(), optimism, neighbours: neighbours(query), random }
     }
 }
 
@@ -214,13 +216,13 @@ impl Predictor for Contextual {
     }
 
     fn learn(&mut self, lesson: &Lesson<'_>) {
-        if let Some(exercise) = self.note(lesson) {
-            exercise.carry_out(&mut self.hyper);
+        if let Some(update) = self.note(lesson) {
+            update.apply(&mut self.hyper);
         }
     }
 
     fn estimate(&self, query: &Query<'_>, configuration: &Configuration) -> Option<Estimate> {
-        self.question(query).estimate(&self.hyper, query.space, configuration)
+        self.local_data(query).estimate(&self.hyper, query.space, configuration)
     }
 
     fn predict(&self, query: &Query<'_>) -> Option<Answer> {

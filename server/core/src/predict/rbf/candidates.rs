@@ -11,7 +11,7 @@ use crate::space::Space;
 
 /// A configuration that was seen to work, and may be chosen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Candidate {
+pub(super) struct CandidateConfiguration {
     #[serde(with = "crate::configuration::unchecked")]
     pub(super) configuration: Configuration,
     /// The best cost it reached anywhere, over that of the default configuration in the same state.
@@ -23,14 +23,14 @@ pub(super) struct Candidate {
 /// At most [`CANDIDATES_MAX`] of them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Candidates {
-    list: Vec<Candidate>,
+    list: Vec<CandidateConfiguration>,
     /// Only looked up, never walked, so its order does not matter.
     #[serde(skip)]
     index: HashMap<Configuration, usize>,
 }
 
 impl Candidates {
-    pub(super) fn iter(&self) -> impl Iterator<Item = &Candidate> {
+    pub(super) fn iter(&self) -> impl Iterator<Item = &CandidateConfiguration> {
         self.list.iter()
     }
 
@@ -52,7 +52,8 @@ impl Candidates {
             candidate.ratio = candidate.ratio.min(ratio);
             return;
         }
-        let candidate = Candidate { configuration: lesson.configuration.clone(), ratio, action_2 };
+        let candidate =
+            CandidateConfiguration { configuration: lesson.configuration.clone(), ratio, action_2 };
         let place = if self.list.len() < CANDIDATES_MAX {
             self.list.push(candidate);
             self.list.len() - 1

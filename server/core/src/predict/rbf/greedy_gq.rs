@@ -12,7 +12,7 @@ use crate::configuration::Configuration;
 use crate::limits::REWARD_COST_MIN;
 use crate::matrix::dot;
 use crate::predict::nearest::neighbours;
-use crate::predict::rbf::candidates::{Candidate, Candidates};
+use crate::predict::rbf::candidates::{CandidateConfiguration, Candidates};
 use crate::predict::rbf::{Basis, Shape};
 use crate::predict::{Answer, Estimate, Lesson, Predictor, Query};
 use crate::search::Verdict;
@@ -41,9 +41,9 @@ pub struct Rbf {
 
 impl Rbf {
     /// An untrained model for `parameters` and `indicators`, its centres drawn from the study's seed.
-    /// `mute` are the places of indicators that it does not look at.
-    pub fn new(shape: Shape, parameters: usize, indicators: usize, seed: u64, mute: &[usize]) -> Self {
-        let basis = Basis::new(shape, parameters, indicators, seed, mute);
+    /// `omitted` are the places of indicators that it does not look at.
+    pub fn new(shape: Shape, parameters: usize, indicators: usize, seed: u64, omitted: &[usize]) -> Self {
+        let basis = Basis::new(shape, parameters, indicators, seed, omitted);
         let theta = vec![0.0; basis.len()];
         Rbf { basis, theta, candidates: Candidates::default(), tested: 0, miss_2: 0.0 }
     }
@@ -115,7 +115,7 @@ impl Predictor for Rbf {
     fn predict(&self, query: &Query<'_>) -> Option<Answer> {
         let state_2 = self.basis.state_2(query.state);
         let mut phi = Vec::with_capacity(self.basis.len());
-        let mut best: Option<(&Candidate, f64)> = None;
+        let mut best: Option<(&CandidateConfiguration, f64)> = None;
         for candidate in self.candidates.iter().filter(|candidate| !query.excludes(&candidate.configuration))
         {
             let value = self.value(&state_2, &candidate.action_2, &mut phi);

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::limits::{MODELS_MAX, REWARD_COST_MIN};
 use crate::predict::nearest::neighbours;
-use crate::predict::rbf::candidates::{Candidate, Candidates};
+use crate::predict::rbf::candidates::{CandidateConfiguration, Candidates};
 use crate::predict::rbf::solver::Solver;
 use crate::predict::rbf::{Basis, Shape};
 use crate::predict::{Answer, Estimate, Lesson, Origin, Predictor, Query};
@@ -66,7 +66,7 @@ struct Member {
 }
 
 /// The models of one level, the [`MODELS_MAX`] that learnt last.
-type Level = BTreeMap<u64, Member>;
+type MemberModels = BTreeMap<u64, Member>;
 
 /// The predictor. See the head of this module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -77,8 +77,8 @@ pub struct LeastSquares {
     worst: f64,
     fleet: Solver,
     fleet_miss: Miss,
-    groups: Level,
-    nodes: Level,
+    groups: MemberModels,
+    nodes: MemberModels,
     /// The one group and node met so far, while there is only one: the fleet's model is theirs.
     alone: Option<Origin>,
     candidates: Candidates,
@@ -86,24 +86,24 @@ pub struct LeastSquares {
 
 /// What is expected of one value.
 #[derive(Clone, Copy, Debug)]
-struct Belief {
+struct ModelEstimate {
     mean: f64,
     variance: f64,
 }
 
 impl LeastSquares {
     /// An untrained model for `parameters` and `indicators`, its centres drawn from the study's seed.
-    /// `mute` are the places of indicators that it does not look at.
-    pub fn new(parameters: usize, indicators: usize, seed: u64, mute: &[usize]) -> Self {
-        let basis = Basis::new(Shape::Printed, parameters, indicators, seed, mute);
+    /// `omitted` are the places of indicators that it does not look at.
+    pub fn new(parameters: usize, indicators: usize, seed: u64, omitted: &[usize]) -> Self {
+        let basis = Basis::new(Shape::Printed, parameters, indicators, seed, omitted);
         LeastSquares {
             fleet: Solver::new(basis.len() + 1, PRIOR),
             fleet_miss: Miss::new(),
             basis,
             reference: None,
             worst: 0.0,
-            groups: Level::new(),
-            nodes: Level::new(),
+            groups: MemberModels::new(),
+            nodes: MemberModels::new(),
             alone: None,
             candidates: Candidates::default(),
         }
@@ -115,30 +115,30 @@ impl LeastSquares {
     }
 
     /// What each model of a machine's chain expects, with what it misses by there, the fleet's first.
-    fn chain(&self, phi: &[f64], origin: Origin) -> Vec<Belief> {
+    fn chain(&self, phi: &[f64], origin: Origin) -> Vec<ModelEstimate> {
         let (node, group) = (self.nodes.get(&origin.node), self.groups.get(&origin.group));
         let misses = node.or(group).map(|member| member.misses);
         let belief = |solver: &Solver, level: usize| {
             let miss = misses.map_or(self.fleet_miss.mean(), |misses| misses[level].mean());
-            Belief { mean: solver.value(phi), variance: miss * (1.0 + solver.leverage(phi)) }
+            ModelEstimate { mean: solver.value(phi), variance: miss * (1.0 + solver.leverage(phi)) }
         };
         let solvers = [Some(&self.fleet), group.map(|group| &group.solver), node.map(|node| &node.solver)];
         solvers.into_iter().enumerate().filter_map(|(level, solver)| Some(belief(solver?, level))).collect()
     }
 
     /// The precision-weighted word of all.
-    fn believe(&self, phi: &[f64], origin: Origin) -> Belief {
+    fn believe(&self, phi: &[f64], origin: Origin) -> ModelEstimate {
         let chain = self.chain(phi, origin);
-        let precision = |belief: &Belief| 1.0 / belief.variance.max(f64::MIN_POSITIVE);
+        let precision = |belief: &ModelEstimate| 1.0 / belief.variance.max(f64::MIN_POSITIVE);
         let total: f64 = chain.iter().map(precision).sum();
-        let mean = |of: fn(&Belief) -> f64| {
+        let mean = |of: fn(&ModelEstimate) -> f64| {
             chain.iter().map(|belief| precision(belief) / total * of(belief)).sum::<f64>()
         };
         // They learn from the same trials, so their errors do not cancel: variances average.
-        Belief { mean: mean(|belief| belief.mean), variance: mean(|belief| belief.variance) }
+        ModelEstimate { mean: mean(|belief| belief.mean), variance: mean(|belief| belief.variance) }
     }
 
-    fn expected(&self, belief: Belief) -> Option<Estimate> {
+    fn expected(&self, belief: ModelEstimate) -> Option<Estimate> {
         let cost = libm::exp(belief.mean + self.reference?);
         Some(Estimate::new(cost, cost * libm::expm1(belief.variance.sqrt())))
     }
@@ -153,7 +153,7 @@ impl LeastSquares {
             return;
         }
         let chain: Vec<f64> = {
-            let level = |level: &Level, key| level.get(&key).map(|member| member.solver.value(phi));
+            let level = |level: &MemberModels, key| level.get(&key).map(|member| member.solver.value(phi));
             let fleet = self.fleet.value(phi);
             let group = level(&self.groups, origin.group).unwrap_or(0.0);
             vec![fleet, group, level(&self.nodes, origin.node).unwrap_or(0.0)]
@@ -227,7 +227,7 @@ impl Predictor for LeastSquares {
     fn predict(&self, query: &Query<'_>) -> Option<Answer> {
         let state_2 = self.basis.state_2(query.state);
         let mut phi = Vec::with_capacity(self.basis.len() + 1);
-        let mut best: Option<(&Candidate, Belief)> = None;
+        let mut best: Option<(&CandidateConfiguration, ModelEstimate)> = None;
         for candidate in self.candidates.iter().filter(|candidate| !query.excludes(&candidate.configuration))
         {
             self.features(&state_2, &candidate.action_2, &mut phi);

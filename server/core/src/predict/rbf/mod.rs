@@ -44,18 +44,18 @@ struct Basis {
     /// The state's part and the action's part of each centre.
     centres: Vec<(Vec<f64>, Vec<f64>)>,
     /// The places of indicators that are left out.
-    mute: Vec<usize>,
+    omitted: Vec<usize>,
 }
 
 impl Basis {
-    fn new(shape: Shape, parameters: usize, indicators: usize, seed: u64, mute: &[usize]) -> Self {
+    fn new(shape: Shape, parameters: usize, indicators: usize, seed: u64, omitted: &[usize]) -> Self {
         let mut random = stream(seed, Purpose::Centres, 0, 0);
         let centres = design(feature_count(parameters, indicators), indicators + parameters, &mut random);
         let halves = centres.into_iter().map(|mut state| {
             let action = state.split_off(indicators);
             (state, action)
         });
-        Basis { shape, centres: halves.collect(), mute: mute.to_vec() }
+        Basis { shape, centres: halves.collect(), omitted: omitted.to_vec() }
     }
 
     fn len(&self) -> usize {
@@ -68,11 +68,11 @@ impl Basis {
         let state: Vec<f64> = state.iter().map(|&x| draw_in(x)).collect();
         let all = |centre: &Vec<f64>| distance_2(&state, centre);
         let heard = |centre: &Vec<f64>| {
-            let terms = state.iter().zip(centre).enumerate().filter(|(axis, _)| !self.mute.contains(axis));
+            let terms = state.iter().zip(centre).enumerate().filter(|(axis, _)| !self.omitted.contains(axis));
             terms.map(|(_, (a, b))| (a - b) * (a - b)).sum()
         };
         let centres = self.centres.iter();
-        centres.map(|(centre, _)| if self.mute.is_empty() { all(centre) } else { heard(centre) }).collect()
+        centres.map(|(centre, _)| if self.omitted.is_empty() { all(centre) } else { heard(centre) }).collect()
     }
 
     /// The action's part of the squared distance to each centre.

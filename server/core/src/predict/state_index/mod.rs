@@ -1,15 +1,15 @@
 //! The state index: which known states are nearest to a question, and which one is met again.
 //!
 //! A k-d tree (Bentley, "Multidimensional binary search trees used for associative searching", CACM 18, 1975) for each
-//! kind of question, with distances weighted by how far indicators reach in what was measured.
+//! kind of query, with distances scaled by the range that each indicator has in the states so far.
 
-mod spread;
+mod indicator_statistics;
 mod tree;
 
 use std::collections::BTreeMap;
 
-use crate::knowledge::KnownState;
-pub(crate) use spread::{Mute, Spread};
+use crate::results::KnownState;
+pub(crate) use indicator_statistics::{IndicatorStatistics, OmittedIndicator};
 use tree::Tree;
 pub(crate) use tree::{IndexEntry, match_distance_2};
 
@@ -24,8 +24,9 @@ pub struct StateIndex {
     explored: Tree,
     /// Which trees hold each state: measured, explored.
     held: Vec<(bool, bool)>,
-    /// What the measured states tell of the indicators, and the weights in distances that follow from it.
-    spread: Spread,
+    /// Over the measured states.
+    statistics: IndicatorStatistics,
+    /// The weights of the indicators in squared distances, which follow from the statistics.
     weights: Vec<f64>,
 }
 
@@ -38,7 +39,7 @@ impl StateIndex {
             measured: tree.clone(),
             explored: tree,
             held: Vec::new(),
-            spread: Spread::new(indicators),
+            statistics: IndicatorStatistics::new(indicators),
             weights: vec![1.0; indicators],
         }
     }
@@ -53,7 +54,7 @@ impl StateIndex {
             self.held.push((false, false));
         }
         let (measured, explored) = &mut self.held[place as usize];
-        if state.knowledge.best().is_none() {
+        if state.results.best().is_none() {
             return;
         }
         if !*measured {
@@ -70,26 +71,26 @@ impl StateIndex {
     /// which something was measured first in them, so that it comes out the same when that is gone through again.
     /// `true` where other indicators are left out than before.
     pub(crate) fn weigh(&mut self, anchor: &[f64]) -> bool {
-        let before = self.spread.mute();
-        self.spread.take(anchor);
-        self.weights = self.spread.weights();
-        before != self.spread.mute()
+        let before = self.statistics.omitted();
+        self.statistics.take(anchor);
+        self.weights = self.statistics.weights();
+        before != self.statistics.omitted()
     }
 
     /// The indicators that are left out of distances and features.
-    pub(crate) fn mute(&self) -> Vec<Mute> {
-        self.spread.mute()
+    pub(crate) fn omitted_indicators(&self) -> Vec<OmittedIndicator> {
+        self.statistics.omitted()
     }
 
-    /// The evidence of indicators.
-    pub(crate) fn spread(&self) -> &Spread {
-        &self.spread
+    /// The statistics of the indicators over the measured states.
+    pub(crate) fn indicator_statistics(&self) -> &IndicatorStatistics {
+        &self.statistics
     }
 
-    /// Takes over evidence of as many indicators that was gathered before.
-    pub(crate) fn take_over(&mut self, spread: Spread) {
-        self.weights = spread.weights();
-        self.spread = spread;
+    /// Takes over statistics of as many indicators that were gathered before.
+    pub(crate) fn take_over(&mut self, statistics: IndicatorStatistics) {
+        self.weights = statistics.weights();
+        self.statistics = statistics;
     }
 
     /// How many states there are.

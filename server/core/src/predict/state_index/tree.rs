@@ -19,20 +19,20 @@ pub(super) struct Tree {
     points: Vec<f64>,
     /// What the caller calls point `i`.
     names: Vec<u32>,
-    nodes: Vec<Node>,
+    nodes: Vec<TreeNode>,
     /// Least and greatest coordinates of node `i` at `2 * i * width`.
     boxes: Vec<f64>,
     free: Vec<u32>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
-struct Node {
+struct TreeNode {
     count: u32,
-    kind: Kind,
+    kind: NodeKind,
 }
 
 #[derive(Clone, Debug, PartialEq)]
-enum Kind {
+enum NodeKind {
     Leaf(Vec<u32>),
     Branch { axis: u32, cut: f64, below: u32, above: u32 },
 }
@@ -53,7 +53,7 @@ impl IndexEntry {
 impl Tree {
     /// An empty tree for points of `width` coordinates.
     pub(super) fn new(width: usize) -> Self {
-        let root = Node { count: 0, kind: Kind::Leaf(Vec::new()) };
+        let root = TreeNode { count: 0, kind: NodeKind::Leaf(Vec::new()) };
         let mut tree =
             Tree { width, points: vec![], names: vec![], nodes: vec![root], boxes: vec![], free: vec![] };
         tree.boxes.extend(tree.empty_box());
@@ -69,7 +69,7 @@ impl Tree {
         loop {
             self.widen(node, slot);
             self.nodes[node].count += 1;
-            let Kind::Branch { axis, cut, below, above } = self.nodes[node].kind else { break };
+            let NodeKind::Branch { axis, cut, below, above } = self.nodes[node].kind else { break };
             let next = if point[axis as usize] < cut { below } else { above } as usize;
             let most = SHARE_MAX * f64::from(self.nodes[node].count) + LEAF_MAX as f64;
             if lopsided.is_none() && f64::from(self.nodes[next].count) > most {
@@ -77,7 +77,7 @@ impl Tree {
             }
             node = next;
         }
-        let Kind::Leaf(slots) = &mut self.nodes[node].kind else { return };
+        let NodeKind::Leaf(slots) = &mut self.nodes[node].kind else { return };
         slots.push(slot);
         let full = slots.len() > LEAF_MAX;
         if let Some(root) = lopsided.or(full.then_some(node)) {
@@ -103,13 +103,13 @@ impl Tree {
                 continue;
             }
             match &self.nodes[node as usize].kind {
-                Kind::Branch { below, above, .. } => {
+                NodeKind::Branch { below, above, .. } => {
                     let (a, b) = (self.gap_2(*below, state, weights), self.gap_2(*above, state, weights));
                     // The nearer child is left on top.
                     let pair = if a <= b { [(b, *above), (a, *below)] } else { [(a, *below), (b, *above)] };
                     open.extend(pair);
                 }
-                Kind::Leaf(slots) => {
+                NodeKind::Leaf(slots) => {
                     for &slot in slots {
                         let limit =
                             if found.len() < count { f64::INFINITY } else { found[count - 1].distance_2 };
@@ -150,8 +150,8 @@ impl Tree {
                 continue;
             }
             match &self.nodes[node as usize].kind {
-                Kind::Branch { below, above, .. } => open.extend([*above, *below]),
-                Kind::Leaf(slots) => {
+                NodeKind::Branch { below, above, .. } => open.extend([*above, *below]),
+                NodeKind::Leaf(slots) => {
                     for &slot in slots {
                         let Some(distance_2) = match_distance_2(self.point(slot), state, tolerance) else {
                             continue;
@@ -203,10 +203,10 @@ impl Tree {
     fn dissolve(&mut self, root: usize) -> Vec<u32> {
         let (mut slots, mut open) = (Vec::with_capacity(self.nodes[root].count as usize), vec![root as u32]);
         while let Some(node) = open.pop() {
-            let kind = std::mem::replace(&mut self.nodes[node as usize].kind, Kind::Leaf(Vec::new()));
+            let kind = std::mem::replace(&mut self.nodes[node as usize].kind, NodeKind::Leaf(Vec::new()));
             match kind {
-                Kind::Leaf(points) => slots.extend(points),
-                Kind::Branch { below, above, .. } => {
+                NodeKind::Leaf(points) => slots.extend(points),
+                NodeKind::Branch { below, above, .. } => {
                     open.extend([above, below]);
                     self.free.extend([above, below]);
                 }
@@ -230,7 +230,7 @@ impl Tree {
                 Some(axis) if slots.len() > LEAF_MAX && spread(axis) > 0.0 => axis,
                 // Points that all coincide stay together, however many.
                 _ => {
-                    self.nodes[node].kind = Kind::Leaf(slots);
+                    self.nodes[node].kind = NodeKind::Leaf(slots);
                     continue;
                 }
             };
@@ -245,14 +245,14 @@ impl Tree {
             }
             let (low, high): (Vec<u32>, Vec<u32>) = slots.into_iter().partition(|slot| x(slot) < cut);
             let (below, above) = (self.allocate(), self.allocate());
-            self.nodes[node].kind = Kind::Branch { axis: axis as u32, cut, below, above };
+            self.nodes[node].kind = NodeKind::Branch { axis: axis as u32, cut, below, above };
             open.extend([(below as usize, low), (above as usize, high)]);
         }
     }
 
     fn allocate(&mut self) -> u32 {
         self.free.pop().unwrap_or_else(|| {
-            self.nodes.push(Node { count: 0, kind: Kind::Leaf(Vec::new()) });
+            self.nodes.push(TreeNode { count: 0, kind: NodeKind::Leaf(Vec::new()) });
             let empty = self.empty_box();
             self.boxes.extend(empty);
             self.nodes.len() as u32 - 1
@@ -323,8 +323,8 @@ mod tests {
 
     fn depth(tree: &Tree, node: u32) -> usize {
         match tree.nodes[node as usize].kind {
-            Kind::Leaf(_) => 1,
-            Kind::Branch { below, above, .. } => 1 + depth(tree, below).max(depth(tree, above)),
+            NodeKind::Leaf(_) => 1,
+            NodeKind::Branch { below, above, .. } => 1 + depth(tree, below).max(depth(tree, above)),
         }
     }
 

@@ -4,12 +4,12 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use crate::gp::acquisition::{log_expected_improvement, probability_below};
-use crate::gp::local_search::{AxisSweeps, Candidate, Leaders, Neighbourhood, Radii, best, climb};
-use crate::gp::{Belief, Covariances, Process};
+use crate::gp::local_search::{AxisSweeps, Leaders, Neighbourhood, Radii, ScoredPoint, best, climb};
+use crate::gp::{Covariances, Posterior, Process};
 use crate::search::layout::Layout;
 
 /// A configuration that was measured.
-pub(super) struct Known {
+pub(super) struct EstimatedPoint {
     /// Canonical coordinates.
     pub(super) x: Vec<f64>,
     /// What the model makes of its cost.
@@ -57,7 +57,7 @@ impl Acquisition<'_> {
         cost.covariances(&cost.context(&[]), &features, &mut covariances);
         let mean = cost.mean(&covariances);
         let improvement = |deviation: f64| {
-            log_expected_improvement(best, Belief { mean, deviation: self.doubt * deviation })
+            log_expected_improvement(best, Posterior { mean, deviation: self.doubt * deviation })
         };
         // Nothing unknown could make more of it than this; most points end here.
         if improvement(cost.deviation_max(&covariances)) <= floor {
@@ -81,11 +81,11 @@ impl Acquisition<'_> {
     /// The best point to measure that is not `taken`.
     pub(super) fn best(
         &self,
-        known: &[Known],
+        known: &[EstimatedPoint],
         random: &mut ChaCha8Rng,
         taken: impl Fn(&[f64]) -> bool,
     ) -> Option<Vec<f64>> {
-        let mut order: Vec<&Known> = known.iter().collect();
+        let mut order: Vec<&EstimatedPoint> = known.iter().collect();
         order.sort_by(|a, b| a.believed.total_cmp(&b.believed));
         let least = order.first().map_or(0.0, |known| known.believed);
         let least = if least.is_finite() { least } else { 0.0 };
@@ -94,7 +94,7 @@ impl Acquisition<'_> {
             self.layout.hold(&mut x);
             let active = self.layout.canonical(&mut x);
             let score = self.value(&x, &active, least, floor);
-            Candidate { x, score, detail: () }
+            ScoredPoint { x, score, detail: () }
         };
         let mut leaders = Leaders::new(CLIMBERS);
         let mut offer = |x: Vec<f64>| {
@@ -118,8 +118,9 @@ impl Acquisition<'_> {
         }
         // The best of the known start too: their neighbours are the likeliest improvements.
         let known = order.iter().take(KNOWN_CLIMBERS);
-        let known = known.map(|known| Candidate { x: known.x.clone(), score: f64::NEG_INFINITY, detail: () });
-        let starts: Vec<Candidate<()>> = leaders.into_candidates().into_iter().chain(known).collect();
+        let known =
+            known.map(|known| ScoredPoint { x: known.x.clone(), score: f64::NEG_INFINITY, detail: () });
+        let starts: Vec<ScoredPoint<()>> = leaders.into_candidates().into_iter().chain(known).collect();
         let share = CHANGES / starts.len().max(1);
         let mut moves = AxisSweeps::new(self.layout, dimension, RADII, random);
         let climbed = starts.into_iter().map(|start| {

@@ -10,7 +10,7 @@ use crate::search::model::{ModelSearch, steps};
 
 /// A point by the models, and what fitting them taught.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Plan {
+pub struct PlannedPoint {
     /// Where to measure and why; `None` where there is nothing to model.
     pub(super) point: Option<(Vec<f64>, Step)>,
     cost: Hyperparameters,
@@ -20,12 +20,12 @@ pub struct Plan {
     draws: u64,
 }
 
-impl Plan {
+impl PlannedPoint {
     /// Thinks of the next point of a search, which is a copy: the models move in it.
-    pub(super) fn of(mut search: ModelSearch) -> Plan {
+    pub(super) fn of(mut search: ModelSearch) -> PlannedPoint {
         let point = search.propose();
         let ModelSearch { cost, failure, trended, fitted, draws, .. } = search;
-        Plan { point, cost, failure, trended, fitted, draws }
+        PlannedPoint { point, cost, failure, trended, fitted, draws }
     }
 }
 
@@ -38,7 +38,7 @@ impl ModelSearch {
     }
 
     /// Takes over what a copy has found. A plan that rests on fewer measurements than the last fit is passed over.
-    pub(super) fn take_over(&mut self, plan: Plan) {
+    pub(super) fn take_over(&mut self, plan: PlannedPoint) {
         if plan.fitted < self.fitted {
             return;
         }
@@ -51,7 +51,7 @@ impl ModelSearch {
     }
 
     /// Whether the planned point is still worth a measurement.
-    pub(super) fn is_good(&self, plan: &Plan) -> bool {
+    pub(super) fn is_good(&self, plan: &PlannedPoint) -> bool {
         let Some((x, step)) = &plan.point else {
             return true;
         };

@@ -16,10 +16,10 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::{ModelSearch, PRIOR, Seen};
+use super::{MeasuredPoint, ModelSearch, PRIOR};
 use crate::gp::Hyperparameters;
 use crate::search::latin_hypercube::design;
-use crate::search::{Guide, SearchSetup};
+use crate::search::{MainEffects, SearchSetup};
 
 /// How far a Latin hypercube reaches along continuous axes, as a share of the cube, and from how many axes on: most
 /// of a cube of many dimensions are corners, which say nothing of the rest.
@@ -37,8 +37,8 @@ const DESIGN_LEFT: usize = 4;
 impl ModelSearch {
     /// Has the search profit from other states, before any model was fitted. `first` are points to begin with, after
     /// the default.
-    pub(super) fn begin_with(&mut self, guide: Guide, first: Vec<Vec<f64>>) {
-        self.setup.layout.set_guide(guide);
+    pub(super) fn begin_with(&mut self, main_effects: MainEffects, first: Vec<Vec<f64>>) {
+        self.setup.layout.set_main_effects(main_effects);
         let kinds = self.setup.layout.kinds();
         (self.cost, self.failure) =
             (Hyperparameters::new(&kinds, &PRIOR), Hyperparameters::new(&kinds, &PRIOR));
@@ -49,7 +49,8 @@ impl ModelSearch {
     fn has_gained(&self) -> bool {
         let start = self.grid(&self.setup.start).0;
         let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.observed.rank());
-        let better = |default: f64| self.seen.iter().any(|seen: &Seen| seen.observed.rank() < default);
+        let better =
+            |default: f64| self.seen.iter().any(|seen: &MeasuredPoint| seen.observed.rank() < default);
         default.is_some_and(better)
     }
 
@@ -112,7 +113,7 @@ pub(super) fn steps(setup: &SearchSetup, random: &mut ChaCha8Rng) -> VecDeque<Ve
 
 #[cfg(test)]
 mod tests {
-    use crate::search::{Elsewhere, Feedback, Layout, Search, Step, Verdict};
+    use crate::search::{Feedback, Layout, Search, SourceMeasurement, Step, Verdict};
 
     use super::*;
 
@@ -176,11 +177,11 @@ mod tests {
         let layout = Layout::plain(setup.start.clone(), &setup.levels);
         let measured = (0..40).map(|index| {
             let x: Vec<f64> = (0..6).map(|axis| f64::from(index * (axis + 3) % 7) / 7.0).collect();
-            Elsewhere { state: 0, log_cost: -x[5], x }
+            SourceMeasurement { state: 0, log_cost: -x[5], x }
         });
-        let guide = Guide::of(&layout, &measured.collect::<Vec<_>>()).expect("a slope");
+        let main_effects = MainEffects::fit(&layout, &measured.collect::<Vec<_>>()).expect("a slope");
         let mut search = ModelSearch::new(setup);
-        search.follow(guide, first.iter().map(|x| x.to_vec()).collect());
+        search.follow(main_effects, first.iter().map(|x| x.to_vec()).collect());
         search
     }
 

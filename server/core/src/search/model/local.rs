@@ -14,11 +14,11 @@
 
 use rand_chacha::ChaCha8Rng;
 
-use super::acquire::{Acquisition, Known};
-use super::{PENDING_COUNT, PRIOR, Place};
+use super::acquire::{Acquisition, EstimatedPoint};
+use super::{ModelledPoint, PENDING_COUNT, PRIOR};
 use crate::gp::acquisition::log_expected_improvement;
 use crate::gp::kernel::FeatureKind;
-use crate::gp::local_search::{Candidate, Leaders, NormalSteps, best, climb};
+use crate::gp::local_search::{Leaders, NormalSteps, ScoredPoint, best, climb};
 use crate::gp::warping::ShiftedLog;
 use crate::gp::{Hyperparameters, Process, Sample, Schedule};
 use crate::matrix::Factor;
@@ -42,7 +42,7 @@ const CLIMB: usize = 80;
 const CELLS_MIN: u32 = 32;
 
 /// A measurement by its coordinates along the axes that are searched.
-struct Measured {
+struct LocalMeasurement {
     x: Vec<f64>,
     cost: f64,
     count: f64,
@@ -54,7 +54,7 @@ pub(super) struct Near {
     best: Vec<f64>,
     /// The axes that are searched.
     axes: Vec<usize>,
-    measured: Vec<Measured>,
+    measured: Vec<LocalMeasurement>,
     /// The weights of the global process along these axes.
     weights: Vec<f64>,
 }
@@ -67,7 +67,7 @@ struct Whitening {
 
 impl Whitening {
     /// The coordinates of some measurements. `None` where they all coincide.
-    fn of(measured: &[Measured], nearest: &[usize], centre: &[f64]) -> Option<Whitening> {
+    fn of(measured: &[LocalMeasurement], nearest: &[usize], centre: &[f64]) -> Option<Whitening> {
         let d = centre.len();
         let mut by_cost = nearest.to_vec();
         by_cost.sort_by(|&a, &b| measured[a].cost.total_cmp(&measured[b].cost));
@@ -120,23 +120,28 @@ fn square(v: &[f64]) -> f64 {
 impl Near {
     /// Gathers the measurements around the best of `known`, which are `measured` in the same order. `None`
     /// where there is nothing continuous to search, or too little is known to begin.
-    pub(super) fn of(layout: &Layout, measured: &[&Place], known: &[Known], cost: &Process) -> Option<Near> {
+    pub(super) fn of(
+        layout: &Layout,
+        measured: &[&ModelledPoint],
+        known: &[EstimatedPoint],
+        cost: &Process,
+    ) -> Option<Near> {
         let best = (0..known.len()).min_by(|&a, &b| known[a].believed.total_cmp(&known[b].believed))?;
         let best = known[best].x.clone();
         let active = layout.active(&best);
         let continuous =
             |axis: &usize| active[*axis] && (layout.cells(*axis) == 0 || layout.cells(*axis) >= CELLS_MIN);
         let axes: Vec<usize> = (0..best.len()).filter(continuous).collect();
-        let agrees = |place: &&&Place| {
+        let agrees = |place: &&&ModelledPoint| {
             let mut others = (0..best.len()).filter(|axis| axes.binary_search(axis).is_err());
             others.all(|axis| place.x[axis] == best[axis])
         };
-        let of = |place: &&Place| Measured {
+        let of = |place: &&ModelledPoint| LocalMeasurement {
             x: axes.iter().map(|&axis| place.x[axis]).collect(),
             cost: place.observed.cost(),
             count: place.observed.count(),
         };
-        let measured: Vec<Measured> = measured.iter().filter(agrees).map(of).collect();
+        let measured: Vec<LocalMeasurement> = measured.iter().filter(agrees).map(of).collect();
         let weights = axes.iter().map(|&axis| cost.weights()[axis]).collect();
         let enough = !axes.is_empty() && measured.len() >= NEAREST.min(axes.len() + 2);
         enough.then_some(Near { best, axes, measured, weights })
@@ -189,15 +194,15 @@ impl Near {
             let apart = |v: &Vec<f64>| v.iter().zip(&u).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
             let closest = |to: &[Vec<f64>]| to.iter().map(apart).fold(f64::INFINITY, f64::min).sqrt();
             if closest(&places) < APART_MIN * radius || closest(&pending) < APART_PENDING_MIN * radius {
-                return Candidate { x: u, score: f64::NEG_INFINITY, detail: x };
+                return ScoredPoint { x: u, score: f64::NEG_INFINITY, detail: x };
             }
             let gain = log_expected_improvement(least, process.predict(&feature(&u)));
             // Whether it can be run only takes away from it.
             if gain <= floor {
-                return Candidate { x: u, score: f64::NEG_INFINITY, detail: x };
+                return ScoredPoint { x: u, score: f64::NEG_INFINITY, detail: x };
             }
             let feasible = libm::log(acquisition.feasible(&acquisition.layout.features(&x, &active)));
-            Candidate { x: u, score: gain + feasible, detail: x }
+            ScoredPoint { x: u, score: gain + feasible, detail: x }
         };
         let scale = radius / (d as f64).sqrt();
         let mut leaders = Leaders::new(CLIMBERS);

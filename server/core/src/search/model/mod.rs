@@ -24,7 +24,7 @@
 //! - *Trials that were stopped early.* They count as measured at the mean of what the model expects above
 //!   the bound (Schmee and Hahn, "A simple method for regression analysis with censored data",
 //!   Technometrics 21, 1979; for model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
-//! - *Other states.* What other states of the study know, a [`Guide`] adds up: the search begins with what it and the
+//! - *Other states.* What other states of the study know, a [`MainEffects`] adds up: the search begins with what it and the
 //!   best of the others name, and costs may depend on it linearly. Its weight is learnt like a length, so that it
 //!   fades where it does not agree with what is measured here.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
@@ -48,9 +48,9 @@ use crate::gp::{Hyperparameters, Prior, Process, Sample, Schedule};
 use crate::randomness::{Purpose, stream};
 use crate::search::layout::Layout;
 use crate::search::pending::PendingPoints;
-use crate::search::{Feedback, Guide, Point, Search, SearchSetup, Step, Verdict};
-use acquire::{Acquisition, Known};
-pub use ahead::Plan;
+use crate::search::{Feedback, MainEffects, Point, Search, SearchSetup, Step, Verdict};
+use acquire::{Acquisition, EstimatedPoint};
+pub use ahead::PlannedPoint;
 use local::Near;
 
 /// Steps of a canonical coordinate that are told apart.
@@ -93,7 +93,7 @@ const REPEATS_MAX: f64 = 5.0;
 
 /// A configuration that was measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Seen {
+struct MeasuredPoint {
     /// Canonical coordinates, in steps of the grid.
     x: Vec<u32>,
     #[serde(rename = "found")]
@@ -126,7 +126,7 @@ pub struct ModelSearch {
     /// Whether that are steps from the best so far, not places.
     #[serde(default)]
     queue_of_steps: bool,
-    seen: Vec<Seen>,
+    seen: Vec<MeasuredPoint>,
     cost: Hyperparameters,
     failure: Hyperparameters,
     /// Of the costs with a trend, once that was asked for.
@@ -142,11 +142,11 @@ pub struct ModelSearch {
     scatter: (u64, f64),
     /// The next point, where a copy has thought of it. Not stored: it would be thought of again.
     #[serde(skip)]
-    planned: Option<Plan>,
+    planned: Option<PlannedPoint>,
 }
 
 /// A configuration that was seen, as the models see it.
-struct Place {
+struct ModelledPoint {
     x: Vec<f64>,
     features: Vec<f64>,
     observed: Observed,
@@ -251,10 +251,14 @@ impl ModelSearch {
     }
 
     /// A configuration that was seen, as the models see it.
-    fn place(&self, index: usize) -> Place {
+    fn place(&self, index: usize) -> ModelledPoint {
         let mut x: Vec<f64> = self.seen[index].x.iter().map(|&x| f64::from(x) / GRID).collect();
         let active = self.setup.layout.canonical(&mut x);
-        Place { features: self.setup.layout.features(&x, &active), x, observed: self.seen[index].observed }
+        ModelledPoint {
+            features: self.setup.layout.features(&x, &active),
+            x,
+            observed: self.seen[index].observed,
+        }
     }
 
     /// What the models are fitted to: everything, or the best and the latest.
@@ -280,11 +284,11 @@ impl ModelSearch {
     /// The next point by the models; `None` while there is nothing to model.
     fn propose(&mut self) -> Option<(Vec<f64>, Step)> {
         let chosen = self.chosen();
-        let places: Vec<Place> = chosen.iter().map(|&index| self.place(index)).collect();
+        let places: Vec<ModelledPoint> = chosen.iter().map(|&index| self.place(index)).collect();
         if places.is_empty() {
             return None;
         }
-        let measured: Vec<&Place> =
+        let measured: Vec<&ModelledPoint> =
             places.iter().filter(|place| place.observed != Observed::Infeasible).collect();
         let rounds = match (self.fitted, places.len()) {
             (0, _) => ROUNDS_FIRST,
@@ -341,9 +345,9 @@ impl ModelSearch {
     }
 
     /// Fits the model of failure: 1 for what could not be run, 0 for all else.
-    fn failures(&mut self, places: &[Place], schedule: Schedule) -> Option<Process> {
+    fn failures(&mut self, places: &[ModelledPoint], schedule: Schedule) -> Option<Process> {
         let points: Vec<&[f64]> = places.iter().map(|place| place.features.as_slice()).collect();
-        let failed = |place: &Place| f64::from(u8::from(place.observed == Observed::Infeasible));
+        let failed = |place: &ModelledPoint| f64::from(u8::from(place.observed == Observed::Infeasible));
         let labels: Vec<f64> = places.iter().map(failed).collect();
         let sample = Sample::new(self.setup.layout.kinds(), &points, vec![1.0; points.len()]).prepared();
         let fit = Process::learn(sample, &[(labels, 0.0)], &mut self.failure, &PRIOR, schedule);
@@ -352,7 +356,7 @@ impl ModelSearch {
 
     /// The model of cost with a quadratic trend, if the measurements speak for it clearly: their log likelihood
     /// without one is `plain`.
-    fn trended(&mut self, measured: &[&Place], plain: f64, schedule: Schedule) -> Option<CostModel> {
+    fn trended(&mut self, measured: &[&ModelledPoint], plain: f64, schedule: Schedule) -> Option<CostModel> {
         let (mut hyper, steps) = match self.trended.take() {
             // Asked for half as often, it learns twice as much at a time.
             Some(hyper) => (hyper, if schedule.ahead { (2 * schedule.steps).max(1) } else { 0 }),
@@ -367,7 +371,7 @@ impl ModelSearch {
     /// Fits a model of cost.
     fn costs(
         &self,
-        measured: &[&Place],
+        measured: &[&ModelledPoint],
         hyper: &mut Hyperparameters,
         schedule: Schedule,
     ) -> Option<CostModel> {
@@ -381,7 +385,7 @@ impl ModelSearch {
         let first = sample(&points, counts.clone());
         let (mut process, view) = Process::learn(first, &views, hyper, &PRIOR, schedule)?;
         let evidence = process.log_likelihood();
-        let censored = |place: &Place| matches!(place.observed, Observed::AtLeast(_));
+        let censored = |place: &ModelledPoint| matches!(place.observed, Observed::AtLeast(_));
         if measured.iter().any(|place| censored(place)) {
             let values = &mut views[view].0;
             for (value, place) in values.iter_mut().zip(measured).filter(|(_, place)| censored(place)) {
@@ -406,7 +410,7 @@ impl ModelSearch {
     /// The configuration that measured best, if rivals are so close that it may have been luck. `noise` is
     /// the model's guess at the relative deviation of a measurement; it takes what the cost surface is too
     /// rough for it for noise, so that what replicates themselves say soon outweighs it.
-    fn doubtful(&self, measured: &[&Place], noise: f64) -> Option<Vec<f64>> {
+    fn doubtful(&self, measured: &[&ModelledPoint], noise: f64) -> Option<Vec<f64>> {
         let (repeats, squares) = self.scatter;
         let deviation = ((squares + noise * noise) / (repeats as f64 + 1.0)).sqrt();
         let measured: Vec<_> =
@@ -414,7 +418,7 @@ impl ModelSearch {
         let leader = measured.iter().min_by(|a, b| a.observed.cost().total_cmp(&b.observed.cost()))?;
         let (least, count) = (leader.observed.cost(), leader.observed.count());
         let reach = least.abs() * deviation;
-        let close = |place: &&&&Place| place.observed.cost() - least <= reach;
+        let close = |place: &&&&ModelledPoint| place.observed.cost() - least <= reach;
         let rivals = measured.iter().filter(close).count() - 1;
         let grid = steps(&leader.x);
         let is_pending = self.pending.points().any(|point| self.grid(&point.x).0 == grid);
@@ -425,14 +429,14 @@ impl ModelSearch {
 }
 
 /// What was measured, as a model of cost sees it.
-fn known(measured: &[&Place], cost: Option<&Process>) -> Vec<Known> {
-    let believed = |place: &Place| match (cost, place.observed) {
+fn known(measured: &[&ModelledPoint], cost: Option<&Process>) -> Vec<EstimatedPoint> {
+    let believed = |place: &ModelledPoint| match (cost, place.observed) {
         // What was stopped early is never the best.
         (_, Observed::AtLeast(_)) => f64::INFINITY,
         (Some(cost), _) => cost.predict(&place.features).mean,
         (None, _) => 0.0,
     };
-    measured.iter().map(|place| Known { x: place.x.clone(), believed: believed(place) }).collect()
+    measured.iter().map(|place| EstimatedPoint { x: place.x.clone(), believed: believed(place) }).collect()
 }
 
 /// Canonical coordinates in steps of the grid.
@@ -508,7 +512,7 @@ impl Search for ModelSearch {
             Verdict::Infeasible => Observed::Infeasible,
         };
         match known.map(|index| &mut self.seen[index].observed) {
-            None => self.seen.push(Seen { x, observed }),
+            None => self.seen.push(MeasuredPoint { x, observed }),
             Some(_) if !feedback.fresh => return,
             Some(Observed::Cost { mean, count }) => {
                 if let Observed::Cost { mean: cost, .. } = observed {
@@ -560,19 +564,19 @@ impl Search for ModelSearch {
         true
     }
 
-    fn follow(&mut self, guide: Guide, first: Vec<Vec<f64>>) {
-        self.begin_with(guide, first);
+    fn follow(&mut self, main_effects: MainEffects, first: Vec<Vec<f64>>) {
+        self.begin_with(main_effects, first);
     }
 
     fn is_ready(&self) -> bool {
         self.has_next()
     }
 
-    fn plan(&self) -> Option<Plan> {
-        Some(Plan::of(self.clone()))
+    fn plan(&self) -> Option<PlannedPoint> {
+        Some(PlannedPoint::of(self.clone()))
     }
 
-    fn adopt(&mut self, plan: Plan) {
+    fn adopt(&mut self, plan: PlannedPoint) {
         self.take_over(plan);
     }
 }

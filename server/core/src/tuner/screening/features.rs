@@ -6,7 +6,7 @@ use crate::value::Value;
 
 /// Features whose effects are one parameter's.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Part {
+pub(super) struct ParameterFeatures {
     /// Place of the parameter.
     pub(super) axis: usize,
     /// Its first feature.
@@ -21,7 +21,7 @@ const CHOICES_MAX: usize = 16;
 const PLACES: usize = 5;
 
 /// The features of all parameters of a space that can be screened, behind a constant.
-pub(super) fn parts(space: &Space) -> Vec<Part> {
+pub(super) fn parts(space: &Space) -> Vec<ParameterFeatures> {
     let mut first = 1;
     let mut parts = Vec::new();
     for (axis, parameter) in space.parameters().iter().enumerate() {
@@ -34,7 +34,7 @@ pub(super) fn parts(space: &Space) -> Vec<Part> {
             Domain::Integer { .. } | Domain::Float { .. } => 2,
         };
         if count > 0 {
-            parts.push(Part { axis, first, count });
+            parts.push(ParameterFeatures { axis, first, count });
             first += count;
         }
     }
@@ -60,7 +60,7 @@ fn write(parameter: &Parameter, value: &Value, features: &mut [f64]) {
 }
 
 /// The features of a configuration: those of inactive parameters are zero.
-pub(super) fn of(space: &Space, parts: &[Part], configuration: &Configuration) -> Vec<f64> {
+pub(super) fn of(space: &Space, parts: &[ParameterFeatures], configuration: &Configuration) -> Vec<f64> {
     let width = parts.last().map_or(1, |part| part.first + part.count);
     let mut features = vec![0.0; width];
     features[0] = 1.0;
@@ -74,7 +74,7 @@ pub(super) fn of(space: &Space, parts: &[Part], configuration: &Configuration) -
 }
 
 /// What one parameter's features would be at each of its values, or at places spread over its range.
-pub(super) fn alternatives(space: &Space, part: &Part) -> Vec<Vec<f64>> {
+pub(super) fn alternatives(space: &Space, part: &ParameterFeatures) -> Vec<Vec<f64>> {
     let parameter = &space.parameters()[part.axis];
     let values: Vec<Value> = match &parameter.domain {
         Domain::Boolean => vec![Value::Boolean(false), Value::Boolean(true)],

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::limits::{SCREENED_FEATURES_MAX, SCREENED_STATES_MAX};
 use crate::space::Space;
-use features::Part;
+use features::ParameterFeatures;
 use regression::{Common, Sums};
 
 /// A gain above this share matters.
@@ -35,27 +35,27 @@ pub(super) const CONTROL: u64 = 8;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Screening {
     #[serde(skip)]
-    parts: Vec<Part>,
+    parts: Vec<ParameterFeatures>,
     /// Parameters on which others depend.
     #[serde(skip)]
     gates: Vec<bool>,
     #[serde(skip)]
     width: usize,
     /// Of each state that is kept: its sums, the first cost, and when it was last learnt from.
-    states: BTreeMap<usize, Kept>,
+    states: BTreeMap<usize, ScreenedState>,
     clock: u64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Kept {
+struct ScreenedState {
     sums: Sums,
     first_cost: f64,
     last: u64,
 }
 
-/// What the search of a state leaves out. Part of what is stored of it.
+/// What the search of a state leaves out. ParameterFeatures of what is stored of it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Held {
+pub(super) struct HeldParameters {
     /// How many configurations were tried when it was decided.
     pub(super) tried: usize,
     /// The held parameters, by their place in the space.
@@ -106,7 +106,7 @@ impl Screening {
         }
         self.clock += 1;
         let (clock, width) = (self.clock, self.width);
-        let kept = self.states.entry(state).or_insert_with(|| Kept {
+        let kept = self.states.entry(state).or_insert_with(|| ScreenedState {
             sums: Sums::new(width),
             first_cost: cost,
             last: clock,
@@ -121,7 +121,7 @@ impl Screening {
     }
 
     /// Whether it is time to ask again which parameters to hold.
-    pub(super) fn is_due(&self, held: Option<&Held>, tried: usize) -> bool {
+    pub(super) fn is_due(&self, held: Option<&HeldParameters>, tried: usize) -> bool {
         self.is_able() && held.is_none_or(|held| tried >= held.tried + EVERY)
     }
 
@@ -132,11 +132,11 @@ impl Screening {
         state: usize,
         best: &Configuration,
         risk: f64,
-        before: Option<&Held>,
+        before: Option<&HeldParameters>,
         tried: usize,
-    ) -> Held {
+    ) -> HeldParameters {
         let points = before.map_or(0, |held| held.points);
-        let none = Held { tried, axes: Vec::new(), points };
+        let none = HeldParameters { tried, axes: Vec::new(), points };
         let fresh = Sums::new(self.width);
         let sums = self.states.get(&state).map_or(&fresh, |kept| &kept.sums);
         let all = self.states.values().map(|kept| &kept.sums);
@@ -177,7 +177,7 @@ impl Screening {
                 });
             }
         }
-        Held { tried, axes, points }
+        HeldParameters { tried, axes, points }
     }
 }
 

@@ -2,14 +2,14 @@
 //!
 //! - What is best there by the predictors, which carry knowledge from state to state: [`Transfer::answer`] to exploit,
 //!   and [`Transfer::first`] to explore where nothing was measured yet.
-//! - What other machines found best that met the same input ([`machines`]): [`Transfer::best_by_machines`] to exploit,
+//! - What other machines found best that met the same input ([`other_machines`]): [`Transfer::best_by_machines`] to exploit,
 //!   [`Transfer::untried_by_machines`] to explore.
 //! - What a search that begins is told of the nearest states ([`warm_start`]).
 //!
 //! Which of them is asked in which case is decided by the callers, in `decide` and `explore`. What measurements say of
 //! all of these is learnt in `report`, and nowhere else.
 
-mod machines;
+mod other_machines;
 mod warm_start;
 
 use crate::ids::StateId;
@@ -22,8 +22,8 @@ use crate::tuner::searches::Searches;
 use crate::tuner::states::States;
 use crate::tuner::trials::OpenTrials;
 
-pub(super) use machines::compare;
-pub(super) use warm_start::{Beginning, Evidence};
+pub(super) use other_machines::compare;
+pub(super) use warm_start::{MeasuredElsewhere, WarmStart};
 
 /// What there is to ask.
 #[derive(Clone, Copy, Debug)]
@@ -80,15 +80,15 @@ impl<'a> Transfer<'a> {
     pub(super) fn is_untouched(&self, state: StateId) -> bool {
         self.searches.of(state).is_none()
             && !self.trials.runs_anything(state)
-            && self.states.knowledge(state).tried() == 0
+            && self.states.results(state).tried() == 0
     }
 
     /// Whether exploiting asks a predictor, not only the tables of the state.
     pub(super) fn needs_predictor(&self, here: Option<StateId>) -> bool {
         let is_known = |here: StateId| {
-            let knowledge = self.states.knowledge(here);
-            let is_finished = knowledge.tried() >= self.spec.policy.trials_per_state as usize;
-            is_finished && knowledge.best().is_some() || self.best_by_machines(here).is_some()
+            let results = self.states.results(here);
+            let is_finished = results.tried() >= self.spec.policy.trials_per_state as usize;
+            is_finished && results.best().is_some() || self.best_by_machines(here).is_some()
         };
         here.is_none_or(|here| !is_known(here))
     }

@@ -4,7 +4,7 @@
 //! the configurations that both measured in this state (the default is the first of them); where there is none, less
 //! the factor that other states showed. What is left over is that one configuration is better on one machine than on
 //! another: which share of the difference to the default carries over, and how far that is off, is learnt of each
-//! machine and level ([`Fleet`](crate::fleet::Fleet)).
+//! machine and level ([`Machines`](crate::machines::Machines)).
 //!
 //! The estimate of a configuration's cost pools four sources by their precision: that it does as well as the default,
 //! the fleet's measurements, the group's, and the machine's own. A new machine has none, so it runs what the fleet
@@ -13,11 +13,11 @@
 use crate::configuration::Configuration;
 use crate::decision::{ByMachines, Level, Point, Source};
 use crate::ids::StateId;
-use crate::knowledge::Record;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
+use crate::results::Record;
 use crate::trial::Neighbour;
 use crate::tuner::decide::Exploitation;
-use crate::tuner::explore::Candidate;
+use crate::tuner::explore::ProposedTrial;
 use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
 use crate::tuner::states::States;
 use crate::tuner::transfer::Transfer;
@@ -35,7 +35,7 @@ const ASK_EVERY: usize = 8;
 
 /// The state of another machine that met the same input.
 #[derive(Clone, Copy, Debug)]
-struct Peer {
+struct OtherMachine {
     state: StateId,
     level: Level,
     /// What to add to the logarithm of a cost there.
@@ -70,11 +70,11 @@ impl PooledEstimate {
 }
 
 /// The other machines that measured something in a state.
-struct Peers<'a> {
+struct OtherMachines<'a> {
     states: &'a States,
     state: StateId,
     default: &'a Configuration,
-    peers: Vec<Peer>,
+    peers: Vec<OtherMachine>,
 }
 
 fn log(cost: f64) -> f64 {
@@ -83,20 +83,20 @@ fn log(cost: f64) -> f64 {
 
 /// What was measured of a configuration that can be run.
 fn measured<'a>(states: &'a States, state: StateId, configuration: &Configuration) -> Option<&'a Record> {
-    let record = states.knowledge(state).record(configuration)?;
+    let record = states.results(state).record(configuration)?;
     (record.measurements > 0 && !record.infeasible).then_some(record)
 }
 
 /// The variance of a measurement in a state, relative to its cost.
 fn noise_2(states: &States, state: StateId) -> f64 {
-    let noise = states.knowledge(state).noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
+    let noise = states.results(state).noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
     noise * noise
 }
 
-impl Peer {
+impl OtherMachine {
     fn of(states: &States, default: &Configuration, state: StateId, other: StateId) -> Self {
         let own = &states[state];
-        let best = own.knowledge.ranked().take(SHARED).filter(|record| record.configuration != *default);
+        let best = own.results.ranked().take(SHARED).filter(|record| record.configuration != *default);
         let (mut sum, mut weight) = (0.0, 0.0);
         for record in best.chain(measured(states, state, default)) {
             if let Some(there) = measured(states, other, &record.configuration) {
@@ -108,7 +108,7 @@ impl Peer {
         }
         let (machines, machine) = (states.machines(), states[other].machine);
         let far = machines.effect(own.machine) - machines.effect(machine);
-        Peer {
+        OtherMachine {
             state: other,
             level: machines.level(own.machine, machine),
             shift: if weight > 0.0 { sum / weight } else { far },
@@ -117,12 +117,12 @@ impl Peer {
     }
 }
 
-impl<'a> Peers<'a> {
+impl<'a> OtherMachines<'a> {
     fn of(states: &'a States, default: &'a Configuration, state: StateId) -> Self {
         let others = states.siblings(state).iter().copied();
-        let others = others.filter(|&other| states.knowledge(other).best().is_some());
-        let peers = others.map(|other| Peer::of(states, default, state, other)).collect();
-        Peers { states, state, default, peers }
+        let others = others.filter(|&other| states.results(other).best().is_some());
+        let peers = others.map(|other| OtherMachine::of(states, default, state, other)).collect();
+        OtherMachines { states, state, default, peers }
     }
 
     fn is_empty(&self) -> bool {
@@ -185,12 +185,11 @@ impl<'a> Peers<'a> {
             let estimates = self.by_levels(self.default).into_iter();
             estimates.filter_map(|(_, estimate)| estimate).map(|estimate| estimate.mean).next()
         });
-        let own = states.knowledge(state).ranked().take(OWN_CANDIDATES);
-        let others =
-            self.peers.iter().flat_map(|peer| states.knowledge(peer.state).ranked().take(CANDIDATES));
+        let own = states.results(state).ranked().take(OWN_CANDIDATES);
+        let others = self.peers.iter().flat_map(|peer| states.results(peer.state).ranked().take(CANDIDATES));
         let candidates = own.chain(others).map(|record| &record.configuration);
         let candidates = candidates
-            .filter(|candidate| !states.knowledge(state).is_infeasible(candidate) && filter(candidate));
+            .filter(|candidate| !states.results(state).is_infeasible(candidate) && filter(candidate));
         let estimated =
             candidates.filter_map(|candidate| Some((candidate, self.pooled(baseline, candidate)?)));
         estimated.min_by(|(_, a), (_, b)| a.mean.total_cmp(&b.mean))
@@ -201,7 +200,7 @@ impl Transfer<'_> {
     /// What other machines found best in this state, as long as that counts for more than what the machine measured
     /// itself.
     pub(in crate::tuner) fn best_by_machines(&self, state: StateId) -> Option<Exploitation> {
-        let peers = Peers::of(self.states, self.spec.space.default_ref(), state);
+        let peers = OtherMachines::of(self.states, self.spec.space.default_ref(), state);
         if peers.is_empty() {
             return None;
         }
@@ -216,30 +215,30 @@ impl Transfer<'_> {
 
     /// What other machines found best and this one has not measured yet, where it is estimated to be better than what
     /// this one has. The default comes first, by which machines are compared.
-    pub(in crate::tuner) fn untried_by_machines(&self, state: StateId) -> Option<Candidate> {
-        let knowledge = self.states.knowledge(state);
-        let is_finished = knowledge.tried() >= self.spec.policy.trials_per_state as usize;
+    pub(in crate::tuner) fn untried_by_machines(&self, state: StateId) -> Option<ProposedTrial> {
+        let results = self.states.results(state);
+        let is_finished = results.tried() >= self.spec.policy.trials_per_state as usize;
         if self.states.siblings(state).is_empty() || is_finished {
             return None;
         }
         let searches = self.searches.of(state).is_some();
-        if searches && !knowledge.tried().is_multiple_of(ASK_EVERY) {
+        if searches && !results.tried().is_multiple_of(ASK_EVERY) {
             return None;
         }
         let default = self.spec.space.default_ref();
-        let peers = Peers::of(self.states, default, state);
+        let peers = OtherMachines::of(self.states, default, state);
         if peers.is_empty() {
             return None;
         }
-        if !knowledge.is_tried(default) && !self.trials.runs(state, default) && !searches {
+        if !results.is_tried(default) && !self.trials.runs(state, default) && !searches {
             let (configuration, point) = (default.clone(), Point::BaselineOfMachine);
-            return Some(Candidate { configuration, predicted_cost: None, point });
+            return Some(ProposedTrial { configuration, predicted_cost: None, point });
         }
         let is_new =
-            |candidate: &Configuration| !knowledge.is_tried(candidate) && !self.trials.runs(state, candidate);
+            |candidate: &Configuration| !results.is_tried(candidate) && !self.trials.runs(state, candidate);
         let (configuration, estimate) = peers.best(is_new)?;
-        let promising = knowledge.best().is_none_or(|best| estimate.mean < log(best.mean_cost));
-        promising.then(|| Candidate {
+        let promising = results.best().is_none_or(|best| estimate.mean < log(best.mean_cost));
+        promising.then(|| ProposedTrial {
             configuration: configuration.clone(),
             predicted_cost: Some(estimate.cost()),
             point: Point::ByMachines(by_machines(&peers, &estimate)),
@@ -248,11 +247,11 @@ impl Transfer<'_> {
 }
 
 /// Who measured what an estimate rests on.
-fn by_machines(peers: &Peers<'_>, estimate: &PooledEstimate) -> ByMachines {
+fn by_machines(peers: &OtherMachines<'_>, estimate: &PooledEstimate) -> ByMachines {
     let states = peers.states;
     let of_level = peers.peers.iter().filter(|peer| peer.level == estimate.level);
     let neighbours = of_level.filter_map(|peer| {
-        let best = states.knowledge(peer.state).best()?;
+        let best = states.results(peer.state).best()?;
         let best_cost = libm::exp(log(best.mean_cost) + peer.shift).min(f64::MAX);
         Some(Neighbour { state_id: peer.state.get(), distance: 0.0, best_cost })
     });
@@ -278,7 +277,7 @@ pub(in crate::tuner) fn compare(
         return;
     }
     let machine = states[state].machine;
-    let peers = Peers::of(states, default, state);
+    let peers = OtherMachines::of(states, default, state);
     // By the factors between machines alone.
     let (mut sum, mut count) = (0.0, 0.0);
     for peer in &peers.peers {
@@ -292,7 +291,7 @@ pub(in crate::tuner) fn compare(
     let baseline = baseline.filter(|_| measured(states, state, configuration).is_none());
     let carried = baseline.map(|baseline| {
         let shared = peers.peers.iter().copied().filter(|peer| peer.shared).collect();
-        (baseline, Peers { peers: shared, ..peers }.by_levels(configuration))
+        (baseline, OtherMachines { peers: shared, ..peers }.by_levels(configuration))
     });
     let machines = states.machines_mut();
     if let Some((baseline, estimates)) = carried {

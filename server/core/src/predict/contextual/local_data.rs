@@ -1,7 +1,7 @@
-//! A question to the model, with all that bears on it and apart from the study's tables.
+//! The measurements near a state, and a Gaussian process fitted to them when a question is answered.
 //!
-//! To collect it takes microseconds, to answer it a fit of a process and a climb: that is done where nobody waits
-//! for the tables.
+//! Collecting them takes microseconds; they are shared with the study's tables, not copied. Fitting the process and
+//! searching it for its least value takes milliseconds, so callers do that apart from the study, without its lock.
 
 use std::sync::Arc;
 
@@ -10,10 +10,10 @@ use rand_chacha::ChaCha8Rng;
 use crate::configuration::Configuration;
 use crate::gp::warping::RobustLog;
 use crate::gp::{Hyperparameters, Process, Sample};
-use crate::knowledge::{Knowledge, KnownState, Record};
 use crate::predict::contextual::lowest::LowestBound;
 use crate::predict::contextual::{FeatureMap, PRIOR};
 use crate::predict::{Answer, Estimate, Query, draw_in};
+use crate::results::{KnownState, Record, ResultTable};
 use crate::space::Space;
 use crate::trial::Neighbour;
 
@@ -21,18 +21,18 @@ use crate::trial::Neighbour;
 const ROWS_MAX: usize = 96;
 /// No process is fitted to less.
 const ROWS_MIN: usize = 2;
-/// Most measurements of the nearest state among them; each further state gives half as many, but
+/// Most measurements of the nearest state among them. Each further state gives half as many.
 const QUOTA_FIRST: usize = 48;
-/// at least so many.
+/// Every state may give at least so many.
 const QUOTA_LEAST: usize = 8;
-/// What a measurement of the machine itself, of its group and of the fleet is worth: machines differ.
+/// The weight of a measurement of the machine itself, of its group and of the fleet: machines differ.
 const TRUST: [f64; 3] = [1.0, 0.5, 0.25];
 
-/// A state whose measurements bear on the asked one.
+/// A state whose measurements are used.
 #[derive(Clone, Debug, PartialEq)]
-struct Bearing {
+struct SourceState {
     anchor: Vec<f64>,
-    knowledge: Arc<Knowledge>,
+    results: Arc<ResultTable>,
     /// How many of its measurements count.
     quota: usize,
     trust: f64,
@@ -41,19 +41,19 @@ struct Bearing {
     explored: bool,
 }
 
-/// The question. See the head of this module.
+/// The measurements near a state. See the head of this module.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Question {
+pub(crate) struct LocalData {
     features: Arc<FeatureMap>,
-    bearings: Vec<Bearing>,
-    /// The normalised indicators, drawn in.
+    sources: Vec<SourceState>,
+    /// The normalised indicators of the asked state, compressed by [`draw_in`].
     state: Vec<f64>,
     /// The table of the asked state.
-    here: Option<Arc<Knowledge>>,
+    here: Option<Arc<ResultTable>>,
 }
 
-/// What is measured near the asked state.
-struct Local<'a> {
+/// The measurements as a process sees them.
+struct LocalSample<'a> {
     sample: Sample,
     values: Vec<f64>,
     warping: RobustLog,
@@ -64,46 +64,46 @@ fn drawn_in(state: &[f64]) -> Vec<f64> {
     state.iter().map(|&x| draw_in(x)).collect()
 }
 
-impl Question {
-    /// Collects what bears on a question: most of the nearest states', the best of each first.
+impl LocalData {
+    /// Collects the measurements for a query: most of them from the nearest states, and the best of each.
     pub(super) fn new(features: &Arc<FeatureMap>, query: &Query<'_>) -> Self {
-        let found = query.nearest(ROWS_MAX, false, |state| state.knowledge.best().is_some());
-        let (mut bearings, mut quota, mut rows) = (Vec::new(), QUOTA_FIRST, 0);
+        let found = query.nearest(ROWS_MAX, false, |state| state.results.best().is_some());
+        let (mut sources, mut quota, mut rows) = (Vec::new(), QUOTA_FIRST, 0);
         for state in found.iter().filter_map(|found| query.known.get(found.name as usize)) {
             let taken = quota.min(ROWS_MAX - rows);
-            bearings.push(Bearing::of(query, state, taken));
-            rows += state.knowledge.ranked().len().min(taken);
+            sources.push(SourceState::of(query, state, taken));
+            rows += state.results.ranked().len().min(taken);
             quota = (quota / 2).max(QUOTA_LEAST);
             if rows >= ROWS_MAX {
                 break;
             }
         }
-        Question {
+        LocalData {
             features: Arc::clone(features),
-            bearings,
+            sources,
             state: drawn_in(query.state),
-            here: query.here.map(|here| Arc::clone(&here.knowledge)),
+            here: query.here.map(|here| Arc::clone(&here.results)),
         }
     }
 
     /// The share of the measurements that come from states which were searched.
     pub(super) fn is_mostly_searched(&self) -> bool {
-        let rows = |bearing: &Bearing| bearing.knowledge.ranked().len().min(bearing.quota);
-        let searched = self.bearings.iter().filter(|bearing| bearing.explored).map(rows).sum::<usize>();
-        2 * searched > self.bearings.iter().map(rows).sum()
+        let rows = |source: &SourceState| source.results.ranked().len().min(source.quota);
+        let searched = self.sources.iter().filter(|source| source.explored).map(rows).sum::<usize>();
+        2 * searched > self.sources.iter().map(rows).sum()
     }
 
-    /// The measurements that bear on it, as the process sees them.
-    fn local(&self, space: &Space) -> Option<Local<'_>> {
+    /// The measurements as the process sees them.
+    fn local(&self, space: &Space) -> Option<LocalSample<'_>> {
         let (mut points, mut counts): (Vec<Vec<f64>>, Vec<f64>) = Default::default();
         let (mut records, mut costs) = (Vec::new(), Vec::new());
-        for bearing in &self.bearings {
-            let anchor = drawn_in(&bearing.anchor);
-            for record in selection(&bearing.knowledge, bearing.quota) {
+        for source in &self.sources {
+            let anchor = drawn_in(&source.anchor);
+            for record in selection(&source.results, source.quota) {
                 let features = self.features.features(&space.encode(&record.configuration));
                 points.push([&anchor[..], &features].concat());
-                counts.push(bearing.trust * record.measurements as f64);
-                costs.push(bearing.translate(record.mean_cost));
+                counts.push(source.trust * record.measurements as f64);
+                costs.push(source.translate(record.mean_cost));
                 records.push(record);
             }
         }
@@ -111,7 +111,7 @@ impl Question {
         let values = costs.iter().map(|&cost| warping.see(cost)).collect();
         let points: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
         let sample = Sample::new(self.features.kinds.clone(), &points, counts);
-        (sample.len() >= ROWS_MIN).then_some(Local { sample, values, warping, records })
+        (sample.len() >= ROWS_MIN).then_some(LocalSample { sample, values, warping, records })
     }
 
     /// The configuration of the least cost, less `optimism` deviations.
@@ -156,17 +156,17 @@ impl Question {
     }
 }
 
-impl Bearing {
+impl SourceState {
     fn of(query: &Query<'_>, state: &KnownState, quota: usize) -> Self {
-        Bearing {
+        SourceState {
             anchor: state.anchor.clone(),
-            knowledge: Arc::clone(&state.knowledge),
+            results: Arc::clone(&state.results),
             quota,
-            trust: TRUST[query.fleet.level(query.machine, state.machine) as usize],
+            trust: TRUST[query.machines.level(query.machine, state.machine) as usize],
             factor: if state.machine == query.machine {
                 1.0
             } else {
-                query.fleet.factor(state.machine, query.machine)
+                query.machines.factor(state.machine, query.machine)
             },
             explored: state.explored,
         }
@@ -185,8 +185,8 @@ fn estimate(warping: &RobustLog, mean: f64, variance: f64) -> Estimate {
 }
 
 /// At most `count` of a state's records: the better half of them the best, the others evenly from the rest.
-fn selection(knowledge: &Knowledge, count: usize) -> Vec<&Record> {
-    let all: Vec<&Record> = knowledge.ranked().collect();
+fn selection(results: &ResultTable, count: usize) -> Vec<&Record> {
+    let all: Vec<&Record> = results.ranked().collect();
     if all.len() <= count {
         return all;
     }

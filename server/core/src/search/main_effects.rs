@@ -1,38 +1,40 @@
-//! What other states of a study say of a new one: which values are cheap, parameter by parameter.
+//! Main effects: which values of each parameter were cheap in other states of a study, as a start for the search of a new one.
 //!
-//! Scenes differ, but much of what makes a configuration good is common to them. So before a search begins in a new
-//! state, the logarithms of what was measured in others are fitted by a sum of one effect for each active parameter,
-//! each state with a level of its own: an analysis of variance by main effects (Box, Hunter and Hunter, "Statistics for
-//! Experimenters", 1978), each shrunk towards nothing (ridge regression: Hoerl and Kennard, Technometrics 12, 1970).
-//! Hundreds of noisy measurements add up in it to a few numbers for each parameter, which is what makes effects of a
-//! few percent visible at all.
+//! Scenes differ, but much of what makes a configuration good is common to them. Before a search begins in a new state, the
+//! logarithms of the costs that were measured in other states are fitted by a sum: one level for each state, and one
+//! effect for each active parameter. This is an analysis of variance by main effects (Box, Hunter and Hunter, "Statistics
+//! for Experimenters", 1978). Effects are shrunk towards zero by ridge regression (Hoerl and Kennard, Technometrics 12,
+//! 1970). Hundreds of noisy measurements come down to a few numbers for each parameter, so that effects of a few percent
+//! can be told from noise.
 //!
-//! It is a guide and no prior truth. The model of the new state sees the sum as one more feature, on which costs may
-//! depend linearly (its axis is linear: `FeatureKind::Linear` of the kernel); how much is learnt from what is measured here, so that
-//! a guide that does not agree with it loses its say (after multi-task and stacked processes: Golovin et al., "Google
-//! Vizier: a service for black-box optimization", KDD 2017, section 3.3).
+//! The sum is not taken for true of the new state. The Gaussian process of the new state gets it as one more feature, on
+//! which costs may depend linearly (`FeatureKind::Linear` of the kernel), and learns the coefficient from what is
+//! measured there. Where the other states mislead, the coefficient goes to zero. Vizier treats earlier studies in the
+//! same spirit, by a stack of processes (Golovin et al., "Google Vizier: a service for black-box optimization", KDD 2017, section 3.3).
 
 use serde::{Deserialize, Serialize};
 
 use crate::search::layout::Layout;
 
-/// Axes of more values are seen through that many points, with straight lines between them.
+/// How many equidistant knots the piecewise linear effect of an axis with many values has.
 const KNOTS: usize = 6;
+/// An axis of fewer values than this has one effect for each value.
 const CELLS_MAX: u32 = 8;
-/// An effect counts as known to be nothing from so many measurements.
+/// The ridge penalty: an effect is shrunk as if so many further measurements had shown zero.
 const RIDGE: f64 = 3.0;
-/// Sweeps over all effects.
+/// Sweeps of coordinate descent over all effects.
 const SWEEPS: usize = 12;
-/// Where the effects together change the logarithm of a cost by less, they are rounding errors.
+/// A standard deviation of the sums below this is rounding error, and nothing is learnt.
 const DEVIATION_MIN: f64 = 1e-9;
-/// Effects are rounded to so many steps, lest rounding errors of a change of unit get through to the points.
+/// Effects are rounded to so many steps per standard deviation. Costs in another unit then give the same effects to
+/// the bit, although their logarithms round differently.
 const STEPS_PER_DEVIATION: f64 = (1u64 << 20) as f64;
-/// Most ways around the parameters on the way down.
+/// Most rounds over all parameters in [`MainEffects::descend`].
 const ROUNDS_MAX: usize = 16;
 
-/// A measurement of another state.
+/// A measurement of another state, from which effects are learnt.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Elsewhere {
+pub struct SourceMeasurement {
     /// Which state, from 0.
     pub state: usize,
     /// Its point.
@@ -41,17 +43,17 @@ pub struct Elsewhere {
     pub log_cost: f64,
 }
 
-/// The effects. See the head of this module.
+/// The effects of all parameters. See the head of this module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Guide {
-    /// Of each axis: at its knots, or of its values by rank, in deviations of the whole.
+pub struct MainEffects {
+    /// For each axis, at its knots or for its values by rank. In standard deviations of the sums that were measured.
     effects: Vec<Vec<f64>>,
-    /// The mean over what it was made from.
+    /// The mean sum over the measurements.
     mean: f64,
 }
 
-/// Where a coordinate lies among the effects of an axis: the first of two, and the share of the second.
-fn among(layout: &Layout, axis: usize, x: f64) -> (usize, f64) {
+/// Between which two effects of an axis a coordinate lies: the index of the first, and the weight of the second.
+fn interpolation(layout: &Layout, axis: usize, x: f64) -> (usize, f64) {
     match layout.cells(axis) {
         0 | CELLS_MAX.. => {
             let at = x.clamp(0.0, 1.0) * (KNOTS - 1) as f64;
@@ -62,6 +64,7 @@ fn among(layout: &Layout, axis: usize, x: f64) -> (usize, f64) {
     }
 }
 
+/// How many effects an axis has.
 fn count(layout: &Layout, axis: usize) -> usize {
     match layout.cells(axis) {
         0 | CELLS_MAX.. => KNOTS,
@@ -69,23 +72,23 @@ fn count(layout: &Layout, axis: usize) -> usize {
     }
 }
 
-impl Guide {
-    /// Fits it. `None` where nothing follows: fewer than two measurements, or all alike.
-    pub fn of(layout: &Layout, measured: &[Elsewhere]) -> Option<Guide> {
+impl MainEffects {
+    /// Fits the effects. `None` where nothing can be learnt: fewer than two measurements, or no difference between them.
+    pub fn fit(layout: &Layout, measured: &[SourceMeasurement]) -> Option<MainEffects> {
         let dimension = layout.dimension();
         let states = measured.iter().map(|one| one.state + 1).max()?;
         let mut from = vec![states];
         for axis in 0..dimension {
             from.push(from[axis] + count(layout, axis));
         }
-        // Of each effect, the measurements that it is part of and its share in them.
+        // For each effect, the measurements that contain it, and its weight in each.
         let mut columns: Vec<Vec<(usize, f64)>> = vec![Vec::new(); from[dimension]];
         for (row, one) in measured.iter().enumerate() {
             columns[one.state].push((row, 1.0));
             let mut x = one.x.clone();
             let active = layout.canonical(&mut x);
             for axis in (0..dimension).filter(|&axis| active[axis]) {
-                let (first, share) = among(layout, axis, x[axis]);
+                let (first, share) = interpolation(layout, axis, x[axis]);
                 let mut enter = |place: usize, share: f64| {
                     if share > 0.0 {
                         columns[from[axis] + place].push((row, share));
@@ -101,28 +104,28 @@ impl Guide {
             (*sum, *count) = (*sum + one.log_cost, *count + 1.0);
         }
         let level = |state: usize| levels[state].0 / levels[state].1;
-        // What the effects so far leave unexplained; the levels among them are corrections of the means.
-        let mut left: Vec<f64> = measured.iter().map(|one| one.log_cost - level(one.state)).collect();
+        // Residuals. The levels among the effects correct the means of the states, which are subtracted here.
+        let mut residuals: Vec<f64> = measured.iter().map(|one| one.log_cost - level(one.state)).collect();
         let mut effects = vec![0.0; columns.len()];
         for _ in 0..SWEEPS {
             for (index, (effect, column)) in effects.iter_mut().zip(&columns).enumerate() {
                 let ridge = if index < states { 1e-6 } else { RIDGE };
-                let (mut along, mut squares) = (0.0, ridge);
+                let (mut product, mut squares) = (0.0, ridge);
                 for &(row, share) in column {
-                    along += share * (left[row] + share * *effect);
+                    product += share * (residuals[row] + share * *effect);
                     squares += share * share;
                 }
-                let now = along / squares;
-                column.iter().for_each(|&(row, share)| left[row] -= share * (now - *effect));
+                let now = product / squares;
+                column.iter().for_each(|&(row, share)| residuals[row] -= share * (now - *effect));
                 *effect = now;
             }
         }
         let effects = (0..dimension).map(|axis| effects[from[axis]..from[axis + 1]].to_vec()).collect();
-        let mut guide = Guide { effects, mean: 0.0 };
-        let sum_of = |one: &Elsewhere| {
+        let mut fitted = MainEffects { effects, mean: 0.0 };
+        let sum_of = |one: &SourceMeasurement| {
             let mut x = one.x.clone();
             let active = layout.canonical(&mut x);
-            guide.sum(layout, &x, &active)
+            fitted.sum(layout, &x, &active)
         };
         let sums: Vec<f64> = measured.iter().map(sum_of).collect();
         let mean = sums.iter().sum::<f64>() / sums.len() as f64;
@@ -131,15 +134,15 @@ impl Guide {
             return None;
         }
         let rounded = |value: f64| (value / deviation * STEPS_PER_DEVIATION).round() / STEPS_PER_DEVIATION;
-        guide.effects.iter_mut().flatten().for_each(|effect| *effect = rounded(*effect));
-        guide.mean = rounded(mean);
-        Some(guide)
+        fitted.effects.iter_mut().flatten().for_each(|effect| *effect = rounded(*effect));
+        fitted.mean = rounded(mean);
+        Some(fitted)
     }
 
     fn sum(&self, layout: &Layout, x: &[f64], active: &[bool]) -> f64 {
         let mut sum = 0.0;
         for (axis, effects) in self.effects.iter().enumerate().filter(|(axis, _)| active[*axis]) {
-            let (first, share) = among(layout, axis, x[axis]);
+            let (first, share) = interpolation(layout, axis, x[axis]);
             sum += effects[first];
             if share > 0.0 {
                 sum += share * (effects[first + 1] - effects[first]);
@@ -148,13 +151,15 @@ impl Guide {
         sum
     }
 
-    /// How dear a canonical point was elsewhere: zero on average over what was measured there, one a deviation more.
+    /// The predicted cost of a canonical point, standardised: 0 is the mean over the measurements, 1 is one standard
+    /// deviation more (in the logarithm).
     pub(super) fn at(&self, layout: &Layout, x: &[f64], active: &[bool]) -> f64 {
         self.sum(layout, x, active) - self.mean
     }
 
-    /// Goes downhill from a point, one parameter after the other, until no other value of any is cheaper. From a
-    /// configuration that proved good that stays near what was measured together, where the sum can be believed.
+    /// The point of least predicted cost by coordinate descent from a point: one parameter after the other, until no
+    /// other value of any is cheaper. Begun at a configuration that was measured to be good, it stays near
+    /// measurements, where the sum is most reliable.
     pub(crate) fn descend(&self, layout: &Layout, from: &[f64]) -> Vec<f64> {
         let enter = |mut x: Vec<f64>| {
             let active = layout.canonical(&mut x);
@@ -226,14 +231,14 @@ mod tests {
         backend + depth - 0.1 * f64::from(layout.rank(2, x[2])) + 0.4 * x[3]
     }
 
-    fn measured(layout: &Layout, count: usize, noise: f64, level: f64) -> Vec<Elsewhere> {
+    fn measured(layout: &Layout, count: usize, noise: f64, level: f64) -> Vec<SourceMeasurement> {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         let one = |place: usize| {
             let x: Vec<f64> = (0..layout.dimension()).map(|_| random.random()).collect();
             let state = place % 3;
             let level = level + 2.0 * state as f64;
             let log_cost = level + log_cost(layout, &x) + noise * (2.0 * random.random::<f64>() - 1.0);
-            Elsewhere { state, x, log_cost }
+            SourceMeasurement { state, x, log_cost }
         };
         (0..count).map(one).collect()
     }
@@ -241,14 +246,15 @@ mod tests {
     #[test]
     fn many_noisy_measurements_add_up_to_the_best_of_every_parameter() {
         let layout = layout();
-        let guide = Guide::of(&layout, &measured(&layout, 300, 0.2, 0.0)).expect("something follows");
-        let best = guide.descend(&layout, &[0.5, 0.5, 0.1, 0.9]);
+        let effects =
+            MainEffects::fit(&layout, &measured(&layout, 300, 0.2, 0.0)).expect("something follows");
+        let best = effects.descend(&layout, &[0.5, 0.5, 0.1, 0.9]);
         assert_eq!((layout.rank(0, best[0]), layout.rank(2, best[2])), (1, 2), "{best:?}");
         assert!((0.35..0.85).contains(&best[1]) && best[3] < 0.25, "{best:?}");
         let at = |x: &[f64]| {
             let mut x = x.to_vec();
             let active = layout.canonical(&mut x);
-            guide.at(&layout, &x, &active)
+            effects.at(&layout, &x, &active)
         };
         let mut random = ChaCha8Rng::seed_from_u64(6);
         let points: Vec<Vec<f64>> = (0..200).map(|_| (0..4).map(|_| random.random()).collect()).collect();
@@ -263,17 +269,17 @@ mod tests {
     #[test]
     fn what_a_whole_state_costs_says_nothing() {
         let layout = layout();
-        let guide = |level: f64| Guide::of(&layout, &measured(&layout, 60, 0.1, level));
-        assert_eq!(guide(0.0), guide(300.0));
+        let effects = |level: f64| MainEffects::fit(&layout, &measured(&layout, 60, 0.1, level));
+        assert_eq!(effects(0.0), effects(300.0));
     }
 
     #[test]
     fn nothing_follows_from_nothing_or_equal_costs() {
         let layout = layout();
-        assert_eq!(Guide::of(&layout, &[]), None);
-        assert_eq!(Guide::of(&layout, &measured(&layout, 1, 0.0, 0.0)), None);
+        assert_eq!(MainEffects::fit(&layout, &[]), None);
+        assert_eq!(MainEffects::fit(&layout, &measured(&layout, 1, 0.0, 0.0)), None);
         let mut equal = measured(&layout, 40, 0.1, 0.0);
         equal.iter_mut().for_each(|one| one.log_cost = 0.1 + one.state as f64);
-        assert_eq!(Guide::of(&layout, &equal), None);
+        assert_eq!(MainEffects::fit(&layout, &equal), None);
     }
 }

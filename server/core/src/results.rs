@@ -1,13 +1,12 @@
-//! What is known of one state: every configuration that was run in it, and what came of it.
+//! The results of one state: every configuration that was run in it, and its measured costs.
 //!
 //! This is the table of paper section 6.1 ("a table of previous states, configurations, and the observed
 //! runtime") and the database of section 6 that keeps the same pair of state and configuration from being
-//! sampled twice. Looking up and taking a result cost the logarithm of the number of configurations.
+//! sampled twice. Finding and adding a result takes time logarithmic in the number of configurations.
 //!
-//! The cost of a configuration is a robust location of its latest measurements, so that a wild one does no harm
-//! (see [`crate::robust`]). Where the measurements of one configuration are found to have changed for good, by
-//! the machine's clock or another program, the costs of the others are taken to have changed by the same factor until
-//! they are measured again.
+//! The cost of a configuration is a robust mean of its latest measurements, so that a single outlier does no harm
+//! (see [`crate::robust`]). Where the measurements of one configuration are found to have changed for good (the
+//! machine's clock, another program), the costs of the others are scaled by the same factor until they are measured again.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
@@ -83,7 +82,7 @@ impl PartialOrd for Rank {
 
 /// What is known of one state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Knowledge {
+pub struct ResultTable {
     records: Vec<Record>,
     /// Only looked up, never walked, so its order does not matter.
     #[serde(skip)]
@@ -99,7 +98,7 @@ pub struct Knowledge {
     latest: u64,
 }
 
-impl Knowledge {
+impl ResultTable {
     /// Takes a completed trial. Costs are finite: reports are checked before. `default` is never forgotten.
     pub fn learn(&mut self, trial: &Trial, default: &Configuration) {
         self.learn_all(trial);
@@ -340,10 +339,10 @@ pub struct KnownState {
     pub id: u64,
     /// The normalised indicators that founded it.
     pub anchor: Vec<f64>,
-    /// The machine whose measurements these are: its place in the study's [`Fleet`](crate::fleet::Fleet).
+    /// The machine whose measurements these are: its place in the study's [`Machines`](crate::machines::Machines).
     pub machine: u32,
     /// A search was begun in it.
     pub explored: bool,
     /// The table of its configurations.
-    pub knowledge: Arc<Knowledge>,
+    pub results: Arc<ResultTable>,
 }

@@ -1,24 +1,24 @@
-//! The machines of a study: whose measurements hold for whom.
+//! The machines of a study: how far one may rely on what another has measured.
 //!
-//! A frame costs different things on different machines, by a factor above all, but what is best may differ as well.
-//! So a measurement belongs to the machine that took it: processor, instruction set, threads and software together,
-//! the client's [`Fingerprint`]. Everybody else's word counts by how near they are ([`Level`]): the same processor and
-//! software make a group, and all machines together are the fleet. How much a machine may rely on its group and on
-//! the fleet is not assumed but counted: each of its measurements is held against what they would have said of it.
-//! The paper leaves this to future work ("hierarchical optimization or per node optimization is promising", its
-//! section 9); the method is that of partial pooling (Gelman et al., "Bayesian Data Analysis", chapter 5).
+//! The same frame costs more on one machine than on another, by a factor above all; but the best configuration may differ
+//! as well. So a measurement belongs to the machine that took it, which is processor, instruction set, threads and
+//! software together (the client's [`Fingerprint`]). Machines of the same processor and software make a group, and all
+//! machines of the study make the fleet ([`Level`]). How much a machine relies on its group and on the fleet is
+//! learnt: each of its measurements is compared with what the others' measurements predicted. The paper leaves this to
+//! future work ("hierarchical optimization or per node optimization is promising", its section 9); the method is partial
+//! pooling (Gelman et al., "Bayesian Data Analysis", chapter 5).
 //!
 //! Other software makes another machine and another group. What was measured before a change of Embree or of the build
-//! thereby falls to the word of the fleet, and never counts as the machine's own again.
+//! counts as the fleet's from then on, and never again as the machine's own.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
 pub use crate::decision::Level;
+use crate::fnv;
 use crate::limits::MACHINES_MAX;
 use crate::predict::Origin;
-use crate::randomness::text_number;
 use crate::trial::Fingerprint;
 
 /// By how much, as a logarithm, a group's and the fleet's word on a configuration are taken to be off before anything
@@ -46,7 +46,7 @@ pub(crate) fn distance_2(level: Level) -> f64 {
 
 /// What comparisons with others taught of a machine. Costs are logarithms.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Standing {
+pub(crate) struct PoolingStatistics {
     /// By how much its costs are above those of the others.
     effect: f64,
     compared: f64,
@@ -57,11 +57,11 @@ pub(crate) struct Standing {
     misses: [(f64, f64); 2],
 }
 
-impl Default for Standing {
+impl Default for PoolingStatistics {
     fn default() -> Self {
         let miss = |prior: f64| (prior * prior * MISS_PRIOR_WEIGHT, MISS_PRIOR_WEIGHT);
         let carried = [(CARRIED_PRIOR, CARRIED_PRIOR); 2];
-        Standing { effect: 0.0, compared: 0.0, carried, misses: MISS_PRIOR.map(miss) }
+        PoolingStatistics { effect: 0.0, compared: 0.0, carried, misses: MISS_PRIOR.map(miss) }
     }
 }
 
@@ -75,7 +75,7 @@ struct Machine {
     fingerprint: Option<Fingerprint>,
     /// Rises with every state that any machine founds.
     latest: u64,
-    standing: Standing,
+    pooling: PoolingStatistics,
 }
 
 /// The machines of a study in the order in which they came. A client that names no machine is one of its own.
@@ -83,21 +83,21 @@ struct Machine {
 /// At most [`MACHINES_MAX`] are told apart at a time. When one more comes, the one that has met no new state for
 /// longest is displaced: what it measured stays as the others', and should it come back it begins as a new machine.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Fleet {
+pub struct Machines {
     machines: Vec<Machine>,
     /// Those that are told apart, by their numbers. Only what is in here is ever matched again.
     current: BTreeMap<u64, u32>,
     founded: u64,
 }
 
-impl Fleet {
+impl Machines {
     /// The place of a machine, if it has a state.
     pub fn find(&self, fingerprint: Option<&Fingerprint>) -> Option<u32> {
         self.current.get(&exact(fingerprint)).copied()
     }
 
     /// Notes that a machine founds a state. Gives its place, and that of the machine it displaced, if any.
-    pub fn found(&mut self, fingerprint: Option<&Fingerprint>) -> (u32, Option<u32>) {
+    pub fn note_founder(&mut self, fingerprint: Option<&Fingerprint>) -> (u32, Option<u32>) {
         self.founded += 1;
         if let Some(place) = self.find(fingerprint) {
             self.machines[place as usize].latest = self.founded;
@@ -118,7 +118,7 @@ impl Fleet {
             hardware,
             fingerprint: fingerprint.cloned(),
             latest: self.founded,
-            standing: Standing::default(),
+            pooling: PoolingStatistics::default(),
         });
         (place, displaced)
     }
@@ -164,7 +164,7 @@ impl Fleet {
 
     /// The logarithm of the factor between a machine's costs and those of the first.
     pub(crate) fn effect(&self, machine: u32) -> f64 {
-        self.machines.get(machine as usize).map_or(0.0, |machine| machine.standing.effect)
+        self.machines.get(machine as usize).map_or(0.0, |machine| machine.pooling.effect)
     }
 
     /// The variance of what a level says of a machine's configurations.
@@ -172,7 +172,7 @@ impl Fleet {
         match level {
             Level::Machine => 0.0,
             Level::Group | Level::Fleet => {
-                let (sum, weight) = self.machines[machine as usize].standing.misses[level as usize - 1];
+                let (sum, weight) = self.machines[machine as usize].pooling.misses[level as usize - 1];
                 sum / weight
             }
         }
@@ -182,11 +182,10 @@ impl Fleet {
     /// expect.
     pub(crate) fn compare(&mut self, machine: u32, off: f64) {
         // The first machine is the measure of all others.
-        if let Some(Machine { standing, .. }) =
-            self.machines.get_mut(machine as usize).filter(|_| machine > 0)
+        if let Some(Machine { pooling, .. }) = self.machines.get_mut(machine as usize).filter(|_| machine > 0)
         {
-            standing.compared = (standing.compared + 1.0).min(EFFECT_MEMORY);
-            standing.effect += off.clamp(-700.0, 700.0) / standing.compared;
+            pooling.compared = (pooling.compared + 1.0).min(EFFECT_MEMORY);
+            pooling.effect += off.clamp(-700.0, 700.0) / pooling.compared;
         }
     }
 
@@ -196,7 +195,7 @@ impl Fleet {
         match level {
             Level::Machine => 1.0,
             Level::Group | Level::Fleet => {
-                let (product, square) = self.machines[machine as usize].standing.carried[level as usize - 1];
+                let (product, square) = self.machines[machine as usize].pooling.carried[level as usize - 1];
                 (product / square).clamp(0.0, 1.0)
             }
         }
@@ -209,7 +208,7 @@ impl Fleet {
         }
         let [theirs, own] = [theirs, own].map(|difference| difference.clamp(-MISS_MAX, MISS_MAX));
         let off = own - self.share(machine, level) * theirs;
-        let Standing { carried, misses, .. } = &mut self.machines[machine as usize].standing;
+        let PoolingStatistics { carried, misses, .. } = &mut self.machines[machine as usize].pooling;
         let (product, square) = &mut carried[level as usize - 1];
         (*product, *square) = (MISS_FADE * *product + own * theirs, MISS_FADE * *square + theirs * theirs);
         // What fades gives way to the prior again.
@@ -239,21 +238,21 @@ impl Fleet {
     }
 
     /// What comparisons taught, machine by machine.
-    pub(crate) fn standings(&self) -> Vec<Standing> {
-        self.machines.iter().map(|machine| machine.standing).collect()
+    pub(crate) fn pooling(&self) -> Vec<PoolingStatistics> {
+        self.machines.iter().map(|machine| machine.pooling).collect()
     }
 
-    /// Takes over what [`standings`](Fleet::standings) gave of the machines that were there then.
-    pub(crate) fn take_over(&mut self, standings: &[Standing]) {
-        let pairs = self.machines.iter_mut().zip(standings);
-        pairs.for_each(|(machine, standing)| machine.standing = *standing);
+    /// Takes over what [`pooling`](Machines::pooling) gave of the machines that were there then.
+    pub(crate) fn take_over(&mut self, pooling: &[PoolingStatistics]) {
+        let pairs = self.machines.iter_mut().zip(pooling);
+        pairs.for_each(|(machine, pooling)| machine.pooling = *pooling);
     }
 }
 
 /// A number for the texts, which are told apart by their lengths.
 fn number<'a>(texts: impl IntoIterator<Item = &'a str>) -> u64 {
     let joined: String = texts.into_iter().map(|text| format!("{}:{text}", text.len())).collect();
-    text_number(&joined)
+    fnv::hash(joined.bytes())
 }
 
 fn software(fingerprint: &Fingerprint) -> impl Iterator<Item = &str> {
@@ -293,59 +292,59 @@ mod tests {
 
     #[test]
     fn the_same_processor_and_software_make_a_group_and_other_software_does_not() {
-        let mut fleet = Fleet::default();
+        let mut machines = Machines::default();
         let all =
             [machine("a", 8, "4.3"), machine("a", 4, "4.3"), machine("a", 8, "4.4"), machine("b", 8, "4.4")];
-        let places: Vec<u32> = all.iter().map(|machine| fleet.found(Some(machine)).0).collect();
+        let places: Vec<u32> = all.iter().map(|machine| machines.note_founder(Some(machine)).0).collect();
         assert_eq!(places, [0, 1, 2, 3]);
-        assert_eq!(fleet.found(Some(&all[1])), (1, None));
-        assert_eq!(fleet.find(None), None);
-        let levels = |from: u32| places.iter().map(|&to| fleet.level(from, to)).collect::<Vec<_>>();
+        assert_eq!(machines.note_founder(Some(&all[1])), (1, None));
+        assert_eq!(machines.find(None), None);
+        let levels = |from: u32| places.iter().map(|&to| machines.level(from, to)).collect::<Vec<_>>();
         assert_eq!(levels(0), [Level::Machine, Level::Group, Level::Fleet, Level::Fleet]);
         assert_eq!(levels(2), [Level::Fleet, Level::Fleet, Level::Machine, Level::Fleet]);
-        assert_eq!(fleet.change_of_software(2).as_deref(), Some("embree 4.3 -> 4.4"));
-        assert_eq!((fleet.change_of_software(0), fleet.change_of_software(3)), (None, None));
+        assert_eq!(machines.change_of_software(2).as_deref(), Some("embree 4.3 -> 4.4"));
+        assert_eq!((machines.change_of_software(0), machines.change_of_software(3)), (None, None));
     }
 
     #[test]
     fn trust_follows_comparisons() {
-        let mut fleet = Fleet::default();
+        let mut machines = Machines::default();
         for threads in 0..2 {
-            fleet.found(Some(&machine("a", threads, "4")));
+            machines.note_founder(Some(&machine("a", threads, "4")));
         }
-        let before = fleet.miss_2(1, Level::Group);
-        assert!((before - 0.0025).abs() < 1e-12 && (fleet.miss_2(1, Level::Fleet) - 0.0225).abs() < 1e-12);
-        (0..50).for_each(|_| fleet.carry(1, Level::Group, -0.3, -0.3));
-        assert!(fleet.miss_2(1, Level::Group) < before / 5.0);
-        assert!((fleet.share(1, Level::Group) - 1.0).abs() < 1e-9);
+        let before = machines.miss_2(1, Level::Group);
+        assert!((before - 0.0025).abs() < 1e-12 && (machines.miss_2(1, Level::Fleet) - 0.0225).abs() < 1e-12);
+        (0..50).for_each(|_| machines.carry(1, Level::Group, -0.3, -0.3));
+        assert!(machines.miss_2(1, Level::Group) < before / 5.0);
+        assert!((machines.share(1, Level::Group) - 1.0).abs() < 1e-9);
         // What the group gains half of is lost here.
-        (0..3).for_each(|_| fleet.carry(1, Level::Fleet, -0.7, 0.7));
-        assert_eq!(fleet.share(1, Level::Fleet), 0.0);
-        (0..3).for_each(|_| fleet.carry(1, Level::Group, 1.0, f64::INFINITY));
-        assert!(fleet.miss_2(1, Level::Group) > 0.1 && fleet.miss_2(1, Level::Group) <= 9.0);
-        (0..500).for_each(|_| fleet.carry(1, Level::Fleet, 0.0, 0.0));
-        assert!(fleet.share(1, Level::Fleet) > 0.9, "it is asked again in time");
-        assert_eq!(fleet.factor(0, 1), 1.0);
-        (0..9).for_each(|_| fleet.compare(1, libm::log(2.0) - fleet.effect(1)));
-        assert!((fleet.factor(0, 1) - 2.0).abs() < 1e-12 && (fleet.factor(1, 0) - 0.5).abs() < 1e-12);
+        (0..3).for_each(|_| machines.carry(1, Level::Fleet, -0.7, 0.7));
+        assert_eq!(machines.share(1, Level::Fleet), 0.0);
+        (0..3).for_each(|_| machines.carry(1, Level::Group, 1.0, f64::INFINITY));
+        assert!(machines.miss_2(1, Level::Group) > 0.1 && machines.miss_2(1, Level::Group) <= 9.0);
+        (0..500).for_each(|_| machines.carry(1, Level::Fleet, 0.0, 0.0));
+        assert!(machines.share(1, Level::Fleet) > 0.9, "it is asked again in time");
+        assert_eq!(machines.factor(0, 1), 1.0);
+        (0..9).for_each(|_| machines.compare(1, libm::log(2.0) - machines.effect(1)));
+        assert!((machines.factor(0, 1) - 2.0).abs() < 1e-12 && (machines.factor(1, 0) - 0.5).abs() < 1e-12);
         // The first machine is the measure.
-        fleet.compare(0, 1.0);
-        assert_eq!((fleet.effect(0), fleet.factor(1, 1)), (0.0, 1.0));
+        machines.compare(0, 1.0);
+        assert_eq!((machines.effect(0), machines.factor(1, 1)), (0.0, 1.0));
     }
 
     #[test]
     fn one_machine_too_many_displaces_the_one_that_met_nothing_new_for_longest() {
-        let mut fleet = Fleet::default();
+        let mut machines = Machines::default();
         let of = |threads: usize| machine("a", threads as u32, "4");
         for threads in 0..MACHINES_MAX {
-            fleet.found(Some(&of(threads)));
+            machines.note_founder(Some(&of(threads)));
         }
-        fleet.found(Some(&of(0)));
-        assert_eq!(fleet.found(Some(&of(MACHINES_MAX))), (MACHINES_MAX as u32, Some(1)));
-        assert_eq!(fleet.find(Some(&of(1))), None);
-        assert_eq!(fleet.find(Some(&of(0))), Some(0));
+        machines.note_founder(Some(&of(0)));
+        assert_eq!(machines.note_founder(Some(&of(MACHINES_MAX))), (MACHINES_MAX as u32, Some(1)));
+        assert_eq!(machines.find(Some(&of(1))), None);
+        assert_eq!(machines.find(Some(&of(0))), Some(0));
         // It comes back as a new one.
-        assert_eq!(fleet.found(Some(&of(1))), (MACHINES_MAX as u32 + 1, Some(2)));
-        assert_eq!(fleet.level(MACHINES_MAX as u32 + 1, 1), Level::Group);
+        assert_eq!(machines.note_founder(Some(&of(1))), (MACHINES_MAX as u32 + 1, Some(2)));
+        assert_eq!(machines.level(MACHINES_MAX as u32 + 1, 1), Level::Group);
     }
 }

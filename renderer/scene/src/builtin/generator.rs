@@ -37,13 +37,13 @@ pub(super) struct LightAndPath {
 }
 
 /// The state of one generator.
-pub(super) struct Stage<'a> {
+pub(super) struct Generator<'a> {
     assembler: &'a mut Assembler,
     dice: ChaCha8Rng,
     pub(super) options: Options,
 }
 
-impl<'a> Stage<'a> {
+impl<'a> Generator<'a> {
     pub(super) fn new(assembler: &'a mut Assembler, options: Options) -> Self {
         Self { assembler, dice: ChaCha8Rng::seed_from_u64(options.seed), options }
     }

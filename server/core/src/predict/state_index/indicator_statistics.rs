@@ -1,41 +1,42 @@
-//! What the states that were met tell of the indicators: how far each really reaches, and which say nothing.
+//! Statistics of the indicators over all states of a study: the range that each really has, and which of them add nothing.
 //!
-//! A study declares a range for each indicator before anybody has measured it. Where states lie further out, that
-//! indicator alone would rule every distance. So bounds widen as states come: distances along an axis are divided by
-//! the range that all but a fiftieth of the states keep to, where that is wider than the declared one. Nothing that is
-//! stored changes: states keep their coordinates, and are recognised by the declared scale as before.
+//! A study declares a range for each indicator before anything was measured. Where states lie far outside of it, that one
+//! indicator would dominate every distance. So distances along an axis are divided by the range that holds all but a
+//! fiftieth of the states, where that is wider than the declared one. Stored coordinates do not change: states are
+//! recognised by the declared scale.
 //!
-//! An indicator that has one value in all states is left out, and so is one that follows another in a straight line:
-//! what it says would count twice. The first state that says otherwise brings it back for good.
+//! An indicator that has the same value in all states is left out, and so is one that is a linear function of another,
+//! which would count twice. The first state that contradicts brings a redundant indicator back for good.
 
 use serde::{Deserialize, Serialize};
 
-/// So many states must agree before an indicator is called constant.
+/// From so many states on, an indicator that has one value in all of them is called constant.
 const CONSTANT_AFTER: u64 = 8;
-/// Before one is called redundant.
+/// From so many states on, one is called redundant.
 const REDUNDANT_AFTER: u64 = 16;
-/// The share of its variance that another must explain.
+/// The share of its variance that another indicator must explain.
 const REDUNDANT: f64 = 0.999;
-/// A state whose indicator lies further than this from where the other puts it is a contradiction.
+/// A state whose indicator lies further than this from the regression line contradicts.
 const CONTRADICTION: f64 = 0.05;
-/// One state in so many may lie beyond the bounds, and always one.
+/// One state in so many may lie outside the range, and always one.
 const BEYOND_SHARE: u64 = 50;
 /// How many of the least and greatest values are kept of each indicator.
 const EXTREMES: usize = 32;
-/// Values count for correlations as if they lay no further out than this: one wild state is no line.
+/// Values are clamped to this for correlations, so that a single outlier does not make a line.
 const REACH: (f64, f64) = (-1.0, 2.0);
 
-/// An indicator that is left out, by its place in the schema.
+/// An indicator that is left out.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Mute {
+pub(crate) struct OmittedIndicator {
+    /// Its index in the schema.
     pub(crate) axis: usize,
-    /// Which other indicator says the same; `None` where it is constant.
-    pub(crate) says: Option<usize>,
+    /// The other indicator that it is a linear function of; `None` where it is constant.
+    pub(crate) redundant_with: Option<usize>,
 }
 
-/// The evidence of a study's states.
+/// Statistics of the indicators over a study's states.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Spread {
+pub(crate) struct IndicatorStatistics {
     states: u64,
     /// Of each indicator: the least values rising, the greatest falling.
     least: Vec<Vec<f64>>,
@@ -58,10 +59,10 @@ fn keep(values: &mut Vec<f64>, value: f64, before: impl Fn(f64, f64) -> bool) {
     values.truncate(EXTREMES);
 }
 
-impl Spread {
+impl IndicatorStatistics {
     /// Nothing was met yet.
     pub(crate) fn new(indicators: usize) -> Self {
-        Spread {
+        IndicatorStatistics {
             states: 0,
             least: vec![Vec::new(); indicators],
             greatest: vec![Vec::new(); indicators],
@@ -78,19 +79,20 @@ impl Spread {
 
     /// Takes the normalised indicators of a new state; finite.
     pub(crate) fn take(&mut self, state: &[f64]) {
-        let held: Vec<f64> = state.iter().map(|x| x.clamp(REACH.0, REACH.1)).collect();
-        for Mute { axis, says } in self.mute() {
-            if let Some(other) = says {
-                let expected = self.mean[axis] + self.slope(axis, other) * (held[other] - self.mean[other]);
-                self.contradicted[axis] |= (held[axis] - expected).abs() > CONTRADICTION;
+        let clamped: Vec<f64> = state.iter().map(|x| x.clamp(REACH.0, REACH.1)).collect();
+        for OmittedIndicator { axis, redundant_with } in self.omitted() {
+            if let Some(other) = redundant_with {
+                let expected =
+                    self.mean[axis] + self.slope(axis, other) * (clamped[other] - self.mean[other]);
+                self.contradicted[axis] |= (clamped[axis] - expected).abs() > CONTRADICTION;
             }
         }
         self.states += 1;
-        let before: Vec<f64> = held.iter().zip(&self.mean).map(|(x, mean)| x - mean).collect();
+        let before: Vec<f64> = clamped.iter().zip(&self.mean).map(|(x, mean)| x - mean).collect();
         for (mean, off) in self.mean.iter_mut().zip(&before) {
             *mean += off / self.states as f64;
         }
-        let after: Vec<f64> = held.iter().zip(&self.mean).map(|(x, mean)| x - mean).collect();
+        let after: Vec<f64> = clamped.iter().zip(&self.mean).map(|(x, mean)| x - mean).collect();
         for (row, before) in before.iter().enumerate() {
             let products = &mut self.products[place(row, 0)..=place(row, row)];
             products.iter_mut().zip(&after).for_each(|(product, after)| *product += before * after);
@@ -107,27 +109,28 @@ impl Spread {
         self.states >= CONSTANT_AFTER && self.least[axis].first() == self.greatest[axis].first()
     }
 
-    /// What is left out, by rising place.
-    pub(crate) fn mute(&self) -> Vec<Mute> {
-        let mut mute: Vec<Mute> = Vec::new();
+    /// The indicators that are left out, by rising index.
+    pub(crate) fn omitted(&self) -> Vec<OmittedIndicator> {
+        let mut omitted: Vec<OmittedIndicator> = Vec::new();
         for axis in 0..self.width() {
             if self.is_constant(axis) {
-                mute.push(Mute { axis, says: None });
+                omitted.push(OmittedIndicator { axis, redundant_with: None });
                 continue;
             }
             if self.states < REDUNDANT_AFTER || self.contradicted[axis] {
                 continue;
             }
             let own = self.products[place(axis, axis)];
-            let speaks = |other: &usize| !mute.iter().any(|mute| mute.axis == *other);
-            let says = (0..axis).filter(speaks).find(|&other| {
+            let is_kept = |other: &usize| !omitted.iter().any(|omitted| omitted.axis == *other);
+            let redundant_with = (0..axis).filter(is_kept).find(|&other| {
                 let (product, theirs) =
                     (self.products[place(axis, other)], self.products[place(other, other)]);
                 own > 0.0 && theirs > 0.0 && product * product >= REDUNDANT * own * theirs
             });
-            mute.extend(says.map(|other| Mute { axis, says: Some(other) }));
+            omitted
+                .extend(redundant_with.map(|other| OmittedIndicator { axis, redundant_with: Some(other) }));
         }
-        mute
+        omitted
     }
 
     /// Weights for the squares of distances: 1 within the declared range, less where states reach further, 0 for
@@ -143,7 +146,7 @@ impl Spread {
                 1.0 / (width * width)
             })
             .collect();
-        self.mute().iter().for_each(|mute| weights[mute.axis] = 0.0);
+        self.omitted().iter().for_each(|omitted| weights[omitted.axis] = 0.0);
         weights
     }
 
@@ -162,49 +165,49 @@ mod tests {
 
     #[test]
     fn bounds_widen_with_evidence_and_not_for_one_wild_state() {
-        let mut spread = Spread::new(2);
+        let mut statistics = IndicatorStatistics::new(2);
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        (0..30).for_each(|_| spread.take(&[random.random(), random.random()]));
-        assert_eq!(spread.weights(), [1.0, 1.0]);
-        spread.take(&[1e9, 0.5]);
-        assert_eq!(spread.weights(), [1.0, 1.0], "one may lie beyond");
-        (0..30).for_each(|_| spread.take(&[9.0 * random.random::<f64>(), random.random()]));
-        let weights = spread.weights();
+        (0..30).for_each(|_| statistics.take(&[random.random(), random.random()]));
+        assert_eq!(statistics.weights(), [1.0, 1.0]);
+        statistics.take(&[1e9, 0.5]);
+        assert_eq!(statistics.weights(), [1.0, 1.0], "one may lie beyond");
+        (0..30).for_each(|_| statistics.take(&[9.0 * random.random::<f64>(), random.random()]));
+        let weights = statistics.weights();
         assert!(weights[0] < 1.0 / 49.0 && weights[0] >= 1.0 / 81.0, "{weights:?}");
         assert_eq!(weights[1], 1.0);
-        (0..40).for_each(|_| spread.take(&[-9.0 * random.random::<f64>(), 0.5]));
-        assert!(spread.weights()[0] < 1.0 / 196.0);
+        (0..40).for_each(|_| statistics.take(&[-9.0 * random.random::<f64>(), 0.5]));
+        assert!(statistics.weights()[0] < 1.0 / 196.0);
     }
 
     #[test]
     fn what_is_constant_is_left_out_until_it_is_not() {
-        let mut spread = Spread::new(2);
-        (0..7).for_each(|step| spread.take(&[f64::from(step) * 0.1, 0.25]));
-        assert_eq!(spread.mute(), []);
-        spread.take(&[0.9, 0.25]);
-        assert_eq!(spread.mute(), [Mute { axis: 1, says: None }]);
-        assert_eq!(spread.weights(), [1.0, 0.0]);
-        spread.take(&[0.9, 0.26]);
-        assert_eq!(spread.mute(), []);
+        let mut statistics = IndicatorStatistics::new(2);
+        (0..7).for_each(|step| statistics.take(&[f64::from(step) * 0.1, 0.25]));
+        assert_eq!(statistics.omitted(), []);
+        statistics.take(&[0.9, 0.25]);
+        assert_eq!(statistics.omitted(), [OmittedIndicator { axis: 1, redundant_with: None }]);
+        assert_eq!(statistics.weights(), [1.0, 0.0]);
+        statistics.take(&[0.9, 0.26]);
+        assert_eq!(statistics.omitted(), []);
     }
 
     #[test]
     fn what_follows_another_is_left_out_until_a_state_contradicts() {
-        let mut spread = Spread::new(3);
+        let mut statistics = IndicatorStatistics::new(3);
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let mut state = || {
             let (a, b): (f64, f64) = (random.random(), random.random());
             [a, b, 0.8 - 0.7 * a]
         };
-        (0..40).for_each(|_| spread.take(&state()));
-        assert_eq!(spread.mute(), [Mute { axis: 2, says: Some(0) }]);
-        spread.take(&[0.5, 0.5, 0.9]);
-        (0..1000).for_each(|_| spread.take(&state()));
-        assert_eq!(spread.mute(), [], "for good");
+        (0..40).for_each(|_| statistics.take(&state()));
+        assert_eq!(statistics.omitted(), [OmittedIndicator { axis: 2, redundant_with: Some(0) }]);
+        statistics.take(&[0.5, 0.5, 0.9]);
+        (0..1000).for_each(|_| statistics.take(&state()));
+        assert_eq!(statistics.omitted(), [], "for good");
         // Two that have nothing in common but one wild state are not one.
-        let mut spread = Spread::new(2);
-        (0..40).for_each(|_| spread.take(&[random.random(), random.random()]));
-        spread.take(&[1e9, 1e9]);
-        assert_eq!(spread.mute(), []);
+        let mut statistics = IndicatorStatistics::new(2);
+        (0..40).for_each(|_| statistics.take(&[random.random(), random.random()]));
+        statistics.take(&[1e9, 1e9]);
+        assert_eq!(statistics.omitted(), []);
     }
 }

@@ -28,23 +28,23 @@ pub enum Status {
 
 /// Shared knowledge of the connection.
 #[derive(Debug)]
-pub(crate) struct Link {
-    state: watch::Sender<State>,
+pub(crate) struct CircuitBreaker {
+    state: watch::Sender<BreakerState>,
     /// Until when the daemon asked to be left in peace, and with which words. It answers, so it is not away.
     hint: Mutex<Option<(Instant, SharedError)>>,
 }
 
 #[derive(Debug, Clone)]
-struct State {
+struct BreakerState {
     status: Status,
     /// Failures since the last real success. A probe that succeeds does not reset it: a daemon that
     /// answers probes and nothing else must not be trusted again and again at the shortest interval.
     failures: u32,
 }
 
-impl Link {
+impl CircuitBreaker {
     pub(crate) fn new() -> Self {
-        let state = State { status: Status::Unknown, failures: 0 };
+        let state = BreakerState { status: Status::Unknown, failures: 0 };
         Self { state: watch::Sender::new(state), hint: Mutex::new(None) }
     }
 
@@ -81,7 +81,7 @@ impl Link {
     pub(crate) fn success(&self) {
         self.state.send_if_modified(|state| {
             let changes = state.failures > 0 || !matches!(state.status, Status::Connected);
-            *state = State { status: Status::Connected, failures: 0 };
+            *state = BreakerState { status: Status::Connected, failures: 0 };
             changes
         });
     }
@@ -151,7 +151,7 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn an_absent_daemon_is_looked_for_ever_more_rarely() {
-        let link = Link::new();
+        let breaker = CircuitBreaker::new();
         let start = Instant::now();
         let times = std::sync::Mutex::new(Vec::new());
         let probe = async || {
@@ -159,11 +159,11 @@ mod tests {
             if times.lock().unwrap().len() < 8 { Err(away()) } else { Ok(()) }
         };
         tokio::select! {
-            () = link.keep_probing(back_off(), probe) => unreachable!("it never ends"),
+            () = breaker.keep_probing(back_off(), probe) => unreachable!("it never ends"),
             () = async {
                 tokio::time::sleep(Duration::from_millis(1)).await;
-                assert!(link.problem().is_some());
-                link.wait_until_worth_asking().await;
+                assert!(breaker.problem().is_some());
+                breaker.wait_until_worth_asking().await;
             } => {}
         }
         let times = times.into_inner().unwrap();
@@ -175,7 +175,7 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn a_daemon_that_only_answers_probes_is_trusted_ever_more_rarely() {
-        let link = Link::new();
+        let breaker = CircuitBreaker::new();
         let probes = AtomicU32::new(0);
         let probe = async || {
             probes.fetch_add(1, Ordering::Relaxed);
@@ -183,19 +183,19 @@ mod tests {
         };
         let ask_in_vain = async {
             for failures in 1..=5 {
-                link.wait_until_worth_asking().await;
-                link.failure(Arc::new(away()));
+                breaker.wait_until_worth_asking().await;
+                breaker.failure(Arc::new(away()));
                 assert!(
-                    matches!(link.status(), Status::Away { failures: counted, .. } if counted == failures)
+                    matches!(breaker.status(), Status::Away { failures: counted, .. } if counted == failures)
                 );
             }
-            link.wait_until_worth_asking().await;
-            link.success();
-            link.failure(Arc::new(away()));
-            assert!(matches!(link.status(), Status::Away { failures: 1, .. }));
+            breaker.wait_until_worth_asking().await;
+            breaker.success();
+            breaker.failure(Arc::new(away()));
+            assert!(matches!(breaker.status(), Status::Away { failures: 1, .. }));
         };
         tokio::select! {
-            () = link.keep_probing(back_off(), probe) => unreachable!("it never ends"),
+            () = breaker.keep_probing(back_off(), probe) => unreachable!("it never ends"),
             () = ask_in_vain => {}
         }
     }
@@ -203,28 +203,28 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_hint_is_heeded_until_its_time_is_over() {
         use tonic_types::StatusExt as _;
-        let link = Link::new();
-        link.success();
+        let breaker = CircuitBreaker::new();
+        breaker.success();
         let refused = |wait| {
             let details = tonic_types::ErrorDetails::with_retry_info(wait);
             let status = tonic::Status::with_error_details(tonic::Code::ResourceExhausted, "busy", details);
             ClientError::from_status("http://x", "Suggest", &status)
         };
-        link.note_hint(&refused(None));
-        assert!(link.problem().is_none());
-        link.note_hint(&refused(Some(Duration::from_secs(2))));
-        assert!(link.problem().is_some_and(|problem| problem.to_string().contains("busy")));
-        assert!(matches!(link.status(), Status::Connected), "it answers");
+        breaker.note_hint(&refused(None));
+        assert!(breaker.problem().is_none());
+        breaker.note_hint(&refused(Some(Duration::from_secs(2))));
+        assert!(breaker.problem().is_some_and(|problem| problem.to_string().contains("busy")));
+        assert!(matches!(breaker.status(), Status::Connected), "it answers");
         tokio::time::advance(Duration::from_secs(2)).await;
-        assert!(link.problem().is_none());
+        assert!(breaker.problem().is_none());
     }
 
     #[test]
     fn failures_of_the_same_outage_count_once() {
-        let link = Link::new();
+        let breaker = CircuitBreaker::new();
         for _ in 0..100 {
-            link.failure(Arc::new(away()));
+            breaker.failure(Arc::new(away()));
         }
-        assert!(matches!(link.status(), Status::Away { failures: 1, .. }));
+        assert!(matches!(breaker.status(), Status::Away { failures: 1, .. }));
     }
 }

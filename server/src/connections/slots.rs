@@ -1,6 +1,6 @@
 //! How many connections there may be, and who has to leave when there are too many.
 //!
-//! A connection is a *newcomer* until a request on it was authorised. Newcomers have a share of the places and no more:
+//! A connection is a *newcomer* until a request on it was authorised. Newcomers have a share of the slots and no more:
 //! when it is used up, the one that has been a newcomer for longest is closed to make room. So whoever opens
 //! connections without a token, however many, shuts nobody out who has one: a client only has to send its first
 //! request before its turn to leave comes. Each address has a limit of its own besides.
@@ -37,15 +37,15 @@ impl Default for ConnectionLimits {
     }
 }
 
-/// The places of all connections. Clones share them.
+/// The slots of all connections. Clones share them.
 #[derive(Clone, Debug)]
-pub(crate) struct Places {
+pub(crate) struct ConnectionSlots {
     limits: ConnectionLimits,
-    taken: Arc<Mutex<Taken>>,
+    taken: Arc<Mutex<OpenConnections>>,
 }
 
 #[derive(Debug, Default)]
-struct Taken {
+struct OpenConnections {
     open: usize,
     by_address: HashMap<IpAddr, usize>,
     /// The newcomers in the order in which they came.
@@ -53,10 +53,10 @@ struct Taken {
     last_number: u64,
 }
 
-/// The place of one connection, until dropped.
+/// The slot of one connection, until dropped.
 #[derive(Debug)]
-pub(super) struct Place {
-    places: Places,
+pub(super) struct ConnectionSlot {
+    slots: ConnectionSlots,
     number: u64,
     address: Option<IpAddr>,
     notice: Arc<Notice>,
@@ -66,27 +66,27 @@ pub(super) struct Place {
 #[derive(Debug, Default)]
 struct Notice(Mutex<(bool, Option<Waker>)>);
 
-impl Places {
+impl ConnectionSlots {
     pub(crate) fn new(limits: ConnectionLimits) -> Self {
         Self { limits, taken: Arc::default() }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Taken> {
+    fn lock(&self) -> MutexGuard<'_, OpenConnections> {
         self.taken.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A place for a connection from `address`, which is none for local sockets.
+    /// A slot for a connection from `address`, which is none for local sockets.
     ///
     /// # Errors
     /// Which limit is reached, in one word for counting.
-    pub(super) fn take(&self, address: Option<IpAddr>) -> Result<Place, &'static str> {
+    pub(super) fn take(&self, address: Option<IpAddr>) -> Result<ConnectionSlot, &'static str> {
         let mut taken = self.lock();
         let from_there = address.and_then(|address| taken.by_address.get(&address));
         if from_there.is_some_and(|count| *count >= self.limits.per_address) {
             return Err("address");
         }
         if taken.newcomers.len() >= self.limits.newcomers || taken.open >= self.limits.total {
-            // Its place becomes free a moment later, when its task has seen the notice.
+            // Its slot becomes free a moment later, when its task has seen the notice.
             let oldest = taken.newcomers.pop_first();
             oldest.ok_or("limit")?.1.give();
         }
@@ -100,7 +100,7 @@ impl Places {
         }
         let (number, notice) = (taken.last_number, Arc::<Notice>::default());
         taken.newcomers.insert(number, Arc::clone(&notice));
-        Ok(Place { places: self.clone(), number, address, notice })
+        Ok(ConnectionSlot { slots: self.clone(), number, address, notice })
     }
 
     /// Connections that are open, and those of them that are newcomers.
@@ -110,10 +110,10 @@ impl Places {
     }
 }
 
-impl Place {
+impl ConnectionSlot {
     /// A request on the connection was authorised.
     pub(super) fn settle(&self) {
-        self.places.lock().newcomers.remove(&self.number);
+        self.slots.lock().newcomers.remove(&self.number);
     }
 
     /// Whether the connection has to go; otherwise its task is woken as soon as it has to.
@@ -127,9 +127,9 @@ impl Place {
     }
 }
 
-impl Drop for Place {
+impl Drop for ConnectionSlot {
     fn drop(&mut self) {
-        let mut taken = self.places.lock();
+        let mut taken = self.slots.lock();
         taken.open -= 1;
         taken.newcomers.remove(&self.number);
         if let Some(address) = self.address
@@ -160,46 +160,46 @@ mod tests {
     const HERE: Option<IpAddr> = Some(IpAddr::V4(std::net::Ipv4Addr::LOCALHOST));
     const THERE: Option<IpAddr> = Some(IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 7)));
 
-    fn must_go(place: &Place) -> bool {
-        place.has_to_go(&Context::from_waker(Waker::noop()))
+    fn must_go(slot: &ConnectionSlot) -> bool {
+        slot.has_to_go(&Context::from_waker(Waker::noop()))
     }
 
     #[test]
     fn the_oldest_newcomer_makes_room_and_who_is_known_stays() {
-        let places = Places::new(ConnectionLimits { total: 4, newcomers: 2, per_address: 9 });
-        let known = places.take(HERE).expect("room");
+        let slots = ConnectionSlots::new(ConnectionLimits { total: 4, newcomers: 2, per_address: 9 });
+        let known = slots.take(HERE).expect("room");
         known.settle();
-        let first = places.take(HERE).expect("room");
-        let second = places.take(HERE).expect("room");
-        assert_eq!(places.counts(), (3, 2));
-        let third = places.take(HERE).expect("the first makes room");
+        let first = slots.take(HERE).expect("room");
+        let second = slots.take(HERE).expect("room");
+        assert_eq!(slots.counts(), (3, 2));
+        let third = slots.take(HERE).expect("the first makes room");
         assert!(must_go(&first) && !must_go(&second) && !must_go(&third) && !must_go(&known));
         drop(first);
-        assert_eq!(places.counts(), (3, 2));
+        assert_eq!(slots.counts(), (3, 2));
         second.settle();
         third.settle();
-        let fourth = places.take(HERE).expect("a place is left");
+        let fourth = slots.take(HERE).expect("a slot is left");
         fourth.settle();
-        assert_eq!(places.take(HERE).expect_err("all are taken by known ones"), "limit");
+        assert_eq!(slots.take(HERE).expect_err("all are taken by known ones"), "limit");
         assert!(!must_go(&known));
     }
 
     #[test]
     fn an_address_has_a_limit_of_its_own() {
-        let places = Places::new(ConnectionLimits { total: 9, newcomers: 9, per_address: 2 });
-        let (one, _two) = (places.take(HERE).expect("room"), places.take(HERE).expect("room"));
-        assert_eq!(places.take(HERE).expect_err("a third"), "address");
-        places.take(THERE).expect("another address");
-        places.take(None).expect("a local socket");
+        let slots = ConnectionSlots::new(ConnectionLimits { total: 9, newcomers: 9, per_address: 2 });
+        let (one, _two) = (slots.take(HERE).expect("room"), slots.take(HERE).expect("room"));
+        assert_eq!(slots.take(HERE).expect_err("a third"), "address");
+        slots.take(THERE).expect("another address");
+        slots.take(None).expect("a local socket");
         drop(one);
-        places.take(HERE).expect("room again");
-        assert_eq!(places.counts().0, 1);
+        slots.take(HERE).expect("room again");
+        assert_eq!(slots.counts().0, 1);
     }
 
     #[test]
     fn who_makes_room_and_does_not_leave_keeps_others_out_at_some_point() {
-        let places = Places::new(ConnectionLimits { total: 1, newcomers: 1, per_address: 10_000 });
-        let open: Vec<_> = std::iter::from_fn(|| places.take(HERE).ok()).take(10_000).collect();
+        let slots = ConnectionSlots::new(ConnectionLimits { total: 1, newcomers: 1, per_address: 10_000 });
+        let open: Vec<_> = std::iter::from_fn(|| slots.take(HERE).ok()).take(10_000).collect();
         assert_eq!(open.len(), 1 + limits::CONNECTIONS_LEAVING);
     }
 }

@@ -1,9 +1,9 @@
-//! Thinking apart from the tuners: fits of models, in threads of their own, while the study serves others.
+//! Plans for suggestions, computed in threads of their own and without the study's lock, while the study serves others.
 //!
-//! Under the study's lock a question is answered from tables, or it gives a plan request: copies of what has to be
-//! computed first. Not more of them are computed at once than there are processors, and one at a time plans for the
-//! search of a state. Who finds all of that taken is answered from the tables: a client would rather run the best that is known
-//! now than wait for a better question.
+//! Under the lock a question is either answered from tables, or it gives a [`PlanRequest`]: copies of what has to be
+//! computed first. Not more plans are computed at once than there are processors, and for the search of a state one at a
+//! time. A question that finds no processor free, or the search taken, is answered from the tables: running the best known
+//! configuration now is worth more to a client than waiting for a better one.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Weak};
@@ -17,18 +17,18 @@ use super::Tuning;
 use super::loading::compute;
 use super::runtime::Live;
 use crate::error::Error;
-use crate::limits::THINKING_WAIT;
+use crate::limits::PLANNING_WAIT;
 
 /// How many plans are computed at once: as many as there are processors.
-pub(super) fn places() -> Arc<Semaphore> {
+pub(super) fn permits() -> Arc<Semaphore> {
     Arc::new(Semaphore::new(std::thread::available_parallelism().map_or(1, usize::from)))
 }
 
 /// The states of a study whose search is being planned for: each as long as somebody holds its token.
 #[derive(Debug, Default)]
-pub(super) struct Searched(HashMap<StateId, Weak<()>>);
+pub(super) struct PlannedSearches(HashMap<StateId, Weak<()>>);
 
-impl Searched {
+impl PlannedSearches {
     pub(super) fn is_free(&self, state: StateId) -> bool {
         self.0.get(&state).is_none_or(|token| token.strong_count() == 0)
     }
@@ -41,8 +41,8 @@ impl Searched {
     }
 }
 
-/// What has to be done apart from a tuner before it can answer a question.
-pub(super) enum Apart {
+/// What has to be computed without the lock before a question can be answered.
+pub(super) enum Preparation {
     /// Reports have deferred updates of the models, which are about to be asked.
     Update,
     /// A plan has to be computed, by whoever has this state's search for that time.
@@ -50,17 +50,17 @@ pub(super) enum Apart {
 }
 
 impl Live {
-    /// What has to be done apart before a question is answered that needs this plan.
-    pub(super) fn apart(&mut self, request: PlanRequest, is_updated: bool) -> Apart {
+    /// What has to be computed before a question that needs this plan is answered.
+    pub(super) fn preparation(&mut self, request: PlanRequest, is_updated: bool) -> Preparation {
         if !is_updated && self.tuner.has_deferred_updates() {
-            return Apart::Update;
+            return Preparation::Update;
         }
-        let token = request.searched_state().map(|state| self.searched.take(state));
-        Apart::Plan(Box::new(request), token)
+        let token = request.searched_state().map(|state| self.planned_searches.take(state));
+        Preparation::Plan(Box::new(request), token)
     }
 }
 
-/// How far the work apart is when a question is asked.
+/// What has been computed when a question is asked.
 #[derive(Debug, Default)]
 pub(super) struct Prepared {
     /// The plan; none before it is known whether one is needed.
@@ -70,23 +70,23 @@ pub(super) struct Prepared {
 }
 
 impl Tuning {
-    /// Computes on a study's tuner until `step` has its answer. Where it asks for work apart, that is done without the
-    /// tuner's lock, and it is called again. `begun` is the work that was found to be needed already.
+    /// Computes on a study's tuner until `step` has its answer. Where it asks for a preparation, that is
+    /// computed without the tuner's lock, and `step` is called again. `begun` is one that is known to be needed already.
     pub(super) async fn with_plan<T: Send>(
         &self,
         study: &str,
-        begun: Option<Apart>,
-        mut step: impl FnMut(&mut Live, &dyn Store, Prepared, i64) -> Result<T, Apart> + Send,
+        begun: Option<Preparation>,
+        mut step: impl FnMut(&mut Live, &dyn Store, Prepared, i64) -> Result<T, Preparation> + Send,
     ) -> Result<T, Error> {
-        let (mut apart, mut plan, mut is_updated) = (begun, None, false);
+        let (mut preparation, mut plan, mut is_updated) = (begun, None, false);
         loop {
-            match apart.take() {
+            match preparation.take() {
                 None => {}
-                Some(Apart::Update) => {
+                Some(Preparation::Update) => {
                     self.update_models(study).await;
                     is_updated = true;
                 }
-                Some(Apart::Plan(request, token)) => {
+                Some(Preparation::Plan(request, token)) => {
                     plan = Some(self.compute_plan(*request).await?);
                     drop(token);
                 }
@@ -96,30 +96,30 @@ impl Tuning {
                 self.with_tuner(study, |live, store, now_ms| step(live, store, prepared, now_ms)).await?;
             match stepped {
                 Ok(answer) => return Ok(answer),
-                Err(more) => apart = Some(more),
+                Err(more) => preparation = Some(more),
             }
         }
     }
 
     /// Computes a plan; an empty one where there is no processor for it in time.
     async fn compute_plan(&self, request: PlanRequest) -> Result<SuggestionPlan, Error> {
-        let Some(place) = self.place().await else {
-            self.metrics().not_thought();
+        let Some(permit) = self.planning_permit().await else {
+            self.metrics().not_planned();
             return Ok(SuggestionPlan::default());
         };
         let fit = move || {
             let plan = request.compute();
-            drop(place);
+            drop(permit);
             plan
         };
-        self.metrics().thought(compute(fit)).await
+        self.metrics().planned(compute(fit)).await
     }
 
-    /// A place among the processors, if one is free in time. Whoever works in another thread takes it along, so that
-    /// it is taken until the work has really ended, also when nobody waits for the result any more.
-    async fn place(&self) -> Option<OwnedSemaphorePermit> {
-        let place = Arc::clone(&self.thinking).acquire_owned();
-        tokio::time::timeout(THINKING_WAIT, place).await.ok()?.ok()
+    /// A permit to compute, if one is free in time. It goes with the work into another thread, so that it is held
+    /// until the work has ended, also when nobody waits for the result any more.
+    async fn planning_permit(&self) -> Option<OwnedSemaphorePermit> {
+        let permit = Arc::clone(&self.planning_permits).acquire_owned();
+        tokio::time::timeout(PLANNING_WAIT, permit).await.ok()?.ok()
     }
 
     /// Waits for the disk, and computes meanwhile the updates of the models that a report has deferred.
@@ -143,12 +143,12 @@ impl Tuning {
         let Some((updates, spec)) = runtime.peek(deferred).flatten() else {
             return;
         };
-        let Some(place) = self.place().await else {
+        let Some(permit) = self.planning_permit().await else {
             return;
         };
         let update = move || {
             let computed = updates.compute(&spec.space);
-            drop(place);
+            drop(permit);
             computed
         };
         if let Ok(computed) = compute(update).await {
@@ -198,7 +198,7 @@ mod tests {
         let state = trials[0].state_id;
         assert!(trials.iter().any(is_by_model), "the design is over");
         let runtime = tuning.runtime("hall");
-        let token = runtime.peek(|live| live.searched.take(StateId(state))).expect("in memory");
+        let token = runtime.peek(|live| live.planned_searches.take(StateId(state))).expect("in memory");
         let meanwhile = suggest(&tuning, "two").await;
         assert_eq!(meanwhile.mode(), Mode::Exploit, "{meanwhile:?}");
         drop(token);
@@ -212,8 +212,8 @@ mod tests {
         for _ in 0..16 {
             frame(&tuning, "one", 0.5).await;
         }
-        let all = u32::try_from(tuning.thinking.available_permits()).expect("few processors");
-        let places = tuning.thinking.acquire_many(all).await.expect("never closed");
+        let all = u32::try_from(tuning.planning_permits.available_permits()).expect("few processors");
+        let places = tuning.planning_permits.acquire_many(all).await.expect("never closed");
         assert_eq!(suggest(&tuning, "two").await.mode(), Mode::Exploit);
         let predicted =
             tuning.predict("hall", &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
