@@ -21,8 +21,8 @@ pub(crate) type Answer = Result<Suggestion, ClientError>;
 /// A question that was asked and not answered in time.
 #[derive(Debug)]
 pub(crate) struct Outstanding {
-    indicators: Indicators,
-    answer: oneshot::Receiver<Answer>,
+    pub(crate) indicators: Indicators,
+    pub(crate) answer: oneshot::Receiver<Answer>,
 }
 
 /// Answers within the deadline: with the late answer to an earlier question about the same state, with

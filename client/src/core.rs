@@ -29,6 +29,8 @@ pub(crate) struct Core {
     pub(crate) circuit_breaker: CircuitBreaker,
     pub(crate) outbox: Arc<Outbox>,
     pub(crate) counters: Counters,
+    /// Who this is, to the service.
+    pub(crate) client_id: Arc<str>,
     /// Tells this client from an earlier one of the same id.
     pub(crate) session: u64,
     channel: Failover,
@@ -55,6 +57,7 @@ impl Core {
             circuit_breaker: CircuitBreaker::new(),
             outbox: Arc::new(Outbox::new(options.queue)),
             counters: Counters::default(),
+            client_id: Arc::from(options.client_id.as_str()),
             session,
             channel,
             attach,

@@ -102,6 +102,13 @@ pub enum ClientError {
         last: String,
     },
 
+    /// A suggestion that was to be there before it is needed is not there yet.
+    #[error("no suggestion is there yet: {why}")]
+    NotYet {
+        /// Why not.
+        why: &'static str,
+    },
+
     /// Too much is under way already.
     #[error("{what}: the limit of {limit} is reached; try again when some of it is done")]
     Busy {

@@ -21,6 +21,7 @@ use crate::{ClientError, Finished, Indicators, limits};
 pub(crate) struct Frame {
     pub(crate) finished: Option<Finished>,
     pub(crate) indicators: Indicators,
+    pub(crate) client_id: Arc<str>,
     pub(crate) reply: oneshot::Sender<Answer>,
     /// Lets a flush wait for this frame. The last field, so that a result that is dropped with the frame
     /// is in the outbox before the frame is no longer waited for.
@@ -110,7 +111,7 @@ impl Stream<'_> {
             return Ok(());
         }
         let report = frame.finished.as_ref().and_then(Finished::request);
-        let suggest = Some(self.shared.suggest_request(&frame.indicators));
+        let suggest = Some(self.shared.suggest_request(&frame.client_id, &frame.indicators));
         if let Some(finished) = &mut frame.finished {
             finished.note_attempt();
         }

@@ -13,8 +13,8 @@ use crate::delivery::worth_repeating;
 use crate::memory::RememberedConfigurations;
 use crate::suggestion::Lease;
 use crate::{
-    Best, ClientError, Configuration, Indicators, Outcome, Prediction, SessionPolicy, SharedError,
-    StudyRecord, StudySpec, Suggestion, Tuner, checks, limits, wire,
+    Best, ClientError, Configuration, Indicators, Outcome, Prediction, PrefetchingTuner, SessionPolicy,
+    SharedError, StudyRecord, StudySpec, Suggestion, Tuner, checks, limits, wire,
 };
 
 /// How often a suggestion is asked for again when the daemon names a trial that is just being reported.
@@ -156,6 +156,13 @@ impl Study {
         Tuner::new(self)
     }
 
+    /// A per-frame loop whose calls never wait: what they answer was asked for a frame ago.
+    ///
+    /// Errors: [`ClientError::Invalid`] when the client's id is so long that no second one can be made of it.
+    pub fn prefetching_tuner(&self) -> Result<PrefetchingTuner, ClientError> {
+        PrefetchingTuner::new(self)
+    }
+
     /// What would be exploited for these indicators. Writes nothing.
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
@@ -239,10 +246,10 @@ impl Shared {
         Ok(Suggestion::of_trial(Arc::clone(self), trial, lease))
     }
 
-    pub(crate) fn suggest_request(&self, indicators: &Indicators) -> v1::SuggestRequest {
+    pub(crate) fn suggest_request(&self, client_id: &str, indicators: &Indicators) -> v1::SuggestRequest {
         v1::SuggestRequest {
             study: self.name.to_string(),
-            client_id: self.core.options.client_id.clone(),
+            client_id: client_id.to_owned(),
             indicators: indicators.0.clone(),
             fingerprint: Some(fingerprint_to_wire(&self.core.options.fingerprint)),
             wanted: None,
@@ -301,7 +308,8 @@ impl Shared {
             self.core.outbox.wait_until_told(&self.name).await;
             let mut rpc = self.core.rpc();
             let wanted = wanted.map(|wanted| configuration_to_wire(wanted.as_raw()));
-            let asked = rpc.suggest(v1::SuggestRequest { wanted, ..self.suggest_request(indicators) });
+            let request = self.suggest_request(&self.core.client_id, indicators);
+            let asked = rpc.suggest(v1::SuggestRequest { wanted, ..request });
             match self.core.call("Suggest", limits::LATE_ANSWER, asked).await {
                 Ok(trial) => result = self.accept(trial),
                 Err(problem) => {

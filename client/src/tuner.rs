@@ -1,6 +1,8 @@
 //! A per-frame loop over one stream: the last result and the next question travel together, so that a
 //! frame costs one round trip.
 
+use std::sync::Arc;
+
 use tokio::sync::{mpsc, oneshot};
 
 use crate::answer::{self, Outstanding};
@@ -53,7 +55,8 @@ impl Tuner {
         let ask = move || {
             let (reply, answer) = oneshot::channel();
             let due = shared.core.outbox.expect_answer(previous.is_some());
-            let frame = Frame { finished: previous, indicators: indicators.clone(), reply, due };
+            let client_id = Arc::clone(&shared.core.client_id);
+            let frame = Frame { finished: previous, indicators: indicators.clone(), client_id, reply, due };
             // A frame that finds no room is dropped here: its result goes to the outbox, and the closed
             // reply makes the caller fall back.
             drop(frames.try_send(frame));

@@ -172,6 +172,12 @@ impl Study {
         Tuner { tuner, thread: Arc::clone(&self.thread) }
     }
 
+    /// See [`crate::Study::prefetching_tuner`]. Errors: as there.
+    pub fn prefetching_tuner(&self) -> Result<PrefetchingTuner, ClientError> {
+        let tuner = self.thread.run(async || self.study.prefetching_tuner())?;
+        Ok(PrefetchingTuner { tuner, _thread: Arc::clone(&self.thread) })
+    }
+
     /// See [`crate::Study::predict`]. Errors: as there.
     pub fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {
         self.thread.run(async || self.study.predict(indicators).await)
@@ -200,6 +206,31 @@ impl Tuner {
     pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
         let tuner = &mut self.tuner;
         self.thread.run(async move || tuner.next(indicators, previous).await)
+    }
+}
+
+/// See [`crate::PrefetchingTuner`].
+#[derive(Debug)]
+pub struct PrefetchingTuner {
+    // Dropped before the thread, whose end waits for the outbox.
+    tuner: crate::PrefetchingTuner,
+    _thread: Arc<RuntimeThread>,
+}
+
+impl PrefetchingTuner {
+    /// See [`crate::PrefetchingTuner::next`]: returns at once.
+    pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
+        self.tuner.next(indicators, previous)
+    }
+
+    /// See [`crate::PrefetchingTuner::next_before`]: returns at once.
+    pub fn next_before(
+        &mut self,
+        indicators: &Indicators,
+        upcoming: &Indicators,
+        previous: Option<Finished>,
+    ) -> Suggestion {
+        self.tuner.next_before(indicators, upcoming, previous)
     }
 }
 

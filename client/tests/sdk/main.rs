@@ -10,6 +10,7 @@ mod administration;
 mod blocking;
 mod newer;
 mod outbox;
+mod prefetching;
 mod released;
 mod suggesting;
 mod tuner;

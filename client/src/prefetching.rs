@@ -1,0 +1,141 @@
+//! A per-frame loop that never waits: each call hands in the last result, asks for the next frame's suggestion, and returns
+//! at once with the one that was asked for a frame ago.
+//!
+//! A client holds one open trial for a state, and while a frame runs one the next is already asked for. So the loop
+//! takes part in its study as two clients, whose frames alternate.
+
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use tokio::sync::mpsc;
+use tokio::sync::oneshot;
+use tokio::sync::oneshot::error::TryRecvError;
+use treewright_model::limits::CLIENT_ID_CHARACTERS_MAX;
+
+use crate::answer::Outstanding;
+use crate::stream::{self, Frame};
+use crate::{ClientError, Finished, Indicators, SharedError, Study, Suggestion, checks, limits};
+
+/// Added to a client's id for every second frame.
+const SECOND: &str = "+";
+
+/// A per-frame loop of one study whose calls return at once; see [`Study::prefetching_tuner`].
+///
+/// What it answers was asked for a frame ago and rests on the results that were known then. It is a trial only
+/// where the state is still the same: when the indicators have moved further than the study's state tolerance,
+/// the trial is given back, and the frame runs its configuration as a fallback. A program that knows the next frame's
+/// indicators early says them ([`PrefetchingTuner::next_before`]), and then loses no frame to a moving camera.
+///
+/// ```no_run
+/// # use treewright_client::blocking::Study;
+/// # use treewright_client::{Indicators, Measurements, Outcome};
+/// # fn frames(study: &Study, indicators: Indicators) -> Result<(), treewright_client::ClientError> {
+/// let mut tuner = study.prefetching_tuner()?;
+/// let mut previous = None;
+/// for _frame in 0..100 {
+///     let suggestion = tuner.next(&indicators, previous.take()); // some microseconds, whatever the daemon does
+///     let render_ms = 12.5; // build and render with suggestion.configuration(), with a stopwatch
+///     previous = Some(suggestion.finished(Measurements::from([("render_ms", render_ms)]), Outcome::Ok)?);
+/// }
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug)]
+pub struct PrefetchingTuner {
+    outstanding: Option<Outstanding>,
+    clients: [Arc<str>; 2],
+    frames: mpsc::Sender<Frame>,
+    // The last field: what is dropped before it still finds the outbox open.
+    study: Study,
+}
+
+impl PrefetchingTuner {
+    pub(crate) fn new(study: &Study) -> Result<Self, ClientError> {
+        let first = Arc::clone(&study.shared.core.client_id);
+        let second: Arc<str> = format!("{first}{SECOND}").into();
+        if second.chars().count() > CLIENT_ID_CHARACTERS_MAX {
+            let problem = format!(
+                "it must have at most {} characters for a prefetching tuner",
+                CLIENT_ID_CHARACTERS_MAX - SECOND.len()
+            );
+            return Err(ClientError::invalid("client id", problem));
+        }
+        let (frames, taken) = mpsc::channel(limits::UNANSWERED_FRAMES);
+        tokio::spawn(stream::run(study.shared.clone(), taken));
+        Ok(Self { outstanding: None, clients: [first, second], frames, study: study.clone() })
+    }
+
+    /// The study that is tuned.
+    #[must_use]
+    pub fn study(&self) -> &Study {
+        &self.study
+    }
+
+    /// What to run in this frame. Hands in the previous frame's result, and asks for the next frame as if its indicators
+    /// were the same.
+    ///
+    /// It never waits and never fails: where no answer is there yet it is a fallback, and [`Suggestion::problem`]
+    /// says why. So is the first frame.
+    pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
+        self.next_before(indicators, indicators, previous)
+    }
+
+    /// [`PrefetchingTuner::next`] where the indicators of the frame after this one are known already.
+    pub fn next_before(
+        &mut self,
+        indicators: &Indicators,
+        upcoming: &Indicators,
+        previous: Option<Finished>,
+    ) -> Suggestion {
+        let answer = self.answered(indicators);
+        self.ask(upcoming, previous);
+        let shared = &self.study.shared;
+        match answer {
+            Ok(suggestion) => shared.deliver(suggestion),
+            Err(problem) => shared.fall_back(problem),
+        }
+    }
+
+    /// The answer to the question before, if it is there and about this state. One that is about another is given back,
+    /// as soon as it comes.
+    fn answered(&mut self, indicators: &Indicators) -> Result<Suggestion, SharedError> {
+        let spec = &self.study.shared.spec;
+        checks::state(spec, indicators)?;
+        let not_yet = |why| Arc::new(ClientError::NotYet { why });
+        let Some(mut question) = self.outstanding.take() else {
+            return Err(self.study.shared.problem().unwrap_or_else(|| not_yet("it was only now asked for")));
+        };
+        if !checks::are_one_state(spec, &question.indicators, indicators) {
+            return Err(not_yet("it was asked for another state"));
+        }
+        match question.answer.try_recv() {
+            Ok(Ok(suggestion)) if suggestion.lease_is_live(SystemTime::now()) => Ok(suggestion),
+            Ok(Ok(_expired)) => Err(not_yet("the lease of the one that came has run out")),
+            Ok(Err(problem)) => Err(Arc::new(problem)),
+            Err(TryRecvError::Empty) => {
+                self.outstanding = Some(question);
+                Err(not_yet("the daemon's answer is on its way"))
+            }
+            Err(TryRecvError::Closed) => Err(not_yet("the connection ended before it came")),
+        }
+    }
+
+    /// Sends the result and the next question, if one may be asked; else the result goes to the outbox.
+    fn ask(&mut self, upcoming: &Indicators, previous: Option<Finished>) {
+        let shared = &self.study.shared;
+        if self.outstanding.is_some()
+            || shared.problem().is_some()
+            || checks::state(&shared.spec, upcoming).is_err()
+        {
+            return;
+        }
+        let (reply, answer) = oneshot::channel();
+        let due = shared.core.outbox.expect_answer(previous.is_some());
+        self.clients.swap(0, 1);
+        let client_id = Arc::clone(&self.clients[0]);
+        let frame = Frame { finished: previous, indicators: upcoming.clone(), client_id, reply, due };
+        // A frame that finds no room is dropped here: its result goes to the outbox, and the closed reply is a fallback.
+        drop(self.frames.try_send(frame));
+        self.outstanding = Some(Outstanding { indicators: upcoming.clone(), answer });
+    }
+}

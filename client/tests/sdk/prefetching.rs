@@ -1,0 +1,112 @@
+//! The per-frame loop that never waits. Its calls are plain functions, so that a test of them cannot wait for anything.
+
+use std::time::Duration;
+
+use treewright_client::{
+    Client, ClientError, Finished, Options, Outcome, PrefetchingTuner, Source, Suggestion,
+};
+use treewright_proto::v1::TrialState;
+
+use crate::support::{Fake, Hold, measured, patient, spec, state, until};
+
+fn finish(suggestion: Suggestion, render_ms: f64) -> Option<Finished> {
+    Some(suggestion.finished(measured(render_ms), Outcome::Ok).unwrap())
+}
+
+async fn tuner(client: &Client) -> PrefetchingTuner {
+    client.study("scene", spec()).await.unwrap().prefetching_tuner().unwrap()
+}
+
+/// Frames until one has a trial; the first of them hands in the result.
+async fn with_trial(tuner: &mut PrefetchingTuner, number: u32, mut previous: Option<Finished>) -> Suggestion {
+    loop {
+        let suggestion = tuner.next(&state(number), previous.take());
+        if suggestion.source() == Source::Daemon {
+            return suggestion;
+        }
+        assert!(matches!(suggestion.problem(), Some(ClientError::NotYet { .. })), "{suggestion:?}");
+        tokio::time::sleep(Duration::from_millis(2)).await;
+    }
+}
+
+#[tokio::test]
+async fn each_frame_runs_what_was_asked_for_in_the_frame_before() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let mut tuner = tuner(&client).await;
+    let first = tuner.next(&state(1), None);
+    assert_eq!(first.source(), Source::Default);
+    assert!(matches!(first.problem(), Some(ClientError::NotYet { .. })));
+    let mut previous = finish(first, 1.0);
+    for frame in 1..=20 {
+        let suggestion = with_trial(&mut tuner, 1, previous.take()).await;
+        assert_eq!(suggestion.trial(), Some(format!("studies/scene/trials/{frame}").as_str()));
+        previous = finish(suggestion, f64::from(frame));
+    }
+    drop((previous, tuner));
+    client.flush(Duration::from_secs(20)).await.unwrap();
+    let (stats, book) = (client.stats(), fake.book());
+    assert_eq!(book.in_state(TrialState::Completed), 20, "and the one that was asked for last is given back");
+    assert_eq!((stats.acknowledged, stats.abandoned, stats.resent), (20, 1, 0));
+}
+
+#[tokio::test]
+async fn a_hanging_daemon_keeps_no_frame_waiting_and_loses_no_report() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let mut tuner = tuner(&client).await;
+    let first = with_trial(&mut tuner, 1, None).await;
+    fake.hold(Hold::Everything);
+    let mut previous = finish(first, 1.0);
+    for _frame in 0..1000 {
+        let suggestion = tuner.next(&state(1), previous.take());
+        assert!(suggestion.trial().is_none_or(|trial| trial == "studies/scene/trials/2"));
+        previous = finish(suggestion, 2.0);
+    }
+    fake.hold(Hold::Nothing);
+    drop((previous, tuner));
+    client.flush(Duration::from_secs(20)).await.unwrap();
+    let book = fake.book();
+    assert_eq!(book.stored_reports[0], "studies/scene/trials/1");
+    assert_eq!(book.in_state(TrialState::Open), 0, "{:?}", book.trials);
+}
+
+#[tokio::test]
+async fn a_trial_of_another_state_is_given_back() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let mut tuner = tuner(&client).await;
+    let here = with_trial(&mut tuner, 1, None).await;
+    let moved = tuner.next(&state(3), finish(here, 1.0));
+    assert_eq!((moved.source(), moved.trial()), (Source::LastGood, None));
+    let there = with_trial(&mut tuner, 3, None).await;
+    let mut previous = finish(there, 2.0);
+    loop {
+        let foreseen = tuner.next_before(&state(3), &state(5), previous.take());
+        let is_asked = foreseen.trial().is_some();
+        drop(foreseen);
+        if is_asked {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(2)).await;
+    }
+    until("the answer", || fake.book().count("streamed Suggest") >= 5).await;
+    assert_eq!(fake.book().trials[4].indicators["triangles"], 1e5, "asked for before its frame");
+    drop(with_trial(&mut tuner, 5, None).await);
+    drop(tuner);
+    client.flush(Duration::from_secs(20)).await.unwrap();
+    assert_eq!(fake.book().stored_reports, ["studies/scene/trials/1", "studies/scene/trials/3"]);
+    assert_eq!(fake.book().in_state(TrialState::Open), 0);
+}
+
+#[tokio::test]
+async fn wrong_indicators_and_ids_are_told() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let mut tuner = tuner(&client).await;
+    let wrong = tuner.next(&treewright_client::Indicators::new(), None);
+    assert!(matches!(wrong.problem(), Some(ClientError::Invalid { .. })));
+    let long = Client::connect(&fake.url(), Options { client_id: "x".repeat(128), ..patient() }).unwrap();
+    let study = long.study("scene", spec()).await.unwrap();
+    assert!(matches!(study.prefetching_tuner(), Err(ClientError::Invalid { .. })));
+}
