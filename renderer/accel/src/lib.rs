@@ -24,8 +24,8 @@ pub use error::BuildError;
 pub use geometry::{GeometryError, Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
 pub use instances::{Instance, InstanceError, Instances};
 pub use parameters::{
-    BuildChoice, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Quality,
-    TreeParameters, Update,
+    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeFormat, NodeOrder,
+    Quality, TreeParameters, Update,
 };
 pub use prefetch::{prefetch, wish_for_huge_pages};
 pub use structure::{Statistics, Structure, Visitor, build, build_instanced};

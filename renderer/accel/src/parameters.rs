@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::BuildError;
 use crate::limits::{
-    COST_MAX, LEAF_SIZE_MAX, MAX_DEPTH, REBUILD_THRESHOLD_RANGE, REINSERTION_PASSES_MAX, SAH_BLOCK_SIZE_MAX,
-    SPLIT_BUDGET, SPLIT_BUDGET_RANGE,
+    COST_MAX, INSTANCE_OPENING_RANGE, LEAF_SIZE_MAX, MAX_DEPTH, REBUILD_THRESHOLD_RANGE,
+    REINSERTION_PASSES_MAX, SAH_BLOCK_SIZE_MAX, SEARCH_RADIUS_RANGE, SPLIT_BUDGET, SPLIT_BUDGET_RANGE,
 };
 pub use crate::native_options::{NativeAcceleration, NativeOptions, NativeQuality};
 
@@ -21,6 +21,17 @@ pub enum Quality {
     SahSplit,
 }
 
+/// Whose builder makes the tunable tree.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Builder {
+    /// Embree's, by [`Quality`].
+    #[default]
+    Embree,
+    /// Our own: locally-ordered clustering of triangles along a Morton curve.
+    Ploc,
+}
+
 /// The eleven parameters of Table 1, and behind them what makes a tree fast beyond the paper: their default is what
 /// the paper's space fixes them at.
 ///
@@ -31,10 +42,14 @@ pub enum Quality {
 /// | `compact` | all others but `robust`: the tree is Embree's own |
 /// | `quality` is [`Quality::Morton`] | `sah_block_size`, `traversal_cost`, `intersection_cost` (paper, section 3.2); `max_leaf_size` acts only near the depth limit |
 /// | `quality` is not [`Quality::SahSplit`] | `split_budget` |
+/// | `builder` is [`Builder::Ploc`] | `quality`, `split_budget`, `static_scene` |
+/// | `builder` is [`Builder::Embree`] | `search_radius` |
 /// | `collapse` is [`Collapse::Builder`] | `reinsertion_passes` |
 /// | `branching_factor` is 2 or 4 | `format`: such nodes would not take fewer cache lines, so they are always full |
+/// | the scene has no instances | `flatten_below`, `instance_opening` |
 /// | always | of the two costs only their ratio acts; `static_scene` sets a builder flag that a tree built once and never updated does not feel (paper, section 4.1, finds the same of the last three) |
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct TreeParameters {
     /// Builder.
     pub quality: Quality,
@@ -60,6 +75,11 @@ pub struct TreeParameters {
     pub robust: bool,
     /// Triangles a block of a leaf: 4 or 8, tested at once.
     pub block_width: u32,
+    /// Whose builder.
+    pub builder: Builder,
+    /// How many neighbours along the curve, either way, a cluster may join with: 1 to 32; 4, 8, 16 and 32 differ. Acts
+    /// with [`Builder::Ploc`] only.
+    pub search_radius: u32,
     /// How the wide tree comes about.
     pub collapse: Collapse,
     /// Passes of insertion-based optimisation over the binary tree, 0 to 16. Acts with [`Collapse::Optimal`] only.
@@ -71,16 +91,22 @@ pub struct TreeParameters {
     /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts with
     /// [`Quality::SahSplit`] only.
     pub split_budget: f32,
+    /// Objects whose triangles, counted once an instance, are at most so many are copied into one tree of the world.
+    /// Acts on scenes of instances only.
+    pub flatten_below: u32,
+    /// Into how many parts, on average, instances are opened for the tree over them, 1 to 16. Acts on scenes of
+    /// instances only.
+    pub instance_opening: u32,
 }
 
 /// How a tree of many children a node comes about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Collapse {
-    /// Embree's builder makes wide nodes at once, as in the paper.
+    /// The builder makes wide nodes at once, as in the paper.
     #[default]
     Builder,
-    /// Embree's builder makes a binary tree of single triangles; the wide tree and its leaves of least expected
+    /// The builder makes a binary tree of single triangles; the wide tree and its leaves of least expected
     /// cost are found by dynamic programming.
     Optimal,
 }
@@ -127,11 +153,15 @@ impl Default for TreeParameters {
             compact: false,
             robust: false,
             block_width: 4,
+            builder: Builder::Embree,
+            search_radius: 8,
             collapse: Collapse::Builder,
             reinsertion_passes: 0,
             order: NodeOrder::Builder,
             format: NodeFormat::Full,
             split_budget: SPLIT_BUDGET,
+            flatten_below: 0,
+            instance_opening: 1,
         }
     }
 }
@@ -184,6 +214,12 @@ impl TreeParameters {
         }
         if !SPLIT_BUDGET_RANGE.contains(&self.split_budget) {
             return refuse("split_budget", &self.split_budget, "it must be 1 to 2");
+        }
+        if !SEARCH_RADIUS_RANGE.contains(&self.search_radius) {
+            return refuse("search_radius", &self.search_radius, "it must be 1 to 32");
+        }
+        if !INSTANCE_OPENING_RANGE.contains(&self.instance_opening) {
+            return refuse("instance_opening", &self.instance_opening, "it must be 1 to 16");
         }
         Ok(())
     }
@@ -258,6 +294,10 @@ mod tests {
                 "branching_factor",
             ),
             (TreeParameters { block_width: 6, ..good }, "block_width"),
+            (TreeParameters { search_radius: 0, ..good }, "search_radius"),
+            (TreeParameters { search_radius: 33, ..good }, "search_radius"),
+            (TreeParameters { instance_opening: 0, ..good }, "instance_opening"),
+            (TreeParameters { instance_opening: 17, ..good }, "instance_opening"),
             (TreeParameters { max_depth: 8, ..good }, "max_depth"),
             (TreeParameters { max_depth: 65, ..good }, "max_depth"),
             (TreeParameters { sah_block_size: 0, ..good }, "sah_block_size"),

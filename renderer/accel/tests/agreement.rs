@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Collapse, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality,
+    BruteForce, BuildChoice, Builder, Collapse, Device, Hit, Intersector, Isa, NativeOptions, NativeQuality,
     NodeFormat, NodeOrder, Quality, Ray, Structure, Tree, TreeParameters, Triangles, build,
 };
 
@@ -56,6 +56,33 @@ fn parameters() -> Vec<TreeParameters> {
                     max_leaf_size: 12,
                     sah_block_size: 4,
                     robust: number % 4 == 0,
+                    ..TreeParameters::default()
+                });
+            }
+        }
+    }
+    // Our own builder with every radius: as it is in place and in every order, and optimised.
+    for (number, search_radius) in [4, 8, 16, 32].into_iter().enumerate() {
+        for (collapse, order) in [
+            (Collapse::Builder, orders[0]),
+            (Collapse::Builder, orders[number]),
+            (Collapse::Optimal, orders[1]),
+        ] {
+            for branching_factor in [2, 4, 8] {
+                all.push(TreeParameters {
+                    builder: Builder::Ploc,
+                    search_radius,
+                    branching_factor,
+                    collapse,
+                    order,
+                    reinsertion_passes: number as u32,
+                    format: if number % 2 == 0 { NodeFormat::Full } else { NodeFormat::Quantised },
+                    block_width: if number % 2 == 0 { 8 } else { 4 },
+                    max_depth: 64,
+                    min_leaf_size: 1 + number as u32,
+                    max_leaf_size: 12,
+                    sah_block_size: 4,
+                    robust: number == 1,
                     ..TreeParameters::default()
                 });
             }

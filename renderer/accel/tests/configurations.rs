@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::Vec3A;
 use proptest::prelude::*;
 use treewright_accel::{
-    BruteForce, BuildChoice, BuildError, Collapse, Device, Hit, Intersector, NodeFormat, NodeOrder, Quality,
-    Ray, Structure, TreeParameters, Triangles, build,
+    BruteForce, BuildChoice, BuildError, Builder, Collapse, Device, Hit, Intersector, NodeFormat, NodeOrder,
+    Quality, Ray, Structure, TreeParameters, Triangles, build,
 };
 
 mod scenes;
@@ -36,11 +36,18 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
         prop::sample::select(ORDERS.to_vec()),
         1.0f32..=2.0,
     );
-    (shape, rest, layout).prop_map(
+    let own = (
+        prop::sample::select(vec![Builder::Embree, Builder::Ploc]),
+        1u32..=32,
+        prop::sample::select(vec![0u32, 500, 1_000_000]),
+        1u32..=16,
+    );
+    (shape, rest, layout, own).prop_map(
         |(
             (quality, branching_factor, max_depth, sah_block_size, (min_leaf_size, max_leaf_size)),
             rest,
             (block_width, format, collapse, reinsertion_passes, order, split_budget),
+            (builder, search_radius, flatten_below, instance_opening),
         )| {
             let (traversal_cost, intersection_cost, static_scene, compact, robust) = rest;
             TreeParameters {
@@ -62,6 +69,10 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
                 order,
                 format,
                 split_budget,
+                builder,
+                search_radius,
+                flatten_below,
+                instance_opening,
             }
         },
     )

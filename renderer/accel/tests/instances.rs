@@ -6,8 +6,8 @@ use std::sync::Arc;
 use glam::{Affine3A, Mat3, Quat, Vec3, Vec3A};
 use rand::RngExt;
 use treewright_accel::{
-    BruteForce, BuildChoice, Device, Hit, Instances, Intersector, NativeOptions, NativeQuality, NodeFormat,
-    Packets, Quality, Ray, Structure, TreeParameters, Triangles, build_instanced,
+    BruteForce, BuildChoice, Builder, Collapse, Device, Hit, Instances, Intersector, NativeOptions,
+    NativeQuality, NodeFormat, Packets, Quality, Ray, Structure, TreeParameters, Triangles, build_instanced,
 };
 
 mod scenes;
@@ -68,6 +68,23 @@ fn choices() -> Vec<BuildChoice> {
                 robust,
                 format,
                 block_width,
+                max_depth: 64,
+                ..TreeParameters::default()
+            }));
+        }
+    }
+    // What is copied into the world and what is opened, and our own builder.
+    for (number, flatten_below) in [0, 200, 1_000, 10_000_000].into_iter().enumerate() {
+        for instance_opening in [1, 3, 16] {
+            all.push(BuildChoice::Tree(TreeParameters {
+                flatten_below,
+                instance_opening,
+                builder: if number % 2 == 0 { Builder::Embree } else { Builder::Ploc },
+                branching_factor: if number < 2 { 8 } else { 16 },
+                collapse: Collapse::Optimal,
+                reinsertion_passes: number as u32,
+                format: if instance_opening == 3 { NodeFormat::Quantised } else { NodeFormat::Full },
+                robust: instance_opening == 16,
                 max_depth: 64,
                 ..TreeParameters::default()
             }));

@@ -98,11 +98,15 @@ impl Values<'_> {
             robust,
             branching_factor: self.whole("node_width", table_1.branching_factor),
             block_width: self.whole("block_width", default.block_width),
+            builder: self.word("builder", default.builder),
+            search_radius: self.whole("search_radius", default.search_radius),
             collapse: self.word("collapse", default.collapse),
             reinsertion_passes: self.whole("reinsertion_passes", default.reinsertion_passes),
             order: self.word("order", default.order),
             format: self.word("format", default.format),
             split_budget: self.number("split_budget", default.split_budget),
+            flatten_below: self.whole("flatten_below", default.flatten_below),
+            instance_opening: self.whole("instance_opening", default.instance_opening),
             ..table_1
         }
     }

@@ -16,6 +16,7 @@
 //!   nothing (both measured on three scenes): these values are left out.
 //! * Only the best grouping of a finished tree makes nodes of sixteen, and only wide nodes gain from bytes: so it
 //!   has a parameter of its own for the width, and with it the format.
+//! * Only a scene of instances has something to copy or to open.
 //! * A scene without lights that are sampled has no shadow rays, and no parameters for them.
 //!
 //! The default is the best configuration known by hand, so that a search starts strong: tiles in stages, packets of
@@ -98,12 +99,26 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
     let order = if each_frame { "builder" } else { "depth_first" };
     let block_width = if each_frame { 4 } else { 8 };
     let mut all = vec![
-        tunable(integer(
+        tunable(choice(
+            "builder",
+            ["embree", "ploc"],
+            "embree",
+            "who builds the tree: Embree's builders, or one that joins neighbours from the triangles up",
+        )),
+        integer(
             "quality",
             1..=3,
             quality,
             "how carefully the tree is built: 1 fast, 2 careful, 3 careful and splitting triangles",
-        )),
+        )
+        .only_while("builder", ["embree"]),
+        choice(
+            "search_radius",
+            [4, 8, 16, 32],
+            8,
+            "among how many neighbours either way a box looks for another",
+        )
+        .only_while("builder", ["ploc"]),
         tunable(choice(
             "collapse",
             ["builder", "optimal"],
@@ -143,6 +158,20 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
             "how boxes lie in memory",
         )),
     ];
+    if premises.instanced {
+        all.push(tunable(choice(
+            "flatten_below",
+            [0, 10_000, 300_000, 10_000_000],
+            300_000,
+            "objects with at most so many triangles, counted once an instance, are copied into one tree",
+        )));
+        all.push(tunable(choice(
+            "instance_opening",
+            [1, 2, 4, 8],
+            2,
+            "into how many parts, on average, instances are opened for the tree over them",
+        )));
+    }
     if premises.animated {
         all.push(tunable(choice("update", ["rebuild", "refit", "partial"], "rebuild", UPDATE)));
         let about = "how many times the cost at its last build a part may have before it is built anew";

@@ -74,6 +74,8 @@ pub struct Premises {
     pub shadow_rays: bool,
     /// The scene moves from frame to frame.
     pub animated: bool,
+    /// The scene has objects that are placed by instances.
+    pub instanced: bool,
     /// How many render threads there are; 0 for one a core.
     pub threads: usize,
 }
@@ -82,12 +84,20 @@ impl Premises {
     /// For a scene that stands still.
     pub fn of(scene: &Scene, builds_each_frame: bool, robust: bool, threads: usize) -> Self {
         let shadow_rays = scene.has_sampled_lights();
-        Self { builds_each_frame, robust, shadow_rays, animated: false, threads }
+        let instanced = scene.instances.is_some();
+        Self { builds_each_frame, robust, shadow_rays, animated: false, instanced, threads }
     }
 
     /// Under which every parameter there is exists.
     pub fn all() -> Self {
-        Self { builds_each_frame: false, robust: false, shadow_rays: true, animated: true, threads: 0 }
+        Self {
+            builds_each_frame: false,
+            robust: false,
+            shadow_rays: true,
+            animated: true,
+            instanced: true,
+            threads: 0,
+        }
     }
 }
 
@@ -97,6 +107,7 @@ pub struct TuningSpace {
     preset: Preset,
     robust: bool,
     animated: bool,
+    instanced: bool,
     threads: usize,
     space: Space,
     about: Vec<&'static str>,
@@ -117,8 +128,8 @@ impl TuningSpace {
         let space = space.expect("the spaces of this program are sound");
         let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let threads = if premises.threads == 0 { cores() } else { premises.threads };
-        let Premises { robust, animated, .. } = *premises;
-        Self { preset, robust, animated, threads, space, about }
+        let Premises { robust, animated, instanced, .. } = *premises;
+        Self { preset, robust, animated, instanced, threads, space, about }
     }
 
     /// Table 1.
@@ -131,7 +142,8 @@ impl TuningSpace {
         let mark = |holds: bool, mark: &'static str| if holds { mark } else { "" };
         let full = self.preset == Preset::Full;
         let robust = mark(self.robust && full, "-robust");
-        format!("{}{robust}{}", self.preset.name(), mark(self.animated && full, "-moving"))
+        let instanced = mark(self.instanced && full, "-instanced");
+        format!("{}{robust}{}{instanced}", self.preset.name(), mark(self.animated && full, "-moving"))
     }
 
     /// Which one it is.

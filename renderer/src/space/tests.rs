@@ -1,8 +1,8 @@
 //! Both spaces: defaults, every value's way into the renderer, and mistakes.
 
 use treewright_accel::{
-    BuildChoice, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeFormat, NodeOrder, Packets,
-    Quality, TreeParameters, Update,
+    BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeFormat, NodeOrder,
+    Packets, Quality, TreeParameters, Update,
 };
 
 use treewright_client::Domain;
@@ -105,7 +105,8 @@ fn every_value_of_table_1_arrives() {
 fn every_value_of_the_full_space_arrives() {
     let full = full();
     let text = "quality=3,node_width=16,max_depth=40,sah_block_size=8,min_leaf_size=2,max_leaf_size=9,traversal_cost=2,\
-                split_budget=1.5,block_width=8,collapse=optimal,reinsertion_passes=7,order=treelets,format=quantised";
+                split_budget=1.5,block_width=8,collapse=optimal,reinsertion_passes=7,order=treelets,format=quantised,\
+                flatten_below=10000,instance_opening=4";
     let expected = TreeParameters {
         quality: Quality::SahSplit,
         branching_factor: 16,
@@ -120,9 +121,13 @@ fn every_value_of_the_full_space_arrives() {
         reinsertion_passes: 7,
         order: NodeOrder::Treelets,
         format: NodeFormat::Quantised,
+        flatten_below: 10_000,
+        instance_opening: 4,
         ..TreeParameters::default()
     };
     assert_eq!(tree(&full, text), expected);
+    let own = tree(&full, "search_radius=16");
+    assert_eq!((own.builder, own.search_radius), (Builder::Ploc, 16));
     let native =
         choice(&full, "native_quality=high,native_split_budget=2,native_presplit=true,native_dynamic=true");
     let options = NativeOptions {

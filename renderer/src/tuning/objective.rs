@@ -110,7 +110,7 @@ mod tests {
 
     #[test]
     fn ids_follow_the_contract() {
-        let still = Premises { animated: false, ..Premises::all() };
+        let still = Premises { animated: false, instanced: false, ..Premises::all() };
         let full = TuningSpace::new(Preset::Full, &still);
         let id = |name: &str, objective, size| study_id(name, objective, size, &full);
         assert_eq!(
@@ -125,7 +125,7 @@ mod tests {
                 id.len() <= STUDY_ID_MAX && id.starts_with(|letter: char| letter.is_ascii_lowercase()),
                 "{id}"
             );
-            assert!(id.ends_with("-total-16384x16384-full-robust-moving"));
+            assert!(id.ends_with("-total-16384x16384-full-robust-moving-instanced"));
         }
         assert_ne!(id("a", Objective::Render, "8x8"), id("a", Objective::Total, "8x8"));
     }

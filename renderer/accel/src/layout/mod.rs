@@ -14,11 +14,13 @@
 mod block;
 mod bounds;
 mod node;
+mod part;
 mod quantised;
 
 pub(crate) use block::Block;
 pub(crate) use bounds::Bounds;
 pub(crate) use node::{Node, TreeNode};
+pub(crate) use part::PlacedPart;
 pub(crate) use quantised::QuantisedNode;
 
 use crate::limits::LEAF_SIZE_MAX;
@@ -40,9 +42,11 @@ const _: () = {
     assert!(LEAF_BLOCKS_MAX <= COUNT_BITS);
     assert!(align_of::<Node<2>>() > TAG_BITS && align_of::<QuantisedNode<8>>() > TAG_BITS);
     assert!(align_of::<Block<4>>() > TAG_BITS && align_of::<Block<8>>() > TAG_BITS);
+    assert!(align_of::<PlacedPart>() > TAG_BITS);
 };
 
-/// A pointer to a node or to the blocks of a leaf. Both are aligned to 32 bytes or more, which leaves
+/// A pointer to a node or to the items of a leaf: blocks of triangles, or placed parts in the upper level of two. All
+/// are aligned to 32 bytes or more, which leaves
 /// five bits: whether it is a leaf, and of how many blocks.
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]
@@ -65,10 +69,10 @@ impl NodeRef {
         Self(node.cast())
     }
 
-    /// A reference to `count` consecutive blocks, at most [`LEAF_BLOCKS_MAX`].
-    pub(crate) fn to_leaf<const B: usize>(blocks: *mut Block<B>, count: usize) -> Self {
-        debug_assert!(count <= LEAF_BLOCKS_MAX);
-        Self(blocks.cast::<u8>().map_addr(|address| address | LEAF_BIT | count))
+    /// A reference to `count` consecutive items, at most [`LEAF_BLOCKS_MAX`].
+    pub(crate) fn to_leaf<T>(items: *mut T, count: usize) -> Self {
+        debug_assert!(count <= LEAF_BLOCKS_MAX && align_of::<T>() > TAG_BITS);
+        Self(items.cast::<u8>().map_addr(|address| address | LEAF_BIT | count))
     }
 
     /// As the builder carries it.
@@ -126,11 +130,21 @@ impl NodeRef {
     /// This is a leaf of `Block<B>` that live as long as `'a`.
     #[inline(always)]
     pub(crate) unsafe fn blocks<'a, const B: usize>(self) -> &'a [Block<B>] {
+        // SAFETY: the caller vouches for it.
+        unsafe { self.items() }
+    }
+
+    /// The items of the leaf.
+    ///
+    /// # Safety
+    /// This is a leaf of `T` that live as long as `'a`.
+    #[inline(always)]
+    pub(crate) unsafe fn items<'a, T>(self) -> &'a [T] {
         let count = self.0.addr() & COUNT_BITS;
         if count == 0 {
             return &[];
         }
-        // SAFETY: the caller vouches for it; the tag says how many blocks there are.
+        // SAFETY: the caller vouches for it; the tag says how many items there are.
         unsafe { std::slice::from_raw_parts(self.0.map_addr(|address| address & !TAG_BITS).cast(), count) }
     }
 }

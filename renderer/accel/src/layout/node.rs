@@ -26,7 +26,6 @@ pub(crate) trait TreeNode: Copy + Send + Sync + 'static {
 
     /// A node of these children, at most [`TreeNode::WIDTH`]. Shadow rays go to the last child first,
     /// so the smallest or likeliest to end them belongs there.
-    #[allow(dead_code, reason = "for builders that know all children at once")]
     fn new(children: &[(Bounds, NodeRef)]) -> Self {
         assert!(children.len() <= Self::WIDTH, "a node holds {} children", Self::WIDTH);
         let mut node = Self::EMPTY;

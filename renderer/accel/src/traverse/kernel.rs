@@ -15,27 +15,37 @@
 use super::boxes::Boxes;
 use super::lanes::Order;
 use super::stack::{PlainStack, Stack};
-use super::triangles::Blocks;
 use crate::geometry::{Hit, Ray};
 use crate::layout::{NodeRef, Root, TreeNode};
+
+/// What a ray does in a leaf: tests triangles, or goes on in the objects that are placed there.
+///
+/// # Safety
+/// Both functions require a leaf of the kind they test, which lives, and the processor features they are made for.
+pub(crate) trait Leaves {
+    /// Replaces `hit` by a nearer one in the leaf, if there is one.
+    unsafe fn closest(&self, leaf: NodeRef, hit: &mut Hit);
+
+    /// Whether anything in the leaf is hit before `t_max`.
+    unsafe fn any(&self, leaf: NodeRef, t_max: f32) -> bool;
+}
 
 /// Replaces `hit` by a nearer one below `start`, if there is one. Rays that are not valid miss.
 ///
 /// # Safety
-/// The processor has the features of `X` and `T`; the tree has nodes `N` and blocks of the width and kind `T`
-/// tests.
+/// The processor has the features of `X` and `L`; the tree has nodes `N` and leaves of the kind `L` tests.
 #[inline(always)]
-pub(crate) unsafe fn closest<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks<B>>(
+pub(crate) unsafe fn closest<N: TreeNode, X: Boxes<N>, L: Leaves>(
     root: &Root,
     start: NodeRef,
     ray: &Ray,
+    leaves: &L,
     hit: &mut Hit,
 ) {
     if !ray.is_valid() {
         return;
     }
     let boxes = X::new(root, ray);
-    let triangles = T::new(ray);
     let mut stack = Stack::new();
     // A copy, which can stay in registers.
     let mut nearest = *hit;
@@ -63,9 +73,7 @@ pub(crate) unsafe fn closest<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks
         if current.is_end() {
             break;
         }
-        for block in current.blocks::<B>() {
-            triangles.closest(block, &mut nearest);
-        }
+        leaves.closest(current, &mut nearest);
         current = stack.pop_before(nearest.t.to_bits() as i32);
     }
     *hit = nearest;
@@ -76,16 +84,16 @@ pub(crate) unsafe fn closest<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks
 /// # Safety
 /// As for [`closest`].
 #[inline(always)]
-pub(crate) unsafe fn occluded<N: TreeNode, const B: usize, X: Boxes<N>, T: Blocks<B>>(
+pub(crate) unsafe fn occluded<N: TreeNode, X: Boxes<N>, L: Leaves>(
     root: &Root,
     start: NodeRef,
     ray: &Ray,
+    leaves: &L,
 ) -> bool {
     if !ray.is_valid() {
         return false;
     }
     let boxes = X::new(root, ray);
-    let triangles = T::new(ray);
     let mut stack = PlainStack::new();
     let mut current = start;
     loop {
@@ -104,10 +112,8 @@ pub(crate) unsafe fn occluded<N: TreeNode, const B: usize, X: Boxes<N>, T: Block
         if current.is_end() {
             return false;
         }
-        for block in current.blocks::<B>() {
-            if triangles.any(block, ray.t_max) {
-                return true;
-            }
+        if leaves.any(current, ray.t_max) {
+            return true;
         }
         current = stack.pop();
     }

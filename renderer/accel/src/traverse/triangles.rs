@@ -6,9 +6,10 @@
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
+use super::kernel::Leaves;
 use super::lanes::{Lanes, Lanes3, Stored};
 use crate::geometry::{Hit, NO_INSTANCE, Ray};
-use crate::layout::Block;
+use crate::layout::{Block, NodeRef};
 
 /// A ray prepared for tests against blocks of triangles.
 ///
@@ -22,6 +23,29 @@ pub(crate) trait Blocks<const B: usize>: Copy {
 
     /// Whether a triangle of the block is hit before `t_max`.
     unsafe fn any(&self, block: &Block<B>, t_max: f32) -> bool;
+}
+
+/// A ray prepared for leaves of blocks.
+#[derive(Clone, Copy)]
+pub(crate) struct BlockLeaves<T, const B: usize>(pub(super) T);
+
+impl<T: Blocks<B>, const B: usize> Leaves for BlockLeaves<T, B> {
+    #[inline(always)]
+    unsafe fn closest(&self, leaf: NodeRef, hit: &mut Hit) {
+        for block in leaf.blocks::<B>() {
+            self.0.closest(block, hit);
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn any(&self, leaf: NodeRef, t_max: f32) -> bool {
+        for block in leaf.blocks::<B>() {
+            if self.0.any(block, t_max) {
+                return true;
+            }
+        }
+        false
+    }
 }
 
 /// What a test found: `hits` has one bit a lane. Distance and weights are multiplied by `scale`, so that

@@ -30,7 +30,7 @@ pub(super) fn half_area(lower: Vec3A, upper: Vec3A) -> f32 {
 }
 
 impl BinaryNode {
-    const UNUSED: Self = Self { lower: [0.0; 3], link: LEAF_BIT, upper: [0.0; 3], leaves: 0 };
+    pub(super) const UNUSED: Self = Self { lower: [0.0; 3], link: LEAF_BIT, upper: [0.0; 3], leaves: 0 };
 
     pub(super) fn leaf(bounds: Bounds, triangle: u32) -> Self {
         Self { lower: bounds.lower, link: triangle | LEAF_BIT, upper: bounds.upper, leaves: 1 }
@@ -91,13 +91,17 @@ impl BinaryTree {
     /// # Safety
     /// `root` is the root of a finished build of width 2 with at most one triangle a leaf, whose memory lives.
     pub(super) unsafe fn from_sketch(root: SketchRef, bounds: Bounds) -> Self {
-        // SAFETY: the caller vouches for it.
-        let leaves = unsafe { root.counts::<2>() }.leaves;
+        Self::copied(&Sketches(()), root, bounds)
+    }
+
+    /// Copies a tree depth first: the nodes below a node follow its children.
+    pub(super) fn copied<S: Source>(source: &S, root: S::Item, bounds: Bounds) -> Self {
+        let leaves = source.leaves(root);
         let mut nodes = vec![BinaryNode::UNUSED; 2 * leaves as usize];
         let mut parents = vec![0; leaves as usize];
         let (top, below) = nodes.split_at_mut(2);
-        // SAFETY: as above; below a node of so many leaves there are twice as many nodes, less two.
-        top[0] = unsafe { copy(root, bounds, 0, below, 2, &mut parents[1..]) };
+        // Below a node of so many leaves there are twice as many nodes, less two.
+        top[0] = copy(source, root, bounds, 0, below, 2, &mut parents[1..]);
         Self { nodes, parents }
     }
 
@@ -147,44 +151,80 @@ impl BinaryTree {
     }
 }
 
-/// Copies what `sketch` refers to. What is below it goes into `below`, the first place of which has the number
-/// `first`; `node` is the number its own copy will have. Recursion is as deep as the builder's tree.
-///
-/// # Safety
-/// As for [`BinaryTree::from_sketch`].
-unsafe fn copy(
-    sketch: SketchRef,
+/// A binary tree over single triangles in any form.
+pub(super) trait Source: Sync {
+    /// A node or leaf of it.
+    type Item: Copy + Send + Sync;
+
+    /// The triangle of a leaf.
+    fn triangle(&self, item: Self::Item) -> Option<u32>;
+
+    /// The halves of a node.
+    fn halves(&self, item: Self::Item) -> [(Bounds, Self::Item); 2];
+
+    /// Leaves below, 1 for a leaf.
+    fn leaves(&self, item: Self::Item) -> u32;
+}
+
+/// A sketch by Embree's builder. Only [`BinaryTree::from_sketch`] makes it, whose caller vouches for all references.
+struct Sketches(());
+
+impl Source for Sketches {
+    type Item = SketchRef;
+
+    fn triangle(&self, item: SketchRef) -> Option<u32> {
+        // SAFETY: here and below, as said above.
+        match unsafe { item.follow::<2>() } {
+            Sketched::Single(triangle) => Some(triangle),
+            Sketched::Several(triangles) => Some(triangles[0]),
+            Sketched::Node(_) => None,
+        }
+    }
+
+    fn halves(&self, item: SketchRef) -> [(Bounds, SketchRef); 2] {
+        // SAFETY: as above.
+        let Sketched::Node(node) = (unsafe { item.follow::<2>() }) else {
+            unreachable!("a leaf has no halves");
+        };
+        let mut children = node.children();
+        let (Some(left), Some(right)) = (children.next(), children.next()) else {
+            unreachable!("the builder makes nodes of two children");
+        };
+        [left, right]
+    }
+
+    fn leaves(&self, item: SketchRef) -> u32 {
+        // SAFETY: as above.
+        unsafe { item.counts::<2>() }.leaves
+    }
+}
+
+/// Copies an item. What is below it goes into `below`, the first place of which has the number `first`; `node` is the
+/// number its own copy will have. Recursion is as deep as the tree.
+fn copy<S: Source>(
+    source: &S,
+    item: S::Item,
     bounds: Bounds,
     node: usize,
     below: &mut [BinaryNode],
     first: usize,
     parents: &mut [u32],
 ) -> BinaryNode {
-    // SAFETY: here and below the caller vouches for it.
-    let children = match unsafe { sketch.follow::<2>() } {
-        Sketched::Single(triangle) => return BinaryNode::leaf(bounds, triangle),
-        Sketched::Several(triangles) => return BinaryNode::leaf(bounds, triangles[0]),
-        Sketched::Node(children) => children,
-    };
-    let mut children = children.children();
-    let (Some((left_bounds, left)), Some((right_bounds, right))) = (children.next(), children.next()) else {
-        unreachable!("the builder makes nodes of two children");
-    };
-    // SAFETY: as above.
-    let leaves_left = unsafe { left.counts::<2>() }.leaves as usize;
-    // SAFETY: as above.
-    let leaves_right = unsafe { right.counts::<2>() }.leaves as usize;
+    if let Some(triangle) = source.triangle(item) {
+        return BinaryNode::leaf(bounds, triangle);
+    }
+    let [(left_bounds, left), (right_bounds, right)] = source.halves(item);
+    let leaves_left = source.leaves(left) as usize;
+    let leaves_right = source.leaves(right) as usize;
     let (pair, below) = below.split_at_mut(2);
     let (below_left, below_right) = below.split_at_mut(2 * (leaves_left - 1));
     let (own, parents) = parents.split_at_mut(1);
     let (parents_left, parents_right) = parents.split_at_mut(leaves_left - 1);
     own[0] = node as u32;
     let first_right = first + 2 + below_left.len();
-    // SAFETY: as above.
-    let mut copy_left = || unsafe { copy(left, left_bounds, first, below_left, first + 2, parents_left) };
-    // SAFETY: as above.
+    let mut copy_left = || copy(source, left, left_bounds, first, below_left, first + 2, parents_left);
     let mut copy_right =
-        || unsafe { copy(right, right_bounds, first + 1, below_right, first_right, parents_right) };
+        || copy(source, right, right_bounds, first + 1, below_right, first_right, parents_right);
     let leaves = (leaves_left + leaves_right) as u32;
     let (left, right) = match leaves {
         0..LEAVES_PER_TASK => (copy_left(), copy_right()),

@@ -5,24 +5,29 @@
 //! | builder | builder | Embree's builder makes nodes and leaves in their final form, in its own memory |
 //! | builder | any other | it makes a sketch, which is then written in that order to memory of ours |
 //! | optimal | any | it makes a binary sketch of single triangles; that is optimised, collapsed and written |
+//!
+//! With our own builder ([`Builder::Ploc`]) the binary tree of single triangles is always there first: it is opened
+//! to wide nodes as it is, in place or by a plan, or goes the third way.
 
 use std::sync::Arc;
 
 use super::binary::BinaryTree;
 use super::callbacks;
 use super::collapse::collapse;
+use super::emit::emit;
 use super::grow::{Callbacks, EmbreeMemory, grow};
 use super::plan::Plan;
+use super::ploc::Ploc;
 use super::reinsertion::optimise;
 use super::sketch::{self, SketchRef, Sketched};
-use super::write::write;
+use super::write::{Blocks, write};
 use super::{Memory, Tree};
 use crate::embree::Device;
 use crate::error::BuildError;
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, Root, TreeNode, for_block, for_node};
 use crate::limits::MAX_DEPTH;
-use crate::parameters::{Collapse, NodeOrder, TreeParameters};
+use crate::parameters::{Builder, Collapse, NodeOrder, TreeParameters};
 use crate::traverse::{Isa, Kernels};
 
 impl Tree {
@@ -39,18 +44,19 @@ impl Tree {
         let (memory, node) = if triangles.is_empty() {
             (Memory::None, NodeRef::EMPTY)
         } else if parameters.collapse == Collapse::Builder && parameters.order == NodeOrder::Builder {
-            let (memory, node) = build_in_place(device, triangles, parameters)?;
-            (Memory::Embree(memory), node)
+            build_in_place(device, triangles, parameters)?
         } else {
             let plan = plan(device, triangles, parameters)?;
             if plan.depth > parameters.max_depth {
                 return Err(BuildError::DepthLimit { max_depth: parameters.max_depth });
             }
-            let (arena, node) = for_node!(parameters, N => for_block!(parameters, B =>
-                write::<N, B>(&plan, parameters.order, triangles, parameters.robust)))?;
+            let (arena, node) = for_node!(parameters, N => for_block!(parameters, B => {
+                let blocks = Blocks::<B> { triangles, watertight: parameters.robust };
+                write::<N, _>(&plan, parameters.order, &blocks)
+            }))?;
             (Memory::Own(arena), node)
         };
-        let bounds = root_bounds(node, parameters, triangles);
+        let bounds = bounds_below(node, parameters, triangles);
         let root = Root { node, bounds };
         Ok(Self {
             root,
@@ -64,12 +70,18 @@ impl Tree {
     }
 }
 
-/// Lets Embree make the final nodes and leaves.
+/// Lets the builder make the final nodes and leaves.
 fn build_in_place(
     device: &Device,
     triangles: &Triangles,
     parameters: &TreeParameters,
-) -> Result<(EmbreeMemory, NodeRef), BuildError> {
+) -> Result<(Memory, NodeRef), BuildError> {
+    if parameters.builder == Builder::Ploc {
+        let ploc = Ploc::build(triangles, parameters);
+        let (slabs, node) = for_node!(parameters, N => for_block!(parameters, B =>
+            emit::<N, B>(&ploc, triangles, parameters)))?;
+        return Ok((Memory::Slabs(slabs), node));
+    }
     fn of_nodes<N: TreeNode, const B: usize>() -> Callbacks {
         Callbacks {
             create_node: Some(callbacks::create_node::<N>),
@@ -82,7 +94,7 @@ fn build_in_place(
     let memory = EmbreeMemory::new(device)?;
     // SAFETY: the callbacks are of the width of these parameters' nodes.
     let root = unsafe { grow(&memory, triangles, parameters, &callbacks)? };
-    Ok((memory, NodeRef::from_raw(root)))
+    Ok((Memory::Embree(memory), NodeRef::from_raw(root)))
 }
 
 /// Lets Embree sketch the tree, or the binary tree that it is collapsed from.
@@ -95,6 +107,13 @@ fn plan(device: &Device, triangles: &Triangles, parameters: &TreeParameters) -> 
         let (_memory, root, bounds) = sketch_tree::<W>(device, triangles, parameters)?;
         // SAFETY: it was just built with this width, and its memory lives until the plan is made.
         Ok(unsafe { Plan::from_sketch::<W>(root, bounds) })
+    }
+    if parameters.builder == Builder::Ploc {
+        let ploc = Ploc::build(triangles, parameters);
+        return Ok(match parameters.collapse {
+            Collapse::Builder => opened(&ploc, parameters),
+            Collapse::Optimal => collapsed(ploc.into_binary(), parameters),
+        });
     }
     if parameters.collapse == Collapse::Builder {
         return match parameters.branching_factor {
@@ -114,15 +133,37 @@ fn plan(device: &Device, triangles: &Triangles, parameters: &TreeParameters) -> 
     };
     let (memory, root, bounds) = sketch_tree::<2>(device, triangles, &binary)?;
     // SAFETY: it was just built with width 2 and single triangles, and its memory lives.
-    let mut tree = unsafe { BinaryTree::from_sketch(root, bounds) };
+    let tree = unsafe { BinaryTree::from_sketch(root, bounds) };
     drop(memory);
+    Ok(collapsed(tree, parameters))
+}
+
+/// The wide tree of least cost, after optimisation.
+fn collapsed(mut tree: BinaryTree, parameters: &TreeParameters) -> Plan {
     optimise(&mut tree, parameters.reinsertion_passes);
-    Ok(match parameters.branching_factor {
+    match parameters.branching_factor {
         2 => collapse::<2>(&tree, parameters),
         4 => collapse::<4>(&tree, parameters),
         8 => collapse::<8>(&tree, parameters),
         _ => collapse::<16>(&tree, parameters),
-    })
+    }
+}
+
+/// The wide tree whose nodes are opened largest half first.
+fn opened(ploc: &Ploc, parameters: &TreeParameters) -> Plan {
+    let triangles = ploc.triangles(ploc.root) as usize;
+    let mut plan = Plan::with_capacity(triangles / 8, triangles / 2, triangles);
+    let mut numbers = Vec::new();
+    plan.grow((ploc.bounds(ploc.root), ploc.root), |plan, link, found| {
+        if !ploc.is_leaf(link) {
+            ploc.children(link, parameters.branching_factor as usize, found);
+            return None;
+        }
+        numbers.clear();
+        ploc.gather(link, &mut numbers);
+        Some(plan.add_leaf(numbers.iter().copied()))
+    });
+    plan
 }
 
 /// A sketch of width `W`, which is the branching factor, and the box around it.
@@ -155,8 +196,8 @@ fn sketch_tree<const W: usize>(
     Ok((memory, root, bounds))
 }
 
-/// Box of the whole tree, from the root alone.
-fn root_bounds(node: NodeRef, parameters: &TreeParameters, triangles: &Triangles) -> Bounds {
+/// Box of what is below a node or leaf, from it alone.
+pub(super) fn bounds_below(node: NodeRef, parameters: &TreeParameters, triangles: &Triangles) -> Bounds {
     fn of_children<N: TreeNode>(node: NodeRef) -> Bounds {
         // SAFETY: the builder, or `write`, made this node of the kind `N`, and its memory lives.
         let node = unsafe { node.node::<N>() };

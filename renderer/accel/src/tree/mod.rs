@@ -1,15 +1,22 @@
-//! The tunable tree: built by Embree's `rtcBuildBVH`, kept in our own layout, walked by our own kernels; on the way
-//! it can be optimised, collapsed to wide nodes of least cost, and put into an order that caches like.
+//! The tunable tree: built by Embree's `rtcBuildBVH` or by a builder of our own, kept in our own layout, walked by our
+//! own kernels; on the way it can be optimised, collapsed to wide nodes of least cost, and put into an order that caches
+//! like.
 
 mod arena;
 mod binary;
 mod build;
 mod callbacks;
 mod collapse;
+mod emit;
+mod flat;
 mod grow;
+mod level;
+mod morton;
 mod motion;
 mod order;
+mod outline;
 mod plan;
+mod ploc;
 mod refit;
 mod reinsertion;
 mod sketch;
@@ -56,8 +63,10 @@ enum Memory {
     None,
     /// Embree, whose builder made them.
     Embree(EmbreeMemory),
-    /// We.
+    /// We, in one block.
     Own(Arena),
+    /// We, in one block or several for each thread that built.
+    Slabs(Vec<Arena>),
 }
 
 // SAFETY: after the build nobody writes to the nodes, and Embree allows release from any thread; so does the allocator.

@@ -1,33 +1,42 @@
 //! Two levels: a tree for each object in its own space, and one over the instances in the world.
 //!
 //! Memory goes with what is unique. A ray walks the upper level; where it meets an instance's box it is taken
-//! into the object's space and given to the object's own kernel. Its direction is not normalised there, so
-//! that distances mean the same in both spaces and the nearest hit so far ends the walks of both levels. The
-//! idea is as old as Kay and Kajiya's "Ray Tracing Complex Scenes" (1986); the arrangement is Wald, Benthin and
-//! Slusallek's "Distributed Interactive Ray Tracing of Dynamic Scenes" (2003).
+//! into the object's space and given to the object's own kernel (`traverse::placed`). The idea is as old as Kay
+//! and Kajiya's "Ray Tracing Complex Scenes" (1986); the arrangement is Wald, Benthin and Slusallek's "Distributed
+//! Interactive Ray Tracing of Dynamic Scenes" (2003). What is small can be copied into the world instead
+//! (`flat`), and is then one more object.
 
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-use super::top::{Top, transformed};
+use glam::Affine3A;
+
+use super::flat::{Flat, copied, flattened, in_the_world};
+use super::level::{Below, Level, Place};
 use super::{Tree, TreeFault, TreeStatistics};
 use crate::embree::Device;
 use crate::error::BuildError;
-use crate::geometry::{Hit, Intersector, Ray, Triangles};
-use crate::instances::{Instance, Instances};
+use crate::geometry::{Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
+use crate::instances::Instances;
 use crate::layout::Bounds;
 use crate::parameters::{TreeParameters, Update};
+use crate::traverse::Isa;
 
 /// Trees of our own under a tree over their instances.
 #[derive(Debug)]
 pub struct TwoLevel {
-    /// By object.
+    /// By object; empty ones for objects that nothing places, or that were copied into the world.
     objects: Vec<Tree>,
-    /// First triangle of each object.
-    first: Vec<u32>,
+    /// Which objects were copied.
+    flattened: Vec<bool>,
+    flat: Option<Flat>,
     instances: Arc<Instances>,
     /// Triangles of all objects, placed or not.
     triangles: usize,
-    top: Top,
+    parameters: TreeParameters,
+    isa: Isa,
+    /// Refers to the trees above.
+    level: Level,
 }
 
 impl TwoLevel {
@@ -39,13 +48,49 @@ impl TwoLevel {
         instances: &Arc<Instances>,
         parameters: &TreeParameters,
     ) -> Result<Self, BuildError> {
-        let objects = instances
-            .parts(triangles)
+        parameters.check()?;
+        let mut flattened = flattened(instances, parameters);
+        let flat = Flat::build(device, triangles, instances, &flattened, parameters)?;
+        if flat.is_none() {
+            flattened.fill(false);
+        }
+        let objects = parts(triangles, instances, &flattened)
             .map(|part| Tree::build(device, &Arc::new(part), parameters))
             .collect::<Result<Vec<_>, _>>()?;
-        let first = instances.objects().iter().map(|range| range.start).collect();
-        let top = upper_level(&objects, instances);
-        Ok(Self { objects, first, instances: Arc::clone(instances), triangles: triangles.len(), top })
+        let isa = Isa::detect();
+        let mut two_level = Self {
+            objects,
+            flattened,
+            flat,
+            instances: Arc::clone(instances),
+            triangles: triangles.len(),
+            parameters: *parameters,
+            isa,
+            level: Level::empty(isa, parameters),
+        };
+        two_level.join()?;
+        Ok(two_level)
+    }
+
+    /// Builds the upper level over the trees as they are. After an error there is none, and rays miss.
+    fn join(&mut self) -> Result<(), BuildError> {
+        self.level = Level::empty(self.isa, &self.parameters);
+        let ranges = self.instances.objects();
+        let below = self.objects.iter().zip(ranges);
+        let mut below: Vec<Below<'_>> =
+            below.map(|(tree, range)| Below { tree, first: range.start }).collect();
+        let is_there = |bounds: Bounds| bounds.lower[0] <= bounds.upper[0];
+        let mut places: Vec<Place> = (0..)
+            .zip(self.instances.placed())
+            .filter(|(_, instance)| is_there(self.objects[instance.object as usize].bounds()))
+            .map(|(number, instance)| (number, *instance))
+            .collect();
+        if let Some(flat) = self.flat.as_ref().filter(|flat| is_there(flat.bounds())) {
+            places.push((NO_INSTANCE, in_the_world(below.len())));
+            below.push(Below { tree: &flat.tree, first: 0 });
+        }
+        self.level = Level::build(&below, &places, self.isa, &self.parameters)?;
+        Ok(())
     }
 
     /// Updates the objects' trees and builds the upper level anew. Objects that nothing places stay empty.
@@ -56,127 +101,167 @@ impl TwoLevel {
         update: Update,
     ) -> Result<(), BuildError> {
         BuildError::same_count(self.triangles, triangles.len())?;
-        let instances = Arc::clone(&self.instances);
         let mut outcome = Ok(());
-        for (tree, part) in self.objects.iter_mut().zip(instances.parts(triangles)) {
+        if let Some(flat) = &mut self.flat {
+            let Some(copied) = copied(triangles, &self.instances, &self.flattened) else {
+                // They have left the coordinates that copies may have.
+                let instances = Arc::clone(&self.instances);
+                *self = Self::build(device, triangles, &instances, &self.parameters)?;
+                return Ok(());
+            };
+            outcome = flat.tree.update(device, &Arc::new(copied), update);
+        }
+        for (tree, part) in self.objects.iter_mut().zip(parts(triangles, &self.instances, &self.flattened)) {
             // Whatever one says, all must be of the same moment.
             outcome = outcome.and(tree.update(device, &Arc::new(part), update));
         }
-        self.top = upper_level(&self.objects, &instances);
-        outcome
+        self.join().and(outcome)
     }
 
-    /// The objects' trees.
+    /// The objects' trees; empty ones for those that nothing places, or that were copied into the world.
     pub fn objects(&self) -> &[Tree] {
         &self.objects
     }
 
-    /// Sums over both levels. The cost is that of the whole: the upper level's nodes, and below each instance
-    /// its object's tree with the probability that its box is hit.
-    pub fn statistics(&self) -> TreeStatistics {
-        let of_objects: Vec<TreeStatistics> = self.objects.iter().map(Tree::statistics).collect();
-        let mut sum = TreeStatistics { bytes: self.top.bytes(), sah_cost: 1.0, ..TreeStatistics::default() };
-        for object in &of_objects {
-            sum.nodes += object.nodes;
-            sum.leaves += object.leaves;
-            sum.bytes += object.bytes;
-            sum.triangle_references += object.triangle_references;
+    /// The same trees walked by another instruction set's kernels, or `None` if the processor lacks it.
+    /// For tests and measurements.
+    pub fn with_isa(mut self, isa: Isa) -> Option<Self> {
+        let with = |tree: Tree| tree.with_isa(isa);
+        self.objects = self.objects.into_iter().map(with).collect::<Option<Vec<_>>>()?;
+        if let Some(Flat { tree, numbers }) = self.flat {
+            self.flat = Some(Flat { tree: with(tree)?, numbers });
         }
-        let root_area = self.top.bounds().half_area();
-        self.top.walk(&mut |depth, bounds, leaf| {
+        self.isa = isa;
+        self.join().ok()?;
+        Some(self)
+    }
+
+    fn trees(&self) -> impl Iterator<Item = &Tree> {
+        self.objects.iter().chain(self.flat.as_ref().map(|flat| &flat.tree))
+    }
+
+    /// Sums over both levels. The cost is that of the whole: the upper level's nodes, and below each placed part
+    /// that of its tree with the probability that its box is hit.
+    pub fn statistics(&self) -> TreeStatistics {
+        let mut sum = TreeStatistics { bytes: self.level.bytes(), ..TreeStatistics::default() };
+        for tree in self.trees() {
+            let of_tree = tree.statistics();
+            sum.nodes += of_tree.nodes;
+            sum.leaves += of_tree.leaves;
+            sum.bytes += of_tree.bytes;
+            sum.triangle_references += of_tree.triangle_references;
+            sum.depth = sum.depth.max(of_tree.depth);
+        }
+        let (depth_below, mut depth) = (sum.depth, 0);
+        let root_area = self.level.root.bounds.half_area();
+        self.level.walk(&mut |at, bounds, part| {
             let share = if root_area > 0.0 { bounds.half_area() / root_area } else { 1.0 };
-            match leaf {
-                Some(number) => {
-                    let object = &of_objects[self.instances.placed()[number as usize].object as usize];
-                    sum.depth = sum.depth.max(depth + object.depth);
-                    sum.sah_cost += share * object.sah_cost;
-                }
+            depth = depth.max(at);
+            match part {
+                Some(part) => sum.sah_cost += share * self.tree(part.object).cost_below(part.node),
                 None => {
                     sum.nodes += 1;
-                    sum.depth = sum.depth.max(depth);
                     sum.sah_cost += share;
                 }
             }
         });
+        sum.depth = depth_below + depth;
         sum
     }
 
-    /// Checks every object's tree, and that the upper level holds every instance of something once, in a box
-    /// that covers it.
+    /// By the number that the upper level has for it.
+    fn tree(&self, object: u32) -> &Tree {
+        let copied = || &self.flat.as_ref().expect("what is no object's is the copied tree").tree;
+        self.objects.get(object as usize).unwrap_or_else(copied)
+    }
+
+    /// Checks every object's tree, and that the upper level holds every part of every instance of something once, in
+    /// a box that covers it.
     pub fn validate(&self) -> Result<(), TreeFault> {
-        self.objects.iter().try_for_each(Tree::validate)?;
-        let mut boxes = vec![Bounds::EMPTY; self.instances.placed().len()];
+        self.trees().try_for_each(Tree::validate)?;
+        let mut parts: HashMap<(u32, u32), HashSet<usize>> = HashMap::new();
         let mut fault = None;
-        self.top.walk(&mut |_, bounds, leaf| {
-            if let Some(number) = leaf {
-                let place = &mut boxes[number as usize];
-                if *place != Bounds::EMPTY {
-                    fault = Some(TreeFault::Instance { instance: number });
-                }
-                *place = bounds;
+        self.level.walk(&mut |_, bounds, part| {
+            let Some(part) = part else {
+                return;
+            };
+            let of_place = parts.entry((part.instance, part.object)).or_default();
+            let is_new = of_place.insert(part.node.into_raw().addr());
+            let instance = self.instances.placed().get(part.instance as usize);
+            let to_world = instance.map_or(Affine3A::IDENTITY, |instance| instance.to_world);
+            let mut is_covered = true;
+            self.tree(part.object).corners_below(part.node, &mut |corner| {
+                let at = to_world.transform_point3a(corner).to_array();
+                is_covered &= bounds.contains(&Bounds { lower: at, upper: at });
+            });
+            if !is_new || !is_covered {
+                fault = Some(TreeFault::Instance { instance: part.instance });
             }
         });
-        for (number, (instance, bounds)) in self.instances.placed().iter().zip(&boxes).enumerate() {
-            let object = self.objects[instance.object as usize].bounds();
-            if object.lower[0] <= object.upper[0]
-                && !bounds.contains(&transformed(&object, &instance.to_world))
-            {
-                fault = Some(TreeFault::Instance { instance: number as u32 });
+        let placed = (0..).zip(self.instances.placed()).map(|(number, instance)| (number, instance.object));
+        let copied = self.flat.as_ref().map(|_| (NO_INSTANCE, self.objects.len() as u32));
+        for (number, object) in placed.chain(copied) {
+            let parts = parts.entry((number, object)).or_default();
+            if !self.tree(object).is_covered(parts) {
+                fault = Some(TreeFault::Instance { instance: number });
             }
         }
         fault.map_or(Ok(()), Err)
     }
-}
 
-fn upper_level(objects: &[Tree], instances: &Instances) -> Top {
-    Top::build(instances.placed().iter().enumerate().map(|(number, instance)| {
-        let bounds = objects[instance.object as usize].bounds();
-        let is_empty = bounds.lower[0] > bounds.upper[0];
-        (number as u32, if is_empty { bounds } else { transformed(&bounds, &instance.to_world) })
-    }))
-}
-
-/// The ray in the object's space; distances stay what they are.
-#[inline]
-fn into_object(ray: &Ray, instance: &Instance, t_max: f32) -> Ray {
-    Ray {
-        origin: instance.to_object.transform_point3(ray.origin),
-        direction: instance.to_object.transform_vector3(ray.direction),
-        t_min: ray.t_min,
-        t_max,
+    /// A hit in the copied tree becomes one in the instance it was copied from.
+    #[inline]
+    fn numbered(&self, hit: Hit) -> Hit {
+        match &self.flat {
+            Some(flat) if hit.instance == NO_INSTANCE => {
+                let (triangle, instance) = flat.numbers[hit.triangle as usize];
+                Hit { triangle, instance, ..hit }
+            }
+            _ => hit,
+        }
     }
+}
+
+/// The triangles of each object that is placed and not copied, numbered from 0 again; none for the others.
+fn parts<'a>(
+    triangles: &'a Triangles,
+    instances: &'a Instances,
+    flattened: &'a [bool],
+) -> impl Iterator<Item = Triangles> + 'a {
+    let none = |(part, &flattened): (Triangles, &bool)| if flattened { part.part(0..0) } else { part };
+    instances.parts(triangles).zip(flattened).map(none)
 }
 
 impl Intersector for TwoLevel {
+    #[inline]
     fn closest(&self, ray: &Ray) -> Option<Hit> {
-        if !ray.is_valid() {
-            return None;
-        }
-        let mut nearest = None;
-        self.top.meet(ray, |number, t_max| {
-            let instance = &self.instances.placed()[number as usize];
-            match self.objects[instance.object as usize].closest(&into_object(ray, instance, t_max)) {
-                Some(hit) => {
-                    let triangle = self.first[instance.object as usize] + hit.triangle;
-                    nearest = Some(Hit { triangle, instance: number, ..hit });
-                    hit.t
-                }
-                None => t_max,
-            }
-        });
-        nearest
+        let Level { root, lower, kernels, .. } = &self.level;
+        // SAFETY: the level was built over these trees, and its kernels and theirs selected for them.
+        let hit = unsafe { kernels.closest(root, lower, ray) };
+        hit.map(|hit| self.numbered(hit))
     }
 
+    #[inline]
     fn occluded(&self, ray: &Ray) -> bool {
-        if !ray.is_valid() {
-            return false;
+        let Level { root, lower, kernels, .. } = &self.level;
+        // SAFETY: as above.
+        unsafe { kernels.occluded(root, lower, ray) }
+    }
+
+    fn closest_each(&self, packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        let Level { root, lower, kernels, .. } = &self.level;
+        // SAFETY: as above.
+        unsafe { kernels.closest_each(root, lower, packets, rays, hits) };
+        if self.flat.is_some() {
+            for hit in hits {
+                *hit = hit.map(|hit| self.numbered(hit));
+            }
         }
-        let mut occluded = false;
-        self.top.meet(ray, |number, t_max| {
-            let instance = &self.instances.placed()[number as usize];
-            occluded = self.objects[instance.object as usize].occluded(&into_object(ray, instance, t_max));
-            if occluded { f32::NEG_INFINITY } else { t_max }
-        });
-        occluded
+    }
+
+    fn occluded_each(&self, packets: Packets, rays: &[Ray], occluded: &mut [bool]) {
+        let Level { root, lower, kernels, .. } = &self.level;
+        // SAFETY: as above.
+        unsafe { kernels.occluded_each(root, lower, packets, rays, occluded) };
     }
 }

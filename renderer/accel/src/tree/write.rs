@@ -21,15 +21,45 @@ struct Places {
     end: usize,
 }
 
+/// What the leaves hold, made from the numbers that the plan has in them.
+pub(super) trait Items: Sync {
+    /// Aligned for a [`NodeRef`].
+    type Item: Send;
+
+    /// How many items a leaf of these numbers has.
+    fn count(&self, numbers: &[u32]) -> usize;
+
+    /// One of them.
+    fn item(&self, numbers: &[u32], index: usize) -> Self::Item;
+}
+
+/// Blocks of `B` triangles, with corners if `watertight`.
+pub(super) struct Blocks<'a, const B: usize> {
+    pub(super) triangles: &'a Triangles,
+    pub(super) watertight: bool,
+}
+
+impl<const B: usize> Items for Blocks<'_, B> {
+    type Item = Block<B>;
+
+    fn count(&self, numbers: &[u32]) -> usize {
+        numbers.len().div_ceil(B)
+    }
+
+    fn item(&self, numbers: &[u32], index: usize) -> Block<B> {
+        Block::new(numbers[index * B..].iter().copied(), self.triangles, self.watertight)
+    }
+}
+
 impl Places {
-    fn new<N: TreeNode, const B: usize>(plan: &Plan, sequence: &[Link]) -> Self {
+    fn new<N: TreeNode, I: Items>(plan: &Plan, sequence: &[Link], items: &I) -> Self {
         let mut places = Self { nodes: vec![0; plan.nodes()], leaves: vec![0; plan.leaves()], end: 0 };
         for link in sequence {
             let (place, align, bytes) = match link.named() {
                 Named::Node(node) => (&mut places.nodes[node], align_of::<N>(), size_of::<N>()),
                 Named::Leaf(leaf) => {
-                    let blocks = plan.triangles(leaf).len().div_ceil(B);
-                    (&mut places.leaves[leaf], align_of::<Block<B>>(), blocks * size_of::<Block<B>>())
+                    let count = items.count(plan.triangles(leaf));
+                    (&mut places.leaves[leaf], align_of::<I::Item>(), count * size_of::<I::Item>())
                 }
             };
             *place = places.end.next_multiple_of(align);
@@ -54,22 +84,21 @@ impl Start {
     }
 }
 
-/// Writes the plan with nodes of kind `N` and blocks of `B` triangles, with corners if `watertight`.
-pub(super) fn write<N: TreeNode, const B: usize>(
+/// Writes the plan with nodes of kind `N` and these items in its leaves.
+pub(super) fn write<N: TreeNode, I: Items>(
     plan: &Plan,
     order: NodeOrder,
-    triangles: &Triangles,
-    watertight: bool,
+    items: &I,
 ) -> Result<(Arena, NodeRef), BuildError> {
     let sequence = sequence(plan, order);
-    let places = Places::new::<N, B>(plan, &sequence);
+    let places = Places::new::<N, I>(plan, &sequence, items);
     let arena = Arena::new(places.end)?;
     let start = Start(arena.start());
     let reference = |link: Link| match link.named() {
         Named::Node(node) => NodeRef::to_node::<N>(start.place(places.nodes[node])),
         Named::Leaf(leaf) => {
-            let blocks = plan.triangles(leaf).len().div_ceil(B);
-            NodeRef::to_leaf::<B>(start.place(places.leaves[leaf]), blocks)
+            let count = items.count(plan.triangles(leaf));
+            NodeRef::to_leaf::<I::Item>(start.place(places.leaves[leaf]), count)
         }
     };
     sequence.par_iter().with_min_len(ITEMS_PER_TASK).for_each(|link| match link.named() {
@@ -84,11 +113,11 @@ pub(super) fn write<N: TreeNode, const B: usize>(
             unsafe { start.place::<N>(places.nodes[node]).write(written) };
         }
         Named::Leaf(leaf) => {
-            let room = start.place::<Block<B>>(places.leaves[leaf]);
-            for (index, some) in plan.triangles(leaf).chunks(B).enumerate() {
-                let block = Block::new(some.iter().copied(), triangles, watertight);
-                // SAFETY: as above, for as many blocks as were counted.
-                unsafe { room.add(index).write(block) };
+            let room = start.place::<I::Item>(places.leaves[leaf]);
+            let numbers = plan.triangles(leaf);
+            for index in 0..items.count(numbers) {
+                // SAFETY: as above, for as many items as were counted.
+                unsafe { room.add(index).write(items.item(numbers, index)) };
             }
         }
     });

@@ -4,11 +4,10 @@
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
-use super::{PACKET, numbers};
-use crate::geometry::Ray;
+use super::bundle::Bundle;
 use crate::layout::Root;
-use crate::traverse::boxes::{DIVISOR_MIN, PaddedBoxes, Planes, near_offsets, safe_reciprocals, scaled};
-use crate::traverse::lanes::{Lanes, Lanes3};
+use crate::traverse::boxes::{DIVISOR_MIN, PaddedBoxes, Planes, near_offsets, scaled};
+use crate::traverse::lanes::{Lanes, Lanes3, Stored};
 
 /// Rays prepared for tests against single boxes. A ray gets the answer it gets alone, bit by bit.
 ///
@@ -18,34 +17,30 @@ pub(crate) trait PacketBoxes<N>: Copy {
     /// One lane a ray.
     type Rays: Lanes;
 
-    unsafe fn new(root: &Root, rays: &[Ray; PACKET]) -> Self;
+    unsafe fn new(root: &Root, rays: &Bundle) -> Self;
 
     /// One bit for each ray that meets the child's box before its `t_max`.
     unsafe fn meet(&self, node: &N, child: usize, t_max: Self::Rays) -> u32;
 }
 
+/// One over the directions, as [`crate::traverse::boxes::safe_reciprocals`] has it.
 #[inline(always)]
-unsafe fn origins<L: Lanes>(rays: &[Ray; PACKET]) -> Lanes3<L> {
-    Lanes3([
-        numbers(rays, |ray| ray.origin.x),
-        numbers(rays, |ray| ray.origin.y),
-        numbers(rays, |ray| ray.origin.z),
-    ])
+unsafe fn reciprocals<L: Lanes>(rays: &Bundle) -> Lanes3<L> {
+    let [x, y, z] = rays.directions::<L>().0;
+    Lanes3([reciprocal(x), reciprocal(y), reciprocal(z)])
 }
 
 #[inline(always)]
-unsafe fn reciprocals<L: Lanes>(rays: &[Ray; PACKET]) -> Lanes3<L> {
-    let [x, y, z]: [L; 3] = [
-        numbers(rays, |ray| ray.direction.x),
-        numbers(rays, |ray| ray.direction.y),
-        numbers(rays, |ray| ray.direction.z),
-    ];
-    let (least, one) = (L::splat(DIVISOR_MIN), L::splat(1.0));
-    let of = |component: L| {
-        let small = L::bits(component.abs().less(least));
-        L::choose(small, L::splat(1.0 / DIVISOR_MIN), one.div(component))
-    };
-    Lanes3([of(x), of(y), of(z)])
+unsafe fn reciprocal<L: Lanes>(component: L) -> L {
+    let small = L::bits(component.abs().less(L::splat(DIVISOR_MIN)));
+    L::choose(small, L::splat(1.0 / DIVISOR_MIN), L::splat(1.0).div(component))
+}
+
+/// The first lane of each.
+#[inline(always)]
+unsafe fn first<L: Lanes>(of: Lanes3<L>) -> glam::Vec3 {
+    let [x, y, z] = of.0;
+    glam::Vec3::new(Stored::from(x).0[0], Stored::from(y).0[0], Stored::from(z).0[0])
 }
 
 /// As [`crate::traverse::boxes::FastBoxes`].
@@ -61,11 +56,11 @@ impl<L: Lanes, N: Planes> PacketBoxes<N> for FastPacket<L> {
     type Rays = L;
 
     #[inline(always)]
-    unsafe fn new(_root: &Root, rays: &[Ray; PACKET]) -> Self {
+    unsafe fn new(_root: &Root, rays: &Bundle) -> Self {
         let reciprocal = reciprocals::<L>(rays);
-        let origin = Lanes3(scaled(origins::<L>(rays), reciprocal));
-        let near = near_offsets(N::WIDTH, safe_reciprocals(rays[0].direction));
-        Self { reciprocal, origin, t_min: numbers(rays, |ray| ray.t_min.abs()), near }
+        let origin = Lanes3(scaled(rays.origins::<L>(), reciprocal));
+        let near = near_offsets(N::WIDTH, first(reciprocal));
+        Self { reciprocal, origin, t_min: rays.t_min::<L>().abs(), near }
     }
 
     #[inline(always)]
@@ -88,8 +83,8 @@ impl<L: Lanes, N: Planes> PacketBoxes<N> for PaddedPacket<L> {
     type Rays = L;
 
     #[inline(always)]
-    unsafe fn new(root: &Root, rays: &[Ray; PACKET]) -> Self {
-        let (reciprocal, origin) = (reciprocals::<L>(rays), origins::<L>(rays));
+    unsafe fn new(root: &Root, rays: &Bundle) -> Self {
+        let (reciprocal, origin) = (reciprocals::<L>(rays), rays.origins::<L>());
         let reach_on = |axis: usize| {
             let below = L::splat(root.bounds.lower[axis]).sub(origin.0[axis]).abs();
             let above = L::splat(root.bounds.upper[axis]).sub(origin.0[axis]).abs();
@@ -108,8 +103,8 @@ impl<L: Lanes, N: Planes> PacketBoxes<N> for PaddedPacket<L> {
             far_reciprocal: times(1.0 + 2.0 * f32::EPSILON),
             near_origin: origin.add(towards),
             far_origin: origin.sub(towards),
-            t_min: numbers(rays, |ray| ray.t_min.abs()),
-            near: near_offsets(N::WIDTH, safe_reciprocals(rays[0].direction)),
+            t_min: rays.t_min::<L>().abs(),
+            near: near_offsets(N::WIDTH, first(reciprocal)),
         })
     }
 
@@ -129,17 +124,13 @@ impl<L: Lanes, N: Planes> PacketBoxes<N> for PaddedPacket<L> {
 /// planes behind them decide nothing.
 ///
 /// The margins are several times those of [`PaddedBoxes`] and cover the rounding of the rays' own tests.
+///
+/// `R` has a lane for each ray, `L` one for each child of a node.
 #[inline(always)]
-pub(crate) unsafe fn frustum<L: Lanes>(root: &Root, rays: &[Ray; PACKET], width: usize) -> PaddedBoxes<L> {
-    let mut lower = (glam::Vec3::INFINITY, glam::Vec3::INFINITY);
-    let mut upper = (glam::Vec3::NEG_INFINITY, glam::Vec3::NEG_INFINITY);
-    let mut t_min = f32::INFINITY;
-    for ray in rays {
-        let reciprocal = safe_reciprocals(ray.direction);
-        lower = (lower.0.min(ray.origin), lower.1.min(reciprocal));
-        upper = (upper.0.max(ray.origin), upper.1.max(reciprocal));
-        t_min = t_min.min(ray.t_min.abs());
-    }
+pub(crate) unsafe fn frustum<R: Lanes, L: Lanes>(root: &Root, rays: &Bundle, width: usize) -> PaddedBoxes<L> {
+    let (origins, reciprocals) = (rays.origins::<R>(), reciprocals::<R>(rays));
+    let (lower, upper) = ((least(origins), least(reciprocals)), (most(origins), most(reciprocals)));
+    let t_min = folded(&Stored::from(rays.t_min::<R>().abs()), lesser);
     let (low, high) = (glam::Vec3::from(root.bounds.lower), glam::Vec3::from(root.bounds.upper));
     let farthest = [low, high, lower.0, upper.0].map(|corner| corner.abs().max_element());
     let reach = farthest.into_iter().fold(0.0, f32::max);
@@ -157,4 +148,38 @@ pub(crate) unsafe fn frustum<L: Lanes>(root: &Root, rays: &[Ray; PACKET], width:
         t_min: L::splat(t_min),
         near: near_offsets(width, near_reciprocal),
     }
+}
+
+fn lesser(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+#[inline(always)]
+unsafe fn least<L: Lanes>(of: Lanes3<L>) -> glam::Vec3 {
+    let [x, y, z] = of.0;
+    let of = |lanes: &Stored| folded(lanes, lesser);
+    glam::Vec3::new(of(&Stored::from(x)), of(&Stored::from(y)), of(&Stored::from(z)))
+}
+
+#[inline(always)]
+unsafe fn most<L: Lanes>(of: Lanes3<L>) -> glam::Vec3 {
+    let [x, y, z] = of.0;
+    let of = |lanes: &Stored| folded(lanes, greater);
+    glam::Vec3::new(of(&Stored::from(x)), of(&Stored::from(y)), of(&Stored::from(z)))
+}
+
+/// Folds all lanes into one number, halves onto halves, which vectors can do.
+#[inline(always)]
+fn folded(lanes: &Stored, join: impl Fn(f32, f32) -> f32) -> f32 {
+    let mut left = lanes.0;
+    for half in [8, 4, 2, 1] {
+        for lane in 0..half {
+            left[lane] = join(left[lane], left[lane + half]);
+        }
+    }
+    left[0]
 }

@@ -8,23 +8,25 @@
 //! goes on alone, as in Benthin, Wald, Woop, Ernst and Mark, "Combining Single and Packet-Ray Tracing for
 //! Arbitrary Ray Distributions on the Intel MIC Architecture" (2012).
 //!
+//! What a leaf holds, triangles or placed objects, is no matter of the walk ([`PacketLeaves`]).
+//!
 //! Every ray gets the answer it gets alone: tests of boxes and triangles take the same operations in the same
 //! order, and the frustum's margins cover their rounding.
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
 pub(super) mod boxes;
+pub(super) mod bundle;
 pub(super) mod triangles;
 
 use std::mem::MaybeUninit;
 
 use self::boxes::{PacketBoxes, frustum};
-use self::triangles::PacketBlocks;
+use self::bundle::{Bundle, Hits, each_lane, farthest, lanes_of};
 use super::boxes::{Boxes, DIVISOR_MIN, PaddedBoxes, Planes};
 use super::lanes::{Lanes, Order, Stored};
-use super::{ClosestBelow, OccludedBelow};
-use crate::geometry::{Hit, NO_INSTANCE, NO_TRIANGLE, Ray};
-use crate::layout::{Block, NodeRef, Root, WIDTH_MAX};
+use crate::geometry::{Hit, Ray};
+use crate::layout::{NodeRef, Root, WIDTH_MAX};
 use crate::limits::MAX_DEPTH;
 
 /// Most rays together.
@@ -39,15 +41,31 @@ const FEW: u32 = 1;
 /// Most entries on the stack: on each level all children but one, and a whole node's worth on top.
 const ENTRIES: usize = (*MAX_DEPTH.end() as usize + 1) * (WIDTH_MAX - 1) + 1;
 
-/// One number of each ray.
+/// What the rays of a packet do in a leaf, and where one of them goes on alone.
 ///
 /// # Safety
-/// As for [`Lanes`]; `L` has sixteen lanes.
-#[inline(always)]
-unsafe fn numbers<L: Lanes>(rays: &[Ray; PACKET], number: impl Fn(&Ray) -> f32) -> L {
-    debug_assert!(L::COUNT == PACKET);
-    let stored = Stored(std::array::from_fn(|lane| number(&rays[lane])));
-    L::load(stored.0.as_ptr())
+/// All functions require nodes and leaves of the tree they are given, which lives, and the processor features they
+/// are made for.
+pub(crate) trait PacketLeaves {
+    /// One lane a ray.
+    type Rays: Lanes;
+    /// What the leaves belong to.
+    type Tree: Copy;
+
+    /// Prepares for these rays.
+    unsafe fn new(tree: Self::Tree, rays: &Bundle) -> Self;
+
+    /// Replaces the hits of `active` rays by nearer ones in the leaf.
+    unsafe fn closest(&self, rays: &Bundle, leaf: NodeRef, active: u32, hits: &mut Hits);
+
+    /// Which of the `active` rays hit anything in the leaf before their ends.
+    unsafe fn any(&self, rays: &Bundle, leaf: NodeRef, active: u32, ends: &Stored) -> u32;
+
+    /// Replaces the hit of one ray by a nearer one below the node.
+    unsafe fn closest_alone(tree: Self::Tree, node: NodeRef, ray: &Ray, hit: &mut Hit);
+
+    /// Whether one ray hits anything below the node.
+    unsafe fn any_alone(tree: Self::Tree, node: NodeRef, ray: &Ray) -> bool;
 }
 
 /// What the packet comes back to: a child, when the first ray enters it, and the rays that meet it.
@@ -99,154 +117,117 @@ impl Stack {
     }
 }
 
-/// Calls `walk` for each group of rays that can be traced together, with the other lanes filled up by copies
-/// of one of them, and `alone` for the rest.
-#[inline(always)]
-fn groups(
-    rays: &[Ray],
-    class: impl Fn(&Ray) -> u8,
-    mut alone: impl FnMut(usize),
-    mut walk: impl FnMut(u32, &[Ray; PACKET]),
-) {
-    let mut classes = [0u8; PACKET];
-    let mut waiting = 0u32;
-    for (lane, ray) in rays.iter().enumerate().take(PACKET) {
-        let backward = ray.direction.to_array().map(|component| u8::from(component <= -DIVISOR_MIN));
-        classes[lane] = backward[0] | backward[1] << 1 | backward[2] << 2 | class(ray) << 3;
-        waiting |= u32::from(ray.is_valid()) << lane;
+/// Rays that cannot be traced together: those whose bits differ in any of these, signs of directions and classes.
+struct Kinds([u32; 5]);
+
+impl Kinds {
+    /// # Safety
+    /// As for [`Lanes`]; `L` has sixteen lanes.
+    #[inline(always)]
+    unsafe fn new<L: Lanes>(bundle: &Bundle, classes: [u32; 2]) -> Self {
+        let least = L::splat(-DIVISOR_MIN);
+        let [x, y, z] = bundle.directions::<L>().0;
+        let (x, y, z) = (x.less_equal(least), y.less_equal(least), z.less_equal(least));
+        Self([L::bits(x), L::bits(y), L::bits(z), classes[0], classes[1]])
     }
-    while waiting != 0 {
-        let first = waiting.trailing_zeros() as usize;
-        let like_first = |lane: usize| u32::from(classes[lane] == classes[first]) << lane;
-        let group = (0..PACKET).map(like_first).fold(0, |all, bit| all | bit) & waiting;
-        waiting &= !group;
-        if group.count_ones() < GROUP_MIN {
-            (0..rays.len()).filter(|lane| group & 1 << lane != 0).for_each(&mut alone);
-        } else {
-            walk(group, &std::array::from_fn(|lane| rays[if group & 1 << lane == 0 { first } else { lane }]));
+
+    /// Those of `waiting` that are like `first`.
+    #[inline(always)]
+    fn like(&self, first: usize, waiting: u32) -> u32 {
+        let mut group = waiting;
+        for mask in self.0 {
+            group &= if mask & 1 << first == 0 { !mask } else { mask };
         }
+        group
     }
 }
 
-/// The hits so far, one a ray.
-struct Hits {
-    t: Stored,
-    u: Stored,
-    v: Stored,
-    triangles: [u32; PACKET],
-}
-
-impl Hits {
-    /// Idle lanes end before they begin.
-    #[inline(always)]
-    fn new(group: u32, rays: &[Ray; PACKET]) -> Self {
-        let end = |lane: usize| if group & 1 << lane == 0 { -1.0 } else { rays[lane].t_max };
-        Self {
-            t: Stored(std::array::from_fn(end)),
-            u: Stored([0.0; PACKET]),
-            v: Stored([0.0; PACKET]),
-            triangles: [NO_TRIANGLE; PACKET],
-        }
-    }
-
-    /// The latest end of all rays. The bits of numbers not below zero order like the numbers.
-    #[inline(always)]
-    fn farthest(&self) -> f32 {
-        let bits = self.t.0.map(|t| t.to_bits() as i32);
-        f32::from_bits(bits.into_iter().fold(0, i32::max) as u32)
-    }
-
-    #[inline(always)]
-    fn of(&self, lane: usize) -> Hit {
-        let (t, u, v, triangle) = (self.t.0[lane], self.u.0[lane], self.v.0[lane], self.triangles[lane]);
-        Hit { t, u, v, triangle, instance: NO_INSTANCE }
-    }
-
-    #[inline(always)]
-    fn set(&mut self, lane: usize, hit: &Hit) {
-        (self.t.0[lane], self.u.0[lane], self.v.0[lane]) = (hit.t, hit.u, hit.v);
-        self.triangles[lane] = hit.triangle;
-    }
-}
-
-/// The nearest hit of each of up to sixteen rays.
+/// Replaces the hits of the `active` rays by nearer ones below `start`. Rays that are not valid keep theirs. Rays go
+/// together with those of their kind; too few of a kind go alone.
 ///
 /// # Safety
-/// The processor has the features of `F`, `X` and `T`; the tree has nodes `N` and blocks of the width and kind
-/// `T` tests; `below` is the single-ray query of that tree.
+/// The processor has the features of `F`, `X` and `P`; the tree has nodes `N` and leaves `P` tests.
 #[inline(always)]
-pub(crate) unsafe fn closest<N, const B: usize, F, X, T>(
+pub(crate) unsafe fn closest<N, F, X, P>(
     root: &Root,
-    below: ClosestBelow,
-    rays: &[Ray],
-    hits: &mut [Option<Hit>],
+    start: NodeRef,
+    bundle: &Bundle,
+    active: u32,
+    classes: [u32; 2],
+    tree: P::Tree,
+    hits: &mut Hits,
 ) where
     N: Planes,
     F: Order,
     X: PacketBoxes<N>,
-    T: PacketBlocks<X::Rays, B>,
+    P: PacketLeaves<Rays = X::Rays>,
 {
-    hits.fill(None);
-    let answers = std::cell::Cell::from_mut(hits).as_slice_of_cells();
-    let alone = |lane: usize| {
-        let mut hit = Hit::none(rays[lane].t_max);
-        // SAFETY: the caller vouches for the tree and the processor.
-        unsafe { below(root, root.node, &rays[lane], &mut hit) };
-        answers[lane].set(hit.found());
-    };
-    groups(rays, T::class, alone, |group, packed| {
-        // SAFETY: as above.
-        let found = unsafe { walk_closest::<N, B, F, X, T>(root, below, group, packed) };
-        for (lane, answer) in answers.iter().enumerate() {
-            if group & 1 << lane != 0 {
-                answer.set(found.of(lane).found());
-            }
+    let mut waiting = active & bundle.valid::<X::Rays>(hits.ends());
+    let kinds = Kinds::new::<X::Rays>(bundle, classes);
+    while waiting != 0 {
+        let first = waiting.trailing_zeros() as usize;
+        let group = kinds.like(first, waiting);
+        waiting &= !group;
+        if group.count_ones() < GROUP_MIN {
+            closest_alone::<P>(start, bundle, group, tree, hits);
+        } else {
+            // The other lanes get copies of one of the rays.
+            let filled = bundle.filled::<X::Rays>(group, first);
+            walk_closest::<N, F, X, P>(root, start, &filled, group, tree, hits);
         }
+    }
+}
+
+/// Each of these rays by itself.
+#[inline(always)]
+unsafe fn closest_alone<P: PacketLeaves>(
+    node: NodeRef,
+    bundle: &Bundle,
+    rays: u32,
+    tree: P::Tree,
+    hits: &mut Hits,
+) {
+    each_lane(rays, |lane| {
+        let mut hit = hits.of(lane);
+        // SAFETY: the caller vouches for the tree and the processor.
+        unsafe { P::closest_alone(tree, node, &bundle.ray(lane, hit.t), &mut hit) };
+        hits.set(lane, &hit);
     });
 }
 
 #[inline(always)]
-unsafe fn walk_closest<N, const B: usize, F, X, T>(
+unsafe fn walk_closest<N, F, X, P>(
     root: &Root,
-    below: ClosestBelow,
+    start: NodeRef,
+    bundle: &Bundle,
     group: u32,
-    rays: &[Ray; PACKET],
-) -> Hits
-where
+    tree: P::Tree,
+    hits: &mut Hits,
+) where
     N: Planes,
     F: Order,
     X: PacketBoxes<N>,
-    T: PacketBlocks<X::Rays, B>,
+    P: PacketLeaves<Rays = X::Rays>,
 {
-    let frustum: PaddedBoxes<F> = frustum(root, rays, N::WIDTH);
-    let (boxes, triangles) = (X::new(root, rays), T::new(rays));
-    let mut hits = Hits::new(group, rays);
-    let mut farthest = hits.farthest();
+    let frustum: PaddedBoxes<F> = frustum::<X::Rays, F>(root, bundle, N::WIDTH);
+    let (boxes, leaves) = (X::new(root, bundle), P::new(tree, bundle));
+    let mut end = farthest::<X::Rays>(group, hits.ends());
     let mut stack = Stack::new();
-    let mut next = Some(Entry { node: root.node, key: 0, rays: group });
+    let mut next = Some(Entry { node: start, key: 0, rays: group });
     while let Some(Entry { node: current, key, rays: active }) = next {
         // Some rays may have ended since the entry was made.
-        let t_max = X::Rays::load(hits.t.0.as_ptr());
+        let t_max = hits.ends::<X::Rays>();
         let entry = X::Rays::splat(f32::from_bits(key as u32));
         let active = active & X::Rays::bits(entry.less_equal(t_max));
         if active.count_ones() <= FEW {
-            let mut left = active;
-            while left != 0 {
-                let lane = left.trailing_zeros() as usize;
-                left &= left - 1;
-                let mut hit = hits.of(lane);
-                below(root, current, &rays[lane], &mut hit);
-                hits.set(lane, &hit);
-            }
-            farthest = hits.farthest();
+            closest_alone::<P>(current, bundle, active, tree, hits);
+            end = farthest::<X::Rays>(group, hits.ends());
         } else if current.is_leaf() {
-            for block in current.blocks::<B>() {
-                test_closest::<X::Rays, B, T>(&triangles, block, active, &mut hits);
-            }
-            farthest = hits.farthest();
+            leaves.closest(bundle, current, active, hits);
+            end = farthest::<X::Rays>(group, hits.ends());
         } else {
             let node = current.node::<N>();
-            let (mut met, times) = Boxes::<N>::test(&frustum, node, farthest);
+            let (mut met, times) = Boxes::<N>::test(&frustum, node, end);
             let times = Stored::from(times).0;
             stack.check();
             let first = stack.top;
@@ -262,119 +243,128 @@ where
         }
         next = loop {
             match stack.pop() {
-                Some(entry) if entry.key > farthest.to_bits() as i32 => {}
+                Some(entry) if entry.key > end.to_bits() as i32 => {}
                 other => break other,
             }
         };
     }
-    hits
 }
 
-/// All rays against all triangles of a block.
+/// Traces up to sixteen rays as a packet.
 #[inline(always)]
-unsafe fn test_closest<L: Lanes, const B: usize, T: PacketBlocks<L, B>>(
-    triangles: &T,
-    block: &Block<B>,
-    active: u32,
-    hits: &mut Hits,
+pub(crate) fn closest_each(
+    rays: &[Ray],
+    hits: &mut [Option<Hit>],
+    trace: impl FnOnce(&Bundle, u32, &mut Hits),
 ) {
-    for lane in 0..B {
-        if block.triangles[lane] == NO_TRIANGLE {
-            break;
-        }
-        let t_max = L::load(hits.t.0.as_ptr());
-        let found = triangles.meet(block, lane, t_max);
-        if found.hits & active == 0 {
-            continue;
-        }
-        let times = T::times(&found);
-        let nearer = L::bits(times.less(t_max)) & found.hits & active;
-        let (u, v) = (found.u.div(found.scale), found.v.div(found.scale));
-        for (value, old) in [(times, &mut hits.t), (u, &mut hits.u), (v, &mut hits.v)] {
-            L::choose(nearer, value, L::load(old.0.as_ptr())).store(old.0.as_mut_ptr());
-        }
-        let mut left = nearer;
-        while left != 0 {
-            hits.triangles[left.trailing_zeros() as usize] = block.triangles[lane];
-            left &= left - 1;
-        }
+    let mut found = Hits::new(rays);
+    trace(&Bundle::new(rays), lanes_of(rays.len()), &mut found);
+    for (lane, hit) in hits.iter_mut().enumerate() {
+        *hit = found.of(lane).found();
     }
 }
 
-/// Whether anything is hit, for each of up to sixteen rays.
+/// Traces up to sixteen shadow rays as a packet.
+#[inline(always)]
+pub(crate) fn occluded_each(
+    rays: &[Ray],
+    occluded: &mut [bool],
+    trace: impl FnOnce(&Bundle, u32, &Stored) -> u32,
+) {
+    let found = trace(&Bundle::new(rays), lanes_of(rays.len()), &Hits::new(rays).t);
+    for (lane, occluded) in occluded.iter_mut().enumerate() {
+        *occluded = found & 1 << lane != 0;
+    }
+}
+
+/// Which of the `active` rays hit anything below `start` before their ends. Rays that are not valid do not.
 ///
 /// # Safety
 /// As for [`closest`].
 #[inline(always)]
-pub(crate) unsafe fn occluded<N, const B: usize, F, X, T>(
+pub(crate) unsafe fn occluded<N, F, X, P>(
     root: &Root,
-    below: OccludedBelow,
-    rays: &[Ray],
-    occluded: &mut [bool],
-) where
-    N: Planes,
-    F: Order,
-    X: PacketBoxes<N>,
-    T: PacketBlocks<X::Rays, B>,
-{
-    occluded.fill(false);
-    let answers = std::cell::Cell::from_mut(occluded).as_slice_of_cells();
-    // SAFETY: the caller vouches for the tree and the processor.
-    let alone = |lane: usize| answers[lane].set(unsafe { below(root, root.node, &rays[lane]) });
-    groups(rays, T::class, alone, |group, packed| {
-        // SAFETY: as above.
-        let found = unsafe { walk_occluded::<N, B, F, X, T>(root, below, group, packed) };
-        for (lane, answer) in answers.iter().enumerate() {
-            if found & 1 << lane != 0 {
-                answer.set(true);
-            }
-        }
-    });
-}
-
-/// One bit a ray that hits something.
-#[inline(always)]
-unsafe fn walk_occluded<N, const B: usize, F, X, T>(
-    root: &Root,
-    below: OccludedBelow,
-    group: u32,
-    rays: &[Ray; PACKET],
+    start: NodeRef,
+    bundle: &Bundle,
+    active: u32,
+    classes: [u32; 2],
+    tree: P::Tree,
+    ends: &Stored,
 ) -> u32
 where
     N: Planes,
     F: Order,
     X: PacketBoxes<N>,
-    T: PacketBlocks<X::Rays, B>,
+    P: PacketLeaves<Rays = X::Rays>,
 {
-    let frustum: PaddedBoxes<F> = frustum(root, rays, N::WIDTH);
-    let (boxes, triangles) = (X::new(root, rays), T::new(rays));
-    let ends = Hits::new(group, rays);
-    let (farthest, t_max) = (ends.farthest(), X::Rays::load(ends.t.0.as_ptr()));
+    let mut waiting = active & bundle.valid::<X::Rays>(X::Rays::load(ends.0.as_ptr()));
+    let kinds = Kinds::new::<X::Rays>(bundle, classes);
+    let mut found = 0;
+    while waiting != 0 {
+        let first = waiting.trailing_zeros() as usize;
+        let group = kinds.like(first, waiting);
+        waiting &= !group;
+        if group.count_ones() < GROUP_MIN {
+            found |= any_alone::<P>(start, bundle, group, tree, ends);
+        } else {
+            let filled = bundle.filled::<X::Rays>(group, first);
+            found |= walk_occluded::<N, F, X, P>(root, start, &filled, group, tree, ends);
+        }
+    }
+    found
+}
+
+/// Which of these rays hit anything, each by itself.
+#[inline(always)]
+unsafe fn any_alone<P: PacketLeaves>(
+    node: NodeRef,
+    bundle: &Bundle,
+    rays: u32,
+    tree: P::Tree,
+    ends: &Stored,
+) -> u32 {
+    let mut found = 0;
+    each_lane(rays, |lane| {
+        // SAFETY: the caller vouches for the tree and the processor.
+        let any = unsafe { P::any_alone(tree, node, &bundle.ray(lane, ends.0[lane])) };
+        found |= u32::from(any) << lane;
+    });
+    found
+}
+
+/// One bit a ray that hits something.
+#[inline(always)]
+unsafe fn walk_occluded<N, F, X, P>(
+    root: &Root,
+    start: NodeRef,
+    bundle: &Bundle,
+    group: u32,
+    tree: P::Tree,
+    ends: &Stored,
+) -> u32
+where
+    N: Planes,
+    F: Order,
+    X: PacketBoxes<N>,
+    P: PacketLeaves<Rays = X::Rays>,
+{
+    let frustum: PaddedBoxes<F> = frustum::<X::Rays, F>(root, bundle, N::WIDTH);
+    let (boxes, leaves) = (X::new(root, bundle), P::new(tree, bundle));
+    let t_max = X::Rays::load(ends.0.as_ptr());
+    let end = farthest::<X::Rays>(group, t_max);
     // Those that have hit nothing yet.
     let mut open = group;
     let mut stack = Stack::new();
-    let mut next = Some(Entry { node: root.node, key: 0, rays: group });
+    let mut next = Some(Entry { node: start, key: 0, rays: group });
     while let Some(Entry { node: current, rays: active, .. }) = next {
         let active = active & open;
         if active.count_ones() <= FEW {
-            let mut left = active;
-            while left != 0 {
-                let lane = left.trailing_zeros() as usize;
-                left &= left - 1;
-                open &= !(u32::from(below(root, current, &rays[lane])) << lane);
-            }
+            open &= !any_alone::<P>(current, bundle, active, tree, ends);
         } else if current.is_leaf() {
-            for block in current.blocks::<B>() {
-                for lane in 0..B {
-                    if block.triangles[lane] == NO_TRIANGLE {
-                        break;
-                    }
-                    open &= !(triangles.meet(block, lane, t_max).hits & active);
-                }
-            }
+            open &= !leaves.any(bundle, current, active, ends);
         } else {
             let node = current.node::<N>();
-            let (mut met, _) = Boxes::<N>::test(&frustum, node, farthest);
+            let (mut met, _) = Boxes::<N>::test(&frustum, node, end);
             stack.check();
             while met != 0 {
                 let child = met.trailing_zeros() as usize;

@@ -2,22 +2,26 @@
 
 #![allow(unsafe_op_in_unsafe_fn, reason = "each operation is unsafe for the one reason that `Lanes` states")]
 
-use super::{PACKET, numbers};
-use crate::geometry::Ray;
-use crate::layout::Block;
-use crate::traverse::lanes::{Lanes, Lanes3};
+use std::marker::PhantomData;
+
+use super::PacketLeaves;
+use super::bundle::{Bundle, Hits, each_lane};
+use crate::geometry::{Hit, NO_INSTANCE, NO_TRIANGLE, Ray};
+use crate::layout::{Block, NodeRef, Root};
+use crate::traverse::lanes::{Lanes, Lanes3, Stored};
 use crate::traverse::triangles::{Faces, Found, Lines, meet};
 use crate::traverse::watertight::{Sheared, axes};
+use crate::traverse::{ClosestBelow, OccludedBelow};
 
 /// Rays prepared for tests against single triangles. A ray gets the answer it gets alone, bit by bit.
 ///
 /// # Safety
 /// All functions require the processor features of the lanes within, and blocks of the kind they test.
 pub(crate) trait PacketBlocks<L, const B: usize>: Copy {
-    /// Rays can be tested together if this is the same for all: less than 4.
-    fn class(ray: &Ray) -> u8;
+    /// Rays can be tested together if their bits are the same in both.
+    unsafe fn classes(rays: &Bundle) -> [u32; 2];
 
-    unsafe fn new(rays: &[Ray; PACKET]) -> Self;
+    unsafe fn new(rays: &Bundle) -> Self;
 
     /// Which rays meet the triangle in `lane` before their `t_max`.
     unsafe fn meet(&self, block: &Block<B>, lane: usize, t_max: L) -> Found<L>;
@@ -38,16 +42,13 @@ pub(crate) struct FastRays<L>(Lines<L>);
 
 impl<L: Lanes, const B: usize> PacketBlocks<L, B> for FastRays<L> {
     #[inline(always)]
-    fn class(_ray: &Ray) -> u8 {
-        0
+    unsafe fn classes(_rays: &Bundle) -> [u32; 2] {
+        [0; 2]
     }
 
     #[inline(always)]
-    unsafe fn new(rays: &[Ray; PACKET]) -> Self {
-        let origin = [0, 1, 2].map(|axis| numbers(rays, |ray| ray.origin[axis]));
-        let direction = [0, 1, 2].map(|axis| numbers(rays, |ray| ray.direction[axis]));
-        let t_min = numbers(rays, |ray| ray.t_min);
-        Self(Lines { origin: Lanes3(origin), direction: Lanes3(direction), t_min })
+    unsafe fn new(rays: &Bundle) -> Self {
+        Self(Lines { origin: rays.origins(), direction: rays.directions(), t_min: rays.t_min() })
     }
 
     #[inline(always)]
@@ -72,18 +73,23 @@ pub(crate) struct WatertightRays<L> {
 }
 
 impl<L: Lanes, const B: usize> PacketBlocks<L, B> for WatertightRays<L> {
+    /// The main axis as [`axes`] has it: the first, or if not the second.
     #[inline(always)]
-    fn class(ray: &Ray) -> u8 {
-        axes(ray)[2] as u8
+    unsafe fn classes(rays: &Bundle) -> [u32; 2] {
+        let [x, y, z] = rays.directions::<L>().0;
+        let (x, y, z) = (x.abs(), y.abs(), z.abs());
+        let first = L::bits(L::and(y.less(x), z.less(x)));
+        [first, L::bits(z.less(y)) & !first]
     }
 
     #[inline(always)]
-    unsafe fn new(rays: &[Ray; PACKET]) -> Self {
-        let axes = axes(&rays[0]);
-        let [x, y, z]: [L; 3] = axes.map(|axis| numbers(rays, |ray| ray.direction[axis]));
-        let origin = axes.map(|axis| numbers(rays, |ray| ray.origin[axis]));
+    unsafe fn new(rays: &Bundle) -> Self {
+        let axes = axes(&rays.ray(0, 0.0));
+        let (origins, directions) = (rays.origins::<L>().0, rays.directions::<L>().0);
+        let [x, y, z] = axes.map(|axis| directions[axis]);
         let shear = [x.div(z), y.div(z), L::splat(1.0).div(z)];
-        Self { axes, rays: Sheared { origin, shear, t_min: numbers(rays, |ray| ray.t_min) } }
+        let origin = axes.map(|axis| origins[axis]);
+        Self { axes, rays: Sheared { origin, shear, t_min: rays.t_min() } }
     }
 
     #[inline(always)]
@@ -98,5 +104,93 @@ impl<L: Lanes, const B: usize> PacketBlocks<L, B> for WatertightRays<L> {
     #[inline(always)]
     unsafe fn times(found: &Found<L>) -> L {
         found.t
+    }
+}
+
+/// A tree with leaves of blocks, and its single-ray queries, of which a packet of one kind needs one.
+#[derive(Clone, Copy)]
+pub(crate) struct BlockTree<'a> {
+    pub(crate) root: &'a Root,
+    pub(crate) closest: Option<ClosestBelow>,
+    pub(crate) occluded: Option<OccludedBelow>,
+}
+
+/// The rays of a packet in leaves of blocks.
+pub(crate) struct PacketBlockLeaves<'a, L, T, const B: usize> {
+    triangles: T,
+    of: PhantomData<(L, &'a Root)>,
+}
+
+impl<L: Lanes, T: PacketBlocks<L, B>, const B: usize> PacketBlockLeaves<'_, L, T, B> {
+    /// All rays against all triangles of a block.
+    #[inline(always)]
+    unsafe fn test(&self, block: &Block<B>, active: u32, hits: &mut Hits) {
+        for lane in 0..B {
+            if block.triangles[lane] == NO_TRIANGLE {
+                break;
+            }
+            let t_max = hits.ends::<L>();
+            let found = self.triangles.meet(block, lane, t_max);
+            if found.hits & active == 0 {
+                continue;
+            }
+            let times = T::times(&found);
+            let nearer = L::bits(times.less(t_max)) & found.hits & active;
+            let (u, v) = (found.u.div(found.scale), found.v.div(found.scale));
+            for (value, old) in [(times, &mut hits.t), (u, &mut hits.u), (v, &mut hits.v)] {
+                L::choose(nearer, value, L::load(old.0.as_ptr())).store(old.0.as_mut_ptr());
+            }
+            each_lane(nearer, |ray| {
+                hits.triangles[ray] = block.triangles[lane];
+                hits.instances[ray] = NO_INSTANCE;
+            });
+        }
+    }
+}
+
+impl<'a, L: Lanes, T: PacketBlocks<L, B>, const B: usize> PacketLeaves for PacketBlockLeaves<'a, L, T, B> {
+    type Rays = L;
+    type Tree = BlockTree<'a>;
+
+    #[inline(always)]
+    unsafe fn new(_tree: BlockTree<'a>, rays: &Bundle) -> Self {
+        Self { triangles: T::new(rays), of: PhantomData }
+    }
+
+    #[inline(always)]
+    unsafe fn closest(&self, _rays: &Bundle, leaf: NodeRef, active: u32, hits: &mut Hits) {
+        for block in leaf.blocks::<B>() {
+            self.test(block, active, hits);
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn any(&self, _rays: &Bundle, leaf: NodeRef, active: u32, ends: &Stored) -> u32 {
+        let t_max = L::load(ends.0.as_ptr());
+        let mut found = 0;
+        for block in leaf.blocks::<B>() {
+            for lane in 0..B {
+                if block.triangles[lane] == NO_TRIANGLE {
+                    break;
+                }
+                found |= self.triangles.meet(block, lane, t_max).hits & active;
+            }
+        }
+        found
+    }
+
+    #[inline(always)]
+    unsafe fn closest_alone(tree: BlockTree<'a>, node: NodeRef, ray: &Ray, hit: &mut Hit) {
+        if let Some(below) = tree.closest {
+            below(tree.root, node, ray, hit);
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn any_alone(tree: BlockTree<'a>, node: NodeRef, ray: &Ray) -> bool {
+        match tree.occluded {
+            Some(below) => below(tree.root, node, ray),
+            None => false,
+        }
     }
 }

@@ -1,0 +1,35 @@
+//! What the upper level of two has in its leaves.
+
+use super::NodeRef;
+use crate::instances::Instance;
+
+/// A part of a placed object: where in the object's tree a ray goes on, and how it gets into the object's space. One
+/// cache line.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct PlacedPart {
+    /// From the world to the object, by row: three factors and the translation.
+    pub(crate) to_object: [[f32; 4]; 3],
+    /// Root or any node or leaf of the object's tree.
+    pub(crate) node: NodeRef,
+    pub(crate) object: u32,
+    /// Number of the instance.
+    pub(crate) instance: u32,
+}
+
+const _: () = assert!(size_of::<PlacedPart>() == 64);
+
+// SAFETY: a part only points to a node; who may follow the pointer from which thread is the tree's affair.
+unsafe impl Send for PlacedPart {}
+// SAFETY: as above.
+unsafe impl Sync for PlacedPart {}
+
+impl PlacedPart {
+    /// What is below `node` of an object's tree, as `instance` places it.
+    pub(crate) fn new(instance: &Instance, number: u32, node: NodeRef) -> Self {
+        let (linear, moved) = (instance.to_object.matrix3, instance.to_object.translation);
+        let row = |axis: usize| [linear.x_axis[axis], linear.y_axis[axis], linear.z_axis[axis], moved[axis]];
+        let to_object = [row(0), row(1), row(2)];
+        Self { to_object, node, object: instance.object, instance: number }
+    }
+}

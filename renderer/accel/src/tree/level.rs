@@ -1,0 +1,235 @@
+//! The upper level of two: a tree over placed objects, or parts of them.
+//!
+//! Its leaves hold one part each, because what lies in a leaf costs a walk of its own. Objects whose boxes overlap are
+//! opened, the largest first: in place of the object its nodes are placed, so that a ray enters only what it comes near
+//! to. That is partial re-braiding (Benthin, Woop, Wald and Afra, "Improved Two-Level BVHs using Partial Re-Braiding",
+//! 2017), done before the build instead of during it.
+
+use std::collections::BinaryHeap;
+
+use rayon::prelude::*;
+
+use super::Tree;
+use super::arena::Arena;
+use super::binary::BinaryTree;
+use super::collapse::collapse;
+use super::outline::{Outline, by_size};
+use super::plan::Plan;
+use super::reinsertion::optimise;
+use super::top::binary_over;
+use super::write::{Items, write};
+use crate::error::BuildError;
+use crate::instances::Instance;
+use crate::layout::{Bounds, Node, NodeRef, PlacedPart, Root, TreeNode, for_node};
+use crate::limits::MAX_DEPTH;
+use crate::parameters::{Collapse, NodeOrder, TreeParameters};
+use crate::traverse::placed::{Lower, Object};
+use crate::traverse::{Isa, Kernels, LEVEL_WIDTH, LevelKernels};
+
+/// Nodes of an object's tree that decide how tight its boxes in the world are.
+const OUTLINE: usize = 64;
+
+/// Where there are few instances, so many are taken to be there when it is decided how many to open.
+const INSTANCES_MIN: usize = 64;
+
+/// The upper level and what lies below it. It refers to the objects' trees.
+#[derive(Debug)]
+pub(super) struct Level {
+    pub(super) root: Root,
+    pub(super) lower: Lower,
+    pub(super) kernels: LevelKernels,
+    parts: usize,
+    nodes: usize,
+    depth: u32,
+    /// Owns the nodes and leaves; nothing if there are none.
+    _memory: Option<Arena>,
+}
+
+// SAFETY: after the build nobody writes to what it refers to.
+unsafe impl Send for Level {}
+// SAFETY: as above.
+unsafe impl Sync for Level {}
+
+/// An object to be placed.
+pub(super) struct Below<'a> {
+    pub(super) tree: &'a Tree,
+    /// Number of its first triangle.
+    pub(super) first: u32,
+}
+
+/// An object in a place, with its number as an instance.
+pub(super) type Place = (u32, Instance);
+
+/// A part under construction.
+#[derive(Clone, Copy)]
+struct Seed {
+    /// Number of the place.
+    place: usize,
+    /// Number in the object's outline.
+    part: usize,
+    bounds: Bounds,
+}
+
+impl Items for &[PlacedPart] {
+    type Item = PlacedPart;
+
+    fn count(&self, numbers: &[u32]) -> usize {
+        numbers.len()
+    }
+
+    fn item(&self, numbers: &[u32], index: usize) -> PlacedPart {
+        self[numbers[index] as usize]
+    }
+}
+
+impl Level {
+    /// Without anything in it.
+    pub(super) fn empty(isa: Isa, parameters: &TreeParameters) -> Self {
+        let kernels = LevelKernels::select(isa, parameters.robust).expect("the instruction set was detected");
+        let of_objects = Kernels::select(isa, parameters).expect("the parameters were checked");
+        Self {
+            root: Root { node: NodeRef::EMPTY, bounds: Bounds::EMPTY },
+            lower: Lower { objects: Vec::new(), kernels: of_objects },
+            kernels,
+            parts: 0,
+            nodes: 0,
+            depth: 0,
+            _memory: None,
+        }
+    }
+
+    /// Builds over objects in their places; an instance's number of an object is that in `below`.
+    pub(super) fn build(
+        below: &[Below<'_>],
+        places: &[Place],
+        isa: Isa,
+        parameters: &TreeParameters,
+    ) -> Result<Self, BuildError> {
+        let mut level = Self::empty(isa, parameters);
+        let objects = below.iter().map(|object| Object { root: object.tree.root, first: object.first });
+        level.lower.objects = objects.collect();
+        let outlines = outlines(below, places, parameters);
+        let seeds = seeds(&outlines, places, parameters);
+        if seeds.is_empty() {
+            return Ok(level);
+        }
+        let part = |seed: &Seed| {
+            let (number, instance) = &places[seed.place];
+            PlacedPart::new(instance, *number, outlines[instance.object as usize].node(seed.part))
+        };
+        let parts: Vec<PlacedPart> = seeds.iter().map(part).collect();
+        let plan = plan(&seeds, parameters);
+        let (arena, node) = write::<Node<LEVEL_WIDTH>, _>(&plan, NodeOrder::DepthFirst, &parts.as_slice())?;
+        level.root = Root { node, bounds: plan.root.bounds };
+        (level.parts, level.nodes, level.depth) = (parts.len(), plan.nodes(), plan.depth);
+        level._memory = Some(arena);
+        Ok(level)
+    }
+
+    /// Bytes of nodes and parts.
+    pub(super) fn bytes(&self) -> usize {
+        self.nodes * size_of::<Node<LEVEL_WIDTH>>() + self.parts * size_of::<PlacedPart>()
+    }
+
+    /// Calls `visit` for every node below the root and every leaf with its depth, its box, and what a leaf holds.
+    pub(super) fn walk(&self, visit: &mut impl FnMut(u32, Bounds, Option<&PlacedPart>)) {
+        let mut stack = vec![(0, self.root.bounds, self.root.node)];
+        while let Some((depth, bounds, node)) = stack.pop() {
+            if node.is_leaf() {
+                // SAFETY: the reference came from this level, which is borrowed.
+                for part in unsafe { node.items::<PlacedPart>() } {
+                    visit(depth, bounds, Some(part));
+                }
+                continue;
+            }
+            visit(depth, bounds, None);
+            // SAFETY: as above.
+            let inner = unsafe { node.node::<Node<LEVEL_WIDTH>>() };
+            for child in 0..inner.count() {
+                stack.push((depth + 1, inner.child_bounds(child), inner.children()[child]));
+            }
+        }
+    }
+}
+
+/// The upper parts of all objects' trees. One that is placed once may be opened as far as all others together.
+fn outlines(below: &[Below<'_>], places: &[Place], parameters: &TreeParameters) -> Vec<Outline> {
+    let mut times = vec![0usize; below.len()];
+    for (_, instance) in places {
+        times[instance.object as usize] += 1;
+    }
+    let opened = parts_most(places.len(), parameters);
+    let outline = |(object, times): (&Below<'_>, &usize)| {
+        let most = if *times == 1 { opened.max(OUTLINE) } else { OUTLINE };
+        // SAFETY: the tree is of this kind of node and borrowed.
+        for_node!(parameters, N => unsafe { Outline::of::<N>(&object.tree.root, most) })
+    };
+    below.par_iter().zip(&times).map(outline).collect()
+}
+
+/// How many parts there may be of so many places.
+fn parts_most(places: usize, parameters: &TreeParameters) -> usize {
+    places + (parameters.instance_opening as usize - 1) * places.max(INSTANCES_MIN)
+}
+
+/// One part a place, and more of those that are worth it.
+fn seeds(outlines: &[Outline], places: &[Place], parameters: &TreeParameters) -> Vec<Seed> {
+    let seed = |place: usize, part: usize| {
+        let instance = &places[place].1;
+        let bounds = finite(outlines[instance.object as usize].placed(part, &instance.to_world));
+        Seed { place, part, bounds }
+    };
+    let mut seeds: Vec<Seed> = (0..places.len()).into_par_iter().map(|place| seed(place, 0)).collect();
+    let most = parts_most(places.len(), parameters);
+    if seeds.len() < most {
+        let sizes = seeds.iter().enumerate().map(|(number, seed)| (by_size(&seed.bounds), number));
+        let mut closed: BinaryHeap<(u64, usize)> = sizes.collect();
+        while seeds.len() < most {
+            let Some((_, number)) = closed.pop() else {
+                break;
+            };
+            let Seed { place, part, .. } = seeds[number];
+            let mut children = outlines[places[place].1.object as usize].children(part);
+            // One child takes its parent's place, the others come behind all.
+            let Some(first) = children.next() else {
+                continue;
+            };
+            seeds[number] = seed(place, first);
+            closed.push((by_size(&seeds[number].bounds), number));
+            for child in children {
+                closed.push((0, seeds.len()));
+                seeds.push(seed(place, child));
+            }
+        }
+    }
+    seeds
+}
+
+/// Boxes so far out that they overflow end where numbers do: the heuristic has to calculate with them.
+fn finite(bounds: Bounds) -> Bounds {
+    const MOST: f32 = f32::MAX / 4.0;
+    Bounds {
+        lower: bounds.lower.map(|plane| plane.max(-MOST).min(MOST)),
+        upper: bounds.upper.map(|plane| plane.min(MOST).max(-MOST)),
+    }
+}
+
+/// The wide tree over the parts.
+fn plan(seeds: &[Seed], parameters: &TreeParameters) -> Plan {
+    let boxes: Vec<Bounds> = seeds.iter().map(|seed| seed.bounds).collect();
+    let one_each =
+        TreeParameters { min_leaf_size: 1, max_leaf_size: 1, sah_block_size: 1, ..TreeParameters::default() };
+    let mut tree: BinaryTree = binary_over(&boxes);
+    let passes = if parameters.collapse == Collapse::Optimal { parameters.reinsertion_passes } else { 0 };
+    if passes > 0 {
+        let mut better = tree.clone();
+        optimise(&mut better, passes);
+        let plan = collapse::<LEVEL_WIDTH>(&better, &one_each);
+        // What is moved may come to lie deeper than the walks have room for.
+        if plan.depth <= *MAX_DEPTH.end() {
+            return plan;
+        }
+    }
+    tree.renumber();
+    collapse::<LEVEL_WIDTH>(&tree, &one_each)
+}
