@@ -208,9 +208,11 @@ fn seeds(outlines: &[Outline], places: &[Place], parameters: &TreeParameters) ->
 /// Boxes so far out that they overflow end where numbers do: the heuristic has to calculate with them.
 fn finite(bounds: Bounds) -> Bounds {
     const MOST: f32 = f32::MAX / 4.0;
+    // A factor of zero and an infinite coordinate make no number.
+    let or = |plane: f32, otherwise: f32| if plane.is_nan() { otherwise } else { plane.clamp(-MOST, MOST) };
     Bounds {
-        lower: bounds.lower.map(|plane| plane.max(-MOST).min(MOST)),
-        upper: bounds.upper.map(|plane| plane.min(MOST).max(-MOST)),
+        lower: bounds.lower.map(|plane| or(plane, -MOST)),
+        upper: bounds.upper.map(|plane| or(plane, MOST)),
     }
 }
 

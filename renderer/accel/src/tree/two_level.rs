@@ -29,14 +29,14 @@ pub struct TwoLevel {
     objects: Vec<Tree>,
     /// Which objects were copied.
     flattened: Vec<bool>,
-    flat: Option<Flat>,
+    flat: Option<Box<Flat>>,
     instances: Arc<Instances>,
     /// Triangles of all objects, placed or not.
     triangles: usize,
     parameters: TreeParameters,
     isa: Isa,
     /// Refers to the trees above.
-    level: Level,
+    level: Box<Level>,
 }
 
 impl TwoLevel {
@@ -50,7 +50,7 @@ impl TwoLevel {
     ) -> Result<Self, BuildError> {
         parameters.check()?;
         let mut flattened = flattened(instances, parameters);
-        let flat = Flat::build(device, triangles, instances, &flattened, parameters)?;
+        let flat = Flat::build(device, triangles, instances, &flattened, parameters)?.map(Box::new);
         if flat.is_none() {
             flattened.fill(false);
         }
@@ -66,7 +66,7 @@ impl TwoLevel {
             triangles: triangles.len(),
             parameters: *parameters,
             isa,
-            level: Level::empty(isa, parameters),
+            level: Box::new(Level::empty(isa, parameters)),
         };
         two_level.join()?;
         Ok(two_level)
@@ -74,7 +74,7 @@ impl TwoLevel {
 
     /// Builds the upper level over the trees as they are. After an error there is none, and rays miss.
     fn join(&mut self) -> Result<(), BuildError> {
-        self.level = Level::empty(self.isa, &self.parameters);
+        *self.level = Level::empty(self.isa, &self.parameters);
         let ranges = self.instances.objects();
         let below = self.objects.iter().zip(ranges);
         let mut below: Vec<Below<'_>> =
@@ -89,7 +89,7 @@ impl TwoLevel {
             places.push((NO_INSTANCE, in_the_world(below.len())));
             below.push(Below { tree: &flat.tree, first: 0 });
         }
-        self.level = Level::build(&below, &places, self.isa, &self.parameters)?;
+        *self.level = Level::build(&below, &places, self.isa, &self.parameters)?;
         Ok(())
     }
 
@@ -128,8 +128,9 @@ impl TwoLevel {
     pub fn with_isa(mut self, isa: Isa) -> Option<Self> {
         let with = |tree: Tree| tree.with_isa(isa);
         self.objects = self.objects.into_iter().map(with).collect::<Option<Vec<_>>>()?;
-        if let Some(Flat { tree, numbers }) = self.flat {
-            self.flat = Some(Flat { tree: with(tree)?, numbers });
+        if let Some(flat) = self.flat {
+            let Flat { tree, numbers } = *flat;
+            self.flat = Some(Box::new(Flat { tree: with(tree)?, numbers }));
         }
         self.isa = isa;
         self.join().ok()?;
@@ -235,7 +236,7 @@ fn parts<'a>(
 impl Intersector for TwoLevel {
     #[inline]
     fn closest(&self, ray: &Ray) -> Option<Hit> {
-        let Level { root, lower, kernels, .. } = &self.level;
+        let Level { root, lower, kernels, .. } = &*self.level;
         // SAFETY: the level was built over these trees, and its kernels and theirs selected for them.
         let hit = unsafe { kernels.closest(root, lower, ray) };
         hit.map(|hit| self.numbered(hit))
@@ -243,13 +244,13 @@ impl Intersector for TwoLevel {
 
     #[inline]
     fn occluded(&self, ray: &Ray) -> bool {
-        let Level { root, lower, kernels, .. } = &self.level;
+        let Level { root, lower, kernels, .. } = &*self.level;
         // SAFETY: as above.
         unsafe { kernels.occluded(root, lower, ray) }
     }
 
     fn closest_each(&self, packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        let Level { root, lower, kernels, .. } = &self.level;
+        let Level { root, lower, kernels, .. } = &*self.level;
         // SAFETY: as above.
         unsafe { kernels.closest_each(root, lower, packets, rays, hits) };
         if self.flat.is_some() {
@@ -260,7 +261,7 @@ impl Intersector for TwoLevel {
     }
 
     fn occluded_each(&self, packets: Packets, rays: &[Ray], occluded: &mut [bool]) {
-        let Level { root, lower, kernels, .. } = &self.level;
+        let Level { root, lower, kernels, .. } = &*self.level;
         // SAFETY: as above.
         unsafe { kernels.occluded_each(root, lower, packets, rays, occluded) };
     }

@@ -39,9 +39,10 @@ impl Tree {
     /// Expected cost of a ray that hits the box of one of its nodes or leaves.
     pub(super) fn cost_below(&self, node: NodeRef) -> f64 {
         let bounds = bounds_below(node, &self.parameters, &self.triangles);
-        // SAFETY: the caller has the node from this tree, which is borrowed.
-        for_node!(self.parameters, N => for_block!(self.parameters, B =>
-            unsafe { measure::<N, B>(node, bounds) }.cost()))
+        for_node!(self.parameters, N => for_block!(self.parameters, B => {
+            // SAFETY: the caller has the node from this tree, which is borrowed.
+            unsafe { measure::<N, B>(node, bounds) }.cost()
+        }))
     }
 
     /// Calls `visit` for the corners of every triangle below one of its nodes or leaves.
