@@ -14,8 +14,9 @@ use glam::Vec3A;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use treewright_accel::{
-    BuildChoice, BuildError, Collapse, Device, Hit, Intersector, Isa, NativeAcceleration, NativeOptions,
-    NativeQuality, NodeFormat, NodeOrder, Packets, Quality, Ray, Structure, TreeParameters, Triangles, build,
+    BuildChoice, BuildError, Builder, Collapse, Device, Hit, Intersector, Isa, NativeAcceleration,
+    NativeOptions, NativeQuality, NodeFormat, NodeOrder, Packets, Quality, Ray, Structure, TreeParameters,
+    Triangles, build,
 };
 
 #[path = "../tests/scenes/mod.rs"]
@@ -103,6 +104,9 @@ fn configuration(random: &mut ChaCha8Rng) -> BuildChoice {
         order: one_of(random, &orders),
         format: one_of(random, &[NodeFormat::Full, NodeFormat::Quantised]),
         split_budget: random.random_range(1.0..=2.0),
+        builder: one_of(random, &[Builder::Embree, Builder::Ploc]),
+        search_radius: random.random_range(1..=32),
+        ..TreeParameters::default()
     })
 }
 
