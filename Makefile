@@ -14,7 +14,7 @@ build: setup ## release binaries: treewrightd, treewright, treewright-render, tr
 	$(CARGO) build --release --locked --bins -p treewright-server -p treewright-cli -p treewright-render-cli -p treewright-lab
 
 demo: setup ## tune a built-in scene, then open demo/report.html
-	$(CARGO) build --profile demo --locked --bins -p treewright-server -p treewright-render-cli
+	$(CARGO) build --profile demo --locked --bins --no-default-features -p treewright-server -p treewright-render-cli
 	@tools/demo.sh
 
 test: ## formatting, lints, docs, unit, property and end-to-end tests

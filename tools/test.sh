@@ -19,6 +19,8 @@ step "formatting"
 cargo fmt --all --check
 step "lints"
 cargo clippy --workspace --all-targets --locked --quiet -- -D warnings
+# What `make demo` builds: without PostgreSQL and OpenTelemetry.
+cargo clippy --package treewright-server --no-default-features --locked --quiet -- -D warnings
 step "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet
 [ "${1:-all}" = lint ] && exit 0

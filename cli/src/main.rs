@@ -1,6 +1,5 @@
 //! `treewright`: looks at a tuning daemon from the command line. A thin main: read the arguments, do one
 //! thing, print it, and say with the exit code how that went.
-#![forbid(unsafe_code)]
 
 mod arguments;
 mod commands;

@@ -19,7 +19,6 @@
 //! | `circuit_breaker`, `back_off` | whether the daemon is there, and when to ask again |
 //! | `outbox`, `delivery`, `stats` | reports on their way, and counts of what became of them |
 //! | `answer`, `memory`, `stream` | answers within a deadline, and what to do without one |
-#![forbid(unsafe_code)]
 
 mod answer;
 #[cfg(feature = "arguments")]

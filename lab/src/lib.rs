@@ -8,7 +8,6 @@
 //!
 //! The examples of this crate measure the tuner without a renderer: searches, predictors, regret (`cargo run --release
 //! -p treewright-lab --example NAME`). Nothing of the product depends on this crate.
-#![forbid(unsafe_code)]
 
 pub mod ablation;
 pub mod commands;

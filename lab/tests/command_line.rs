@@ -1,44 +1,11 @@
 //! The laboratory's program as a user meets it: what it finds out, and wrong input with its message and exit code.
 
-use std::path::Path;
-use std::process::{Command, Output};
+#[path = "../../renderer/cli/tests/support/program.rs"]
+mod program;
 
-const FAILED: i32 = 1;
-const USAGE: i32 = 2;
-const UNREACHABLE: i32 = 3;
+use program::{FAILED, UNREACHABLE, USAGE, fails, folder, run, succeeds};
 
-/// Runs the program with arguments separated by spaces, in a folder of its own.
-fn run(folder: &Path, arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_treewright-lab"))
-        .current_dir(folder)
-        .env_remove("TREEWRIGHT_SERVER")
-        .args(arguments.split_whitespace())
-        .output()
-        .expect("the program starts")
-}
-
-fn folder() -> tempfile::TempDir {
-    tempfile::tempdir().expect("a scratch folder")
-}
-
-fn succeeds(folder: &Path, arguments: &str) -> String {
-    let output = run(folder, arguments);
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{arguments}: {errors}");
-    String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
-/// Expects an exit code and some words on standard error.
-fn fails(arguments: &str, code: i32, said: &[&str]) {
-    let folder = folder();
-    let output = run(folder.path(), arguments);
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{arguments}: {errors}");
-    assert!(!errors.contains("panicked"), "{arguments}: {errors}");
-    for words in said {
-        assert!(errors.contains(words), "{arguments}: {words:?} is not in {errors}");
-    }
-}
+const PROGRAM: &str = env!("CARGO_BIN_EXE_treewright-lab");
 
 #[test]
 fn accelerators_are_verified() {

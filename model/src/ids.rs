@@ -56,7 +56,7 @@ ids! {
     StateId;
     /// A trial of a study: rises by one from 1.
     TrialNumber;
-    /// A kind of machine, told by its fingerprint, within a study.
+    /// A machine of a study, told by its fingerprint: rises by one from 0, in the order in which they founded states.
     MachineId;
 }
 

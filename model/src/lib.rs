@@ -9,7 +9,6 @@
 //! The way through the crate: [`value`], [`space`] and [`configuration`] say what can be run; [`indicator`] and
 //! [`objective`] what is known of an input and what is minimised; [`policy`] how a study decides; [`study`] joins
 //! them; [`trial`] is what is handed out and what came of it. [`ids`], [`names`] and [`limits`] hold for all of them.
-#![forbid(unsafe_code)]
 // Tests may compare with what the platform computes.
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
@@ -23,6 +22,7 @@ pub mod names;
 pub mod objective;
 pub mod plain;
 pub mod policy;
+pub mod reason;
 pub mod session;
 pub mod space;
 pub mod study;

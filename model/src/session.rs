@@ -23,6 +23,10 @@ pub struct SessionPolicy {
     /// the study keeps a regret budget, its own factor holds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub abort_above: Option<f64>,
+    /// Until when the session explores, by the daemon's clock in milliseconds since 1970. From then on what is known to be
+    /// good is run, whatever `epsilon` says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub explore_until_ms: Option<i64>,
 }
 
 impl SessionPolicy {
@@ -30,6 +34,17 @@ impl SessionPolicy {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// What holds at a time: past its deadline a session explores no more.
+    #[must_use]
+    pub fn at(self, now_ms: i64) -> Self {
+        match self.explore_until_ms {
+            Some(until_ms) if until_ms <= now_ms => {
+                Self { epsilon: Some(0.0), explore_until_ms: None, ..self }
+            }
+            _ => self,
+        }
     }
 
     /// Checks the ranges.
@@ -62,8 +77,12 @@ mod tests {
     #[test]
     fn wishes_are_checked_like_policies() {
         SessionPolicy::default().validate().expect("nothing is wished for");
-        let wishes =
-            |epsilon, trials_per_state, abort_above| SessionPolicy { epsilon, trials_per_state, abort_above };
+        let wishes = |epsilon, trials_per_state, abort_above| SessionPolicy {
+            epsilon,
+            trials_per_state,
+            abort_above,
+            explore_until_ms: Some(-1),
+        };
         wishes(Some(1.0), Some(TRIALS_PER_STATE_MAX), Some(1.5)).validate().expect("all in range");
         for (bad, field) in [
             (wishes(Some(1.1), None, None), "epsilon"),
@@ -76,5 +95,15 @@ mod tests {
             let error = bad.validate().expect_err(field).to_string();
             assert!(error.contains(field), "{error}");
         }
+    }
+
+    #[test]
+    fn nothing_is_explored_from_the_deadline_on() {
+        let wishes = SessionPolicy { epsilon: Some(1.0), abort_above: Some(2.0), ..SessionPolicy::default() };
+        assert_eq!(wishes.at(i64::MAX), wishes, "no deadline");
+        let wishes = SessionPolicy { explore_until_ms: Some(500), ..wishes };
+        assert_eq!(wishes.at(499), wishes);
+        let over = SessionPolicy { epsilon: Some(0.0), explore_until_ms: None, ..wishes };
+        assert_eq!((wishes.at(500), wishes.at(9_000)), (over, over));
     }
 }

@@ -1,7 +1,6 @@
 //! Wire types of the Treewright tuning service. The meaning of every message stands in the comments of
 //! `proto/treewright/v1/*.proto`; this crate compiles them, and [`convert`] turns messages into the types of
 //! `treewright-model` and back: the only place that knows both.
-#![forbid(unsafe_code)]
 
 pub mod convert;
 

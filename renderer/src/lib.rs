@@ -11,7 +11,6 @@
 //! | `recorder` | the rays of a frame in a file |
 //!
 //! Scenes come from the crate `treewright-scene`, command lines stand in `treewright-render-cli`.
-#![forbid(unsafe_code)]
 
 pub mod film;
 pub mod frame;

@@ -6,8 +6,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+#[cfg(feature = "postgres")]
+use treewright_store::PostgresTokens;
 use treewright_store::tokens::{Scope, TokenError, TokenRecord, day};
-use treewright_store::{OpenError, PostgresTokens, SqliteTokens, TokenStore};
+use treewright_store::{OpenError, SqliteTokens, TokenStore};
 
 use crate::access::token::Token;
 use crate::clock::{Clock as _, SystemClock};
@@ -54,6 +56,7 @@ pub struct CommandOutput {
 pub async fn open(config: &DatabaseConfig) -> Result<Arc<dyn TokenStore>, OpenError> {
     match config.read().map_err(|problem| OpenError::BadAddress { problem })? {
         Database::File(path) => Ok(Arc::new(SqliteTokens::open(&path).await?)),
+        #[cfg(feature = "postgres")]
         Database::Postgres(server) => Ok(Arc::new(PostgresTokens::open(&server, config.wait()).await?)),
     }
 }

@@ -137,6 +137,16 @@ impl ServeConfig {
         }
     }
 
+    /// Where other daemons on the same database reach this one, which listens there.
+    #[cfg(feature = "postgres")]
+    #[must_use]
+    pub fn advertised(&self, listening: SocketAddr) -> String {
+        self.peers.advertise.clone().unwrap_or_else(|| {
+            let scheme = if self.guard.tls_cert.is_some() { "https" } else { "http" };
+            format!("{scheme}://{listening}")
+        })
+    }
+
     /// How long draining may take.
     #[must_use]
     pub fn drain(&self) -> Duration {

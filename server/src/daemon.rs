@@ -6,8 +6,10 @@ use std::sync::Arc;
 
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
+#[cfg(feature = "postgres")]
+use treewright_store::PostgresStore;
 use treewright_store::tokens::TokenError;
-use treewright_store::{OpenError, PostgresStore, SqliteStore, Store};
+use treewright_store::{OpenError, SqliteStore, Store};
 
 use crate::access::Access;
 use crate::administration;
@@ -73,14 +75,10 @@ async fn open(
 ) -> Result<Arc<dyn Store>, OpenError> {
     match database {
         Database::File(path) => Ok(Arc::new(SqliteStore::open(path).await?)),
+        #[cfg(feature = "postgres")]
         Database::Postgres(server) => {
-            let advertise = config.peers.advertise.clone();
-            let advertise = advertise.unwrap_or_else(|| {
-                let scheme = if config.guard.tls_cert.is_some() { "https" } else { "http" };
-                format!("{scheme}://{listening}")
-            });
-            let wait = config.database.wait();
-            Ok(Arc::new(PostgresStore::open(server.clone(), &advertise, wait).await?))
+            let advertise = config.advertised(listening);
+            Ok(Arc::new(PostgresStore::open(server.clone(), &advertise, config.database.wait()).await?))
         }
     }
 }
@@ -95,7 +93,7 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
     // Without certificates to read again it is ignored: who closes a terminal does not mean to end the daemon.
     let hang_up = signal(SignalKind::hangup())?;
     let listen_error = |problem| DaemonError::Listen { address: config.listen, problem };
-    let tls = config.guard.tls_files(&config.peers).map(Tls::load).transpose()?.map(Arc::new);
+    let tls = config.peers.tls_files(&config.guard).map(Tls::load).transpose()?.map(Arc::new);
     let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
     let address = listener.local_addr()?;
     let watch = match config.metrics {

@@ -8,7 +8,6 @@
 //!
 //! [`serve`] runs all that until told to stop; [`daemon`] adds what makes it a process. [`administration`] makes and
 //! revokes tokens, [`maintenance`] backs up, restores and checks database files.
-#![forbid(unsafe_code)]
 
 pub mod access;
 pub mod administration;

@@ -1,6 +1,7 @@
 //! The log, on standard error. Whatever looks like a token is blotted out on its way there, whoever wrote it: at
 //! the finest level the libraries below log what they read from the wire. `traces` sends spans to a collector.
 
+#[cfg_attr(not(feature = "traces"), path = "telemetry/no_traces.rs")]
 pub mod traces;
 
 use std::io::{self, IsTerminal as _, Write};

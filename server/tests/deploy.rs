@@ -107,7 +107,7 @@ fn the_kubernetes_manifest_starts_daemons_with_tls_and_tokens() {
         .collect();
     let config = understood(&arguments, &variables);
     assert!(config.guard.asks_for_tokens(config.listen));
-    assert!(config.guard.tls_files(&config.peers).is_some());
+    assert!(config.peers.tls_files(&config.guard).is_some());
     assert!(config.peers.advertise.as_deref().is_some_and(|url| url.starts_with("https://$(POD_NAME).")));
 
     // Every file is in a volume that there is.

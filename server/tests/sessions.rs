@@ -4,11 +4,16 @@ mod common;
 
 use common::{Client, Server, ask, assert_refused, create, done, study};
 use tonic::Code;
+use treewright_proto::convert::timestamp_to_wire;
 use treewright_proto::v1::{self as wire, Rule};
 
 /// Explores a good deal, also where the study itself does not.
-const WISHES: wire::SessionPolicy =
-    wire::SessionPolicy { epsilon: Some(1.0), trials_per_state: Some(6), abort_above: Some(3.0) };
+const WISHES: wire::SessionPolicy = wire::SessionPolicy {
+    epsilon: Some(1.0),
+    trials_per_state: Some(6),
+    abort_above: Some(3.0),
+    explore_until: None,
+};
 
 fn explorer(session: u64, wishes: Option<wire::SessionPolicy>) -> wire::SuggestRequest {
     wire::SuggestRequest { session, session_policy: wishes, ..ask("explorer", 5.0) }
@@ -76,6 +81,27 @@ async fn a_session_outlives_the_daemon() {
     let mut client = server.client().await;
     let (trial, rule) = frame(&mut client, explorer(2, None)).await;
     assert_eq!(rule, Rule::Finished, "{trial:?}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_session_explores_until_its_deadline() {
+    let server = Server::in_memory().await;
+    let mut client = server.client().await;
+    calm(&mut client).await;
+    let explore_until = Some(timestamp_to_wire(common::START_MS + 5_000));
+    let wishes = Some(wire::SessionPolicy { explore_until, trials_per_state: Some(100), ..WISHES });
+    for second in 0..9 {
+        for _ in 0..2 {
+            let (trial, rule) = frame(&mut client, explorer(1, wishes)).await;
+            let expected = if second < 5 { Rule::Explore } else { Rule::Exploit };
+            assert_eq!(rule, expected, "second {second}: {trial:?}");
+        }
+        server.clock.advance_ms(1_000);
+    }
+    // A run that begins now explores.
+    let (trial, rule) = frame(&mut client, explorer(2, Some(WISHES))).await;
+    assert_eq!(rule, Rule::Finished, "its own limit of six is reached: {trial:?}");
     server.stop().await;
 }
 

@@ -3,4 +3,5 @@
 
 mod dependencies;
 mod layering;
+mod methods;
 mod tidiness;

@@ -2,7 +2,6 @@
 //!
 //! The tests run the binaries that lie beside them in the build folder, the way a user would run
 //! them: separate processes, a real database file, real sockets on the loopback.
-#![forbid(unsafe_code)]
 
 pub mod daemon;
 pub mod programs;

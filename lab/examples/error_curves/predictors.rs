@@ -7,9 +7,10 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use treewright_core::machines::Machines;
+use treewright_core::ids::{MachineId, StateId};
+use treewright_core::machines::{Machines, Origin};
 use treewright_core::policy::{Policy, PredictorMethod};
-use treewright_core::predict::{Lesson, Origin, Predictors, Query, StateIndex, prequential};
+use treewright_core::predict::{Lesson, Predictors, Query, StateIndex, prequential};
 use treewright_core::results::KnownState;
 use treewright_core::search::Verdict;
 use treewright_core::study::StudySpec;
@@ -77,12 +78,25 @@ fn replay(spec: &StudySpec, method: PredictorMethod, trials: &[(Vec<f64>, Trial)
         let place = trial.state_id as usize - 1;
         if place == known.len() {
             let (anchor, results) = (state.clone(), Arc::default());
-            known.push(KnownState { id: trial.state_id, anchor, machine: 0, explored: true, results });
+            known.push(KnownState {
+                id: StateId(trial.state_id),
+                anchor,
+                machine: MachineId(0),
+                explored: true,
+                results,
+            });
         }
         let (state_index_now, machines) = (&state_index, &machines);
         let here = Some(&known[place]);
-        let query =
-            Query { state, here, known: &known, state_index: state_index_now, space, machines, machine: 0 };
+        let query = Query {
+            state,
+            here,
+            known: &known,
+            state_index: state_index_now,
+            space,
+            machines,
+            machine: MachineId(0),
+        };
         // `auto` asks all when it tests them.
         let clock = Instant::now();
         let expected = predictors.estimate(method, &query, &trial.configuration);

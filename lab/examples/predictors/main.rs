@@ -19,10 +19,11 @@ use std::time::Instant;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
-use treewright_core::machines::Machines;
+use treewright_core::ids::{MachineId, StateId};
+use treewright_core::machines::{Machines, Origin};
 use treewright_core::policy::{Policy, PredictorMethod};
 use treewright_core::predict::{
-    LeastSquares, Lesson, Nearest, Origin, Predictor, Query, Rbf, Shape, StateIndex, Weighted,
+    LeastSquares, Lesson, Nearest, Predictor, Query, Rbf, Shape, StateIndex, Weighted,
 };
 use treewright_core::results::{KnownState, ResultTable};
 use treewright_core::search::Verdict;
@@ -76,9 +77,9 @@ fn nearest(count: usize) {
     machines.note_founder(None);
     let known: Vec<KnownState> = (0..count as u64)
         .map(|place| KnownState {
-            id: place + 1,
+            id: StateId(place + 1),
             anchor: scene(&mut random),
-            machine: 0,
+            machine: MachineId(0),
             explored: place % 4 == 0,
             results: Arc::clone(&results),
         })
@@ -91,7 +92,15 @@ fn nearest(count: usize) {
         let spent = times(QUESTIONS, || {
             let state = scene(&mut asked);
             let (known, state_index, space, machines) = (&known[..], &state_index, &spec.space, &machines);
-            let query = Query { state: &state, here: None, known, state_index, space, machines, machine: 0 };
+            let query = Query {
+                state: &state,
+                here: None,
+                known,
+                state_index,
+                space,
+                machines,
+                machine: MachineId(0),
+            };
             std::hint::black_box(predictor.predict(&query));
         });
         println!("{}", json!({ "nearest": name, "states": count, "answer": spent }));
@@ -139,7 +148,7 @@ fn features() {
             state_index: &state_index,
             space,
             machines: &machines,
-            machine: 0,
+            machine: MachineId(0),
         };
         let answers = times(QUESTIONS, || drop(std::hint::black_box(model.predict(&query))));
         let update = json!({ "p50_us": updates[QUESTIONS / 2], "p99_us": updates[QUESTIONS * 99 / 100] });

@@ -6,9 +6,7 @@ use clap::Args;
 
 use crate::ablation::report::{self as page, Ablation, Row};
 use crate::ablation::{deviations, plain_configuration};
-use treewright_render_cli::arguments::{
-    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, read_configuration,
-};
+use treewright_render_cli::arguments::{SpaceArguments, ViewArguments, objective, read_configuration};
 use treewright_render_cli::error::{CliError, write_file};
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
@@ -23,11 +21,7 @@ use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, TUNED, contender};
 #[derive(Args, Clone, Debug)]
 pub(super) struct Arguments {
     #[command(flatten)]
-    scene: SceneArguments,
-    #[command(flatten)]
-    camera: CameraArguments,
-    #[command(flatten)]
-    frame: FrameArguments,
+    view: ViewArguments,
 
     /// The winner: a JSON file with an object of parameters of the full space, as `tune --json` and
     /// `treewright best` write them.
@@ -39,12 +33,8 @@ pub(super) struct Arguments {
     robust: bool,
 
     /// What a frame is: with a thousandth of its build (`render`), or with a whole one (`total`).
-    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
-
-    /// Pixels across and down.
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
-    size: Size,
 
     /// How often each one is measured.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
@@ -62,9 +52,9 @@ pub(super) struct Arguments {
 /// Measures and prints.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let winner = read_configuration(&arguments.config_file)?;
-    let scene = arguments.scene.load()?;
+    let scene = arguments.view.scene.load()?;
     let space = SpaceArguments { space: Preset::Full, robust: arguments.robust };
-    let space = space.whole(arguments.objective, arguments.frame.threads)?;
+    let space = space.whole(arguments.objective, arguments.view.frame.threads)?;
     let winner = space.complete(&winner)?;
     let deviations = deviations(space.space(), &winner);
     let mut contenders = vec![
@@ -82,12 +72,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
             CONTENDERS_MAX / 2 - 1
         )));
     }
-    let camera = arguments.camera.find(&scene)?;
-    let renderer = arguments.frame.renderer(&scene)?;
+    let camera = arguments.view.camera.find(&scene)?;
+    let renderer = arguments.view.frame.renderer(&scene)?;
     let conditions = Conditions {
-        view: arguments.frame.view(camera),
-        width: arguments.size.width,
-        height: arguments.size.height,
+        view: arguments.view.frame.view(camera),
+        width: arguments.view.size.width,
+        height: arguments.view.size.height,
         rounds: arguments.rounds,
         frames_per_build: arguments.objective.frames_per_build(),
     };
@@ -110,7 +100,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     });
     let ablation = Ablation {
         scene: scene.name.clone(),
-        size: [arguments.size.width, arguments.size.height],
+        size: [arguments.view.size.width, arguments.view.size.height],
         threads: renderer.threads(),
         objective: arguments.objective,
         rounds: standings[0].frame_ms.count,

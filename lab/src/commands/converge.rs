@@ -16,7 +16,7 @@ use crate::converge::reference_file;
 use crate::converge::reference_key::ReferenceKey;
 use crate::converge::report::{self, Ground};
 use crate::converge::results::{ComparisonResults, ContenderResult, ReferenceFacts};
-use treewright_render_cli::arguments::{CameraArguments, FrameArguments, SceneArguments, Size};
+use treewright_render_cli::arguments::{Size, ViewArguments};
 use treewright_render_cli::error::{CliError, check_folder, write_file};
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
@@ -52,17 +52,9 @@ Examples:
 #[command(after_help = MORE_HELP)]
 pub(super) struct Arguments {
     #[command(flatten)]
-    scene: SceneArguments,
-    #[command(flatten)]
-    camera: CameraArguments,
-    #[command(flatten)]
-    frame: FrameArguments,
+    view: ViewArguments,
     #[command(flatten)]
     entrants: EntrantArguments,
-
-    /// Pixels across and down.
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
-    size: Size,
 
     /// Independent runs. Intervals need at least two.
     #[arg(long, value_name = "N", default_value_t = 5, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(RUNS_MAX)))]
@@ -119,23 +111,24 @@ impl Arguments {
 /// Compares and tells.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     arguments.check_files()?;
-    let told = arguments.entrants.read(arguments.frame.threads)?;
-    let scene = arguments.scene.load()?;
-    let camera = arguments.camera.find(&scene)?;
-    let view = arguments.frame.view(camera);
-    let Size { width, height } = arguments.size;
+    let told = arguments.entrants.read(arguments.view.frame.threads)?;
+    let scene = arguments.view.scene.load()?;
+    let camera = arguments.view.camera.find(&scene)?;
+    let view = arguments.view.frame.view(camera);
+    let Size { width, height } = arguments.view.size;
     let key = ReferenceKey::new(&scene, &view, width, height);
     // Before minutes go into anything else: does the file fit?
     let stored = match &arguments.reference {
         Some(path) => reference_file::read_if_there(path, &key)?,
         None => None,
     };
-    let mut renderer = arguments.frame.renderer(&scene)?;
+    let mut renderer = arguments.view.frame.renderer(&scene)?;
     let interrupt = Interrupt::listen();
     let mut notes = Vec::new();
     let mut chosen = told;
     if arguments.entrants.server.is_some() {
-        let setting = EntrantSetting { view, size: arguments.size, threads: arguments.frame.threads };
+        let setting =
+            EntrantSetting { view, size: arguments.view.size, threads: arguments.view.frame.threads };
         chosen.extend(arguments.entrants.ask(&mut renderer, &setting, interrupt, &mut notes)?);
     }
     if chosen.len() > CONTENDERS_MAX {
@@ -219,7 +212,7 @@ fn converge_reference(
         return Ok(());
     }
     // No contender's clock runs, so the fastest way that is known without measuring will do.
-    let premises = Premises::of(renderer.scene(), false, false, arguments.frame.threads);
+    let premises = Premises::of(renderer.scene(), false, false, arguments.view.frame.threads);
     let choice = TuningSpace::new(Preset::Full, &premises).default_choice();
     let (structure, _) = renderer.build(&choice.build)?;
     let bar = if arguments.prints_json() {

@@ -189,7 +189,7 @@ impl EntrantArguments {
         study.set_session_policy(SessionPolicy {
             epsilon: Some(1.0),
             trials_per_state: Some(room),
-            abort_above: None,
+            ..SessionPolicy::default()
         })?;
         let bar = output::bar(u64::from(self.iterations), "trials");
         let found = search::run(renderer, &mut study.tuner(), setting, self.iterations, None, |_| {

@@ -8,9 +8,7 @@ use clap::Args;
 use indicatif::ProgressBar;
 use serde::Serialize;
 
-use treewright_render_cli::arguments::{
-    CameraArguments, FrameArguments, SceneArguments, Size, StructureArguments,
-};
+use treewright_render_cli::arguments::{StructureArguments, ViewArguments};
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
@@ -24,17 +22,9 @@ use treewright_renderer::statistics::Summary;
 #[derive(Args, Clone, Debug)]
 pub(super) struct Arguments {
     #[command(flatten)]
-    scene: SceneArguments,
-    #[command(flatten)]
-    camera: CameraArguments,
+    view: ViewArguments,
     #[command(flatten)]
     structure: StructureArguments,
-    #[command(flatten)]
-    frame: FrameArguments,
-
-    /// Pixels across and down.
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
-    size: Size,
 
     /// How often each variant is measured.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
@@ -90,17 +80,17 @@ impl Variant {
 
 /// Measures and prints; fails when a picture changes.
 pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    let choice = arguments.structure.choice(arguments.frame.threads)?;
-    let scene = arguments.scene.load()?;
-    let view = arguments.frame.view(arguments.camera.find(&scene)?);
-    let renderer = arguments.frame.renderer(&scene)?;
+    let choice = arguments.structure.choice(arguments.view.frame.threads)?;
+    let scene = arguments.view.scene.load()?;
+    let view = arguments.view.frame.view(arguments.view.camera.find(&scene)?);
+    let renderer = arguments.view.frame.renderer(&scene)?;
     let (structure, _) = renderer.build(&choice.build)?;
     let least = renderer.needs();
     let mut variants = vec![Variant::new("", "", least)];
     variants.extend(least.omissions().iter().map(|one| Variant::new(one.what, one.why, one.put_back)));
     variants.push(Variant::new("everything", "the kernel that renders any scene", Needs::ALL));
 
-    let mut film = Film::new(arguments.size.width, arguments.size.height);
+    let mut film = Film::new(arguments.view.size.width, arguments.view.size.height);
     let interrupt = Interrupt::listen();
     let rounds = arguments.rounds as usize;
     let bar = if arguments.json { ProgressBar::hidden() } else { output::bar(rounds as u64 + 1, "rounds") };
@@ -130,7 +120,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let results = LeaveOutResults {
         scene: scene.name.clone(),
         triangles: scene.triangles.len(),
-        size: [arguments.size.width, arguments.size.height],
+        size: [arguments.view.size.width, arguments.view.size.height],
         threads: renderer.threads(),
         rounds: arguments.rounds,
         choice,

@@ -2,7 +2,7 @@
 //!
 //! A [`Decision`] is what is stored with a trial, and what later steps look at: whether the trial is learnt, where it
 //! is stopped, what the search is told of it. Its [`mode`](Decision::mode), and the [`Reason`] and
-//! [`Explanation`](crate::trial::Explanation) that people and clients see, are made from it ([`Decision::reason`]) and
+//! [`Explanation`](crate::reason::Explanation) that people and clients see, are made from it ([`Decision::reason`]) and
 //! never read back. The types leave no room for answers that contradict themselves, such as one that exploits by the
 //! rule that says to explore. [`recorded`] reads what earlier versions stored in its place.
 
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::configuration::RawConfiguration;
 use crate::policy::{PredictorMethod, SearchMethod};
-use crate::trial::{Mode, Neighbour, Reason, Rule};
+use crate::reason::{Mode, Neighbour, Reason, Rule};
 
 /// Why a client gets a configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -13,7 +13,7 @@ use super::{
     ExploreRule, Level, Point, Predicted, Source, Step,
 };
 use crate::policy::{PredictorMethod, SearchMethod};
-use crate::trial::{Explanation, Mode, Neighbour, Reason, Rule};
+use crate::reason::{Explanation, Mode, Neighbour, Reason, Rule};
 
 /// A decision as any version stored it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,7 +4,7 @@ use super::{
     ByMachines, Choice, Decision, Exploit, ExploitRule, Explore, Level, Point, Predicted, Source, Step,
 };
 use crate::policy::PredictorMethod;
-use crate::trial::{Explanation, Neighbour, Reason};
+use crate::reason::{Explanation, Neighbour, Reason};
 
 /// The step that a configuration of other machines carries.
 pub(super) const TRANSFER: &str = "transfer";

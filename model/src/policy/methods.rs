@@ -6,7 +6,7 @@ words! {
     /// Searches inside one state.
     #[derive(Default)]
     pub enum SearchMethod {
-        /// The search that this version recommends, the same for every study; today [`SearchMethod::Model`].
+        /// The search that the daemon's version recommends, the same for every study; today [`SearchMethod::Model`].
         #[default]
         Auto = "auto",
         /// Latin hypercube start, then a stochastic Nelder-Mead after Chang (2012) (paper section 6).
@@ -34,9 +34,9 @@ words! {
         WeightedNeighbours = "weighted_neighbours",
         /// Radial basis functions trained by Greedy-GQ with gamma = 0 (paper section 6.2, as printed).
         RbfGreedyGq = "rbf_greedy_gq",
-        /// The same with Gaussians, as the paper's words have it.
+        /// Radial basis functions trained by Greedy-GQ that are Gaussians, as the paper's words have it.
         GaussianGreedyGq = "gaussian_greedy_gq",
-        /// The same features, fitted by recursive least squares, with corrections for each kind of machine and
+        /// Radial basis functions fitted by recursive least squares, with models of their own for each kind of machine and
         /// each client.
         LeastSquares = "least_squares",
         /// A Gaussian process over indicators and parameters together, which also proposes what to explore.
@@ -68,16 +68,6 @@ impl SearchMethod {
 }
 
 impl PredictorMethod {
-    /// All that answer by themselves, in the order in which they are preferred among equals.
-    pub const SINGLE: [PredictorMethod; 6] = [
-        PredictorMethod::Contextual,
-        PredictorMethod::WeightedNeighbours,
-        PredictorMethod::NearestNeighbour,
-        PredictorMethod::LeastSquares,
-        PredictorMethod::RbfGreedyGq,
-        PredictorMethod::GaussianGreedyGq,
-    ];
-
     /// The name that reasons carry.
     pub fn name(self) -> &'static str {
         self.word()

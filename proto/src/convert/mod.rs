@@ -12,6 +12,7 @@
 //! | `study` | specifications of studies |
 //! | `policy` | policies, field by field as the model's table lists them |
 //! | `session` | what a session wants for itself |
+//! | `time` | points in time |
 //! | `trial` | outcomes and machines |
 
 mod enums;
@@ -19,6 +20,7 @@ mod policy;
 mod session;
 mod space;
 mod study;
+mod time;
 mod trial;
 mod values;
 
@@ -27,6 +29,7 @@ pub use policy::{policy_from_wire, policy_to_wire};
 pub use session::{session_policy_from_wire, session_policy_to_wire};
 pub use space::{space_from_wire, space_to_wire};
 pub use study::{spec_from_wire, spec_to_wire};
+pub use time::{timestamp_from_wire, timestamp_to_wire};
 pub use trial::{fingerprint_from_wire, fingerprint_to_wire, outcome_from_wire, outcome_to_wire};
 pub use values::{
     configuration_from_wire, configuration_to_wire, readable_configuration, value_from_wire, value_to_wire,

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Update};
 use treewright_client::{Configuration, Indicators};
@@ -173,6 +174,26 @@ impl std::str::FromStr for Size {
     }
 }
 
+/// A view that is measured: of which scene, from where, how it is rendered, and how large.
+#[derive(Args, Clone, Debug)]
+pub struct ViewArguments {
+    /// Which scene.
+    #[command(flatten)]
+    pub scene: SceneArguments,
+
+    /// Which camera.
+    #[command(flatten)]
+    pub camera: CameraArguments,
+
+    /// How a frame is rendered.
+    #[command(flatten)]
+    pub frame: FrameArguments,
+
+    /// Pixels across and down.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    pub size: Size,
+}
+
 /// Build quality of Embree's own scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Native {
@@ -200,7 +221,7 @@ impl Native {
 pub struct SpaceArguments {
     /// Parameters of configurations: `full` is native Embree, the tunable tree and how rays are grouped; `paper`
     /// is the eleven of Table 1 (see `treewright-render spaces`).
-    #[arg(long, value_enum, default_value_t = Preset::Full)]
+    #[arg(long, value_parser = preset(), default_value = Preset::Full.name())]
     pub space: Preset,
 
     /// Watertight intersection at edges, at some cost. It is never tuned: it decides which hits are found. (In
@@ -332,8 +353,8 @@ impl std::str::FromStr for NamedConfiguration {
         let parts = text.split_once('=').and_then(|(name, rest)| Some((name, rest.split_once(':')?)));
         let wrong = "it is written NAME=SPACE:FILE, for example tuned=full:best.json";
         let (name, (preset, path)) = parts.ok_or(wrong)?;
-        let preset =
-            Preset::from_str(preset, false).map_err(|_| format!("{wrong}; spaces are full and paper"))?;
+        let preset = Preset::ALL.into_iter().find(|known| known.name() == preset);
+        let preset = preset.ok_or_else(|| format!("{wrong}; spaces are full and paper"))?;
         Ok(Self { name: name.to_owned(), preset, path: path.into() })
     }
 }
@@ -359,6 +380,45 @@ pub fn read_configuration(path: &std::path::Path) -> Result<Configuration, CliEr
 /// The indicators of a view in the client's form.
 pub fn indicators(scene: &Scene, camera: &Camera) -> Indicators {
     SceneIndicators::of(scene).with_camera(camera).values().into_iter().collect()
+}
+
+/// Reads one of some values by its name. Each comes with what help says of it.
+fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
+    values: [(T, &'static str, &'static str); N],
+) -> impl TypedValueParser<Value = T> {
+    let names = values.map(|(_, name, about)| PossibleValue::new(name).help(about));
+    PossibleValuesParser::new(names).map(move |text| {
+        let named = values.iter().find(|(_, name, _)| *name == text);
+        named.expect("clap passes on what is possible").0
+    })
+}
+
+/// Reads what is to be minimised.
+pub fn objective() -> impl TypedValueParser<Value = Objective> {
+    one_of(Objective::ALL.map(|objective| {
+        (
+            objective,
+            objective.name(),
+            match objective {
+                Objective::Render => "Progressive rendering: a frame pays for a thousandth of its build",
+                Objective::Total => "Real-time rendering: a frame pays for a whole build",
+            },
+        )
+    }))
+}
+
+/// Reads the name of a space.
+fn preset() -> impl TypedValueParser<Value = Preset> {
+    one_of(Preset::ALL.map(|preset| {
+        (
+            preset,
+            preset.name(),
+            match preset {
+                Preset::Full => "Native Embree, the tunable tree, and how rays are grouped",
+                Preset::Paper => "The eleven parameters of the paper's Table 1",
+            },
+        )
+    }))
 }
 
 /// A number from 0 to 1.

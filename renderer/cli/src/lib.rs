@@ -7,7 +7,6 @@
 //! | `output`, `error`, `interrupt` | tables and progress, exit codes, Ctrl-C |
 //! | `report` | the page that `tune --report` writes |
 //! | `laboratory` | commands that the program `treewright-lab` carries out |
-#![forbid(unsafe_code)]
 
 pub mod arguments;
 mod commands;

@@ -1,5 +1,4 @@
 //! The renderer's program; everything is in the library.
-#![forbid(unsafe_code)]
 
 use std::process::ExitCode;
 

@@ -1,46 +1,16 @@
 //! The program as a user meets it: pictures, lists, and wrong input with its message and exit code.
 
+#[path = "support/program.rs"]
+mod program;
+
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 
 use treewright_accel::recording::{RayClass, Recording};
 
-const FAILED: i32 = 1;
-const USAGE: i32 = 2;
-const UNREACHABLE: i32 = 3;
+use program::{FAILED, UNREACHABLE, USAGE, fails, folder, succeeds};
 
-/// Runs the program with arguments separated by spaces, in a folder of its own.
-fn run(folder: &Path, arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_treewright-render"))
-        .current_dir(folder)
-        .env_remove("TREEWRIGHT_SERVER")
-        .args(arguments.split_whitespace())
-        .output()
-        .expect("the program starts")
-}
-
-fn folder() -> tempfile::TempDir {
-    tempfile::tempdir().expect("a scratch folder")
-}
-
-fn succeeds(folder: &Path, arguments: &str) -> String {
-    let output = run(folder, arguments);
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{arguments}: {errors}");
-    String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
-/// Expects an exit code and some words on standard error.
-fn fails(arguments: &str, code: i32, said: &[&str]) {
-    let folder = folder();
-    let output = run(folder.path(), arguments);
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{arguments}: {errors}");
-    assert!(!errors.contains("panicked"), "{arguments}: {errors}");
-    for words in said {
-        assert!(errors.contains(words), "{arguments}: {words:?} is not in {errors}");
-    }
-}
+const PROGRAM: &str = env!("CARGO_BIN_EXE_treewright-render");
 
 const SMALL: &str = "image --scene builtin:quick --detail 0.1 --size 24x16 --spp 2";
 
@@ -220,7 +190,7 @@ fn help_shows_examples_and_exit_codes() {
 
 #[test]
 fn the_laboratory_is_looked_for_beside_the_program() {
-    let program = Path::new(env!("CARGO_BIN_EXE_treewright-render"));
+    let program = Path::new(PROGRAM);
     let beside = program.parent().expect("a program lies in a folder");
     let folder = tempfile::tempdir_in(beside).expect("a scratch folder on the same disk");
     // Links: a program that was just written may still be open for writing in a process that another test forks.

@@ -2,7 +2,6 @@
 //!
 //! Whatever a scene came from (glTF, OBJ, PLY, a built-in generator), it ends up as one [`Scene`]; the
 //! integrator and the indicators know nothing else.
-#![forbid(unsafe_code)]
 
 pub mod assemble;
 mod bounds;

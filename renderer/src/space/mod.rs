@@ -16,7 +16,6 @@ mod paper;
 #[cfg(test)]
 mod tests;
 
-use clap::ValueEnum;
 use serde::Serialize;
 use treewright_client::{Configuration, Space, SpaceBuilder, Value};
 
@@ -27,7 +26,7 @@ pub use explained::Explained;
 use crate::scene::Scene;
 
 /// Which parameters there are.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
     /// Everything: native Embree, the tunable tree, and how rays are grouped.
@@ -38,6 +37,9 @@ pub enum Preset {
 }
 
 impl Preset {
+    /// Both, in the order in which they are listed.
+    pub const ALL: [Self; 2] = [Self::Full, Self::Paper];
+
     /// `full` or `paper`.
     pub fn name(self) -> &'static str {
         match self {

@@ -1,6 +1,5 @@
 //! What is minimised, and the study that tells the service so.
 
-use clap::ValueEnum;
 use serde::Serialize;
 use treewright_client::{ClientError, Policy, Scale, StudySpec};
 
@@ -21,7 +20,7 @@ const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
 const STUDY_ID_MAX: usize = 64;
 
 /// The two use cases of the paper's section 7.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Objective {
     /// Progressive rendering: a structure serves a thousand frames, so a frame pays for a thousandth of its build.
@@ -48,6 +47,9 @@ impl Objective {
     pub fn builds_each_frame(self) -> bool {
         self == Self::Total
     }
+
+    /// Both, in the order in which they are listed.
+    pub const ALL: [Self; 2] = [Self::Render, Self::Total];
 
     /// `render` or `total`.
     pub fn name(self) -> &'static str {

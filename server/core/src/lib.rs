@@ -11,7 +11,6 @@
 //! joins them with a [`policy`]; [`trial`] is what is handed out; [`search`] explores one state;
 //! [`predict`] carries knowledge from state to state, [`machines`] from machine to machine; [`statistics`] says what
 //! measurements prove; [`tuner`] decides.
-#![forbid(unsafe_code)]
 // Tests may compare with what the platform computes.
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 

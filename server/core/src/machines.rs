@@ -17,8 +17,8 @@ use serde::{Deserialize, Serialize};
 
 pub use crate::decision::Level;
 use crate::fnv;
+use crate::ids::MachineId;
 use crate::limits::MACHINES_MAX;
-use crate::predict::Origin;
 use crate::trial::Fingerprint;
 
 /// By how much, as a logarithm, a group's and the fleet's word on a configuration are taken to be off before anything
@@ -65,6 +65,15 @@ impl Default for PoolingStatistics {
     }
 }
 
+/// Who measures: a machine, and those like it. Numbers that stand for names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Origin {
+    /// All machines with the same processor and the same software.
+    pub group: u64,
+    /// The machine.
+    pub node: u64,
+}
+
 /// One machine.
 #[derive(Clone, Debug, PartialEq)]
 struct Machine {
@@ -86,30 +95,38 @@ struct Machine {
 pub struct Machines {
     machines: Vec<Machine>,
     /// Those that are told apart, by their numbers. Only what is in here is ever matched again.
-    current: BTreeMap<u64, u32>,
+    current: BTreeMap<u64, MachineId>,
     founded: u64,
+}
+
+/// The first machine of a study, by which all others are measured.
+pub(crate) const FIRST: MachineId = MachineId(0);
+
+/// The place of a machine in the list.
+fn index(machine: MachineId) -> usize {
+    machine.0 as usize
 }
 
 impl Machines {
     /// The place of a machine, if it has a state.
-    pub fn find(&self, fingerprint: Option<&Fingerprint>) -> Option<u32> {
+    pub fn find(&self, fingerprint: Option<&Fingerprint>) -> Option<MachineId> {
         self.current.get(&exact(fingerprint)).copied()
     }
 
     /// Notes that a machine founds a state. Gives its place, and that of the machine it displaced, if any.
-    pub fn note_founder(&mut self, fingerprint: Option<&Fingerprint>) -> (u32, Option<u32>) {
+    pub fn note_founder(&mut self, fingerprint: Option<&Fingerprint>) -> (MachineId, Option<MachineId>) {
         self.founded += 1;
         if let Some(place) = self.find(fingerprint) {
-            self.machines[place as usize].latest = self.founded;
+            self.machines[index(place)].latest = self.founded;
             return (place, None);
         }
         let full = self.current.len() >= MACHINES_MAX;
-        let oldest = self.current.values().min_by_key(|&&place| self.machines[place as usize].latest);
+        let oldest = self.current.values().min_by_key(|&&place| self.machines[index(place)].latest);
         let displaced = oldest.copied().filter(|_| full);
         if let Some(place) = displaced {
-            self.current.remove(&self.machines[place as usize].exact);
+            self.current.remove(&self.machines[index(place)].exact);
         }
-        let place = self.machines.len() as u32;
+        let place = MachineId(self.machines.len() as u64);
         let (exact, group, hardware) = (exact(fingerprint), group(fingerprint), hardware(fingerprint));
         self.current.insert(exact, place);
         self.machines.push(Machine {
@@ -124,8 +141,8 @@ impl Machines {
     }
 
     /// A machine's fingerprint.
-    pub(crate) fn fingerprint(&self, machine: u32) -> Option<&Fingerprint> {
-        self.machines.get(machine as usize)?.fingerprint.as_ref()
+    pub(crate) fn fingerprint(&self, machine: MachineId) -> Option<&Fingerprint> {
+        self.machines.get(index(machine))?.fingerprint.as_ref()
     }
 
     /// How many machines ever founded a state.
@@ -139,8 +156,8 @@ impl Machines {
     }
 
     /// Whose evidence `other`'s is, seen from a machine.
-    pub fn level(&self, machine: u32, other: u32) -> Level {
-        let group = |place: u32| self.machines.get(place as usize).map(|machine| machine.group);
+    pub fn level(&self, machine: MachineId, other: MachineId) -> Level {
+        let group = |place: MachineId| self.machines.get(index(place)).map(|machine| machine.group);
         match machine == other {
             true => Level::Machine,
             false if group(machine) == group(other) => Level::Group,
@@ -149,8 +166,8 @@ impl Machines {
     }
 
     /// Numbers for a machine and its group.
-    pub(crate) fn origin(&self, machine: u32) -> Origin {
-        let machine = self.machines.get(machine as usize);
+    pub(crate) fn origin(&self, machine: MachineId) -> Origin {
+        let machine = self.machines.get(index(machine));
         machine.map_or(Origin { group: 0, node: 0 }, |machine| Origin {
             group: machine.group,
             node: machine.exact,
@@ -158,21 +175,21 @@ impl Machines {
     }
 
     /// The factor that takes a cost on `from` to what it is expected to be on `to`; exactly 1 on one machine.
-    pub(crate) fn factor(&self, from: u32, to: u32) -> f64 {
+    pub(crate) fn factor(&self, from: MachineId, to: MachineId) -> f64 {
         if from == to { 1.0 } else { libm::exp(self.effect(to) - self.effect(from)) }
     }
 
     /// The logarithm of the factor between a machine's costs and those of the first.
-    pub(crate) fn effect(&self, machine: u32) -> f64 {
-        self.machines.get(machine as usize).map_or(0.0, |machine| machine.pooling.effect)
+    pub(crate) fn effect(&self, machine: MachineId) -> f64 {
+        self.machines.get(index(machine)).map_or(0.0, |machine| machine.pooling.effect)
     }
 
     /// The variance of what a level says of a machine's configurations.
-    pub(crate) fn miss_2(&self, machine: u32, level: Level) -> f64 {
+    pub(crate) fn miss_2(&self, machine: MachineId, level: Level) -> f64 {
         match level {
             Level::Machine => 0.0,
             Level::Group | Level::Fleet => {
-                let (sum, weight) = self.machines[machine as usize].pooling.misses[level as usize - 1];
+                let (sum, weight) = self.machines[index(machine)].pooling.misses[level as usize - 1];
                 sum / weight
             }
         }
@@ -180,9 +197,10 @@ impl Machines {
 
     /// Notes by how much a machine's measurement was off what the others' costs, and the factors so far, made
     /// expect.
-    pub(crate) fn compare(&mut self, machine: u32, off: f64) {
+    pub(crate) fn compare(&mut self, machine: MachineId, off: f64) {
         // The first machine is the measure of all others.
-        if let Some(Machine { pooling, .. }) = self.machines.get_mut(machine as usize).filter(|_| machine > 0)
+        if let Some(Machine { pooling, .. }) =
+            self.machines.get_mut(index(machine)).filter(|_| machine > FIRST)
         {
             pooling.compared = (pooling.compared + 1.0).min(EFFECT_MEMORY);
             pooling.effect += off.clamp(-700.0, 700.0) / pooling.compared;
@@ -191,24 +209,24 @@ impl Machines {
 
     /// Which share of a configuration's difference to the default carries over to a machine, 0 to 1: least squares
     /// through the origin, beginning at 1. It is 0 where others' favourites do worse than the default here.
-    pub(crate) fn share(&self, machine: u32, level: Level) -> f64 {
+    pub(crate) fn share(&self, machine: MachineId, level: Level) -> f64 {
         match level {
             Level::Machine => 1.0,
             Level::Group | Level::Fleet => {
-                let (product, square) = self.machines[machine as usize].pooling.carried[level as usize - 1];
+                let (product, square) = self.machines[index(machine)].pooling.carried[level as usize - 1];
                 (product / square).clamp(0.0, 1.0)
             }
         }
     }
 
     /// Notes that a configuration which a level has at `theirs` from the default was measured at `own`.
-    pub(crate) fn carry(&mut self, machine: u32, level: Level, theirs: f64, own: f64) {
+    pub(crate) fn carry(&mut self, machine: MachineId, level: Level, theirs: f64, own: f64) {
         if level == Level::Machine {
             return;
         }
         let [theirs, own] = [theirs, own].map(|difference| difference.clamp(-MISS_MAX, MISS_MAX));
         let off = own - self.share(machine, level) * theirs;
-        let PoolingStatistics { carried, misses, .. } = &mut self.machines[machine as usize].pooling;
+        let PoolingStatistics { carried, misses, .. } = &mut self.machines[index(machine)].pooling;
         let (product, square) = &mut carried[level as usize - 1];
         (*product, *square) = (MISS_FADE * *product + own * theirs, MISS_FADE * *square + theirs * theirs);
         // What fades gives way to the prior again.
@@ -220,10 +238,10 @@ impl Machines {
 
     /// How the software of a machine differs from that of the machine of the same hardware that came last before
     /// it: "embree 4.3.0 -> 4.4.0". `None` where there was no such machine.
-    pub(crate) fn change_of_software(&self, machine: u32) -> Option<String> {
-        let own = &self.machines[machine as usize];
+    pub(crate) fn change_of_software(&self, machine: MachineId) -> Option<String> {
+        let own = &self.machines[index(machine)];
         let now = &own.fingerprint.as_ref()?.software;
-        let before = self.machines[..machine as usize].iter().rev();
+        let before = self.machines[..index(machine)].iter().rev();
         let before = before.filter(|other| other.hardware == own.hardware && other.group != own.group);
         let before = &before.filter_map(|other| other.fingerprint.as_ref()).next()?.software;
         let names = before.keys().chain(now.keys().filter(|name| !before.contains_key(*name)));
@@ -295,15 +313,20 @@ mod tests {
         let mut machines = Machines::default();
         let all =
             [machine("a", 8, "4.3"), machine("a", 4, "4.3"), machine("a", 8, "4.4"), machine("b", 8, "4.4")];
-        let places: Vec<u32> = all.iter().map(|machine| machines.note_founder(Some(machine)).0).collect();
-        assert_eq!(places, [0, 1, 2, 3]);
-        assert_eq!(machines.note_founder(Some(&all[1])), (1, None));
+        let places: Vec<MachineId> =
+            all.iter().map(|machine| machines.note_founder(Some(machine)).0).collect();
+        assert_eq!(places, [0, 1, 2, 3].map(MachineId));
+        assert_eq!(machines.note_founder(Some(&all[1])), (MachineId(1), None));
         assert_eq!(machines.find(None), None);
-        let levels = |from: u32| places.iter().map(|&to| machines.level(from, to)).collect::<Vec<_>>();
+        let levels =
+            |from: usize| places.iter().map(|&to| machines.level(places[from], to)).collect::<Vec<_>>();
         assert_eq!(levels(0), [Level::Machine, Level::Group, Level::Fleet, Level::Fleet]);
         assert_eq!(levels(2), [Level::Fleet, Level::Fleet, Level::Machine, Level::Fleet]);
-        assert_eq!(machines.change_of_software(2).as_deref(), Some("embree 4.3 -> 4.4"));
-        assert_eq!((machines.change_of_software(0), machines.change_of_software(3)), (None, None));
+        assert_eq!(machines.change_of_software(MachineId(2)).as_deref(), Some("embree 4.3 -> 4.4"));
+        assert_eq!(
+            (machines.change_of_software(MachineId(0)), machines.change_of_software(MachineId(3))),
+            (None, None)
+        );
     }
 
     #[test]
@@ -312,24 +335,33 @@ mod tests {
         for threads in 0..2 {
             machines.note_founder(Some(&machine("a", threads, "4")));
         }
-        let before = machines.miss_2(1, Level::Group);
-        assert!((before - 0.0025).abs() < 1e-12 && (machines.miss_2(1, Level::Fleet) - 0.0225).abs() < 1e-12);
-        (0..50).for_each(|_| machines.carry(1, Level::Group, -0.3, -0.3));
-        assert!(machines.miss_2(1, Level::Group) < before / 5.0);
-        assert!((machines.share(1, Level::Group) - 1.0).abs() < 1e-9);
+        let before = machines.miss_2(MachineId(1), Level::Group);
+        assert!(
+            (before - 0.0025).abs() < 1e-12
+                && (machines.miss_2(MachineId(1), Level::Fleet) - 0.0225).abs() < 1e-12
+        );
+        (0..50).for_each(|_| machines.carry(MachineId(1), Level::Group, -0.3, -0.3));
+        assert!(machines.miss_2(MachineId(1), Level::Group) < before / 5.0);
+        assert!((machines.share(MachineId(1), Level::Group) - 1.0).abs() < 1e-9);
         // What the group gains half of is lost here.
-        (0..3).for_each(|_| machines.carry(1, Level::Fleet, -0.7, 0.7));
-        assert_eq!(machines.share(1, Level::Fleet), 0.0);
-        (0..3).for_each(|_| machines.carry(1, Level::Group, 1.0, f64::INFINITY));
-        assert!(machines.miss_2(1, Level::Group) > 0.1 && machines.miss_2(1, Level::Group) <= 9.0);
-        (0..500).for_each(|_| machines.carry(1, Level::Fleet, 0.0, 0.0));
-        assert!(machines.share(1, Level::Fleet) > 0.9, "it is asked again in time");
-        assert_eq!(machines.factor(0, 1), 1.0);
-        (0..9).for_each(|_| machines.compare(1, libm::log(2.0) - machines.effect(1)));
-        assert!((machines.factor(0, 1) - 2.0).abs() < 1e-12 && (machines.factor(1, 0) - 0.5).abs() < 1e-12);
+        (0..3).for_each(|_| machines.carry(MachineId(1), Level::Fleet, -0.7, 0.7));
+        assert_eq!(machines.share(MachineId(1), Level::Fleet), 0.0);
+        (0..3).for_each(|_| machines.carry(MachineId(1), Level::Group, 1.0, f64::INFINITY));
+        assert!(
+            machines.miss_2(MachineId(1), Level::Group) > 0.1
+                && machines.miss_2(MachineId(1), Level::Group) <= 9.0
+        );
+        (0..500).for_each(|_| machines.carry(MachineId(1), Level::Fleet, 0.0, 0.0));
+        assert!(machines.share(MachineId(1), Level::Fleet) > 0.9, "it is asked again in time");
+        assert_eq!(machines.factor(MachineId(0), MachineId(1)), 1.0);
+        (0..9).for_each(|_| machines.compare(MachineId(1), libm::log(2.0) - machines.effect(MachineId(1))));
+        assert!(
+            (machines.factor(MachineId(0), MachineId(1)) - 2.0).abs() < 1e-12
+                && (machines.factor(MachineId(1), MachineId(0)) - 0.5).abs() < 1e-12
+        );
         // The first machine is the measure.
-        machines.compare(0, 1.0);
-        assert_eq!((machines.effect(0), machines.factor(1, 1)), (0.0, 1.0));
+        machines.compare(MachineId(0), 1.0);
+        assert_eq!((machines.effect(MachineId(0)), machines.factor(MachineId(1), MachineId(1))), (0.0, 1.0));
     }
 
     #[test]
@@ -340,11 +372,17 @@ mod tests {
             machines.note_founder(Some(&of(threads)));
         }
         machines.note_founder(Some(&of(0)));
-        assert_eq!(machines.note_founder(Some(&of(MACHINES_MAX))), (MACHINES_MAX as u32, Some(1)));
+        assert_eq!(
+            machines.note_founder(Some(&of(MACHINES_MAX))),
+            (MachineId(MACHINES_MAX as u64), Some(MachineId(1)))
+        );
         assert_eq!(machines.find(Some(&of(1))), None);
-        assert_eq!(machines.find(Some(&of(0))), Some(0));
+        assert_eq!(machines.find(Some(&of(0))), Some(MachineId(0)));
         // It comes back as a new one.
-        assert_eq!(machines.note_founder(Some(&of(1))), (MACHINES_MAX as u32 + 1, Some(2)));
-        assert_eq!(machines.level(MACHINES_MAX as u32 + 1, 1), Level::Group);
+        assert_eq!(
+            machines.note_founder(Some(&of(1))),
+            (MachineId(MACHINES_MAX as u64 + 1), Some(MachineId(2)))
+        );
+        assert_eq!(machines.level(MachineId(MACHINES_MAX as u64 + 1), MachineId(1)), Level::Group);
     }
 }

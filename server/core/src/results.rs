@@ -15,6 +15,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
+use crate::ids::{MachineId, StateId};
 use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX, RECORDS_PER_STATE_MAX};
 use crate::robust::{Evidence, Finding, MAD_TO_DEVIATION, median};
 use crate::search::Verdict;
@@ -336,11 +337,11 @@ impl ResultTable {
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownState {
     /// Rises by one from 1 within the study.
-    pub id: u64,
+    pub id: StateId,
     /// The normalised indicators that founded it.
     pub anchor: Vec<f64>,
     /// The machine whose measurements these are: its place in the study's [`Machines`](crate::machines::Machines).
-    pub machine: u32,
+    pub machine: MachineId,
     /// A search was begun in it.
     pub explored: bool,
     /// The table of its configurations.

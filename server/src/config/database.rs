@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
+#[cfg(feature = "postgres")]
 use treewright_store::PostgresAddress;
+use treewright_store::is_postgres_address;
 
 /// The options that say where everything is kept.
 #[derive(Clone, Debug, clap::Args)]
@@ -42,7 +44,7 @@ impl FromStr for DatabaseArgument {
 
 impl std::fmt::Debug for DatabaseArgument {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.write_str(if PostgresAddress::is_one(&self.0) { "postgres://..." } else { &self.0 })
+        formatter.write_str(if is_postgres_address(&self.0) { "postgres://..." } else { &self.0 })
     }
 }
 
@@ -52,13 +54,23 @@ pub enum Database {
     /// A file of this daemon's own.
     File(PathBuf),
     /// A database that several daemons may share.
+    #[cfg(feature = "postgres")]
     Postgres(PostgresAddress),
+}
+
+impl Database {
+    /// Whether several daemons may share it.
+    #[must_use]
+    pub fn is_shared(&self) -> bool {
+        !matches!(self, Self::File(_))
+    }
 }
 
 impl std::fmt::Display for Database {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::File(path) => write!(formatter, "{}", path.display()),
+            #[cfg(feature = "postgres")]
             Self::Postgres(address) => formatter.write_str(&address.shown()),
         }
     }
@@ -71,12 +83,23 @@ impl DatabaseConfig {
     /// What is wrong and what would be right, without any password.
     pub fn read(&self) -> Result<Database, String> {
         let DatabaseArgument(text) = &self.database;
-        if !PostgresAddress::is_one(text) {
+        if !is_postgres_address(text) {
             return match &self.database_password_file {
                 Some(_) => Err("--database-password-file goes with --database postgres://...".to_owned()),
                 None => Ok(Database::File(PathBuf::from(text))),
             };
         }
+        self.read_address(text)
+    }
+
+    #[cfg(not(feature = "postgres"))]
+    fn read_address(&self, _text: &str) -> Result<Database, String> {
+        Err("this program was built without PostgreSQL; build it with `--features postgres`, or name a file"
+            .to_owned())
+    }
+
+    #[cfg(feature = "postgres")]
+    fn read_address(&self, text: &str) -> Result<Database, String> {
         let address = PostgresAddress::parse(text).map_err(|error| error.to_string())?;
         let Some(file) = &self.database_password_file else {
             return Ok(Database::Postgres(address));

@@ -3,9 +3,6 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use super::peers::PeersConfig;
-use crate::tls::TlsFiles;
-
 /// Encryption and authentication.
 ///
 /// On the loopback both are optional. Any other address needs both, or `--insecure`.
@@ -51,18 +48,5 @@ impl GuardConfig {
     #[must_use]
     pub fn asks_for_tokens(&self, listen: SocketAddr) -> bool {
         self.tokens || (!listen.ip().is_loopback() && !self.insecure)
-    }
-
-    /// The certificates, if there is to be TLS.
-    #[must_use]
-    pub fn tls_files(&self, peers: &PeersConfig) -> Option<TlsFiles> {
-        let (certificate, key) = (self.tls_cert.clone()?, self.tls_key.clone()?);
-        Some(TlsFiles {
-            certificate,
-            key,
-            client_authority: self.tls_client_ca.clone(),
-            peer_authority: peers.peer_ca.clone(),
-            peer_name: peers.peer_name.clone(),
-        })
     }
 }

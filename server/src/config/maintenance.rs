@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use treewright_store::PostgresAddress;
+use treewright_store::is_postgres_address;
 
 /// What a file cannot be when the database is PostgreSQL's.
 const POSTGRES: &str = "PostgreSQL is kept with its own tools: pg_dump --format=custom --file=FILE URL copies a \
@@ -47,7 +47,7 @@ pub struct RestoreConfig {
 }
 
 fn file(text: &str) -> Result<PathBuf, String> {
-    if PostgresAddress::is_one(text) {
+    if is_postgres_address(text) {
         return Err(POSTGRES.to_owned());
     }
     Ok(PathBuf::from(text))

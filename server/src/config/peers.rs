@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use super::database::Database;
 use super::guard::GuardConfig;
+use crate::tls::TlsFiles;
 
 /// Several daemons on one database pass requests on to the one that holds the study.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -26,6 +27,19 @@ pub struct PeersConfig {
 }
 
 impl PeersConfig {
+    /// The certificates, if there is to be TLS.
+    #[must_use]
+    pub fn tls_files(&self, guard: &GuardConfig) -> Option<TlsFiles> {
+        let (certificate, key) = (guard.tls_cert.clone()?, guard.tls_key.clone()?);
+        Some(TlsFiles {
+            certificate,
+            key,
+            client_authority: guard.tls_client_ca.clone(),
+            peer_authority: self.peer_ca.clone(),
+            peer_name: self.peer_name.clone(),
+        })
+    }
+
     /// Checks that the others can reach this daemon, and that nobody passes credentials on in plain text by mistake.
     pub(super) fn check(
         &self,
@@ -38,7 +52,7 @@ impl PeersConfig {
             ("--peer-ca", self.peer_ca.is_some()),
             ("--peer-name", self.peer_name.is_some()),
         ];
-        let shared = matches!(database, Database::Postgres(_));
+        let shared = database.is_shared();
         if let Some((option, _)) = given.into_iter().find(|(_, given)| *given && !shared) {
             return Err(format!("{option} goes with --database postgres://..."));
         }

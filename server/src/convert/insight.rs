@@ -5,7 +5,7 @@ use treewright_core::tuner::{Insight, Omission};
 use treewright_proto::convert::{WireEnum, configuration_to_wire};
 use treewright_proto::v1;
 
-use super::to_proto::signed;
+use super::numbers::signed;
 
 /// What the policy weighed.
 pub(super) fn explanation(explanation: &Explanation) -> v1::Explanation {

@@ -5,6 +5,7 @@
 pub mod from_proto;
 mod insight;
 pub mod names;
+mod numbers;
 pub mod policy;
 pub mod policy_differences;
 pub mod to_proto;

@@ -1,18 +1,18 @@
 //! Answers as the daemon gives them. How types of the model become messages stands in
 //! `treewright_proto::convert`.
 
-use prost_types::Timestamp;
 use treewright_core::configuration::{Configuration, RawConfiguration};
 use treewright_core::trial::{Reason, Trial};
 use treewright_core::tuner::{Best, Prediction};
 use treewright_proto::convert::{
-    WireEnum, configuration_to_wire, fingerprint_to_wire, outcome_to_wire, spec_to_wire,
+    WireEnum, configuration_to_wire, fingerprint_to_wire, outcome_to_wire, spec_to_wire, timestamp_to_wire,
 };
 use treewright_proto::v1;
 use treewright_store::StudyRecord;
 
 use super::insight;
 use super::names::{study_name, trial_name};
+use super::numbers::signed;
 
 /// A configuration's values, checked or not.
 pub trait Values {
@@ -38,7 +38,7 @@ pub fn study(record: &StudyRecord) -> v1::Study {
     let statistics = &record.statistics;
     v1::Study {
         name: study_name(&record.id),
-        create_time: Some(timestamp(record.create_ms)),
+        create_time: Some(timestamp_to_wire(record.create_ms)),
         statistics: Some(v1::StudyStatistics {
             states: signed(statistics.states),
             trials: signed(statistics.trials),
@@ -67,14 +67,14 @@ pub fn trial<C: Values>(study: &str, trial: &Trial<C>) -> v1::Trial {
         mode: trial.mode().number(),
         predicted_cost: trial.predicted_cost,
         reason: Some(reason(&trial.reason())),
-        lease_expire_time: Some(timestamp(trial.lease_expire_ms)),
+        lease_expire_time: Some(timestamp_to_wire(trial.lease_expire_ms)),
         state: trial.state.number(),
         measurements: trial.measurements.clone(),
         cost: trial.cost,
         outcome: trial.outcome.as_ref().map(outcome_to_wire),
         late: trial.late,
-        create_time: Some(timestamp(trial.create_ms)),
-        complete_time: trial.complete_ms.map(timestamp),
+        create_time: Some(timestamp_to_wire(trial.create_ms)),
+        complete_time: trial.complete_ms.map(timestamp_to_wire),
         fingerprint: trial.fingerprint.as_ref().map(fingerprint_to_wire),
         abort_above: trial.decision.abort_above(),
     }
@@ -119,20 +119,6 @@ pub fn best(study: &str, best: &Best) -> v1::Best {
         measurements: i32::try_from(best.measurements).unwrap_or(i32::MAX),
         state_id: signed(best.state_id),
         trial: trial_name(study, best.trial),
-        last_measure_time: Some(timestamp(best.last_measure_ms)),
+        last_measure_time: Some(timestamp_to_wire(best.last_measure_ms)),
     }
-}
-
-/// Milliseconds since 1970 as the wire has them.
-fn timestamp(ms: i64) -> Timestamp {
-    Timestamp {
-        seconds: ms.div_euclid(1000),
-        // Below 10^9.
-        nanos: (ms.rem_euclid(1000) * 1_000_000) as i32,
-    }
-}
-
-/// Counts and ids never come near the end of the range.
-pub(super) fn signed(number: u64) -> i64 {
-    i64::try_from(number).unwrap_or(i64::MAX)
 }

@@ -231,6 +231,7 @@ impl Live {
         now_ms: i64,
     ) -> Result<Result<(Trial, Change), TunerError>, Preparation> {
         let Suggest { ask, wanted, .. } = suggest;
+        let ask = &ask.at(now_ms);
         if let Some(wanted) = wanted {
             return Ok(self.tuner.suggest_wanted(ask, wanted.clone(), now_ms));
         }

@@ -8,7 +8,8 @@
 //! [`filter`] is the language in which trials are asked for, [`cursor`] the page tokens, [`fence`] what
 //! keeps a copy in memory honest, [`tokens`] who may do what, [`maintenance`] how database files are copied, put back and
 //! checked.
-#![forbid(unsafe_code)]
+// Some of what both databases share is only asked for by PostgreSQL.
+#![cfg_attr(not(feature = "postgres"), allow(dead_code))]
 
 mod assembly;
 pub mod cursor;
@@ -20,6 +21,7 @@ pub mod limits;
 pub mod maintenance;
 mod memory;
 mod migrations;
+#[cfg(feature = "postgres")]
 mod postgres;
 mod question;
 mod raw;
@@ -32,7 +34,14 @@ pub mod tokens;
 pub use error::{OpenError, StoreError};
 pub use fence::{Fence, Receipt};
 pub use memory::MemoryStore;
+#[cfg(feature = "postgres")]
 pub use postgres::{PostgresAddress, PostgresStore, PostgresTokens};
 pub use sqlite::{SqliteStore, SqliteTokens};
 pub use store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
 pub use tokens::{MemoryTokens, TokenStore};
+
+/// Whether `text` is meant as the address of a PostgreSQL database rather than as the path of a file.
+#[must_use]
+pub fn is_postgres_address(text: &str) -> bool {
+    text.starts_with("postgres://") || text.starts_with("postgresql://")
+}

@@ -23,6 +23,7 @@ const SQLITE: &[(&str, &str)] = files!("sqlite":
     "0005_states_fingerprint",
 );
 
+#[cfg(feature = "postgres")]
 const POSTGRES: &[(&str, &str)] = files!("postgres":
     "0001_studies_states_trials_visits",
     "0002_tokens",
@@ -35,6 +36,7 @@ pub(crate) fn sqlite() -> Migrator {
 }
 
 /// The schema on PostgreSQL.
+#[cfg(feature = "postgres")]
 pub(crate) fn postgres() -> Migrator {
     migrator(POSTGRES)
 }

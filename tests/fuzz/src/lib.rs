@@ -2,7 +2,6 @@
 //!
 //! `targets/` holds the programs that cargo-fuzz builds with coverage, `corpus/` what is kept: the [`seeds`] and every
 //! input that once found something. The tests run all of it, so that a finding stays found without a fuzzer.
-#![forbid(unsafe_code)]
 
 pub mod arguments;
 pub mod example;

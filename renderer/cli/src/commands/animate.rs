@@ -10,7 +10,7 @@ use clap::Args;
 use serde::Serialize;
 use treewright_accel::{Structure, Update};
 
-use crate::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, StructureArguments};
+use crate::arguments::{StructureArguments, ViewArguments};
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
 use crate::output;
@@ -26,17 +26,9 @@ const THRESHOLDS: [f32; 2] = [1.15, Update::REBUILD_THRESHOLD];
 #[derive(Args, Clone, Debug)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    scene: SceneArguments,
-    #[command(flatten)]
-    camera: CameraArguments,
-    #[command(flatten)]
-    frame: FrameArguments,
+    view: ViewArguments,
     #[command(flatten)]
     structure: StructureArguments,
-
-    /// Pixels across and down.
-    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
-    size: Size,
 
     /// How many frames are measured.
     #[arg(long, value_name = "N", default_value_t = 48, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
@@ -78,12 +70,12 @@ struct AnimationResults<'a> {
 
 /// Measures and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
-    arguments.scene.check_animated()?;
-    let mut scene = arguments.scene.load()?;
-    let mut renderer = arguments.frame.renderer(&scene)?;
+    arguments.view.scene.check_animated()?;
+    let mut scene = arguments.view.scene.load()?;
+    let mut renderer = arguments.view.frame.renderer(&scene)?;
     let choice = arguments.structure.choice(renderer.threads())?;
-    let view = arguments.frame.view(arguments.camera.find(&scene)?);
-    let mut film = Film::new(arguments.size.width, arguments.size.height);
+    let view = arguments.view.frame.view(arguments.view.camera.find(&scene)?);
+    let mut film = Film::new(arguments.view.size.width, arguments.view.size.height);
     let partial = THRESHOLDS.map(|rebuild_threshold| Update::Partial { rebuild_threshold });
     let mut followers = Vec::new();
     for update in [Update::Rebuild, Update::Refit].into_iter().chain(partial) {
@@ -103,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     // The first round warms caches and clocks, and lets updates prepare what they need.
     for frame in 0..=arguments.frames {
         let moment = arguments.rounds * frame as f32 / arguments.frames as f32;
-        scene = arguments.scene.at(arguments.scene.time + moment)?;
+        scene = arguments.view.scene.at(arguments.view.scene.time + moment)?;
         renderer.set_scene(scene.clone());
         let mut pictures = vec![None; followers.len()];
         for turn in 0..followers.len() {
@@ -144,7 +136,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         "{}: {} triangles, {}, {} threads, {} frames over {} rounds\n",
         scene.name,
         scene.triangles.len(),
-        arguments.size,
+        arguments.view.size,
         renderer.threads(),
         followers[0].frames.len(),
         arguments.rounds
@@ -154,7 +146,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let results = AnimationResults {
             scene: &scene.name,
             triangles: scene.triangles.len(),
-            size: [arguments.size.width, arguments.size.height],
+            size: [arguments.view.size.width, arguments.view.size.height],
             threads: renderer.threads(),
             rounds: arguments.rounds,
             followers: &followers,

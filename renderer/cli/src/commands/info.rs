@@ -4,7 +4,7 @@ use clap::Args;
 use serde::Serialize;
 use treewright_client::{Configuration, Constraint, Indicators};
 
-use crate::arguments::{CameraArguments, SceneArguments, SpaceArguments, indicators};
+use crate::arguments::{CameraArguments, SceneArguments, SpaceArguments, indicators, objective};
 use crate::error::CliError;
 use crate::output;
 use treewright_renderer::integrator::{Omission, Prepared};
@@ -41,7 +41,7 @@ pub(crate) struct SpacesArguments {
     #[arg(long, value_name = "PATH|builtin:NAME")]
     scene: Option<String>,
     /// What is to be minimised, which decides where a search begins.
-    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
     /// Print JSON.
     #[arg(long)]

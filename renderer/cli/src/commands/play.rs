@@ -19,7 +19,7 @@ use treewright_client::{
 };
 
 use crate::arguments::{
-    FrameArguments, SceneArguments, Size, SpaceArguments, UpdateArguments, unit_interval,
+    FrameArguments, SceneArguments, Size, SpaceArguments, UpdateArguments, objective, unit_interval,
 };
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
@@ -52,7 +52,7 @@ pub(crate) struct Arguments {
     space: SpaceArguments,
 
     /// What to minimise; together with scene, size and space it names the study.
-    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
 
     /// How many frames the flight along the camera path has.

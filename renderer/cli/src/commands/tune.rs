@@ -12,8 +12,8 @@ use treewright_client::{
 
 use super::tune_output;
 use crate::arguments::{
-    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, indicators, read_configuration,
-    unit_interval,
+    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, indicators, objective,
+    read_configuration, unit_interval,
 };
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
@@ -58,7 +58,7 @@ pub(crate) struct Arguments {
     space: SpaceArguments,
 
     /// What to minimise: the render time with a thousandth of the build, or build and render time together.
-    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
 
     /// How many configurations are tried.
@@ -239,6 +239,7 @@ fn open_study(
         epsilon: Some(f64::from(arguments.epsilon)),
         trials_per_state: Some(room),
         abort_above: arguments.abort_above,
+        ..SessionPolicy::default()
     })?;
     if done > 0 {
         println!("The study has {done} trials already; the search goes on where it stood.");

@@ -18,6 +18,7 @@ use treewright_core::study::StudySpec;
 use treewright_core::trial::{Fingerprint, Outcome, Trial};
 use treewright_core::tuner::{Ask, Change, Tuner};
 use treewright_core::value::Value;
+use treewright_core::words::Word as _;
 
 /// How many events a session has: suggestions, reports and what disturbs them.
 const EVENTS: usize = 260;
@@ -121,7 +122,7 @@ fn policies() -> Vec<(String, Policy)> {
     ] {
         all.push((search.name().to_owned(), Policy { search, epsilon: 0.9, ..base.clone() }));
     }
-    for predictor in PredictorMethod::SINGLE.into_iter().chain([PredictorMethod::Auto]) {
+    for &(predictor, _) in PredictorMethod::WORDS {
         let policy = Policy { predictor, epsilon: 0.4, ..base.clone() };
         all.push((predictor.name().to_owned(), policy));
     }

@@ -33,6 +33,26 @@ mod tests {
     }
 
     #[test]
+    fn steps_grow_while_the_slope_keeps_its_sign_and_are_halved_when_it_turns() {
+        let (mut value, mut step, mut sign) = (0.0, 0.5, 0);
+        let mut after = |slope: f64| {
+            ascend(&mut value, &mut step, &mut sign, slope, [0.2, 0.7]);
+            (value, step, sign)
+        };
+        assert_eq!(after(0.0), (0.0, 0.5, 0), "a flat place");
+        assert_eq!(after(3.0), (0.5, 0.5, 1));
+        assert_eq!(after(2.0), (1.1, 0.6, 1));
+        let (value, step, sign) = after(1.0);
+        assert!(
+            (value - 1.8).abs() < 1e-12 && step == 0.7 && sign == 1,
+            "no longer than 0.7: {value} {step}"
+        );
+        assert_eq!(after(-1.0), (value, 0.35, 0), "a turn: half the step, and a rest");
+        assert_eq!(after(-1.0), (value - 0.35, 0.35, -1), "the first step back has the size it had");
+        assert_eq!(after(1.0), (value - 0.35, 0.2, 0), "no shorter than 0.2");
+    }
+
+    #[test]
     fn a_slope_that_is_no_number_moves_nothing() {
         let (mut value, mut step, mut sign) = (1.0, 0.3, 1);
         ascend(&mut value, &mut step, &mut sign, f64::NAN, [0.01, 1.0]);

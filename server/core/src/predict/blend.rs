@@ -1,4 +1,4 @@
-//! What each predictor's word is worth, by how little it erred of late.
+//! The blend of all predictors: a mean of their estimates, weighted by how small the errors of each were of late.
 
 use std::collections::BTreeMap;
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
+use crate::machines::FIRST;
 use crate::policy::PredictorMethod;
 use crate::predict::blend::PredictorErrors;
 use crate::predict::contextual::Request;
@@ -14,9 +15,9 @@ use crate::predict::registry::{AnyPredictor, METHODS, PredictorSetup, learns};
 use crate::predict::{Answer, Contextual, Estimate, Lesson, Nearest, Predictor, Query};
 use crate::space::Space;
 
-/// Every trial is a test until there were so many; from then on one in
+/// Every trial is a test until there were so many.
 const TESTS_EAGER: u64 = 256;
-/// so many is, so that a report stays cheap.
+/// From then on one trial in so many is a test, so that a report stays cheap.
 const TESTS_SHARE: u64 = 16;
 /// The contextual model answers and proposes unless it errs by more than this times the least error, and by more
 /// than this altogether: it alone knows of configurations that nobody tried. By error alone the choice would
@@ -324,10 +325,10 @@ impl Predictors {
     /// What a predictor said, on the asking machine.
     fn on_machine(&self, method: PredictorMethod, query: &Query<'_>, expected: Estimate) -> Estimate {
         let translates = self.single(method).is_some_and(|predictor| predictor.speaks_of_first_machine());
-        if !translates || query.machine == 0 {
+        if !translates || query.machine == FIRST {
             return expected;
         }
-        let factor = query.machines.factor(0, query.machine);
+        let factor = query.machines.factor(FIRST, query.machine);
         Estimate::new(factor * expected.cost, factor * expected.deviation)
     }
 }

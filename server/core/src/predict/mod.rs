@@ -10,10 +10,9 @@ pub mod rbf;
 mod registry;
 pub mod state_index;
 
-use serde::{Deserialize, Serialize};
-
 use crate::configuration::Configuration;
-use crate::machines::{Machines, distance_2};
+use crate::ids::MachineId;
+use crate::machines::{Machines, Origin, distance_2};
 use crate::results::KnownState;
 use crate::search::Verdict;
 use crate::space::Space;
@@ -44,15 +43,6 @@ pub struct Lesson<'a> {
     pub origin: Origin,
 }
 
-/// Who measures: a machine, and those like it. Numbers that stand for names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Origin {
-    /// All machines with the same processor and the same software.
-    pub group: u64,
-    /// The machine.
-    pub node: u64,
-}
-
 /// What is asked of a predictor.
 #[derive(Clone, Copy, Debug)]
 pub struct Query<'a> {
@@ -69,7 +59,7 @@ pub struct Query<'a> {
     /// The machines of the study.
     pub machines: &'a Machines,
     /// Which of them asks. Costs in answers are those to expect there.
-    pub machine: u32,
+    pub machine: MachineId,
 }
 
 impl Query<'_> {

@@ -92,7 +92,8 @@ pub(super) fn neighbours(query: &Query<'_>) -> Vec<Neighbour> {
 fn listed(query: &Query<'_>, candidates: &[NearState<'_>]) -> Vec<Neighbour> {
     let neighbour = |candidate: &NearState<'_>| {
         let best = candidate.state.results.best()?;
-        let (state_id, best_cost) = (candidate.state.id, query.translate(candidate.state, best.mean_cost));
+        let (state_id, best_cost) =
+            (candidate.state.id.get(), query.translate(candidate.state, best.mean_cost));
         Some(Neighbour { state_id, distance: candidate.distance, best_cost })
     };
     candidates.iter().take(NEIGHBOURS_MAX).filter_map(neighbour).collect()

@@ -10,6 +10,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::decision::Choice;
+use crate::ids::StateId;
 use crate::policy::PredictorMethod;
 use crate::space::{Domain, Parameter, Scale, Space};
 use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
@@ -50,7 +51,7 @@ impl World {
     }
 
     /// The place of a machine; those whose numbers share their tens are a group.
-    fn machine(&mut self, node: u64) -> u32 {
+    fn machine(&mut self, node: u64) -> MachineId {
         let threads = (node % 10) as u32;
         let fingerprint =
             Fingerprint { cpu_model: (node / 10).to_string(), threads, ..Fingerprint::default() };
@@ -60,7 +61,7 @@ impl World {
     pub(super) fn query<'a>(&'a self, state: &'a [f64]) -> Query<'a> {
         let here = self.states.iter().find(|known| known.anchor == state);
         let World { space, states, state_index, machines, .. } = self;
-        Query { state, here, known: states, state_index, space, machines, machine: 0 }
+        Query { state, here, known: states, state_index, space, machines, machine: MachineId(0) }
     }
 
     /// A trial as the tuner takes it: tested, entered in its state's table, learnt.
@@ -76,7 +77,7 @@ impl World {
         let machine = self.machine(node);
         let origin = self.machines.origin(machine);
         let place = self.states.iter().position(|known| known.anchor == state).unwrap_or_else(|| {
-            let id = self.states.len() as u64 + 1;
+            let id = StateId(self.states.len() as u64 + 1);
             let founded = KnownState {
                 id,
                 anchor: state.to_vec(),

@@ -1,4 +1,4 @@
-//! What is refused at the door: nothing malformed or non-finite comes further.
+//! Checks of what clients send: nothing malformed, and no number that is not finite, gets into the tuner.
 
 use std::collections::BTreeMap;
 

@@ -247,7 +247,7 @@ impl Tuner {
             source: Source::BestKnown {
                 tried: results.tried() as u64,
                 measurements: *measurements,
-                state: Neighbour { state_id: *id, distance: 0.0, best_cost: *mean_cost },
+                state: Neighbour { state_id: id.get(), distance: 0.0, best_cost: *mean_cost },
             },
             rolled_back: false,
         })

@@ -1,4 +1,5 @@
-//! Whether exploring is worth it, and whether what is exploited is worth keeping: the rules beside the dice.
+//! The rules beside the epsilon-greedy draw: whether the gain to expect pays for exploring, and whether an exploited
+//! configuration gives way to one that was measured to be better.
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;

@@ -1,4 +1,4 @@
-//! The models that a study's predictor needs, what they are taught, and what of that is put off.
+//! The models of a study's predictor: teaching them trials, and the updates that are deferred.
 //!
 //! Invariants: only the models of the policy's predictor are kept; they know the trials that were completed after
 //! [`Models::since`], and the last ones before. Learning a trial is quick: fits that take long are deferred updates,
@@ -6,9 +6,9 @@
 //! what it rests on, so the outcome is the same whenever that is.
 
 use crate::configuration::Configuration;
-use crate::ids::StateId;
+use crate::ids::{MachineId, StateId};
 use crate::limits::{DEFERRED_UPDATES_MAX, RELEARNT_MAX};
-use crate::machines::Machines;
+use crate::machines::{FIRST, Machines};
 use crate::policy::PredictorMethod;
 use crate::predict::prequential::ErrorInterval;
 use crate::predict::{ComputedUpdates, DeferredUpdates, Lesson, Predictors, Query};
@@ -139,7 +139,7 @@ impl Models {
         self.predictors.begin_features(untaught(spec, spec.policy.predictor, states));
         for state in states.latest(RELEARNT_MAX).into_iter().rev() {
             let known = &states[state];
-            let factor = states.machines().factor(known.machine, 0);
+            let factor = states.machines().factor(known.machine, FIRST);
             let default = states.default_cost(state).map(|cost| (factor * cost).min(f64::MAX));
             for record in known.results.ranked() {
                 self.predictors.learn_features(&Lesson {
@@ -162,6 +162,6 @@ fn untaught(spec: &StudySpec, predictor: PredictorMethod, states: &States) -> Pr
 }
 
 /// A cost on a machine as it would be on the study's first.
-fn on_first_machine(machines: &Machines, machine: u32, cost: f64) -> f64 {
-    if machine == 0 { cost } else { (machines.factor(machine, 0) * cost).min(f64::MAX) }
+fn on_first_machine(machines: &Machines, machine: MachineId, cost: f64) -> f64 {
+    if machine == FIRST { cost } else { (machines.factor(machine, FIRST) * cost).min(f64::MAX) }
 }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::limits::{RECORDS_PER_STUDY_MAX, SIBLINGS_MAX};
-use crate::machines::{Machines, PoolingStatistics};
+use crate::machines::{FIRST, Machines, PoolingStatistics};
 use crate::predict::state_index::{IndicatorStatistics, OmittedIndicator, match_distance_2};
 use crate::predict::{Query, StateIndex};
 use crate::results::{KnownState, ResultTable};
@@ -150,7 +150,7 @@ impl States {
         here: Option<StateId>,
     ) -> Query<'a> {
         let here = here.map(|here| &self[here]);
-        let machine = here.map_or(0, |here| here.machine);
+        let machine = here.map_or(FIRST, |here| here.machine);
         let States { known, index, machines, .. } = self;
         Query { state: normalised, here, known, state_index: index, space, machines, machine }
     }
@@ -207,7 +207,7 @@ impl States {
         if let Some(displaced) = displaced {
             self.index.displace(displaced);
         }
-        let known = KnownState { id: id.0, anchor, machine, explored: false, results: Default::default() };
+        let known = KnownState { id, anchor, machine, explored: false, results: Default::default() };
         self.index.note(&known);
         self.known.push(known);
         self.siblings.push(siblings);

@@ -1,5 +1,6 @@
 //! What goes into the state machine of a study and what comes out of it.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
@@ -35,8 +36,20 @@ pub struct Ask {
     pub session: u64,
     /// The client stops every trial when its cost reaches the cap it is told.
     pub can_abort: bool,
-    /// What the session wants for itself, instead of what the study's policy says.
+    /// What the session wants for itself, instead of what the study's policy says. Its deadline is only looked at by
+    /// [`Ask::at`].
     pub session_policy: SessionPolicy,
+}
+
+impl Ask {
+    /// The question as it counts at a time: past its deadline a session explores no more.
+    pub fn at(&self, now_ms: i64) -> Cow<'_, Ask> {
+        let session_policy = self.session_policy.at(now_ms);
+        match session_policy == self.session_policy {
+            true => Cow::Borrowed(self),
+            false => Cow::Owned(Ask { session_policy, ..self.clone() }),
+        }
+    }
 }
 
 /// A state of the study as it is stored.

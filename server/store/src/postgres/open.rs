@@ -33,7 +33,7 @@ impl PostgresAddress {
     /// [`OpenError::BadAddress`], which does not repeat the address: it may hold a password.
     pub fn parse(url: &str) -> Result<Self, OpenError> {
         let bad = |problem: &str| OpenError::BadAddress { problem: problem.to_owned() };
-        if !Self::is_one(url) {
+        if !crate::is_postgres_address(url) {
             return Err(bad("it does not begin with postgres://"));
         }
         // The parser's message could quote what it was given.
@@ -43,12 +43,6 @@ impl PostgresAddress {
         }
         let options = options.application_name("treewrightd").disable_statement_logging();
         Ok(Self { options: Box::new(options) })
-    }
-
-    /// Whether `text` is meant as an address of a database rather than as the path of a file.
-    #[must_use]
-    pub fn is_one(text: &str) -> bool {
-        text.starts_with("postgres://") || text.starts_with("postgresql://")
     }
 
     /// Sets the password.

@@ -47,8 +47,8 @@ pub(crate) enum Unsound {
 impl From<sqlx::Error> for Unsound {
     fn from(error: sqlx::Error) -> Self {
         // SQLITE_CORRUPT and SQLITE_NOTADB are findings.
-        match super::open::primary_code(&error) {
-            Some(11 | 26) => Self::Problems(vec![super::open::message(&error)]),
+        match super::codes::primary_code(&error) {
+            Some(11 | 26) => Self::Problems(vec![super::codes::message(&error)]),
             _ => Self::Unreadable(error),
         }
     }
@@ -88,7 +88,9 @@ async fn check_for(connection: &mut SqliteConnection, time: Duration) -> Result<
     match looked {
         Ok(()) => Ok(Looked::Through),
         // SQLITE_INTERRUPT: the time is over.
-        Err(Unsound::Unreadable(error)) if super::open::primary_code(&error) == Some(9) => Ok(Looked::InPart),
+        Err(Unsound::Unreadable(error)) if super::codes::primary_code(&error) == Some(9) => {
+            Ok(Looked::InPart)
+        }
         Err(other) => Err(other),
     }
 }

@@ -1,18 +1,67 @@
-//! What each write does inside the transaction that the writer has opened.
+//! What can be written, and what each write does inside the transaction that the writer has opened.
+
+use std::collections::HashMap;
 
 use sqlx::AssertSqlSafe;
 use sqlx::sqlite::SqliteConnection;
 use treewright_core::study::StudySpec;
 
 use super::statements as sql;
-use super::writer::{GroupFences, WriteCommand, WriteResult};
 use super::{read, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
-use crate::rows::{self, inconsistent};
+use crate::rows::{self, PartRow, Rows, inconsistent};
 use crate::store::Created;
 
+/// What can be written.
+pub(super) enum WriteCommand {
+    Create {
+        id: String,
+        spec: Box<StudySpec>,
+        now_ms: i64,
+    },
+    Delete {
+        study: String,
+    },
+    /// Breaks the study's fence and sets up a new one.
+    Fence {
+        study: String,
+    },
+    Policy {
+        fence: Fence,
+        policy: String,
+        models_since: u64,
+    },
+    /// A part of a checkpoint. Its failure breaks no fence.
+    Part {
+        fence: Fence,
+        row: PartRow,
+    },
+    /// Removes closed trials: a JSON list of numbers. Its failure breaks no fence.
+    Remove {
+        fence: Fence,
+        numbers: String,
+        covered: i64,
+    },
+    Commit {
+        fence: Fence,
+        rows: Rows,
+    },
+}
+
+/// What a write yields.
+pub(super) enum WriteResult {
+    Nothing,
+    Created(Box<Created>),
+    Fenced(Fence),
+    Removed(u64),
+}
+
+/// The fence in force for each study, by key.
+pub(super) type GroupFences = HashMap<i64, Fence>;
+
+/// Carries a command out.
 pub(super) async fn apply(
     connection: &mut SqliteConnection,
     fences: &mut GroupFences,

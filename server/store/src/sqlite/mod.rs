@@ -5,6 +5,7 @@
 //! reads, `reap` removes what was deleted, `filter` translates questions, `statements` holds the fixed SQL.
 
 mod check;
+mod codes;
 mod commands;
 mod filter;
 mod identity;
@@ -36,14 +37,16 @@ use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::rows::{self, Rows};
 use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+use commands::{WriteCommand, WriteResult};
 pub use tokens::SqliteTokens;
-use writer::{Reply, WriteCommand, WriteJob, WriteResult};
+use writer::{Reply, WriteJob};
 
 /// What those need of a file who keep it: see [`maintenance`](crate::maintenance).
 pub(crate) mod file {
     pub(crate) use super::check::{check, check_pages};
+    pub(crate) use super::codes::message;
     pub(crate) use super::lock::DatabaseLock;
-    pub(crate) use super::open::{check_path, explain, known_version, message, options, owner};
+    pub(crate) use super::open::{check_path, explain, known_version, options, owner};
 }
 pub(crate) use check::{Depth, Looked, Unsound};
 pub(crate) use open::FileOwner;

@@ -11,6 +11,7 @@ use sqlx::sqlite::{
 use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
 
 use super::check::{self, Looked, Unsound};
+use super::codes::{message, primary_code};
 use super::lock::DatabaseLock;
 use crate::error::OpenError;
 use crate::{limits, migrations};
@@ -202,18 +203,4 @@ pub(crate) fn explain(path: &Path, error: &sqlx::Error) -> OpenError {
         Some(11 | 26) => OpenError::NotADatabase { path, problem },
         _ => OpenError::Other { path, problem },
     }
-}
-
-/// What SQLite says, without what sqlx says of it.
-pub(crate) fn message(error: &sqlx::Error) -> String {
-    match error.as_database_error() {
-        Some(database) => database.message().to_owned(),
-        None => error.to_string(),
-    }
-}
-
-/// The low byte of SQLite's extended result code.
-pub(crate) fn primary_code(error: &sqlx::Error) -> Option<i32> {
-    let code = error.as_database_error()?.code()?;
-    code.parse::<i32>().ok().map(|code| code & 0xff)
 }

@@ -5,64 +5,17 @@
 //! "Implementation techniques for main memory database systems", 1984). Every caller is answered after
 //! COMMIT and not before. A write that the tables refuse is taken out and the others are tried again.
 
-use std::collections::HashMap;
-
 use sqlx::sqlite::SqliteConnection;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::{Instant, timeout_at};
-use treewright_core::study::StudySpec;
 
+use super::commands::{self, GroupFences, WriteCommand, WriteResult};
 use super::identity::FileIdentity;
-use super::{commands, reap, script};
+use super::{reap, script};
 use crate::error::StoreError;
 use crate::fence::Fence;
 use crate::limits;
-use crate::rows::{PartRow, Rows};
-use crate::store::Created;
-
-/// What can be written.
-pub(super) enum WriteCommand {
-    Create {
-        id: String,
-        spec: Box<StudySpec>,
-        now_ms: i64,
-    },
-    Delete {
-        study: String,
-    },
-    /// Breaks the study's fence and sets up a new one.
-    Fence {
-        study: String,
-    },
-    Policy {
-        fence: Fence,
-        policy: String,
-        models_since: u64,
-    },
-    /// A part of a checkpoint. Its failure breaks no fence.
-    Part {
-        fence: Fence,
-        row: PartRow,
-    },
-    /// Removes closed trials: a JSON list of numbers. Its failure breaks no fence.
-    Remove {
-        fence: Fence,
-        numbers: String,
-        covered: i64,
-    },
-    Commit {
-        fence: Fence,
-        rows: Rows,
-    },
-}
-
-/// What a write yields.
-pub(super) enum WriteResult {
-    Nothing,
-    Created(Box<Created>),
-    Fenced(Fence),
-    Removed(u64),
-}
+use crate::rows::Rows;
 
 /// A write and where its answer goes.
 pub(super) struct WriteJob {
@@ -100,9 +53,6 @@ impl WriteJob {
         matches!(&self.command, WriteCommand::Commit { fence, rows } if rows.is_empty() && fence.holds())
     }
 }
-
-/// The fence in force for each study, by key.
-pub(super) type GroupFences = HashMap<i64, Fence>;
 
 /// Why a transaction did not come about: one write, or the database.
 struct GroupFailure {

@@ -117,3 +117,50 @@ fn hyperparameters_stay_within_their_ranges_and_are_stored_exactly() {
     let read: Hyperparameters = serde_json::from_str(stored).expect("a stored row");
     assert_eq!(serde_json::to_string(&read).expect("plain data"), stored);
 }
+
+#[test]
+fn the_prior_is_where_it_says() {
+    let prior = Prior { length_spread: 0.7, ..PRIOR };
+    let hyper = Hyperparameters::new(&KINDS, &prior);
+    let close = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-12;
+    let weights = hyper.weights(5);
+    // Lengths of half the root of five; a linear feature has a variance of one.
+    assert!(weights[..4].iter().all(|&weight| close(weight, 1.0 / (0.25 * 5.0))), "{weights:?}");
+    assert!(close(weights[4], 1.0) && close(hyper.noise(5), 0.05) && hyper.trend(5) == 0.0);
+    assert!(close(Hyperparameters::with_trend(&KINDS, &prior).trend(5), 1.0));
+    // Displaced by a half, a hyperparameter is drawn back by a slope of half the inverse variance of its logarithm.
+    for (index, spread) in [(0, 2.0 * 0.7), (4, 2.0), (5, 1.5), (6, 2.0)] {
+        for displaced in [0.5, -0.5] {
+            for stronger in [0.99, 1.01] {
+                let mut hyper = Hyperparameters::with_trend(&KINDS, &prior);
+                hyper.log_mut()[index] += displaced;
+                let before = hyper.log_mut()[index];
+                let mut gradient = [0.0; 7];
+                gradient[index] = stronger * displaced / (spread * spread);
+                hyper.ascend(&KINDS, &gradient, &prior);
+                let moved = hyper.log_mut()[index] - before;
+                assert_eq!(
+                    moved * displaced > 0.0,
+                    stronger > 1.0,
+                    "{index} {displaced} {stronger}: {moved}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn the_jacobian_of_a_view_counts_like_its_likelihood() {
+    let kinds = vec![FeatureKind::Ordered; 2];
+    let (points, values) = lopsided(20, 0.1);
+    let fit = |jacobians: [f64; 2]| {
+        let sample = Sample::new(kinds.clone(), &slices(&points), vec![1.0; 20]);
+        let mut hyper = Hyperparameters::new(&kinds, &PRIOR);
+        let views = jacobians.map(|jacobian| (values.clone(), jacobian));
+        Process::learn(sample, &views, &mut hyper, &PRIOR, Schedule::default()).expect("positive definite")
+    };
+    let ((first, a), (second, b), (none, _)) = (fit([2.5, 0.0]), fit([0.0, 2.5]), fit([0.0, 0.0]));
+    assert_eq!((a, b), (0, 1));
+    assert_eq!(first.log_likelihood(), second.log_likelihood());
+    assert!((first.log_likelihood() - none.log_likelihood() - 2.5).abs() < 1e-9);
+}

@@ -89,3 +89,99 @@ fn the_leaders_are_the_best_of_all_and_the_first_of_equals() {
     assert_eq!(best([of(1.0), of(4.0), of(2.0)]).expect("some are finite").score, 4.0);
     assert!(best([of(f64::NEG_INFINITY), of(f64::NAN)]).is_none());
 }
+
+#[test]
+fn a_change_that_scores_the_same_is_not_kept() {
+    let (mut random, mut kept) = (random(7), Vec::new());
+    struct Counted<'a, M>(M, &'a mut Vec<bool>);
+    impl<M: Moves> Moves for Counted<'_, M> {
+        fn change(&mut self, x: &[f64], progress: f64) -> Vec<f64> {
+            self.0.change(x, progress)
+        }
+        fn kept(&mut self, kept: bool) {
+            self.1.push(kept);
+        }
+    }
+    let moves = &mut Counted(AxisSweeps::new(&Cube, 2, RADII, &mut random), &mut kept);
+    let from = ScoredPoint { x: vec![0.5; 2], score: 1.0, detail: () };
+    let top = climb(from, 8, moves, |x, floor| Some(ScoredPoint { x, score: floor, detail: () }));
+    assert_eq!((top.x, kept), (vec![0.5; 2], vec![false; 8]));
+}
+
+/// Says along which radius it was asked.
+struct Echo;
+
+impl Neighbourhood for Echo {
+    fn moved(&self, _axis: usize, _x: f64, radius: f64, _random: &mut ChaCha8Rng) -> f64 {
+        radius
+    }
+}
+
+#[test]
+fn radii_shrink_geometrically_from_the_first_to_the_last() {
+    let mut random = random(8);
+    let mut moves = AxisSweeps::new(&Echo, 1, Radii { first: 0.4, last: 0.1 }, &mut random);
+    for (progress, radius) in [(0.0, 0.4), (0.5, 0.2), (1.0, 0.1)] {
+        assert!((moves.change(&[0.0], progress)[0] - radius).abs() < 1e-12, "{progress}");
+    }
+}
+
+#[test]
+fn a_climb_begins_with_a_sweep_of_its_own() {
+    let mut random = random(9);
+    let mut moves = AxisSweeps::new(&Echo, 6, RADII, &mut random);
+    for begun in 0..20 {
+        (0..begun % 6).for_each(|_| drop(moves.change(&[0.0; 6], 0.0)));
+        moves.begin();
+        let changes: Vec<Vec<f64>> = (0..6).map(|_| moves.change(&[0.0; 6], 0.0)).collect();
+        let all = (0..6).all(|axis| changes.iter().filter(|changed| changed[axis] != 0.0).count() == 1);
+        assert!(all, "{changes:?}");
+    }
+}
+
+#[test]
+fn random_axes_are_one_and_two_in_turn() {
+    let mut generator = random(10);
+    let mut moves = RandomAxes::new(&Echo, RADII, &mut generator);
+    let mut pairs = std::collections::BTreeSet::new();
+    for _ in 0..200 {
+        let mut changed = || {
+            let x = moves.change(&[0.0; 4], 0.0);
+            assert_eq!(x.len(), 4);
+            (0..4).filter(|axis| x[*axis] != 0.0).collect::<Vec<usize>>()
+        };
+        assert_eq!(changed().len(), 1);
+        let pair = changed();
+        assert_eq!(pair.len(), 2, "{pair:?}");
+        pairs.insert(pair);
+        // Whatever came last, a climb begins with one.
+        assert_eq!(changed().len(), 1);
+        moves.begin();
+    }
+    assert_eq!(pairs.len(), 6, "{pairs:?}");
+    let mut other = random(11);
+    let mut alone = RandomAxes::new(&Echo, RADII, &mut other);
+    assert!((0..4).all(|_| alone.change(&[0.0], 0.0) == [0.3]), "one axis has no other");
+}
+
+#[test]
+fn normal_steps_are_normal_and_now_and_then_along_one_axis() {
+    let mut random = random(12);
+    let mut moves = NormalSteps::new(0.25, &mut random);
+    let (mut single, mut steps) = (0, Vec::new());
+    for _ in 0..20_000 {
+        let moved: Vec<f64> =
+            moves.change(&[1.0; 3], 0.0).iter().map(|x| x - 1.0).filter(|x| *x != 0.0).collect();
+        assert!([1, 3].contains(&moved.len()));
+        single += usize::from(moved.len() == 1);
+        steps.extend(moved);
+    }
+    assert!((5_700..6_300).contains(&single), "{single} of 20,000");
+    let deviation = (steps.iter().map(|step| step * step).sum::<f64>() / steps.len() as f64).sqrt();
+    assert!((deviation / 0.25 - 1.0).abs() < 0.02, "{deviation}");
+    (0..40).for_each(|_| moves.kept(true));
+    moves.begin();
+    let most =
+        (0..100).flat_map(|_| moves.change(&[0.0; 3], 0.0)).fold(0.0, |most: f64, x| most.max(x.abs()));
+    assert!(most < 2.0, "a climb begins with the first step again: {most}");
+}

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::super::kernel::{FeatureKind, INACTIVE};
-use super::super::{Hyperparameters, Process, Sample};
+use super::super::{Covariances, Hyperparameters, Process, Sample};
 use super::*;
 use crate::matrix::Factor;
 
@@ -177,4 +177,30 @@ fn nothing_is_fitted_to_nothing_or_to_what_is_no_number() {
     let two = points(kinds, 2, 8);
     assert!(Process::fit(sample(&two), vec![1.0, f64::NAN], &hyper, &PRIOR).is_none());
     assert!(Process::fit(sample(&two), vec![1.0, 1.0], &hyper, &PRIOR).is_some(), "equal values are fine");
+}
+
+#[test]
+fn far_from_all_points_the_deviation_is_the_greatest() {
+    let kinds = vec![FeatureKind::Ordered; 2];
+    let points = points(&kinds, 12, 21);
+    let values: Vec<f64> = points.iter().map(|x| 3.0 * x[0] - x[1]).collect();
+    let sample = Sample::new(kinds.clone(), &slices(&points), vec![1.0; 12]);
+    let process =
+        Process::fit(sample, values, &Hyperparameters::new(&kinds, &PRIOR), &PRIOR).expect("it fits");
+    let of = |x: &[f64]| {
+        let mut covariances = Covariances::default();
+        process.covariances(&process.context(&[]), x, &mut covariances);
+        (process.deviation_max(&covariances), process.deviation(&mut covariances))
+    };
+    let ((most, far), (most_here, here)) = (of(&[1e3, -1e3]), of(&points[0]));
+    assert!((most / far - 1.0).abs() < 1e-9 && most == most_here && here < 0.5 * most, "{most} {far} {here}");
+}
+
+#[test]
+fn values_whose_squares_are_not_finite_are_refused() {
+    let kinds = vec![FeatureKind::Ordered; 2];
+    let points = points(&kinds, 4, 22);
+    let sample = Sample::new(kinds.clone(), &slices(&points), vec![1.0; 4]);
+    let values = vec![1e200, -1e200, 1e200, -1e200];
+    assert!(Process::fit(sample, values, &Hyperparameters::new(&kinds, &PRIOR), &PRIOR).is_none());
 }

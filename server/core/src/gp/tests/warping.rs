@@ -30,6 +30,7 @@ fn the_jacobian_of_a_view_agrees_with_finite_differences() {
 #[test]
 fn views_keep_the_order_and_do_not_depend_on_the_unit() {
     let views = ShiftedLog::new(&COSTS).views();
+    assert_eq!(views.len(), 4);
     for (values, _) in &views {
         for (a, cost_a) in values.iter().zip(COSTS) {
             for (b, cost_b) in values.iter().zip(COSTS) {
@@ -87,4 +88,21 @@ fn the_robust_logarithm_needs_a_median_above_zero_and_no_unit() {
     let (plain, scaled) = (plain.expect("positive"), scaled.expect("positive"));
     assert!(COSTS.iter().all(|&cost| plain.see(cost) == scaled.see(8.0 * cost)));
     assert!(plain.cost(1e6).is_finite() && plain.see(f64::MAX).is_finite());
+}
+
+#[test]
+fn beyond_two_distances_of_the_quartiles_values_grow_by_another_logarithm() {
+    let drawn_in = |log: f64, scale: f64| 2.0 * scale + scale * ((log - 2.0 * scale) / scale).ln_1p();
+    let close = |a: f64, b: f64| (a - b).abs() < 1e-12;
+    // Quartiles of 2.5 and 10 are the logarithm of 4 apart.
+    let warping = RobustLog::of(&COSTS).expect("positive");
+    assert!(close(warping.see(400.0), drawn_in((400.0f64 / 3.0).ln(), 4.0f64.ln())));
+    // Where the quartiles are equal, the extremes are taken to lie where values begin to be drawn in.
+    let alike = RobustLog::of(&[0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 8.0]).expect("positive");
+    assert!(close(alike.see(64.0), drawn_in(64.0f64.ln(), 16.0f64.ln() / 2.0)), "{}", alike.see(64.0));
+    assert!(alike.see(1e6) < 1e6f64.ln());
+    // Where all are equal, nothing is drawn in.
+    let equal = RobustLog::of(&[3.0; 5]).expect("positive");
+    assert!(close(equal.see(6e5), 2e5f64.ln()));
+    assert!(RobustLog::of(&[f64::MIN_POSITIVE; 3]).is_some());
 }

@@ -148,7 +148,7 @@ impl Rbf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::predict::Origin;
+    use crate::machines::Origin;
 
     fn lesson<'a>(
         state: &'a [f64],

@@ -13,11 +13,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
 use crate::limits::{MODELS_MAX, REWARD_COST_MIN};
+use crate::machines::Origin;
 use crate::predict::nearest::neighbours;
 use crate::predict::rbf::candidates::{CandidateConfiguration, Candidates};
 use crate::predict::rbf::solver::Solver;
 use crate::predict::rbf::{Basis, Shape};
-use crate::predict::{Answer, Estimate, Lesson, Origin, Predictor, Query};
+use crate::predict::{Answer, Estimate, Lesson, Predictor, Query};
 use crate::search::Verdict;
 use crate::space::Space;
 

@@ -8,6 +8,7 @@ mod tree;
 
 use std::collections::BTreeMap;
 
+use crate::ids::MachineId;
 use crate::results::KnownState;
 pub(crate) use indicator_statistics::{IndicatorStatistics, OmittedIndicator};
 use tree::Tree;
@@ -17,7 +18,7 @@ pub(crate) use tree::{IndexEntry, match_distance_2};
 #[derive(Clone, Debug, PartialEq)]
 pub struct StateIndex {
     /// All states of each machine that may be met again, in which states are recognised.
-    all: BTreeMap<u32, Tree>,
+    all: BTreeMap<MachineId, Tree>,
     /// States in which something was measured.
     measured: Tree,
     /// Those of them in which a search was begun.
@@ -47,7 +48,7 @@ impl StateIndex {
     /// Takes a new state, or notes that a known one was measured or explored. States come in the order of
     /// their ids; to tell it twice changes nothing.
     pub fn note(&mut self, state: &KnownState) {
-        let place = state.id as u32 - 1;
+        let place = state.id.0 as u32 - 1;
         if self.held.len() == place as usize {
             let tree = self.all.entry(state.machine).or_insert_with(|| Tree::new(self.weights.len()));
             tree.insert(place, &state.anchor);
@@ -110,12 +111,12 @@ impl StateIndex {
     }
 
     /// No state of the machine is recognised again; what was measured there goes on to count.
-    pub fn displace(&mut self, machine: u32) {
+    pub fn displace(&mut self, machine: MachineId) {
         self.all.remove(&machine);
     }
 
     /// The place of a machine's nearest state of which no indicator is further from `state` than `tolerance`.
-    pub(crate) fn within(&self, machine: u32, state: &[f64], tolerance: f64) -> Option<usize> {
+    pub(crate) fn within(&self, machine: MachineId, state: &[f64], tolerance: f64) -> Option<usize> {
         self.all.get(&machine)?.within(state, tolerance).map(|found| found.name as usize)
     }
 

@@ -1,8 +1,7 @@
-//! The next point by the models, made apart from the search and taken over later.
+//! The next point of a model-based search, planned on a copy of it.
 //!
-//! Fitting the models takes a thousand times as long as all else that a search does. So a copy of the search can
-//! do it while the search itself is told of other points; what it found counts as long as nobody has measured it
-//! meanwhile.
+//! Fitting the models takes a thousand times as long as all else that a search does. A copy can do it while the search
+//! itself is told of other points. What it found is used unless somebody has measured that point meanwhile.
 
 use crate::gp::Hyperparameters;
 use crate::search::Step;

@@ -140,7 +140,7 @@ pub struct ModelSearch {
     draws: u64,
     /// Replicates, and the sum of the squares of their relative deviations from the means before.
     scatter: (u64, f64),
-    /// The next point, where a copy has thought of it. Not stored: it would be thought of again.
+    /// The next point, where a copy has planned it. Not stored: it would be planned again.
     #[serde(skip)]
     planned: Option<PlannedPoint>,
 }

@@ -6,6 +6,7 @@ mod exploiting;
 mod exploring;
 mod fleet;
 mod leases;
+mod parts;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

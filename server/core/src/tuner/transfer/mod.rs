@@ -1,6 +1,6 @@
-//! The one door for everything that other states and other machines say of a state.
+//! Transfer: all that a decision takes from other states and other machines comes through here.
 //!
-//! - What is best there by the predictors, which carry knowledge from state to state: [`Transfer::answer`] to exploit,
+//! - The predictors' best configuration, which carry knowledge from state to state: [`Transfer::answer`] to exploit,
 //!   and [`Transfer::first`] to explore where nothing was measured yet.
 //! - What other machines found best that met the same input ([`other_machines`]): [`Transfer::best_by_machines`] to exploit,
 //!   [`Transfer::untried_by_machines`] to explore.

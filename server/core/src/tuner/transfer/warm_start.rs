@@ -102,7 +102,7 @@ impl Transfer<'_> {
             let other = &self.states[at(found.name as usize)];
             let factor = self.states.machines().factor(other.machine, here.machine);
             let best_cost = (factor * other.results.best()?.mean_cost).min(f64::MAX);
-            Some(Neighbour { state_id: other.id, distance: found.distance_2.sqrt(), best_cost })
+            Some(Neighbour { state_id: other.id.get(), distance: found.distance_2.sqrt(), best_cost })
         };
         nearest(&query, STATES.min(NEIGHBOURS_MAX)).iter().filter_map(neighbour).collect()
     }

@@ -1,0 +1,150 @@
+//! Why an answer was given, for clients and for people: its mode, its rule, what was weighed, and what was left out. Made
+//! from a [`Decision`](crate::decision::Decision), and never read back.
+
+use serde::{Deserialize, Serialize};
+
+use crate::configuration::RawConfiguration;
+use crate::words::words;
+
+words! {
+    /// Why a client got a configuration.
+    pub enum Mode {
+        /// The space's defaults: the first measurement in a state that is explored, or nothing better is known.
+        Default = "DEFAULT",
+        /// The next point of the state's search.
+        Explore = "EXPLORE",
+        /// The predictor's answer or the best known configuration.
+        Exploit = "EXPLOIT",
+        /// The policy pins it.
+        Pinned = "PINNED",
+    }
+}
+
+/// How an answer came about, for people and for logs.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Reason {
+    /// One plain sentence.
+    pub summary: String,
+    /// Name of the search or predictor that chose: `nelder_mead`, `nearest_neighbour`, `default`, ...
+    pub source: String,
+    /// The step of the search: `latin_hypercube`, `reflect`, ... Empty when exploiting.
+    pub step: String,
+    /// The known states that the answer rests on, nearest first, at most 5.
+    pub neighbours: Vec<Neighbour>,
+    /// What the policy weighed.
+    #[serde(default, skip_serializing_if = "Explanation::is_empty")]
+    pub explanation: Explanation,
+}
+
+words! {
+    /// Which rule of the policy an answer follows.
+    pub enum Rule {
+        /// The dice said explore.
+        Explore = "EXPLORE",
+        /// Explored, because nothing is known that could be exploited.
+        NothingKnown = "NOTHING_KNOWN",
+        /// The dice said exploit.
+        Exploit = "EXPLOIT",
+        /// The state's search is over.
+        Finished = "FINISHED",
+        /// Not explored, because the regret budget does not allow it yet.
+        Budget = "BUDGET",
+        /// Not explored, because the expected gain does not pay for it, or is below the noise.
+        Gain = "GAIN",
+        /// What was exploited here did clearly worse than another configuration.
+        RolledBack = "ROLLED_BACK",
+        /// The study is frozen.
+        Frozen = "FROZEN",
+        /// The study answers the default and learns silently.
+        Shadow = "SHADOW",
+        /// The policy pins the configuration.
+        Pinned = "PINNED",
+        /// The client asked for the configuration.
+        Wanted = "WANTED",
+        /// Explores, but the search waits for what others are measuring; the best that is known is run meanwhile.
+        Waiting = "WAITING",
+    }
+}
+
+/// What the policy weighed when it answered. Costs are in the objective's units, and finite.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Explanation {
+    /// The rule that decided.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rule: Option<Rule>,
+    /// The probability of exploring that the dice were thrown with.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub epsilon: Option<f64>,
+    /// What was left of the client's regret budget before this answer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub budget_left: Option<f64>,
+    /// What was set aside of it for this trial: the most that it can cost above the reference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub set_aside: Option<f64>,
+    /// The client is to stop the trial as soon as its cost exceeds this.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub abort_above: Option<f64>,
+    /// The cost of what would have been run without exploring.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference_cost: Option<f64>,
+    /// By how much exploring is expected to lower the cost of each later frame, as a share.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_gain: Option<f64>,
+    /// How many frames are expected to profit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_frames: Option<f64>,
+    /// What exploring is expected to cost in all, in frames of the reference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exploring_cost: Option<f64>,
+    /// Parameters that were left at their best known value because they do not matter here.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub held: Vec<String>,
+    /// What would have been answered, were the study not in shadow.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instead_of: Option<RawConfiguration>,
+    /// What this trial costs is not learnt.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub silent: bool,
+}
+
+impl Explanation {
+    /// An explanation that only names the rule.
+    pub fn of(rule: Rule) -> Self {
+        Explanation { rule: Some(rule), ..Explanation::default() }
+    }
+
+    /// Whether there is nothing to tell.
+    pub fn is_empty(&self) -> bool {
+        *self == Explanation::default()
+    }
+}
+
+/// A known state near the asked one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Neighbour {
+    /// The state.
+    pub state_id: u64,
+    /// Euclidean distance of the normalised indicators.
+    pub distance: f64,
+    /// Best mean objective known there.
+    pub best_cost: f64,
+}
+
+words! {
+    /// Why something is left out of a search, or of what predictors see.
+    pub enum OmissionReason {
+        /// The parameter means nothing beside the best known values of others.
+        Inactive = "INACTIVE",
+        /// The parameter was shown not to matter.
+        Insensitive = "INSENSITIVE",
+        /// The most that can be gained is below the noise.
+        BelowNoise = "BELOW_NOISE",
+        /// The gain to expect does not pay for the search.
+        BelowCost = "BELOW_COST",
+        /// The indicator is the same in all states: left out of distances and features.
+        Constant = "CONSTANT",
+        /// The indicator follows another in a straight line: left out of distances and features.
+        Redundant = "REDUNDANT",
+    }
+}

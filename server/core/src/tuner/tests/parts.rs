@@ -1,0 +1,112 @@
+//! The tuner's parts for themselves: searches and their counted changes, models and their deferred updates, transfer and
+//! its questions to other states.
+
+use super::*;
+use crate::limits::DEFERRED_UPDATES_MAX;
+use crate::search::{AnySearch, Layout, SearchSetup};
+use crate::tuner::plan::Planned;
+use crate::tuner::searches::Searches;
+
+fn search(state: u64) -> AnySearch {
+    let space = spec(Policy::default()).space;
+    let setup = SearchSetup {
+        seed: 42,
+        state_id: state,
+        start: vec![0.5; 4],
+        budget: 20,
+        levels: Vec::new(),
+        layout: Layout::of(&space),
+    };
+    AnySearch::new(SearchMethod::Random, setup)
+}
+
+#[test]
+fn whatever_may_change_a_search_is_counted_and_a_look_is_not() {
+    let mut searches = Searches::default();
+    let (first, second) = (StateId(1), StateId(2));
+    searches.found(None);
+    searches.found(None);
+    assert!(searches.of(first).is_none() && searches.change(first).is_none());
+    assert_eq!(searches.changes(first), 0, "there was nothing to change");
+    searches.begin(second, search(2));
+    assert_eq!((searches.changes(first), searches.changes(second)), (0, 1));
+    assert!(searches.of(second).is_some_and(|own| own.search.is_some()));
+    assert_eq!(searches.changes(second), 1, "it was only looked at");
+    searches.change(second).expect("begun").end();
+    assert_eq!(searches.changes(second), 2);
+    assert!(searches.of(second).is_some_and(|own| own.search.is_none()), "an ended search is still known");
+    searches.begin(second, search(2));
+    assert!(searches.of(second).is_some_and(|own| own.search.is_some()) && searches.changes(second) == 3);
+    assert_eq!(searches.all_mut().count(), 1);
+}
+
+/// A study whose predictor defers fits, after trials in several states.
+fn contextual(defers: bool, trials: usize) -> Tuner {
+    let mut tuner = tuner(Policy { predictor: PredictorMethod::Contextual, ..explore_always() });
+    if defers {
+        tuner.defer_updates();
+    }
+    for number in 0..trials {
+        run(&mut tuner, "a", 0.1 * (number % 9) as f64, 0.5, 1);
+    }
+    tuner
+}
+
+#[test]
+fn deferred_updates_come_to_the_same_whoever_computes_them() {
+    let at_once = contextual(false, 20);
+    assert!(!at_once.has_deferred_updates() && at_once.deferred_updates().is_none());
+    let mut deferring = contextual(true, 20);
+    let updates = deferring.deferred_updates().expect("fits are put off");
+    let space = deferring.spec().space.clone();
+    deferring.apply_updates(updates.compute(&space));
+    assert!(!deferring.has_deferred_updates());
+    assert_eq!(deferring.models.predictors(), at_once.models.predictors());
+}
+
+#[test]
+fn what_nobody_computes_in_time_is_computed_by_a_report() {
+    let untaught = contextual(true, DEFERRED_UPDATES_MAX / 4);
+    assert!(untaught.predictor_errors().is_empty(), "what errors there were is not computed yet");
+    let late = contextual(true, 2 * DEFERRED_UPDATES_MAX);
+    assert!(!late.predictor_errors().is_empty(), "too much had been put off");
+}
+
+#[test]
+fn updates_of_which_somebody_was_faster_are_dropped() {
+    let mut tuner = contextual(true, 12);
+    let space = tuner.spec().space.clone();
+    let (slow, fast) = (tuner.deferred_updates().expect("some"), tuner.deferred_updates().expect("some"));
+    tuner.apply_updates(fast.compute(&space));
+    let after = tuner.models.predictors().clone();
+    tuner.apply_updates(slow.compute(&space));
+    assert_eq!(tuner.models.predictors(), &after);
+}
+
+#[test]
+fn a_state_is_untouched_until_something_runs_in_it() {
+    let mut tuner = tuner(Policy { predictor: PredictorMethod::Contextual, ..explore_always() });
+    run(&mut tuner, "a", 0.1, 0.5, 12);
+    let trial = suggest(&mut tuner, "b", 0.9, 0.5);
+    let (here, there) = (StateId(trial.state_id), StateId(1));
+    assert_ne!(here, there);
+    assert!(!tuner.transfer().is_untouched(here), "it is being measured in");
+    assert!(!tuner.transfer().is_untouched(there));
+    // Where something is known, nothing is proposed to begin with.
+    assert!(tuner.transfer().first(there, 99, &[0.1, 0.5], &Planned::AtOnce).is_none());
+    let (answer, method) =
+        tuner.transfer().answer(&[0.9, 0.5], Some(here), &Planned::AtOnce).expect("another state is known");
+    assert_eq!(method, PredictorMethod::Contextual);
+    assert!(answer.neighbours.iter().any(|neighbour| neighbour.state_id == there.get()), "{answer:?}");
+}
+
+#[test]
+fn exploiting_asks_a_predictor_until_the_states_own_search_is_over() {
+    let mut tuner = tuner(Policy { trials_per_state: 6, ..explore_always() });
+    assert!(tuner.transfer().needs_predictor(None), "a state that nobody has met");
+    run(&mut tuner, "a", 0.1, 0.5, 3);
+    assert!(tuner.transfer().needs_predictor(Some(StateId(1))));
+    run(&mut tuner, "a", 0.1, 0.5, 12);
+    assert!(tuner.states.results(StateId(1)).tried() >= 6);
+    assert!(!tuner.transfer().needs_predictor(Some(StateId(1))));
+}
