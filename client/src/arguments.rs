@@ -8,24 +8,44 @@ use crate::{ClientError, Credentials};
 /// arguments of every program.
 const TOKEN_VARIABLE: &str = "TREEWRIGHT_TOKEN";
 
-/// Token and certificates.
+/// Token and certificates. The heading stands at each argument: one for the whole would also hold for what a program
+/// lists after them.
 #[derive(Debug, Clone, Default, clap::Args)]
-#[command(next_help_heading = "Security")]
 pub struct CredentialArguments {
     /// File that holds the token to show; without it the variable TREEWRIGHT_TOKEN is looked at
-    #[arg(long, global = true, env = "TREEWRIGHT_TOKEN_FILE", value_name = "FILE")]
+    #[arg(
+        long,
+        global = true,
+        help_heading = "Security",
+        env = "TREEWRIGHT_TOKEN_FILE",
+        value_name = "FILE"
+    )]
     pub token_file: Option<PathBuf>,
 
     /// Authority that the daemon's certificate must come from, in PEM; the system's when left out
-    #[arg(long, global = true, env = "TREEWRIGHT_TLS_CA", value_name = "FILE")]
+    #[arg(long, global = true, help_heading = "Security", env = "TREEWRIGHT_TLS_CA", value_name = "FILE")]
     pub tls_ca: Option<PathBuf>,
 
     /// Certificate to show to a daemon that asks for one, in PEM
-    #[arg(long, global = true, env = "TREEWRIGHT_CLIENT_CERT", value_name = "FILE", requires = "tls_key")]
+    #[arg(
+        long,
+        global = true,
+        help_heading = "Security",
+        env = "TREEWRIGHT_CLIENT_CERT",
+        value_name = "FILE",
+        requires = "tls_key"
+    )]
     pub tls_cert: Option<PathBuf>,
 
     /// Private key of that certificate, in PEM
-    #[arg(long, global = true, env = "TREEWRIGHT_CLIENT_KEY", value_name = "FILE", requires = "tls_cert")]
+    #[arg(
+        long,
+        global = true,
+        help_heading = "Security",
+        env = "TREEWRIGHT_CLIENT_KEY",
+        value_name = "FILE",
+        requires = "tls_cert"
+    )]
     pub tls_key: Option<PathBuf>,
 }
 

@@ -172,6 +172,14 @@ impl Client {
         self.core.read_study("UpdateStudy", study)
     }
 
+    /// Creates a study, or finds the equal one that is stored under this id, and asks the daemon at once: an absent one is an error.
+    ///
+    /// Errors: [`ClientError::Refused`] when the id is taken by a different specification; [`ClientError::Away`],
+    /// [`ClientError::Late`].
+    pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<StudyRecord, ClientError> {
+        self.core.create_study(&study_name(id), spec).await
+    }
+
     /// Deletes a study with its states, trials and models.
     ///
     /// A client that still works on a study that it specified itself creates it anew.
@@ -204,13 +212,13 @@ impl Client {
 }
 
 /// Takes an id or a whole resource name.
-fn study_name(id: &str) -> String {
+pub(crate) fn study_name(id: &str) -> String {
     if id.starts_with("studies/") { id.to_owned() } else { format!("studies/{id}") }
 }
 
 impl Core {
     /// A call that is not part of a frame.
-    async fn admin<T>(
+    pub(crate) async fn admin<T>(
         &self,
         name: &'static str,
         rpc: impl Future<Output = Result<tonic::Response<T>, tonic::Status>>,
@@ -275,6 +283,6 @@ impl Core {
         let request = v1::ExtendLeaseRequest { trial: trial.to_owned() };
         let mut rpc = self.rpc();
         let trial = self.admin("ExtendLease", rpc.extend_lease(request)).await?;
-        wire::trial_from_wire(trial).map_err(|problem| self.malformed("ExtendLease", problem))
+        self.read_trial("ExtendLease", trial)
     }
 }

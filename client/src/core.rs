@@ -197,7 +197,14 @@ fn endpoints(urls: &str, credentials: &Credentials) -> Result<Vec<Endpoint>, Cli
 fn endpoint(url: &str, credentials: &Credentials) -> Result<Endpoint, ClientError> {
     let bad = |reason: String| ClientError::BadUrl { url: url.to_owned(), reason };
     let Some((scheme @ ("http" | "https"), rest)) = url.split_once("://") else {
-        return Err(bad("it begins with neither http:// nor https://".into()));
+        let remedy = match url.rsplit_once(':') {
+            // `localhost:50611` as other programs take it.
+            Some((host, port)) if !host.contains('/') && !host.is_empty() && port.parse::<u16>().is_ok() => {
+                format!("; http://{url} is it in plain text, https://{url} with TLS")
+            }
+            _ => String::new(),
+        };
+        return Err(bad(format!("it begins with neither http:// nor https://{remedy}")));
     };
     if rest.is_empty() || rest.starts_with(['/', ':']) {
         return Err(bad("it names no host".into()));

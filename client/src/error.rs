@@ -176,7 +176,7 @@ impl ClientError {
         let away = |reason: String| Self::Away { url: url.to_owned(), reason };
         // A status with a source was made on this side, out of a fault of the connection.
         if let Some(source) = std::error::Error::source(status) {
-            return away(innermost(source));
+            return away(with_remedy(url, innermost(source)));
         }
         match status.code() {
             Code::Unavailable => away(status.message().to_owned()),
@@ -196,6 +196,23 @@ impl ClientError {
             },
         }
     }
+}
+
+/// Adds what is likely wrong with the address where one side speaks TLS and the other does not.
+fn with_remedy(url: &str, reason: String) -> String {
+    let rest = url.split_once("://").map_or("", |(_, rest)| rest);
+    // rustls says so where the answer is no TLS record.
+    if url.starts_with("https://") && reason.contains("InvalidContentType") {
+        return format!("{reason}: it speaks plain text there; write http://{rest}");
+    }
+    // A server with TLS answers plain text with an alert, which is no frame of HTTP/2, or hangs up.
+    let is_no_http =
+        ["frame with invalid size", "invalid HTTP", "FRAME_SIZE_ERROR", "connection closed", "broken pipe"];
+    let lower = reason.to_lowercase();
+    if url.starts_with("http://") && is_no_http.iter().any(|words| lower.contains(&words.to_lowercase())) {
+        return format!("{reason}: if it speaks TLS there, write https://{rest}");
+    }
+    reason
 }
 
 fn request_words(request_id: Option<&str>) -> String {

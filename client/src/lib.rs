@@ -17,6 +17,7 @@
 //! | `client`, `study`, `suggestion`, `tuner`, `prefetching`, `pages` | what a program calls |
 //! | `credentials`, `attach`, `machine`, `arguments` (a feature) | what is shown to the daemon with every call |
 //! | `circuit_breaker`, `back_off` | whether the daemon is there, and when to ask again |
+//! | `by_name` | ask and tell apart, for shells and for what carries measurements over |
 //! | `outbox`, `delivery`, `stats` | reports on their way, and counts of what became of them |
 //! | `answer`, `memory`, `stream` | answers within a deadline, and what to do without one |
 
@@ -26,6 +27,7 @@ mod arguments;
 mod attach;
 mod back_off;
 pub mod blocking;
+mod by_name;
 mod checks;
 mod circuit_breaker;
 mod client;
@@ -55,6 +57,7 @@ mod wire;
 #[cfg(feature = "arguments")]
 pub use arguments::CredentialArguments;
 pub use circuit_breaker::Status;
+pub use by_name::Question;
 pub use client::Client;
 pub use credentials::Credentials;
 pub use error::{ClientError, SharedError};

@@ -81,6 +81,9 @@ pub struct TrialRecord {
     pub fingerprint: Option<Fingerprint>,
     /// The trial is to be stopped as soon as its cost exceeds this.
     pub abort_above: Option<f64>,
+    /// Where it was measured, if it was carried over from another study or database.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub origin: Option<String>,
 }
 
 impl TrialRecord {

@@ -256,6 +256,7 @@ impl Shared {
             session: self.core.session,
             can_abort: self.core.options.can_abort,
             session_policy: session_policy_to_wire(*lock(&self.session_policy)),
+            origin: String::new(),
         }
     }
 

@@ -14,6 +14,8 @@ pub const CLIENT_ID_CHARACTERS_MAX: usize = 128;
 pub const TEXT_VALUE_CHARACTERS_MAX: usize = 256;
 /// Longest reason of an infeasible or failed outcome, in characters.
 pub const OUTCOME_REASON_CHARACTERS_MAX: usize = 1000;
+/// Longest account of where a trial that was carried over was measured, in characters.
+pub const ORIGIN_CHARACTERS_MAX: usize = 200;
 /// Longest entry of a fingerprint, in characters.
 pub const FINGERPRINT_TEXT_CHARACTERS_MAX: usize = 256;
 /// Most software entries of a fingerprint.

@@ -44,6 +44,7 @@ fn tuner_code(error: &TunerError) -> Code {
         | TunerError::Objective(_)
         | TunerError::LowerBound(_)
         | TunerError::OutcomeReason
+        | TunerError::Origin
         | TunerError::Study(_) => Code::InvalidArgument,
         TunerError::TooManyStates | TunerError::TooManyClients | TunerError::TooManyOpenTrials { .. } => {
             Code::ResourceExhausted

@@ -13,8 +13,9 @@ use std::time::Duration;
 use runtime::RuntimeThread;
 
 use crate::{
-    Best, ClientError, Configuration, Finished, Indicators, Options, PolicyChange, Prediction, SessionPolicy,
-    Stats, Status, StudyRecord, StudySpec, Suggestion, TrialQuery, TrialRecord,
+    Best, ClientError, Configuration, Finished, Indicators, Measurements, Options, Outcome, PolicyChange,
+    Prediction, Question, SessionPolicy, Stats, Status, StudyRecord, StudySpec, Suggestion, TrialQuery,
+    TrialRecord,
 };
 
 /// See [`crate::Client`]. Cheap to clone.
@@ -113,6 +114,51 @@ impl Client {
     /// See [`Suggestion::extend_lease`]. Errors: as there.
     pub fn extend_lease(&self, suggestion: &mut Suggestion) -> Result<(), ClientError> {
         self.thread.run(async || suggestion.extend_lease().await)
+    }
+
+    /// See [`crate::Client::create_study`]. Errors: as there.
+    pub fn create_study(&self, id: &str, spec: &StudySpec) -> Result<StudyRecord, ClientError> {
+        self.thread.run(async || self.client.create_study(id, spec).await)
+    }
+
+    /// See [`crate::Client::ask`]. Errors: as there.
+    pub fn ask(&self, study: &str, question: &Question) -> Result<TrialRecord, ClientError> {
+        self.thread.run(async || self.client.ask(study, question).await)
+    }
+
+    /// See [`crate::Client::tell`]. Errors: as there.
+    pub fn tell(
+        &self,
+        trial: &str,
+        measurements: &Measurements,
+        outcome: &Outcome,
+    ) -> Result<(TrialRecord, bool), ClientError> {
+        self.thread.run(async || self.client.tell(trial, measurements, outcome).await)
+    }
+
+    /// See [`crate::Client::give_back`]. Errors: as there.
+    pub fn give_back(&self, trial: &str) -> Result<TrialRecord, ClientError> {
+        self.thread.run(async || self.client.give_back(trial).await)
+    }
+
+    /// See [`crate::Client::renew`]. Errors: as there.
+    pub fn renew(&self, trial: &str) -> Result<TrialRecord, ClientError> {
+        self.thread.run(async || self.client.renew(trial).await)
+    }
+
+    /// See [`crate::Client::trial`]. Errors: as there.
+    pub fn trial(&self, trial: &str) -> Result<TrialRecord, ClientError> {
+        self.thread.run(async || self.client.trial(trial).await)
+    }
+
+    /// See [`crate::Client::trial_in_state`]. Errors: as there.
+    pub fn trial_in_state(&self, study: &str, state_id: i64) -> Result<Option<TrialRecord>, ClientError> {
+        self.thread.run(async || self.client.trial_in_state(study, state_id).await)
+    }
+
+    /// See [`crate::Client::best_of_state`]. Errors: as there.
+    pub fn best_of_state(&self, study: &str, state_id: i64) -> Result<Option<Best>, ClientError> {
+        self.thread.run(async || self.client.best_of_state(study, state_id).await)
     }
 
     fn wrap(&self, study: crate::Study) -> Study {

@@ -97,6 +97,7 @@ impl Book {
             lease_expire_time: Some(prost_types::Timestamp { seconds: 32_000_000_000, nanos: 0 }),
             state: TrialState::Open.into(),
             fingerprint: request.fingerprint,
+            origin: request.origin,
             ..v1::Trial::default()
         };
         let trial = if self.newer { of_tomorrow(trial) } else { trial };
@@ -142,8 +143,11 @@ impl Book {
     pub fn query(&self, request: &v1::QueryTrialsRequest) -> Result<v1::QueryTrialsResponse, Status> {
         self.study(&request.study)?;
         let wanted = match request.filter.as_str() {
-            "" => None,
+            // Nothing is carried over here, and every trial is of one state.
+            "" | "state_id = 1" => None,
             "state = COMPLETED" => Some(TrialState::Completed),
+            "state = OPEN" => Some(TrialState::Open),
+            "mode = PINNED AND state = COMPLETED" => return Ok(v1::QueryTrialsResponse::default()),
             other => {
                 return Err(Status::invalid_argument(format!(
                     "filter: `{other}` cannot be parsed at column 1"
@@ -151,9 +155,11 @@ impl Book {
             }
         };
         let begin: usize = request.page_token.parse().unwrap_or(0);
+        let of_study = format!("{}/", request.study);
         let mut found: Vec<_> = self
             .trials
             .iter()
+            .filter(|trial| trial.name.starts_with(&of_study))
             .filter(|trial| wanted.is_none_or(|state| trial.state() == state))
             .cloned()
             .collect();

@@ -26,6 +26,9 @@ pub struct Decision {
     /// What an earlier version said of it to people, where it was stored by one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub said: Option<String>,
+    /// Where the trial was measured, if it was carried over from another study or database.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub origin: Option<String>,
 }
 
 /// What was chosen, by which rule.
@@ -320,7 +323,7 @@ impl Level {
 impl Choice {
     /// A decision for it, of which is learnt.
     pub fn decided(self) -> Decision {
-        Decision { choice: self, silent: false, said: None }
+        Decision { choice: self, silent: false, said: None, origin: None }
     }
 }
 
@@ -376,9 +379,10 @@ impl Decision {
         }
     }
 
-    /// Whether it was taken over from other machines to be measured here.
-    pub fn is_by_machines(&self) -> bool {
-        matches!(&self.choice, Choice::Explore(Explore { point: Point::ByMachines(_), .. }))
+    /// Whether it was taken over from other machines to be measured here, or carried over with what was measured elsewhere.
+    pub fn is_from_elsewhere(&self) -> bool {
+        self.origin.is_some()
+            || matches!(&self.choice, Choice::Explore(Explore { point: Point::ByMachines(_), .. }))
     }
 
     /// The client is to stop the trial as soon as its cost exceeds this, in the objective's units.

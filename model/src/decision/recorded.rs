@@ -76,7 +76,7 @@ impl Decision {
             _ if step.is_empty() => Choice::Exploit(exploit(mode, &source, neighbours, &explanation)),
             _ => Choice::Explore(explore(&source, &step, neighbours, &explanation)),
         };
-        Decision { choice, silent: explanation.silent, said: Some(summary) }
+        Decision { choice, silent: explanation.silent, said: Some(summary), origin: None }
     }
 }
 

@@ -19,7 +19,10 @@ pub(super) const RANDOM: &str = "random";
 pub(super) fn reason(decision: &Decision) -> Reason {
     let (source, step) = source(&decision.choice);
     Reason {
-        summary: decision.said.clone().unwrap_or_else(|| summary(&decision.choice)),
+        summary: decision.said.clone().unwrap_or_else(|| match &decision.origin {
+            Some(origin) => format!("It was measured elsewhere, as {origin}, and carried over."),
+            None => summary(&decision.choice),
+        }),
         source: source.to_owned(),
         step: step.to_owned(),
         neighbours: neighbours(&decision.choice),

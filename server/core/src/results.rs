@@ -97,6 +97,9 @@ pub struct ResultTable {
     drifts: u64,
     touches: u64,
     latest: u64,
+    /// Something of it was measured elsewhere and carried over.
+    #[serde(default)]
+    is_carried_over: bool,
 }
 
 impl ResultTable {
@@ -117,6 +120,7 @@ impl ResultTable {
         self.touches += 1;
         self.records[index].touch = self.touches;
         self.latest = trial.completion.unwrap_or(self.latest);
+        self.is_carried_over |= trial.decision.origin.is_some();
         if let (Outcome::Ok, Some(cost)) = (outcome, trial.cost) {
             self.note_repeat(index, cost);
         }
@@ -218,6 +222,11 @@ impl ResultTable {
     /// All that is remembered, in no order that means anything.
     pub fn records(&self) -> &[Record] {
         &self.records
+    }
+
+    /// Whether something of it was measured elsewhere and carried over, so that no search has asked for it.
+    pub fn is_carried_over(&self) -> bool {
+        self.is_carried_over
     }
 
     /// How many configurations are remembered.

@@ -67,9 +67,21 @@ pub fn suggest(request: v1::SuggestRequest) -> Result<Suggest, Error> {
             session: request.session,
             can_abort: request.can_abort,
             session_policy: session_policy(request.session_policy)?,
+            origin: origin(request.origin, request.wanted.is_some())?,
         },
         wanted: request.wanted.map(|wanted| configuration_from_wire("wanted", wanted)).transpose()?,
     })
+}
+
+/// Where a wanted configuration was measured before.
+fn origin(text: String, has_wanted: bool) -> Result<Option<String>, Error> {
+    match text.as_str() {
+        "" => Ok(None),
+        _ if has_wanted => Ok(Some(text)),
+        _ => {
+            Err(Error::invalid("origin", "goes together with `wanted`, the configuration that was measured"))
+        }
+    }
 }
 
 /// What a session wants for itself.

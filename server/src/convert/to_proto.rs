@@ -77,6 +77,7 @@ pub fn trial<C: Values>(study: &str, trial: &Trial<C>) -> v1::Trial {
         complete_time: trial.complete_ms.map(timestamp_to_wire),
         fingerprint: trial.fingerprint.as_ref().map(fingerprint_to_wire),
         abort_above: trial.decision.abort_above(),
+        origin: trial.decision.origin.clone().unwrap_or_default(),
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::limits::{
     CLIENT_ID_CHARACTERS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX, MEASUREMENTS_MAX,
-    OUTCOME_REASON_CHARACTERS_MAX,
+    ORIGIN_CHARACTERS_MAX, OUTCOME_REASON_CHARACTERS_MAX,
 };
 use crate::names::is_name;
 use crate::objective::ObjectiveError;
@@ -19,6 +19,14 @@ pub(super) fn client_id(client_id: &str) -> Result<(), TunerError> {
     } else {
         Err(TunerError::ClientId)
     }
+}
+
+pub(super) fn origin(origin: Option<&str>) -> Result<(), TunerError> {
+    let fits = |text: &str| {
+        let length = text.chars().count();
+        (1..=ORIGIN_CHARACTERS_MAX).contains(&length) && !text.chars().any(char::is_control)
+    };
+    if origin.is_none_or(fits) { Ok(()) } else { Err(TunerError::Origin) }
 }
 
 pub(super) fn fingerprint(fingerprint: Option<&Fingerprint>) -> Result<(), TunerError> {

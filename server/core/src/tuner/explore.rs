@@ -128,7 +128,7 @@ impl Tuner {
     /// Sees that the state has a search of the policy's kind, unless its budget is spent. Trials that carry points
     /// of an earlier search only feed the table from then on. Where an earlier one was dropped because its budget
     /// was spent, and the budget was raised since, the new one is told what the table knows, and so it is where that was
-    /// taken over from other machines.
+    /// taken over from other machines or other databases.
     fn ensure_exploration(&mut self, room: usize, state: StateId, planned: &mut Planned) {
         // What the policy allows anyway need not be noted.
         let more = if room > self.spec.policy.trials_per_state as usize { room } else { 0 };
@@ -158,8 +158,9 @@ impl Tuner {
             layout: Layout::of(space),
         };
         let mut search = AnySearch::new(policy.search, setup);
-        let from_others = !self.states.siblings(state).is_empty();
-        for record in self.states.results(state).ranked().take(TOLD_MAX) {
+        let results = self.states.results(state);
+        let from_others = !self.states.siblings(state).is_empty() || results.is_carried_over();
+        for record in results.ranked().take(TOLD_MAX) {
             let point = || space.encode(&record.configuration);
             match (was_dropped, from_others) {
                 (true, _) => search.know(point(), Verdict::Cost(record.mean_cost)),

@@ -58,7 +58,7 @@ pub use types::{
 };
 
 use crate::configuration::RawConfiguration;
-use crate::decision::Choice;
+use crate::decision::{Choice, Decision};
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::{Policy, PredictorMethod};
 use crate::predict::prequential::ErrorInterval;
@@ -126,6 +126,7 @@ impl Tuner {
     /// Recognises what a client asks about. Changes nothing.
     pub fn question<'a>(&self, ask: &'a Ask) -> Result<Question<'a>, TunerError> {
         checks::client_id(&ask.client_id)?;
+        checks::origin(ask.origin.as_deref())?;
         checks::fingerprint(ask.fingerprint.as_ref())?;
         Ok(self.recognised(ask, self.spec.indicators.normalise(&ask.indicators)?))
     }
@@ -173,7 +174,7 @@ impl Tuner {
     ) -> Result<(Trial, Change), TunerError> {
         let configuration = self.spec.space.configuration(wanted)?;
         let question = self.question(ask)?;
-        let decision = Choice::Wanted.decided();
+        let decision = Decision { origin: ask.origin.clone(), ..Choice::Wanted.decided() };
         let wanted = Prediction { configuration, predicted_cost: None, decision, insight: None };
         self.answer(question, Some(wanted), Planned::AtOnce, now_ms)
     }

@@ -130,10 +130,10 @@ impl Tuner {
         Some(trial)
     }
 
-    /// Tells the state's search what was taken over from others. `false` when there is none.
+    /// Tells the state's search what was taken over from others, or was measured elsewhere. `false` when there is none.
     fn tell_of_transfer(&mut self, trial: &Trial, state: StateId, verdict: Option<Verdict>) -> bool {
         let goes_on = self.searches.of(state).is_some_and(|own| own.search.is_some());
-        let Some(verdict) = verdict.filter(|_| goes_on && trial.decision.is_by_machines()) else {
+        let Some(verdict) = verdict.filter(|_| goes_on && trial.decision.is_from_elsewhere()) else {
             return false;
         };
         let point = self.spec.space.encode(&trial.configuration);

@@ -11,7 +11,8 @@ use crate::decision::{Decision, Exploit, ExplorationEstimate, ExploreRule};
 use crate::indicator::IndicatorError;
 use crate::limits::{
     CLIENT_ID_CHARACTERS_MAX, CLIENTS_MAX, FINGERPRINT_SOFTWARE_MAX, FINGERPRINT_TEXT_CHARACTERS_MAX,
-    MEASUREMENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, OUTCOME_REASON_CHARACTERS_MAX, STATES_MAX,
+    MEASUREMENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, ORIGIN_CHARACTERS_MAX, OUTCOME_REASON_CHARACTERS_MAX,
+    STATES_MAX,
 };
 use crate::names::NAME_RULE;
 use crate::objective::ObjectiveError;
@@ -39,6 +40,8 @@ pub struct Ask {
     /// What the session wants for itself, instead of what the study's policy says. Its deadline is only looked at by
     /// [`Ask::at`].
     pub session_policy: SessionPolicy,
+    /// Where a wanted configuration was measured before; at most 200 printable characters.
+    pub origin: Option<String>,
 }
 
 impl Ask {
@@ -288,6 +291,9 @@ pub enum TunerError {
     /// A reason is too long.
     #[error("outcome: the reason has more than {OUTCOME_REASON_CHARACTERS_MAX} characters")]
     OutcomeReason,
+    /// The account of where a trial was measured is too long or not printable.
+    #[error("origin must have 1 to {ORIGIN_CHARACTERS_MAX} printable characters")]
+    Origin,
     /// The trial is complete: answer a repeated report with the stored trial.
     #[error("trial {number} is already completed")]
     AlreadyCompleted {

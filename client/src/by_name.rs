@@ -1,0 +1,147 @@
+//! Trials by name: ask and tell apart, for programs whose halves are processes of their own, such as lines of a shell
+//! script, and for what carries measurements over from elsewhere.
+//!
+//! Nothing here falls back and nothing is queued: each call is one question to the daemon, and its error is an error. A
+//! trial that is handed out stays with its client until it is told, given back, or its lease ends; dropping the
+//! record does nothing. Frame loops use [`crate::Study`].
+
+use treewright_proto::convert::{
+    configuration_to_wire, fingerprint_to_wire, outcome_to_wire, session_policy_to_wire,
+};
+use treewright_proto::v1;
+
+use crate::client::study_name;
+use crate::core::Core;
+use crate::{
+    Best, Client, ClientError, Configuration, Fingerprint, Indicators, Measurements, Outcome, SessionPolicy,
+    TrialQuery, TrialRecord, wire,
+};
+
+/// A question for the next trial. What is `None` is as the client's options have it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Question {
+    /// A value for each indicator of the study.
+    pub indicators: Indicators,
+    /// Who asks. It gets the same trial again until that one is told.
+    pub client_id: Option<String>,
+    /// The machine that the measurement is to hold for.
+    pub fingerprint: Option<Fingerprint>,
+    /// Tells the client's sessions apart; 0 for one endless session. `None`: this process is a session.
+    pub session: Option<u64>,
+    /// The client stops every trial no later than when its cost reaches [`TrialRecord::abort_above`].
+    pub can_abort: bool,
+    /// What this question wants for itself, in place of what the study's policy says.
+    pub session_policy: SessionPolicy,
+    /// The configuration to measure, where that is not left to the service.
+    pub wanted: Option<Configuration>,
+    /// Where `wanted` was measured before, if its result is only carried over; at most 200 printable characters.
+    pub origin: Option<String>,
+}
+
+impl Client {
+    /// Hands out a trial under a lease.
+    ///
+    /// Errors: [`ClientError::Refused`], e.g. when there is no such study; [`ClientError::Away`], [`ClientError::Late`].
+    pub async fn ask(&self, study: &str, question: &Question) -> Result<TrialRecord, ClientError> {
+        let core = &self.core;
+        let fingerprint = question.fingerprint.as_ref().unwrap_or(&core.options.fingerprint);
+        let request = v1::SuggestRequest {
+            study: study_name(study),
+            client_id: question.client_id.clone().unwrap_or_else(|| core.options.client_id.clone()),
+            indicators: question.indicators.0.clone(),
+            fingerprint: Some(fingerprint_to_wire(fingerprint)),
+            wanted: question.wanted.as_ref().map(|wanted| configuration_to_wire(wanted.as_raw())),
+            session: question.session.unwrap_or(core.session),
+            can_abort: question.can_abort,
+            session_policy: session_policy_to_wire(question.session_policy),
+            origin: question.origin.clone().unwrap_or_default(),
+        };
+        let mut rpc = core.rpc();
+        let trial = core.admin("Suggest", rpc.suggest(request)).await?;
+        core.read_trial("Suggest", trial)
+    }
+
+    /// Reports the result of a trial; `true` beside the stored trial when it was complete before and this changed nothing.
+    ///
+    /// Errors: [`ClientError::Refused`], e.g. when a metric of the objective is missing; [`ClientError::Away`],
+    /// [`ClientError::Late`].
+    pub async fn tell(
+        &self,
+        trial: &str,
+        measurements: &Measurements,
+        outcome: &Outcome,
+    ) -> Result<(TrialRecord, bool), ClientError> {
+        let request = v1::ReportRequest {
+            trial: trial.to_owned(),
+            measurements: measurements.0.clone(),
+            outcome: Some(outcome_to_wire(outcome)),
+        };
+        let mut rpc = self.core.rpc();
+        let answer = self.core.admin("Report", rpc.report(request)).await?;
+        let trial = answer.trial.unwrap_or_default();
+        Ok((self.core.read_trial("Report", trial)?, answer.duplicate))
+    }
+
+    /// Gives a trial back unmeasured. Errors: as for [`Client::tell`].
+    pub async fn give_back(&self, trial: &str) -> Result<TrialRecord, ClientError> {
+        let request = v1::AbandonTrialRequest { trial: trial.to_owned() };
+        let mut rpc = self.core.rpc();
+        let trial = self.core.admin("AbandonTrial", rpc.abandon_trial(request)).await?;
+        self.core.read_trial("AbandonTrial", trial)
+    }
+
+    /// Renews a trial's lease, counted from now. Errors: as for [`Client::tell`].
+    pub async fn renew(&self, trial: &str) -> Result<TrialRecord, ClientError> {
+        self.core.extend_lease(trial).await
+    }
+
+    /// Reads one trial. Errors: as for [`Client::tell`].
+    pub async fn trial(&self, trial: &str) -> Result<TrialRecord, ClientError> {
+        let mut rpc = self.core.rpc();
+        let request = v1::GetTrialRequest { name: trial.to_owned() };
+        let trial = self.core.admin("GetTrial", rpc.get_trial(request)).await?;
+        self.core.read_trial("GetTrial", trial)
+    }
+
+    /// One trial of a state, which tells its indicators and its machine; `None` where the state has none.
+    /// Errors: as for [`Client::tell`].
+    pub async fn trial_in_state(
+        &self,
+        study: &str,
+        state_id: i64,
+    ) -> Result<Option<TrialRecord>, ClientError> {
+        let query = TrialQuery::all().filter(format!("state_id = {state_id}"));
+        Ok(self.trials(study, query).take(1).await?.pop())
+    }
+
+    /// The best configuration of a state, by its number; `None` when nothing was measured there. Errors: as for
+    /// [`Client::tell`].
+    pub async fn best_of_state(&self, study: &str, state_id: i64) -> Result<Option<Best>, ClientError> {
+        let Some(trial) = self.trial_in_state(study, state_id).await? else { return Ok(None) };
+        let request = v1::GetBestRequest {
+            study: study_name(study),
+            indicators: trial.indicators.0,
+            fingerprint: trial.fingerprint.as_ref().map(fingerprint_to_wire),
+        };
+        let mut rpc = self.core.rpc();
+        match self.core.admin("GetBest", rpc.get_best(request)).await {
+            Ok(best) => self.core.read_best("GetBest", best).map(Some),
+            Err(problem) if problem.is_not_found() => Ok(None),
+            Err(problem) => Err(problem),
+        }
+    }
+}
+
+impl Core {
+    pub(crate) fn read_trial(
+        &self,
+        call: &'static str,
+        trial: v1::Trial,
+    ) -> Result<TrialRecord, ClientError> {
+        wire::trial_from_wire(trial).map_err(|problem| self.malformed(call, problem))
+    }
+
+    fn read_best(&self, call: &'static str, best: v1::Best) -> Result<Best, ClientError> {
+        wire::best_from_wire(best).map_err(|problem| self.malformed(call, problem))
+    }
+}
