@@ -92,6 +92,11 @@ pub struct ServeConfig {
     #[arg(long, env = "TREEWRIGHT_METRICS", value_name = "ADDRESS", value_parser = address)]
     pub metrics: Option<SocketAddr>,
 
+    /// Address and port of the dashboard: studies, tuning curves, trials and reasons in a browser. It asks for the same
+    /// tokens as the daemon and encrypts nothing, so beyond this machine it needs --insecure. None when left out.
+    #[arg(long, env = "TREEWRIGHT_DASHBOARD", value_name = "ADDRESS", value_parser = address)]
+    pub dashboard: Option<SocketAddr>,
+
     /// Of how many studies /metrics shows figures with their names: those used last. With 0 it names none.
     #[arg(long, env = "TREEWRIGHT_METRICS_STUDIES", default_value_t = 16, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(..=i64::from(STUDIES_SHOWN)))]
     pub metrics_studies: u16,
@@ -111,6 +116,10 @@ pub struct ServeConfig {
     #[arg(long, env = "TREEWRIGHT_DRAIN_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=DRAIN_S))]
     pub drain_s: u64,
 
+    /// End by itself once nobody has asked anything for so many seconds. Never when left out.
+    #[arg(long, env = "TREEWRIGHT_IDLE_EXIT_S", value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..))]
+    pub idle_exit_s: Option<u64>,
+
     /// What to log: error, warn, info, debug, trace, or a list such as "info,treewright_server=debug".
     #[arg(long, env = "TREEWRIGHT_LOG", default_value = "info", value_name = "FILTER")]
     pub log: String,
@@ -126,12 +135,17 @@ impl ServeConfig {
         self.peers.check(&self.database.read()?, self.listen, &self.guard)
     }
 
-    /// Checks that nobody beyond this machine sees the figures by mistake.
-    fn check_metrics(&self) -> Result<(), String> {
-        match self.metrics {
-            Some(address) if !address.ip().is_loopback() && !self.guard.insecure => Err(format!(
-                "--metrics {address} can be reached from other machines, without encryption or tokens; choose \
-                 127.0.0.1, or say --insecure if the network is trusted"
+    /// Checks that nobody beyond this machine sees the figures or the dashboard by mistake.
+    fn check_watchers(&self) -> Result<(), String> {
+        let far = |address: &Option<SocketAddr>| address.filter(|address| !address.ip().is_loopback());
+        let remedy = "choose 127.0.0.1, or say --insecure if the network is trusted";
+        match (far(&self.metrics), far(&self.dashboard)) {
+            _ if self.guard.insecure => Ok(()),
+            (Some(address), _) => Err(format!(
+                "--metrics {address} can be reached from other machines, without encryption or tokens; {remedy}"
+            )),
+            (_, Some(address)) => Err(format!(
+                "--dashboard {address} can be reached from other machines, without encryption; {remedy}"
             )),
             _ => Ok(()),
         }
@@ -145,6 +159,12 @@ impl ServeConfig {
             let scheme = if self.guard.tls_cert.is_some() { "https" } else { "http" };
             format!("{scheme}://{listening}")
         })
+    }
+
+    /// After how long a silence to end.
+    #[must_use]
+    pub fn idle_exit(&self) -> Option<Duration> {
+        self.idle_exit_s.map(Duration::from_secs)
     }
 
     /// How long draining may take.
@@ -171,7 +191,7 @@ impl Cli {
         if let Err(problem) = serve.guard.check(serve.listen) {
             return Err(Self::command().error(ErrorKind::ValueValidation, problem));
         }
-        if let Err(problem) = serve.check_database().and_then(|()| serve.check_metrics()) {
+        if let Err(problem) = serve.check_database().and_then(|()| serve.check_watchers()) {
             return Err(Self::command().error(ErrorKind::ValueValidation, problem));
         }
         if let Err(error) = crate::telemetry::filter(&serve.log) {
@@ -248,6 +268,7 @@ mod tests {
             (&["--database", "x", "--colour"], "--colour"),
             (&["--database", "x", "--metrics", "0.0.0.0:1"], "--insecure"),
             (&["--database", "x", "--metrics", "9464"], "ADDRESS:PORT"),
+            (&["--database", "x", "--dashboard", "0.0.0.0:1"], "--insecure"),
             (&["--database", "x", "--metrics-studies", "65"], "64"),
             (&["--database", "x", "--otlp", "127.0.0.1:4317"], "http://ADDRESS:PORT"),
             (&["--database", "x", "--advertise", "http://a:1"], "--database postgres://"),

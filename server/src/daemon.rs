@@ -15,6 +15,7 @@ use crate::access::Access;
 use crate::administration;
 use crate::clock::{SteadyClock, SystemClock};
 use crate::config::{Database, ServeConfig};
+use crate::idle::idle_for;
 use crate::metrics::Metrics;
 use crate::serve::{self, Options, ServeError};
 use crate::tls::{Tls, TlsError};
@@ -33,6 +34,16 @@ pub enum DaemonError {
     /// The address for metrics cannot be had.
     #[error("cannot listen on {address} for metrics: {problem}; choose another address with --metrics")]
     Metrics {
+        /// The address.
+        address: SocketAddr,
+        /// What the system said.
+        problem: std::io::Error,
+    },
+    /// The address for the dashboard cannot be had.
+    #[error(
+        "cannot listen on {address} for the dashboard: {problem}; choose another address with --dashboard"
+    )]
+    Dashboard {
         /// The address.
         address: SocketAddr,
         /// What the system said.
@@ -61,7 +72,7 @@ impl DaemonError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Serve(_) | Self::System(_) | Self::Tls(_) => 1,
-            Self::Listen { .. } | Self::Metrics { .. } => 3,
+            Self::Listen { .. } | Self::Metrics { .. } | Self::Dashboard { .. } => 3,
             Self::Database(_) | Self::Tokens(_) => 4,
         }
     }
@@ -105,6 +116,15 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
         }
         None => None,
     };
+    let dashboard = match config.dashboard {
+        Some(address) => {
+            let problem = |problem| DaemonError::Dashboard { address, problem };
+            let dashboard = TcpListener::bind(address).await.map_err(problem)?;
+            tracing::info!(url = %format!("http://{}/", dashboard.local_addr()?), "the dashboard is served");
+            Some(dashboard)
+        }
+        None => None,
+    };
     let database = config.database.read().map_err(|problem| OpenError::BadAddress { problem })?;
     let store = open(&config, &database, address).await?;
     // Tokens end by the calendar, leases after a time.
@@ -118,10 +138,12 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
     announce(&config, &database, address, access.as_deref())?;
 
     let reloading = tls.clone().map(|tls| tokio::spawn(async move { tls.follow(hang_up).await }));
+    let idle = idle_for(config.idle_exit(), Arc::clone(&metrics));
     let shutdown = async {
         tokio::select! {
             _ = terminate.recv() => tracing::info!("SIGTERM"),
             _ = interrupt.recv() => tracing::info!("SIGINT"),
+            () = idle => tracing::info!("nobody has asked for long"),
         }
     };
     let (studies_shown, keep_trials) = (config.metrics_studies, config.keep_trials);
@@ -131,6 +153,7 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
         access,
         tls,
         watch,
+        dashboard,
         studies_shown,
         keep_trials,
         connections,

@@ -178,5 +178,17 @@ pub const STUDIES_SHOWN: u16 = 64;
 /// Connections at once of those who ask for metrics.
 pub const WATCHERS: usize = 16;
 
+/// Connections at once of browsers that show the dashboard. Each page that is open keeps one for its events.
+pub const DASHBOARD_CONNECTIONS: usize = 64;
+
+/// A browser's connection ends after so long, and begins anew by itself.
+pub const DASHBOARD_STAY: Duration = Duration::from_secs(600);
+
+/// How often it is looked whether a page that is open must change.
+pub const DASHBOARD_LOOK: Duration = Duration::from_secs(1);
+
+/// Largest form that a browser may send, in bytes: a token.
+pub const DASHBOARD_FORM_BYTES: usize = 8 << 10;
+
 /// The head of a question for metrics must be there within this time.
 pub const WATCH: Duration = Duration::from_secs(5);

@@ -16,6 +16,7 @@ use crate::access::Access;
 use crate::admission::{Admission, AdmissionLimits};
 use crate::clock::Clock;
 use crate::connections::{self, ConnectionLimits, ConnectionSlots};
+use crate::dashboard::{self, Dashboard};
 use crate::forward::ForwardLayer;
 use crate::limits;
 use crate::metrics::Metrics;
@@ -49,6 +50,8 @@ pub struct Options {
     pub tls: Option<Arc<Tls>>,
     /// Where to answer those who watch, if anywhere.
     pub watch: Option<TcpListener>,
+    /// Where to show the dashboard, if anywhere.
+    pub dashboard: Option<TcpListener>,
     /// How many studies are shown to them with their names: those used last.
     pub studies_shown: u16,
     /// How many trials of a study to keep at least, where not all are kept.
@@ -86,6 +89,7 @@ pub async fn run(
         access,
         tls,
         watch: watch_listener,
+        dashboard: dashboard_listener,
         studies_shown,
         keep_trials,
         connections,
@@ -147,6 +151,10 @@ pub async fn run(
         };
         tokio::spawn(watch::serve(listener, watched))
     });
+    let showing = dashboard_listener.map(|listener| {
+        let dashboard = Dashboard { tuning: Arc::clone(&tuning), access: access.clone() };
+        tokio::spawn(dashboard::serve(listener, dashboard))
+    });
     let sweeper = tokio::spawn(sweep(Arc::clone(&tuning)));
     let checkpointer = tokio::spawn(save_checkpoints(Arc::clone(&tuning)));
     let thinner = keep_trials.map(|keep| tokio::spawn(thin_trials(tuning, keep)));
@@ -185,8 +193,8 @@ pub async fn run(
             })
         }
     };
-    if let Some(watching) = watching {
-        watching.abort();
+    for task in [watching, showing].into_iter().flatten() {
+        task.abort();
     }
     sweeper.abort();
     checkpointer.abort();

@@ -7,6 +7,7 @@
 mod studies;
 mod study;
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -59,6 +60,8 @@ struct OutcomeLabel {
 #[derive(Debug)]
 pub struct Metrics {
     registry: Mutex<Registry>,
+    /// All requests and frames that were answered.
+    answers: AtomicU64,
     requests: Family<EndingLabel, Counter>,
     request_seconds: Family<RpcLabel, Histogram, fn() -> Histogram>,
     refusals: Family<ReasonLabel, Counter>,
@@ -126,6 +129,7 @@ impl Metrics {
     pub fn new() -> Self {
         let metrics = Self {
             registry: Mutex::new(Registry::with_prefix("treewright")),
+            answers: AtomicU64::new(0),
             requests: Family::default(),
             request_seconds: Family::new_with_constructor(seconds),
             refusals: Family::default(),
@@ -223,8 +227,14 @@ impl Metrics {
 
     /// A request, or a frame of a stream, has been answered.
     pub(crate) fn answered(&self, rpc: &'static str, code: Code, took: Duration) {
+        self.answers.fetch_add(1, Ordering::Relaxed);
         self.requests.get_or_create(&EndingLabel { rpc, code: code_name(code) }).inc();
         self.request_seconds.get_or_create(&RpcLabel { rpc }).observe(took.as_secs_f64());
+    }
+
+    /// How many requests and frames were answered since the start.
+    pub(crate) fn answers(&self) -> u64 {
+        self.answers.load(Ordering::Relaxed)
     }
 
     /// Something was refused.

@@ -5,8 +5,8 @@
 //! through the [`Caller`], so that nobody reaches a study that is not theirs.
 
 mod frames;
-mod studies;
-mod trials;
+pub(crate) mod studies;
+pub(crate) mod trials;
 mod tune;
 
 use std::sync::Arc;

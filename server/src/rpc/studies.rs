@@ -48,7 +48,7 @@ pub(super) async fn create(
     Ok(answer(&created.study))
 }
 
-pub(super) async fn get(
+pub(crate) async fn get(
     tuning: &Tuning,
     caller: &Caller,
     request: wire::GetStudyRequest,
@@ -57,7 +57,7 @@ pub(super) async fn get(
     Ok(to_proto::study(&tuning.get_study(&id).await?))
 }
 
-pub(super) async fn list(
+pub(crate) async fn list(
     tuning: &Tuning,
     caller: &Caller,
     request: wire::ListStudiesRequest,

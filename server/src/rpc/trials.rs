@@ -77,7 +77,7 @@ pub(super) async fn extend_lease(
     Ok(to_proto::trial(&name.study, &trial))
 }
 
-pub(super) async fn get(
+pub(crate) async fn get(
     tuning: &Tuning,
     caller: &Caller,
     request: wire::GetTrialRequest,
@@ -87,7 +87,7 @@ pub(super) async fn get(
     Ok(to_proto::trial(&name.study, &trial))
 }
 
-pub(super) async fn query(
+pub(crate) async fn query(
     tuning: &Tuning,
     caller: &Caller,
     request: wire::QueryTrialsRequest,
@@ -125,7 +125,7 @@ pub(super) async fn query(
     })
 }
 
-pub(super) async fn best(
+pub(crate) async fn best(
     tuning: &Tuning,
     caller: &Caller,
     request: wire::GetBestRequest,

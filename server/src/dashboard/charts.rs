@@ -1,0 +1,376 @@
+//! Pictures of the dashboard as SVG, drawn on the server: what a page shows needs no script. Colours are classes of the
+//! style sheet, so that they follow the reader's light or dark scheme.
+
+use std::fmt::Write as _;
+
+/// Width of wide pictures, in units of their own.
+const WIDTH: f64 = 900.0;
+
+/// A trial in a tuning curve.
+pub(super) struct CurvePoint {
+    pub(super) number: f64,
+    /// Without one it could not be used.
+    pub(super) cost: Option<f64>,
+    /// How it is drawn.
+    pub(super) class: &'static str,
+}
+
+/// A place in a rectangle for numbers of two ranges.
+struct Frame {
+    left: f64,
+    top: f64,
+    width: f64,
+    height: f64,
+    x: (f64, f64),
+    y: (f64, f64),
+}
+
+impl Frame {
+    fn x(&self, value: f64) -> f64 {
+        self.left + self.width * share(value, self.x)
+    }
+
+    fn y(&self, value: f64) -> f64 {
+        self.top + self.height * (1.0 - share(value, self.y))
+    }
+
+    /// Border and the ends of both axes.
+    fn axes(&self, svg: &mut String, x_label: &str, y_label: &str) {
+        let Frame { left, top, width, height, x, y } = self;
+        put(
+            svg,
+            format_args!(r#"<rect class="axis" x="{left}" y="{top}" width="{width}" height="{height}"/>"#),
+        );
+        let (right, bottom) = (left + width, top + height);
+        let mut text = |at_x: f64, at_y: f64, anchor: &str, words: &str| {
+            let words = escape(words);
+            put(
+                svg,
+                format_args!(r#"<text x="{at_x:.0}" y="{at_y:.0}" text-anchor="{anchor}">{words}</text>"#),
+            );
+        };
+        text(left - 6.0, top + 10.0, "end", &figure(y.1));
+        text(left - 6.0, bottom, "end", &figure(y.0));
+        text(*left, bottom + 16.0, "start", &figure(x.0));
+        text(right, bottom + 16.0, "end", &figure(x.1));
+        text(left + width / 2.0, bottom + 16.0, "middle", x_label);
+        text(*left, top - 6.0, "start", y_label);
+    }
+}
+
+fn share(value: f64, (low, high): (f64, f64)) -> f64 {
+    if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 }
+}
+
+/// Smallest and largest; `None` without any.
+fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    values.fold(None, |range, value| match range {
+        None => Some((value, value)),
+        Some((low, high)) => Some((low.min(value), high.max(value))),
+    })
+}
+
+fn put(svg: &mut String, words: std::fmt::Arguments<'_>) {
+    // Writing to a string cannot fail.
+    let _ = svg.write_fmt(words);
+}
+
+fn open(height: f64, title: &str) -> String {
+    open_sized(WIDTH, height, title)
+}
+
+fn open_sized(width: f64, height: f64, title: &str) -> String {
+    let title = escape(title);
+    format!(r#"<svg viewBox="0 0 {width} {height}" role="img" aria-label="{title}"><title>{title}</title>"#)
+}
+
+/// Text as it stands in SVG and HTML.
+pub(super) fn escape(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for each in text.chars() {
+        match each {
+            '&' => safe.push_str("&amp;"),
+            '<' => safe.push_str("&lt;"),
+            '>' => safe.push_str("&gt;"),
+            '"' => safe.push_str("&quot;"),
+            '\'' => safe.push_str("&#39;"),
+            other => safe.push(other),
+        }
+    }
+    safe
+}
+
+/// About four significant digits.
+pub(super) fn figure(value: f64) -> String {
+    let size = value.abs();
+    if value == value.trunc() && size < 1e9 {
+        return format!("{value:.0}");
+    }
+    match size {
+        1000.0..1e9 => format!("{value:.0}"),
+        0.01..1000.0 => {
+            let whole_digits = size.log10().floor().max(0.0) as usize;
+            format!("{value:.*}", 3 - whole_digits.min(3))
+        }
+        _ => format!("{value:.2e}"),
+    }
+}
+
+/// Costs by trial, the best so far, and the default.
+pub(super) fn curve(points: &[CurvePoint], default: Option<f64>) -> String {
+    let costs = || points.iter().filter_map(|point| point.cost);
+    let (Some(x), Some(all)) =
+        (range(points.iter().map(|point| point.number)), range(costs().chain(default)))
+    else {
+        return nothing("Nothing was measured yet.");
+    };
+    // Few bad ones must not flatten the rest.
+    let mut sorted: Vec<f64> = costs().chain(default).collect();
+    sorted.sort_by(f64::total_cmp);
+    let high = sorted[(sorted.len() - 1) * 19 / 20].max(default.unwrap_or(all.0));
+    let room = 0.06 * (high - all.0).max(1e-3 * high.abs());
+    let frame =
+        Frame { left: 70.0, top: 24.0, width: 815.0, height: 270.0, x, y: (all.0 - room, high + room) };
+    let mut svg = open(330.0, "Tuning curve");
+    frame.axes(&mut svg, "trial", "cost");
+    for point in points {
+        let at_x = frame.x(point.number);
+        match point.cost {
+            Some(cost) => {
+                let (at_y, class) = (frame.y(cost), point.class);
+                put(
+                    &mut svg,
+                    format_args!(r#"<circle class="point {class}" cx="{at_x:.1}" cy="{at_y:.1}" r="3"/>"#),
+                );
+            }
+            None => {
+                let (low, high) = (at_x - 3.0, at_x + 3.0);
+                put(
+                    &mut svg,
+                    format_args!(
+                        r#"<path class="bad" d="M{low:.1} 28L{high:.1} 34M{low:.1} 34L{high:.1} 28"/>"#
+                    ),
+                );
+            }
+        }
+    }
+    if let Some(default) = default {
+        let (y, right) = (frame.y(default), frame.left + frame.width);
+        put(&mut svg, format_args!(r#"<path class="base" d="M70 {y:.1}H{right}"/>"#));
+    }
+    let mut best = f64::INFINITY;
+    let mut path = String::new();
+    for (number, cost) in points.iter().filter_map(|point| Some((point.number, point.cost?))) {
+        if cost < best {
+            best = cost;
+            let (x, y) = (frame.x(number), frame.y(cost));
+            let (to, then) = if path.is_empty() { ("M", " ") } else { ("H", "V") };
+            put(&mut path, format_args!("{to}{x:.1}{then}{y:.1}"));
+        }
+    }
+    if !path.is_empty() {
+        put(&mut svg, format_args!(r#"<path class="best" d="{path}H{}"/>"#, frame.left + frame.width));
+    }
+    svg + "</svg>"
+}
+
+fn nothing(words: &str) -> String {
+    format!(r#"<p class="note">{}</p>"#, escape(words))
+}
+
+/// A bar for each name, of 0 to 1.
+pub(super) fn bars(rows: &[(String, f64)]) -> String {
+    if rows.is_empty() {
+        return nothing("Too few trials to say.");
+    }
+    let mut svg = open(24.0 * rows.len() as f64 + 8.0, "Importances");
+    for (index, (name, value)) in rows.iter().enumerate() {
+        let y = 24.0 * index as f64 + 4.0;
+        let (width, text_y) = (560.0 * value.clamp(0.0, 1.0), y + 14.0);
+        put(
+            &mut svg,
+            format_args!(r#"<text x="220" y="{text_y}" text-anchor="end">{}</text>"#, escape(name)),
+        );
+        put(&mut svg, format_args!(r#"<rect class="bar" x="230" y="{y}" width="{width:.1}" height="18"/>"#));
+        put(&mut svg, format_args!(r#"<text x="{:.1}" y="{text_y}">{:.2}</text>"#, 238.0 + width, value));
+    }
+    svg + "</svg>"
+}
+
+/// An axis of a parameter: its name and what stands at its ends.
+pub(super) struct Axis {
+    pub(super) name: String,
+    pub(super) low: String,
+    pub(super) high: String,
+}
+
+/// A line for each trial across all axes. Places are 0 to 1, `None` where a parameter is inactive; classes 0 (best) to 4.
+pub(super) fn parallel(axes: &[Axis], runs: &[(Vec<Option<f64>>, usize)]) -> String {
+    let width = (110.0 * axes.len() as f64).max(WIDTH);
+    let step = (width - 140.0) / (axes.len().max(2) - 1) as f64;
+    let x = |index: usize| 70.0 + step * index as f64;
+    let mut svg = open_sized(width, 320.0, "Parallel coordinates");
+    let mut order: Vec<_> = runs.iter().collect();
+    // The best are drawn last, above the others.
+    order.sort_by_key(|(_, class)| std::cmp::Reverse(*class));
+    for (places, class) in order {
+        let mut path = String::new();
+        for (index, place) in places.iter().enumerate() {
+            if let Some(place) = place {
+                let start = if path.is_empty() { "M" } else { "L" };
+                put(&mut path, format_args!("{start}{:.1} {:.1}", x(index), 280.0 - 230.0 * place));
+            }
+        }
+        put(&mut svg, format_args!(r#"<path class="run c{class}" d="{path}"/>"#));
+    }
+    for (index, axis) in axes.iter().enumerate() {
+        let x = x(index);
+        let y = if index % 2 == 0 { 14.0 } else { 28.0 };
+        put(&mut svg, format_args!(r#"<path class="axis" d="M{x:.1} 50V280"/>"#));
+        for (y, words) in [(y, &axis.name), (44.0, &axis.high), (296.0, &axis.low)] {
+            let words = escape(words);
+            put(&mut svg, format_args!(r#"<text x="{x:.1}" y="{y}" text-anchor="middle">{words}</text>"#));
+        }
+    }
+    svg + "</svg>"
+}
+
+/// Costs over one parameter's places.
+pub(super) fn slice(axis: &Axis, points: &[(f64, f64)]) -> String {
+    let Some(y) = range(points.iter().map(|point| point.1)) else { return nothing("It was never active.") };
+    let frame = Frame { left: 56.0, top: 18.0, width: 234.0, height: 130.0, x: (0.0, 1.0), y };
+    let mut svg = open_sized(300.0, 180.0, &format!("Cost over {}", axis.name));
+    put(&mut svg, format_args!(r#"<rect class="axis" x="56" y="18" width="234" height="130"/>"#));
+    for (x, y, anchor, words) in [
+        (50.0, 28.0, "end", figure(y.1)),
+        (50.0, 148.0, "end", figure(y.0)),
+        (56.0, 164.0, "start", axis.low.clone()),
+        (290.0, 164.0, "end", axis.high.clone()),
+        (56.0, 12.0, "start", "cost".to_owned()),
+    ] {
+        let words = escape(&words);
+        put(&mut svg, format_args!(r#"<text x="{x}" y="{y}" text-anchor="{anchor}">{words}</text>"#));
+    }
+    for (place, cost) in points {
+        let (x, y) = (frame.x(*place), frame.y(*cost));
+        put(&mut svg, format_args!(r#"<circle class="point explore" cx="{x:.1}" cy="{y:.1}" r="2.5"/>"#));
+    }
+    svg + "</svg>"
+}
+
+/// Mean costs in a square of cells; places of both axes are 0 to 1.
+pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)]) -> String {
+    const CELLS: usize = 12;
+    let mut cells = vec![(0.0, 0_u32); CELLS * CELLS];
+    let place = |share: f64| ((share * CELLS as f64) as usize).min(CELLS - 1);
+    for (x, y, cost) in points {
+        let cell = &mut cells[place(*y) * CELLS + place(*x)];
+        *cell = (cell.0 + cost, cell.1 + 1);
+    }
+    let means: Vec<Option<f64>> =
+        cells.iter().map(|(sum, count)| (*count > 0).then(|| sum / f64::from(*count))).collect();
+    let mut sorted: Vec<f64> = means.iter().flatten().copied().collect();
+    sorted.sort_by(f64::total_cmp);
+    let mut svg = open_sized(600.0, 440.0, &format!("Mean cost over {} and {}", x_axis.name, y_axis.name));
+    for (index, mean) in means.iter().enumerate().filter_map(|(index, mean)| mean.map(|mean| (index, mean))) {
+        let class = sorted.partition_point(|other| *other < mean) * 5 / sorted.len();
+        let (x, y) = (90.0 + 40.0 * (index % CELLS) as f64, 20.0 + 30.0 * (CELLS - 1 - index / CELLS) as f64);
+        let words = format!("{} over {} runs", figure(mean), cells[index].1);
+        put(
+            &mut svg,
+            format_args!(
+                r#"<rect class="c{class}" x="{x}" y="{y}" width="38" height="28"><title>{words}</title></rect>"#
+            ),
+        );
+    }
+    put(&mut svg, format_args!(r#"<rect class="axis" x="88" y="18" width="484" height="364"/>"#));
+    for (x, y, anchor, words) in [
+        (90.0, 400.0, "start", &x_axis.low),
+        (570.0, 400.0, "end", &x_axis.high),
+        (330.0, 418.0, "middle", &x_axis.name),
+        (82.0, 380.0, "end", &y_axis.low),
+        (82.0, 30.0, "end", &y_axis.high),
+        (82.0, 205.0, "end", &y_axis.name),
+    ] {
+        let words = escape(words);
+        put(&mut svg, format_args!(r#"<text x="{x}" y="{y}" text-anchor="{anchor}">{words}</text>"#));
+    }
+    svg + "</svg>"
+}
+
+/// A trial in time: its row's name, begin and end in seconds, and how it is drawn.
+pub(super) struct Span {
+    pub(super) row: String,
+    pub(super) begin_s: f64,
+    pub(super) end_s: f64,
+    pub(super) class: &'static str,
+}
+
+/// A row for each client, a bar for each trial.
+pub(super) fn timeline(spans: &[Span]) -> String {
+    let ends = spans.iter().flat_map(|span| [span.begin_s, span.end_s]);
+    let Some((begin, end)) = range(ends) else { return nothing("There is no trial yet.") };
+    let mut rows: Vec<&str> = spans.iter().map(|span| span.row.as_str()).collect();
+    rows.sort_unstable();
+    rows.dedup();
+    let shown = rows.len().min(20);
+    let mut svg = open(26.0 * shown as f64 + 30.0, "Timeline");
+    for (index, row) in rows.iter().take(shown).enumerate() {
+        let y = 26.0 * index as f64 + 6.0;
+        let short: String = row.chars().take(28).collect();
+        put(&mut svg, format_args!(r#"<text x="4" y="{}">{}</text>"#, y + 13.0, escape(&short)));
+        for span in spans.iter().filter(|span| span.row == *row) {
+            let x = |time: f64| 200.0 + 690.0 * share(time, (begin, end));
+            let (left, width) = (x(span.begin_s), (x(span.end_s) - x(span.begin_s)).max(1.0));
+            let class = span.class;
+            put(
+                &mut svg,
+                format_args!(
+                    r#"<rect class="{class}" x="{left:.1}" y="{y}" width="{width:.1}" height="16"/>"#
+                ),
+            );
+        }
+    }
+    let y = 26.0 * shown as f64 + 20.0;
+    put(&mut svg, format_args!(r#"<text x="200" y="{y}">0 s</text>"#));
+    put(
+        &mut svg,
+        format_args!(r#"<text x="890" y="{y}" text-anchor="end">{} s</text>"#, figure(end - begin)),
+    );
+    svg + "</svg>"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_people_write_is_escaped() {
+        let axis = Axis { name: "<b>&\"'".into(), low: "<".into(), high: ">".into() };
+        for svg in [
+            parallel(&[axis], &[(vec![Some(0.5)], 0)]),
+            bars(&[("<script>".into(), 0.5)]),
+            timeline(&[Span { row: "</svg><script>".into(), begin_s: 0.0, end_s: 1.0, class: "point" }]),
+        ] {
+            assert!(!svg.contains("<b>") && !svg.contains("<script>"), "{svg}");
+        }
+    }
+
+    #[test]
+    fn a_curve_shows_the_best_so_far() {
+        let point = |number: f64, cost| CurvePoint { number, cost, class: "explore" };
+        let points = [point(1.0, Some(10.0)), point(2.0, None), point(3.0, Some(4.0)), point(4.0, Some(6.0))];
+        let svg = curve(&points, Some(10.0));
+        assert_eq!(svg.matches("<circle").count(), 3);
+        assert_eq!(svg.matches("class=\"bad\"").count(), 1);
+        assert_eq!(svg.matches("class=\"best\"").count(), 1);
+        assert!(curve(&[], None).contains("Nothing"));
+        assert!(!curve(&[point(1.0, Some(5.0))], None).contains("NaN"));
+    }
+
+    #[test]
+    fn figures_are_short() {
+        let shown: Vec<_> = [0.0, 12.0, 3.34567, 123.456, 98765.4, 1e-5].into_iter().map(figure).collect();
+        assert_eq!(shown, ["0", "12", "3.346", "123.5", "98765", "1.00e-5"]);
+    }
+}

@@ -1,0 +1,337 @@
+//! The dashboard: studies, tuning curves, trials and reasons as pages for a browser, on a port of their own.
+//!
+//! Pages are made on the server and work without scripts; a small one fetches a page anew when an event of the server says
+//! that its study has changed. Everything comes from this port, and the content security policy allows nothing
+//! else. It only reads: pages ask through the handlers of the RPCs, with the caller of the token that the browser shows,
+//! and the database answers readers beside the writer. What a page rests on has limits, so that a study of many trials opens
+//! as fast as one of few.
+
+mod charts;
+mod pages;
+mod query;
+mod stats;
+
+use std::convert::Infallible;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::Bytes;
+use http::{HeaderMap, HeaderValue, Method, Request, Response, StatusCode, header};
+use http_body_util::combinators::BoxBody;
+use http_body_util::{BodyExt, Full, Limited, StreamBody};
+use hyper::body::{Frame, Incoming};
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::net::TcpListener;
+use tokio::sync::{Semaphore, mpsc};
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::Code;
+use treewright_proto::v1;
+
+use crate::access::caller::Caller;
+use crate::access::rules::Need;
+use crate::access::{Access, Authorization};
+use crate::error::Error;
+use crate::tuning::Tuning;
+use crate::{limits, rpc, status};
+use pages::PageFrame;
+use query::Query;
+use treewright_store::tokens::Scope;
+
+const HTML: &str = "text/html; charset=utf-8";
+/// Everything from here, nothing inline, nowhere framed.
+const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self'; img-src 'self' \
+                      data:; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
+/// The cookie that holds the token.
+const COOKIE: &str = "treewright_token";
+
+type Body = BoxBody<Bytes, Infallible>;
+
+/// What pages are made of.
+pub(crate) struct Dashboard {
+    pub(crate) tuning: Arc<Tuning>,
+    /// Without it everybody may look.
+    pub(crate) access: Option<Arc<Access>>,
+}
+
+/// Who looks at a page.
+pub(super) struct Visitor<'a> {
+    tuning: &'a Tuning,
+    caller: &'a Caller,
+    frame: PageFrame,
+}
+
+impl Dashboard {
+    async fn answer(self: &Arc<Self>, request: Request<Incoming>) -> Response<Body> {
+        let (parts, body) = request.into_parts();
+        if self.access.is_none() && !names_this_machine(&parts.headers) {
+            // Else a page of the Internet could have its name lead here, and read what no token guards.
+            return text(StatusCode::MISDIRECTED_REQUEST, "ask by address or as localhost\n".to_owned());
+        }
+        let path = parts.uri.path();
+        match (&parts.method, path) {
+            (&Method::GET | &Method::HEAD, "/style.css") => {
+                asset("text/css; charset=utf-8", include_str!("../../assets/style.css"))
+            }
+            (&Method::GET | &Method::HEAD, "/live.js") => {
+                asset("text/javascript; charset=utf-8", include_str!("../../assets/live.js"))
+            }
+            (&Method::GET | &Method::HEAD, "/login") => page(StatusCode::OK, pages::login(None)),
+            (&Method::POST, "/login") => self.log_in(body).await,
+            (&Method::POST, "/logout") => redirect("/login", Some(cookie("", true))),
+            (&Method::GET | &Method::HEAD, _) => {
+                let query = Query::read(parts.uri.query().unwrap_or_default());
+                self.look(path, &query, &parts.headers).await
+            }
+            _ => text(StatusCode::METHOD_NOT_ALLOWED, "only GET\n".to_owned()),
+        }
+    }
+
+    /// Lets somebody in who shows a token that may read.
+    async fn authorize(&self, authorization: Authorization<'_>) -> Result<Caller, Error> {
+        match &self.access {
+            None => Ok(Caller::Anyone),
+            Some(access) => access.authorize(Need::Scope(Scope::Read), authorization).await,
+        }
+    }
+
+    async fn log_in(&self, body: Incoming) -> Response<Body> {
+        let Ok(body) = Limited::new(body, limits::DASHBOARD_FORM_BYTES).collect().await else {
+            return text(StatusCode::PAYLOAD_TOO_LARGE, "too much\n".to_owned());
+        };
+        let form = Query::read(&String::from_utf8_lossy(&body.to_bytes()));
+        let token = form.text("token");
+        match self.authorize(Authorization::Bearer(token.trim())).await {
+            Ok(_) => redirect("/", Some(cookie(token.trim(), false))),
+            Err(error) => page(StatusCode::UNAUTHORIZED, pages::login(Some(error.to_string()))),
+        }
+    }
+
+    async fn look(self: &Arc<Self>, path: &str, query: &Query, headers: &HeaderMap) -> Response<Body> {
+        let kept = token_of(headers);
+        let authorization = match &kept {
+            Some(token) => Authorization::Bearer(token),
+            None => Authorization::of(headers),
+        };
+        let caller = match self.authorize(authorization).await {
+            Ok(caller) => caller,
+            Err(Error::Unauthenticated(_)) => return redirect("/login", None),
+            Err(error) => return failure(PageFrame { has_token: true }, &error),
+        };
+        let frame = PageFrame { has_token: self.access.is_some() };
+        let visitor = Visitor { tuning: &self.tuning, caller: &caller, frame };
+        let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
+        let made = match *parts.as_slice() {
+            [] => pages::studies(&visitor).await,
+            ["events"] => return self.events(caller, None),
+            ["studies", id] => pages::study(&visitor, id, query).await,
+            ["studies", id, "events"] => return self.events(caller, Some(id.to_owned())),
+            ["studies", id, "parameters"] => pages::parameters(&visitor, id, query).await,
+            ["studies", id, "policy"] => pages::policy(&visitor, id).await,
+            ["studies", id, "trials"] => pages::trials(&visitor, id, query).await,
+            ["studies", id, "trials", number] => pages::trial(&visitor, id, number).await,
+            _ => {
+                return page(
+                    StatusCode::NOT_FOUND,
+                    pages::problem(frame, "Not found", "There is no such page."),
+                );
+            }
+        };
+        match made {
+            Ok(html) => page(StatusCode::OK, Ok(html)),
+            Err(error) => failure(frame, &error),
+        }
+    }
+
+    /// An event for each change of a study, or of the list of studies, until the browser goes or the token ends.
+    fn events(self: &Arc<Self>, caller: Caller, study: Option<String>) -> Response<Body> {
+        let (events, stream) = mpsc::channel(1);
+        let dashboard = Arc::clone(self);
+        tokio::spawn(async move {
+            let mut last = None;
+            loop {
+                let Ok(now) = dashboard.moment(&caller, study.as_deref()).await else { break };
+                let is_change = last.as_ref().is_some_and(|last| *last != now);
+                // A comment keeps the connection, and finds out whether somebody is there.
+                let event = if is_change { "event: change\ndata:\n\n" } else { ":\n\n" };
+                last = Some(now);
+                if events.send(Ok(Frame::data(Bytes::from_static(event.as_bytes())))).await.is_err() {
+                    break;
+                }
+                tokio::time::sleep(limits::DASHBOARD_LOOK).await;
+            }
+        });
+        let mut response = Response::new(BodyExt::boxed(StreamBody::new(ReceiverStream::new(stream))));
+        response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
+        guarded(response)
+    }
+
+    /// What changes when something has happened.
+    async fn moment(
+        &self,
+        caller: &Caller,
+        study: Option<&str>,
+    ) -> Result<Vec<Option<v1::StudyStatistics>>, Error> {
+        caller.may(Scope::Read)?;
+        Ok(match study {
+            Some(id) => {
+                let request = v1::GetStudyRequest { name: format!("studies/{id}") };
+                vec![rpc::studies::get(&self.tuning, caller, request).await?.statistics]
+            }
+            None => {
+                let answer =
+                    rpc::studies::list(&self.tuning, caller, v1::ListStudiesRequest::default()).await?;
+                answer.studies.into_iter().map(|study| study.statistics).collect()
+            }
+        })
+    }
+}
+
+/// Whether a request names the machine by its address, or as localhost.
+fn names_this_machine(headers: &HeaderMap) -> bool {
+    let Some(host) = headers.get(header::HOST).and_then(|host| host.to_str().ok()) else { return false };
+    let name =
+        host.rsplit_once(':').map_or(host, |(name, port)| if port.ends_with(']') { host } else { name });
+    name == "localhost"
+        || host.parse::<SocketAddr>().is_ok()
+        || name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok()
+}
+
+/// The token that the browser keeps.
+fn token_of(headers: &HeaderMap) -> Option<String> {
+    let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
+    let mut pairs = cookies.flat_map(|line| line.split(';')).filter_map(|pair| pair.trim().split_once('='));
+    pairs.find(|(name, _)| *name == COOKIE).map(|(_, token)| token.to_owned())
+}
+
+/// The cookie that keeps a token until the browser is closed, or ends it.
+fn cookie(token: &str, ends: bool) -> String {
+    let age = if ends { "; Max-Age=0" } else { "" };
+    format!("{COOKIE}={token}; Path=/; HttpOnly; SameSite=Strict{age}")
+}
+
+fn full(text: impl Into<Bytes>) -> Body {
+    BodyExt::boxed(Full::new(text.into()))
+}
+
+/// Adds what holds for every answer.
+fn guarded(mut response: Response<Body>) -> Response<Body> {
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::CONTENT_SECURITY_POLICY, POLICY),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    response
+}
+
+fn of(status: StatusCode, kind: &'static str, body: impl Into<Bytes>) -> Response<Body> {
+    let mut response = Response::new(full(body));
+    *response.status_mut() = status;
+    response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
+    guarded(response)
+}
+
+fn text(status: StatusCode, text: String) -> Response<Body> {
+    of(status, "text/plain; charset=utf-8", text)
+}
+
+fn asset(kind: &'static str, content: &'static str) -> Response<Body> {
+    let mut response = of(StatusCode::OK, kind, content);
+    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("max-age=300"));
+    response
+}
+
+fn page(status: StatusCode, html: Result<String, Error>) -> Response<Body> {
+    match html {
+        Ok(html) => of(status, HTML, html),
+        Err(error) => text(StatusCode::INTERNAL_SERVER_ERROR, format!("{error}\n")),
+    }
+}
+
+fn redirect(to: &'static str, cookie: Option<String>) -> Response<Body> {
+    let mut response = text(StatusCode::SEE_OTHER, String::new());
+    response.headers_mut().insert(header::LOCATION, HeaderValue::from_static(to));
+    // A token that is no header value was refused before.
+    if let Some(cookie) = cookie.and_then(|cookie| HeaderValue::try_from(cookie).ok()) {
+        response.headers_mut().insert(header::SET_COOKIE, cookie);
+    }
+    response
+}
+
+/// A page that says what went wrong.
+fn failure(frame: PageFrame, error: &Error) -> Response<Body> {
+    let (status, title) = match status::code(error) {
+        Code::NotFound => (StatusCode::NOT_FOUND, "Not found"),
+        Code::PermissionDenied => (StatusCode::FORBIDDEN, "Not allowed"),
+        Code::InvalidArgument => (StatusCode::BAD_REQUEST, "Cannot be read"),
+        Code::Unavailable | Code::ResourceExhausted => (StatusCode::SERVICE_UNAVAILABLE, "Not now"),
+        _ => (StatusCode::INTERNAL_SERVER_ERROR, "Failed"),
+    };
+    page(status, pages::problem(frame, title, &error.to_string()))
+}
+
+/// Serves those who look until it is dropped.
+pub(crate) async fn serve(listener: TcpListener, dashboard: Dashboard) {
+    let dashboard = Arc::new(dashboard);
+    let places = Arc::new(Semaphore::new(limits::DASHBOARD_CONNECTIONS));
+    loop {
+        let stream = match listener.accept().await {
+            Ok((stream, _)) => stream,
+            Err(error) => {
+                tracing::warn!(%error, "a connection for the dashboard could not be accepted");
+                tokio::time::sleep(Duration::from_millis(50)).await;
+                continue;
+            }
+        };
+        // One too many is closed at once.
+        let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
+            continue;
+        };
+        let dashboard = Arc::clone(&dashboard);
+        tokio::spawn(async move {
+            let service = service_fn(async |request| Ok::<_, Infallible>(dashboard.answer(request).await));
+            let served = http1::Builder::new()
+                .timer(TokioTimer::new())
+                .header_read_timeout(limits::WATCH)
+                .serve_connection(TokioIo::new(stream), service);
+            // Whatever went wrong is the browser's affair.
+            let _ = tokio::time::timeout(limits::DASHBOARD_STAY, served).await;
+            drop(place);
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_this_machine_is_asked_without_a_token() {
+        let asked = |host: &'static str| {
+            names_this_machine(&[(header::HOST, HeaderValue::from_static(host))].into_iter().collect())
+        };
+        for good in ["localhost:1", "127.0.0.1:8080", "[::1]:8080", "[::1]", "10.0.0.7:1", "localhost"] {
+            assert!(asked(good), "{good}");
+        }
+        for bad in ["evil.example", "evil.example:8080", "localhost.evil.example:1", ""] {
+            assert!(!asked(bad), "{bad}");
+        }
+        assert!(!names_this_machine(&HeaderMap::new()));
+    }
+
+    #[test]
+    fn a_kept_token_is_found_among_cookies() {
+        let headers = |line: &'static str| -> HeaderMap {
+            [(header::COOKIE, HeaderValue::from_static(line))].into_iter().collect()
+        };
+        assert_eq!(token_of(&headers("a=b; treewright_token=tw1_x; c=d")).as_deref(), Some("tw1_x"));
+        assert_eq!(token_of(&headers("other=tw1_x")), None);
+    }
+}

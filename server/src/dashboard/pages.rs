@@ -1,0 +1,251 @@
+//! The pages: what each shows, read through the same handlers as RPCs are, so that a token sees here what it sees there.
+
+mod parameters;
+mod study;
+mod trial;
+mod trials;
+
+use askama::Template;
+use treewright_proto::v1;
+
+use super::Visitor;
+use super::charts::figure;
+use crate::error::Error;
+use crate::rpc;
+
+pub(super) use parameters::parameters;
+pub(super) use study::{policy, study};
+pub(super) use trial::trial;
+pub(super) use trials::trials;
+
+/// Most studies on the first page.
+const STUDIES: i32 = 200;
+/// Most trials that pictures rest on: the latest.
+const TRIALS: usize = 1000;
+
+/// What every page has around it.
+#[derive(Clone, Copy)]
+pub(super) struct PageFrame {
+    /// Somebody has logged in, and may want to log out.
+    pub(super) has_token: bool,
+}
+
+/// The head of a study's pages.
+struct Head {
+    id: String,
+    what: String,
+    tab: &'static str,
+    /// What the links of tabs carry along.
+    query: String,
+    states: i64,
+    trials: i64,
+    completed: i64,
+    open: i64,
+}
+
+/// A trial in a table.
+struct TrialRow {
+    number: u64,
+    state: i64,
+    mode: String,
+    outcome: String,
+    reason: String,
+    cost: String,
+    client: String,
+    begun: String,
+    until: String,
+    configuration: String,
+}
+
+#[derive(Template)]
+#[template(path = "studies.html")]
+struct Studies {
+    frame: PageFrame,
+    studies: Vec<StudyRow>,
+    is_cut: bool,
+}
+
+struct StudyRow {
+    id: String,
+    what: String,
+    states: i64,
+    trials: i64,
+    completed: i64,
+    open: i64,
+    created: String,
+}
+
+#[derive(Template)]
+#[template(path = "login.html")]
+struct Login {
+    frame: PageFrame,
+    problem: Option<String>,
+}
+
+#[derive(Template)]
+#[template(path = "problem.html")]
+struct Problem<'a> {
+    frame: PageFrame,
+    title: &'a str,
+    problem: &'a str,
+}
+
+/// A page as text.
+pub(super) fn render(page: &impl Template) -> Result<String, Error> {
+    page.render().map_err(|_| Error::Defect("a page could not be written"))
+}
+
+pub(super) fn login(problem: Option<String>) -> Result<String, Error> {
+    render(&Login { frame: PageFrame { has_token: false }, problem })
+}
+
+pub(super) fn problem(frame: PageFrame, title: &str, problem: &str) -> Result<String, Error> {
+    render(&Problem { frame, title, problem })
+}
+
+/// All studies that the visitor may see.
+pub(super) async fn studies(visitor: &Visitor<'_>) -> Result<String, Error> {
+    let request = v1::ListStudiesRequest { page_size: STUDIES, page_token: String::new() };
+    let answer = rpc::studies::list(visitor.tuning, visitor.caller, request).await?;
+    let studies = answer.studies.into_iter().map(|study| {
+        let counts = study.statistics.unwrap_or_default();
+        StudyRow {
+            id: id(&study.name).to_owned(),
+            what: study.display_name,
+            states: counts.states,
+            trials: counts.trials,
+            completed: counts.completed_trials,
+            open: counts.open_trials,
+            created: time(study.create_time),
+        }
+    });
+    let is_cut = !answer.next_page_token.is_empty();
+    render(&Studies { frame: visitor.frame, studies: studies.collect(), is_cut })
+}
+
+/// The name without `studies/`.
+fn id(name: &str) -> &str {
+    name.strip_prefix("studies/").unwrap_or(name)
+}
+
+async fn head(visitor: &Visitor<'_>, id: &str, tab: &'static str) -> Result<(Head, v1::Study), Error> {
+    let request = v1::GetStudyRequest { name: format!("studies/{id}") };
+    let study = rpc::studies::get(visitor.tuning, visitor.caller, request).await?;
+    let counts = study.statistics.unwrap_or_default();
+    let head = Head {
+        id: id.to_owned(),
+        what: study.display_name.clone(),
+        tab,
+        query: String::new(),
+        states: counts.states,
+        trials: counts.trials,
+        completed: counts.completed_trials,
+        open: counts.open_trials,
+    };
+    Ok((head, study))
+}
+
+/// At most so many trials for which a filter holds.
+async fn read_trials(
+    visitor: &Visitor<'_>,
+    id: &str,
+    filter: &str,
+    order: &str,
+    most: usize,
+) -> Result<Vec<v1::Trial>, Error> {
+    let mut found = Vec::new();
+    let mut page_token = String::new();
+    while found.len() < most {
+        let request = v1::QueryTrialsRequest {
+            study: format!("studies/{id}"),
+            filter: filter.to_owned(),
+            order_by: order.to_owned(),
+            page_size: i32::try_from(most - found.len()).unwrap_or(i32::MAX).min(1000),
+            page_token,
+        };
+        let page = rpc::trials::query(visitor.tuning, visitor.caller, request).await?;
+        found.extend(page.trials);
+        page_token = page.next_page_token;
+        if page_token.is_empty() {
+            break;
+        }
+    }
+    Ok(found)
+}
+
+fn number(trial: &v1::Trial) -> u64 {
+    trial.name.rsplit_once('/').and_then(|(_, number)| number.parse().ok()).unwrap_or_default()
+}
+
+fn row(trial: &v1::Trial) -> TrialRow {
+    let (outcome, reason) = outcome(trial);
+    TrialRow {
+        number: number(trial),
+        state: trial.state_id,
+        mode: word(trial.mode().as_str_name(), "MODE_"),
+        outcome,
+        reason,
+        cost: trial.cost.map(figure).unwrap_or_default(),
+        client: trial.client_id.clone(),
+        begun: time(trial.create_time),
+        until: time(trial.lease_expire_time),
+        configuration: configuration(trial.configuration.as_ref()),
+    }
+}
+
+/// How it ended, or where it stands; and why.
+fn outcome(trial: &v1::Trial) -> (String, String) {
+    use v1::outcome::Kind;
+    match trial.outcome.as_ref().and_then(|outcome| outcome.kind.as_ref()) {
+        Some(Kind::Ok(_)) => ("OK".to_owned(), String::new()),
+        Some(Kind::Infeasible(bad)) => ("INFEASIBLE".to_owned(), bad.reason.clone()),
+        Some(Kind::Failed(bad)) => ("FAILED".to_owned(), bad.reason.clone()),
+        Some(Kind::Aborted(bad)) => ("ABORTED".to_owned(), format!("at least {}", figure(bad.lower_bound))),
+        None => (word(trial.state().as_str_name(), "TRIAL_STATE_"), String::new()),
+    }
+}
+
+fn word(name: &str, prefix: &str) -> String {
+    name.strip_prefix(prefix).unwrap_or(name).to_owned()
+}
+
+fn value(value: &v1::Value) -> String {
+    use v1::value::Kind;
+    match &value.kind {
+        Some(Kind::Integer(integer)) => integer.to_string(),
+        Some(Kind::Float(float)) => figure(*float),
+        Some(Kind::Text(text)) => text.clone(),
+        Some(Kind::Boolean(boolean)) => boolean.to_string(),
+        None => "?".to_owned(),
+    }
+}
+
+fn configuration(configuration: Option<&v1::Configuration>) -> String {
+    let values = configuration.into_iter().flat_map(|configuration| &configuration.values);
+    let mut words: Vec<String> = values.map(|(name, of)| format!("{name}={}", value(of))).collect();
+    words.sort_unstable();
+    words.join(" ")
+}
+
+fn machine(fingerprint: Option<&v1::Fingerprint>) -> String {
+    let machine = fingerprint.map(|one| format!("{}, {} threads", one.cpu_model, one.threads));
+    machine.unwrap_or_default()
+}
+
+fn seconds(time: Option<prost_types::Timestamp>) -> Option<f64> {
+    time.map(|time| time.seconds as f64 + f64::from(time.nanos) / 1e9)
+}
+
+fn time(time: Option<prost_types::Timestamp>) -> String {
+    let Some(time) = time else { return String::new() };
+    match std::time::SystemTime::try_from(time) {
+        Ok(time) => humantime::format_rfc3339_seconds(time).to_string().replace('T', " ").replace('Z', ""),
+        Err(_) => String::new(),
+    }
+}
+
+/// By how much a cost is below another, in percent.
+fn gain(cost: f64, default: Option<f64>) -> String {
+    let default = default.filter(|default| *default > 0.0);
+    default.map(|default| format!("{:.1}", 100.0 * (1.0 - cost / default))).unwrap_or_default()
+}

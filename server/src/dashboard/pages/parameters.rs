@@ -1,0 +1,114 @@
+//! What the parameters do to the cost, in one state: importances, parallel coordinates, slices, contour.
+
+use askama::Template;
+use treewright_core::space::Parameter;
+use treewright_proto::convert::configuration_from_wire;
+use treewright_proto::v1;
+
+use super::super::{Query, Visitor, charts, stats};
+use super::{Head, PageFrame, TRIALS, head, read_trials, render};
+use crate::error::Error;
+
+/// Most parameters in pictures: the most important.
+const PARAMETERS: usize = 16;
+
+#[derive(Template)]
+#[template(path = "parameters.html")]
+struct Page {
+    frame: PageFrame,
+    head: Head,
+    state_text: String,
+    note: Option<String>,
+    has_trials: bool,
+    importances: String,
+    parallel: String,
+    slices: Vec<(String, String)>,
+    contour: String,
+}
+
+/// Where each parameter of a trial lies, and what the trial cost.
+type Run = (Vec<Option<f64>>, f64);
+
+pub(in super::super) async fn parameters(
+    visitor: &Visitor<'_>,
+    id: &str,
+    query: &Query,
+) -> Result<String, Error> {
+    let (mut head, _) = head(visitor, id, "parameters").await?;
+    let spec = visitor.tuning.get_study(id).await?.spec;
+    let all = spec.space.parameters();
+    let state = match query.number("state") {
+        Some(state) => Some(state),
+        None => read_trials(visitor, id, "", "number desc", 1).await?.first().map(|trial| trial.state_id),
+    };
+    let runs: Vec<Run> = match state {
+        None => Vec::new(),
+        Some(state) => {
+            let filter = format!("state_id = {state} AND outcome = OK");
+            let trials = read_trials(visitor, id, &filter, "number desc", TRIALS).await?;
+            trials.iter().filter_map(|trial| run(all, trial)).collect()
+        }
+    };
+    head.query = state.map(|state| format!("?state={state}")).unwrap_or_default();
+    let note = match (state, runs.len()) {
+        (None, _) => Some("There is no trial yet.".to_owned()),
+        (Some(state), 0) => Some(format!("Nothing was measured in state {state}.")),
+        (Some(state), count) => Some(format!("{count} measurements in state {state}.")),
+    };
+    let importances = stats::importances(all, &runs);
+    let shown = shown(all, &importances);
+    let page = Page {
+        frame: visitor.frame,
+        head,
+        state_text: state.map(|state| state.to_string()).unwrap_or_default(),
+        note,
+        has_trials: !runs.is_empty(),
+        importances: charts::bars(&importances[..importances.len().min(PARAMETERS)]),
+        parallel: parallel(all, &shown, &runs),
+        slices: shown.iter().map(|&index| slice(&all[index], index, &runs)).collect(),
+        contour: contour(all, &shown, &runs),
+    };
+    render(&page)
+}
+
+fn run(parameters: &[Parameter], trial: &v1::Trial) -> Option<Run> {
+    let values = configuration_from_wire("configuration", trial.configuration.clone()?).ok()?;
+    let place =
+        |parameter: &Parameter| values.get(&parameter.name).map(|value| stats::place(parameter, value));
+    Some((parameters.iter().map(place).collect(), trial.cost?))
+}
+
+/// The parameters in pictures, the most important first.
+fn shown(all: &[Parameter], importances: &[(String, f64)]) -> Vec<usize> {
+    let by_name = |name: &String| all.iter().position(|parameter| parameter.name == *name);
+    let mut order: Vec<usize> = importances.iter().filter_map(|(name, _)| by_name(name)).collect();
+    if order.is_empty() {
+        order = (0..all.len()).collect();
+    }
+    order.truncate(PARAMETERS);
+    order
+}
+
+fn parallel(all: &[Parameter], shown: &[usize], runs: &[Run]) -> String {
+    let axes: Vec<_> = shown.iter().map(|&index| stats::axis(&all[index])).collect();
+    let mut costs: Vec<f64> = runs.iter().map(|run| run.1).collect();
+    costs.sort_by(f64::total_cmp);
+    let class = |cost: f64| costs.partition_point(|other| *other < cost) * 5 / costs.len().max(1);
+    let lines: Vec<_> = runs
+        .iter()
+        .map(|(places, cost)| (shown.iter().map(|&index| places[index]).collect(), class(*cost)))
+        .collect();
+    charts::parallel(&axes, &lines)
+}
+
+fn slice(parameter: &Parameter, index: usize, runs: &[Run]) -> (String, String) {
+    let points: Vec<_> = runs.iter().filter_map(|(places, cost)| Some((places[index]?, *cost))).collect();
+    (parameter.name.clone(), charts::slice(&stats::axis(parameter), &points))
+}
+
+fn contour(all: &[Parameter], shown: &[usize], runs: &[Run]) -> String {
+    let [x, y, ..] = *shown else { return String::new() };
+    let points: Vec<_> =
+        runs.iter().filter_map(|(places, cost)| Some((places[x]?, places[y]?, *cost))).collect();
+    charts::contour(&stats::axis(&all[x]), &stats::axis(&all[y]), &points)
+}

@@ -1,0 +1,109 @@
+//! One trial with its reason.
+
+use askama::Template;
+use treewright_proto::v1;
+
+use super::super::Visitor;
+use super::super::charts::figure;
+use super::{Head, PageFrame, TrialRow, head, machine, render, row, time, value, word};
+use crate::error::Error;
+use crate::rpc;
+
+type Pairs = Vec<(String, String)>;
+
+#[derive(Template)]
+#[template(path = "trial.html")]
+struct Page {
+    frame: PageFrame,
+    head: Head,
+    row: TrialRow,
+    facts: Pairs,
+    summary: String,
+    reasons: Pairs,
+    neighbours: Vec<(i64, String, String)>,
+    configuration: Vec<(String, String, String)>,
+    tables: Vec<(&'static str, Pairs)>,
+}
+
+pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &str) -> Result<String, Error> {
+    let (head, study) = head(visitor, id, "trials").await?;
+    let request = v1::GetTrialRequest { name: format!("studies/{id}/trials/{number}") };
+    let trial = rpc::trials::get(visitor.tuning, visitor.caller, request).await?;
+    let reason = trial.reason.clone().unwrap_or_default();
+    let row = row(&trial);
+    let given = |name: &str, value: String| (!value.is_empty()).then(|| (name.to_owned(), value));
+    let facts = [
+        given("State", row.state.to_string()),
+        given("Mode", row.mode.clone()),
+        given("Outcome", row.outcome.clone()),
+        given("Outcome's reason", row.reason.clone()),
+        given("Cost", row.cost.clone()),
+        given("Predicted cost", trial.predicted_cost.map(figure).unwrap_or_default()),
+        given("Stopped above", trial.abort_above.map(figure).unwrap_or_default()),
+        given("Client", row.client.clone()),
+        given("Machine", machine(trial.fingerprint.as_ref())),
+        given("Handed out", row.begun.clone()),
+        given("Reported", time(trial.complete_time)),
+        given("Late", if trial.late { "yes".to_owned() } else { String::new() }),
+        given("Measured elsewhere as", trial.origin.clone()),
+    ];
+    let neighbours = reason.neighbours.iter();
+    let neighbours = neighbours.map(|near| (near.state_id, figure(near.distance), figure(near.best_cost)));
+    let sorted = |values: Vec<(String, f64)>| {
+        let mut values: Pairs = values.into_iter().map(|(name, value)| (name, figure(value))).collect();
+        values.sort_unstable();
+        values
+    };
+    let page = Page {
+        frame: visitor.frame,
+        facts: facts.into_iter().flatten().collect(),
+        summary: reason.summary.clone(),
+        reasons: reasons(&reason),
+        neighbours: neighbours.collect(),
+        configuration: beside_default(&trial, &study),
+        tables: vec![
+            ("Indicators", sorted(trial.indicators.clone().into_iter().collect())),
+            ("Measurements", sorted(trial.measurements.clone().into_iter().collect())),
+        ],
+        head,
+        row,
+    };
+    render(&page)
+}
+
+/// What the policy weighed.
+fn reasons(reason: &v1::Reason) -> Pairs {
+    let told = reason.explanation.clone().unwrap_or_default();
+    let given = |name: &str, value: Option<f64>| value.map(|value| (name.to_owned(), figure(value)));
+    let text = |name: &str, value: &str| (!value.is_empty()).then(|| (name.to_owned(), value.to_owned()));
+    let rule = if told.rule == 0 { String::new() } else { word(told.rule().as_str_name(), "RULE_") };
+    [
+        text("Chosen by", &reason.source),
+        text("Step", &reason.step),
+        text("Rule", &rule),
+        given("Probability of exploring", told.epsilon),
+        given("Budget left", told.budget_left),
+        given("Set aside", told.set_aside),
+        given("Reference cost", told.reference_cost),
+        given("Expected gain, share", told.expected_gain),
+        given("Expected frames", told.expected_frames),
+        given("Cost of exploring, frames", told.exploring_cost),
+        text("Held", &told.held.join(", ")),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// Each parameter of the space: here, and by default.
+fn beside_default(trial: &v1::Trial, study: &v1::Study) -> Vec<(String, String, String)> {
+    let values = trial.configuration.clone().unwrap_or_default().values;
+    let parameters = study.space.iter().flat_map(|space| &space.parameters);
+    parameters
+        .map(|parameter| {
+            let here = values.get(&parameter.name).map_or_else(|| "(inactive)".to_owned(), value);
+            let default = parameter.default_value.as_ref().map(value).unwrap_or_default();
+            (parameter.name.clone(), here, default)
+        })
+        .collect()
+}

@@ -1,0 +1,51 @@
+//! The table of trials, filtered and page by page.
+
+use askama::Template;
+use treewright_proto::v1;
+
+use super::super::{Query, Visitor};
+use super::{Head, PageFrame, TrialRow, head, render, row};
+use crate::error::Error;
+use crate::rpc;
+
+/// Rows of a page.
+const ROWS: i32 = 50;
+
+#[derive(Template)]
+#[template(path = "trials.html")]
+struct Page {
+    frame: PageFrame,
+    head: Head,
+    filter: String,
+    order: String,
+    problem: Option<String>,
+    rows: Vec<TrialRow>,
+    /// The query of the next page.
+    next: Option<String>,
+}
+
+pub(in super::super) async fn trials(
+    visitor: &Visitor<'_>,
+    id: &str,
+    query: &Query,
+) -> Result<String, Error> {
+    let (head, _) = head(visitor, id, "trials").await?;
+    let (filter, order) = (query.text("filter"), query.text("order"));
+    let request = v1::QueryTrialsRequest {
+        study: format!("studies/{id}"),
+        filter: filter.clone(),
+        order_by: if order.is_empty() { "number desc".to_owned() } else { order.clone() },
+        page_size: ROWS,
+        page_token: query.text("page"),
+    };
+    let (page, problem) = match rpc::trials::query(visitor.tuning, visitor.caller, request).await {
+        Ok(page) => (page, None),
+        // What was written wrongly is said beside what was written.
+        Err(error @ Error::Invalid { .. }) => (v1::QueryTrialsResponse::default(), Some(error.to_string())),
+        Err(error) => return Err(error),
+    };
+    let next = (!page.next_page_token.is_empty())
+        .then(|| Query::written(&[("filter", &filter), ("order", &order), ("page", &page.next_page_token)]));
+    let rows = page.trials.iter().map(row).collect();
+    render(&Page { frame: visitor.frame, head, filter, order, problem, rows, next })
+}

@@ -1,0 +1,180 @@
+//! The dashboard over HTTP: pages, headers, tokens, escaping, and events of what changes.
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::Path;
+use std::time::Duration;
+
+use treewright_tests::daemon::Daemon;
+use treewright_tests::programs::{run, stderr, stdout};
+
+/// An answer: its status, its head and its body.
+struct Answer {
+    status: u16,
+    head: String,
+    body: String,
+}
+
+fn ask(address: &str, request: &str) -> Answer {
+    let mut stream = TcpStream::connect(address).expect("the dashboard listens");
+    stream.set_read_timeout(Some(Duration::from_secs(30))).expect("a time limit");
+    stream.write_all(request.as_bytes()).expect("it is sent");
+    let mut text = String::new();
+    stream.read_to_string(&mut text).expect("an answer in text");
+    let (head, body) = text.split_once("\r\n\r\n").expect("a head");
+    let status = head.split(' ').nth(1).and_then(|code| code.parse().ok()).expect("a status");
+    Answer { status, head: head.to_lowercase(), body: body.to_owned() }
+}
+
+fn get(address: &str, path: &str, more: &str) -> Answer {
+    ask(address, &format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{more}\r\n"))
+}
+
+/// A daemon with a dashboard, and where that is.
+fn start(folder: &Path, more: &[&str]) -> (Daemon, String) {
+    let log = folder.join("daemon.log");
+    let mut all = vec!["--dashboard", "127.0.0.1:0"];
+    all.extend(more);
+    let daemon = Daemon::start_with(&folder.join("tuning.db"), &all, &log);
+    let log = std::fs::read_to_string(log).expect("the log");
+    let url = log.split("url=http://").nth(1).expect("the log names the dashboard");
+    (daemon, url.split('/').next().expect("an address").to_owned())
+}
+
+fn measure(url: &str, reports: &[&str]) {
+    for report in reports {
+        let asked = run("treewright", &["--server", url, "--json", "suggest", "toy"]);
+        let trial: serde_json::Value = serde_json::from_str(&stdout(&asked)).expect("a trial");
+        let name = trial["name"].as_str().expect("a name");
+        let mut all = vec!["--server", url, "report", name];
+        all.extend(report.split('|'));
+        let told = run("treewright", &all);
+        assert!(told.status.success(), "{}", stderr(&told));
+    }
+}
+
+fn create(folder: &Path, url: &str) {
+    let study = "display_name = \"<script>alert(1)</script>\"\n\
+                 [[parameters]]\nname = \"level\"\ntype = \"integer\"\nmin = 1\nmax = 30\ndefault = 3\n\
+                 [[parameters]]\nname = \"kind\"\ntype = \"categorical\"\nvalues = [\"<b>\", \"plain\"]\ndefault = \"<b>\"\n\
+                 [[objective]]\nmetric = \"loss\"\n[policy]\nepsilon = 1\n";
+    let file = folder.join("toy.toml");
+    std::fs::write(&file, study).expect("a file");
+    let made = run("treewright", &["--server", url, "study", "create", file.to_str().expect("text")]);
+    assert!(made.status.success(), "{}", stderr(&made));
+}
+
+#[test]
+fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (daemon, address) = start(folder.path(), &[]);
+    create(folder.path(), daemon.url());
+    let mut reports = vec!["loss=10", "loss=4", "loss=6", "--infeasible|<img src=x>"];
+    reports.extend(["loss=5", "loss=7", "loss=8", "loss=9", "loss=3", "loss=5.5"]);
+    measure(daemon.url(), &reports);
+    for (path, words) in [
+        ("/", &["<h1>Studies</h1>", "/studies/toy", "&#60;script&#62;"][..]),
+        (
+            "/studies/toy",
+            &["Tuning curve", "class=\"best\"", "below its default", "&#60;img src=x&#62;", "shell@"],
+        ),
+        ("/studies/toy?state=1", &["of state 1"]),
+        (
+            "/studies/toy/parameters",
+            &["Importances", "Parallel coordinates", "Contour", "9 measurements in state 1"],
+        ),
+        ("/studies/toy/trials", &["INFEASIBLE", "kind=&#60;b&#62;"]),
+        ("/studies/toy/trials?filter=cost%20%3C%205&order=cost", &[">3<", ">4<"]),
+        ("/studies/toy/trials?filter=rubbish", &["column 1", "role=\"alert\""]),
+        ("/studies/toy/trials/1", &["The baseline comes first", "<dt>Rule</dt>", "Measurements"]),
+        ("/studies/toy/policy", &["epsilon", "1 × loss"]),
+        ("/style.css", &["prefers-color-scheme: dark"]),
+    ] {
+        let answer = get(&address, path, "");
+        assert_eq!(answer.status, 200, "{path}: {}", answer.body);
+        for word in words {
+            assert!(answer.body.contains(word), "{path} lacks {word}: {}", answer.body);
+        }
+        for bad in ["<script>alert", "<img", "<b>\"", "=<b>"] {
+            assert!(!answer.body.contains(bad), "{path} holds {bad}");
+        }
+        for header in [
+            "content-security-policy: default-src 'none'",
+            "x-content-type-options: nosniff",
+            "referrer-policy: no-referrer",
+        ] {
+            assert!(answer.head.contains(header), "{path} lacks {header}: {}", answer.head);
+        }
+        // Nothing that the policy would have the browser refuse.
+        assert!(!answer.body.contains(" style=\"") && !answer.body.contains("onclick"), "{path}");
+    }
+    let few = get(&address, "/studies/toy/trials?filter=cost%20%3C%205", "").body;
+    assert_eq!(few.matches("<tr><th scope=\"row\">").count(), 2, "{few}");
+    assert_eq!(get(&address, "/studies/atlantis", "").status, 404);
+    assert_eq!(get(&address, "/studies/toy/trials/99", "").status, 404);
+    assert_eq!(get(&address, "/nowhere", "").status, 404);
+    let post = format!(
+        "POST /studies/toy HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
+    );
+    assert_eq!(ask(&address, &post).status, 405);
+    let foreign = "GET / HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n";
+    assert_eq!(ask(&address, foreign).status, 421, "a name of the Internet that leads here");
+}
+
+#[test]
+fn what_changes_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (daemon, address) = start(folder.path(), &[]);
+    create(folder.path(), daemon.url());
+    let mut stream = TcpStream::connect(&address).expect("the dashboard listens");
+    stream.set_read_timeout(Some(Duration::from_secs(30))).expect("a time limit");
+    let request = format!("GET /studies/toy/events HTTP/1.1\r\nHost: {address}\r\n\r\n");
+    stream.write_all(request.as_bytes()).expect("it is sent");
+    let mut lines = BufReader::new(stream).lines().map(|line| line.expect("a line"));
+    assert!(lines.any(|line| line == ":"), "it is looked at");
+    measure(daemon.url(), &["loss=10"]);
+    assert!(lines.any(|line| line == "event: change"));
+}
+
+#[test]
+fn who_shows_no_token_sees_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let database = folder.path().join("tuning.db");
+    let (_daemon, address) = start(folder.path(), &["--tokens"]);
+    let database = database.to_str().expect("text");
+    let token = |more: &[&str]| {
+        let mut all = vec!["token", "create", "--database", database, "--name", "a test"];
+        all.extend(more);
+        let output = run("treewrightd", &all);
+        assert!(output.status.success(), "{}", stderr(&output));
+        stdout(&output).split_whitespace().find(|word| word.starts_with("tw1_")).expect("a token").to_owned()
+    };
+    let (good, narrow) = (token(&["--scope", "read"]), token(&["--scope", "read", "--study", "other"]));
+    for path in ["/", "/studies/toy", "/events", "/studies/toy/trials/1"] {
+        let answer = get(&address, path, "");
+        assert_eq!(answer.status, 303, "{path}");
+        assert!(answer.head.contains("location: /login") && answer.body.is_empty());
+    }
+    let log_in = |token: &str| {
+        let form = format!("token={token}");
+        let length = form.len();
+        ask(
+            &address,
+            &format!(
+                "POST /login HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nContent-Length: {length}\r\n\r\n{form}"
+            ),
+        )
+    };
+    let wrong = log_in("tw1_wrong");
+    assert_eq!((wrong.status, wrong.head.contains("set-cookie")), (401, false));
+    let right = log_in(&good);
+    assert_eq!(right.status, 303);
+    assert!(right.head.contains("httponly; samesite=strict"), "{}", right.head);
+    let seen = |token: &str, path: &str| {
+        get(&address, path, &format!("Cookie: treewright_token={token}\r\n")).status
+    };
+    assert_eq!((seen(&good, "/"), seen("tw1_wrong", "/")), (200, 303));
+    assert_eq!((seen(&narrow, "/"), seen(&narrow, "/studies/toy")), (200, 403));
+    let bearer = get(&address, "/", &format!("Authorization: Bearer {good}\r\n"));
+    assert_eq!(bearer.status, 200);
+}
