@@ -1,5 +1,6 @@
 //! Why a command failed, and the exit code that says so to scripts.
 
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use treewright_client::{ClientError, SpaceError};
@@ -16,6 +17,23 @@ pub(crate) enum Failure {
     /// What is given does not fit the study.
     #[error("space: {0}")]
     Space(#[from] SpaceError),
+    /// A file cannot be read or written, or holds something else.
+    #[error("{}: {problem}", path.display())]
+    File {
+        /// Which one.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// There is no daemon of one's own to be had.
+    #[error("a local daemon cannot be started: {0}")]
+    Local(String),
+    /// The program that is tuned does not do as it should.
+    #[error("{0}")]
+    Program(String),
+    /// What was asked for is not there, or says something else than it should.
+    #[error("{0}")]
+    Data(String),
     /// The result cannot be written out.
     #[error("the result cannot be written: {0}")]
     Output(std::io::Error),
@@ -25,6 +43,11 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
+    /// A file that is not as it should be.
+    pub(crate) fn file(path: &Path, problem: impl Into<String>) -> Self {
+        Self::File { path: path.to_owned(), problem: problem.into() }
+    }
+
     /// 1 the operation failed, 2 wrong usage, 3 no daemon reached.
     pub(crate) fn exit_code(&self) -> ExitCode {
         ExitCode::from(match self {
@@ -32,7 +55,13 @@ impl Failure {
             | Self::Space(_)
             | Self::Client(ClientError::BadUrl { .. } | ClientError::Invalid { .. }) => 2,
             Self::Client(error) if error.is_unreachable() => 3,
-            Self::Client(_) | Self::Output(_) | Self::Json(_) => 1,
+            Self::Local(_) => 3,
+            Self::Client(_)
+            | Self::File { .. }
+            | Self::Program(_)
+            | Self::Data(_)
+            | Self::Output(_)
+            | Self::Json(_) => 1,
         })
     }
 }

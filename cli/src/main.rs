@@ -1,29 +1,50 @@
-//! `treewright`: looks at a tuning daemon from the command line. A thin main: read the arguments, do one
-//! thing, print it, and say with the exit code how that went.
+//! `treewright`: tunes programs, and looks at and steers a tuning daemon, from the command line. A thin main: read the
+//! settings and the arguments, do one thing, print it, and say with the exit code how that went.
+//!
+//! `arguments` says what can be written, `commands` does it, `show` puts answers into words. `study_file` and `carry` read and
+//! write studies and their trials, `exec` runs other programs, `local` finds or starts a daemon of one's own.
 
 mod arguments;
+mod carry;
 mod commands;
+mod exec;
 mod failure;
+mod files;
+mod local;
 mod setting_flags;
+mod settings;
 mod show;
+mod study_file;
 
 use std::io::Write as _;
 use std::process::ExitCode;
 
-use clap::Parser as _;
-
-use arguments::Arguments;
+use arguments::{Arguments, Command};
 use failure::Failure;
+use settings::Settings;
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
-    match commands::run(&arguments).and_then(|text| print(&text)) {
+    let mut settings = Settings::read();
+    let arguments = match settings.arguments(std::env::args_os()) {
+        Ok(arguments) => arguments,
+        Err(error) => error.exit(),
+    };
+    match run(&arguments, &settings).and_then(|text| print(&text)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             // Nobody may be listening; the exit code says it all the same.
             let _ = writeln!(std::io::stderr(), "treewright: {failure}");
             failure.exit_code()
         }
+    }
+}
+
+fn run(arguments: &Arguments, settings: &Settings) -> Result<String, Failure> {
+    // Who looks for what is wrong must get to see it.
+    let looks = matches!(arguments.command, Command::Doctor | Command::Config(_));
+    match settings.problem() {
+        Some(problem) if !looks => Err(Failure::Usage(problem.to_owned())),
+        _ => commands::run(arguments, settings),
     }
 }
 

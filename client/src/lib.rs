@@ -56,8 +56,8 @@ mod wire;
 
 #[cfg(feature = "arguments")]
 pub use arguments::CredentialArguments;
-pub use circuit_breaker::Status;
 pub use by_name::Question;
+pub use circuit_breaker::Status;
 pub use client::Client;
 pub use credentials::Credentials;
 pub use error::{ClientError, SharedError};

@@ -2,6 +2,9 @@
 
 mod backup;
 mod bad_input;
+mod carry;
+mod dashboard;
+mod exec;
 mod faults;
 mod flood;
 mod guard;

@@ -64,17 +64,24 @@ fn one_study() {
 fn trials_are_read_to_the_limit() {
     let fake = with_trials();
     let shown = answer(&fake, &["trials", "sponza"]);
-    let rows: Vec<_> = shown.lines().filter(|line| line.contains("COMPLETED")).collect();
+    let rows: Vec<_> = shown.lines().filter(|line| line.contains("max_depth=")).collect();
     assert_eq!(rows.len(), 5, "{shown}");
     assert!(
-        rows[0].contains("DEFAULT") && rows[0].contains("render_ms=10") && rows[0].contains("max_depth=32"),
+        shown.contains("DEFAULT") && shown.contains(" 10 ") && rows[0].contains("max_depth=32"),
         "{shown}"
     );
-    assert!(rows[2].contains("6.5000"), "{shown}");
-    assert!(rows[4].contains("INFEASIBLE: depth limit reached"), "{shown}");
+    assert!(shown.contains("6.5000"), "{shown}");
+    assert!(shown.contains("INFEASIBLE: depth") && shown.contains("limit reached"), "{shown}");
+    assert!(shown.lines().all(|line| line.chars().count() <= 80), "{shown}");
     let some = answer(&fake, &["trials", "sponza", "--limit", "3", "--order-by", "number desc"]);
     assert!(some.contains("the first 3"), "{some}");
-    assert_eq!(some.lines().filter(|line| line.contains("COMPLETED")).count(), 3);
+    assert_eq!(some.lines().filter(|line| line.contains("max_depth=")).count(), 3);
+    let table = answer(&fake, &["trials", "sponza", "--format", "csv"]);
+    let lines: Vec<_> = table.lines().collect();
+    assert_eq!(lines.len(), 6, "{table}");
+    assert!(lines[0].ends_with("config.max_depth,config.compact,indicator.triangles,measurement.render_ms"));
+    assert!(lines[1].contains("OK") && lines[1].ends_with("32,false,1000.0,10.0"), "{table}");
+    assert!(lines[5].contains("INFEASIBLE,depth limit reached"), "{table}");
     let records = json(&answer(&fake, &["--json", "trials", "sponza", "--filter", "state = COMPLETED"]));
     assert_eq!(records.as_array().map(Vec::len), Some(5));
     assert_eq!((&records[1]["cost"], &records[1]["mode"]), (&Value::from(4.0), &Value::from("EXPLORE")));
@@ -131,6 +138,8 @@ fn the_policy_is_changed_field_by_field() {
     let pinned = json(&answer(&fake, &["--json", "policy", "sponza", "--pin", "max_depth=40,compact=true"]));
     assert_eq!(pinned["pinned"], serde_json::json!({ "compact": true, "max_depth": 40 }));
     assert_eq!(pinned["epsilon"], 0.5);
+    let shown = answer(&fake, &["policy", "sponza"]);
+    assert!(shown.contains("max_depth=40"), "it is shown without a change: {shown}");
     let shown = answer(&fake, &["policy", "sponza", "--unpin"]);
     assert!(shown.contains("nothing"), "{shown}");
     assert_eq!(

@@ -49,7 +49,11 @@ fn a_senseless_command_line_is_two() {
     expect(&run(&fake, &["dance"]), 2, &["dance"]);
     expect(&treewright().args(["--server", "here", "studies"]).output().unwrap(), 2, &["here"]);
     expect(&run(&fake, &["predict", "sponza", "--indicator", "triangles=many"]), 2, &["many"]);
-    expect(&run(&fake, &["policy", "sponza"]), 2, &["--epsilon"]);
+    expect(
+        &treewright().args(["--server", "localhost:50611", "studies"]).output().unwrap(),
+        2,
+        &["http://localhost:50611"],
+    );
     expect(&run(&fake, &["policy", "sponza", "--epsilon", "2"]), 2, &["epsilon", "between 0 and 1"]);
     expect(&run(&fake, &["policy", "sponza", "--pin", "max_depth=8"]), 2, &["max_depth", "from 9 to 1000"]);
     expect(&run(&fake, &["policy", "sponza", "--pin", "colour=blue"]), 2, &["colour", "max_depth, compact"]);

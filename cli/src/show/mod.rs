@@ -1,4 +1,6 @@
-//! Answers as text for people.
+//! Answers as text for people, in tables that fit a terminal. `live` holds what shows several states at once.
+
+mod live;
 
 use std::fmt::Write as _;
 
@@ -7,11 +9,19 @@ use treewright_client::{
     Best, Configuration, OpenEnum, Outcome, Policy, Prediction, Scale, StudyRecord, StudySpec, TrialRecord,
 };
 
+pub(crate) use live::{best_of_states, glance};
+
+/// Columns of a terminal that does not say how wide it is.
+const COLUMNS: u16 = 80;
+
 /// A table whose columns with the given numbers hold figures.
 fn table(header: &[&str], figures: &[usize]) -> Table {
     let mut table = Table::new();
     let style = presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none());
     table.load_style(style).set_content_arrangement(ContentArrangement::Dynamic);
+    if table.width().is_none() {
+        table.set_width(COLUMNS);
+    }
     table.set_header(header.iter().map(Cell::new).collect::<Vec<_>>());
     for &index in figures {
         if let Some(column) = table.column_mut(index) {
@@ -111,33 +121,92 @@ pub(crate) fn policy(policy: &Policy) -> String {
     table.trim_fmt()
 }
 
-pub(crate) fn trials(trials: &[TrialRecord], limit: usize) -> String {
+pub(crate) fn trials(trials: &[TrialRecord], limit: usize, is_by_number: bool) -> String {
     if trials.is_empty() {
         return "no such trials".to_owned();
     }
-    let header = ["trial", "state", "mode", "outcome", "cost", "in state", "measurements", "configuration"];
-    let mut table = table(&header, &[0, 4, 5]);
+    let mut table = table(&["trial", "state", "mode", "outcome", "cost", "configuration"], &[0, 1, 4]);
     for trial in trials {
-        let measurements: Vec<_> =
-            trial.measurements.iter().map(|(name, value)| format!("{name}={}", figure(value))).collect();
+        // Of a completed trial the outcome says more than that it is complete.
+        let ended = match &trial.outcome {
+            Some(ended) => outcome(ended),
+            None => trial.state.to_string(),
+        };
         table.add_row([
             trial.number().map_or_else(|| trial.name.clone(), |number| number.to_string()),
-            trial.state.to_string(),
-            trial.mode.to_string(),
-            trial.outcome.as_ref().map_or_else(String::new, outcome)
-                + if trial.late { " (late)" } else { "" },
-            trial.cost.map_or_else(String::new, figure),
             trial.state_id.to_string(),
-            measurements.join(" "),
+            trial.mode.to_string(),
+            ended + if trial.late { " (late)" } else { "" },
+            trial.cost.map_or_else(String::new, figure),
             trial.configuration.to_string(),
         ]);
     }
-    let more = if trials.len() == limit {
-        format!("\nthe first {limit}; see more with --limit")
-    } else {
-        String::new()
+    let last = trials.last().and_then(TrialRecord::number).filter(|_| is_by_number);
+    let more = match (trials.len() == limit, last) {
+        (false, _) => String::new(),
+        (true, Some(last)) => {
+            format!("\nthe first {limit}; the next ones with --after {last}, more with --limit")
+        }
+        (true, None) => format!("\nthe first {limit}; see more with --limit"),
     };
     table.trim_fmt() + &more
+}
+
+/// One trial with its reason.
+pub(crate) fn trial(trial: &TrialRecord) -> String {
+    let mut text = String::new();
+    line(&mut text, &format!("{}  {} {}", trial.name, trial.mode, trial.state));
+    line(&mut text, &format!("of {} in state {}", trial.client_id, trial.state_id));
+    line(&mut text, &format!("configuration {}", trial.configuration));
+    let pairs = |values: Vec<String>| values.join(" ");
+    let indicators =
+        pairs(trial.indicators.iter().map(|(name, value)| format!("{name}={}", figure(value))).collect());
+    if !indicators.is_empty() {
+        line(&mut text, &format!("indicators {indicators}"));
+    }
+    if let Some(ended) = &trial.outcome {
+        let measured = trial.measurements.iter().map(|(name, value)| format!("{name}={}", figure(value)));
+        line(&mut text, &format!("{} {}", outcome(ended), pairs(measured.collect())));
+    }
+    if let Some(cost) = trial.cost {
+        let predicted =
+            trial.predicted_cost.map(|cost| format!(", predicted {}", figure(cost))).unwrap_or_default();
+        line(&mut text, &format!("cost {}{predicted}", figure(cost)));
+    }
+    let reason = &trial.reason;
+    let step = if reason.step.is_empty() { String::new() } else { format!(" ({})", reason.step) };
+    line(&mut text, &format!("chosen by {}{step}: {}", reason.source, reason.summary));
+    if let Some(rule) = &reason.explanation.rule {
+        line(&mut text, &format!("by the rule {rule}"));
+    }
+    if let Some(origin) = &trial.origin {
+        line(&mut text, &format!("measured as {origin}"));
+    }
+    line(
+        &mut text,
+        &format!("handed out {}, reported {}", time(trial.create_time), time(trial.complete_time)),
+    );
+    text
+}
+
+pub(crate) fn ping(url: &str, round_trip_ms: f64) -> String {
+    format!("{url} is serving; a round trip takes {round_trip_ms:.2} ms")
+}
+
+/// An outcome as table columns: its word, its reason, its lower bound.
+pub(crate) fn outcome_parts(outcome: Option<&OpenEnum<Outcome>>) -> (String, String, Option<f64>) {
+    let word = |outcome: &Outcome| outcome.kind().to_string();
+    match outcome {
+        None => Default::default(),
+        Some(OpenEnum::Unrecognised(_)) => ("UNRECOGNISED".to_owned(), String::new(), None),
+        Some(OpenEnum::Known(outcome)) => match outcome {
+            Outcome::Ok => (word(outcome), String::new(), None),
+            Outcome::Infeasible { reason } | Outcome::Failed { reason } => {
+                (word(outcome), reason.clone(), None)
+            }
+            Outcome::Aborted { lower_bound } => (word(outcome), String::new(), Some(*lower_bound)),
+        },
+    }
 }
 
 pub(crate) fn best(best: &Best, spec: &StudySpec) -> String {
@@ -251,7 +320,7 @@ fn outcome(outcome: &OpenEnum<Outcome>) -> String {
 }
 
 /// About five significant digits, without an exponent where that stays short.
-fn figure(value: f64) -> String {
+pub(crate) fn figure(value: f64) -> String {
     let size = value.abs();
     if value == value.trunc() && size < 1e15 {
         return format!("{value:.0}");
@@ -274,7 +343,7 @@ fn figure(value: f64) -> String {
     }
 }
 
-fn time(time: Option<std::time::SystemTime>) -> String {
+pub(crate) fn time(time: Option<std::time::SystemTime>) -> String {
     time.map_or_else(String::new, |time| humantime::format_rfc3339_seconds(time).to_string())
 }
 

@@ -1,0 +1,69 @@
+//! Studies as JSON Lines: the first line is the study, every further one a trial.
+
+use std::fs::File;
+use std::io::{BufRead as _, BufReader, Write};
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::CarriedTrial;
+use crate::failure::Failure;
+use crate::study_file::StudyFile;
+
+/// Version of the form; a reader refuses a higher one.
+const VERSION: u32 = 1;
+
+/// The first line.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Header {
+    /// Tells that this is an export, and in which version.
+    treewright_export: u32,
+    /// What the database was called.
+    pub(crate) site: String,
+    /// What was tuned.
+    pub(crate) study: StudyFile,
+}
+
+impl Header {
+    pub(crate) fn new(site: &str, study: StudyFile) -> Self {
+        Self { treewright_export: VERSION, site: site.to_owned(), study }
+    }
+}
+
+/// Writes a line.
+///
+/// # Errors
+/// [`Failure::Output`], [`Failure::Json`].
+pub(crate) fn write_line(out: &mut impl Write, record: &impl Serialize) -> Result<(), Failure> {
+    let mut line = serde_json::to_vec(record)?;
+    line.push(b'\n');
+    out.write_all(&line).map_err(Failure::Output)
+}
+
+/// Opens an export: its first line, and the trials one after the other.
+///
+/// # Errors
+/// [`Failure::File`] with the line.
+pub(crate) fn read(
+    path: &Path,
+) -> Result<(Header, impl Iterator<Item = Result<CarriedTrial, Failure>>), Failure> {
+    let problem = |line: usize, error: String| Failure::file(path, format!("line {line}: {error}"));
+    let file = File::open(path).map_err(|error| Failure::file(path, error.to_string()))?;
+    let mut lines = BufReader::new(file).lines().enumerate();
+    let (_, first) = lines.next().ok_or_else(|| Failure::file(path, "it is empty"))?;
+    let first = first.map_err(|error| problem(1, error.to_string()))?;
+    let header: Header = serde_json::from_str(&first)
+        .map_err(|error| problem(1, format!("it does not begin like an export of a study: {error}")))?;
+    if header.treewright_export > VERSION {
+        let found = header.treewright_export;
+        return Err(problem(1, format!("it is of version {found}, and this program knows {VERSION}")));
+    }
+    let path = path.to_owned();
+    let trials = lines.filter(|(_, line)| !line.as_ref().is_ok_and(|line| line.trim().is_empty()));
+    let trials = trials.map(move |(index, line)| {
+        let problem = |error: String| Failure::file(&path, format!("line {}: {error}", index + 1));
+        let line = line.map_err(|error| problem(error.to_string()))?;
+        serde_json::from_str(&line).map_err(|error| problem(error.to_string()))
+    });
+    Ok((header, trials))
+}

@@ -1,0 +1,229 @@
+//! Results on their way from one database to another: what an export writes, an import reads, and a copy of a study
+//! carries over.
+//!
+//! A carried trial is never run again. It enters the study as a trial that its client wanted, with the result that it
+//! had elsewhere, its machine, and its origin: `SITE/studies/ID/trials/NUMBER`, by which it is known again. So an import
+//! can be repeated, and databases can be merged in any order.
+
+pub(crate) mod jsonl;
+pub(crate) mod optuna;
+pub(crate) mod table;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Deserialize, Serialize};
+use treewright_client::blocking::Client;
+use treewright_client::{
+    Configuration, Fingerprint, Indicators, Measurements, OpenEnum, Outcome, Question, StudyRecord,
+    StudySpec, TrialQuery, TrialRecord,
+};
+
+use crate::exec::progress;
+use crate::failure::Failure;
+
+/// Longest name of a client, in characters.
+const CLIENT_CHARACTERS: usize = 128;
+/// Progress is shown after so many trials.
+const SHOW_EVERY: u64 = 100;
+
+/// A trial's result.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct CarriedTrial {
+    /// Where it was measured.
+    pub(crate) origin: String,
+    /// Who measured it.
+    pub(crate) client_id: String,
+    pub(crate) indicators: BTreeMap<String, f64>,
+    pub(crate) configuration: Configuration,
+    pub(crate) measurements: BTreeMap<String, f64>,
+    pub(crate) outcome: Outcome,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) cost: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) fingerprint: Option<Fingerprint>,
+    /// When it was reported, RFC 3339.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) complete_time: Option<String>,
+}
+
+impl CarriedTrial {
+    /// A trial with a result that says something of its configuration; `None` for any other.
+    pub(crate) fn of(trial: &TrialRecord, site: &str) -> Option<Self> {
+        let outcome = match &trial.outcome {
+            Some(OpenEnum::Known(Outcome::Failed { .. }) | OpenEnum::Unrecognised(_)) | None => return None,
+            Some(OpenEnum::Known(outcome)) => outcome.clone(),
+        };
+        if !trial.unreadable.is_empty() {
+            return None;
+        }
+        let time = |time| humantime::format_rfc3339_millis(time).to_string();
+        Some(Self {
+            origin: trial.origin.clone().unwrap_or_else(|| format!("{site}/{}", trial.name)),
+            client_id: trial.client_id.clone(),
+            indicators: trial.indicators.iter().map(|(name, value)| (name.to_owned(), value)).collect(),
+            configuration: trial.configuration.clone(),
+            measurements: trial.measurements.iter().map(|(name, value)| (name.to_owned(), value)).collect(),
+            outcome,
+            cost: trial.cost,
+            fingerprint: trial.fingerprint.clone(),
+            complete_time: trial.complete_time.map(time),
+        })
+    }
+}
+
+/// What became of the trials of an import.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Tally {
+    /// The study that they went into.
+    pub(crate) study: String,
+    /// Added.
+    pub(crate) imported: u64,
+    /// There already, from here or from an earlier import.
+    pub(crate) known: u64,
+    /// Cannot be trials of this study.
+    pub(crate) misfits: u64,
+    /// Why the first of these cannot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) first_misfit: Option<String>,
+    /// Nothing was written.
+    pub(crate) dry_run: bool,
+}
+
+impl Tally {
+    pub(crate) fn words(&self) -> String {
+        let would = if self.dry_run { "would be added" } else { "added" };
+        let mut text =
+            format!("{}: {} trial(s) {would}, {} known already", self.study, self.imported, self.known);
+        if self.misfits > 0 {
+            let first = self.first_misfit.as_deref().unwrap_or_default();
+            text += &format!(", {} do not fit (the first: {first})", self.misfits);
+        }
+        text + "\n"
+    }
+}
+
+/// Adds trials to a study.
+pub(crate) struct Importer<'a> {
+    client: &'a Client,
+    study: &'a str,
+    spec: &'a StudySpec,
+    /// How origins of this very study begin.
+    own: String,
+    known: BTreeSet<String>,
+    /// Values of indicators that the trials lack.
+    indicators: BTreeMap<String, f64>,
+    dry_run: bool,
+}
+
+impl<'a> Importer<'a> {
+    /// Looks at what the study has already.
+    ///
+    /// # Errors
+    /// When its trials cannot be read.
+    pub(crate) fn new(
+        client: &'a Client,
+        study: &'a StudyRecord,
+        site: &str,
+        indicators: &[(String, f64)],
+        dry_run: bool,
+    ) -> Result<Self, Failure> {
+        let wanted = TrialQuery::all().filter("mode = PINNED AND state = COMPLETED");
+        let mut known = BTreeSet::new();
+        for trial in client.trials(study.id(), wanted) {
+            known.extend(trial?.origin);
+        }
+        Ok(Self {
+            client,
+            study: study.id(),
+            spec: study.spec()?,
+            own: format!("{site}/{}/trials/", study.name),
+            known,
+            indicators: indicators.iter().cloned().collect(),
+            dry_run,
+        })
+    }
+
+    /// Adds what is not there yet.
+    ///
+    /// # Errors
+    /// When a trial cannot be read, or the daemon cannot be reached.
+    pub(crate) fn run(
+        mut self,
+        trials: impl Iterator<Item = Result<CarriedTrial, Failure>>,
+    ) -> Result<Tally, Failure> {
+        let mut tally = Tally { study: self.study.to_owned(), dry_run: self.dry_run, ..Tally::default() };
+        for trial in trials {
+            let trial = trial?;
+            if trial.origin.starts_with(&self.own) || self.known.contains(&trial.origin) {
+                tally.known += 1;
+                continue;
+            }
+            match self.fit(&trial) {
+                Ok((question, measured)) => {
+                    if !self.dry_run {
+                        self.add(&trial, &question, &measured)?;
+                    }
+                    self.known.insert(trial.origin);
+                    tally.imported += 1;
+                }
+                Err(problem) => {
+                    tally.misfits += 1;
+                    tally.first_misfit.get_or_insert_with(|| format!("{}: {problem}", trial.origin));
+                }
+            }
+            if tally.imported > 0 && tally.imported.is_multiple_of(SHOW_EVERY) {
+                progress::status(&format!("{} trials added", tally.imported));
+            }
+        }
+        progress::status_end();
+        Ok(tally)
+    }
+
+    /// The trial as one of this study. The error says why it cannot be.
+    fn fit(&self, trial: &CarriedTrial) -> Result<(Question, Measurements), String> {
+        let mut indicators = Indicators::new();
+        for indicator in self.spec.indicators.indicators() {
+            let name = indicator.name.as_str();
+            let value = trial.indicators.get(name).or_else(|| self.indicators.get(name));
+            let value = value.ok_or_else(|| {
+                format!("it has no indicator {name}; say what it was with --indicator {name}=NUMBER")
+            })?;
+            indicators = indicators.with(name, *value);
+        }
+        let whole = self.spec.space.complete(&trial.configuration).map_err(|error| error.to_string())?;
+        if trial.outcome == Outcome::Ok {
+            let mut terms = self.spec.objective.terms().iter();
+            if let Some(term) = terms.find(|term| !trial.measurements.contains_key(&term.metric)) {
+                return Err(format!("it did not measure {}", term.metric));
+            }
+        }
+        if let Some((name, value)) =
+            trial.measurements.iter().find(|(_, value)| !(value.is_finite() && **value >= 0.0))
+        {
+            return Err(format!("{name} is {value}, and must be finite and at least 0"));
+        }
+        let measured = trial.measurements.iter().map(|(name, value)| (name.clone(), *value)).collect();
+        let client_id: String = trial.client_id.chars().filter(|each| !each.is_control()).collect();
+        let client_id = format!("import:{client_id}").chars().take(CLIENT_CHARACTERS).collect();
+        let question = Question {
+            indicators,
+            client_id: Some(client_id),
+            fingerprint: Some(trial.fingerprint.clone().unwrap_or_default()),
+            session: Some(0),
+            wanted: Some(whole.into()),
+            origin: Some(trial.origin.clone()),
+            ..Question::default()
+        };
+        Ok((question, measured))
+    }
+
+    fn add(&self, trial: &CarriedTrial, question: &Question, measured: &Measurements) -> Result<(), Failure> {
+        let open = self.client.ask(self.study, question)?;
+        if let Err(problem) = self.client.tell(&open.name, measured, &trial.outcome) {
+            // Else it would wait for its lease to end.
+            let _ = self.client.give_back(&open.name);
+            return Err(problem.into());
+        }
+        Ok(())
+    }
+}

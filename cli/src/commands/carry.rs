@@ -1,0 +1,118 @@
+//! Export and import.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use treewright_client::TrialQuery;
+use treewright_client::blocking::Client;
+
+use super::either;
+use crate::arguments::data::{Export, ExportFormat, Import};
+use crate::carry::{CarriedTrial, Importer, Tally, jsonl, optuna, table};
+use crate::exec::progress;
+use crate::failure::Failure;
+use crate::files;
+use crate::study_file::StudyFile;
+
+pub(super) fn export(client: &Client, export: &Export) -> Result<String, Failure> {
+    match &export.out {
+        None => write(client, export, &mut std::io::stdout().lock())?,
+        Some(path) => {
+            // Whole or not at all: beside it first, then in its place.
+            let beside = path.with_extension("part");
+            let file = File::create(&beside).map_err(|error| Failure::file(&beside, error.to_string()))?;
+            let mut out = BufWriter::new(file);
+            write(client, export, &mut out)?;
+            out.flush().map_err(Failure::Output)?;
+            std::fs::rename(&beside, path).map_err(|error| Failure::file(path, error.to_string()))?;
+        }
+    }
+    Ok(String::new())
+}
+
+fn write(client: &Client, export: &Export, out: &mut impl Write) -> Result<(), Failure> {
+    let site = export.site.clone().unwrap_or_else(files::host);
+    let study = client.get_study(&export.study)?;
+    let trials = client.trials(&export.study, TrialQuery::all().filter(&export.filter));
+    match export.format {
+        ExportFormat::Csv => {
+            table::write(out, study.spec()?, trials.map(|trial| trial.map_err(Failure::from)), &site)
+        }
+        ExportFormat::Jsonl => {
+            jsonl::write_line(out, &jsonl::Header::new(&site, StudyFile::of(&study)?))?;
+            for trial in trials {
+                if let Some(carried) = CarriedTrial::of(&trial?, &site) {
+                    jsonl::write_line(out, &carried)?;
+                }
+            }
+            Ok(())
+        }
+    }
+}
+
+pub(super) fn import(client: &Client, import: &Import, json: bool) -> Result<String, Failure> {
+    let path = import.file.as_path();
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    let tally = match (&import.optuna_study, extension.as_str()) {
+        (Some(name), _) => from_optuna(client, import, name)?,
+        (None, "csv") => from_table(client, import, path)?,
+        (None, "db" | "sqlite" | "sqlite3") => {
+            return Err(Failure::Usage(
+                "which study of Optuna's database? Say --optuna-study NAME --study ID".into(),
+            ));
+        }
+        (None, _) => from_jsonl(client, import, path)?,
+    };
+    either(json, &tally, || tally.words())
+}
+
+fn site(import: &Import) -> String {
+    import.site.clone().unwrap_or_else(files::host)
+}
+
+fn from_jsonl(client: &Client, import: &Import, path: &Path) -> Result<Tally, Failure> {
+    let (header, trials) = jsonl::read(path)?;
+    let id = match import.study.clone().or_else(|| header.study.id.clone()) {
+        Some(id) => id,
+        None => return Err(Failure::Usage("the file names no study; say --study ID".into())),
+    };
+    let study = match client.get_study(&id) {
+        Err(problem) if problem.is_not_found() && !import.dry_run => {
+            client.create_study(&id, &header.study.spec()?)?
+        }
+        found => found?,
+    };
+    Importer::new(client, &study, &site(import), &import.indicators, import.dry_run)?.run(trials)
+}
+
+fn from_table(client: &Client, import: &Import, path: &Path) -> Result<Tally, Failure> {
+    let Some(id) = &import.study else {
+        return Err(Failure::Usage(
+            "a table does not say what was tuned; name the study with --study ID".into(),
+        ));
+    };
+    let trials = table::read(path)?;
+    let study = client.get_study(id)?;
+    let importer = Importer::new(client, &study, &site(import), &import.indicators, import.dry_run)?;
+    importer.run(trials.into_iter().map(Ok))
+}
+
+fn from_optuna(client: &Client, import: &Import, name: &str) -> Result<Tally, Failure> {
+    let read = optuna::read(&import.file, name)?;
+    if read.without_value > 0 {
+        progress::note(&format!("{} trial(s) have no finite value and are left out", read.without_value));
+    }
+    // Clap sees that it is there.
+    let id = import.study.clone().unwrap_or_default();
+    let study = match client.get_study(&id) {
+        Err(problem) if problem.is_not_found() && !import.dry_run => {
+            client.create_study(&id, &read.study.spec()?)?
+        }
+        found => found?,
+    };
+    let metric = study.spec()?.objective.terms().first().map(|term| term.metric.clone()).unwrap_or_default();
+    let trials = read.with_metric(&metric).trials;
+    let importer = Importer::new(client, &study, &site(import), &import.indicators, import.dry_run)?;
+    importer.run(trials.into_iter().map(Ok))
+}

@@ -1,0 +1,188 @@
+//! What is wrong here: the machine, the programs, the settings, the daemon. Each finding says what to do about it.
+
+use std::process::Command;
+use std::time::Duration;
+
+use serde::Serialize;
+use treewright_client::blocking::Client;
+use treewright_client::{Options, detect_fingerprint};
+
+use super::{USUAL, either};
+use crate::arguments::Arguments;
+use crate::failure::Failure;
+use crate::files;
+use crate::local::Local;
+use crate::settings::Settings;
+
+/// A round trip on one machine is well below this.
+const SLOW_MS: f64 = 20.0;
+
+/// One thing that was looked at.
+#[derive(Debug, Serialize)]
+struct Finding {
+    what: &'static str,
+    is_good: bool,
+    found: String,
+}
+
+pub(super) fn run(arguments: &Arguments, settings: &Settings) -> Result<String, Failure> {
+    let mut findings = vec![processor(), load(), governor(), clock()];
+    findings.extend(["treewrightd", "treewright-render"].map(program));
+    findings.push(configuration(settings));
+    findings.push(local_database());
+    findings.extend(daemon(arguments));
+    let text = either(arguments.json, &findings, || {
+        let mark = |good: bool| if good { "ok  " } else { "LOOK" };
+        let line = |one: &Finding| format!("{} {:<18} {}", mark(one.is_good), one.what, one.found);
+        findings.iter().map(line).collect::<Vec<_>>().join("\n")
+    })?;
+    Ok(text)
+}
+
+fn good(what: &'static str, found: impl Into<String>) -> Finding {
+    Finding { what, is_good: true, found: found.into() }
+}
+
+fn bad(what: &'static str, found: impl Into<String>) -> Finding {
+    Finding { what, is_good: false, found: found.into() }
+}
+
+fn read(path: &str) -> Option<String> {
+    std::fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
+}
+
+fn processor() -> Finding {
+    let machine = detect_fingerprint();
+    let found = format!("{}, {}, {} threads", machine.cpu_model, machine.isa, machine.threads);
+    match machine.isa.as_str() {
+        "sse2" => bad("processor", found + "; the renderer's own kernels need avx2"),
+        _ => good("processor", found),
+    }
+}
+
+fn load() -> Finding {
+    let threads = f64::from(detect_fingerprint().threads.max(1));
+    let text = read("/proc/loadavg").unwrap_or_default();
+    match text.split(' ').next().and_then(|first| first.parse::<f64>().ok()) {
+        Some(load) if load > 0.5 * threads => {
+            bad("load", format!("{load}: other programs run, and times will be noisy"))
+        }
+        Some(load) => good("load", load.to_string()),
+        None => good("load", "unknown"),
+    }
+}
+
+fn governor() -> Finding {
+    match read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").as_deref() {
+        Some(word @ ("powersave" | "ondemand" | "schedutil")) => {
+            bad("frequency", format!("the governor is {word}: times vary; `performance` measures better"))
+        }
+        Some(word) => good("frequency", word),
+        None => good("frequency", "not in the system's hands"),
+    }
+}
+
+fn clock() -> Finding {
+    match read("/sys/devices/system/clocksource/clocksource0/current_clocksource").as_deref() {
+        Some("tsc") => good("clock", "tsc"),
+        Some(other) => good("clock", format!("{other}; reading it costs more than with tsc")),
+        None => good("clock", "unknown"),
+    }
+}
+
+fn program(name: &'static str) -> Finding {
+    let Some(path) = files::program(name) else {
+        return bad(name, "neither beside this program nor in PATH");
+    };
+    let ours = env!("CARGO_PKG_VERSION");
+    match Command::new(&path).arg("--version").output() {
+        Ok(output) => {
+            let version = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+            let found = format!("{version} ({})", path.display());
+            if version.ends_with(ours) {
+                good(name, found)
+            } else {
+                bad(name, format!("{found}, and this program is {ours}: install both from one place"))
+            }
+        }
+        Err(error) => bad(name, format!("{} cannot be started: {error}", path.display())),
+    }
+}
+
+fn configuration(settings: &Settings) -> Finding {
+    match settings.problem() {
+        Some(problem) => bad("settings", problem.to_owned()),
+        None => good("settings", settings.place()),
+    }
+}
+
+fn local_database() -> Finding {
+    match Local::of_user() {
+        Err(failure) => bad("local daemon", failure.to_string()),
+        Ok(local) => {
+            let database = local.database();
+            let size = std::fs::metadata(&database).map(|metadata| metadata.len() >> 10);
+            let size = size.map_or_else(|_| "none yet".to_owned(), |kb| format!("{kb} kB"));
+            let running =
+                local.running().map_or_else(|| "not running".to_owned(), |url| format!("serves on {url}"));
+            good("local daemon", format!("{running}; database {} ({size})", database.display()))
+        }
+    }
+}
+
+fn daemon(arguments: &Arguments) -> Vec<Finding> {
+    let url = match arguments.server.as_deref() {
+        None | Some("local") => match Local::of_user().ok().and_then(|local| local.running()) {
+            Some(url) if arguments.server.is_some() => url,
+            _ => USUAL.to_owned(),
+        },
+        Some(url) => url.to_owned(),
+    };
+    let credentials = match arguments.credentials.credentials() {
+        Ok(credentials) => credentials,
+        Err(problem) => return vec![bad("credentials", problem.to_string())],
+    };
+    let options = Options::new().call_deadline(arguments.timeout).credentials(credentials);
+    let client = match Client::connect(&url, options) {
+        Ok(client) => client,
+        Err(problem) => return vec![bad("daemon", problem.to_string())],
+    };
+    // The first answer includes connecting.
+    match client.ping().and_then(|_| client.ping()) {
+        Err(problem) if arguments.server.is_none() => {
+            vec![good(
+                "daemon",
+                format!("none on {url}; commands that need one start a local one ({problem})"),
+            )]
+        }
+        Err(problem) => vec![bad("daemon", problem.to_string())],
+        Ok(round_trip) => vec![answered(&url, round_trip), studies(&client), encryption(&url)],
+    }
+}
+
+fn answered(url: &str, round_trip: Duration) -> Finding {
+    let ms = round_trip.as_secs_f64() * 1e3;
+    let found = format!("{url} answers in {ms:.2} ms");
+    if ms > SLOW_MS {
+        bad("daemon", found + ": a frame's deadline must be longer")
+    } else {
+        good("daemon", found)
+    }
+}
+
+fn studies(client: &Client) -> Finding {
+    match client.list_studies() {
+        Ok(studies) => good("studies", studies.len().to_string()),
+        Err(problem) => bad("studies", problem.to_string()),
+    }
+}
+
+fn encryption(url: &str) -> Finding {
+    let host = url.split_once("://").map_or("", |(_, rest)| rest);
+    let is_here = ["127.", "localhost", "[::1]"].iter().any(|name| host.starts_with(name));
+    match (url.starts_with("https://"), is_here) {
+        (true, _) => good("encryption", "TLS"),
+        (false, true) => good("encryption", "none, on this machine"),
+        (false, false) => bad("encryption", "none: whoever is on the way reads and changes everything"),
+    }
+}

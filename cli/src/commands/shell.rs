@@ -1,0 +1,71 @@
+//! Ask and tell in a shell.
+
+use treewright_client::blocking::Client;
+use treewright_client::{Configuration, Measurements, Outcome, Question, TrialRecord};
+
+use super::either;
+use crate::arguments::exec::{Report, Suggest, SuggestFormat};
+use crate::exec::program::variable;
+use crate::exec::{progress, quoted};
+use crate::failure::Failure;
+use crate::files;
+
+pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<String, Failure> {
+    let wanted = if ask.wanted.is_empty() {
+        None
+    } else {
+        let some: Configuration = ask.wanted.iter().cloned().collect();
+        Some(client.get_study(&ask.study)?.spec()?.space.complete(&some)?.into())
+    };
+    let question = Question {
+        indicators: ask.indicators.iter().cloned().collect(),
+        // The same for every line of a script, so that a trial that was not reported comes again.
+        client_id: Some(ask.client.clone().unwrap_or_else(|| format!("shell@{}", files::host()))),
+        session: Some(0),
+        wanted,
+        ..Question::default()
+    };
+    let trial = client.ask(&ask.study, &question)?;
+    match ask.format {
+        SuggestFormat::Env if !json => Ok(environment(&trial, &ask.prefix)),
+        SuggestFormat::Args if !json => {
+            progress::note(&format!("this is {}", trial.name));
+            let words: Vec<_> = trial
+                .configuration
+                .iter()
+                .map(|(name, value)| quoted(&format!("--{}={value}", name.replace('_', "-"))))
+                .collect();
+            Ok(words.join(" ") + "\n")
+        }
+        _ => either(true, &trial, String::new),
+    }
+}
+
+/// Lines that a shell takes as assignments.
+fn environment(trial: &TrialRecord, prefix: &str) -> String {
+    let mut text = format!("export TREEWRIGHT_TRIAL={}\n", quoted(&trial.name));
+    for (name, value) in trial.configuration.iter() {
+        text += &format!("export {}={}\n", variable(prefix, name), quoted(&value.to_string()));
+    }
+    text
+}
+
+pub(super) fn report(client: &Client, report: &Report, json: bool) -> Result<String, Failure> {
+    if report.abandon {
+        let trial = client.give_back(&report.trial)?;
+        return either(json, &trial, || format!("{} is given back", trial.name));
+    }
+    let outcome = match (&report.infeasible, &report.failed, report.aborted) {
+        (Some(reason), _, _) => Outcome::infeasible(reason),
+        (_, Some(reason), _) => Outcome::failed(reason),
+        (_, _, Some(bound)) => Outcome::aborted(bound),
+        _ => Outcome::Ok,
+    };
+    let measured: Measurements = report.measurements.iter().cloned().collect();
+    let (trial, duplicate) = client.tell(&report.trial, &measured, &outcome)?;
+    either(json, &trial, || {
+        let cost = trial.cost.map(|cost| format!(", cost {}", crate::show::figure(cost))).unwrap_or_default();
+        let known = if duplicate { " already, and stays as it was" } else { "" };
+        format!("{} is reported{known}{cost}", trial.name)
+    })
+}

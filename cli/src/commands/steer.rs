@@ -1,0 +1,77 @@
+//! How a study decides: show and change its policy, pin a configuration, freeze.
+
+use treewright_client::blocking::Client;
+use treewright_client::{Configuration, Operation, Policy, PolicyChange, StudyRecord};
+
+use super::either;
+use crate::arguments::study::{self, Pin};
+use crate::failure::Failure;
+use crate::show;
+
+pub(super) fn policy(client: &Client, change: &study::Policy, json: bool) -> Result<String, Failure> {
+    let mut set = change.settings.0.clone();
+    if !change.pin.is_empty() {
+        set.pinned = Some(whole(client, &change.study, change.pin.iter().cloned().collect())?);
+    }
+    let mut clear = change.clear.clone();
+    clear.extend(change.unpin.then(|| "pinned".to_owned()));
+    if set == Policy::new() && clear.is_empty() {
+        return show_policy(&client.get_study(&change.study)?, json);
+    }
+    show_policy(&client.update_policy(&change.study, &PolicyChange { set, clear })?, json)
+}
+
+/// A configuration of all parameters.
+fn whole(client: &Client, study: &str, some: Configuration) -> Result<Configuration, Failure> {
+    Ok(client.get_study(study)?.spec()?.space.complete(&some)?.into())
+}
+
+fn show_policy(study: &StudyRecord, json: bool) -> Result<String, Failure> {
+    either(json, &study.policy, || show::policy(&study.policy))
+}
+
+pub(super) fn pin(client: &Client, pin: &Pin, json: bool) -> Result<String, Failure> {
+    let configuration = if !pin.values.is_empty() {
+        whole(client, &pin.study, pin.values.iter().cloned().collect())?
+    } else {
+        let states = client.get_study(&pin.study)?.statistics.states;
+        let best = match pin.state {
+            None if states > 1 => {
+                return Err(Failure::Usage(format!(
+                    "{} has {states} states, and one pinned configuration holds for all of them: say which, or the \
+                     best of which state with --state NUMBER",
+                    pin.study
+                )));
+            }
+            state => client.best_of_state(&pin.study, state.unwrap_or(1))?,
+        };
+        best.ok_or_else(|| Failure::Data(format!("nothing was measured there in {}", pin.study)))?
+            .configuration
+    };
+    let change = PolicyChange::set(Policy::new().pinned(configuration.clone()));
+    let study = client.update_policy(&pin.study, &change)?;
+    either(json, &study.policy, || {
+        format!("every client of {} gets {configuration} until `treewright unpin {}`", pin.study, pin.study)
+    })
+}
+
+pub(super) fn unpin(client: &Client, study: &str, json: bool) -> Result<String, Failure> {
+    let stored = client.update_policy(study, &PolicyChange::unpin())?;
+    either(json, &stored.policy, || format!("{study} decides by its policy again"))
+}
+
+pub(super) fn freeze(client: &Client, study: &str, freezes: bool, json: bool) -> Result<String, Failure> {
+    let change = if freezes {
+        PolicyChange::set(Policy::new().operation(Operation::Freeze))
+    } else {
+        PolicyChange::clear(["operation"])
+    };
+    let stored = client.update_policy(study, &change)?;
+    either(json, &stored.policy, || {
+        if freezes {
+            format!("{study} neither explores nor learns until `treewright thaw {study}`")
+        } else {
+            format!("{study} explores and learns")
+        }
+    })
+}

@@ -1,0 +1,122 @@
+//! Studies: list, create, show, copy, rename, delete.
+
+use std::path::Path;
+
+use treewright_client::TrialQuery;
+use treewright_client::blocking::Client;
+
+use super::either;
+use crate::arguments::study::{CloneStudy, StudyCommand};
+use crate::carry::{CarriedTrial, Importer, Tally};
+use crate::failure::Failure;
+use crate::files;
+use crate::show;
+use crate::study_file::StudyFile;
+
+pub(super) fn list(client: &Client, json: bool) -> Result<String, Failure> {
+    let studies = client.list_studies()?;
+    either(json, &studies, || show::studies(&studies))
+}
+
+pub(super) fn run(client: &Client, command: &StudyCommand, json: bool) -> Result<String, Failure> {
+    match command {
+        StudyCommand::Create { file, id } => create(client, file, id.as_deref(), json),
+        StudyCommand::Show { name, format: Some(language) } => {
+            StudyFile::of(&client.get_study(name)?)?.write(*language)
+        }
+        StudyCommand::Show { name, format: None } => {
+            let study = client.get_study(name)?;
+            either(json, &study, || show::study(&study))
+        }
+        // Answered without a daemon.
+        StudyCommand::Schema => Ok(String::new()),
+        StudyCommand::Clone(copy) => {
+            let tally = clone(client, copy)?;
+            either(json, &tally, || tally.words())
+        }
+        StudyCommand::Rename { name, to } => rename(client, name, to, json),
+        StudyCommand::Delete { name, yes } => delete(client, name, *yes, json),
+    }
+}
+
+/// The id of a study in a file: as said, as in the file, or as the file is called.
+pub(super) fn id_of(file: &StudyFile, path: &Path, said: Option<&str>) -> Result<String, Failure> {
+    let stem = || path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    let id = said.map(str::to_owned).or_else(|| file.id.clone()).or_else(stem).unwrap_or_default();
+    if path == Path::new("-") && said.is_none() && file.id.is_none() {
+        return Err(Failure::Usage("the study has no id; give it one with --id".into()));
+    }
+    Ok(id)
+}
+
+fn create(client: &Client, path: &Path, id: Option<&str>, json: bool) -> Result<String, Failure> {
+    let file = StudyFile::read(path)?;
+    let study = client.create_study(&id_of(&file, path, id)?, &file.spec()?)?;
+    either(json, &study, || {
+        let mut text = format!("{} is there", study.name);
+        if study.statistics.trials > 0 {
+            text += &format!(", with {} trial(s)", study.statistics.trials);
+        }
+        if !study.policy_differs.is_empty() {
+            text += &format!(
+                "; its stored policy stays and differs in {} (change it with `treewright policy`)",
+                study.policy_differs.join(", ")
+            );
+        }
+        text
+    })
+}
+
+fn clone(client: &Client, copy: &CloneStudy) -> Result<Tally, Failure> {
+    let original = client.get_study(&copy.name)?;
+    if let Ok(there) = client.get_study(&copy.to) {
+        return Err(Failure::Data(format!("{} is there already; choose another id", there.name)));
+    }
+    let mut file = match &copy.spec {
+        Some(path) => StudyFile::read(path)?,
+        None => StudyFile::of(&original)?,
+    };
+    file.id = None;
+    let target = client.create_study(&copy.to, &file.spec()?)?;
+    if copy.no_trials {
+        return Ok(Tally { study: copy.to.clone(), ..Tally::default() });
+    }
+    let site = files::host();
+    let importer = Importer::new(client, &target, &site, &copy.indicators, false)?;
+    let trials = client.trials(&copy.name, TrialQuery::all().filter("state = COMPLETED"));
+    importer.run(trials.filter_map(|trial| match trial {
+        Ok(trial) => CarriedTrial::of(&trial, &site).map(Ok),
+        Err(problem) => Some(Err(problem.into())),
+    }))
+}
+
+fn rename(client: &Client, name: &str, to: &str, json: bool) -> Result<String, Failure> {
+    let copy = CloneStudy {
+        name: name.to_owned(),
+        to: to.to_owned(),
+        spec: None,
+        indicators: Vec::new(),
+        no_trials: false,
+    };
+    let tally = clone(client, &copy)?;
+    if tally.misfits > 0 {
+        return Err(Failure::Data(format!(
+            "{name} stays, because not all of it could be copied: {}",
+            tally.words()
+        )));
+    }
+    client.delete_study(name)?;
+    either(json, &tally, || format!("{name} is {to} now, with {} trial(s)", tally.imported))
+}
+
+fn delete(client: &Client, name: &str, yes: bool, json: bool) -> Result<String, Failure> {
+    if !yes {
+        let study = client.get_study(name)?;
+        let trials = study.statistics.trials;
+        let message =
+            format!("this deletes {} with its {trials} trial(s) for ever; say --yes to do it", study.name);
+        return Err(Failure::Usage(message));
+    }
+    client.delete_study(name)?;
+    either(json, &serde_json::json!({ "deleted": name }), || format!("deleted {name}"))
+}

@@ -1,0 +1,105 @@
+//! What is known: trials, the best, predictions, explanations.
+
+use treewright_client::blocking::Client;
+use treewright_client::{Best, Indicators, StudyRecord, TrialQuery, TrialRecord};
+
+use super::either;
+use crate::arguments::State;
+use crate::arguments::data::{TrialFormat, Trials};
+use crate::carry::table;
+use crate::failure::Failure;
+use crate::{files, show};
+
+/// Most states whose best configurations are listed.
+const STATES_LISTED: i64 = 40;
+
+pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String, Failure> {
+    let mut filter = which.filter.clone();
+    if let Some(after) = which.after {
+        let join = if filter.trim().is_empty() { "" } else { " AND " };
+        filter += &format!("{join}number > {after}");
+    }
+    let query = TrialQuery::all().filter(filter).order_by(&which.order_by);
+    let limit = if which.all { usize::MAX } else { which.limit };
+    let trials: Vec<_> = client.trials(&which.study, query).take(limit).collect::<Result<_, _>>()?;
+    match which.format {
+        TrialFormat::Csv if !json => {
+            let study = client.get_study(&which.study)?;
+            let mut text = Vec::new();
+            table::write(&mut text, study.spec()?, trials.into_iter().map(Ok), &files::host())?;
+            Ok(String::from_utf8_lossy(&text).into_owned())
+        }
+        TrialFormat::Table if !json => Ok(show::trials(&trials, limit, which.order_by.is_empty())),
+        _ => either(true, &trials, String::new),
+    }
+}
+
+/// What names a state: its indicators.
+fn indicators(client: &Client, state: &State) -> Result<Indicators, Failure> {
+    match state.state {
+        None => Ok(state.indicators.iter().cloned().collect()),
+        Some(number) => Ok(in_state(client, &state.study, number)?.indicators),
+    }
+}
+
+fn in_state(client: &Client, study: &str, state: i64) -> Result<TrialRecord, Failure> {
+    client
+        .trial_in_state(study, state)?
+        .ok_or_else(|| Failure::Data(format!("{study} has no trial in state {state}")))
+}
+
+pub(super) fn best(client: &Client, state: &State, json: bool) -> Result<String, Failure> {
+    let study = client.get_study(&state.study)?;
+    if let Some(number) = state.state {
+        return show_best(&best_in(client, &state.study, number)?, &study, json);
+    }
+    if !state.indicators.is_empty() || study.statistics.states <= 1 {
+        let best = client.best(&state.study, &state.indicators.iter().cloned().collect())?;
+        return show_best(&best, &study, json);
+    }
+    if json {
+        return Err(Failure::Usage(format!(
+            "{} has {} states, and what is best in one need not be in another: name one with --state NUMBER or \
+             --indicator NAME=NUMBER",
+            study.name, study.statistics.states
+        )));
+    }
+    let mut found = Vec::new();
+    for number in 1..=study.statistics.states.min(STATES_LISTED) {
+        if let Some(best) = client.best_of_state(&state.study, number)? {
+            found.push(best);
+        }
+    }
+    Ok(show::best_of_states(&found, study.statistics.states))
+}
+
+fn best_in(client: &Client, study: &str, state: i64) -> Result<Best, Failure> {
+    client
+        .best_of_state(study, state)?
+        .ok_or_else(|| Failure::Data(format!("nothing was measured in state {state} of {study}")))
+}
+
+fn show_best(best: &Best, study: &StudyRecord, json: bool) -> Result<String, Failure> {
+    if json {
+        return either(json, best, String::new);
+    }
+    Ok(show::best(best, study.spec()?))
+}
+
+pub(super) fn predict(client: &Client, state: &State, json: bool) -> Result<String, Failure> {
+    let prediction = client.predict(&state.study, &indicators(client, state)?)?;
+    if json {
+        return either(json, &prediction, String::new);
+    }
+    let study = client.get_study(&state.study)?;
+    Ok(show::prediction(&prediction, study.spec()?))
+}
+
+pub(super) fn explain(client: &Client, state: &State, json: bool) -> Result<String, Failure> {
+    if state.study.contains("/trials/") {
+        let trial = client.trial(&state.study)?;
+        return either(json, &trial, || show::trial(&trial));
+    }
+    let prediction = client.predict(&state.study, &indicators(client, state)?)?;
+    either(json, &prediction, || show::explanation(&prediction))
+}

@@ -1,0 +1,71 @@
+//! What is seen while trials run: a line that is written over on a terminal, a line each elsewhere.
+
+use std::io::{IsTerminal as _, Write as _};
+
+use treewright_client::TrialRecord;
+
+use crate::show::figure;
+
+/// Counts trials and keeps the best.
+pub(crate) struct Progress {
+    most: Option<u32>,
+    done: u32,
+    first: Option<f64>,
+    best: Option<f64>,
+}
+
+impl Progress {
+    pub(crate) fn new(most: Option<u32>) -> Self {
+        Self { most, done: 0, first: None, best: None }
+    }
+
+    /// Another trial is done; without a cost it could not be used.
+    pub(crate) fn trial(&mut self, trial: &TrialRecord, cost: Option<f64>) {
+        self.done += 1;
+        if let Some(cost) = cost {
+            self.first.get_or_insert(cost);
+            self.best = Some(self.best.map_or(cost, |best| best.min(cost)));
+        }
+        let of = self.most.map(|most| format!("/{most}")).unwrap_or_default();
+        let cost = cost.map_or_else(|| "not usable".to_owned(), figure);
+        let best = self.best.map(|best| format!("  best {}", figure(best))).unwrap_or_default();
+        let gain = match (self.first, self.best) {
+            (Some(first), Some(best)) if first > 0.0 && self.done > 1 => {
+                format!(" ({:+.1} %)", 100.0 * (best / first - 1.0))
+            }
+            _ => String::new(),
+        };
+        status(&format!("{}{of}  {cost}{best}{gain}  {}", self.done, trial.configuration));
+    }
+
+    /// Nothing follows.
+    pub(crate) fn end(&self) {
+        status_end();
+    }
+}
+
+/// A line that the next one takes the place of, on a terminal.
+pub(crate) fn status(text: &str) {
+    let mut err = std::io::stderr().lock();
+    // Nobody may be looking.
+    let _ = if err.is_terminal() {
+        let shown: String = text.chars().take(79).collect();
+        write!(err, "\r\x1b[2K{shown}").and_then(|()| err.flush())
+    } else {
+        writeln!(err, "{text}")
+    };
+}
+
+/// Ends such a line.
+pub(crate) fn status_end() {
+    let mut err = std::io::stderr().lock();
+    if err.is_terminal() {
+        let _ = write!(err, "\r\x1b[2K").and_then(|()| err.flush());
+    }
+}
+
+/// Something worth knowing.
+pub(crate) fn note(text: &str) {
+    status_end();
+    let _ = writeln!(std::io::stderr(), "treewright: {text}");
+}

@@ -1,0 +1,206 @@
+//! A command with places for parameters: `zstd -{level} {long?--long=27}`.
+//!
+//! | written | becomes |
+//! |---|---|
+//! | `{name}` | the parameter's value |
+//! | `{name?yes}`, `{name?yes:no}` | `yes` where a boolean parameter is true, else `no` |
+//! | `{{name}}` | the text `{name}` |
+//!
+//! An argument that asks for an inactive parameter is left out, and so is one that a choice leaves empty. All other
+//! braces are what they are, so that programs of awk or JSON need no escapes.
+
+use std::collections::BTreeSet;
+
+use treewright_client::{Configuration, StudySpec, Value};
+
+/// A command whose arguments hold places for parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Template {
+    arguments: Vec<Vec<Piece>>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Piece {
+    Text(String),
+    Value(String),
+    Choice { name: String, yes: String, no: String },
+}
+
+/// What an argument became.
+enum Filled {
+    Argument(String),
+    LeftOut,
+}
+
+impl Template {
+    /// Reads a command for a study. The error names a place for a parameter that the study does not have.
+    pub(crate) fn read(command: &[String], spec: &StudySpec) -> Result<Self, String> {
+        let names: Vec<&str> =
+            spec.space.parameters().iter().map(|parameter| parameter.name.as_str()).collect();
+        let arguments: Vec<Vec<Piece>> = command.iter().map(|argument| pieces(argument)).collect();
+        for name in arguments.iter().flatten().filter_map(Piece::name) {
+            if !names.contains(&name) {
+                return Err(format!(
+                    "the command asks for {{{name}}}, but the study tunes {}; write {{{{{name}}}}} for these very \
+                     characters",
+                    names.join(", ")
+                ));
+            }
+        }
+        Ok(Self { arguments })
+    }
+
+    /// Parameters that the command does not mention.
+    pub(crate) fn unused(&self, spec: &StudySpec) -> Vec<String> {
+        let used: BTreeSet<&str> = self.arguments.iter().flatten().filter_map(Piece::name).collect();
+        let names = spec.space.parameters().iter().map(|parameter| parameter.name.clone());
+        names.filter(|name| !used.contains(name.as_str())).collect()
+    }
+
+    /// The command for a configuration.
+    pub(crate) fn fill(&self, configuration: &Configuration) -> Vec<String> {
+        let filled = self.arguments.iter().map(|pieces| fill(pieces, configuration));
+        filled
+            .filter_map(|filled| match filled {
+                Filled::Argument(text) => Some(text),
+                Filled::LeftOut => None,
+            })
+            .collect()
+    }
+}
+
+impl Piece {
+    fn name(&self) -> Option<&str> {
+        match self {
+            Self::Text(_) => None,
+            Self::Value(name) | Self::Choice { name, .. } => Some(name),
+        }
+    }
+}
+
+fn fill(pieces: &[Piece], configuration: &Configuration) -> Filled {
+    let mut text = String::new();
+    for piece in pieces {
+        match piece {
+            Piece::Text(piece) => text.push_str(piece),
+            Piece::Value(name) => match configuration.get(name) {
+                Some(value) => text.push_str(&value.to_string()),
+                None => return Filled::LeftOut,
+            },
+            Piece::Choice { name, yes, no } => match configuration.get(name) {
+                Some(Value::Boolean(true)) => text.push_str(yes),
+                Some(_) => text.push_str(no),
+                None => return Filled::LeftOut,
+            },
+        }
+    }
+    let has_choice = pieces.iter().any(|piece| matches!(piece, Piece::Choice { .. }));
+    if has_choice && text.is_empty() { Filled::LeftOut } else { Filled::Argument(text) }
+}
+
+fn pieces(argument: &str) -> Vec<Piece> {
+    let mut found = Vec::new();
+    let mut text = String::new();
+    let mut rest = argument;
+    while let Some(open) = rest.find('{') {
+        text.push_str(&rest[..open]);
+        let after = &rest[open + 1..];
+        if let Some((literal, end)) = after.strip_prefix('{').and_then(literal) {
+            text.push_str(&format!("{{{literal}}}"));
+            rest = end;
+        } else if let Some((piece, end)) = place(after) {
+            if !text.is_empty() {
+                found.push(Piece::Text(std::mem::take(&mut text)));
+            }
+            found.push(piece);
+            rest = end;
+        } else {
+            text.push('{');
+            rest = after;
+        }
+    }
+    text.push_str(rest);
+    if !text.is_empty() || found.is_empty() {
+        found.push(Piece::Text(text));
+    }
+    found
+}
+
+/// The name in `name}}`, and what follows.
+fn literal(after: &str) -> Option<(&str, &str)> {
+    let end = after.find("}}")?;
+    is_name(&after[..end]).then(|| (&after[..end], &after[end + 2..]))
+}
+
+/// `name}` or `name?yes:no}` and what follows.
+fn place(after: &str) -> Option<(Piece, &str)> {
+    let end = after.find('}')?;
+    let (inner, rest) = (&after[..end], &after[end + 1..]);
+    let piece = match inner.split_once('?') {
+        None if is_name(inner) => Piece::Value(inner.to_owned()),
+        Some((name, choice)) if is_name(name) => {
+            let (yes, no) = choice.split_once(':').unwrap_or((choice, ""));
+            Piece::Choice { name: name.to_owned(), yes: yes.to_owned(), no: no.to_owned() }
+        }
+        _ => return None,
+    };
+    Some((piece, rest))
+}
+
+/// Whether it is spelt like a parameter.
+fn is_name(text: &str) -> bool {
+    text.starts_with(|first: char| first.is_ascii_lowercase())
+        && text.chars().all(|each| each.is_ascii_lowercase() || each.is_ascii_digit() || each == '_')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use treewright_client::Space;
+
+    fn spec() -> StudySpec {
+        let space = Space::builder()
+            .integer("level", 1..=19)
+            .default(3)
+            .boolean("long")
+            .default(false)
+            .integer("window", 10..=27)
+            .default(20)
+            .active_if("long", [true])
+            .build()
+            .expect("a space");
+        StudySpec::builder(space).minimise("wall_ms", 1.0).build().expect("a study")
+    }
+
+    fn filled(command: &[&str], configuration: Configuration) -> Vec<String> {
+        let command: Vec<String> = command.iter().map(|&text| text.to_owned()).collect();
+        Template::read(&command, &spec()).expect("a command").fill(&configuration)
+    }
+
+    #[test]
+    fn places_are_filled_and_what_has_no_meaning_is_left_out() {
+        let command =
+            ["zstd", "-{level}", "{long?--long}", "{long?:--short}", "--window={window}", "", "a b"];
+        let short = Configuration::new().with("level", 5).with("long", false);
+        assert_eq!(filled(&command, short), ["zstd", "-5", "--short", "", "a b"]);
+        let long = Configuration::new().with("level", 5).with("long", true).with("window", 22);
+        assert_eq!(filled(&command, long), ["zstd", "-5", "--long", "--window=22", "", "a b"]);
+    }
+
+    #[test]
+    fn other_braces_are_what_they_are() {
+        let some = Configuration::new().with("level", 5);
+        let awk = ["awk", "{print $1}", "{\"a\":{\"b\":1}}", "${HOME}", "{", "}", "{{level}}{level}"];
+        let want = ["awk", "{print $1}", "{\"a\":{\"b\":1}}", "${HOME}", "{", "}", "{level}5"];
+        assert_eq!(filled(&awk, some), want);
+    }
+
+    #[test]
+    fn unknown_and_unused_parameters_are_named() {
+        let command = ["zstd".to_owned(), "-{depth}".to_owned()];
+        let problem = Template::read(&command, &spec()).expect_err("no such parameter");
+        assert!(problem.contains("{depth}") && problem.contains("level, long, window"), "{problem}");
+        let template = Template::read(&["zstd".into(), "-{level}".into()], &spec()).expect("a command");
+        assert_eq!(template.unused(&spec()), ["long", "window"]);
+    }
+}

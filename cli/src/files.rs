@@ -1,0 +1,65 @@
+//! Files that people name, and the places where programs keep theirs (XDG Base Directory Specification 0.8).
+
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use crate::failure::Failure;
+
+/// Largest file that is read whole.
+const TEXT_BYTES: u64 = 64 << 20;
+
+/// Reads a text file; `-` is standard input.
+///
+/// # Errors
+/// [`Failure::File`].
+pub(crate) fn read_text(path: &Path) -> Result<String, Failure> {
+    let problem = |error: std::io::Error| Failure::file(path, error.to_string());
+    let mut text = String::new();
+    if path == Path::new("-") {
+        std::io::stdin().take(TEXT_BYTES).read_to_string(&mut text).map_err(problem)?;
+        return Ok(text);
+    }
+    let file = std::fs::File::open(path).map_err(problem)?;
+    if file.metadata().map_err(problem)?.len() > TEXT_BYTES {
+        return Err(Failure::file(path, format!("it is larger than {} MB", TEXT_BYTES >> 20)));
+    }
+    file.take(TEXT_BYTES).read_to_string(&mut text).map_err(problem)?;
+    Ok(text)
+}
+
+/// `~/.config/treewright`, where settings are.
+pub(crate) fn config_folder() -> Option<PathBuf> {
+    folder("XDG_CONFIG_HOME", ".config")
+}
+
+/// `~/.local/share/treewright`, where databases are.
+pub(crate) fn data_folder() -> Option<PathBuf> {
+    folder("XDG_DATA_HOME", ".local/share")
+}
+
+/// Where what lives only as long as the machine is up is kept; nobody else may look into it.
+pub(crate) fn runtime_folder() -> Option<PathBuf> {
+    let given = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_absolute());
+    given.map(|path| path.join("treewright")).or_else(|| folder("XDG_STATE_HOME", ".local/state"))
+}
+
+fn folder(variable: &str, below_home: &str) -> Option<PathBuf> {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let base = absolute(variable).or_else(|| absolute("HOME").map(|home| home.join(below_home)));
+    base.map(|base| base.join("treewright"))
+}
+
+/// The name of this machine, as far as it is known.
+pub(crate) fn host() -> String {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name: String = name.trim().chars().filter(|each| !each.is_control()).take(50).collect();
+    if name.is_empty() { "machine".to_owned() } else { name }
+}
+
+/// A program that lies beside this one, or else is found in `PATH`.
+pub(crate) fn program(name: &str) -> Option<PathBuf> {
+    let beside = std::env::current_exe().ok().and_then(|exe| Some(exe.parent()?.join(name)));
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let listed = std::env::split_paths(&path).map(|folder| folder.join(name)).collect::<Vec<_>>();
+    beside.into_iter().chain(listed).find(|path| path.is_file())
+}

@@ -1,0 +1,540 @@
+//! Studies as data: a file in TOML or JSON that says what is tuned, and back.
+//!
+//! The file is flat and made for people: a parameter has a `type` and its bounds beside its name, whole numbers are
+//! taken for float parameters, and what is left out takes the daemon's default. What is written by `study show
+//! --format toml` creates an equal study when it is read again; `schema` describes the same for editors.
+
+mod schema;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use treewright_client::{
+    Condition, Configuration, Constraint, Domain, Parameter, Policy, Scale, Space, StudyRecord, StudySpec,
+    Value,
+};
+
+use crate::failure::Failure;
+
+pub(crate) use schema::schema;
+
+/// A study: what can be tuned, what describes the input, what is minimised, and how the service decides.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct StudyFile {
+    /// The name by which commands and programs call the study: 1 to 64 characters of `a-z`, `0-9`, `-` and `_`,
+    /// beginning with a letter. Without it the file's name is taken.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) id: Option<String>,
+    /// A line for people, at most 200 characters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) display_name: Option<String>,
+    /// Two inputs are one state when every normalised indicator differs by at most this much, 0 to 1. Default 0.01.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) state_tolerance: Option<f64>,
+    /// Seed of every random decision. Default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) seed: Option<u64>,
+    /// What can be tuned, 1 to 128. A condition may only name a parameter that stands earlier.
+    pub(crate) parameters: Vec<ParameterEntry>,
+    /// Relations that every configuration fulfils.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) constraints: Vec<ConstraintEntry>,
+    /// The numbers that describe an input. Without any the study has one state.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) indicators: Vec<IndicatorEntry>,
+    /// What is minimised: the sum of weight times metric.
+    pub(crate) objective: Vec<TermEntry>,
+    /// How the service decides. What is left out takes the daemon's default.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(schema_with = "schema::policy")]
+    pub(crate) policy: BTreeMap<String, PolicyEntry>,
+}
+
+/// A tunable.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ParameterEntry {
+    /// 1 to 64 characters of `a-z`, `0-9` and `_`, beginning with a letter.
+    name: String,
+    /// What kind of value it has.
+    #[serde(rename = "type")]
+    kind: Kind,
+    /// The smallest value, of `integer` and `float`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    min: Option<Number>,
+    /// The largest value, of `integer` and `float`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    max: Option<Number>,
+    /// `log` makes equal ratios equal steps; `min` must then be above 0.
+    #[serde(default, skip_serializing_if = "ScaleWord::is_linear")]
+    scale: ScaleWord,
+    /// The choices of `categorical`: 1 to 64, all numbers or all words.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    values: Vec<Plain>,
+    /// What you use today: the baseline everything is judged against.
+    default: Plain,
+    /// The parameter exists only while this holds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    active_if: Option<ConditionEntry>,
+}
+
+/// The kinds of parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum Kind {
+    /// Whole numbers.
+    Integer,
+    /// Numbers.
+    Float,
+    /// One of a list.
+    Categorical,
+    /// `false` or `true`.
+    Boolean,
+}
+
+/// How a range is spread.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum ScaleWord {
+    /// Equal differences are equal steps.
+    #[default]
+    Linear,
+    /// Equal ratios are equal steps.
+    Log,
+}
+
+impl ScaleWord {
+    #[allow(clippy::trivially_copy_pass_by_ref)] // serde hands over a reference
+    fn is_linear(&self) -> bool {
+        *self == Self::Linear
+    }
+}
+
+impl From<ScaleWord> for Scale {
+    fn from(word: ScaleWord) -> Self {
+        match word {
+            ScaleWord::Linear => Scale::Linear,
+            ScaleWord::Log => Scale::Log,
+        }
+    }
+}
+
+impl From<Scale> for ScaleWord {
+    fn from(scale: Scale) -> Self {
+        match scale {
+            Scale::Linear => ScaleWord::Linear,
+            Scale::Log => ScaleWord::Log,
+        }
+    }
+}
+
+/// A number as people write it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+enum Number {
+    Integer(i64),
+    Float(f64),
+}
+
+impl Number {
+    fn float(self) -> f64 {
+        match self {
+            Self::Integer(integer) => integer as f64,
+            Self::Float(float) => float,
+        }
+    }
+}
+
+/// A value as people write it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub(crate) enum Plain {
+    Boolean(bool),
+    Integer(i64),
+    Float(f64),
+    Text(String),
+}
+
+impl From<&Value> for Plain {
+    fn from(value: &Value) -> Self {
+        match value {
+            Value::Integer(integer) => Self::Integer(*integer),
+            Value::Float(float) => Self::Float(*float),
+            Value::Text(text) => Self::Text(text.clone()),
+            Value::Boolean(boolean) => Self::Boolean(*boolean),
+        }
+    }
+}
+
+impl Plain {
+    /// As a value; whole numbers as floats where those are meant.
+    pub(crate) fn value(&self, floats: bool) -> Value {
+        match self {
+            Self::Integer(integer) if floats => Value::Float(*integer as f64),
+            Self::Integer(integer) => Value::Integer(*integer),
+            Self::Float(float) => Value::Float(*float),
+            Self::Text(text) => Value::Text(text.clone()),
+            Self::Boolean(boolean) => Value::Boolean(*boolean),
+        }
+    }
+}
+
+/// Holds while the named parameter is active and has one of the values.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct ConditionEntry {
+    /// A parameter that stands earlier.
+    parameter: String,
+    /// Values of it.
+    any_of: Vec<Plain>,
+}
+
+/// `lesser <= greater`, between two numeric parameters, while both are active.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ConstraintEntry {
+    /// The parameter that must not be greater.
+    lesser: String,
+    /// The parameter that must not be less.
+    greater: String,
+}
+
+/// One number that describes the input.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct IndicatorEntry {
+    /// Spelt like a parameter's name.
+    name: String,
+    /// Mapped to 0. Values outside are accepted.
+    min: Number,
+    /// Mapped to 1.
+    max: Number,
+    /// `log` maps log(1 + value - min).
+    #[serde(default, skip_serializing_if = "ScaleWord::is_linear")]
+    scale: ScaleWord,
+}
+
+/// A weighted metric.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct TermEntry {
+    /// Name of a measurement.
+    pub(crate) metric: String,
+    /// Above 0. Default 1.
+    #[serde(default = "one")]
+    pub(crate) weight: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// What a policy says of a field.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub(crate) enum PolicyEntry {
+    /// A number, switch or word.
+    Value(Plain),
+    /// A configuration, of `pinned`.
+    Configuration(BTreeMap<String, Plain>),
+}
+
+/// The two languages of study files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Language {
+    /// For people.
+    Toml,
+    /// For programs.
+    Json,
+}
+
+impl StudyFile {
+    /// Reads a file; `-` is standard input.
+    ///
+    /// # Errors
+    /// [`Failure::File`] with line and column of what is wrong.
+    pub(crate) fn read(path: &Path) -> Result<Self, Failure> {
+        let text = crate::files::read_text(path)?;
+        let is_json = path.extension().is_some_and(|extension| extension == "json")
+            || text.trim_start().starts_with('{');
+        Self::parse(&text, if is_json { Language::Json } else { Language::Toml })
+            .map_err(|problem| Failure::file(path, problem))
+    }
+
+    /// Reads a text. The error names line and column.
+    pub(crate) fn parse(text: &str, language: Language) -> Result<Self, String> {
+        match language {
+            Language::Toml => toml::from_str(text).map_err(|error| error.to_string().trim_end().to_owned()),
+            Language::Json => serde_json::from_str(text).map_err(|error| error.to_string()),
+        }
+    }
+
+    /// As text that [`StudyFile::parse`] reads.
+    pub(crate) fn write(&self, language: Language) -> Result<String, Failure> {
+        match language {
+            Language::Toml => {
+                toml::to_string(self).map_err(|error| Failure::Data(format!("as TOML: {error}")))
+            }
+            Language::Json => Ok(serde_json::to_string_pretty(self)? + "\n"),
+        }
+    }
+
+    /// The specification that the file describes.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] naming the entry.
+    pub(crate) fn spec(&self) -> Result<StudySpec, Failure> {
+        let parameters = self.parameters.iter().map(|entry| entry.parameter(&self.parameters));
+        let mut space = Space::builder();
+        for parameter in parameters {
+            space = space.with_parameter(parameter.map_err(Failure::Usage)?);
+        }
+        for Constraint { lesser, greater } in self.constraints.iter().map(ConstraintEntry::constraint) {
+            space = space.less_or_equal(&lesser, &greater);
+        }
+        let mut builder = StudySpec::builder(space.build()?)
+            .display_name(self.display_name.clone().unwrap_or_default())
+            .seed(self.seed.unwrap_or_default())
+            .policy(self.policy_settings()?);
+        if let Some(tolerance) = self.state_tolerance {
+            builder = builder.state_tolerance(tolerance);
+        }
+        for entry in &self.indicators {
+            builder =
+                builder.indicator(&entry.name, entry.min.float()..=entry.max.float(), entry.scale.into());
+        }
+        for term in &self.objective {
+            builder = builder.minimise(&term.metric, term.weight);
+        }
+        builder.build().map_err(|error| Failure::Usage(error.to_string()))
+    }
+
+    fn policy_settings(&self) -> Result<Policy, Failure> {
+        let mut policy = Policy::new();
+        for (field, entry) in &self.policy {
+            match entry {
+                PolicyEntry::Value(value) => policy
+                    .set_text(field, &value.value(false).to_string())
+                    .map_err(|error| Failure::Usage(error.to_string()))?,
+                PolicyEntry::Configuration(values) if field == "pinned" => {
+                    let values = values.iter().map(|(name, value)| (name.clone(), value.value(false)));
+                    let space_of = |name: &str| self.parameters.iter().find(|entry| entry.name == name);
+                    let typed = values.map(|(name, value)| {
+                        let floats = space_of(&name).is_some_and(ParameterEntry::is_float);
+                        (name, Plain::from(&value).value(floats))
+                    });
+                    policy.pinned = Some(typed.collect::<Configuration>());
+                }
+                PolicyEntry::Configuration(_) => {
+                    return Err(Failure::Usage(format!("policy.{field} is not a table")));
+                }
+            }
+        }
+        Ok(policy)
+    }
+
+    /// What describes a stored study.
+    ///
+    /// # Errors
+    /// When this version cannot read what is tuned.
+    pub(crate) fn of(study: &StudyRecord) -> Result<Self, Failure> {
+        let spec = study.spec()?;
+        let mut file = Self::of_spec(spec);
+        file.id = Some(study.id().to_owned());
+        file.policy = policy_entries(&study.policy)?;
+        Ok(file)
+    }
+
+    fn of_spec(spec: &StudySpec) -> Self {
+        let indicators = spec.indicators.indicators().iter().map(|indicator| IndicatorEntry {
+            name: indicator.name.clone(),
+            min: Number::Float(indicator.min),
+            max: Number::Float(indicator.max),
+            scale: indicator.scale.into(),
+        });
+        let terms = spec.objective.terms().iter();
+        Self {
+            id: None,
+            display_name: Some(spec.display_name.clone()).filter(|name| !name.is_empty()),
+            state_tolerance: Some(spec.state_tolerance),
+            seed: Some(spec.seed),
+            parameters: spec.space.parameters().iter().map(ParameterEntry::of).collect(),
+            constraints: spec
+                .space
+                .constraints()
+                .iter()
+                .map(|one| ConstraintEntry { lesser: one.lesser.clone(), greater: one.greater.clone() })
+                .collect(),
+            indicators: indicators.collect(),
+            objective: terms
+                .map(|term| TermEntry { metric: term.metric.clone(), weight: term.weight })
+                .collect(),
+            policy: BTreeMap::new(),
+        }
+    }
+}
+
+/// The fields of a policy that are not as the daemon would have them anyway.
+fn policy_entries(policy: &Policy) -> Result<BTreeMap<String, PolicyEntry>, Failure> {
+    let mut entries = BTreeMap::new();
+    let serde_json::Value::Object(values) = serde_json::to_value(policy)? else {
+        return Err(Failure::Data("a policy is no object".into()));
+    };
+    for field in Policy::FIELDS {
+        let said = policy.show(field.name);
+        if said.is_none() || said.as_deref() == Some(field.unset) {
+            continue;
+        }
+        if let Some(value) = values.get(field.name) {
+            entries.insert(field.name.to_owned(), serde_json::from_value(value.clone())?);
+        }
+    }
+    Ok(entries)
+}
+
+impl ConstraintEntry {
+    fn constraint(&self) -> Constraint {
+        Constraint { lesser: self.lesser.clone(), greater: self.greater.clone() }
+    }
+}
+
+impl ParameterEntry {
+    fn of(parameter: &Parameter) -> Self {
+        let linear = ScaleWord::Linear;
+        let (kind, min, max, scale, values) = match &parameter.domain {
+            Domain::Integer { min, max, scale } => (
+                Kind::Integer,
+                Some(Number::Integer(*min)),
+                Some(Number::Integer(*max)),
+                (*scale).into(),
+                Vec::new(),
+            ),
+            Domain::Float { min, max, scale } => (
+                Kind::Float,
+                Some(Number::Float(*min)),
+                Some(Number::Float(*max)),
+                (*scale).into(),
+                Vec::new(),
+            ),
+            Domain::Categorical { values } => {
+                (Kind::Categorical, None, None, linear, values.iter().map(Plain::from).collect())
+            }
+            Domain::Boolean => (Kind::Boolean, None, None, linear, Vec::new()),
+        };
+        let active_if = parameter.active_if.as_ref().map(|condition| ConditionEntry {
+            parameter: condition.parameter.clone(),
+            any_of: condition.any_of.iter().map(Plain::from).collect(),
+        });
+        let default = Plain::from(&parameter.default);
+        Self { name: parameter.name.clone(), kind, min, max, scale, values, default, active_if }
+    }
+
+    /// Whether its values are floats, so that whole numbers stand for floats.
+    fn is_float(&self) -> bool {
+        let some_float = || self.values.iter().any(|value| matches!(value, Plain::Float(_)));
+        self.kind == Kind::Float || (self.kind == Kind::Categorical && some_float())
+    }
+
+    fn parameter(&self, all: &[Self]) -> Result<Parameter, String> {
+        let floats = self.is_float();
+        let condition = |condition: &ConditionEntry| {
+            let other = all.iter().find(|other| other.name == condition.parameter);
+            let floats = other.is_some_and(Self::is_float);
+            Condition {
+                parameter: condition.parameter.clone(),
+                any_of: condition.any_of.iter().map(|value| value.value(floats)).collect(),
+            }
+        };
+        Ok(Parameter {
+            name: self.name.clone(),
+            domain: self.domain(floats)?,
+            default: self.default.value(floats),
+            active_if: self.active_if.as_ref().map(condition),
+        })
+    }
+
+    fn domain(&self, floats: bool) -> Result<Domain, String> {
+        let name = &self.name;
+        let bounds = || match (self.min, self.max) {
+            (Some(min), Some(max)) => Ok((min, max)),
+            _ => Err(format!("parameter {name}: a number needs `min` and `max`")),
+        };
+        let whole = |number: Number| match number {
+            Number::Integer(integer) => Ok(integer),
+            Number::Float(float) => {
+                Err(format!("parameter {name}: {float} is no whole number; write type = \"float\""))
+            }
+        };
+        let is_numeric = matches!(self.kind, Kind::Integer | Kind::Float);
+        if !is_numeric && (self.min.is_some() || self.max.is_some() || !self.scale.is_linear()) {
+            return Err(format!("parameter {name}: only numbers have `min`, `max` and `scale`"));
+        }
+        if self.kind != Kind::Categorical && !self.values.is_empty() {
+            return Err(format!("parameter {name}: only a categorical one has `values`"));
+        }
+        let scale = self.scale.into();
+        Ok(match self.kind {
+            Kind::Integer => {
+                let (min, max) = bounds()?;
+                Domain::Integer { min: whole(min)?, max: whole(max)?, scale }
+            }
+            Kind::Float => {
+                let (min, max) = bounds()?;
+                Domain::Float { min: min.float(), max: max.float(), scale }
+            }
+            Kind::Categorical => {
+                Domain::Categorical { values: self.values.iter().map(|value| value.value(floats)).collect() }
+            }
+            Kind::Boolean => Domain::Boolean,
+        })
+    }
+
+    /// `NAME=LOW..HIGH:DEFAULT`, `NAME=ONE|OTHER:DEFAULT` or `NAME=bool:DEFAULT`, numbers with `:log` if equal ratios are
+    /// to be equal steps.
+    pub(crate) fn inline(text: &str) -> Result<Self, String> {
+        let wrong =
+            || format!("`{text}` is not NAME=LOW..HIGH:DEFAULT, NAME=ONE|OTHER:DEFAULT or NAME=bool:DEFAULT");
+        let (name, rest) = text.split_once('=').ok_or_else(wrong)?;
+        let (rest, scale) = match rest.strip_suffix(":log") {
+            Some(rest) => (rest, ScaleWord::Log),
+            None => (rest, ScaleWord::Linear),
+        };
+        let (domain, default) = rest.rsplit_once(':').ok_or_else(wrong)?;
+        let plain = |text: &str| Plain::from(&Value::parse(text.trim()));
+        let mut entry = Self {
+            name: name.trim().to_owned(),
+            kind: Kind::Categorical,
+            min: None,
+            max: None,
+            scale,
+            values: Vec::new(),
+            default: plain(default),
+            active_if: None,
+        };
+        if let Some((low, high)) = domain.split_once("..") {
+            let number = |text: &str| match plain(text) {
+                Plain::Integer(integer) => Ok(Number::Integer(integer)),
+                Plain::Float(float) => Ok(Number::Float(float)),
+                _ => Err(format!("`{text}` in `{domain}` is no number")),
+            };
+            let (min, max) = (number(low)?, number(high.trim_start_matches('='))?);
+            let all_whole = matches!(
+                (min, max, &entry.default),
+                (Number::Integer(_), Number::Integer(_), Plain::Integer(_))
+            );
+            entry.kind = if all_whole { Kind::Integer } else { Kind::Float };
+            (entry.min, entry.max) = (Some(min), Some(max));
+        } else if domain.trim() == "bool" {
+            entry.kind = Kind::Boolean;
+        } else {
+            entry.values = domain.split('|').map(plain).collect();
+        }
+        Ok(entry)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,138 @@
+//! Study files: what is written is read back as the same study, and mistakes are named.
+
+use super::*;
+
+const FILE: &str = r#"
+id = "zstd"
+display_name = "a compressor"
+state_tolerance = 0.02
+seed = 7
+
+[[parameters]]
+name = "level"
+type = "integer"
+min = 1
+max = 19
+default = 3
+
+[[parameters]]
+name = "strategy"
+type = "categorical"
+values = ["fast", "lazy"]
+default = "fast"
+
+[[parameters]]
+name = "ratio"
+type = "float"
+min = 1
+max = 64.5
+scale = "log"
+default = 2
+active_if = { parameter = "strategy", any_of = ["lazy"] }
+
+[[parameters]]
+name = "long"
+type = "boolean"
+default = false
+
+[[constraints]]
+lesser = "level"
+greater = "ratio"
+
+[[indicators]]
+name = "megabytes"
+min = 0
+max = 1000
+scale = "log"
+
+[[objective]]
+metric = "wall_ms"
+
+[[objective]]
+metric = "bytes"
+weight = 0.001
+
+[policy]
+epsilon = 0.5
+search = "nelder_mead"
+weigh_gain = true
+pinned = { level = 1, strategy = "lazy", ratio = 4, long = true }
+"#;
+
+fn read(text: &str) -> StudyFile {
+    StudyFile::parse(text, Language::Toml).expect("a study file")
+}
+
+#[test]
+fn what_is_written_is_read_back_in_both_languages() {
+    let file = read(FILE);
+    let spec = file.spec().expect("a specification");
+    assert_eq!(spec.space.parameters()[2].default, Value::Float(2.0), "whole numbers stand for floats");
+    assert_eq!(spec.objective.terms()[0].weight, 1.0);
+    let written = StudyFile {
+        id: file.id.clone(),
+        policy: policy_entries(&spec.policy).expect("plain data"),
+        ..StudyFile::of_spec(&spec)
+    };
+    for language in [Language::Toml, Language::Json] {
+        let text = written.write(language).expect("text");
+        let again = StudyFile::parse(&text, language).unwrap_or_else(|problem| panic!("{problem}\n{text}"));
+        assert_eq!(again.spec().expect("a specification"), spec, "{text}");
+        assert_eq!(again.id.as_deref(), Some("zstd"));
+    }
+}
+
+#[test]
+fn a_policy_as_the_daemon_has_it_is_shortened_to_what_differs() {
+    let entries = |policy: &Policy| policy_entries(policy).expect("plain data");
+    assert!(entries(&Policy::new().epsilon(0.2).lease_s(60)).is_empty(), "the defaults");
+    let changed = entries(&Policy::new().epsilon(0.25).lease_s(60));
+    assert_eq!(changed.keys().collect::<Vec<_>>(), ["epsilon"]);
+}
+
+#[test]
+fn mistakes_are_named() {
+    let parse = |text: &str| StudyFile::parse(text, Language::Toml).expect_err("a mistake");
+    assert!(parse(&FILE.replace("display_name", "colour")).contains("colour"));
+    assert!(parse(&FILE.replace("seed = 7", "seed = \"x\"")).contains("line 5"));
+    let spec = |text: &str| read(text).spec().expect_err("a mistake").to_string();
+    assert!(spec(&FILE.replace("max = 19", "max = 19.5")).contains("19.5 is no whole number"));
+    assert!(spec(&FILE.replace("default = 3", "default = 20")).contains("level"));
+    assert!(spec(&FILE.replace("search = \"nelder_mead\"", "search = \"best\"")).contains("nelder_mead"));
+    assert!(spec(&FILE.replace("epsilon = 0.5", "epsilon = 5")).contains("between 0 and 1"));
+    assert!(spec(&FILE.replace("epsilon", "patience")).contains("patience"));
+    let with_bounds = FILE.replace("default = false", "default = false\nmin = 1");
+    assert!(spec(&with_bounds).contains("only numbers have"));
+}
+
+#[test]
+fn parameters_are_written_in_one_word() {
+    let domain = |text: &str| {
+        let entry = ParameterEntry::inline(text).expect("a parameter");
+        let parameter = entry.parameter(&[]).expect("a parameter");
+        (parameter.name, parameter.domain, parameter.default)
+    };
+    let integer = Domain::Integer { min: 1, max: 19, scale: Scale::Linear };
+    assert_eq!(domain("level=1..19:3"), ("level".into(), integer, Value::Integer(3)));
+    let float = Domain::Float { min: 1.0, max: 64.0, scale: Scale::Log };
+    assert_eq!(domain("ratio=1..64.0:2:log"), ("ratio".into(), float, Value::Float(2.0)));
+    let words = Domain::Categorical { values: vec!["off".into(), "wal".into()] };
+    assert_eq!(domain("journal=off|wal:wal"), ("journal".into(), words, Value::from("wal")));
+    assert_eq!(domain("long=bool:false"), ("long".into(), Domain::Boolean, Value::from(false)));
+    for wrong in ["level", "level=3", "level=a..b:3"] {
+        assert!(ParameterEntry::inline(wrong).is_err(), "{wrong}");
+    }
+}
+
+#[test]
+fn the_schema_knows_every_field() {
+    let schema = schema();
+    assert!(schema["$schema"].as_str().is_some_and(|version| version.contains("2020-12")));
+    let file: serde_json::Value = serde_json::to_value(read(FILE)).expect("plain data");
+    for key in file.as_object().expect("an object").keys() {
+        assert!(schema["properties"][key].is_object(), "{key}");
+    }
+    for field in Policy::FIELDS {
+        assert!(schema["properties"]["policy"]["properties"][field.name].is_object(), "{}", field.name);
+    }
+}

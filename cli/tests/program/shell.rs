@@ -1,0 +1,68 @@
+//! Ask and tell in a shell, and what scripts need besides: exports, completions, manual pages.
+
+use serde_json::Value;
+
+use super::{answer, run, with_trials};
+
+#[test]
+fn a_trial_is_asked_for_and_told() {
+    let fake = with_trials();
+    let asked = answer(&fake, &["suggest", "sponza", "--indicator", "triangles=1000"]);
+    let lines: Vec<_> = asked.lines().collect();
+    assert_eq!(lines[0], "export TREEWRIGHT_TRIAL=studies/sponza/trials/6", "{asked}");
+    assert!(lines.contains(&"export TREEWRIGHT_PARAM_COMPACT=false"), "{asked}");
+    let again = answer(&fake, &["suggest", "sponza", "--indicator", "triangles=1000", "--format", "args"]);
+    assert!(again.contains("--compact=false --max-depth="), "{again}");
+    let told = answer(&fake, &["report", "studies/sponza/trials/6", "render_ms=3.5"]);
+    assert_eq!(told, "studies/sponza/trials/6 is reported, cost 3.5000\n");
+    let twice = answer(&fake, &["report", "studies/sponza/trials/6", "render_ms=9"]);
+    assert!(twice.contains("already") && twice.contains("3.5000"), "{twice}");
+    let wrong = run(&fake, &["report", "studies/sponza/trials/7", "render_ms=9"]);
+    assert_eq!(wrong.status.code(), Some(1));
+}
+
+#[test]
+fn an_export_is_read_again_and_nothing_is_there_twice() {
+    let fake = with_trials();
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("sponza.jsonl");
+    let file = file.to_str().expect("a path of text");
+    answer(&fake, &["export", "sponza", "--site", "here", "--out", file]);
+    let lines: Vec<Value> = std::fs::read_to_string(file)
+        .expect("the export")
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("JSON"))
+        .collect();
+    assert_eq!(lines.len(), 6);
+    assert_eq!(lines[0]["study"]["id"], "sponza");
+    assert_eq!(lines[1]["origin"], "here/studies/sponza/trials/1");
+    let own = answer(&fake, &["import", file, "--site", "here"]);
+    assert_eq!(own, "sponza: 0 trial(s) added, 5 known already\n", "they came from there");
+    let other = answer(&fake, &["import", file, "--site", "there", "--dry-run"]);
+    assert_eq!(other, "sponza: 5 trial(s) would be added, 0 known already\n");
+    assert_eq!(fake.book().trials.len(), 5, "nothing was written");
+    let problem = run(&fake, &["import", "/no/such.jsonl"]);
+    assert!(String::from_utf8_lossy(&problem.stderr).contains("/no/such.jsonl"));
+}
+
+#[test]
+fn completions_and_manual_pages_know_every_command() {
+    let fake = with_trials();
+    for shell in ["bash", "zsh", "fish"] {
+        assert!(answer(&fake, &["completions", shell]).contains("suggest"), "{shell}");
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().to_str().expect("a path of text");
+    assert!(answer(&fake, &["man", path]).contains("treewright.1"));
+    assert!(std::fs::read_dir(folder.path()).expect("the folder").count() > 20);
+}
+
+#[test]
+fn a_look_at_a_study_shows_leases_and_the_best() {
+    let fake = with_trials();
+    let shown = answer(&fake, &["watch", "sponza", "--once"]);
+    assert!(shown.contains("studies/sponza") && shown.contains("0 states"), "{shown}");
+    let json: Value =
+        serde_json::from_str(&answer(&fake, &["watch", "sponza", "--once", "--json"])).expect("JSON");
+    assert_eq!(json["study"]["name"], "studies/sponza");
+}

@@ -1,0 +1,89 @@
+//! Studies as data, over the wire of the stand-in: created from files, shown as files, copied.
+
+use std::path::Path;
+
+use super::{Fake, answer, run, with_trials};
+
+const STUDY: &str = "\
+[[parameters]]
+name = \"level\"
+type = \"integer\"
+min = 1
+max = 19
+default = 3
+
+[[objective]]
+metric = \"render_ms\"
+
+[policy]
+epsilon = 0.25
+";
+
+fn write(folder: &Path, name: &str, text: &str) -> String {
+    let path = folder.join(name);
+    std::fs::write(&path, text).expect("a file");
+    path.to_str().expect("a path of text").to_owned()
+}
+
+#[test]
+fn what_is_shown_can_be_fed_back() {
+    let (fake, folder) = (Fake::start(), tempfile::tempdir().expect("a folder"));
+    let file = write(folder.path(), "zstd.toml", STUDY);
+    assert_eq!(answer(&fake, &["study", "create", &file]), "studies/zstd is there\n");
+    assert_eq!(answer(&fake, &["study", "create", &file]), "studies/zstd is there\n", "it may be repeated");
+    for format in ["toml", "json"] {
+        let shown = answer(&fake, &["study", "show", "zstd", "--format", format]);
+        let again = write(folder.path(), &format!("again.{format}"), &shown);
+        let id = format!("zstd-{format}");
+        answer(&fake, &["study", "create", &again, "--id", &id]);
+        let book = fake.book();
+        let (one, other) = (&book.studies["studies/zstd"], &book.studies[&format!("studies/{id}")]);
+        assert_eq!(
+            (&one.space, &one.objective, &one.policy),
+            (&other.space, &other.objective, &other.policy)
+        );
+    }
+}
+
+#[test]
+fn mistakes_in_files_are_named() {
+    let (fake, folder) = (Fake::start(), tempfile::tempdir().expect("a folder"));
+    let problem = |text: &str, said: &[&str]| {
+        let file = write(folder.path(), "bad.toml", text);
+        let output = run(&fake, &["study", "create", &file]);
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && said.iter().all(|part| words.contains(part)), "{words}");
+    };
+    problem(&STUDY.replace("default = 3", "default = 30"), &["level", "1 to 19"]);
+    problem(&STUDY.replace("min = 1", "mini = 1"), &["bad.toml", "mini"]);
+    problem(&STUDY.replace("epsilon = 0.25", "epsilon = 2"), &["epsilon", "between 0 and 1"]);
+    problem("", &["parameters"]);
+    assert!(fake.book().studies.is_empty());
+}
+
+#[test]
+fn a_copy_has_the_trials_and_the_rest_of_what_was_learnt() {
+    let fake = with_trials();
+    let told = answer(&fake, &["study", "clone", "sponza", "copy"]);
+    assert_eq!(told, "copy: 5 trial(s) added, 0 known already\n");
+    assert_eq!(fake.book().studies.len(), 2);
+    let there = run(&fake, &["study", "clone", "sponza", "copy"]);
+    assert!(String::from_utf8_lossy(&there.stderr).contains("is there already"));
+    let spec = answer(&fake, &["study", "show", "sponza", "--format", "toml"]);
+    let folder = tempfile::tempdir().expect("a folder");
+    let more = spec.replacen(
+        "[[objective]]",
+        "[[indicators]]\nname = \"lights\"\nmin = 0\nmax = 9\n\n[[objective]]",
+        1,
+    );
+    let file = write(folder.path(), "more.toml", &more);
+    let without = answer(&fake, &["study", "clone", "sponza", "more", "--spec", &file]);
+    assert!(without.contains("do not fit") && without.contains("--indicator lights="), "{without}");
+}
+
+#[test]
+fn the_schema_is_printed_without_a_daemon() {
+    let output = super::treewright().args(["study", "schema"]).output().expect("the program starts");
+    let schema: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert!(schema["properties"]["parameters"].is_object());
+}

@@ -1,0 +1,112 @@
+//! Any program is tuned from the command line, with the user's own daemon where there is no other.
+
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use treewright_tests::daemon::Daemon;
+use treewright_tests::programs::{program, run, stderr, stdout};
+
+/// Costs 5 at level 13, and more elsewhere.
+const TOY: &str = r#"l={level}; echo "{\"loss\": $(( (l-13)*(l-13) + 5 ))}""#;
+
+fn json(output: &Output) -> Value {
+    assert!(output.status.success(), "{}", stderr(output));
+    serde_json::from_str(&stdout(output)).expect("JSON")
+}
+
+fn exec(url: &str, more: &[&str], script: &str) -> Output {
+    let mut all = vec!["--server", url, "--json", "exec", "toy", "--tune", "level=1..30:3"];
+    all.extend(["--minimise", "loss", "--metric", "json"]);
+    all.extend(more);
+    all.extend(["--", "sh", "-c", script]);
+    run("treewright", &all)
+}
+
+#[test]
+fn a_program_is_tuned_and_its_winner_confirmed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let done = json(&exec(daemon.url(), &["--trials", "25", "--confirm=6"], TOY));
+    let best = &done["best"];
+    assert_eq!(best["default_cost"], 105.0, "{done}");
+    assert!(best["cost"].as_f64().is_some_and(|cost| cost <= 9.0), "{done}");
+    let level = best["configuration"]["level"].as_i64().expect("a level");
+    assert_eq!(best["command"][2], TOY.replace("{level}", &level.to_string()));
+    let gain = &done["confirmation"];
+    assert_eq!(gain["pairs"], 6);
+    assert!(gain["low"].as_f64().is_some_and(|low| low > 0.9), "{done}");
+    // The pairs are learnt like all else: the default was measured once by the search, and then six times.
+    let url = daemon.url();
+    let all = ["--server", url, "--json", "trials", "toy", "--filter", "config.level = 3", "--all"];
+    assert_eq!(json(&run("treewright", &all)).as_array().map(Vec::len), Some(7));
+}
+
+#[test]
+fn what_fails_is_infeasible_and_what_cannot_work_at_all_is_an_error() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let script = format!("if [ {{level}} -gt 9 ]; then echo out of memory >&2; exit 7; fi; {TOY}");
+    let done = json(&exec(daemon.url(), &["--trials", "12"], &script));
+    assert!(done["infeasible"].as_u64().is_some_and(|count| count > 0), "{done}");
+    assert!(done["best"]["configuration"]["level"].as_i64().is_some_and(|level| level <= 9), "{done}");
+    let failed = ["--server", daemon.url(), "trials", "toy", "--json", "--filter", "outcome = INFEASIBLE"];
+    let failed = json(&run("treewright", &failed));
+    let reason = failed[0]["outcome"]["infeasible"]["reason"].as_str().unwrap_or_default();
+    assert!(reason.contains('7') && reason.contains("out of memory"), "{reason}");
+
+    let refused = |study: &str, command: &[&str], said: &str| {
+        let mut all = vec!["--server", daemon.url(), "exec", study, "--tune", "level=1..30:3", "--"];
+        all.extend(command);
+        let output = run("treewright", &all);
+        assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+        assert!(stderr(&output).contains(said), "{}", stderr(&output));
+    };
+    refused("never", &["sh", "-c", "echo no such file >&2; exit 2"], "no such file");
+    refused("nobody", &["/no/such/program"], "/no/such/program cannot be started");
+    let unknown = run("treewright", &["--server", daemon.url(), "exec", "toy", "--", "echo", "{depth}"]);
+    assert!(stderr(&unknown).contains("{depth}") && stderr(&unknown).contains("level"));
+    let metric = ["--server", daemon.url(), "exec", "toy", "--", "true"];
+    assert!(stderr(&run("treewright", &metric)).contains("the study minimises loss"));
+}
+
+/// The program with a home of its own.
+fn at_home(home: &Path) -> Command {
+    let mut command = Command::new(program("treewright"));
+    for variable in ["TREEWRIGHT_SERVER", "TREEWRIGHT_CONFIG", "XDG_CONFIG_HOME", "XDG_DATA_HOME"] {
+        command.env_remove(variable);
+    }
+    command.env("HOME", home).env("XDG_RUNTIME_DIR", home.join("run")).env("TREEWRIGHT_LOCAL_IDLE_S", "3");
+    command
+}
+
+#[test]
+fn a_local_daemon_is_started_once_and_ends_by_itself() {
+    let home = tempfile::tempdir().expect("a folder");
+    let begin = |_: usize| {
+        let mut command = at_home(home.path());
+        command.args(["--server", "local", "--json", "ping"]);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts")
+    };
+    let all: Vec<_> = (0..6).map(begin).collect();
+    let all: Vec<Output> = all.into_iter().map(|one| one.wait_with_output().expect("it ends")).collect();
+    let servers: Vec<_> = all.iter().map(|output| json(output)["server"].clone()).collect();
+    assert!(servers.windows(2).all(|pair| pair[0] == pair[1]), "{servers:?}");
+    let started = all.iter().filter(|output| stderr(output).contains("started a local daemon")).count();
+    assert_eq!(started, 1, "only one of them starts it");
+
+    // Another call finds it, by no more than being at home; what it makes stays for the next daemon.
+    let toy = ["exec", "toy", "--tune", "level=1..30:3", "--trials", "3", "--", "true", "{level}"];
+    let done = at_home(home.path()).arg("--json").args(toy).output().expect("the program starts");
+    assert_eq!(json(&done)["trials"], 3);
+    let url = servers[0].as_str().expect("text").to_owned();
+    let patience = Instant::now() + Duration::from_secs(60);
+    while run("treewright", &["--server", &url, "ping"]).status.success() {
+        assert!(Instant::now() < patience, "it does not end");
+        // Each question puts its end off.
+        std::thread::sleep(Duration::from_secs(8));
+    }
+    let studies = at_home(home.path()).args(["--json", "studies"]).output().expect("the program starts");
+    assert_eq!(json(&studies)[0]["statistics"]["completed_trials"], 3);
+}
