@@ -157,6 +157,7 @@ fn suggest(wanted: Option<wire::Configuration>) -> wire::SuggestRequest {
         session: 7,
         can_abort: true,
         session_policy: None,
+        origin: String::new(),
     }
 }
 
