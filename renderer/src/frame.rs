@@ -6,7 +6,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use serde::Serialize;
+use rustix::time::{ClockId, clock_gettime};
+use serde::{Deserialize, Serialize};
 use treewright_accel::{
     BuildChoice, BuildError, Device, DeviceError, Intersector, Structure, Update, Visitor, build,
     build_instanced,
@@ -18,12 +19,25 @@ use crate::render_options::RenderOptions;
 use treewright_scene::Scene;
 
 /// What one frame took.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameTimes {
     /// Building the structure; 0 when it was kept.
     pub build_ms: f64,
     /// Rendering one sample a pixel.
     pub render_ms: f64,
+    /// Processor time of all threads during the build; absent where it was not measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub build_cpu_ms: Option<f64>,
+    /// Processor time of the render threads during the frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub render_cpu_ms: Option<f64>,
+}
+
+impl FrameTimes {
+    /// By the clock on the wall alone.
+    pub fn of(build_ms: f64, render_ms: f64) -> Self {
+        Self { build_ms, render_ms, ..Self::default() }
+    }
 }
 
 /// Why there is no renderer.
@@ -216,6 +230,12 @@ impl Renderer {
         Some((milliseconds(begin), is_whole))
     }
 
+    /// Processor time that the render threads have used so far, in milliseconds. Unlike the clock on the wall it hardly
+    /// notices other work on the machine.
+    pub fn render_cpu_ms(&self) -> f64 {
+        self.pool.broadcast(|_| cpu_ms(ClockId::ThreadCPUTime)).iter().sum()
+    }
+
     /// Runs something on the render threads.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         self.pool.install(work)
@@ -243,7 +263,47 @@ impl Visitor for Sample<'_> {
     }
 }
 
+/// Processor time that all threads of this process have used so far, Embree's own included, in milliseconds.
+pub fn process_cpu_ms() -> f64 {
+    cpu_ms(ClockId::ProcessCPUTime)
+}
+
+fn cpu_ms(clock: ClockId) -> f64 {
+    let time = clock_gettime(clock);
+    time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6
+}
+
 /// Milliseconds since `begin`.
 pub fn milliseconds(begin: Instant) -> f64 {
     begin.elapsed().as_secs_f64() * 1e3
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::space::Choice;
+    use treewright_accel::NativeQuality;
+    use treewright_scene::builtin;
+
+    #[test]
+    fn processor_time_is_that_of_the_threads_that_worked() {
+        let options = builtin::Options { detail: 0.05, ..builtin::Options::default() };
+        let scene = Arc::new(builtin::build("quick", &options).expect("it is built in"));
+        let mut renderer = Renderer::new(scene.clone(), 0).expect("Embree starts");
+        let native = Choice::native(NativeQuality::Medium);
+        let before = process_cpu_ms();
+        renderer.rebuild(&native.build).expect("it builds");
+        assert!(process_cpu_ms() > before);
+        let view = View { camera: scene.cameras[0], seed: 1, bounces: 2 };
+        let mut film = Film::new(64, 48);
+        let (begin, before) = (Instant::now(), renderer.render_cpu_ms());
+        for _ in 0..4 {
+            renderer.render(&view, &native.render, &mut film).expect("there is a structure");
+        }
+        let (used_ms, elapsed_ms) = (renderer.render_cpu_ms() - before, milliseconds(begin));
+        assert!(
+            used_ms > 0.0 && used_ms <= renderer.threads() as f64 * elapsed_ms + 1.0,
+            "{used_ms} ms in {elapsed_ms} ms"
+        );
+    }
 }

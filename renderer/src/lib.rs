@@ -6,12 +6,14 @@
 //! | `film`, `image_file` | the picture, and PNG and EXR files of it |
 //! | `frame`, `render_options` | one frame: build, render, how long each took |
 //! | `space` | what can be tuned, and what a configuration means |
+//! | `disturbance` | what else a machine did while something was measured |
 //! | `measure`, `statistics` | contenders in interleaved rounds, and what may be concluded from them |
 //! | `tuning` | the loop of the paper's Figure 1, over the wire |
 //! | `recorder` | the rays of a frame in a file |
 //!
 //! Scenes come from the crate `treewright-scene`, command lines stand in `treewright-render-cli`.
 
+pub mod disturbance;
 pub mod film;
 pub mod frame;
 pub mod image_file;

@@ -1,7 +1,8 @@
 //! Comparing acceleration structures: all of them in each round, one after the other.
 //!
 //! The speed of a machine drifts by more than the differences that are looked for. Contenders are therefore
-//! measured interleaved, each round begins with another one, and what is told are ratios within rounds.
+//! measured interleaved, each round begins with another one, and what is told are ratios within rounds. Contenders that
+//! are the same work under two names are measured once.
 
 use serde::Serialize;
 use treewright_accel::Structure;
@@ -10,7 +11,7 @@ use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer};
 use crate::integrator::View;
 use crate::space::Choice;
-use crate::statistics::Summary;
+use crate::statistics::{Ratio, Summary};
 
 /// A named structure to be measured.
 #[derive(Clone, Debug)]
@@ -55,6 +56,9 @@ pub struct Measured {
 pub struct Standing {
     /// The contender's name.
     pub name: String,
+    /// Which of several it is, where the best of them is told under one name.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub variant: Option<String>,
     /// Build times.
     pub build_ms: Summary,
     /// Render times of one sample a pixel.
@@ -74,6 +78,19 @@ impl Standing {
     pub fn speedup_over(&self, other: &Standing) -> Summary {
         Summary::of_ratios(&other.rounds_ms, &self.rounds_ms)
     }
+
+    /// The same with the interval in which it lies.
+    pub fn gain_over(&self, other: &Standing) -> Ratio {
+        Ratio::of(&other.rounds_ms, &self.rounds_ms)
+    }
+
+    /// The name for people, e.g. `native used well (high)`.
+    pub fn title(&self) -> String {
+        match &self.variant {
+            Some(variant) => format!("{} ({variant})", self.name),
+            None => self.name.clone(),
+        }
+    }
 }
 
 impl Measured {
@@ -84,7 +101,7 @@ impl Measured {
         };
         let builds = self.build_ms.iter().copied().chain(std::iter::repeat(last));
         let pairs = builds.zip(&self.render_ms);
-        pairs.map(|(build_ms, &render_ms)| FrameTimes { build_ms, render_ms }).collect()
+        pairs.map(|(build_ms, &render_ms)| FrameTimes::of(build_ms, render_ms)).collect()
     }
 
     /// Time of each round's frame with its share of the build.
@@ -103,6 +120,29 @@ impl Conditions {
 /// Measures all contenders. `go_on` is asked before each round; when it says no, what there is so far is told.
 /// One round more than asked for is run first and forgotten, to warm caches and clocks.
 pub fn interleaved(
+    renderer: &Renderer,
+    contenders: &[Contender],
+    conditions: &Conditions,
+    go_on: impl FnMut() -> bool,
+) -> Vec<Measured> {
+    let mut distinct: Vec<Contender> = Vec::new();
+    let mut place = Vec::new();
+    for contender in contenders {
+        let known = distinct.iter().position(|one| one.choice == contender.choice);
+        place.push(known.unwrap_or(distinct.len()));
+        if known.is_none() {
+            distinct.push(contender.clone());
+        }
+    }
+    let measured = in_turns(renderer, &distinct, conditions, go_on);
+    let of = |(contender, place): (&Contender, &usize)| Measured {
+        name: contender.name.clone(),
+        ..measured[*place].clone()
+    };
+    contenders.iter().zip(&place).map(of).collect()
+}
+
+fn in_turns(
     renderer: &Renderer,
     contenders: &[Contender],
     conditions: &Conditions,
@@ -182,6 +222,7 @@ pub fn standings(measured: &[Measured], frames_per_build: u32) -> Vec<Standing> 
             let frame_ms = one.frame_ms(frames_per_build);
             Standing {
                 name: one.name.clone(),
+                variant: None,
                 build_ms: Summary::of(&one.build_ms),
                 render_ms: Summary::of(&one.render_ms),
                 frame_ms: Summary::of(&frame_ms),
@@ -196,6 +237,10 @@ pub fn standings(measured: &[Measured], frames_per_build: u32) -> Vec<Standing> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render_options::RenderOptions;
+    use std::sync::Arc;
+    use treewright_accel::NativeQuality;
+    use treewright_scene::builtin;
 
     #[test]
     fn speedups_are_those_of_pairs() {
@@ -218,5 +263,24 @@ mod tests {
         let built_each = standings(&measured, 1);
         assert_eq!(built_each[1].frame_ms.median, 20.0);
         assert_eq!(built_each[1].speedup.median, 2.0);
+        assert_eq!(built_each[1].gain_over(&built_each[0]).count, 3);
+    }
+
+    #[test]
+    fn the_same_work_under_two_names_is_measured_once() {
+        let options = builtin::Options { detail: 0.02, ..builtin::Options::default() };
+        let scene = Arc::new(builtin::build("quick", &options).expect("it is built in"));
+        let renderer = Renderer::new(scene.clone(), 0).expect("Embree starts");
+        let view = View { camera: scene.cameras[0], seed: 1, bounces: 1 };
+        let conditions = Conditions { view, width: 8, height: 8, rounds: 2, frames_per_build: 1 };
+        let native = Choice::native(NativeQuality::Low);
+        let staged = Choice { render: RenderOptions { staged: true, ..native.render }, ..native };
+        let contenders = [("a", native), ("b", staged), ("c", native)]
+            .map(|(name, choice)| Contender { name: name.into(), choice });
+        let all = interleaved(&renderer, &contenders, &conditions, || true);
+        let names: Vec<&str> = all.iter().map(|one| one.name.as_str()).collect();
+        assert_eq!(names, ["a", "b", "c"]);
+        assert_eq!(all[0].render_ms, all[2].render_ms);
+        assert!(all[0].render_ms.len() == 2 && all[0].render_ms != all[1].render_ms);
     }
 }

@@ -39,6 +39,76 @@ impl Summary {
     }
 }
 
+/// How many times faster one contender is than another: the median of pairs, and where the true median lies with a
+/// confidence of 95 %.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Ratio {
+    /// Median of the ratios within pairs; 0 when there are none.
+    pub median: f64,
+    /// Lower and upper end of the interval; `None` for fewer than six pairs, which cannot have one.
+    pub interval: Option<[f64; 2]>,
+    /// How many pairs there are.
+    pub count: usize,
+}
+
+/// What lies outside of an interval on either side.
+const TAIL: f64 = 0.025;
+
+impl Ratio {
+    /// Of the ratios `numerators[i] / denominators[i]`. The interval lies between two of the sorted ratios and supposes
+    /// nothing about how they are distributed (Hahn and Meeker, Statistical Intervals, 1991, section 5.2).
+    pub fn of(numerators: &[f64], denominators: &[f64]) -> Self {
+        let mut ratios: Vec<f64> = numerators.iter().zip(denominators).map(|(a, b)| a / b).collect();
+        ratios.sort_by(f64::total_cmp);
+        let interval = outside(ratios.len()).map(|rank| [ratios[rank], ratios[ratios.len() - 1 - rank]]);
+        Self { median: quantile(&ratios, 0.5), interval, count: ratios.len() }
+    }
+
+    /// Whether it is shown to be above 1.
+    pub fn is_gain(&self) -> bool {
+        self.interval.is_some_and(|[low, _]| low > 1.0)
+    }
+
+    /// Whether it is shown to be below 1.
+    pub fn is_loss(&self) -> bool {
+        self.interval.is_some_and(|[_, high]| high < 1.0)
+    }
+}
+
+/// `1.21 × [1.18, 1.25]`.
+impl std::fmt::Display for Ratio {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{:.2} ×", self.median)?;
+        match self.interval {
+            Some([low, high]) => write!(formatter, " [{low:.2}, {high:.2}]"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// How many of `count` sorted values may be left out on each side so that the median lies between the others with the
+/// confidence of the interval: it is below the value of rank `k` with the probability that of `count` throws of a coin
+/// at most `k` show heads.
+fn outside(count: usize) -> Option<usize> {
+    let mut term = 0.5_f64.powi(i32::try_from(count).unwrap_or(i32::MAX));
+    let mut below = term;
+    let mut rank = None;
+    // Where the first term is no number above 0 any more, the normal distribution serves.
+    if term < f64::MIN_POSITIVE {
+        let half = count as f64 / 2.0;
+        return Some((half - 1.96 * half.sqrt() / std::f64::consts::SQRT_2 - 0.5).max(0.0) as usize);
+    }
+    for heads in 0..count {
+        if below > TAIL {
+            break;
+        }
+        rank = Some(heads);
+        term *= (count - heads) as f64 / (heads + 1) as f64;
+        below += term;
+    }
+    rank
+}
+
 /// A quantile of sorted values, interpolated between neighbours (Hyndman and Fan, Sample Quantiles in
 /// Statistical Packages, 1996, definition 7). Zero when there are none.
 pub fn quantile(sorted: &[f64], share: f64) -> f64 {
@@ -100,6 +170,26 @@ mod tests {
     #[test]
     fn ratios_are_taken_pair_by_pair() {
         assert_eq!(Summary::of_ratios(&[2.0, 40.0, 6.0], &[1.0, 10.0, 6.0]).median, 2.0);
+    }
+
+    #[test]
+    fn the_intervals_of_a_median_are_those_of_the_tables() {
+        // Ranks from 0 of two-sided 95 % intervals of a median (Conover, Practical Nonparametric Statistics, table A3).
+        for (count, rank) in
+            [(5, None), (6, Some(0)), (9, Some(1)), (15, Some(3)), (21, Some(5)), (100, Some(39))]
+        {
+            assert_eq!(outside(count), rank, "{count}");
+        }
+        assert!(outside(4000).is_some_and(|rank| (1930..=1940).contains(&rank)), "{:?}", outside(4000));
+        let nine: Vec<f64> = (1..=9).map(f64::from).collect();
+        let ratio = Ratio::of(&nine, &[1.0; 9]);
+        assert_eq!((ratio.median, ratio.interval, ratio.count), (5.0, Some([2.0, 8.0]), 9));
+        assert!(ratio.is_gain() && !ratio.is_loss());
+        assert!(Ratio::of(&[1.0; 9], &nine).is_loss());
+        assert!(!Ratio::of(&[1.0; 9], &[1.0; 9]).is_gain(), "an interval that touches 1 shows nothing");
+        assert!(!Ratio::of(&[2.0; 5], &[1.0; 5]).is_gain(), "five pairs show nothing");
+        assert_eq!(ratio.to_string(), "5.00 × [2.00, 8.00]");
+        assert_eq!(Ratio::of(&[], &[]).count, 0);
     }
 
     const CASE: BreakEven = BreakEven {

@@ -212,7 +212,12 @@ fn converge_reference(
         return Ok(());
     }
     // No contender's clock runs, so the fastest way that is known without measuring will do.
-    let premises = Premises::of(renderer.scene(), false, false, arguments.view.frame.threads);
+    let premises = Premises {
+        animated: false,
+        instanced: renderer.scene().instances.is_some(),
+        threads: arguments.view.frame.threads,
+        ..Premises::all()
+    };
     let choice = TuningSpace::new(Preset::Full, &premises).default_choice();
     let (structure, _) = renderer.build(&choice.build)?;
     let bar = if arguments.prints_json() {

@@ -11,7 +11,7 @@ use treewright_client::blocking::{Client, Study};
 use treewright_client::{Configuration, Mode, Policy, SessionPolicy};
 
 use crate::converge::curve::Entrant;
-use treewright_render_cli::arguments::{Size, SpaceArguments, indicators};
+use treewright_render_cli::arguments::{Size, SpaceArguments};
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
@@ -25,6 +25,8 @@ use treewright_renderer::tuning::objective::{Objective, specification};
 use treewright_renderer::tuning::run_off::{FINALISTS, leaders, run_off};
 use treewright_renderer::tuning::search;
 use treewright_renderer::tuning::verdict::{self, NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, TUNED};
+use treewright_renderer::tuning::workload::Workload;
+use treewright_scene::indicators::SceneIndicators;
 
 /// How long a frame of the search waits for the daemon at most.
 const DEADLINE_MS: u64 = 500;
@@ -55,7 +57,7 @@ pub(super) struct EntrantArguments {
     #[command(flatten)]
     pub(super) credentials: treewright_client::CredentialArguments,
 
-    /// Id of the daemon's study; made of scene, objective, size and space when left out. Its name is the one
+    /// Id of the daemon's study; made of objective and space when left out. Its name is the one
     /// that `tune --objective render` gives, so that the prediction can rest on what was tuned before.
     #[arg(long, value_name = "ID", requires = "server")]
     pub(super) study: Option<String>,
@@ -139,15 +141,14 @@ impl EntrantArguments {
         let client = server.connect(setting.threads)?;
         let scene = renderer.scene().clone();
         let space = Arc::new(self.space.of(&scene, Objective::Render, setting.threads)?);
-        let id = server.study_id(&scene, Objective::Render, setting.size, &space);
-        let title: String =
-            format!("{} at {}, render time", scene.name, setting.size).chars().take(200).collect();
-        let spec = specification(&space, &title, Objective::Render, Policy::new(), setting.view.seed)?;
-        let study = client.study(&id, spec)?;
+        let id = server.study_id(Objective::Render, &space);
+        let study = client.study(&id, specification(&space, Objective::Render, Policy::new())?)?;
         let mut all = Vec::new();
 
         let begin = Instant::now();
-        let indicators = indicators(&scene, &setting.view.camera);
+        let Size { width, height } = setting.size;
+        let workload = Workload::of(&scene, width, height, setting.view.bounces);
+        let indicators = workload.state(&SceneIndicators::of(&scene).with_camera(&setting.view.camera));
         let answer = study.predict(&indicators)?;
         let answer_ms = milliseconds(begin);
         if answer.mode == Mode::Default {
@@ -184,7 +185,8 @@ impl EntrantArguments {
         setting: &search::SearchSetting,
         interrupt: Interrupt,
     ) -> Result<Configuration, CliError> {
-        let done = u32::try_from(study.record()?.statistics.completed_trials).unwrap_or(0);
+        let insight = study.predict(&setting.indicators)?.state;
+        let done = insight.map_or(0, |insight| u32::try_from(insight.tried).unwrap_or(0));
         let room = done.saturating_add(self.iterations).min(ITERATIONS_MAX);
         study.set_session_policy(SessionPolicy {
             epsilon: Some(1.0),

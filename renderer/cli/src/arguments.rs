@@ -14,6 +14,7 @@ use treewright_renderer::integrator::View;
 use treewright_renderer::limits::{BOUNCES_MAX, SIZE_MAX, THREADS_MAX};
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
 use treewright_scene::{Camera, Scene, builtin, load};
@@ -31,6 +32,10 @@ pub struct SceneArguments {
     /// Scales the number of triangles of a built-in scene, 0.001 to 8.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub detail: f32,
+
+    /// Seed of a built-in scene: another one gives another scene of the same kind.
+    #[arg(long, value_name = "N")]
+    pub scene_seed: Option<u64>,
 
     /// Moment of an animated built-in scene; 0 to 1 is one round.
     #[arg(long, value_name = "T", default_value_t = 0.0, allow_negative_numbers = true)]
@@ -65,8 +70,9 @@ impl SceneArguments {
     pub fn load(&self) -> Result<Arc<Scene>, CliError> {
         let scene = match self.scene.strip_prefix(BUILTIN) {
             Some(name) => {
-                let options =
-                    builtin::Options { detail: self.detail, time: self.time, ..builtin::Options::default() };
+                let default = builtin::Options::default();
+                let seed = self.scene_seed.unwrap_or(default.seed);
+                let options = builtin::Options { detail: self.detail, time: self.time, seed };
                 builtin::build(name, &options)?
             }
             None => load(&self.scene)?,
@@ -139,6 +145,11 @@ impl FrameArguments {
         let mut renderer = Renderer::new(scene.clone(), self.threads)?;
         renderer.set_leave_out(self.leave_out == LeaveOut::All);
         Ok(renderer)
+    }
+
+    /// What is asked of each of its frames.
+    pub fn workload(&self, scene: &Scene, size: Size) -> Workload {
+        Workload::of(scene, size.width, size.height, self.bounces)
     }
 
     /// What is rendered from a camera.
@@ -231,14 +242,25 @@ pub struct SpaceArguments {
 }
 
 impl SpaceArguments {
-    /// The space for a scene, with only what the scene can use.
+    /// The space of a study: the same for all scenes that stand still, but for those of instances, which have more to tune.
     pub fn of(&self, scene: &Scene, objective: Objective, threads: usize) -> Result<TuningSpace, CliError> {
-        self.checked(Premises::of(scene, objective.builds_each_frame(), self.robust, threads))
+        self.checked(self.premises(scene, objective, threads))
     }
 
-    /// The space for a scene that moves, with what brings a structure along.
+    /// What decides about it.
+    pub fn premises(&self, scene: &Scene, objective: Objective, threads: usize) -> Premises {
+        Premises {
+            builds_each_frame: objective.builds_each_frame(),
+            robust: self.robust,
+            animated: false,
+            instanced: scene.instances.is_some(),
+            threads,
+        }
+    }
+
+    /// The space of a study of scenes that move, with what brings a structure along.
     pub fn of_moving(&self, scene: &Scene, threads: usize) -> Result<TuningSpace, CliError> {
-        self.checked(Premises { animated: true, ..Premises::of(scene, true, self.robust, threads) })
+        self.checked(Premises { animated: true, ..self.premises(scene, Objective::Total, threads) })
     }
 
     /// The space with every parameter there is, to read configurations with.

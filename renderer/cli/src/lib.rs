@@ -22,7 +22,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{animate, bench, image, info, play, rays, tune};
+use commands::{animate, bench, best, image, info, play, rays, tune};
 use error::CliError;
 
 const EXAMPLES: &str = "\
@@ -65,6 +65,8 @@ enum Command {
     Spaces(info::SpacesArguments),
     /// Tune the acceleration structure with the daemon's help while frames are rendered.
     Tune(Box<tune::Arguments>),
+    /// Tell what the service holds for the best in a scene and view, as JSON.
+    Best(Box<best::Arguments>),
     /// Fly along the camera path with the daemon's answers, frame by frame.
     Play(Box<play::Arguments>),
     /// Measure ways to follow a moving scene against each other: rebuild, refit, rebuild in part.
@@ -75,6 +77,8 @@ enum Command {
     Rays(rays::Arguments),
     /// Measure what it saves to leave out what a scene does not need.
     LeaveOut(laboratory::Arguments),
+    /// Measure what the service is worth on scenes it has never seen.
+    LeaveSceneOut(laboratory::Arguments),
     /// Compare errors over time: whose picture is good enough first, builds and tuning included.
     Converge(laboratory::Arguments),
     /// Take a tuned configuration apart: which parameter brought what.
@@ -109,11 +113,13 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Scenes(arguments) => info::scenes(arguments),
         Command::Spaces(arguments) => info::spaces(arguments),
         Command::Tune(arguments) => tune::run(arguments),
+        Command::Best(arguments) => best::run(arguments),
         Command::Play(arguments) => play::run(arguments),
         Command::Animate(arguments) => animate::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Rays(arguments) => rays::run(arguments),
         Command::LeaveOut(arguments) => laboratory::run("leave-out", arguments),
+        Command::LeaveSceneOut(arguments) => laboratory::run("leave-scene-out", arguments),
         Command::Converge(arguments) => laboratory::run("converge", arguments),
         Command::Ablate(arguments) => laboratory::run("ablate", arguments),
         Command::Verify(arguments) => laboratory::run("verify", arguments),

@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::error::CliError;
 use treewright_renderer::integrator::Omission;
 use treewright_renderer::measure::Standing;
+use treewright_renderer::tuning::verdict::{BEST_FIXED, NATIVE_DEFAULT, NATIVE_USED_WELL};
 
 /// Prints a value as indented JSON.
 pub fn json(value: &impl Serialize) -> Result<(), CliError> {
@@ -43,23 +44,34 @@ pub fn table(heading: &[&str]) -> Table {
     table
 }
 
-/// The table of measured structures.
-pub fn standings(standings: &[Standing]) -> Table {
-    let mut table =
-        table(&["structure", "build ms", "render ms", "quartiles", "speed-up over the first", "quartiles"]);
+/// Whom every table compares everybody with.
+const REFERENCES: [(&str, &str); 3] = [
+    (NATIVE_DEFAULT, "over native default"),
+    (NATIVE_USED_WELL, "over native used well"),
+    (BEST_FIXED, "over best fixed"),
+];
+
+/// Measured structures, each compared with those that everybody could have had. `kind` is what a frame is made of.
+pub fn standings(standings: &[Standing], kind: &str) -> Table {
+    let find = |name: &str| standings.iter().find(|one| one.name == name);
+    let references: Vec<(&Standing, &str)> =
+        REFERENCES.iter().filter_map(|(name, title)| Some((find(name)?, *title))).collect();
+    let mut heading = vec!["structure", "build ms", kind, "quartiles"];
+    heading.extend(references.iter().map(|(_, title)| *title));
+    let mut table = table(&heading);
     for one in standings {
         if let Some(failure) = &one.failure {
-            table.add_row([one.name.clone(), failure.clone()]);
+            table.add_row([one.title(), failure.clone()]);
             continue;
         }
-        table.add_row([
-            one.name.clone(),
+        let mut row = vec![
+            one.title(),
             format!("{:.1}", one.build_ms.median),
-            format!("{:.1}", one.render_ms.median),
-            format!("{:.1} – {:.1}", one.render_ms.lower_quartile, one.render_ms.upper_quartile),
-            format!("{:.2} ×", one.speedup.median),
-            format!("{:.2} – {:.2}", one.speedup.lower_quartile, one.speedup.upper_quartile),
-        ]);
+            format!("{:.1}", one.frame_ms.median),
+            format!("{:.1} – {:.1}", one.frame_ms.lower_quartile, one.frame_ms.upper_quartile),
+        ];
+        row.extend(references.iter().map(|(reference, _)| one.gain_over(reference).to_string()));
+        table.add_row(row);
     }
     table
 }

@@ -7,11 +7,9 @@ use treewright_accel::Device;
 use treewright_client::blocking::Client;
 use treewright_client::{CredentialArguments, Options, detect_fingerprint};
 
-use crate::arguments::Size;
 use crate::error::CliError;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::{Objective, study_id};
-use treewright_scene::Scene;
 
 /// Where the service is, and which study.
 #[derive(Args, Clone, Debug)]
@@ -20,7 +18,7 @@ pub struct ServerArguments {
     #[arg(long, value_name = "URLS", env = "TREEWRIGHT_SERVER", default_value = "http://127.0.0.1:50611")]
     pub server: String,
 
-    /// Id of the study; made of scene, objective, size and space when left out.
+    /// Id of the study; made of objective and space when left out, so that all scenes and sizes share what is learnt.
     #[arg(long, value_name = "ID")]
     pub study: Option<String>,
 
@@ -54,8 +52,7 @@ impl ServerArguments {
     }
 
     /// The study's id.
-    pub fn study_id(&self, scene: &Scene, objective: Objective, size: Size, space: &TuningSpace) -> String {
-        let made = || study_id(&scene.name, objective, size, space);
-        self.study.clone().unwrap_or_else(made)
+    pub fn study_id(&self, objective: Objective, space: &TuningSpace) -> String {
+        self.study.clone().unwrap_or_else(|| study_id(objective, space))
     }
 }

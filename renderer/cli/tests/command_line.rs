@@ -77,11 +77,19 @@ fn accelerators_are_measured() {
     let bench: serde_json::Value =
         serde_json::from_slice(&std::fs::read(path.join("b.json")).expect("it was written"))
             .expect("it is JSON");
-    assert_eq!(bench["render"].as_array().map(Vec::len), Some(8));
-    assert_eq!(bench["render"][7]["name"], "mine");
-    let frame = |objective: &str| bench[objective][6]["frame_ms"]["median"].as_f64();
+    assert_eq!(bench["render"].as_array().map(Vec::len), Some(9));
+    assert_eq!(bench["render"][8]["name"], "mine");
+    for objective in ["render", "total"] {
+        let used_well = &bench[objective][4];
+        assert_eq!(used_well["name"], "native used well");
+        assert!(["low", "medium", "high"].iter().any(|quality| used_well["variant"] == *quality));
+    }
+    assert_eq!(bench["render"][5]["name"], "best fixed configuration");
+    assert_eq!(bench["total"][6]["name"], "best fixed configuration");
+    assert!(table.contains("over native used well") && table.contains("over best fixed"));
+    let frame = |objective: &str| bench[objective][7]["frame_ms"]["median"].as_f64();
     assert!(frame("total") > frame("render"));
-    assert_eq!(bench["total"][6]["rounds_ms"].as_array().map(Vec::len), Some(2));
+    assert_eq!(bench["total"][7]["rounds_ms"].as_array().map(Vec::len), Some(2));
     let few = succeeds(
         path,
         "bench --scene builtin:quick --detail 0.1 --rounds 1 --size 8x8 --only quality=2 --config quality=2",

@@ -17,7 +17,8 @@
 //! * Only the best grouping of a finished tree makes nodes of sixteen, and only wide nodes gain from bytes: so it
 //!   has a parameter of its own for the width, and with it the format.
 //! * Only a scene of instances has something to copy or to open.
-//! * A scene without lights that are sampled has no shadow rays, and no parameters for them.
+//! * A scene without lights that are sampled has no shadow rays; their parameters are part of the one space of all
+//!   scenes all the same, and without effect there.
 //!
 //! The default is the best configuration known by hand, so that a search starts strong: tiles in stages, packets of
 //! sixteen for camera rays and their shadow rays, and our own tree. Where one build serves many frames it is grouped
@@ -37,7 +38,7 @@ pub(super) fn parameters(premises: &Premises) -> Vec<Explained> {
     )];
     all.extend(native(premises));
     all.extend(tunable(premises));
-    all.extend(rendering(premises));
+    all.extend(rendering());
     all
 }
 
@@ -181,9 +182,9 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
     all
 }
 
-fn rendering(premises: &Premises) -> Vec<Explained> {
+fn rendering() -> Vec<Explained> {
     let staged = |one: Explained| one.only_while("staged", [true]);
-    let mut all = vec![
+    vec![
         boolean(
             "staged",
             true,
@@ -198,25 +199,19 @@ fn rendering(premises: &Premises) -> Vec<Explained> {
             "sixteen_coherent",
             "rays from the camera: one by one or in packets",
         )),
-    ];
-    if premises.shadow_rays {
-        all.push(staged(choice(
+        staged(choice(
             "first_shadow",
             ["single", "eight", "sixteen", "eight_coherent", "sixteen_coherent"],
             "sixteen_coherent",
             "shadow rays of the points the camera sees",
-        )));
-    }
-    all.push(staged(choice("bounce", ["single", "eight", "sixteen"], "single", "rays after a bounce")));
-    if premises.shadow_rays {
-        let shadow = choice("shadow", ["single", "eight", "sixteen"], "single", "shadow rays after a bounce");
-        all.push(staged(shadow));
-    }
-    all.push(staged(choice(
-        "sort",
-        ["none", "octant", "octant_morton"],
-        "none",
-        "how rays after a bounce are ordered inside a tile",
-    )));
-    all
+        )),
+        staged(choice("bounce", ["single", "eight", "sixteen"], "single", "rays after a bounce")),
+        staged(choice("shadow", ["single", "eight", "sixteen"], "single", "shadow rays after a bounce")),
+        staged(choice(
+            "sort",
+            ["none", "octant", "octant_morton"],
+            "none",
+            "how rays after a bounce are ordered inside a tile",
+        )),
+    ]
 }

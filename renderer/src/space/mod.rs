@@ -23,8 +23,6 @@ pub use choice::Choice;
 pub use error::ConfigurationError;
 pub use explained::Explained;
 
-use crate::scene::Scene;
-
 /// Which parameters there are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -72,8 +70,6 @@ pub struct Premises {
     pub builds_each_frame: bool,
     /// The user wants watertight intersection.
     pub robust: bool,
-    /// The scene has lights that shadow rays are sent to.
-    pub shadow_rays: bool,
     /// The scene moves from frame to frame.
     pub animated: bool,
     /// The scene has objects that are placed by instances.
@@ -83,23 +79,9 @@ pub struct Premises {
 }
 
 impl Premises {
-    /// For a scene that stands still.
-    pub fn of(scene: &Scene, builds_each_frame: bool, robust: bool, threads: usize) -> Self {
-        let shadow_rays = scene.has_sampled_lights();
-        let instanced = scene.instances.is_some();
-        Self { builds_each_frame, robust, shadow_rays, animated: false, instanced, threads }
-    }
-
     /// Under which every parameter there is exists.
     pub fn all() -> Self {
-        Self {
-            builds_each_frame: false,
-            robust: false,
-            shadow_rays: true,
-            animated: true,
-            instanced: true,
-            threads: 0,
-        }
+        Self { builds_each_frame: false, robust: false, animated: true, instanced: true, threads: 0 }
     }
 }
 

@@ -14,13 +14,12 @@ fn full() -> TuningSpace {
     TuningSpace::new(Preset::Full, &Premises::all())
 }
 
-fn spaces() -> [TuningSpace; 5] {
+fn spaces() -> [TuningSpace; 4] {
     let all = Premises::all();
     [
         TuningSpace::paper(),
         full(),
         TuningSpace::new(Preset::Full, &Premises { builds_each_frame: true, robust: true, ..all }),
-        TuningSpace::new(Preset::Full, &Premises { shadow_rays: false, ..all }),
         TuningSpace::new(Preset::Full, &Premises { animated: false, ..all }),
     ]
 }
@@ -227,19 +226,15 @@ fn a_value_takes_along_what_it_needs() {
 }
 
 #[test]
-fn what_a_scene_cannot_use_is_not_there() {
-    let dark = TuningSpace::new(Preset::Full, &Premises { shadow_rays: false, ..Premises::all() });
+fn what_stands_still_is_not_updated() {
     let names = |space: &TuningSpace| -> Vec<String> {
         space.space().parameters().iter().map(|parameter| parameter.name.clone()).collect()
     };
-    let missing: Vec<String> =
-        names(&full()).into_iter().filter(|name| !names(&dark).contains(name)).collect();
-    assert_eq!(missing, ["first_shadow", "shadow"]);
     let still = TuningSpace::new(Preset::Full, &Premises { animated: false, ..Premises::all() });
     let missing: Vec<String> =
         names(&full()).into_iter().filter(|name| !names(&still).contains(name)).collect();
     assert_eq!(missing, ["native_dynamic", "native_update", "update", "rebuild_threshold"]);
-    assert!(problem(&dark, "shadow=eight").contains("--space full: parameter \"shadow\" is unknown"));
+    assert!(problem(&still, "update=refit").contains("--space full: parameter \"update\" is unknown"));
 }
 
 #[test]

@@ -3,6 +3,8 @@
 //! | module | what it does |
 //! |---|---|
 //! | `objective` | what is minimised, and the study that says so |
+//! | `workload` | what describes a frame to the service |
+//! | `reuse` | how many frames a tree serves, for the objective `auto` |
 //! | `search` | the loop itself, frame by frame |
 //! | `run_off` | the best few of a search against each other |
 //! | `verdict` | whom the winner is compared with, and when tuning pays off |
@@ -10,6 +12,8 @@
 
 pub mod objective;
 pub mod results;
+pub mod reuse;
 pub mod run_off;
 pub mod search;
 pub mod verdict;
+pub mod workload;

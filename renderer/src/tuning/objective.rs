@@ -3,9 +3,10 @@
 use serde::Serialize;
 use treewright_client::{ClientError, Policy, Scale, StudySpec};
 
+use super::reuse::FRAMES_PER_BUILD_MAX;
+use super::workload;
 use crate::frame::FrameTimes;
 use crate::space::TuningSpace;
-use treewright_scene::indicators::{IndicatorScale, SCHEMA};
 
 /// Name of the measurement of a build, in milliseconds.
 pub const BUILD_MS: &str = "build_ms";
@@ -13,11 +14,17 @@ pub const BUILD_MS: &str = "build_ms";
 /// Name of the measurement of a frame, in milliseconds.
 pub const RENDER_MS: &str = "render_ms";
 
+/// Name of the processor time of a build, of all threads together, in milliseconds. It explains the build's time.
+pub const BUILD_CPU_MS: &str = "build_cpu_ms";
+
+/// Name of the processor time of a frame, of all render threads together, in milliseconds.
+pub const RENDER_CPU_MS: &str = "render_cpu_ms";
+
 /// How many frames share a build in progressive rendering.
 const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
 
-/// Longest study id that the service takes.
-const STUDY_ID_MAX: usize = 64;
+/// Of every random decision in these studies. It is part of what defines a study, so it is the same for all clients.
+const STUDY_SEED: u64 = 1;
 
 /// The two use cases of the paper's section 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -32,7 +39,7 @@ pub enum Objective {
 impl Objective {
     /// The scalar that is minimised.
     pub fn cost(self, times: FrameTimes) -> f64 {
-        times.build_ms / f64::from(self.frames_per_build()) + times.render_ms
+        frame_cost(times, self.frames_per_build())
     }
 
     /// How many frames share a build.
@@ -60,49 +67,55 @@ impl Objective {
     }
 }
 
-/// The study of a scene: this space, Table 2's indicators, this objective.
+/// The study of an objective in a space, one for all scenes, sizes and machines.
 pub fn specification(
     space: &TuningSpace,
-    title: &str,
     objective: Objective,
     policy: Policy,
-    seed: u64,
 ) -> Result<StudySpec, ClientError> {
-    let mut builder = StudySpec::builder(space.space().clone()).display_name(title).policy(policy).seed(seed);
-    for indicator in &SCHEMA {
-        let scale = match indicator.scale {
-            IndicatorScale::Linear => Scale::Linear,
-            IndicatorScale::Log => Scale::Log,
-        };
-        builder = builder.indicator(indicator.name, indicator.min..=indicator.max, scale);
+    let title = format!("treewright-render: {} time in the space {}", objective.name(), space.name());
+    let mut builder =
+        StudySpec::builder(space.space().clone()).display_name(&title).policy(policy).seed(STUDY_SEED);
+    for (name, min, max, scale) in workload::schema() {
+        builder = builder.indicator(name, min..=max, scale);
     }
     let build_weight = 1.0 / f64::from(objective.frames_per_build());
     Ok(builder.minimise(BUILD_MS, build_weight).minimise(RENDER_MS, 1.0).build()?)
 }
 
-/// An id of the letters the service takes, made of what tells studies apart.
-pub fn study_id(
-    scene: &str,
-    objective: Objective,
-    size: impl std::fmt::Display,
-    space: &TuningSpace,
-) -> String {
-    let scene: String = scene
-        .to_lowercase()
-        .chars()
-        .map(|letter| {
-            if letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_' { letter } else { '-' }
-        })
-        .collect();
-    let end = format!("-{}-{size}-{}", objective.name(), space.name());
-    let mut id = if scene.starts_with(|letter: char| letter.is_ascii_lowercase()) {
-        scene
-    } else {
-        format!("scene-{scene}")
-    };
-    // All characters are one byte long by now.
-    id.truncate(STUDY_ID_MAX.saturating_sub(end.len()));
-    id + &end
+/// Name of the measurement of a frame with the share of its build that is true at the time, in milliseconds.
+pub const FRAME_MS: &str = "frame_ms";
+
+/// Name of the indicator that says how many frames share a build ([`super::reuse`]).
+pub const FRAMES_PER_BUILD: &str = "frames_per_build";
+
+/// The study of clients that do not know beforehand how many frames a tree serves: they say how many it seems to be, and
+/// report a frame with that share of its build.
+pub fn auto_specification(space: &TuningSpace, policy: Policy) -> Result<StudySpec, ClientError> {
+    let title = format!("treewright-render: whatever is true of the frames, in the space {}", space.name());
+    let builder =
+        StudySpec::builder(space.space().clone()).display_name(&title).policy(policy).seed(STUDY_SEED);
+    let most = f64::from(FRAMES_PER_BUILD_MAX);
+    let frames = (FRAMES_PER_BUILD, 1.0, most, Scale::Log);
+    let all = workload::schema().chain([frames]);
+    let builder =
+        all.fold(builder, |builder, (name, min, max, scale)| builder.indicator(name, min..=max, scale));
+    Ok(builder.minimise(FRAME_MS, 1.0).build()?)
+}
+
+/// The id of that study, e.g. `auto-full`.
+pub fn auto_study_id(space: &TuningSpace) -> String {
+    format!("auto-{}", space.name())
+}
+
+/// A frame with its share of a build that serves so many frames, in milliseconds.
+pub fn frame_cost(times: FrameTimes, frames_per_build: u32) -> f64 {
+    times.build_ms / f64::from(frames_per_build) + times.render_ms
+}
+
+/// The id of that study, e.g. `render-full`.
+pub fn study_id(objective: Objective, space: &TuningSpace) -> String {
+    format!("{}-{}", objective.name(), space.name())
 }
 
 #[cfg(test)]
@@ -111,32 +124,29 @@ mod tests {
     use crate::space::{Premises, Preset};
 
     #[test]
-    fn ids_follow_the_contract() {
-        let still = Premises { animated: false, instanced: false, ..Premises::all() };
-        let full = TuningSpace::new(Preset::Full, &still);
-        let id = |name: &str, objective, size| study_id(name, objective, size, &full);
-        assert_eq!(
-            id("Sponza Atrium.v2", Objective::Render, "320x240"),
-            "sponza-atrium-v2-render-320x240-full"
-        );
-        assert_eq!(id("7even", Objective::Total, "8x8"), "scene-7even-total-8x8-full");
-        let other = TuningSpace::new(Preset::Full, &Premises { robust: true, ..Premises::all() });
-        for name in ["", "ÄÖ", &"x".repeat(500)] {
-            let id = study_id(name, Objective::Total, "16384x16384", &other);
-            assert!(
-                id.len() <= STUDY_ID_MAX && id.starts_with(|letter: char| letter.is_ascii_lowercase()),
-                "{id}"
-            );
-            assert!(id.ends_with("-total-16384x16384-full-robust-moving-instanced"));
-        }
-        assert_ne!(id("a", Objective::Render, "8x8"), id("a", Objective::Total, "8x8"));
+    fn all_scenes_share_a_study_of_an_objective_and_a_space() {
+        let space = |robust, animated, instanced| {
+            TuningSpace::new(Preset::Full, &Premises { robust, animated, instanced, ..Premises::all() })
+        };
+        assert_eq!(study_id(Objective::Render, &space(false, false, false)), "render-full");
+        assert_eq!(study_id(Objective::Total, &space(true, true, true)), "total-full-robust-moving-instanced");
+        assert_eq!(study_id(Objective::Total, &TuningSpace::paper()), "total-paper");
+    }
+
+    #[test]
+    fn what_is_not_known_beforehand_is_an_indicator() {
+        let spec = auto_specification(&TuningSpace::paper(), Policy::new()).expect("it is sound");
+        assert_eq!(spec.indicators.indicators().len(), 21);
+        assert_eq!(spec.objective.terms().len(), 1);
+        assert_eq!(frame_cost(FrameTimes::of(64.0, 10.0), 16), 14.0);
+        assert_eq!(auto_study_id(&TuningSpace::paper()), "auto-paper");
     }
 
     #[test]
     fn costs_are_what_the_study_minimises() {
-        let times = FrameTimes { build_ms: 30.0, render_ms: 12.0 };
+        let times = FrameTimes::of(30.0, 12.0);
         for (objective, cost) in [(Objective::Render, 12.03), (Objective::Total, 42.0)] {
-            let spec = specification(&TuningSpace::paper(), "test", objective, Policy::new(), 1);
+            let spec = specification(&TuningSpace::paper(), objective, Policy::new());
             let spec = spec.expect("it is sound");
             let measured = |metric: &str| {
                 if metric == BUILD_MS { times.build_ms } else { times.render_ms }
@@ -144,7 +154,7 @@ mod tests {
             let sum: f64 =
                 spec.objective.terms().iter().map(|term| term.weight * measured(&term.metric)).sum();
             assert!((objective.cost(times) - cost).abs() < 1e-9 && (sum - cost).abs() < 1e-9);
-            assert_eq!(spec.indicators.indicators().len(), 17);
+            assert_eq!(spec.indicators.indicators().len(), 20);
         }
     }
 }

@@ -5,6 +5,8 @@ use treewright_client::{Configuration, Fingerprint, Indicators, Mode, OpenEnum, 
 
 use super::objective::Objective;
 use super::search::Iteration;
+use super::verdict::Gains;
+use crate::disturbance::Disturbance;
 use crate::integrator::Omission;
 use crate::measure::Standing;
 use crate::space::{Explained, Preset};
@@ -40,10 +42,18 @@ pub struct TuningResults {
     pub baseline: String,
     /// The baseline's cost while the search ran: what the trials' costs are compared with.
     pub reference_ms: f64,
-    /// The winner.
+    /// What the search found.
+    pub found: Configuration,
+    /// What is best: what was found, or whatever else beat it when everybody was measured again.
     pub tuned: Configuration,
-    /// The paper's default, Embree's own structures and the winner, measured again side by side.
+    /// Name of its standing.
+    pub best: String,
+    /// What anybody could have had without a search, and what the search found, measured again side by side.
     pub standings: Vec<Standing>,
+    /// What the best one gains.
+    pub gains: Gains,
+    /// What else the machine did while that was measured.
+    pub disturbance: Disturbance,
     /// The predictor's answer for a camera that was never tuned.
     pub prediction: Option<Prediction>,
     /// What asking and telling the service cost.
@@ -142,14 +152,19 @@ impl TuningResults {
         self.standings.iter().find(|standing| standing.name == name)
     }
 
-    /// How many times faster than the baseline the winner is, median of pairs.
+    /// How many times faster than the baseline the best one is, median of pairs.
     pub fn speedup(&self) -> f64 {
         self.speedup_over(&self.baseline).unwrap_or(1.0)
     }
 
-    /// How many times faster the winner is than another, median of pairs. `None` where one was not measured.
+    /// How many times faster the best one is than another, median of pairs. `None` where one was not measured.
     pub fn speedup_over(&self, name: &str) -> Option<f64> {
-        let speedup = self.standing(super::verdict::TUNED)?.speedup_over(self.standing(name)?);
+        let speedup = self.standing(&self.best)?.speedup_over(self.standing(name)?);
         (speedup.count > 0).then_some(speedup.median)
+    }
+
+    /// Whether the search found something that is faster than everything anybody could have had without it.
+    pub fn search_won(&self) -> bool {
+        self.best == super::verdict::TUNED
     }
 }

@@ -114,7 +114,7 @@ pub(super) mod testing {
             configuration: Configuration::new().with("max_leaf_size", leaf),
             predicted_cost: None,
             outcome: Outcome::Ok,
-            times: cost.map(|cost| FrameTimes { build_ms: 5.0, render_ms: cost }),
+            times: cost.map(|cost| FrameTimes::of(5.0, cost)),
             cost,
             waiting_ms: 1.0,
             total_ms: cost.unwrap_or(0.0) + 6.0,
@@ -150,7 +150,7 @@ mod tests {
     fn the_slower_half_drops_out() {
         let ran = |leaf: u32, render_ms: &[f64]| Finalist {
             configuration: Configuration::new().with("max_leaf_size", leaf),
-            times: render_ms.iter().map(|&render_ms| FrameTimes { build_ms: 8.0, render_ms }).collect(),
+            times: render_ms.iter().map(|&render_ms| FrameTimes::of(8.0, render_ms)).collect(),
             failure: None,
         };
         let mut failed = ran(4, &[1.0, 1.0]);

@@ -14,9 +14,11 @@ use treewright_client::{
     Outcome, Source, Suggestion,
 };
 
-use super::objective::{BUILD_MS, Objective, RENDER_MS};
+use super::objective::{BUILD_CPU_MS, BUILD_MS, Objective, RENDER_CPU_MS, RENDER_MS};
+use super::workload::Workload;
+use crate::disturbance::{Disturbance, Watch};
 use crate::film::Film;
-use crate::frame::{FrameTimes, Renderer, milliseconds};
+use crate::frame::{FrameTimes, Renderer, milliseconds, process_cpu_ms};
 use crate::integrator::View;
 use crate::space::{Choice, TuningSpace};
 use crate::statistics::Summary;
@@ -101,6 +103,8 @@ pub struct Drift {
     pub span: f32,
     /// The scene's part of the indicators.
     pub scene: SceneIndicators,
+    /// What is asked of each frame.
+    pub workload: Workload,
 }
 
 impl Drift {
@@ -108,7 +112,7 @@ impl Drift {
     fn at(&self, setting: &SearchSetting, number: u32, iterations: u32) -> SearchSetting {
         let share = (number - 1) as f32 / (iterations - 1).max(1) as f32;
         let camera = self.path.sample(self.from + self.span * share);
-        let indicators = self.scene.with_camera(&camera).values().into_iter().collect();
+        let indicators = self.workload.state(&self.scene.with_camera(&camera));
         SearchSetting { view: View { camera, ..setting.view }, indicators, ..setting.clone() }
     }
 }
@@ -121,6 +125,8 @@ pub struct SearchOutcome {
     /// Median cost of the baseline in frames before and after the search, which nobody was told of.
     /// The machine's speed may drift until winners are measured again; within the search it is compared with this.
     pub reference_ms: f64,
+    /// What else the machine did meanwhile, and how far these frames of the baseline lie apart.
+    pub disturbance: Disturbance,
 }
 
 /// Frames of the baseline before the search, and again after it.
@@ -140,6 +146,7 @@ pub fn run(
     // The first frame of a process is slower than all others: memory is touched for the first time, threads
     // start, clocks rise. So some are rendered before anything counts.
     reference(renderer, setting, &mut film);
+    let watch = Watch::begin();
     let mut references = reference(renderer, setting, &mut film);
     let mut all = Vec::new();
     let mut previous: Option<Finished> = None;
@@ -170,7 +177,8 @@ pub fn run(
     // Puts the last result on its way before more frames are rendered.
     drop(previous);
     references.extend(reference(renderer, setting, &mut film));
-    Ok(SearchOutcome { trials: all, reference_ms: Summary::of(&references).median })
+    let disturbance = watch.end(renderer.threads(), &references);
+    Ok(SearchOutcome { trials: all, reference_ms: Summary::of(&references).median, disturbance })
 }
 
 /// Costs of some frames of the baseline.
@@ -203,6 +211,7 @@ fn run_choice(
     setting: &SearchSetting,
     film: &mut Film,
 ) -> (Outcome, Option<FrameTimes>) {
+    let cpu_ms = process_cpu_ms();
     let build_ms = match renderer.rebuild(&choice.build) {
         Ok(build_ms) => build_ms,
         Err(error) if error.is_infeasible() => {
@@ -210,20 +219,29 @@ fn run_choice(
         }
         Err(error) => return (Outcome::failed(error.to_string()), None),
     };
+    let build_cpu_ms = Some(process_cpu_ms() - cpu_ms);
     // What a frame may take, so that it and its share of the build stay below the cap.
-    let built = setting.objective.cost(FrameTimes { build_ms, render_ms: 0.0 });
+    let built = setting.objective.cost(FrameTimes::of(build_ms, 0.0));
     let limit_ms = cap_ms.map(|cap_ms| cap_ms - built);
     let mut frames = FrameSet::with_cap(limit_ms, setting.frames as usize);
+    let mut frames_cpu_ms = Vec::new();
     while frames.goes_on() {
         film.clear();
+        let cpu_ms = renderer.render_cpu_ms();
         match renderer.render_within(limit_ms, &setting.view, &choice.render, film) {
-            Some((frame_ms, true)) => frames.push(frame_ms),
+            Some((frame_ms, true)) => {
+                frames_cpu_ms.push(renderer.render_cpu_ms() - cpu_ms);
+                frames.push(frame_ms);
+            }
             Some((stopped_ms, false)) => frames.push_stopped(stopped_ms),
             None => return (Outcome::failed("no structure was built"), None),
         }
     }
     match frames.result() {
-        FrameSetResult::Measured(render_ms) => (Outcome::Ok, Some(FrameTimes { build_ms, render_ms })),
+        FrameSetResult::Measured(render_ms) => {
+            let render_cpu_ms = Some(Summary::of(&frames_cpu_ms).median);
+            (Outcome::Ok, Some(FrameTimes { build_ms, render_ms, build_cpu_ms, render_cpu_ms }))
+        }
         FrameSetResult::Stopped { lower_bound } => (Outcome::aborted(built + lower_bound), None),
     }
 }
@@ -231,11 +249,13 @@ fn run_choice(
 /// The raw measurements of a trial of so many frames, as they are reported.
 pub fn measurements(times: Option<FrameTimes>, frames: u32) -> Measurements {
     match times {
-        Some(times) => Measurements::from([
-            (BUILD_MS, times.build_ms),
-            (RENDER_MS, times.render_ms),
-            ("frames", f64::from(frames)),
-        ]),
+        Some(times) => {
+            let known = [(BUILD_CPU_MS, times.build_cpu_ms), (RENDER_CPU_MS, times.render_cpu_ms)];
+            let known = known.into_iter().filter_map(|(name, value)| Some((name, value?)));
+            let always =
+                [(BUILD_MS, times.build_ms), (RENDER_MS, times.render_ms), ("frames", f64::from(frames))];
+            always.into_iter().chain(known).collect()
+        }
         None => Measurements::new(),
     }
 }

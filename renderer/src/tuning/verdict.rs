@@ -1,18 +1,19 @@
-//! Whom a tuned configuration is compared with, and when its search has paid for itself. Winners are measured again
-//! before anything is claimed.
+//! Whom a tuned configuration is compared with, who of them is best, and when a search has paid for itself.
 //!
-//! The best of many noisy single measurements is mostly luck. So the best few configurations of the search
-//! first run against each other; the winner of that is then measured once more, in fresh paired rounds,
-//! against the paper's default and Embree's own structures. Only these figures are quoted.
+//! The best of many noisy single measurements is mostly luck. So what a search found is measured again, in fresh paired
+//! rounds, beside everything that anybody could have had without a search: the paper's default, native Embree as its
+//! tutorials use it, native Embree used as well as this renderer can, and the best fixed configuration, where the search
+//! began. Only figures of these rounds are quoted, and what lost to anybody in them is not called tuned.
 
+use serde::Serialize;
 use treewright_accel::NativeQuality;
 use treewright_client::Configuration;
 
 use super::objective::Objective;
 use super::search::SearchOutcome;
 use crate::measure::{Contender, Standing};
-use crate::space::{Choice, ConfigurationError, Preset, TuningSpace};
-use crate::statistics::BreakEven;
+use crate::space::{self, Choice, ConfigurationError, Premises, Preset, TuningSpace};
+use crate::statistics::{BreakEven, Ratio};
 
 /// Name of the standing of the paper's recommended default.
 pub const PAPER_DEFAULT: &str = "paper default";
@@ -22,14 +23,30 @@ pub const NATIVE_LOW: &str = "native Embree low";
 pub const NATIVE_DEFAULT: &str = "native Embree default";
 /// Name of the standing of Embree's own structure of quality high.
 pub const NATIVE_HIGH: &str = "native Embree high";
-/// Name of the standing of the full space's default.
-pub const BY_HAND: &str = "best by hand";
+/// Name of the standing of Embree's own structure with our stages and packets, in whichever quality was the fastest.
+pub const NATIVE_USED_WELL: &str = "native used well";
+/// Name of the standing of the configuration that is the best one for all scenes, where a search in the full space begins.
+pub const BEST_FIXED: &str = "best fixed configuration";
 /// Name of the standing of a configuration of the paper's space that was found elsewhere.
 pub const PAPER_TUNED: &str = "tuned in the paper's space";
-/// Name of the winner's standing.
+/// Name of the standing of what a search found, as long as it is not known to be the best.
+pub const FOUND: &str = "found by the search";
+/// Name of the standing of what a search found, once it has beaten everybody else.
 pub const TUNED: &str = "tuned";
 /// Name of the standing of the predictor's answer.
 pub const PREDICTED: &str = "first prediction";
+
+/// The qualities of [`NATIVE_USED_WELL`].
+const QUALITIES: [&str; 3] = ["low", "medium", "high"];
+
+/// Somebody to be beaten.
+#[derive(Clone, Debug)]
+pub struct Rival {
+    /// With a name.
+    pub contender: Contender,
+    /// As a configuration of the space that was searched; `None` for what is not one.
+    pub configuration: Option<Configuration>,
+}
 
 /// What a run in a space is compared with.
 pub fn baseline(preset: Preset) -> Contender {
@@ -49,14 +66,137 @@ pub fn natives() -> Vec<Contender> {
     ]
 }
 
-/// Everybody that a winner has to be compared with: what everybody has, and for the full space where its search
-/// began.
-pub fn peers(space: &TuningSpace) -> Vec<Contender> {
-    let mut peers = natives();
-    if space.preset() == Preset::Full {
-        peers.push(named(BY_HAND, space.default_choice()));
+/// Native Embree with the stages and packets of the best fixed configuration, once for each quality that there is.
+pub fn used_well(full: &TuningSpace) -> Vec<Rival> {
+    let configurations = QUALITIES.iter().filter_map(|quality| {
+        let given = Configuration::new().with("backend", "native").with("native_quality", *quality);
+        Some((*quality, full.complete(&given).ok()?))
+    });
+    let rival = |(quality, configuration): (&str, Configuration)| {
+        let contender = contender(&used_well_name(quality), full, &configuration).ok()?;
+        Some(Rival { contender, configuration: Some(configuration) })
+    };
+    configurations.filter_map(rival).collect()
+}
+
+fn used_well_name(quality: &str) -> String {
+    format!("{NATIVE_USED_WELL} {quality}")
+}
+
+/// Everybody that what a search found has to be compared with. `premises` are those of the scene.
+pub fn rivals(space: &TuningSpace, premises: &Premises) -> Vec<Rival> {
+    let outside = |contender| Rival { contender, configuration: None };
+    let mut all: Vec<Rival> = natives().into_iter().map(outside).collect();
+    let full = TuningSpace::new(Preset::Full, premises);
+    let mut own = used_well(&full);
+    let fixed = full.default_configuration();
+    own.push(Rival { contender: named(BEST_FIXED, full.default_choice()), configuration: Some(fixed) });
+    if space.preset() != Preset::Full {
+        own.iter_mut().for_each(|rival| rival.configuration = None);
     }
-    peers
+    for rival in &mut all {
+        // Path by path, ray by ray: these are configurations of the full space, too.
+        let quality = match rival.contender.name.as_str() {
+            NATIVE_LOW => "low",
+            NATIVE_DEFAULT => "medium",
+            NATIVE_HIGH => "high",
+            _ => continue,
+        };
+        let text = format!("backend=native,native_quality={quality},staged=false,tile=16");
+        rival.configuration = space::parse(&text).ok().and_then(|given| space.complete(&given).ok());
+        if let Some(choice) = rival.configuration.as_ref().and_then(|own| space.choice(own).ok()) {
+            // Watertight where everybody is.
+            rival.contender.choice = choice;
+        }
+    }
+    if premises.robust && space.preset() == Preset::Full {
+        all.retain(|rival| rival.contender.name != NATIVE_HIGH);
+    }
+    all.extend(own);
+    all
+}
+
+/// Keeps of native Embree used well the quality with the lowest median, under one name. It is chosen by the same rounds
+/// that are told, which favours it a little.
+pub fn keep_best_native(standings: Vec<Standing>) -> Vec<Standing> {
+    let quality_of = |name: &str| QUALITIES.into_iter().find(|quality| name == used_well_name(quality));
+    let works = |one: &&Standing| one.failure.is_none() && one.frame_ms.count > 0;
+    let best = standings
+        .iter()
+        .filter(|one| quality_of(&one.name).is_some())
+        .filter(works)
+        .min_by(|a, b| a.frame_ms.median.total_cmp(&b.frame_ms.median))
+        .map(|one| one.name.clone());
+    let keep = |mut one: Standing| match quality_of(&one.name) {
+        None => Some(one),
+        Some(quality) if best.as_ref() == Some(&one.name) => {
+            one.variant = Some(quality.to_owned());
+            one.name = NATIVE_USED_WELL.to_owned();
+            Some(one)
+        }
+        Some(_) => None,
+    };
+    standings.into_iter().filter_map(keep).collect()
+}
+
+/// Whether a rival stands under this name among standings from which the slower natives have been left out.
+pub fn is_of(rival: &str, name: &str, standings: &[Standing]) -> bool {
+    let variant = standings.iter().find(|one| one.name == name).and_then(|one| one.variant.as_ref());
+    variant.map_or_else(|| rival == name, |variant| rival == used_well_name(variant))
+}
+
+/// Who is best, by the medians of pairs with what the search found. What it found is renamed [`TUNED`] if it was faster
+/// than everybody else, and keeps the name [`FOUND`] otherwise. Returns the name of the best.
+pub fn crown(standings: &mut [Standing]) -> String {
+    let Some(place) = standings.iter().position(|one| one.name == FOUND) else {
+        return String::new();
+    };
+    let found = standings[place].clone();
+    let others = standings.iter().filter(|one| one.name != FOUND && one.frame_ms.count > 0);
+    // Of several that are as good as each other the first: the best fixed one stands before what was found.
+    let best = others
+        .map(|one| (found.gain_over(one).median, one))
+        .filter(|(gain, _)| *gain > 0.0)
+        .min_by(|(a, _), (b, _)| a.total_cmp(b));
+    match best {
+        Some((gain, other)) if gain <= 1.0 || found.failure.is_some() || found.frame_ms.count == 0 => {
+            other.name.clone()
+        }
+        _ => {
+            standings[place].name = TUNED.to_owned();
+            TUNED.to_owned()
+        }
+    }
+}
+
+/// What the best configuration of a run gains, over whom. All ratios are medians of pairs of the same rounds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Gains {
+    /// The best fixed configuration, where the search began, over native Embree's default.
+    pub start: Option<Ratio>,
+    /// What the search added: the best over the best fixed configuration.
+    pub over_best_fixed: Option<Ratio>,
+    /// Both together: the best over native Embree's default.
+    pub over_native_default: Option<Ratio>,
+    /// The best over native Embree used well.
+    pub over_native_used_well: Option<Ratio>,
+}
+
+impl Gains {
+    /// Of the standing called `best`.
+    pub fn of(standings: &[Standing], best: &str) -> Self {
+        let find = |name: &str| standings.iter().find(|one| one.name == name);
+        let ratio = |one: &str, other: &str| {
+            let ratio = find(one)?.gain_over(find(other)?);
+            (ratio.count > 0).then_some(ratio)
+        };
+        Self {
+            start: ratio(BEST_FIXED, NATIVE_DEFAULT),
+            over_best_fixed: ratio(best, BEST_FIXED),
+            over_native_default: ratio(best, NATIVE_DEFAULT),
+            over_native_used_well: ratio(best, NATIVE_USED_WELL),
+        }
+    }
 }
 
 fn named(name: &str, choice: Choice) -> Contender {
@@ -73,13 +213,14 @@ pub fn contender(
 }
 
 /// Break-even from what was measured. The search's own costs are those of its time; frames with the
-/// baseline are taken at the reference of that time, `frames` of them a trial, and tuned ones at that over the
-/// speed-up that was measured again.
+/// baseline are taken at the reference of that time, `frames` of them a trial, and those with the best configuration at
+/// that over the speed-up that was measured again.
 pub fn break_even(
     found: &SearchOutcome,
     objective: Objective,
     frames: u32,
     standings: &[Standing],
+    best: &str,
     baseline: &str,
 ) -> BreakEven {
     let find = |name: &str| standings.iter().find(|standing| standing.name == name);
@@ -87,13 +228,13 @@ pub fn break_even(
         Some(standing) if !objective.builds_each_frame() => standing.build_ms.median,
         _ => 0.0,
     };
-    let pair = find(TUNED).zip(find(baseline));
+    let pair = find(best).zip(find(baseline));
     let speedup = pair.map_or(1.0, |(tuned, baseline)| tuned.speedup_over(baseline).median);
     let trials = &found.trials;
     BreakEven {
         tuning_ms: trials.iter().map(|trial| trial.total_ms).sum(),
         frames_while_tuning: frames * trials.iter().filter(|trial| trial.times.is_some()).count() as u32,
-        tuned_setup_ms: setup(TUNED),
+        tuned_setup_ms: setup(best),
         tuned_frame_ms: found.reference_ms / speedup,
         default_setup_ms: setup(baseline),
         default_frame_ms: found.reference_ms,
@@ -103,13 +244,77 @@ pub fn break_even(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::disturbance::Disturbance;
+    use crate::measure::{Measured, standings};
     use crate::statistics::Summary;
     use crate::tuning::run_off::testing::trial;
+
+    fn measured(name: &str, render_ms: f64) -> Measured {
+        let rounds = (0..9).map(|round| render_ms * (1.0 + 0.01 * f64::from(round))).collect();
+        Measured { name: name.into(), build_ms: vec![2.0], render_ms: rounds, failure: None }
+    }
+
+    fn table(frames: &[(&str, f64)]) -> Vec<Standing> {
+        let all: Vec<Measured> = frames.iter().map(|(name, ms)| measured(name, *ms)).collect();
+        keep_best_native(standings(&all, 1000))
+    }
+
+    #[test]
+    fn a_loser_is_not_called_tuned() {
+        let beaten = [
+            ("native used well low", 40.0),
+            ("native used well high", 30.0),
+            (BEST_FIXED, 31.0),
+            (FOUND, 32.0),
+        ];
+        let mut lost = table(&beaten);
+        let names: Vec<String> = lost.iter().map(Standing::title).collect();
+        assert_eq!(names, ["native used well (high)", BEST_FIXED, FOUND]);
+        assert_eq!(crown(&mut lost), NATIVE_USED_WELL);
+        assert!(lost.iter().all(|one| one.name != TUNED));
+        // What is only as good as where it began is not a finding.
+        assert_eq!(crown(&mut table(&[(BEST_FIXED, 31.0), (FOUND, 31.0)])), BEST_FIXED);
+        let mut won = table(&[
+            (NATIVE_DEFAULT, 60.0),
+            ("native used well low", 40.0),
+            (BEST_FIXED, 31.0),
+            (FOUND, 25.0),
+        ]);
+        assert_eq!(crown(&mut won), TUNED);
+        let gains = Gains::of(&won, TUNED);
+        let median = |ratio: Option<Ratio>| ratio.map_or(0.0, |ratio| ratio.median);
+        assert!(
+            (median(gains.start) * median(gains.over_best_fixed) - median(gains.over_native_default)).abs()
+                < 1e-3
+        );
+        assert!((median(gains.over_native_used_well) - 1.6).abs() < 1e-3);
+        assert!(gains.over_best_fixed.is_some_and(|ratio| ratio.is_gain()));
+    }
+
+    #[test]
+    fn rivals_of_the_full_space_are_configurations_of_it() {
+        let premises = Premises::all();
+        let full = TuningSpace::new(Preset::Full, &premises);
+        for rival in rivals(&full, &premises) {
+            let Some(configuration) = rival.configuration else {
+                assert_eq!(rival.contender.name, PAPER_DEFAULT);
+                continue;
+            };
+            let own = full.choice(&configuration).expect("it is of the space");
+            assert_eq!(own, rival.contender.choice, "{}", rival.contender.name);
+        }
+        assert_eq!(used_well(&full).len(), 3);
+        let robust = TuningSpace::new(Preset::Full, &Premises { robust: true, ..premises });
+        assert_eq!(used_well(&robust).len(), 2, "a watertight structure of quality high is one of medium");
+        let paper = rivals(&TuningSpace::paper(), &premises);
+        assert!(paper.len() == 8 && paper.iter().all(|rival| rival.configuration.is_none()));
+    }
 
     #[test]
     fn break_even_counts_builds_where_they_fall() {
         let standing = |name: &str, build: f64, speedup: f64| Standing {
             name: name.into(),
+            variant: None,
             build_ms: Summary::of(&[build]),
             render_ms: Summary::of(&[50.0]),
             frame_ms: Summary::of(&[50.0]),
@@ -119,13 +324,13 @@ mod tests {
         };
         let standings = [standing(PAPER_DEFAULT, 20.0, 1.0), standing(TUNED, 30.0, 1.25)];
         let trials = vec![trial(Some(10.0), 1), trial(None, 2), trial(Some(8.0), 3)];
-        let found = SearchOutcome { trials, reference_ms: 10.0 };
-        let render = break_even(&found, Objective::Render, 1, &standings, PAPER_DEFAULT);
+        let found = SearchOutcome { trials, reference_ms: 10.0, disturbance: Disturbance::default() };
+        let render = break_even(&found, Objective::Render, 1, &standings, TUNED, PAPER_DEFAULT);
         assert_eq!((render.tuning_ms, render.frames_while_tuning), (36.0, 2));
         assert_eq!((render.default_setup_ms, render.tuned_setup_ms), (20.0, 30.0));
         // 36 + 30 + (n - 2) * 8 <= 20 + n * 10
         assert_eq!(render.frame(), Some(15));
-        let total = break_even(&found, Objective::Total, 1, &standings, PAPER_DEFAULT);
+        let total = break_even(&found, Objective::Total, 1, &standings, TUNED, PAPER_DEFAULT);
         assert_eq!((total.default_setup_ms, total.tuned_setup_ms), (0.0, 0.0));
     }
 }

@@ -108,7 +108,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             film.clear();
             let (render_ms, _) = renderer.render_with(structure, &view, &choice.render, &mut film);
             if frame > 0 {
-                follower.frames.push(FrameTimes { build_ms, render_ms });
+                follower.frames.push(FrameTimes::of(build_ms, render_ms));
             }
             pictures[index] = Some(film.picture());
         }

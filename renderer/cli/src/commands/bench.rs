@@ -15,11 +15,12 @@ use crate::arguments::{
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
 use crate::output;
+use treewright_renderer::disturbance::{Disturbance, Watch};
 use treewright_renderer::limits::{CONTENDERS_MAX, ROUNDS_MAX};
 use treewright_renderer::measure::{Conditions, Contender, Measured, Standing, interleaved, standings};
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::Objective;
-use treewright_renderer::tuning::verdict::{BY_HAND, contender, natives};
+use treewright_renderer::tuning::verdict::{BEST_FIXED, contender, keep_best_native, natives, used_well};
 
 /// Arguments of `bench`.
 #[derive(Args, Clone, Debug)]
@@ -43,7 +44,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "NAME=SPACE:FILE")]
     contender: Vec<NamedConfiguration>,
 
-    /// Measure only these, for example "native Embree default,tuned"; everybody when left out.
+    /// Measure only these, for example "native Embree default,native used well,tuned"; everybody when left out.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     only: Vec<String>,
 
@@ -68,6 +69,7 @@ struct BenchResults<'a> {
     size: [u32; 2],
     threads: usize,
     rounds: u32,
+    disturbance: Disturbance,
     choices: Vec<NamedChoice<'a>>,
     /// With a thousandth of a build in each frame.
     render: Vec<Standing>,
@@ -84,19 +86,24 @@ struct NamedChoice<'a> {
 /// Measures and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let scene = arguments.scene.load()?;
-    let premises =
-        |each_frame| Premises::of(&scene, each_frame, arguments.space.robust, arguments.frame.threads);
+    let premises = |each_frame| Premises {
+        builds_each_frame: each_frame,
+        ..arguments.space.premises(&scene, Objective::Render, arguments.frame.threads)
+    };
     let mut contenders = natives();
-    for (each_frame, purpose) in [(false, "render"), (true, "total")] {
-        let full = TuningSpace::new(Preset::Full, &premises(each_frame));
-        contenders.push(Contender { name: format!("{BY_HAND} ({purpose})"), choice: full.default_choice() });
+    contenders.extend(
+        used_well(&TuningSpace::new(Preset::Full, &premises(false))).into_iter().map(|rival| rival.contender),
+    );
+    for objective in OBJECTIVES {
+        let full = TuningSpace::new(Preset::Full, &premises(objective.builds_each_frame()));
+        contenders.push(Contender { name: fixed_name(objective), choice: full.default_choice() });
     }
     let space = arguments.space.whole(Objective::Render, arguments.frame.threads)?;
     for text in &arguments.config {
         contenders.push(contender(text, &space, &space::parse(text)?)?);
     }
     for NamedConfiguration { name, preset, path } in &arguments.contender {
-        let space = TuningSpace::new(*preset, &Premises { shadow_rays: true, ..premises(false) });
+        let space = TuningSpace::new(*preset, &premises(false));
         contenders.push(contender(name, &space, &read_configuration(path)?)?);
     }
     select(&mut contenders, &arguments.only)?;
@@ -110,13 +117,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         frames_per_build: 1,
     };
     let interrupt = Interrupt::listen();
+    let watch = Watch::begin();
     let bar = output::bar(u64::from(arguments.rounds) + 1, "rounds");
     let measured = interleaved(&renderer, &contenders, &conditions, || {
         bar.inc(1);
         !interrupt.requested()
     });
     bar.finish_and_clear();
-    let rank = |objective: Objective| standings(&measured, objective.frames_per_build());
+    let rank = |objective| ranked(&measured, objective);
     let (render, total) = (rank(Objective::Render), rank(Objective::Total));
     println!(
         "{}: {} triangles, {}, {} threads, {} rounds\n",
@@ -126,8 +134,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         renderer.threads(),
         rounds(&measured),
     );
-    println!("A frame with a thousandth of its build:\n{}\n", output::standings(&render));
-    println!("A frame with a whole build:\n{}", output::standings(&total));
+    println!("A frame with a thousandth of its build:\n{}\n", output::standings(&render, "frame ms"));
+    println!("A frame with a whole build:\n{}", output::standings(&total, "build + render ms"));
+    let disturbance =
+        watch.end(renderer.threads(), &total.first().map_or_else(Vec::new, |one| one.rounds_ms.clone()));
+    if let Some(told) = disturbance.told() {
+        println!("note: {told}");
+    }
     if let Some(path) = &arguments.json {
         let choices = contenders.iter().map(|one| NamedChoice { name: &one.name, choice: one.choice });
         let results = BenchResults {
@@ -136,6 +149,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             size: [arguments.size.width, arguments.size.height],
             threads: renderer.threads(),
             rounds: arguments.rounds,
+            disturbance,
             choices: choices.collect(),
             render,
             total,
@@ -145,9 +159,33 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
+/// What frames of one run of rounds are told for.
+const OBJECTIVES: [Objective; 2] = [Objective::Render, Objective::Total];
+
+/// The best fixed configuration of an objective takes part under a name of its own.
+fn fixed_name(objective: Objective) -> String {
+    format!("{BEST_FIXED} ({})", objective.name())
+}
+
+/// The standings for an objective: of native Embree used well the quality that is best there, and of the two best fixed
+/// configurations its own under the plain name.
+fn ranked(measured: &[Measured], objective: Objective) -> Vec<Standing> {
+    let mut standings = keep_best_native(standings(measured, objective.frames_per_build()));
+    for one in &mut standings {
+        if one.name == fixed_name(objective) {
+            BEST_FIXED.clone_into(&mut one.name);
+        }
+    }
+    standings
+}
+
 /// Keeps those that are asked for, in the order in which they stand.
 fn select(contenders: &mut Vec<Contender>, only: &[String]) -> Result<(), CliError> {
-    if let Some(unknown) = only.iter().find(|name| contenders.iter().all(|one| one.name != **name)) {
+    // Of native used well there are several qualities, of the best fixed one several objectives.
+    let is_meant = |one: &Contender, name: &str| {
+        one.name.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))
+    };
+    if let Some(unknown) = only.iter().find(|name| !contenders.iter().any(|one| is_meant(one, name))) {
         let known: Vec<&str> = contenders.iter().map(|one| one.name.as_str()).collect();
         return Err(CliError::Usage(format!(
             "nobody is called \"{unknown}\"; there are {}",
@@ -155,7 +193,7 @@ fn select(contenders: &mut Vec<Contender>, only: &[String]) -> Result<(), CliErr
         )));
     }
     if !only.is_empty() {
-        contenders.retain(|one| only.contains(&one.name));
+        contenders.retain(|one| only.iter().any(|name| is_meant(one, name)));
     }
     if contenders.len() > CONTENDERS_MAX {
         return Err(CliError::Usage(format!(

@@ -37,9 +37,6 @@ pub(crate) struct ListArguments {
 pub(crate) struct SpacesArguments {
     #[command(flatten)]
     space: SpaceArguments,
-    /// Show what there is for this scene only; everything when left out.
-    #[arg(long, value_name = "PATH|builtin:NAME")]
-    scene: Option<String>,
     /// What is to be minimised, which decides where a search begins.
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
@@ -154,14 +151,7 @@ pub(crate) fn scenes(arguments: &ListArguments) -> Result<(), CliError> {
 
 /// Shows a parameter space.
 pub(crate) fn spaces(arguments: &SpacesArguments) -> Result<(), CliError> {
-    let space = match &arguments.scene {
-        Some(name) => {
-            let scene =
-                SceneArguments { scene: name.clone(), detail: 1.0, time: 0.0, flatten: false }.load()?;
-            arguments.space.of(&scene, arguments.objective, 0)?
-        }
-        None => arguments.space.whole(arguments.objective, 0)?,
-    };
+    let space = arguments.space.whole(arguments.objective, 0)?;
     let parameters: Vec<Explained> = space.explained().collect();
     if arguments.json {
         return output::json(&SpaceInfo {

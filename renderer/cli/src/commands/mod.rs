@@ -2,6 +2,7 @@
 
 pub(crate) mod animate;
 pub(crate) mod bench;
+pub(crate) mod best;
 pub(crate) mod image;
 pub(crate) mod info;
 pub(crate) mod play;

@@ -11,11 +11,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde::Serialize;
 use treewright_accel::{BuildError, Structure, Update};
 use treewright_client::{
-    Configuration, Finished, Indicators, Mode, OpenEnum, Outcome, Policy, SessionPolicy, Source, Stats,
+    Configuration, Finished, Mode, OpenEnum, Outcome, Policy, SessionPolicy, Source, Stats,
 };
 
 use crate::arguments::{
@@ -26,12 +26,15 @@ use crate::interrupt::Interrupt;
 use crate::output;
 use crate::server::ServerArguments;
 use treewright_renderer::film::Film;
-use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds};
+use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds, process_cpu_ms};
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::ITERATIONS_MAX;
 use treewright_renderer::space::{Choice, TuningSpace};
 use treewright_renderer::statistics::Summary;
-use treewright_renderer::tuning::objective::{Objective, specification};
+use treewright_renderer::tuning::objective::{
+    FRAME_MS, FRAMES_PER_BUILD, Objective, auto_specification, auto_study_id, frame_cost, specification,
+};
+use treewright_renderer::tuning::reuse::Reuse;
 use treewright_renderer::tuning::search::measurements;
 use treewright_renderer::tuning::verdict;
 use treewright_scene::Scene;
@@ -51,9 +54,9 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     space: SpaceArguments,
 
-    /// What to minimise; together with scene, size and space it names the study.
-    #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
-    objective: Objective,
+    /// What to minimise; together with the space it names the study.
+    #[arg(long, value_enum, default_value_t = Aim::Render)]
+    objective: Aim,
 
     /// How many frames the flight along the camera path has.
     #[arg(long, value_name = "N", default_value_t = 50, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
@@ -71,10 +74,14 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "T", default_value_t = 1.0, value_parser = unit_interval)]
     to: f32,
 
-    /// How many rounds of its time an animated scene runs through during the flight; each frame then has a
+    /// How many rounds of its time an animated scene runs through during the flight; each frame in which it moves has a
     /// structure of its own moment.
     #[arg(long, value_name = "N", default_value_t = 0.0, allow_negative_numbers = true)]
     rounds: f32,
+
+    /// Share of the flight at its end, 0 to 1, in which an animated scene stands still.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = unit_interval)]
+    rest: f32,
 
     #[command(flatten)]
     update: UpdateArguments,
@@ -93,10 +100,39 @@ pub(crate) struct Arguments {
     json: Option<PathBuf>,
 }
 
+/// What a flight minimises.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+enum Aim {
+    /// The render time: a structure serves a thousand frames.
+    Render,
+    /// Build and render time together: a structure serves one frame.
+    Total,
+    /// Whatever is true: how many frames a structure serves is estimated from what changes.
+    Auto,
+}
+
+impl Aim {
+    fn objective(self) -> Option<Objective> {
+        match self {
+            Self::Render => Some(Objective::Render),
+            Self::Total => Some(Objective::Total),
+            Self::Auto => None,
+        }
+    }
+
+    /// How many frames share a build.
+    fn frames_per_build(self, reuse: &Reuse) -> u32 {
+        self.objective().map_or_else(|| reuse.frames_per_build(), Objective::frames_per_build)
+    }
+}
+
 /// One frame of the flight.
 #[derive(Debug, Serialize)]
 struct PlayedFrame {
     number: u32,
+    /// How many frames share a build, as it was believed.
+    frames_per_build: u32,
     camera_at: f32,
     mode: OpenEnum<Mode>,
     source: Source,
@@ -115,7 +151,7 @@ struct PlayedFrame {
 struct FlightResults {
     scene: String,
     study: String,
-    objective: Objective,
+    objective: Aim,
     /// Name of what frames are compared with.
     baseline: String,
     frames: Vec<PlayedFrame>,
@@ -136,13 +172,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     // Where it is said how the structure follows, that is not tuned.
     let space = match moves && update.is_none() {
         true => arguments.space.of_moving(&scene, threads)?,
-        false => arguments.space.of(&scene, arguments.objective, threads)?,
+        // Of what is not known beforehand a cheap build is the safer start.
+        false => arguments.space.of(&scene, arguments.objective.objective().unwrap_or(Objective::Total), threads)?,
     };
-    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size, &space);
-    let title = format!("{} at {}, {} time", scene.name, arguments.size, arguments.objective.name());
-    let title: String = title.chars().take(200).collect();
-    let specification =
-        specification(&space, &title, arguments.objective, Policy::new(), arguments.frame.seed)?;
+    let (id, specification) = match arguments.objective.objective() {
+        Some(objective) => {
+            (arguments.server.study_id(objective, &space), specification(&space, objective, Policy::new())?)
+        }
+        None => {
+            let made = || auto_study_id(&space);
+            (arguments.server.study.clone().unwrap_or_else(made), auto_specification(&space, Policy::new())?)
+        }
+    };
     let study = client.study(&id, specification)?;
     if let Some(epsilon) = arguments.epsilon {
         let epsilon = Some(f64::from(epsilon));
@@ -157,20 +198,31 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let baseline = verdict::baseline(space.preset());
     let mut flight = Flight::new(renderer, space, baseline.choice, update, arguments)?;
     let (path, mut scene_indicators) = (CameraPath::of(&scene), SceneIndicators::of(&scene));
+    let workload = arguments.frame.workload(&scene, arguments.size);
     let interrupt = Interrupt::listen();
     let mut tuner = study.tuner();
     let mut previous: Option<Finished> = None;
     let mut frames = Vec::new();
+    let (mut reuse, mut time_before) = (Reuse::default(), 0.0);
     for number in 0..arguments.frames {
         let share = number as f32 / (arguments.frames - 1).max(1) as f32;
         let camera_at = arguments.from + (arguments.to - arguments.from) * share;
         let camera = path.sample(camera_at);
-        if moves {
-            let moment = arguments.scene.at(arguments.scene.time + arguments.rounds * share)?;
+        let time = arguments.rounds * (share / (1.0 - arguments.rest).max(f32::EPSILON)).min(1.0);
+        let moved = moves && (number == 0 || time != time_before);
+        time_before = time;
+        if moved {
+            let moment = arguments.scene.at(arguments.scene.time + time)?;
             scene_indicators = SceneIndicators::of(&moment);
             flight.moment = Some(moment);
         }
-        let indicators: Indicators = scene_indicators.with_camera(&camera).values().into_iter().collect();
+        flight.moved = moved;
+        reuse.frame(moved);
+        let frames_per_build = arguments.objective.frames_per_build(&reuse);
+        let mut indicators = workload.state(&scene_indicators.with_camera(&camera));
+        if arguments.objective == Aim::Auto {
+            indicators.set(FRAMES_PER_BUILD, f64::from(frames_per_build));
+        }
         let begin = Instant::now();
         let suggestion = tuner.next(&indicators, previous.take());
         let waiting_ms = milliseconds(begin);
@@ -178,6 +230,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         let (outcome, times, rebuilt) = flight.frame(suggestion.configuration());
         let frame = PlayedFrame {
             number,
+            frames_per_build,
             camera_at,
             mode: suggestion.mode(),
             source: suggestion.source(),
@@ -188,10 +241,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
             waiting_ms,
             default_times: flight.default_frame(),
         };
-        print(&frame, arguments.objective);
+        print(&frame);
         frames.push(frame);
         // What was shown without a new build cannot be reported where builds are part of the objective.
-        previous = Some(suggestion.finished(measurements(times, 1), outcome)?);
+        let mut measured = measurements(times, 1);
+        if let Some(times) = times {
+            measured.set(FRAME_MS, frame_cost(times, frames_per_build));
+        }
+        previous = Some(suggestion.finished(measured, outcome)?);
         if interrupt.requested() {
             break;
         }
@@ -200,7 +257,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if let Err(error) = client.flush(std::time::Duration::from_secs(10)) {
         println!("note: {error}");
     }
-    summarise(&frames, arguments.objective, &baseline.name);
+    summarise(&frames, &baseline.name);
     if let Some(path) = &arguments.json {
         let results = FlightResults {
             scene: scene.name.clone(),
@@ -226,6 +283,8 @@ struct Flight {
     update: Option<Update>,
     /// The scene as it is from this frame on, if it moves.
     moment: Option<Arc<Scene>>,
+    /// Whether it moved for this frame.
+    moved: bool,
     kept: Option<Kept>,
     /// What frames are compared with.
     baseline: Choice,
@@ -237,6 +296,7 @@ struct Flight {
 struct Kept {
     choice: Choice,
     build_ms: f64,
+    build_cpu_ms: f64,
 }
 
 impl Flight {
@@ -256,10 +316,10 @@ impl Flight {
         let built = renderer.build(&baseline.build)?;
         // Warms threads, caches and clocks.
         renderer.render_with(&built.0, &view, &baseline.render, &mut film);
-        let each_frame = arguments.objective.builds_each_frame() || arguments.rounds != 0.0;
+        let each_frame = arguments.objective == Aim::Total;
         let compared = arguments.compare.then_some(built);
-        let (moment, kept) = (None, None);
-        Ok(Self { renderer, space, view, film, each_frame, update, moment, kept, baseline, compared })
+        let (moment, moved, kept) = (None, false, None);
+        Ok(Self { renderer, space, view, film, each_frame, update, moment, moved, kept, baseline, compared })
     }
 
     /// Builds if needed and renders. After a failed build the frame is shown with the structure before it.
@@ -284,10 +344,12 @@ impl Flight {
         if let Some(kept) = &mut self.kept
             && kept.choice.build == choice.build
             && !self.each_frame
+            && self.moment.is_none()
         {
             kept.choice = choice;
             return Ok(false);
         }
+        let cpu_ms = process_cpu_ms();
         let built = match self.moment.take() {
             Some(scene) => self.follow(scene, &choice),
             None => self.renderer.rebuild(&choice.build),
@@ -296,7 +358,7 @@ impl Flight {
             true => Outcome::infeasible(error.to_string()),
             false => Outcome::failed(error.to_string()),
         })?;
-        self.kept = Some(Kept { choice, build_ms });
+        self.kept = Some(Kept { choice, build_ms, build_cpu_ms: process_cpu_ms() - cpu_ms });
         Ok(true)
     }
 
@@ -313,16 +375,18 @@ impl Flight {
 
     /// A frame with what is kept. `None` before the first build that succeeds.
     fn render(&mut self) -> Option<FrameTimes> {
-        let Kept { choice, build_ms } = self.kept.as_ref()?;
+        let Kept { choice, build_ms, build_cpu_ms } = *self.kept.as_ref()?;
         self.film.clear();
+        let cpu_ms = self.renderer.render_cpu_ms();
         let (render_ms, _) = self.renderer.render(&self.view, &choice.render, &mut self.film)?;
-        Some(FrameTimes { build_ms: *build_ms, render_ms })
+        let render_cpu_ms = Some(self.renderer.render_cpu_ms() - cpu_ms);
+        Some(FrameTimes { build_ms, render_ms, build_cpu_ms: Some(build_cpu_ms), render_cpu_ms })
     }
 
     /// The same view with the baseline.
     fn default_frame(&mut self) -> Option<FrameTimes> {
         let (structure, build_ms) = self.compared.as_mut()?;
-        if self.each_frame
+        if (self.each_frame || self.moved)
             && let Ok(built) = self.renderer.build(&self.baseline.build)
         {
             (*structure, *build_ms) = built;
@@ -330,11 +394,11 @@ impl Flight {
         self.film.clear();
         let (render_ms, _) =
             self.renderer.render_with(structure, &self.view, &self.baseline.render, &mut self.film);
-        Some(FrameTimes { build_ms: *build_ms, render_ms })
+        Some(FrameTimes::of(*build_ms, render_ms))
     }
 }
 
-fn print(frame: &PlayedFrame, objective: Objective) {
+fn print(frame: &PlayedFrame) {
     let mode = match (frame.source, frame.mode) {
         (Source::LastGood, _) => "last good",
         (Source::Default, _) => "away",
@@ -354,7 +418,8 @@ fn print(frame: &PlayedFrame, objective: Objective) {
     };
     let build = if frame.rebuilt { format!("{:9.1}", times.build_ms) } else { format!("{:>9}", "kept") };
     let compared = frame.default_times.map_or_else(String::new, |default| {
-        let (default_ms, own_ms) = (objective.cost(default), objective.cost(times));
+        let cost = |times| frame_cost(times, frame.frames_per_build);
+        let (default_ms, own_ms) = (cost(default), cost(times));
         format!("  {default_ms:11.1}  {:6.2} ×", default_ms / own_ms)
     });
     println!(
@@ -366,7 +431,7 @@ fn print(frame: &PlayedFrame, objective: Objective) {
     );
 }
 
-fn summarise(frames: &[PlayedFrame], objective: Objective, baseline: &str) {
+fn summarise(frames: &[PlayedFrame], baseline: &str) {
     let exploited: Vec<&PlayedFrame> =
         frames.iter().filter(|frame| frame.mode == Mode::Exploit && frame.source == Source::Daemon).collect();
     let waiting: Vec<f64> = frames.iter().map(|frame| frame.waiting_ms).collect();
@@ -378,7 +443,10 @@ fn summarise(frames: &[PlayedFrame], objective: Objective, baseline: &str) {
     );
     let pairs: Vec<f64> = exploited
         .iter()
-        .filter_map(|frame| Some(objective.cost(frame.default_times?) / objective.cost(frame.times?)))
+        .filter_map(|frame| {
+            let cost = |times| frame_cost(times, frame.frames_per_build);
+            Some(cost(frame.default_times?) / cost(frame.times?))
+        })
         .collect();
     if !pairs.is_empty() {
         let speedup = Summary::of(&pairs);

@@ -12,14 +12,15 @@ use treewright_client::{
 
 use super::tune_output;
 use crate::arguments::{
-    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, indicators, objective,
-    read_configuration, unit_interval,
+    CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, objective, read_configuration,
+    unit_interval,
 };
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
 use crate::output;
 use crate::report;
 use crate::server::ServerArguments;
+use treewright_renderer::disturbance::{Disturbance, Watch};
 use treewright_renderer::frame::{Renderer, milliseconds};
 use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
 use treewright_renderer::measure::{Conditions, Contender, Standing, interleaved, standings};
@@ -28,7 +29,10 @@ use treewright_renderer::tuning::objective::{Objective, specification};
 use treewright_renderer::tuning::results::{Overhead, Prediction, SceneFacts, TuningResults};
 use treewright_renderer::tuning::run_off::{FINALISTS, Finalist, leaders, run_off};
 use treewright_renderer::tuning::search::{self, Drift, SearchOutcome, SearchSetting, measurements};
-use treewright_renderer::tuning::verdict::{self, PAPER_TUNED, PREDICTED, TUNED};
+use treewright_renderer::tuning::verdict::{
+    self, BEST_FIXED, FOUND, Gains, NATIVE_USED_WELL, PAPER_TUNED, PREDICTED, Rival,
+};
+use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
 use treewright_scene::{Camera, Scene};
@@ -132,8 +136,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let space = Arc::new(arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?);
     let camera = arguments.camera.find(&scene)?;
     let mut renderer = arguments.frame.renderer(&scene)?;
-    let id = arguments.server.study_id(&scene, arguments.objective, arguments.size, &space);
-    let study = open_study(&client, &id, &scene, &space, arguments)?;
+    let id = arguments.server.study_id(arguments.objective, &space);
+    let workload = arguments.frame.workload(&scene, arguments.size);
+    let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
+    let study = open_study(&client, &id, &space, &state, arguments)?;
     println!(
         "Tuning {} ({} triangles) at {} for {} time in the {} space, {} iterations, study {id}",
         scene.name,
@@ -154,13 +160,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         width: arguments.size.width,
         height: arguments.size.height,
         frames: arguments.frames,
-        indicators: indicators(&scene, &camera),
+        indicators: state,
     };
     let drift = arguments.moving.map(|span| Drift {
         path: CameraPath::of(&scene),
         from: arguments.camera.at.unwrap_or(0.0),
         span,
         scene: SceneIndicators::of(&scene),
+        workload,
     });
     let found = search(&mut renderer, &study, &setting, arguments.iterations, drift.as_ref(), interrupt)?;
     let mut notes = Vec::new();
@@ -168,21 +175,38 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         notes.push(error.to_string());
     }
 
-    let judge =
-        Judge { client: &client, renderer: &renderer, study: &study, space: &space, arguments, interrupt };
+    let premises = arguments.space.premises(&scene, arguments.objective, arguments.frame.threads);
+    let rivals = verdict::rivals(&space, &premises);
+    let judge = Judge {
+        client: &client,
+        renderer: &renderer,
+        study: &study,
+        space: &space,
+        workload,
+        arguments,
+        interrupt,
+    };
     let conditions = judge.conditions(camera);
     let spinner = output::spinner("measuring the best configurations again");
-    let tuned = judge.winner(&found, candidates, &setting, &mut notes)?;
-    let standings = judge.standings(&tuned, paper.as_ref(), &conditions)?;
+    let winner = judge.winner(&found, candidates, &rivals, &setting, &mut notes)?;
+    let (standings, best, disturbance) = judge.standings(&winner, &rivals, paper.as_ref(), &conditions)?;
+    // Whatever beat what was found is what this run recommends.
+    let own = rivals.iter().find(|rival| verdict::is_of(&rival.contender.name, &best, &standings));
+    let tuned = own.and_then(|rival| rival.configuration.clone()).unwrap_or_else(|| winner.clone());
     spinner.set_message("asking the predictor for another camera");
-    let prediction = judge.prediction(&scene).unwrap_or_else(|error| {
+    let prediction = judge.prediction(&scene, &rivals).unwrap_or_else(|error| {
         notes.push(format!("the predictor could not be asked: {error}"));
         None
     });
     spinner.finish_and_clear();
 
+    let frames = arguments.frames;
     let break_even =
-        verdict::break_even(&found, arguments.objective, arguments.frames, &standings, &baseline.name);
+        verdict::break_even(&found, arguments.objective, frames, &standings, &best, &baseline.name);
+    let whiles = [("searched", found.disturbance), ("measured again", disturbance)];
+    for (when, told) in whiles.into_iter().filter_map(|(when, seen)| Some((when, seen.told()?))) {
+        notes.push(format!("while it was {when}, {told}"));
+    }
     let results = TuningResults {
         scene: facts(&scene, &renderer),
         size: [arguments.size.width, arguments.size.height],
@@ -198,8 +222,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         overhead: Overhead::of(&found.trials),
         trials: found.trials,
         reference_ms: found.reference_ms,
+        found: winner,
         tuned,
+        gains: Gains::of(&standings, &best),
+        best,
         standings,
+        disturbance,
         prediction,
         break_even,
         break_even_frame: break_even.frame(),
@@ -220,19 +248,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }
 
-/// Creates or finds the study and explores it in this session: the search gets room for the trials to come.
+/// Creates or finds the study and explores this scene and view in this session: their search gets room for the trials
+/// to come.
 fn open_study(
     client: &Client,
     id: &str,
-    scene: &Scene,
     space: &TuningSpace,
+    state: &Indicators,
     arguments: &Arguments,
 ) -> Result<Study, CliError> {
-    let title = format!("{} at {}, {} time", scene.name, arguments.size, arguments.objective.name());
-    let title: String = title.chars().take(200).collect();
-    let spec = specification(space, &title, arguments.objective, Policy::new(), arguments.frame.seed)?;
-    let study = client.study(id, spec)?;
-    let done = study.record()?.statistics.completed_trials;
+    let study = client.study(id, specification(space, arguments.objective, Policy::new())?)?;
+    let insight = study.predict(state)?.state;
+    let done = insight.map_or(0, |insight| insight.tried);
     let room = u32::try_from(done).unwrap_or(0).saturating_add(arguments.iterations).min(ITERATIONS_MAX);
     // For this run alone: the study's policy is its operator's.
     study.set_session_policy(SessionPolicy {
@@ -242,7 +269,7 @@ fn open_study(
         ..SessionPolicy::default()
     })?;
     if done > 0 {
-        println!("The study has {done} trials already; the search goes on where it stood.");
+        println!("{done} configurations were tried here already; the search goes on where it stood.");
     }
     Ok(study)
 }
@@ -298,6 +325,7 @@ struct Judge<'a> {
     renderer: &'a Renderer,
     study: &'a Study,
     space: &'a TuningSpace,
+    workload: Workload,
     arguments: &'a Arguments,
     interrupt: Interrupt,
 }
@@ -318,7 +346,8 @@ impl Judge<'_> {
         standings(&measured, conditions.frames_per_build)
     }
 
-    /// The best of the search in a run-off, together with where it began and what the user brought along.
+    /// The best of the search in a run-off, together with where it began, native Embree used well, and what the user
+    /// brought along.
     ///
     /// The service learns what is measured here. It may then hold a configuration for the best that had one lucky
     /// measurement and was not among the finalists: that one has to run against the winner, too.
@@ -326,12 +355,14 @@ impl Judge<'_> {
         &self,
         found: &SearchOutcome,
         candidates: Vec<Configuration>,
+        rivals: &[Rival],
         setting: &SearchSetting,
         notes: &mut Vec<String>,
     ) -> Result<Configuration, CliError> {
         let conditions = self.conditions(setting.view.camera);
         let mut finalists = leaders(&found.trials, FINALISTS);
-        for candidate in candidates.iter().chain([&self.space.default_configuration()]) {
+        let known = rivals.iter().filter_map(|rival| rival.configuration.as_ref());
+        for candidate in candidates.iter().chain([&self.space.default_configuration()]).chain(known) {
             let candidate = self.space.complete(candidate)?;
             if !finalists.contains(&candidate) {
                 finalists.push(candidate);
@@ -370,23 +401,30 @@ impl Judge<'_> {
         Ok(self.study.best(indicators)?.configuration)
     }
 
-    /// Everybody that matters, and the winner, in fresh rounds.
+    /// Everybody that matters, and what was found, in fresh rounds; who was best in them; and what else the machine did.
     fn standings(
         &self,
-        tuned: &Configuration,
+        found: &Configuration,
+        rivals: &[Rival],
         paper: Option<&Configuration>,
         conditions: &Conditions,
-    ) -> Result<Vec<Standing>, CliError> {
-        let mut contenders = verdict::peers(self.space);
+    ) -> Result<(Vec<Standing>, String, Disturbance), CliError> {
+        let mut contenders: Vec<Contender> = rivals.iter().map(|rival| rival.contender.clone()).collect();
         if let Some(paper) = paper {
             contenders.push(verdict::contender(PAPER_TUNED, &TuningSpace::paper(), paper)?);
         }
-        contenders.push(verdict::contender(TUNED, self.space, tuned)?);
-        Ok(self.measure(&contenders, conditions))
+        contenders.push(verdict::contender(FOUND, self.space, found)?);
+        let watch = Watch::begin();
+        let mut standings = verdict::keep_best_native(self.measure(&contenders, conditions));
+        let baseline = verdict::baseline(self.space.preset()).name;
+        let rounds = standings.iter().find(|one| one.name == baseline).map(|one| one.rounds_ms.clone());
+        let disturbance = watch.end(self.renderer.threads(), &rounds.unwrap_or_default());
+        let best = verdict::crown(&mut standings);
+        Ok((standings, best, disturbance))
     }
 
     /// Asks the predictor for a camera that was never tuned, and measures its answer there.
-    fn prediction(&self, scene: &Arc<Scene>) -> Result<Option<Prediction>, CliError> {
+    fn prediction(&self, scene: &Arc<Scene>, rivals: &[Rival]) -> Result<Option<Prediction>, CliError> {
         if self.interrupt.requested() {
             return Ok(None);
         }
@@ -396,19 +434,23 @@ impl Judge<'_> {
             .unwrap_or_else(|| (self.arguments.camera.at.unwrap_or(0.0) + FRESH_STEP) % 1.0);
         let camera = CameraPath::of(scene).sample(camera_at);
         let begin = Instant::now();
-        let answer = self.study.predict(&indicators(scene, &camera))?;
+        let answer =
+            self.study.predict(&self.workload.state(&SceneIndicators::of(scene).with_camera(&camera)))?;
         let answer_ms = milliseconds(begin);
-        let contenders = [
-            verdict::baseline(self.space.preset()),
-            verdict::contender(PREDICTED, self.space, &answer.configuration)?,
-        ];
+        let asked = |rival: &&Rival| {
+            let name = &rival.contender.name;
+            name.starts_with(NATIVE_USED_WELL) || name == BEST_FIXED
+        };
+        let mut contenders = vec![verdict::baseline(self.space.preset())];
+        contenders.extend(rivals.iter().filter(asked).map(|rival| rival.contender.clone()));
+        contenders.push(verdict::contender(PREDICTED, self.space, &answer.configuration)?);
         Ok(Some(Prediction {
             camera_at,
             mode: answer.mode,
             reason: answer.reason.summary,
             configuration: answer.configuration,
             answer_ms,
-            standings: self.measure(&contenders, &self.conditions(camera)),
+            standings: verdict::keep_best_native(self.measure(&contenders, &self.conditions(camera))),
         }))
     }
 }

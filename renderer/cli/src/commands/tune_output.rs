@@ -1,47 +1,23 @@
 //! What `tune` prints at the end: the table, and a few sentences that explain it.
 
-use comfy_table::Table;
-
 use crate::output;
-use treewright_renderer::measure::Standing;
-use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::results::TuningResults;
-use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT};
+use treewright_renderer::tuning::verdict::Gains;
 
 /// Prints the results for people.
 pub(crate) fn print(results: &TuningResults) {
     let per_frame = if results.objective.builds_each_frame() { "build + render ms" } else { "frame ms" };
-    let mut table = output::table(&[
-        "structure",
-        "build ms",
-        per_frame,
-        "quartiles",
-        "over paper default",
-        "over native default",
-        "quartiles",
-    ]);
-    for standing in &results.standings {
-        add(
-            &mut table,
-            &standing.name,
-            standing,
-            results.standing(PAPER_DEFAULT),
-            results.standing(NATIVE_DEFAULT),
-        );
-    }
-    if let Some(prediction) = &results.prediction {
-        let find = |name: &str| prediction.standings.iter().find(|one| one.name == name);
-        for standing in &prediction.standings {
-            let name = format!("{}, fresh camera", standing.name);
-            add(&mut table, &name, standing, find(PAPER_DEFAULT), find(NATIVE_DEFAULT));
-        }
-    }
-    println!("\n{table}");
-    println!("tuned configuration: {}", results.tuned);
+    println!("\n{}", output::standings(&results.standings, per_frame));
+    println!("{}", verdict(results));
+    println!("{}", gains(&results.gains));
+    println!("recommended configuration: {}", results.tuned);
     if let Some(prediction) = &results.prediction {
         println!(
-            "prediction: for another camera ({:.2} of the path) the answer came in {:.1} ms, without any search: {}",
-            prediction.camera_at, prediction.answer_ms, prediction.reason,
+            "\nprediction: for another camera ({:.2} of the path) the answer came in {:.1} ms, without any search: {}\n{}",
+            prediction.camera_at,
+            prediction.answer_ms,
+            prediction.reason,
+            output::standings(&prediction.standings, per_frame),
         );
     }
     let overhead = &results.overhead;
@@ -59,10 +35,7 @@ pub(crate) fn print(results: &TuningResults) {
             )
         }
         None => {
-            println!(
-                "break-even: never, since the tuned structure is not faster than the {}",
-                results.baseline
-            )
+            println!("break-even: never, since nothing is faster than the {}", results.baseline)
         }
     }
     let (failed, stopped, all) = (results.failed(), results.stopped(), results.trials.len());
@@ -87,23 +60,28 @@ pub(crate) fn print(results: &TuningResults) {
     }
 }
 
-/// A line of the table: a standing, and how it compares with two others of the same rounds.
-fn add(table: &mut Table, name: &str, one: &Standing, paper: Option<&Standing>, native: Option<&Standing>) {
-    if let Some(failure) = &one.failure {
-        table.add_row([name.to_owned(), failure.clone()]);
-        return;
+/// Who is best, and whether that is shown.
+fn verdict(results: &TuningResults) -> String {
+    match results.gains.over_best_fixed {
+        _ if !results.search_won() => {
+            format!("verdict: the search found nothing that is faster than \"{}\"", results.best)
+        }
+        Some(gain) if gain.is_gain() => {
+            "verdict: what the search found is faster than everybody else".to_owned()
+        }
+        _ => "verdict: what the search found was the fastest, but no more than the noise allows".to_owned(),
     }
-    let over = |other: Option<&Standing>| other.map(|other| one.speedup_over(other));
-    let times =
-        |ratio: Option<Summary>| ratio.map_or_else(String::new, |ratio| format!("{:.2} ×", ratio.median));
-    let spread = |ratio: Summary| format!("{:.2} – {:.2}", ratio.lower_quartile, ratio.upper_quartile);
-    table.add_row([
-        name.to_owned(),
-        format!("{:.1}", one.build_ms.median),
-        format!("{:.1}", one.frame_ms.median),
-        format!("{:.1} – {:.1}", one.frame_ms.lower_quartile, one.frame_ms.upper_quartile),
-        times(over(paper)),
-        times(over(native)),
-        over(native).map_or_else(String::new, spread),
-    ]);
+}
+
+/// The gain and what it is made of.
+fn gains(gains: &Gains) -> String {
+    let parts = [
+        ("start", gains.start),
+        ("× search", gains.over_best_fixed),
+        ("= over native Embree default", gains.over_native_default),
+        ("; over native used well", gains.over_native_used_well),
+    ];
+    let told = parts.iter().filter_map(|(name, ratio)| Some(format!("{name} {}", (*ratio)?)));
+    let told = told.collect::<Vec<_>>().join(" ").replace(" ;", ";");
+    format!("gain, with intervals of 95 %: {told}")
 }

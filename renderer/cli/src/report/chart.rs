@@ -4,8 +4,9 @@
 
 use plotters::prelude::*;
 
-use super::parts::{predicted, roofline};
+use super::parts::{predicted, relative, roofline};
 use treewright_renderer::tuning::results::TuningResults;
+use treewright_renderer::tuning::verdict::{BEST_FIXED, NATIVE_USED_WELL};
 
 const WIDTH: u32 = 900;
 const HEIGHT: u32 = 430;
@@ -20,14 +21,18 @@ const BEST: RGBColor = RGBColor(3, 3, 3);
 const PREDICTED: RGBColor = RGBColor(4, 4, 4);
 const OVERHEAD: RGBColor = RGBColor(5, 5, 5);
 const FAILED: RGBColor = RGBColor(6, 6, 6);
+const USED_WELL: RGBColor = RGBColor(7, 7, 7);
+const FIXED: RGBColor = RGBColor(8, 8, 8);
 
-const COLOURS: [(&str, &str); 6] = [
+const COLOURS: [(&str, &str); 8] = [
     ("#010101", "var(--ink)"),
     ("#020202", "var(--faint)"),
     ("#030303", "var(--best)"),
     ("#040404", "var(--predicted)"),
     ("#050505", "var(--overhead)"),
     ("#060606", "var(--failed)"),
+    ("#070707", "var(--used-well)"),
+    ("#080808", "var(--fixed)"),
 ];
 
 /// The curve as an SVG element for the inside of the page.
@@ -90,6 +95,11 @@ fn draw(results: &TuningResults, svg: &mut String) -> Result<(), Box<dyn std::er
     }
     let line = |y: f64| [(0.0, y), (last + 1.0, y)];
     chart.draw_series(DashedLineSeries::new(line(1.0), 2, 5, INK.stroke_width(1)))?;
+    for (name, colour) in [(NATIVE_USED_WELL, USED_WELL), (BEST_FIXED, FIXED)] {
+        if let Some(level) = relative(results, name) {
+            chart.draw_series(DashedLineSeries::new(line(level), 2, 4, colour.stroke_width(2)))?;
+        }
+    }
     chart.draw_series(LineSeries::new(curve.iter().copied(), INK.stroke_width(2)))?;
     chart.draw_series(
         curve.iter().filter(|(_, y)| *y >= CAP).map(|(x, y)| TriangleMarker::new((*x, *y), 6, INK.filled())),

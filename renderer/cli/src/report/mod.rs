@@ -15,10 +15,11 @@ use parts::{ConfigurationRow, StandingRow};
 use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::image_file::{Exposure, ImageFileError, png_bytes};
+use treewright_renderer::measure::Standing;
 use treewright_renderer::space::{Choice, ConfigurationError};
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::search::SearchSetting;
-use treewright_renderer::tuning::verdict::{TUNED, baseline};
+use treewright_renderer::tuning::verdict::{BEST_FIXED, NATIVE_USED_WELL, baseline};
 
 /// Samples a pixel of the report's two pictures.
 const PICTURE_SAMPLES: u32 = 24;
@@ -58,6 +59,10 @@ struct Page<'a> {
     baseline: &'a str,
     default_ms: String,
     tuned_ms: String,
+    best: String,
+    gains: String,
+    has_used_well: bool,
+    has_fixed: bool,
     difference: String,
     what_was_tuned: &'static str,
     samples: u32,
@@ -110,7 +115,11 @@ fn page(results: &TuningResults, default: &Picture, tuned: &Picture) -> Result<S
         baseline: &results.baseline,
         what_was_tuned: parts::what_was_tuned(results),
         default_ms: format!("{:.1}", frame_ms(&results.baseline)),
-        tuned_ms: format!("{:.1}", frame_ms(TUNED)),
+        best: results.standing(&results.best).map_or_else(|| results.best.clone(), Standing::title),
+        gains: parts::gains(results),
+        has_used_well: results.standing(NATIVE_USED_WELL).is_some(),
+        has_fixed: results.standing(BEST_FIXED).is_some(),
+        tuned_ms: format!("{:.1}", frame_ms(&results.best)),
         difference: format!("{:.4}", default.mean_relative_difference(tuned) * 100.0),
         samples: PICTURE_SAMPLES,
         standings: parts::standings(results),

@@ -2,9 +2,12 @@
 
 use treewright_client::{Configuration, Value};
 
+use treewright_renderer::measure::Standing;
 use treewright_renderer::space::{Explained, Preset};
 use treewright_renderer::tuning::results::TuningResults;
-use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, TUNED};
+use treewright_renderer::tuning::verdict::{
+    BEST_FIXED, NATIVE_DEFAULT, NATIVE_USED_WELL, PAPER_DEFAULT, PREDICTED,
+};
 
 /// A speed-up below this is not told as one: frames vary more than that.
 const WORTH_TELLING: f64 = 1.03;
@@ -16,6 +19,8 @@ pub(super) struct StandingRow {
     pub(super) frame_ms: String,
     pub(super) spread: String,
     pub(super) speedup: String,
+    pub(super) over_used_well: String,
+    pub(super) over_fixed: String,
     /// Length of the bar behind the frame time, in percent of the slowest.
     pub(super) bar: u32,
     pub(super) winner: bool,
@@ -34,14 +39,40 @@ pub(super) struct ConfigurationRow {
 
 pub(super) fn headline(results: &TuningResults) -> String {
     let speedup = results.speedup();
-    let (verb, subject) = match results.objective.builds_each_frame() {
-        false => ("renders this scene", "tuned structure"),
-        true => ("is built and rendered", "tuned structure"),
+    let verb = match results.objective.builds_each_frame() {
+        false => "renders this scene",
+        true => "is built and rendered",
     };
-    if speedup >= WORTH_TELLING {
-        format!("The {subject} {verb} {speedup:.2}× faster than {}.", the(&results.baseline))
-    } else {
+    if results.best.is_empty() || results.best == results.baseline {
         format!("Here {} is as good as anything the search found.", the(&results.baseline))
+    } else if !results.search_won() {
+        format!(
+            "Nothing the search found is faster than {}, {speedup:.2}× as fast as {}.",
+            the(&results.best),
+            the(&results.baseline)
+        )
+    } else if speedup >= WORTH_TELLING {
+        format!("The tuned structure {verb} {speedup:.2}× faster than {}.", the(&results.baseline))
+    } else {
+        format!("The tuned structure is as fast as {}.", the(&results.baseline))
+    }
+}
+
+/// The gain and what it is made of.
+pub(super) fn gains(results: &TuningResults) -> String {
+    let gains = &results.gains;
+    let parts = [
+        ("The best fixed configuration, where the search began, over native Embree", gains.start),
+        ("the best over the best fixed configuration, which is what the search added", gains.over_best_fixed),
+        ("over native Embree, both together", gains.over_native_default),
+        ("over native Embree used well", gains.over_native_used_well),
+    ];
+    let told = parts.iter().filter_map(|(name, ratio)| Some(format!("{name}: {}", (*ratio)?)));
+    let told = told.collect::<Vec<_>>().join("; ");
+    if told.is_empty() {
+        told
+    } else {
+        format!("{told}. In brackets stands where the true ratio lies with 95 % confidence.")
     }
 }
 
@@ -50,27 +81,41 @@ fn the(name: &str) -> String {
     match name {
         PAPER_DEFAULT => "the recommended default".to_owned(),
         NATIVE_DEFAULT => "native Embree".to_owned(),
+        NATIVE_USED_WELL => "native Embree used well".to_owned(),
         other => format!("the {other}"),
     }
 }
 
 pub(super) fn explanation(results: &TuningResults) -> String {
-    let other = [PAPER_DEFAULT, NATIVE_DEFAULT].into_iter().find(|name| *name != results.baseline);
-    let ratio = other.and_then(|name| Some((name, results.speedup_over(name)?)));
-    let other = ratio.map_or_else(String::new, |(name, ratio)| {
-        format!(" Its speed is {ratio:.2} times that of {}.", the(name))
-    });
-    let frames = results.standing(TUNED).map_or(0, |standing| standing.frame_ms.count);
-    format!("Medians of {frames} paired frames, measured again after the search.{other}")
+    let others = [PAPER_DEFAULT, NATIVE_DEFAULT, NATIVE_USED_WELL, BEST_FIXED];
+    let ratios: Vec<String> = others
+        .into_iter()
+        .filter(|name| *name != results.baseline && *name != results.best)
+        .filter_map(|name| Some(format!("{:.2} times that of {}", results.speedup_over(name)?, the(name))))
+        .collect();
+    let other =
+        if ratios.is_empty() { String::new() } else { format!(" Its speed is {}.", ratios.join(", ")) };
+    let frames = results.standing(&results.best).map_or(0, |standing| standing.frame_ms.count);
+    let disturbed = if results.disturbance.disturbed {
+        " The machine was disturbed meanwhile: see the notes."
+    } else {
+        ""
+    };
+    format!("Medians of {frames} paired frames, measured again after the search.{other}{disturbed}")
 }
 
 pub(super) fn standings(results: &TuningResults) -> Vec<StandingRow> {
+    let over = |one: &Standing, name: &str| {
+        results.standing(name).map_or_else(String::new, |other| one.gain_over(other).to_string())
+    };
     let slowest = results.standings.iter().map(|standing| standing.frame_ms.median).fold(1e-9, f64::max);
     results
         .standings
         .iter()
         .map(|standing| StandingRow {
-            name: standing.name.clone(),
+            name: standing.title(),
+            over_used_well: over(standing, NATIVE_USED_WELL),
+            over_fixed: over(standing, BEST_FIXED),
             build_ms: match &standing.failure {
                 Some(_) => "cannot be built".to_owned(),
                 None => format!("{:.1}", standing.build_ms.median),
@@ -85,7 +130,7 @@ pub(super) fn standings(results: &TuningResults) -> Vec<StandingRow> {
                 None => String::new(),
             },
             bar: (100.0 * standing.frame_ms.median / slowest).round().clamp(0.0, 100.0) as u32,
-            winner: standing.name == TUNED,
+            winner: standing.name == results.best,
         })
         .collect()
 }
@@ -109,13 +154,19 @@ pub(super) fn search_summary(results: &TuningResults) -> String {
 pub(super) fn prediction(results: &TuningResults) -> Option<String> {
     results.prediction.as_ref().map(|prediction| {
         let speedup = prediction.speedup();
+        let over = |name: &str| {
+            let find = |name: &str| prediction.standings.iter().find(|one| one.name == name);
+            Some(format!("{} as fast as {}", find(PREDICTED)?.gain_over(find(name)?), the(name)))
+        };
+        let honest: Vec<String> = [NATIVE_USED_WELL, BEST_FIXED].into_iter().filter_map(over).collect();
+        let honest = if honest.is_empty() { String::new() } else { format!(" ({})", honest.join(", ")) };
         let verdict = if speedup >= WORTH_TELLING {
             format!("With it, that view renders {speedup:.2}× faster than with {}", the(&results.baseline))
         } else {
             format!("With it, that view runs at {speedup:.2}× the speed of {}", the(&results.baseline))
         };
         format!(
-            "Then the camera moved to a place that was never tuned. The service answered in {:.1} ms from what it had learned. {verdict}, \
+            "Then the camera moved to a place that was never tuned. The service answered in {:.1} ms from what it had learned. {verdict}{honest}, \
              without a single trial there.",
             prediction.answer_ms,
         )
@@ -141,7 +192,7 @@ pub(super) fn break_even(results: &TuningResults) -> String {
             the(&results.baseline),
         ),
         None => format!(
-            "The tuned structure is not faster than {}, so the search does not pay for itself here.",
+            "Nothing is faster than {}, so the search does not pay for itself here.",
             the(&results.baseline)
         ),
     }
@@ -219,15 +270,21 @@ pub fn thousands(number: usize) -> String {
     text
 }
 
-/// Relative frame time of the winner: the roofline.
+/// Relative frame time of the best: the roofline.
 pub(super) fn roofline(results: &TuningResults) -> f64 {
     1.0 / results.speedup().max(f64::MIN_POSITIVE)
+}
+
+/// Relative frame time of somebody who took part in the rounds.
+pub(super) fn relative(results: &TuningResults, name: &str) -> Option<f64> {
+    let speedup = results.standing(name)?.speedup_over(results.standing(&results.baseline)?);
+    (speedup.count > 0 && speedup.median > 0.0).then(|| 1.0 / speedup.median)
 }
 
 /// Relative frame time of the prediction on the fresh camera.
 pub(super) fn predicted(results: &TuningResults) -> Option<f64> {
     let prediction = results.prediction.as_ref()?;
     let names: Vec<&str> = prediction.standings.iter().map(|standing| standing.name.as_str()).collect();
-    (names == [results.baseline.as_str(), PREDICTED])
+    (names.first() == Some(&results.baseline.as_str()) && names.last() == Some(&PREDICTED))
         .then(|| 1.0 / prediction.speedup().max(f64::MIN_POSITIVE))
 }

@@ -4,6 +4,7 @@ use glam::Vec3;
 use treewright_client::{Configuration, Fingerprint, Indicators, Mode, Outcome, Source, Stats};
 
 use super::*;
+use treewright_renderer::disturbance::Disturbance;
 use treewright_renderer::frame::FrameTimes;
 use treewright_renderer::measure::{Measured, standings};
 use treewright_renderer::space::{Preset, TuningSpace};
@@ -11,7 +12,9 @@ use treewright_renderer::statistics::BreakEven;
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::{Overhead, Prediction, SceneFacts};
 use treewright_renderer::tuning::search::Iteration;
-use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED};
+use treewright_renderer::tuning::verdict::{
+    BEST_FIXED, FOUND, Gains, NATIVE_DEFAULT, NATIVE_USED_WELL, PAPER_DEFAULT, PREDICTED, crown,
+};
 
 fn iteration(number: u32, render_ms: Option<f64>) -> Iteration {
     Iteration {
@@ -24,7 +27,7 @@ fn iteration(number: u32, render_ms: Option<f64>) -> Iteration {
         configuration: Configuration::new().with("quality", 3),
         predicted_cost: None,
         outcome: if render_ms.is_some() { Outcome::Ok } else { Outcome::infeasible("depth limit") },
-        times: render_ms.map(|render_ms| FrameTimes { build_ms: 20.0, render_ms }),
+        times: render_ms.map(|render_ms| FrameTimes::of(20.0, render_ms)),
         cost: render_ms,
         waiting_ms: 0.5,
         total_ms: render_ms.unwrap_or(0.0) + 21.0,
@@ -38,8 +41,15 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
         render_ms: vec![render_ms; 9],
         failure: None,
     };
-    let side_by_side =
-        [measured(PAPER_DEFAULT, 100.0), measured(NATIVE_DEFAULT, 55.0), measured(TUNED, tuned_ms)];
+    let side_by_side = [
+        measured(PAPER_DEFAULT, 100.0),
+        measured(NATIVE_DEFAULT, 55.0),
+        measured(NATIVE_USED_WELL, 54.0),
+        measured(BEST_FIXED, 52.0),
+        measured(FOUND, tuned_ms),
+    ];
+    let mut standings = standings(&side_by_side, 1000);
+    let best = crown(&mut standings);
     let space = TuningSpace::paper();
     let trials = vec![
         iteration(1, Some(100.0)),
@@ -81,15 +91,22 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
         overhead: Overhead::of(&trials),
         trials,
         reference_ms: 100.0,
+        found: Configuration::new().with("quality", 3),
+        gains: Gains::of(&standings, &best),
+        best,
+        disturbance: Disturbance::default(),
         tuned: Configuration::new().with("quality", 3).with("branching_factor", 8).with("compact", false),
-        standings: standings(&side_by_side, 1000),
+        standings,
         prediction: Some(Prediction {
             camera_at: 0.2,
             mode: Mode::Exploit.into(),
             reason: "nearest state".into(),
             configuration: Configuration::new().with("quality", 1),
             answer_ms: 0.8,
-            standings: standings(&[measured(PAPER_DEFAULT, 100.0), measured(PREDICTED, 60.0)], 1000),
+            standings: treewright_renderer::measure::standings(
+                &[measured(PAPER_DEFAULT, 100.0), measured(PREDICTED, 60.0)],
+                1000,
+            ),
         }),
         break_even,
         break_even_frame: break_even.frame(),
@@ -109,7 +126,11 @@ fn the_page_says_what_was_measured() {
         html.contains("The tuned structure renders this scene 2.00× faster than the recommended default.")
     );
     assert!(html.contains("1\u{2009}234\u{2009}567 triangles") && html.contains("Test One, 2 threads"));
-    assert!(html.contains("Its speed is 1.10 times that of native Embree."));
+    assert!(html.contains("1.10 times that of native Embree, 1.08 times that of native Embree used well"));
+    assert!(html.contains("1.04 × [1.04, 1.04]"), "the gain over the best fixed configuration");
+    for row in [NATIVE_USED_WELL, BEST_FIXED, "over best fixed"] {
+        assert!(html.contains(row), "{row}");
+    }
     assert!(html.contains("<mark>8</mark>"), "a changed parameter is marked");
     assert!(html.contains("1.67× faster"), "the prediction's speed-up");
     assert!(
@@ -148,8 +169,10 @@ fn names_from_files_cannot_become_markup() {
 fn no_gain_is_told_as_none() {
     let mut none = results(101.0, "hall");
     none.prediction = None;
+    none.break_even_frame = None;
     let html = page(&none, &grey(), &grey()).expect("the page is made");
-    assert!(html.contains("the recommended default is as good as anything"));
+    assert!(html.contains("Nothing the search found is faster than the best fixed configuration"));
+    assert!(html.contains("After: best fixed configuration") && !html.contains(">tuned<"));
     assert!(html.contains("does not pay for itself"));
     assert!(!html.contains("predicted for the other camera"));
 }
@@ -157,14 +180,16 @@ fn no_gain_is_told_as_none() {
 #[test]
 fn the_curve_shows_its_three_lines_in_the_pages_colours() {
     let svg = chart::svg(&results(50.0, "hall")).expect("the curve is drawn");
-    for colour in ["--ink", "--best", "--predicted", "--overhead", "--failed"] {
+    for colour in ["--ink", "--best", "--predicted", "--overhead", "--failed", "--used-well", "--fixed"] {
         assert!(svg.contains(&format!("var({colour})")), "{colour}");
     }
     assert!(!svg.contains("#030303"), "placeholders are replaced");
     let html = page(&results(50.0, "hall"), &grey(), &grey()).expect("the page is made");
     for label in [
         "each trial of the search",
-        "best found (roofline)",
+        "best of all (roofline)",
+        "native Embree used well",
+        "best fixed configuration",
         "first prediction, for the other camera",
         "could not be built",
     ] {

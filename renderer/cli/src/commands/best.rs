@@ -1,0 +1,79 @@
+//! `treewright-render best`: what the service holds for the best in one scene and view.
+//!
+//! A study holds all scenes, so the question needs the scene's indicators, which this program computes.
+
+use clap::Args;
+use serde::Serialize;
+use treewright_client::{ClientError, Configuration, Policy};
+
+use crate::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments};
+use crate::error::CliError;
+use crate::output;
+use crate::server::ServerArguments;
+use treewright_renderer::tuning::objective::{Objective, specification};
+use treewright_scene::indicators::SceneIndicators;
+
+/// Arguments of `best`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    camera: CameraArguments,
+    #[command(flatten)]
+    frame: FrameArguments,
+    #[command(flatten)]
+    space: SpaceArguments,
+
+    /// What is minimised.
+    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    objective: Objective,
+
+    /// Pixels across and down.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    size: Size,
+}
+
+/// What is printed; `image`, `bench` and `ablate` read it with `--config-file`.
+#[derive(Debug, Serialize)]
+struct Answer {
+    study: String,
+    /// Of the objective, in milliseconds; absent where nothing was measured in this scene and view.
+    cost: Option<f64>,
+    /// On how many measurements that rests.
+    measurements: i32,
+    /// How the answer came about, where it is a prediction.
+    reason: Option<String>,
+    configuration: Configuration,
+}
+
+/// Asks and prints JSON.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
+    let client = arguments.server.connect(arguments.frame.threads)?;
+    let scene = arguments.scene.load()?;
+    let camera = arguments.camera.find(&scene)?;
+    let space = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
+    let id = arguments.server.study_id(arguments.objective, &space);
+    let study = client.study(&id, specification(&space, arguments.objective, Policy::new())?)?;
+    let workload = arguments.frame.workload(&scene, arguments.size);
+    let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
+    let answer = match study.best(&state) {
+        Ok(best) => Answer {
+            study: id,
+            cost: Some(best.cost),
+            measurements: best.measurements,
+            reason: None,
+            configuration: best.configuration,
+        },
+        // Nothing was measured here: what would be tried first.
+        Err(ClientError::Refused { .. }) => {
+            let prediction = study.predict(&state)?;
+            let reason = Some(prediction.reason.summary);
+            Answer { study: id, cost: None, measurements: 0, reason, configuration: prediction.configuration }
+        }
+        Err(error) => return Err(error.into()),
+    };
+    output::json(&answer)
+}

@@ -1,0 +1,88 @@
+//! What describes a frame to the service: the paper's indicators of scene and camera, and what is asked of the frame.
+//!
+//! One study holds all scenes, so that what is learnt in one of them serves the next. Whatever else changes the cost of a
+//! frame is therefore an indicator, too: how many pixels it has, how far its paths go, and whether there are lights that
+//! shadow rays are sent to. Threads and instruction sets are the machine's, which the service tells apart by the
+//! client's fingerprint.
+
+use treewright_client::{Indicators, Scale};
+use treewright_scene::Scene;
+use treewright_scene::indicators::{IndicatorScale, Indicators as SceneAndCamera, SCHEMA};
+
+use crate::limits::BOUNCES_MAX;
+
+/// Pixels of a frame.
+pub const PIXELS: &str = "pixels";
+/// Most bounces of a path.
+pub const BOUNCES: &str = "bounces";
+/// 1 where the scene has lights that shadow rays are sent to, else 0.
+pub const SHADOW_RAYS: &str = "shadow_rays";
+
+/// What is asked of a frame, beside its scene and camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Workload {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Most bounces of a path.
+    pub bounces: u32,
+    /// Whether the scene has lights that shadow rays are sent to.
+    pub shadow_rays: bool,
+}
+
+impl Workload {
+    /// For a scene.
+    pub fn of(scene: &Scene, width: u32, height: u32, bounces: u32) -> Self {
+        Self { width, height, bounces, shadow_rays: scene.has_sampled_lights() }
+    }
+
+    /// The state, as the service sees it.
+    pub fn state(&self, scene_and_camera: &SceneAndCamera) -> Indicators {
+        let mut values = scene_and_camera.values();
+        values.insert(PIXELS.to_owned(), f64::from(self.width) * f64::from(self.height));
+        values.insert(BOUNCES.to_owned(), f64::from(self.bounces));
+        values.insert(SHADOW_RAYS.to_owned(), f64::from(u8::from(self.shadow_rays)));
+        values.into_iter().collect()
+    }
+}
+
+/// Names, ranges and scales of all of it.
+pub fn schema() -> impl Iterator<Item = (&'static str, f64, f64, Scale)> {
+    let paper = SCHEMA.iter().map(|one| {
+        let scale = match one.scale {
+            IndicatorScale::Linear => Scale::Linear,
+            IndicatorScale::Log => Scale::Log,
+        };
+        (one.name, one.min, one.max, scale)
+    });
+    let frame = [
+        (PIXELS, 0.0, 1e8, Scale::Log),
+        (BOUNCES, 0.0, f64::from(BOUNCES_MAX), Scale::Log),
+        (SHADOW_RAYS, 0.0, 1.0, Scale::Linear),
+    ];
+    paper.chain(frame)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use treewright_scene::builtin;
+    use treewright_scene::indicators::SceneIndicators;
+
+    #[test]
+    fn a_state_has_a_value_for_every_indicator() {
+        let options = builtin::Options { detail: 0.02, ..builtin::Options::default() };
+        let scene = builtin::build("quick", &options).expect("it is built in");
+        let camera = SceneIndicators::of(&scene).with_camera(&scene.cameras[0]);
+        let state = |width| Workload::of(&scene, width, 240, 3).state(&camera);
+        let names: Vec<&str> = schema().map(|(name, ..)| name).collect();
+        assert_eq!(names.len(), SCHEMA.len() + 3);
+        let given = state(320);
+        assert!(names.iter().all(|name| given.get(name).is_some()) && given.len() == names.len());
+        assert_ne!(given, state(640), "another size is another state");
+        for (name, min, max, _) in schema() {
+            assert!(given.get(name).is_some_and(|value| (min..=max).contains(&value)), "{name}");
+        }
+    }
+}
