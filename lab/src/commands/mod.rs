@@ -5,6 +5,7 @@ mod converge;
 mod converge_entrants;
 mod converge_output;
 mod leave_out;
+mod leave_scene_out;
 mod verify;
 
 use std::process::ExitCode;
@@ -17,6 +18,7 @@ const EXAMPLES: &str = "\
 Examples:
   treewright-lab verify --scene bmw.ply --rays 10000
   treewright-lab leave-out --scene builtin:model
+  treewright-lab leave-scene-out --book scenes.json
   treewright-lab ablate --scene builtin:city --config-file best.json --report ablation.html
   treewright-lab converge --scene builtin:hall --report converge.html
 
@@ -39,6 +41,8 @@ struct Cli {
 enum Command {
     /// Measure what it saves to leave out what a scene does not need.
     LeaveOut(leave_out::Arguments),
+    /// Measure what the service is worth on scenes it has never seen.
+    LeaveSceneOut(leave_scene_out::Arguments),
     /// Compare errors over time: whose picture is good enough first, builds and tuning included.
     Converge(Box<converge::Arguments>),
     /// Take a tuned configuration apart: which parameter brought what.
@@ -55,6 +59,7 @@ pub fn main() -> ExitCode {
 fn run(command: &Command) -> Result<(), CliError> {
     match command {
         Command::LeaveOut(arguments) => leave_out::run(arguments),
+        Command::LeaveSceneOut(arguments) => leave_scene_out::run(arguments),
         Command::Converge(arguments) => converge::run(arguments),
         Command::Ablate(arguments) => ablate::run(arguments),
         Command::Verify(arguments) => verify::run(arguments),

@@ -129,7 +129,10 @@ mod tests {
             TuningSpace::new(Preset::Full, &Premises { robust, animated, instanced, ..Premises::all() })
         };
         assert_eq!(study_id(Objective::Render, &space(false, false, false)), "render-full");
-        assert_eq!(study_id(Objective::Total, &space(true, true, true)), "total-full-robust-moving-instanced");
+        assert_eq!(
+            study_id(Objective::Total, &space(true, true, true)),
+            "total-full-robust-moving-instanced"
+        );
         assert_eq!(study_id(Objective::Total, &TuningSpace::paper()), "total-paper");
     }
 

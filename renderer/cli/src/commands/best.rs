@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use treewright_client::{ClientError, Configuration, Policy};
 
-use crate::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments};
+use crate::arguments::{CameraArguments, FrameArguments, SceneArguments, Size, SpaceArguments, objective};
 use crate::error::CliError;
 use crate::output;
 use crate::server::ServerArguments;
@@ -28,7 +28,7 @@ pub(crate) struct Arguments {
     space: SpaceArguments,
 
     /// What is minimised.
-    #[arg(long, value_enum, default_value_t = Objective::Render)]
+    #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
 
     /// Pixels across and down.

@@ -173,7 +173,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let space = match moves && update.is_none() {
         true => arguments.space.of_moving(&scene, threads)?,
         // Of what is not known beforehand a cheap build is the safer start.
-        false => arguments.space.of(&scene, arguments.objective.objective().unwrap_or(Objective::Total), threads)?,
+        false => arguments.space.of(
+            &scene,
+            arguments.objective.objective().unwrap_or(Objective::Total),
+            threads,
+        )?,
     };
     let (id, specification) = match arguments.objective.objective() {
         Some(objective) => {

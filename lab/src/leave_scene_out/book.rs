@@ -1,0 +1,122 @@
+//! What was measured, on disk: written after every step, so that a run that was stopped goes on where it stood.
+//!
+//! Recording and judging are apart. Searches and rounds are written down with every timing; tables are computed from the
+//! book alone, as often as one likes.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use treewright_client::{Configuration, Fingerprint, Indicators, Outcome};
+use treewright_render_cli::error::{CliError, write_file};
+use treewright_render_cli::output;
+use treewright_renderer::frame::FrameTimes;
+use treewright_renderer::measure::Measured;
+
+/// Everything so far.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Book {
+    /// The machine, and the versions of what was measured.
+    pub(crate) machine: Fingerprint,
+    /// Of each scene: triangles as rays meet them, and whether they are placed by instances.
+    pub(crate) scenes: BTreeMap<String, SceneFacts>,
+    /// By `kind objective scene context`, like the rounds.
+    pub(crate) searches: BTreeMap<String, RecordedSearch>,
+    pub(crate) rounds: BTreeMap<String, RecordedRounds>,
+}
+
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(crate) struct SceneFacts {
+    pub(crate) triangles: u64,
+    pub(crate) instanced: bool,
+}
+
+/// A search, frame by frame, and what the service held for the best after some of them.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct RecordedSearch {
+    pub(crate) state: Indicators,
+    pub(crate) trials: Vec<RecordedTrial>,
+    /// What the service answered before anything was measured in the scene.
+    pub(crate) first_answer: Configuration,
+    /// By how many trials were reported.
+    pub(crate) answers: BTreeMap<u32, Configuration>,
+    /// Whether the machine had other work.
+    pub(crate) disturbed: bool,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct RecordedTrial {
+    pub(crate) configuration: Configuration,
+    pub(crate) outcome: Outcome,
+    pub(crate) times: Option<FrameTimes>,
+}
+
+/// Contenders in interleaved rounds. Where frames share a build each contender was built once, else in every round.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct RecordedRounds {
+    pub(crate) contenders: Vec<RecordedContender>,
+    pub(crate) disturbed: bool,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct RecordedContender {
+    pub(crate) name: String,
+    /// Absent for native Embree path by path.
+    pub(crate) configuration: Option<Configuration>,
+    pub(crate) build_ms: Vec<f64>,
+    pub(crate) render_ms: Vec<f64>,
+    pub(crate) failure: Option<String>,
+}
+
+impl RecordedContender {
+    pub(crate) fn new(measured: Measured, configuration: Option<Configuration>) -> Self {
+        let Measured { name, build_ms, render_ms, failure } = measured;
+        Self { name, configuration, build_ms, render_ms, failure }
+    }
+
+    /// Frame times with their share of the build; nothing where it failed.
+    pub(crate) fn frame_ms(&self, frames_per_build: u32) -> Vec<f64> {
+        if self.failure.is_some() {
+            return Vec::new();
+        }
+        let share = 1.0 / f64::from(frames_per_build);
+        let last = self.build_ms.last().copied().unwrap_or(0.0);
+        let builds = self.build_ms.iter().copied().chain(std::iter::repeat(last));
+        builds.zip(&self.render_ms).map(|(build_ms, render_ms)| build_ms * share + render_ms).collect()
+    }
+}
+
+/// A book and where it lies.
+#[derive(Debug)]
+pub(crate) struct OpenBook {
+    path: PathBuf,
+    pub(crate) book: Book,
+}
+
+impl OpenBook {
+    /// Reads a book, or begins one of this machine.
+    pub(crate) fn open(path: &Path, machine: Fingerprint) -> Result<Self, CliError> {
+        let wrong = |cause: String| {
+            CliError::Failed(format!("{} is no book of this program: {cause}", path.display()))
+        };
+        let book = if path.exists() {
+            let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
+            let book: Book = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+            if (&book.machine.cpu_model, &book.machine.isa) != (&machine.cpu_model, &machine.isa) {
+                return Err(wrong(format!(
+                    "it was begun on {}; use another file for this machine",
+                    book.machine.cpu_model
+                )));
+            }
+            book
+        } else {
+            Book { machine, ..Book::default() }
+        };
+        Ok(Self { path: path.to_owned(), book })
+    }
+
+    /// Writes it down.
+    pub(crate) fn save(&self) -> Result<(), CliError> {
+        write_file(&self.path, output::to_json(&self.book)?.as_bytes())
+    }
+}

@@ -1,0 +1,85 @@
+//! Configurations that anybody can write down, for either objective: candidates for the best fixed one.
+
+use treewright_render_cli::error::CliError;
+use treewright_renderer::space::{TuningSpace, parse};
+use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::tuning::verdict::{self, Rival};
+
+/// For frames that share a build: what is left out is as in the start of that space.
+const RENDER: [&str; 12] = [
+    "backend=tunable,min_leaf_size=4,max_leaf_size=28",
+    "backend=tunable,min_leaf_size=8,max_leaf_size=32",
+    "backend=tunable,min_leaf_size=16,max_leaf_size=32",
+    "backend=tunable,min_leaf_size=25,max_leaf_size=32",
+    "backend=tunable,min_leaf_size=25,max_leaf_size=32,traversal_cost=2",
+    "backend=tunable,min_leaf_size=8,max_leaf_size=32,traversal_cost=2",
+    "backend=tunable,min_leaf_size=8,max_leaf_size=32,quality=3,split_budget=1.5",
+    "backend=tunable,min_leaf_size=16,max_leaf_size=32,quality=3,split_budget=1.5",
+    "backend=tunable,min_leaf_size=8,max_leaf_size=32,node_width=8",
+    "backend=tunable,min_leaf_size=8,max_leaf_size=32,reinsertion_passes=12",
+    "backend=tunable,min_leaf_size=8,max_leaf_size=32,tile=16",
+    "backend=tunable,min_leaf_size=8,max_leaf_size=32,order=treelets",
+];
+
+/// For frames that pay for a build of their own.
+const TOTAL: [&str; 9] = [
+    "backend=tunable,quality=1,block_width=4,min_leaf_size=4,max_leaf_size=28",
+    "backend=tunable,quality=1,block_width=4,min_leaf_size=8,max_leaf_size=32",
+    "backend=tunable,quality=1,block_width=8,min_leaf_size=8,max_leaf_size=32",
+    "backend=tunable,quality=1,block_width=8,min_leaf_size=16,max_leaf_size=32",
+    "backend=tunable,quality=1,block_width=8,min_leaf_size=25,max_leaf_size=32",
+    "backend=tunable,quality=1,collapse=optimal,node_width=16,reinsertion_passes=0,block_width=8,min_leaf_size=16,max_leaf_size=32",
+    "backend=tunable,quality=2,block_width=8,min_leaf_size=16,max_leaf_size=32",
+    "backend=tunable,quality=2,block_width=8,min_leaf_size=25,max_leaf_size=32,sah_block_size=8",
+    "backend=native,native_quality=low,tile=16",
+];
+
+/// Native Embree as everybody uses it and used well, and every candidate for an objective once.
+pub(crate) fn rivals(space: &TuningSpace, objective: Objective) -> Result<Vec<Rival>, CliError> {
+    let mut all: Vec<Rival> = verdict::natives()
+        .into_iter()
+        .map(|contender| Rival { contender, configuration: None })
+        .filter(|rival| rival.contender.name == verdict::NATIVE_DEFAULT)
+        .collect();
+    all.extend(verdict::used_well(space));
+    let texts = match objective {
+        Objective::Render => &RENDER[..],
+        Objective::Total => &TOTAL[..],
+    };
+    let given = texts.iter().map(|text| parse(text)).collect::<Result<Vec<_>, _>>()?;
+    push(&mut all, space, space.default_configuration())?;
+    for given in given {
+        push(&mut all, space, space.complete(&given)?)?;
+    }
+    Ok(all)
+}
+
+/// Adds a configuration under its own text, unless it is there.
+pub(crate) fn push(
+    all: &mut Vec<Rival>,
+    space: &TuningSpace,
+    configuration: treewright_client::Configuration,
+) -> Result<(), CliError> {
+    if all.iter().all(|rival| rival.configuration.as_ref() != Some(&configuration)) {
+        let contender = verdict::contender(&configuration.to_string(), space, &configuration)?;
+        all.push(Rival { contender, configuration: Some(configuration) });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_candidate_is_sound() {
+        for objective in [Objective::Render, Objective::Total] {
+            let space = super::super::steps::space(objective, 2);
+            let all = rivals(&space, objective).expect("all of them are of the space");
+            assert!(all.len() > 10 && all.iter().filter(|rival| rival.configuration.is_none()).count() == 1);
+            let names: std::collections::BTreeSet<&str> =
+                all.iter().map(|rival| rival.contender.name.as_str()).collect();
+            assert_eq!(names.len(), all.len(), "each once");
+        }
+    }
+}

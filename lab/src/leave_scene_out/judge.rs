@@ -1,0 +1,285 @@
+//! Tables from a book: what the answers of the service cost over what anybody could have had. Nothing is measured here.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+use treewright_client::Configuration;
+use treewright_renderer::statistics::{Ratio, Summary, quantile};
+use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, NATIVE_USED_WELL};
+
+use super::book::{Book, RecordedContender, RecordedRounds};
+
+/// Names of steps in a book.
+pub(crate) const CANDIDATES: &str = "candidates";
+pub(crate) const WINNERS: &str = "winners";
+pub(crate) const FINAL: &str = "final";
+pub(crate) const ALONE: &str = "alone";
+pub(crate) const LEFT_OUT: &str = "left-out";
+
+/// What the best fixed configuration of the other scenes is called in final rounds.
+pub(crate) const FIXED_OF_OTHERS: &str = "best fixed of the other scenes";
+
+/// What the answer after so many frames is called there; 0 is the answer before the first.
+pub(crate) fn answer_name(frames: u32) -> String {
+    format!("after {frames} frames")
+}
+
+/// The key of rounds and searches.
+pub(crate) fn key(kind: &str, objective: Objective, scene: &str, context: &str) -> String {
+    format!("{kind} {} {scene} {context}", objective.name())
+}
+
+/// Costs of each configuration on a scene, in units of native Embree's default in the same rounds.
+pub(crate) fn relative_costs(
+    rounds: &[&RecordedRounds],
+    frames_per_build: u32,
+) -> BTreeMap<String, (Configuration, f64)> {
+    let mut costs: BTreeMap<String, (Configuration, Vec<f64>)> = BTreeMap::new();
+    for rounds in rounds {
+        let Some(native) = rounds.contenders.iter().find(|one| one.name == NATIVE_DEFAULT) else {
+            continue;
+        };
+        let native_ms = native.frame_ms(frames_per_build);
+        for one in &rounds.contenders {
+            let Some(configuration) = &one.configuration else {
+                continue;
+            };
+            let ratio = Ratio::of(&one.frame_ms(frames_per_build), &native_ms);
+            let cost = if ratio.count > 0 { ratio.median } else { f64::INFINITY };
+            let known = costs.entry(configuration.to_string());
+            known.or_insert_with(|| (configuration.clone(), Vec::new())).1.push(cost);
+        }
+    }
+    // The text of a configuration carries everything, so it serves as its identity.
+    costs
+        .into_iter()
+        .map(|(text, (configuration, all))| (text, (configuration, Summary::of(&all).median)))
+        .collect()
+}
+
+/// A configuration that ran on every scene, and the geometric mean of its costs there.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Fixed {
+    pub(crate) configuration: Configuration,
+    /// In units of native Embree's default.
+    pub(crate) mean_cost: f64,
+    /// The worst of the scenes.
+    pub(crate) worst: f64,
+}
+
+/// All configurations that ran on each of these scenes, best first; `without` those in it.
+pub(crate) fn fixed(
+    scenes: &[BTreeMap<String, (Configuration, f64)>],
+    without: &BTreeSet<String>,
+) -> Vec<Fixed> {
+    let Some(first) = scenes.first() else {
+        return Vec::new();
+    };
+    let on_all =
+        first.iter().filter(|(text, _)| !without.contains(*text)).filter_map(|(text, (configuration, _))| {
+            let costs: Option<Vec<f64>> =
+                scenes.iter().map(|scene| scene.get(text).map(|(_, cost)| *cost)).collect();
+            let costs = costs?;
+            let mean_cost = (costs.iter().map(|cost| cost.ln()).sum::<f64>() / costs.len() as f64).exp();
+            let worst = costs.iter().copied().fold(0.0, f64::max);
+            Some(Fixed { configuration: configuration.clone(), mean_cost, worst })
+        });
+    let mut all: Vec<Fixed> = on_all.filter(|one| one.mean_cost.is_finite()).collect();
+    all.sort_by(|a, b| a.mean_cost.total_cmp(&b.mean_cost));
+    all
+}
+
+/// The best fixed configuration of all scenes of a context but one.
+pub(crate) fn fixed_of_others(
+    book: &Book,
+    objective: Objective,
+    scene: &str,
+    context: &str,
+) -> Option<Fixed> {
+    let mut without = BTreeSet::new();
+    if let Some(own) = book.searches.get(&key(ALONE, objective, scene, context)) {
+        without.extend(own.answers.values().map(ToString::to_string));
+    }
+    let others: Vec<_> = book
+        .scenes
+        .keys()
+        .filter(|other| *other != scene)
+        .filter_map(|other| {
+            let of = |kind| book.rounds.get(&key(kind, objective, other, context));
+            let rounds: Vec<&RecordedRounds> = [of(CANDIDATES), of(WINNERS)].into_iter().flatten().collect();
+            (!rounds.is_empty()).then(|| relative_costs(&rounds, objective.frames_per_build()))
+        })
+        .collect();
+    fixed(&others, &without).into_iter().next()
+}
+
+/// One scene, objective and context.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Row {
+    pub(crate) scene: String,
+    pub(crate) objective: Objective,
+    pub(crate) context: String,
+    pub(crate) disturbed: bool,
+    /// Speed of the answer after so many frames over the best fixed configuration of the other scenes.
+    pub(crate) over_fixed: BTreeMap<u32, Ratio>,
+    /// Over native Embree used well, in its best quality.
+    pub(crate) over_used_well: BTreeMap<u32, Ratio>,
+    /// Share of the speed of the best that was measured in the same rounds; 1 is the roofline itself.
+    pub(crate) of_roofline: BTreeMap<u32, f64>,
+    /// The answer after the last frame over native Embree's default.
+    pub(crate) over_default: Ratio,
+    /// Median frames in milliseconds: native Embree's default, used well, the best fixed configuration of the other
+    /// scenes, and the answer after the last frame.
+    pub(crate) frame_ms: [f64; 4],
+    /// The quality in which native Embree used well was the fastest.
+    pub(crate) native_quality: String,
+    /// The best fixed configuration of the other scenes over native Embree's default and used well.
+    pub(crate) fixed_over_default: Ratio,
+    pub(crate) fixed_over_used_well: Ratio,
+}
+
+/// Every final run of rounds as a row.
+pub(crate) fn rows(book: &Book, objectives: &[Objective]) -> Vec<Row> {
+    let mut all = Vec::new();
+    for (name, rounds) in &book.rounds {
+        let mut words = name.split(' ');
+        let (Some(FINAL), Some(objective), Some(scene), Some(context)) =
+            (words.next(), words.next(), words.next(), words.next())
+        else {
+            continue;
+        };
+        let Some(objective) = objectives.iter().find(|one| one.name() == objective) else {
+            continue;
+        };
+        all.extend(row(rounds, *objective, scene, context));
+    }
+    all
+}
+
+fn row(rounds: &RecordedRounds, objective: Objective, scene: &str, context: &str) -> Option<Row> {
+    let per_build = objective.frames_per_build();
+    let of = |one: &RecordedContender| one.frame_ms(per_build);
+    let median = |one: &RecordedContender| {
+        let times = of(one);
+        if times.is_empty() { f64::INFINITY } else { Summary::of(&times).median }
+    };
+    let find = |name: &str| rounds.contenders.iter().find(|one| one.name == name);
+    let fixed = find(FIXED_OF_OTHERS)?;
+    let used_well = rounds
+        .contenders
+        .iter()
+        .filter(|one| one.name.starts_with(NATIVE_USED_WELL))
+        .min_by(|a, b| median(a).total_cmp(&median(b)))?;
+    let best_ms = rounds.contenders.iter().map(median).fold(f64::INFINITY, f64::min);
+    let answers: Vec<(u32, &RecordedContender)> = rounds
+        .contenders
+        .iter()
+        .filter_map(|one| {
+            let frames = one.name.strip_prefix("after ")?.strip_suffix(" frames")?.parse().ok()?;
+            Some((frames, one))
+        })
+        .collect();
+    let over = |other: &RecordedContender| {
+        answers.iter().map(|(frames, one)| (*frames, Ratio::of(&of(other), &of(one)))).collect()
+    };
+    let native = find(NATIVE_DEFAULT)?;
+    let (_, last) = answers.iter().max_by_key(|(frames, _)| *frames)?;
+    Some(Row {
+        over_default: Ratio::of(&of(native), &of(last)),
+        frame_ms: [native, used_well, fixed, last].map(median),
+        native_quality: used_well.name.rsplit(' ').next().unwrap_or_default().to_owned(),
+        scene: scene.to_owned(),
+        objective,
+        context: context.to_owned(),
+        disturbed: rounds.disturbed,
+        over_fixed: over(fixed),
+        over_used_well: over(used_well),
+        of_roofline: answers.iter().map(|(frames, one)| (*frames, best_ms / median(one))).collect(),
+        fixed_over_default: Ratio::of(&of(native), &of(fixed)),
+        fixed_over_used_well: Ratio::of(&of(used_well), &of(fixed)),
+    })
+}
+
+/// Median, least and geometric mean of some ratios.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Overall {
+    pub(crate) median: f64,
+    pub(crate) least: f64,
+    pub(crate) mean: f64,
+    pub(crate) count: usize,
+}
+
+impl Overall {
+    pub(crate) fn of(ratios: impl Iterator<Item = f64>) -> Self {
+        let mut all: Vec<f64> = ratios.filter(|ratio| *ratio > 0.0).collect();
+        all.sort_by(f64::total_cmp);
+        let mean = (all.iter().map(|ratio| ratio.ln()).sum::<f64>() / all.len().max(1) as f64).exp();
+        Self {
+            median: quantile(&all, 0.5),
+            least: all.first().copied().unwrap_or(0.0),
+            mean,
+            count: all.len(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn contender(name: &str, render_ms: f64) -> RecordedContender {
+        let configuration = (name != NATIVE_DEFAULT).then(|| Configuration::new().with("name", name));
+        RecordedContender {
+            name: name.into(),
+            configuration,
+            build_ms: vec![1000.0; 9],
+            render_ms: vec![render_ms; 9],
+            failure: None,
+        }
+    }
+
+    fn rounds(all: &[(&str, f64)]) -> RecordedRounds {
+        let contenders = all.iter().map(|(name, render_ms)| contender(name, *render_ms)).collect();
+        RecordedRounds { contenders, disturbed: false }
+    }
+
+    #[test]
+    fn the_best_fixed_one_ran_everywhere_and_is_best_in_the_mean() {
+        let scenes = [
+            rounds(&[(NATIVE_DEFAULT, 99.0), ("a", 49.0), ("b", 29.0), ("c", 9.0)]),
+            rounds(&[(NATIVE_DEFAULT, 99.0), ("a", 49.0), ("b", 199.0)]),
+        ];
+        let costs: Vec<_> = scenes.iter().map(|rounds| relative_costs(&[rounds], 1000)).collect();
+        let all = fixed(&costs, &BTreeSet::new());
+        let names: Vec<String> = all.iter().map(|one| one.configuration.to_string()).collect();
+        assert_eq!(names, ["name=a", "name=b"]);
+        assert!((all[0].mean_cost - 0.5).abs() < 1e-9 && (all[1].worst - 2.0).abs() < 1e-9);
+        let without = BTreeSet::from(["name=a".to_owned()]);
+        assert_eq!(fixed(&costs, &without).len(), 1);
+    }
+
+    #[test]
+    fn answers_are_compared_with_what_anybody_could_have_had() {
+        let final_rounds = rounds(&[
+            (NATIVE_DEFAULT, 99.0),
+            ("native used well low", 79.0),
+            ("native used well high", 59.0),
+            (FIXED_OF_OTHERS, 49.0),
+            ("after 1 frames", 54.0),
+            ("after 60 frames", 39.0),
+            ("best of all", 38.0),
+        ]);
+        let name = key(FINAL, Objective::Render, "hall", "2@320x240");
+        let book = Book { rounds: BTreeMap::from([(name, final_rounds)]), ..Book::default() };
+        let all = rows(&book, &[Objective::Render, Objective::Total]);
+        assert_eq!(all.len(), 1);
+        let at = |map: &BTreeMap<u32, Ratio>, frames: u32| map[&frames].median;
+        assert!((at(&all[0].over_fixed, 60) - 1.25).abs() < 1e-9);
+        assert!((at(&all[0].over_fixed, 1) - 50.0 / 55.0).abs() < 1e-9);
+        assert!((at(&all[0].over_used_well, 60) - 1.5).abs() < 1e-9);
+        assert!((all[0].of_roofline[&60] - 39.0 / 40.0).abs() < 1e-9);
+        let overall = Overall::of([1.0, 4.0].into_iter());
+        assert_eq!((overall.median, overall.least, overall.mean), (2.5, 1.0, 2.0));
+    }
+}

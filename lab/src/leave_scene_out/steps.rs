@@ -1,0 +1,352 @@
+//! What is measured. Every step takes a loaded scene and leaves something in the book.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use treewright_client::blocking::{Client, Study};
+use treewright_client::{Options, Outcome, Policy, SessionPolicy, detect_fingerprint};
+use treewright_render_cli::error::CliError;
+use treewright_render_cli::interrupt::Interrupt;
+use treewright_renderer::disturbance::Watch;
+use treewright_renderer::frame::Renderer;
+use treewright_renderer::integrator::View;
+use treewright_renderer::measure::{Conditions, Contender, interleaved};
+use treewright_renderer::space::{Premises, Preset, TuningSpace};
+use treewright_renderer::tuning::objective::{Objective, specification, study_id};
+use treewright_renderer::tuning::search::{self, SearchSetting, measurements};
+use treewright_renderer::tuning::verdict::{self, NATIVE_DEFAULT, Rival};
+use treewright_renderer::tuning::workload::Workload;
+use treewright_scene::Scene;
+use treewright_scene::indicators::SceneIndicators;
+
+use super::book::{Book, RecordedContender, RecordedRounds, RecordedSearch, RecordedTrial};
+use super::daemon::Daemon;
+use super::hand;
+use super::judge::{self, ALONE, CANDIDATES, FIXED_OF_OTHERS, LEFT_OUT, WINNERS, key};
+use super::suite::Context;
+
+/// After so many reported trials the service is asked for the best.
+pub(crate) const CHECKPOINTS: [u32; 5] = [1, 8, 16, 32, 60];
+
+/// How long a question may take.
+const DEADLINE: Duration = Duration::from_secs(10);
+
+/// Of pictures.
+const SEED: u64 = 1;
+const BOUNCES: u32 = 3;
+
+/// A scene on render threads of a context.
+pub(crate) struct Stage {
+    renderer: Renderer,
+    workload: Workload,
+    context: Context,
+    scene: String,
+    pub(crate) interrupt: Interrupt,
+}
+
+impl Stage {
+    pub(crate) fn new(
+        name: &str,
+        scene: &Arc<Scene>,
+        context: Context,
+        interrupt: Interrupt,
+    ) -> Result<Self, CliError> {
+        let workload = Workload::of(scene, context.size.width, context.size.height, BOUNCES);
+        let renderer = Renderer::new(scene.clone(), context.threads)?;
+        Ok(Self { renderer, workload, context, scene: name.to_owned(), interrupt })
+    }
+
+    fn space(&self, objective: Objective) -> TuningSpace {
+        space(objective, self.context.threads)
+    }
+
+    fn view(&self) -> View {
+        View { camera: self.renderer.scene().cameras[0], seed: SEED, bounces: BOUNCES }
+    }
+
+    /// Everything by hand.
+    pub(crate) fn candidates(&self, objective: Objective, rounds: u32) -> Result<RecordedRounds, CliError> {
+        let all = hand::rivals(&self.space(objective), objective)?;
+        Ok(self.rounds(all, objective, rounds))
+    }
+
+    /// What won on every scene, so that each of them has run on all scenes.
+    pub(crate) fn winners(
+        &self,
+        book: &Book,
+        objective: Objective,
+        rounds: u32,
+    ) -> Result<RecordedRounds, CliError> {
+        let mut all: Vec<Rival> = native_default();
+        let space = self.space(objective);
+        for scene in book.scenes.keys() {
+            let search = book.searches.get(&key(ALONE, objective, scene, &self.context.to_string()));
+            if let Some(winner) = search.and_then(|search| search.answers.values().next_back()) {
+                hand::push(&mut all, &space, winner.clone())?;
+            }
+        }
+        Ok(self.rounds(all, objective, rounds))
+    }
+
+    /// The answers of a search beside everybody else.
+    pub(crate) fn finals(
+        &self,
+        book: &Book,
+        objective: Objective,
+        rounds: u32,
+    ) -> Result<Option<RecordedRounds>, CliError> {
+        let context = self.context.to_string();
+        let (Some(search), Some(fixed)) = (
+            book.searches.get(&key(LEFT_OUT, objective, &self.scene, &context)),
+            judge::fixed_of_others(book, objective, &self.scene, &context),
+        ) else {
+            return Ok(None);
+        };
+        let space = self.space(objective);
+        let mut all = native_default();
+        all.extend(verdict::used_well(&space));
+        let mut named = vec![(FIXED_OF_OTHERS.to_owned(), fixed.configuration)];
+        named.push((judge::answer_name(0), search.first_answer.clone()));
+        named.extend(
+            search.answers.iter().map(|(frames, answer)| (judge::answer_name(*frames), answer.clone())),
+        );
+        named.push((verdict::BEST_FIXED.to_owned(), space.default_configuration()));
+        // The roofline: what its own search found, and the two that were fastest here of everything that ran.
+        if let Some(alone) = book.searches.get(&key(ALONE, objective, &self.scene, &context)) {
+            named.extend(
+                alone.answers.values().next_back().map(|own| ("its own search".to_owned(), own.clone())),
+            );
+        }
+        let of = |kind| book.rounds.get(&key(kind, objective, &self.scene, &context));
+        let ran: Vec<&RecordedRounds> = [of(CANDIDATES), of(WINNERS)].into_iter().flatten().collect();
+        let mut ranked: Vec<_> =
+            judge::relative_costs(&ran, objective.frames_per_build()).into_values().collect();
+        ranked.sort_by(|(_, a), (_, b)| a.total_cmp(b));
+        let best = ranked.into_iter().take(2).enumerate();
+        named.extend(
+            best.map(|(place, (configuration, _))| (format!("fastest {}", place + 1), configuration)),
+        );
+        for (name, configuration) in named {
+            let contender = verdict::contender(&name, &space, &configuration)?;
+            all.push(Rival { contender, configuration: Some(configuration) });
+        }
+        Ok(Some(self.rounds(all, objective, rounds)))
+    }
+
+    fn rounds(&self, rivals: Vec<Rival>, objective: Objective, rounds: u32) -> RecordedRounds {
+        let conditions = Conditions {
+            view: self.view(),
+            width: self.context.size.width,
+            height: self.context.size.height,
+            rounds,
+            frames_per_build: objective.frames_per_build(),
+        };
+        let contenders: Vec<Contender> = rivals.iter().map(|rival| rival.contender.clone()).collect();
+        let watch = Watch::begin();
+        let measured = interleaved(&self.renderer, &contenders, &conditions, || !self.interrupt.requested());
+        let native = measured.iter().find(|one| one.name == NATIVE_DEFAULT);
+        let times = native.map(|one| one.render_ms.clone()).unwrap_or_default();
+        let disturbance = watch.end(self.renderer.threads(), &times);
+        let contenders = measured
+            .into_iter()
+            .zip(rivals)
+            .map(|(measured, rival)| RecordedContender::new(measured, rival.configuration))
+            .collect();
+        RecordedRounds { contenders, disturbed: disturbance.disturbed }
+    }
+
+    /// A search by a fresh daemon. With `others` it is told first what was measured in all other scenes of the book.
+    pub(crate) fn search(
+        &mut self,
+        book: &Book,
+        objective: Objective,
+        iterations: u32,
+        others: bool,
+    ) -> Result<RecordedSearch, CliError> {
+        let daemon = Daemon::start()?;
+        let threads = u32::try_from(self.context.threads).unwrap_or(u32::MAX);
+        let options = Options::new().deadline(DEADLINE).fingerprint(detect_fingerprint().threads(threads));
+        let client = Client::connect(&daemon.url, options)?;
+        let space = Arc::new(self.space(objective));
+        let study =
+            client.study(&study_id(objective, &space), specification(&space, objective, Policy::new())?)?;
+        if others {
+            self.teach(book, objective, &client, &study)?;
+        }
+        let camera = self.renderer.scene().cameras[0];
+        let state = self.workload.state(&SceneIndicators::of(self.renderer.scene()).with_camera(&camera));
+        let first_answer = study.predict(&state)?.configuration;
+        study.set_session_policy(SessionPolicy {
+            epsilon: Some(1.0),
+            trials_per_state: Some(iterations),
+            abort_above: None,
+            ..SessionPolicy::default()
+        })?;
+        let setting = SearchSetting {
+            objective,
+            baseline: verdict::baseline(Preset::Full).choice,
+            space,
+            view: self.view(),
+            width: self.context.size.width,
+            height: self.context.size.height,
+            frames: 1,
+            indicators: state.clone(),
+        };
+        let mut answers = BTreeMap::new();
+        let interrupt = self.interrupt;
+        let mut failure = None;
+        let found =
+            search::run(&mut self.renderer, &mut study.tuner(), &setting, iterations, None, |trial| {
+                // The report of this trial goes out with the next question; those before it are known.
+                let known = trial.number - 1;
+                if CHECKPOINTS.contains(&known) {
+                    match study.best(&state) {
+                        Ok(best) => drop(answers.insert(known, best.configuration)),
+                        Err(error) => failure = Some(error),
+                    }
+                }
+                !interrupt.requested()
+            })?;
+        client.flush(DEADLINE)?;
+        if let Some(error) = failure {
+            return Err(error.into());
+        }
+        if interrupt.requested() {
+            return Err(CliError::Interrupted);
+        }
+        answers.insert(iterations, study.best(&state)?.configuration);
+        let trials = found.trials.into_iter().map(|trial| RecordedTrial {
+            configuration: trial.configuration,
+            outcome: trial.outcome,
+            times: trial.times,
+        });
+        Ok(RecordedSearch {
+            state,
+            trials: trials.collect(),
+            first_answer,
+            answers,
+            disturbed: found.disturbance.disturbed,
+        })
+    }
+
+    /// Reports what was measured in other scenes, as their clients would have.
+    fn teach(
+        &self,
+        book: &Book,
+        objective: Objective,
+        client: &Client,
+        study: &Study,
+    ) -> Result<(), CliError> {
+        let context = self.context.to_string();
+        for scene in book.scenes.keys().filter(|scene| **scene != self.scene) {
+            let Some(search) = book.searches.get(&key(ALONE, objective, scene, &context)) else {
+                continue;
+            };
+            for trial in &search.trials {
+                let suggestion = study.trial_of(&search.state, &trial.configuration)?;
+                suggestion.report(measurements(trial.times, 1), trial.outcome.clone())?;
+            }
+            // What ran beside all others there, as one measurement each.
+            for kind in [CANDIDATES, WINNERS] {
+                let Some(rounds) = book.rounds.get(&key(kind, objective, scene, &context)) else {
+                    continue;
+                };
+                for one in &rounds.contenders {
+                    self.teach_contender(one, search, study)?;
+                }
+            }
+        }
+        client.flush(DEADLINE)?;
+        Ok(())
+    }
+
+    fn teach_contender(
+        &self,
+        one: &RecordedContender,
+        search: &RecordedSearch,
+        study: &Study,
+    ) -> Result<(), CliError> {
+        let Some(configuration) = &one.configuration else {
+            return Ok(());
+        };
+        let median = |all: &[f64]| treewright_renderer::statistics::Summary::of(all).median;
+        let (outcome, times) = match &one.failure {
+            Some(failure) => (Outcome::infeasible(failure.clone()), None),
+            None if one.render_ms.is_empty() => return Ok(()),
+            None => {
+                let times =
+                    treewright_renderer::frame::FrameTimes::of(median(&one.build_ms), median(&one.render_ms));
+                (Outcome::Ok, Some(times))
+            }
+        };
+        let suggestion = study.trial_of(&search.state, configuration)?;
+        suggestion.report(measurements(times, 1), outcome)?;
+        Ok(())
+    }
+}
+
+/// The space of an objective on so many threads: one for all scenes of the suite, so that each can teach the others. How
+/// instances are opened is left as it is recommended.
+pub(crate) fn space(objective: Objective, threads: usize) -> TuningSpace {
+    let premises = Premises {
+        builds_each_frame: objective.builds_each_frame(),
+        animated: false,
+        instanced: false,
+        threads,
+        ..Premises::all()
+    };
+    TuningSpace::new(Preset::Full, &premises)
+}
+
+fn native_default() -> Vec<Rival> {
+    verdict::natives()
+        .into_iter()
+        .filter(|contender| contender.name == NATIVE_DEFAULT)
+        .map(|contender| Rival { contender, configuration: None })
+        .collect()
+}
+
+/// The configuration of a name in rounds.
+#[cfg(test)]
+fn named<'a>(rounds: &'a RecordedRounds, name: &str) -> Option<&'a treewright_client::Configuration> {
+    rounds.contenders.iter().find(|one| one.name == name)?.configuration.as_ref()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use treewright_scene::builtin;
+
+    #[test]
+    fn final_rounds_hold_answers_rivals_and_the_fastest() {
+        let options = builtin::Options { detail: 0.02, ..builtin::Options::default() };
+        let scene = Arc::new(builtin::build("quick", &options).expect("it is built in"));
+        let context: Context = "0@16x12".parse().expect("it is sound");
+        let stage = Stage::new("a", &scene, context, Interrupt::listen()).expect("Embree starts");
+        let objective = Objective::Render;
+        let candidates = stage.candidates(Objective::Render, 1).expect("they are sound");
+        let facts = super::super::book::SceneFacts { triangles: 1, instanced: false };
+        let mut book = Book::default();
+        for scene in ["a", "b"] {
+            book.scenes.insert(scene.to_owned(), facts);
+            book.rounds.insert(key(CANDIDATES, objective, scene, "0@16x12"), candidates.clone());
+        }
+        assert!(stage.finals(&book, objective, 1).expect("it is sound").is_none(), "there was no search");
+        let answer = stage.space(objective).default_configuration();
+        let search = RecordedSearch {
+            state: treewright_client::Indicators::new(),
+            trials: Vec::new(),
+            first_answer: answer.clone(),
+            answers: BTreeMap::from([(8, answer.clone())]),
+            disturbed: false,
+        };
+        book.searches.insert(key(LEFT_OUT, objective, "a", "0@16x12"), search);
+        let finals = stage.finals(&book, objective, 2).expect("it is sound").expect("everything is there");
+        assert_eq!(named(&finals, &judge::answer_name(8)), Some(&answer));
+        assert!(named(&finals, FIXED_OF_OTHERS).is_some() && named(&finals, "fastest 1").is_some());
+        assert!(finals.contenders.iter().all(|one| one.failure.is_some() || one.render_ms.len() == 2));
+        book.rounds.insert(key(judge::FINAL, objective, "a", "0@16x12"), finals);
+        assert_eq!(judge::rows(&book, &[objective]).len(), 1);
+    }
+}
