@@ -19,7 +19,7 @@ use treewright_client::{
 };
 
 use crate::arguments::{
-    FrameArguments, SceneArguments, Size, SpaceArguments, UpdateArguments, objective, unit_interval,
+    FrameArguments, SceneArguments, Size, SpaceArguments, UpdateArguments, unit_interval,
 };
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
