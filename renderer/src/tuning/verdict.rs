@@ -25,7 +25,8 @@ pub const NATIVE_DEFAULT: &str = "native Embree default";
 pub const NATIVE_HIGH: &str = "native Embree high";
 /// Name of the standing of Embree's own structure with our stages and packets, in whichever quality was the fastest.
 pub const NATIVE_USED_WELL: &str = "native used well";
-/// Name of the standing of the configuration that is the best one for all scenes, where a search in the full space begins.
+/// Name of the standing of the configuration that is recommended for all scenes, the best known by hand, where a search in
+/// the full space begins.
 pub const BEST_FIXED: &str = "best fixed configuration";
 /// Name of the standing of a configuration of the paper's space that was found elsewhere.
 pub const PAPER_TUNED: &str = "tuned in the paper's space";
