@@ -46,7 +46,15 @@ fn a_renderer_is_tuned_and_the_command_line_shows_it() {
     let output = tune(daemon.url(), &json, "14").output().expect("the renderer runs");
     assert!(output.status.success(), "{}", stderr(&output));
     let shown = stdout(&output);
-    for row in ["default", "native", "tuned", "prediction", "overhead", "break-even"] {
+    for row in [
+        "default",
+        "native used well",
+        "over best fixed",
+        "verdict",
+        "recommended",
+        "prediction",
+        "break-even",
+    ] {
         assert!(shown.to_lowercase().contains(row), "no {row} in the table:\n{shown}");
     }
     assert_eq!(read(&json)["trials"].as_array().map(Vec::len), Some(14));
