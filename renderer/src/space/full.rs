@@ -163,13 +163,13 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
         all.push(tunable(choice(
             "flatten_below",
             [0, 10_000, 300_000, 10_000_000],
-            300_000,
+            0,
             "objects with at most so many triangles, counted once an instance, are copied into one tree",
         )));
         all.push(tunable(choice(
             "instance_opening",
             [1, 2, 4, 8],
-            2,
+            1,
             "into how many parts, on average, instances are opened for the tree over them",
         )));
     }

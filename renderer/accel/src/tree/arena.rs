@@ -1,6 +1,6 @@
 //! Memory of a finished tree: one block, in which nodes and leaves lie in the order they are wanted.
 
-use std::alloc::{Layout, alloc_zeroed, dealloc};
+use std::alloc::{Layout, alloc, dealloc};
 use std::ptr::NonNull;
 
 use crate::error::BuildError;
@@ -12,7 +12,8 @@ const LINE: usize = 64;
 /// over the tree, and with small pages most of them would also miss the page table cache.
 const HUGE_PAGE: usize = 2 << 20;
 
-/// One block of memory, zeroed, aligned to cache lines.
+/// One block of memory, aligned to cache lines. It is not zeroed, which would be done by one thread and before the kernel
+/// knows of huge pages: what is read was written before.
 #[derive(Debug)]
 pub(super) struct Arena {
     start: NonNull<u8>,
@@ -28,7 +29,7 @@ impl Arena {
         };
         let layout = Layout::from_size_align(size, align).map_err(|_| BuildError::OutOfMemory)?;
         // SAFETY: the size is not zero.
-        let start = NonNull::new(unsafe { alloc_zeroed(layout) }).ok_or(BuildError::OutOfMemory)?;
+        let start = NonNull::new(unsafe { alloc(layout) }).ok_or(BuildError::OutOfMemory)?;
         if align == HUGE_PAGE {
             // Only a wish: whether it is granted changes nothing but speed.
             // SAFETY: the range is ours.
