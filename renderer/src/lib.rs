@@ -3,7 +3,7 @@
 //! | module | what it does |
 //! |---|---|
 //! | `integrator` | paths from the camera to the light, in stages or one by one |
-//! | `film`, `image_file` | the picture, and PNG and EXR files of it |
+//! | `film`, `tone`, `image_file` | the picture, as it is shown, and PNG and EXR files of it |
 //! | `frame`, `render_options` | one frame: build, render, how long each took |
 //! | `space` | what can be tuned, and what a configuration means |
 //! | `disturbance` | what else a machine did while something was measured |
@@ -24,6 +24,7 @@ pub mod recorder;
 pub mod render_options;
 pub mod space;
 pub mod statistics;
+pub mod tone;
 pub mod tuning;
 
 pub use treewright_scene as scene;

@@ -134,7 +134,7 @@ fn blocks(asked: &[Asked], camera: &Camera, width: u32, height: u32) -> Vec<[u32
     let forward = (camera.target - camera.position).normalize_or(Vec3::NEG_Z);
     let right = forward.cross(camera.up).try_normalize().unwrap_or_else(|| forward.any_orthonormal_vector());
     let up = right.cross(forward);
-    let half_height = (camera.vertical_fov_deg.clamp(0.1, 179.0).to_radians() * 0.5).tan();
+    let half_height = camera.half_height(width as f32 / height as f32);
     let half_width = half_height * width as f32 / height as f32;
     let primary = asked.iter().filter(|asked| asked.class == RayClass::Primary);
     primary

@@ -50,6 +50,7 @@ fn lamps() -> Scene {
         forward: Vec3::new(0.0, -0.35, -1.0),
         up: Vec3::Y,
         vertical_fov_deg: 65.0,
+        framed_aspect: None,
         distance: None,
     };
     assembler.finish(Lighting::Given(Sky::BLACK), vec![view]).unwrap()

@@ -10,7 +10,8 @@ use glam::Vec3;
 
 use super::ssim::Similarity;
 use treewright_renderer::film::Picture;
-use treewright_renderer::image_file::{Exposure, display_value, exposure_factor};
+use treewright_renderer::image_file::{Exposure, exposure_factor};
+use treewright_renderer::tone::displayed;
 
 /// Keeps nearly black pixels from deciding everything, as a share of the squared mean luminance.
 const EPSILON: f64 = 0.01;
@@ -126,8 +127,7 @@ fn glow(share: f64) -> [u8; 3] {
 /// Luminance of a picture as it is shown, 0 to 1 (ITU-R BT.709, on encoded values as video does it).
 fn shown_luminance(picture: &Picture, exposure: f32) -> Vec<f64> {
     let weights = Vec3::new(0.2126, 0.7152, 0.0722);
-    let shown = |pixel: &Vec3| (*pixel * exposure).to_array().map(display_value);
-    picture.pixels.iter().map(|pixel| f64::from(Vec3::from_array(shown(pixel)).dot(weights))).collect()
+    picture.pixels.iter().map(|pixel| f64::from(displayed(*pixel * exposure).dot(weights))).collect()
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use treewright_renderer::integrator::View;
 use treewright_scene::{Camera, Scene};
 
 /// Goes up when the path tracer's pictures change in the mean, which makes old references useless.
-const REVISION: u32 = 1;
+const REVISION: u32 = 2;
 
 /// Everything that a picture's expected value depends on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,7 +34,7 @@ impl ReferenceKey {
             revision: REVISION,
             scene: scene.name.clone(),
             scene_hash: scene_hash(scene),
-            camera: camera_numbers(&view.camera),
+            camera: camera_numbers(&view.camera, width as f32 / height as f32),
             size: [width, height],
             bounces: view.bounces,
         }
@@ -64,11 +64,11 @@ impl ReferenceKey {
     }
 }
 
-fn camera_numbers(camera: &Camera) -> [f32; 10] {
+fn camera_numbers(camera: &Camera, aspect: f32) -> [f32; 10] {
     let [a, b, c] = camera.position.to_array();
     let [d, e, f] = camera.target.to_array();
     let [g, h, i] = camera.up.to_array();
-    [a, b, c, d, e, f, g, h, i, camera.vertical_fov_deg]
+    [a, b, c, d, e, f, g, h, i, 2.0 * camera.half_height(aspect).atan().to_degrees()]
 }
 
 fn scene_hash(scene: &Scene) -> String {

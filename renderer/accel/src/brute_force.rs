@@ -63,6 +63,17 @@ impl BruteForce {
         flat.chain(placed)
     }
 
+    /// Whether a ray that meets a triangle meets something solid there. Masks are asked as every back end asks them.
+    fn is_solid(&self, ray: &Ray, triangle: u32, instance: u32) -> bool {
+        let placed = self.instances.as_ref().and_then(|instances| instances.placed().get(instance as usize));
+        match placed {
+            Some(instance) => {
+                self.triangles.is_met(triangle as usize, &instance.ray_in_object(ray, ray.t_max))
+            }
+            None => self.triangles.is_met(triangle as usize, ray),
+        }
+    }
+
     /// The nearest hit, or the first one found if `any` will do.
     fn search(&self, ray: &Ray, any: bool) -> Option<Found> {
         if !ray.is_valid() {
@@ -74,6 +85,7 @@ impl BruteForce {
         for (corners, triangle, instance) in self.each() {
             if let Some([t, u, v]) =
                 test(corners, origin, direction).filter(|[t, ..]| *t > t_min && *t < t_max)
+                && self.is_solid(ray, triangle, instance)
             {
                 nearest = Some(Found { t, u, v, triangle, instance });
                 t_max = t;

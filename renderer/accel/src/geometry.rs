@@ -9,7 +9,8 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use serde::{Deserialize, Serialize};
 
-use crate::limits::{COORDINATE_MAX, TRIANGLES_MAX};
+use crate::limits::{COORDINATE_MAX, MASK_EDGE_MAX, MASKS_MAX, TRIANGLES_MAX};
+use crate::masks::{Card, Mask, Masks};
 
 /// Indexed triangles in one space, checked once: indices in range, coordinates finite and at most
 /// [`COORDINATE_MAX`] in magnitude. A triangle's number is its index everywhere. The arrays are shared: clones and
@@ -18,6 +19,8 @@ use crate::limits::{COORDINATE_MAX, TRIANGLES_MAX};
 pub struct Triangles {
     positions: Arc<Vec<Vec3A>>,
     indices: Arc<Vec<[u32; 3]>>,
+    /// Of all `indices`; nothing where every triangle is solid.
+    masks: Option<Arc<Masks>>,
     /// Which of `indices` are meant.
     range: Range<usize>,
 }
@@ -41,6 +44,32 @@ pub enum GeometryError {
         /// Number of the vertex.
         vertex: usize,
     },
+    /// A mask without its pixels, or too large.
+    #[error(
+        "a mask of {width}x{height} pixels with {values} values: it takes one a pixel, at most {MASK_EDGE_MAX} an edge, and a cutoff from 0"
+    )]
+    BadMask {
+        /// Pixels across.
+        width: u32,
+        /// Pixels down.
+        height: u32,
+        /// How many values there are.
+        values: usize,
+    },
+    /// A card names a triangle or a mask that does not exist.
+    #[error("triangle {triangle} is to have mask {mask}, but one of them does not exist")]
+    NoSuchMask {
+        /// Number of the triangle.
+        triangle: u32,
+        /// Number of the mask.
+        mask: u32,
+    },
+    /// More masks than the limit.
+    #[error("{count} masks are more than the limit of {MASKS_MAX}")]
+    TooManyMasks {
+        /// How many there are.
+        count: usize,
+    },
     /// More triangles than the limit.
     #[error("{count} triangles are more than the limit of {TRIANGLES_MAX}")]
     TooMany {
@@ -54,7 +83,7 @@ impl Triangles {
     pub fn new(positions: Vec<Vec3A>, indices: Vec<[u32; 3]>) -> Result<Self, GeometryError> {
         check(&positions, &indices)?;
         let range = 0..indices.len();
-        Ok(Self { positions: Arc::new(positions), indices: Arc::new(indices), range })
+        Ok(Self { positions: Arc::new(positions), indices: Arc::new(indices), masks: None, range })
     }
 
     /// The same triangles with their vertices elsewhere.
@@ -63,15 +92,72 @@ impl Triangles {
         Ok(Self {
             positions: Arc::new(positions),
             indices: Arc::clone(&self.indices),
+            masks: self.masks.clone(),
             range: self.range.clone(),
         })
+    }
+
+    /// The same triangles, of which some have masks: rays go through those where the mask is not solid.
+    ///
+    /// # Errors
+    /// [`GeometryError`] for a card that names a triangle or a mask that does not exist, and too many masks.
+    pub fn masked(
+        self,
+        masks: Vec<Mask>,
+        cards: impl IntoIterator<Item = (u32, Card)>,
+    ) -> Result<Self, GeometryError> {
+        let first = self.range.start as u32;
+        let cards = cards.into_iter().map(|(triangle, card)| (triangle.saturating_add(first), card));
+        let masks = Masks::new(self.indices.len(), masks, cards)?;
+        Ok(Self { masks: Some(Arc::new(masks)), ..self })
+    }
+
+    /// These triangles with the masks of others, given by their numbers in the order of these.
+    pub(crate) fn masked_as(self, others: &Self, numbers: impl Iterator<Item = usize>) -> Self {
+        let first = others.range.start;
+        let masks = others.masks.as_deref();
+        Self {
+            masks: masks.map(|masks| Arc::new(masks.subset(numbers.map(|number| first + number)))),
+            ..self
+        }
+    }
+
+    /// Whether any triangle has a mask: O(triangles).
+    pub fn has_masks(&self) -> bool {
+        let masks = self.masks.as_deref();
+        masks.is_some_and(|masks| self.range.clone().any(|triangle| masks.is_card(triangle)))
+    }
+
+    /// Whether a triangle has a mask.
+    #[inline]
+    pub fn is_card(&self, triangle: usize) -> bool {
+        self.masks.as_deref().is_some_and(|masks| masks.is_card(self.range.start + triangle))
+    }
+
+    /// The mask's number and the texture coordinates of a triangle that has one.
+    pub fn card(&self, triangle: usize) -> Option<Card> {
+        self.masks.as_deref()?.card(self.range.start + triangle).copied()
+    }
+
+    /// All masks.
+    pub fn masks(&self) -> &[Mask] {
+        self.masks.as_deref().map_or(&[], Masks::masks)
+    }
+
+    /// Whether a ray that meets a triangle meets something solid there.
+    #[inline]
+    pub(crate) fn is_met(&self, triangle: usize, ray: &Ray) -> bool {
+        let masks = self.masks.as_deref();
+        masks.is_none_or(|masks| masks.is_met(self.range.start + triangle, self.corners(triangle), ray))
     }
 
     /// Some of these triangles, numbered in the order given, over the same vertices.
     pub(crate) fn subset(&self, numbers: &[u32]) -> Self {
         let indices: Vec<_> = numbers.iter().map(|&number| self.indices()[number as usize]).collect();
         let range = 0..indices.len();
-        Self { positions: Arc::clone(&self.positions), indices: Arc::new(indices), range }
+        let within = || numbers.iter().map(|&number| self.range.start + number as usize);
+        let masks = self.masks.as_deref().map(|masks| Arc::new(masks.subset(within())));
+        Self { positions: Arc::clone(&self.positions), indices: Arc::new(indices), masks, range }
     }
 
     /// Whether both are made of the same vertices' numbers.
@@ -87,7 +173,8 @@ impl Triangles {
     pub fn part(&self, range: Range<usize>) -> Self {
         assert!(range.start <= range.end && range.end <= self.len(), "a part lies inside the whole");
         let range = self.range.start + range.start..self.range.start + range.end;
-        Self { positions: Arc::clone(&self.positions), indices: Arc::clone(&self.indices), range }
+        let masks = self.masks.clone();
+        Self { positions: Arc::clone(&self.positions), indices: Arc::clone(&self.indices), masks, range }
     }
 
     /// Vertex positions, 16 bytes apart.
@@ -192,6 +279,11 @@ impl Hit {
 
 /// A number no triangle has.
 pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
+
+/// Marks the number of a triangle with a mask, in the leaves of a tree.
+pub(crate) const CARD: u32 = 1 << 31;
+
+const _: () = assert!(TRIANGLES_MAX <= CARD as usize);
 
 /// What [`Hit::instance`] holds in a scene without instances.
 pub const NO_INSTANCE: u32 = u32::MAX;

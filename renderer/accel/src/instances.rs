@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use glam::Affine3A;
 
-use crate::geometry::Triangles;
+use crate::geometry::{Ray, Triangles};
 use crate::limits::INSTANCES_MAX;
 
 /// Objects and their instances over one set of triangles. Immutable and checked once.
@@ -26,6 +26,19 @@ pub struct Instance {
     pub to_world: Affine3A,
     /// The inverse.
     pub to_object: Affine3A,
+}
+
+impl Instance {
+    /// A ray in the object's space, up to another end; distances stay what they are.
+    #[inline]
+    pub(crate) fn ray_in_object(&self, ray: &Ray, t_max: f32) -> Ray {
+        Ray {
+            origin: self.to_object.transform_point3(ray.origin),
+            direction: self.to_object.transform_vector3(ray.direction),
+            t_min: ray.t_min,
+            t_max,
+        }
+    }
 }
 
 /// Why instances were refused.

@@ -9,6 +9,7 @@ pub mod geometry;
 mod instances;
 mod layout;
 pub mod limits;
+mod masks;
 mod native_options;
 pub mod parameters;
 mod prefetch;
@@ -23,6 +24,7 @@ pub use embree::{Device, DeviceError, NativeInstances, NativeScene};
 pub use error::BuildError;
 pub use geometry::{GeometryError, Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
 pub use instances::{Instance, InstanceError, Instances};
+pub use masks::{Card, Mask, Wrap};
 pub use parameters::{
     BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeFormat, NodeOrder,
     Quality, TreeParameters, Update,

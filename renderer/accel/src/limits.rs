@@ -7,6 +7,12 @@ pub const COORDINATE_MAX: f32 = 1e12;
 /// Most triangles in one structure: one build of that size takes some 20 GB, beyond what we verified.
 pub const TRIANGLES_MAX: usize = 1 << 27;
 
+/// Longest edge of a mask in pixels.
+pub const MASK_EDGE_MAX: u32 = 1 << 14;
+
+/// Most masks of one set of triangles.
+pub const MASKS_MAX: usize = 1 << 16;
+
 /// Series of Embree our C structures are laid out for: `(major, minor)`.
 pub const EMBREE_SERIES: (isize, isize) = (4, 4);
 

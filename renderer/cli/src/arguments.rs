@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
+use glam::Vec3;
 use treewright_accel::{BuildChoice, NativeOptions, NativeQuality, Update};
 use treewright_client::{Configuration, Indicators};
 
@@ -81,7 +82,7 @@ impl SceneArguments {
     }
 }
 
-/// Which camera of the scene.
+/// Which camera of the scene, or one of one's own.
 #[derive(Args, Clone, Debug)]
 pub struct CameraArguments {
     /// Number of a camera of the scene, from 0.
@@ -91,11 +92,50 @@ pub struct CameraArguments {
     /// A point of the scene's camera path, 0 to 1.
     #[arg(long, value_name = "T", value_parser = unit_interval)]
     pub at: Option<f32>,
+
+    /// Where the camera stands, in place of where the chosen one does.
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
+    pub eye: Option<Vec3>,
+
+    /// The point it looks at.
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
+    pub target: Option<Vec3>,
+
+    /// What is up in the picture.
+    #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
+    pub up: Option<Vec3>,
+
+    /// Vertical angle of view in degrees, 1 to 170.
+    #[arg(long, value_name = "DEG", value_parser = fov)]
+    pub fov: Option<f32>,
 }
 
 impl CameraArguments {
-    /// Finds the camera: the one asked for, a point of the path, or the scene's first.
+    /// Finds the camera: the one asked for, a point of the path, or the scene's first; with what is given in place
+    /// of its own.
     pub fn find(&self, scene: &Scene) -> Result<Camera, CliError> {
+        let chosen = self.chosen(scene)?;
+        let camera = self.changed(chosen);
+        if camera.position == camera.target {
+            return Err(CliError::Usage(
+                "--eye and --target are the same point: a camera looks at another".to_owned(),
+            ));
+        }
+        Ok(camera)
+    }
+
+    /// The camera with what is given in place of its own.
+    pub fn changed(&self, camera: Camera) -> Camera {
+        Camera {
+            position: self.eye.unwrap_or(camera.position),
+            target: self.target.unwrap_or(camera.target),
+            up: self.up.unwrap_or(camera.up),
+            vertical_fov_deg: self.fov.unwrap_or(camera.vertical_fov_deg),
+            framed_aspect: camera.framed_aspect.filter(|_| self.fov.is_none()),
+        }
+    }
+
+    fn chosen(&self, scene: &Scene) -> Result<Camera, CliError> {
         match (self.camera, self.at) {
             (Some(number), _) => scene.cameras.get(number).copied().ok_or_else(|| {
                 CliError::Usage(format!(
@@ -451,6 +491,22 @@ pub fn unit_interval(text: &str) -> Result<f32, String> {
     }
 }
 
+/// Three finite numbers with commas between them.
+fn vector(text: &str) -> Result<Vec3, String> {
+    let numbers: Vec<f32> = text.split(',').filter_map(|number| number.trim().parse().ok()).collect();
+    match (numbers.as_slice(), text.split(',').count()) {
+        (&[x, y, z], 3) if Vec3::new(x, y, z).is_finite() => Ok(Vec3::new(x, y, z)),
+        _ => Err("it must be three numbers like 1,2.5,-3".to_owned()),
+    }
+}
+
+fn fov(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(degrees) if (1.0..=170.0).contains(&degrees) => Ok(degrees),
+        _ => Err("it must be an angle from 1 to 170 degrees".to_owned()),
+    }
+}
+
 fn threads(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(threads) if threads <= THREADS_MAX => Ok(threads),
@@ -461,6 +517,18 @@ fn threads(text: &str) -> Result<usize, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn vectors_and_angles_are_read_and_refused() {
+        assert_eq!(vector("1,-2.5, 3e1"), Ok(Vec3::new(1.0, -2.5, 30.0)));
+        for wrong in ["", "1,2", "1,2,3,4", "1,2,x", "1,2,nan", "1,2,inf", "1 2 3"] {
+            assert!(vector(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(fov("35.5"), Ok(35.5));
+        for wrong in ["0", "171", "-30", "x", "nan"] {
+            assert!(fov(wrong).is_err(), "{wrong}");
+        }
+    }
 
     #[test]
     fn sizes_are_read_and_refused() {

@@ -8,6 +8,7 @@ use crate::error::CliError;
 use treewright_renderer::integrator::Omission;
 use treewright_renderer::measure::Standing;
 use treewright_renderer::tuning::verdict::{BEST_FIXED, NATIVE_DEFAULT, NATIVE_USED_WELL};
+use treewright_scene::Scene;
 
 /// Prints a value as indented JSON.
 pub fn json(value: &impl Serialize) -> Result<(), CliError> {
@@ -80,6 +81,13 @@ pub fn standings(standings: &[Standing], kind: &str) -> Table {
 pub fn left_out(omissions: &[Omission]) {
     for omission in omissions {
         println!("left out: {}; {}", omission.what, omission.why);
+    }
+}
+
+/// What a scene's loader left out or made up.
+pub fn notes(scene: &Scene) {
+    for note in &scene.notes {
+        println!("note: {note}");
     }
 }
 

@@ -108,6 +108,7 @@ impl CameraPath {
             up: vector(|key| key.up).normalize_or(Vec3::Y),
             // The spline may overshoot its keys a little, the angle must not leave its range.
             vertical_fov_deg: fov.clamp(1.0, 170.0),
+            framed_aspect: self.keys[along.around[1]].framed_aspect,
         }
     }
 
@@ -125,7 +126,13 @@ impl CameraPath {
 }
 
 /// What a path without any usable key shows.
-const STILL: Camera = Camera { position: Vec3::Z, target: Vec3::ZERO, up: Vec3::Y, vertical_fov_deg: 45.0 };
+const STILL: Camera = Camera {
+    position: Vec3::Z,
+    target: Vec3::ZERO,
+    up: Vec3::Y,
+    vertical_fov_deg: 45.0,
+    framed_aspect: None,
+};
 
 /// A place between two keys, as a cubic with the slopes of the spline at both.
 struct Segment {
@@ -229,6 +236,7 @@ mod tests {
             target: Vec3::new(z, x, y),
             up: Vec3::Y,
             vertical_fov_deg: 30.0 + x.abs(),
+            framed_aspect: None,
         }
     }
 

@@ -33,6 +33,8 @@ pub struct CameraPose {
     pub up: Vec3,
     /// Full vertical angle of view.
     pub vertical_fov_deg: f32,
+    /// See [`Camera::framed_aspect`].
+    pub framed_aspect: Option<f32>,
     /// Distance to the point looked at, where the file has one.
     pub distance: Option<f32>,
 }
@@ -58,6 +60,7 @@ impl CameraPose {
             target: self.position + forward * distance,
             up,
             vertical_fov_deg: self.vertical_fov_deg.clamp(1.0, 170.0),
+            framed_aspect: self.framed_aspect.filter(|aspect| (0.01..=100.0).contains(aspect)),
         })
     }
 }
@@ -89,7 +92,13 @@ fn object_camera(bounds: &Bounds) -> Camera {
         .fold(0.0, f32::max);
     // A point-like scene still needs a distance, and so does the picture a margin.
     let distance = if distance > 0.0 { distance * 1.04 } else { 1.0 };
-    Camera { position: target + from * distance, target, up: Vec3::Y, vertical_fov_deg: OBJECT_FOV_DEG }
+    Camera {
+        position: target + from * distance,
+        target,
+        up: Vec3::Y,
+        vertical_fov_deg: OBJECT_FOV_DEG,
+        framed_aspect: Some(ASPECT),
+    }
 }
 
 /// A camera at one end of a room, or nothing when the scene is no room.
@@ -113,6 +122,7 @@ fn room_camera(placed: &Placed, bounds: &Bounds) -> Option<Camera> {
                 target: floor - along * (length * end * 0.5) + Vec3::Y * (size.y * (height + 0.08)),
                 up: Vec3::Y,
                 vertical_fov_deg: ROOM_FOV_DEG,
+                framed_aspect: None,
             };
             let score = openness(placed, &camera, bounds.diagonal());
             if best.as_ref().is_none_or(|(highest, _)| score > *highest) {
@@ -192,6 +202,7 @@ mod tests {
             forward: Vec3::X,
             up: Vec3::X,
             vertical_fov_deg: 900.0,
+            framed_aspect: None,
             distance: None,
         };
         let camera = view.aim(&bounds).unwrap();

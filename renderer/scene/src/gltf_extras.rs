@@ -5,13 +5,14 @@
 //! { "cameras": [
 //!     { "lookat": [eye x, y, z, target x, y, z, up x, y, z] },
 //!     { "type": "perspective", "world_to_camera": [[4 numbers] * 4 rows], "params": { "fov": [degrees] } },
-//!     { "type": "perspective", "to_world": ["16 numbers, row by row"], "fov": ["degrees"], "fovAxis": ["x"|"y"] } ],
+//!     { "type": "perspective", "to_world": ["16 numbers, row by row"], "fov": ["degrees"], "fovAxis": ["x"|"y"],
+//!       "width": pixels, "height": pixels } ],
 //!   "lights": [ { "type": "sunsky" | "envmap" | "infinite" | "area" | ..., "params": { ... } } ] }
 //! ```
 //!
 //! Camera space has z forward and y up. A `lookat` belongs to the camera after it. The angle of a
 //! `world_to_camera` camera is across the shorter side of the picture, that of a `to_world` camera across
-//! the width unless `fovAxis` is y; pictures are taken to be 16:9. Area lights are meshes with an emissive
+//! the width unless `fovAxis` is y; pictures whose size is not said are taken to be 16:9. Area lights are meshes with an emissive
 //! material already. Numbers may stand as numbers or text, alone or in a list; what has another form is
 //! ignored.
 
@@ -21,7 +22,7 @@ use serde_json::Value;
 use super::framing::CameraPose;
 use super::{Sky, Sun};
 
-/// Width over height of the pictures that such cameras were made for.
+/// Width over height of the pictures that such cameras were made for, where they do not say it.
 const ASPECT: f32 = 16.0 / 9.0;
 
 /// What scene extras say.
@@ -84,20 +85,33 @@ fn view(camera: &Value, look_at: Option<(Vec3, Vec3, Vec3)>) -> Option<CameraPos
     };
     let fov_deg = fov.map(numbers).and_then(|fov| fov.first().copied()).unwrap_or(50.0);
     let axis = camera.get("fovAxis").and_then(|axis| axis.get(0).or(Some(axis))).and_then(Value::as_str);
-    let is_vertical = camera.get("world_to_camera").is_some() || axis == Some("y");
-    let vertical_fov_deg = if is_vertical {
-        fov_deg
-    } else {
-        2.0 * ((fov_deg.to_radians() * 0.5).tan() / ASPECT).atan().to_degrees()
+    let is_shorter = camera.get("world_to_camera").is_some();
+    let number = |key: &str| camera.get(key).map(numbers).and_then(|found| found.first().copied());
+    let aspect = match (number("width"), number("height")) {
+        (Some(width), Some(height)) if width > 0.0 && height > 0.0 => width / height,
+        _ => ASPECT,
+    };
+    // Across the shorter side is vertical in a square picture, and horizontal in a narrower one.
+    let (vertical_fov_deg, framed_aspect) = match (is_shorter, axis) {
+        (true, _) => (fov_deg, Some(1.0)),
+        (false, Some("y")) => (fov_deg, Some(aspect)),
+        _ => (2.0 * ((fov_deg.to_radians() * 0.5).tan() / aspect).atan().to_degrees(), Some(aspect)),
     };
     let (position, forward, up) =
         (to_world.w_axis.truncate(), to_world.z_axis.truncate(), to_world.y_axis.truncate());
     Some(match look_at {
         Some((eye, target, up)) => {
             let forward = target - eye;
-            CameraPose { position: eye, forward, up, vertical_fov_deg, distance: Some(forward.length()) }
+            CameraPose {
+                position: eye,
+                forward,
+                up,
+                vertical_fov_deg,
+                framed_aspect,
+                distance: Some(forward.length()),
+            }
         }
-        None => CameraPose { position, forward, up, vertical_fov_deg, distance: None },
+        None => CameraPose { position, forward, up, vertical_fov_deg, framed_aspect, distance: None },
     })
 }
 
@@ -144,6 +158,26 @@ mod tests {
         assert_eq!((third.position, third.forward), (Vec3::new(7.0, 8.0, 9.0), Vec3::NEG_Z));
         // Ninety degrees across 16 units are 2 atan(9/16) across 9.
         assert!((third.vertical_fov_deg - 58.715).abs() < 0.01);
+        assert_eq!((second.framed_aspect, third.framed_aspect), (Some(1.0), Some(16.0 / 9.0)));
+    }
+
+    #[test]
+    fn upright_pictures_show_what_they_were_made_to_show() {
+        let bounds = crate::Bounds { min: Vec3::NEG_ONE, max: Vec3::ONE };
+        let camera = |more: &str| {
+            let matrix = "\"to_world\": [\"-1 0 0 7 0 1 0 8 0 0 -1 9 0 0 0 1\"], \"fov\": 90";
+            parse(&format!("{{\"cameras\": [{{{matrix}{more}}}]}}")).views[0].aim(&bounds).unwrap()
+        };
+        // Ninety degrees across the width, whatever its height.
+        for (width, height) in [(9.0, 16.0), (1.0, 2.0), (16.0, 9.0)] {
+            let half_height = camera("").half_height(width / height);
+            assert!((half_height * width / height - 1.0).abs() < 1e-5);
+        }
+        let upright = camera(", \"width\": 600, \"height\": 800");
+        assert!((upright.half_height(0.75) - 4.0 / 3.0).abs() < 1e-5);
+        // A wider picture shows as much of the height and more at the sides.
+        assert!((upright.half_height(2.0) - 4.0 / 3.0).abs() < 1e-5);
+        assert!((camera(", \"fovAxis\": \"y\"").half_height(2.0) - 1.0).abs() < 1e-5);
     }
 
     #[test]

@@ -179,6 +179,7 @@ impl Walk<'_> {
                     forward: -to_world.z_axis.truncate(),
                     up: to_world.y_axis.truncate(),
                     vertical_fov_deg: perspective.yfov().to_degrees(),
+                    framed_aspect: perspective.aspect_ratio(),
                     distance: None,
                 }),
                 Projection::Orthographic(_) => self.assembler.note("Ignored an orthographic camera."),

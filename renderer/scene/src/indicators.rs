@@ -237,6 +237,7 @@ mod tests {
             forward: -position,
             up: Vec3::Y,
             vertical_fov_deg: 50.0,
+            framed_aspect: None,
             distance: Some(position.length()),
         }
     }
@@ -359,7 +360,13 @@ mod tests {
     #[test]
     fn names_are_unique_and_ranges_make_sense() {
         let values = SceneIndicators::of(&cube(1.0).finish(Lighting::Automatic, vec![]).unwrap());
-        let camera = Camera { position: Vec3::ZERO, target: Vec3::X, up: Vec3::Y, vertical_fov_deg: 40.0 };
+        let camera = Camera {
+            position: Vec3::ZERO,
+            target: Vec3::X,
+            up: Vec3::Y,
+            vertical_fov_deg: 40.0,
+            framed_aspect: None,
+        };
         let map = values.with_camera(&camera).values();
         assert_eq!(map.len(), SCHEMA.len());
         assert!(SCHEMA.iter().all(|spec| spec.min < spec.max && map.contains_key(spec.name)));

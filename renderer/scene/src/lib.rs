@@ -151,4 +151,18 @@ pub struct Camera {
     pub up: Vec3,
     /// Full vertical angle of view.
     pub vertical_fov_deg: f32,
+    /// Width over height of the picture it was made for, if that is known: in a narrower one the vertical angle
+    /// widens, so that all it was made to show stays in sight. Otherwise the vertical angle is kept.
+    pub framed_aspect: Option<f32>,
+}
+
+impl Camera {
+    /// Tangent of half the vertical angle in a picture of `aspect`, its width over its height.
+    pub fn half_height(&self, aspect: f32) -> f32 {
+        let half = (self.vertical_fov_deg.clamp(0.1, 179.0).to_radians() * 0.5).tan();
+        match self.framed_aspect {
+            Some(framed) if framed > aspect => half * framed / aspect,
+            _ => half,
+        }
+    }
 }

@@ -21,6 +21,18 @@ pub const INSTANCING_SAVES_MIN: u64 = 1_000_000;
 /// Deepest nesting of nodes in a glTF file.
 pub const NODE_DEPTH_MAX: usize = 256;
 
+/// Longest edge of a texture in pixels.
+pub const TEXTURE_EDGE_MAX: u32 = 1 << 14;
+
+/// Most pixels of all textures of a scene: some 5 GB with their smaller copies.
+pub const TEXTURE_PIXELS_MAX: u64 = 1 << 30;
+
+/// Largest image file that is read, in bytes.
+pub const IMAGE_BYTES_MAX: u64 = 1 << 30;
+
+/// Longest edge of an environment map in pixels.
+pub const ENVIRONMENT_EDGE_MAX: u32 = 1 << 14;
+
 /// Most cameras taken from a file; a file with more is usually an animation exported frame by frame.
 pub const CAMERAS_MAX: usize = 256;
 

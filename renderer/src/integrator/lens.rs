@@ -24,7 +24,7 @@ impl Lens {
             // Looking along the up vector: any right will do.
             .unwrap_or_else(|| forward.any_orthonormal_vector());
         let up = right.cross(forward);
-        let half_height = (camera.vertical_fov_deg.clamp(0.1, 179.0).to_radians() * 0.5).tan();
+        let half_height = camera.half_height(width as f32 / height as f32);
         let half_width = half_height * width as f32 / height as f32;
         Self {
             position: camera.position,

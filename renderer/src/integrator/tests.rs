@@ -44,7 +44,7 @@ fn scene(parts: &[(Vec<[Vec3; 3]>, Material)], sky: Sky) -> Arc<Scene> {
 }
 
 fn camera(position: Vec3, target: Vec3) -> Camera {
-    Camera { position, target, up: Vec3::Y, vertical_fov_deg: 30.0 }
+    Camera { position, target, up: Vec3::Y, vertical_fov_deg: 30.0, framed_aspect: None }
 }
 
 /// A quad over two edges.

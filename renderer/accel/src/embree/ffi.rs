@@ -9,7 +9,7 @@
 //! * **Functions with Rust enums.** A value the enum lacks would be undefined behaviour, so these
 //!   functions are declared again with plain integers.
 
-use std::ffi::{c_char, c_uint, c_void};
+use std::ffi::{c_char, c_int, c_uint, c_void};
 
 pub(crate) use embree4_sys::{
     RTCBVH, RTCBounds, RTCBufferType, RTCBuildArguments, RTCBuildFlags, RTCBuildPrimitive, RTCBuildQuality,
@@ -144,6 +144,34 @@ unsafe extern "C" {
         heard: Option<unsafe extern "C" fn(user: *mut c_void, code: c_uint, text: *const c_char)>,
         user: *mut c_void,
     );
+
+    /// `rtcSetGeometryUserData`.
+    #[link_name = "rtcSetGeometryUserData"]
+    pub(crate) fn rtc_set_geometry_user_data(geometry: RTCGeometry, user: *mut c_void);
+
+    /// `rtcSetGeometryIntersectFilterFunction`, with our structure of arguments.
+    #[link_name = "rtcSetGeometryIntersectFilterFunction"]
+    pub(crate) fn rtc_set_geometry_intersect_filter_function(geometry: RTCGeometry, filter: Filter);
+
+    /// `rtcSetGeometryOccludedFilterFunction`, with our structure of arguments.
+    #[link_name = "rtcSetGeometryOccludedFilterFunction"]
+    pub(crate) fn rtc_set_geometry_occluded_filter_function(geometry: RTCGeometry, filter: Filter);
+}
+
+/// `RTCFilterFunctionN`.
+pub(crate) type Filter = Option<unsafe extern "C" fn(*const FilterArguments)>;
+
+/// `RTCFilterFunctionNArguments`: the same in 4.2 and 4.4. Rays and hits are `count` numbers a field, the fields in
+/// the order of [`RtcRay`] and [`RtcHit`].
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FilterArguments {
+    pub(crate) valid: *mut c_int,
+    pub(crate) user: *mut c_void,
+    pub(crate) context: *const c_void,
+    pub(crate) ray: *mut c_void,
+    pub(crate) hit: *mut c_void,
+    pub(crate) count: c_uint,
 }
 
 /// `RTC_ERROR_NONE`.

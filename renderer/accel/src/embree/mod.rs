@@ -2,6 +2,7 @@
 
 pub(crate) mod device;
 pub(crate) mod ffi;
+mod filter;
 pub(crate) mod instanced;
 mod native;
 mod packets;

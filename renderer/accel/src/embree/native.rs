@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use super::device::{Device, EmbreeFailure};
 use super::ffi;
+use super::filter::set_masks;
 use super::packets;
 use crate::error::BuildError;
 use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
@@ -89,10 +90,12 @@ impl NativeScene {
             *self = Self::build_as(&device, triangles, &options, true)?;
         } else {
             // SAFETY: the scene is valid and has the one geometry that `attach` gave it, under number 0. The old
-            // vertices live until the scene is committed with the new ones, and these with the scene.
+            // vertices live until the scene is committed with the new ones, and these with the scene, which is also
+            // as long as masks are asked.
             unsafe {
                 let geometry = ffi::rtcGetGeometry(self.scene.0, 0);
                 set_positions(geometry, triangles);
+                set_masks(geometry, Arc::as_ptr(triangles));
                 ffi::rtcCommitGeometry(geometry);
                 ffi::rtcCommitScene(self.scene.0);
             }
@@ -179,7 +182,7 @@ pub(super) fn failure(device: &Device) -> BuildError {
 fn attach(
     device: &Device,
     scene: &SceneHandle,
-    triangles: &Triangles,
+    triangles: &Arc<Triangles>,
     options: &NativeOptions,
     refits: bool,
 ) -> Result<(), BuildError> {
@@ -189,8 +192,8 @@ fn attach(
         return Err(failure(device));
     }
     let indices = triangles.indices();
-    // SAFETY: the arrays do not move while the scene's `Arc` holds them; indices are in range by the
-    // invariant of `Triangles`. Attaching retains the geometry, so our own reference is released at once.
+    // SAFETY: the arrays and the triangles themselves do not move while the scene's `Arc` holds them; indices are in
+    // range by the invariant of `Triangles`. Attaching retains the geometry, so our own reference is released at once.
     unsafe {
         if refits {
             ffi::rtcSetGeometryBuildQuality(geometry, ffi::RTCBuildQuality::REFIT);
@@ -209,6 +212,7 @@ fn attach(
             12,
             indices.len(),
         );
+        set_masks(geometry, Arc::as_ptr(triangles));
         ffi::rtcCommitGeometry(geometry);
         ffi::rtcAttachGeometryByID(scene.0, geometry, 0);
         ffi::rtcReleaseGeometry(geometry);

@@ -1,10 +1,10 @@
 //! The triangles of a leaf, four or eight to a block.
 
-use crate::geometry::{NO_TRIANGLE, Triangles};
+use crate::geometry::{CARD, NO_TRIANGLE, Ray, Triangles};
 
 /// Up to `B` triangles. A plain block holds the first corner and two edges, a watertight one the three
 /// corners: `vertices[which][axis][lane]`. Unused lanes hold NaN, which no test accepts,
-/// and [`NO_TRIANGLE`].
+/// and [`NO_TRIANGLE`]. Numbers of triangles with masks carry the mark [`CARD`].
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(crate) struct Block<const B: usize> {
@@ -27,13 +27,45 @@ impl<const B: usize> Block<B> {
                     block.vertices[which][axis][lane] = value;
                 }
             }
-            block.triangles[lane] = number;
+            block.triangles[lane] = if triangles.is_card(number as usize) { number | CARD } else { number };
         }
         block
     }
 
     /// Numbers of the triangles in use.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = u32> + '_ {
-        self.triangles.iter().copied().filter(|&number| number != NO_TRIANGLE)
+        self.triangles.iter().filter(|&&number| number != NO_TRIANGLE).map(|&number| number & !CARD)
     }
+
+    /// Gives the triangles other numbers.
+    pub(crate) fn renumber(&mut self, renumbered: impl Fn(u32) -> u32) {
+        for number in self.triangles.iter_mut().filter(|number| **number != NO_TRIANGLE) {
+            *number = renumbered(*number & !CARD) | (*number & CARD);
+        }
+    }
+}
+
+/// Whether a ray that meets a triangle with this number, as it stands in a leaf, meets something solid there.
+#[inline(always)]
+pub(crate) fn is_met(triangles: &Triangles, number: u32, ray: &Ray) -> bool {
+    number & CARD == 0 || is_card_met(triangles, number & !CARD, ray)
+}
+
+/// Out of the way of rays in scenes without masks.
+#[cold]
+#[inline(never)]
+fn is_card_met(triangles: &Triangles, number: u32, ray: &Ray) -> bool {
+    triangles.is_met(number as usize, ray)
+}
+
+/// Whether any of the lanes' triangles is solid where a ray meets it.
+#[inline(always)]
+pub(crate) fn is_any_met(triangles: &Triangles, numbers: &[u32], mut lanes: u32, ray: &Ray) -> bool {
+    while lanes != 0 {
+        if is_met(triangles, numbers[lanes.trailing_zeros() as usize], ray) {
+            return true;
+        }
+        lanes &= lanes - 1;
+    }
+    false
 }

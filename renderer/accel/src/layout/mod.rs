@@ -17,12 +17,15 @@ mod node;
 mod part;
 mod quantised;
 
-pub(crate) use block::Block;
+pub(crate) use block::{Block, is_any_met, is_met};
 pub(crate) use bounds::Bounds;
 pub(crate) use node::{Node, TreeNode};
 pub(crate) use part::PlacedPart;
 pub(crate) use quantised::QuantisedNode;
 
+use std::sync::Arc;
+
+use crate::geometry::Triangles;
 use crate::limits::LEAF_SIZE_MAX;
 
 /// Most children a node.
@@ -149,11 +152,12 @@ impl NodeRef {
     }
 }
 
-/// Where a ray begins, and the box of everything.
-#[derive(Clone, Copy, Debug)]
+/// Where a ray begins, the box of everything, and the triangles in it, whose masks rays ask.
+#[derive(Clone, Debug)]
 pub(crate) struct Root {
     pub(crate) node: NodeRef,
     pub(crate) bounds: Bounds,
+    pub(crate) triangles: Arc<Triangles>,
 }
 
 /// Compiles an expression for each kind of node and evaluates the one of these parameters:

@@ -273,7 +273,7 @@ mod tests {
             node.bounds[axis][0][0] = 0.0;
             node.bounds[axis][1][0] = 1.0;
         }
-        (Root { node: NodeRef::EMPTY, bounds }, node)
+        (Root { node: NodeRef::EMPTY, bounds, triangles: std::sync::Arc::default() }, node)
     }
 
     fn met<B: Boxes<Node<2>>>(origin: Vec3, direction: Vec3, t_max: f32) -> u32 {

@@ -35,7 +35,10 @@ macro_rules! compile {
                 hit: &mut Hit,
             ) {
                 // SAFETY: what the caller promises is what this asks for.
-                unsafe { kernel::closest::<N, X, _>(root, start, ray, &BlockLeaves::<T, B>(T::new(ray)), hit) }
+                unsafe {
+                    let leaves = BlockLeaves::<'_, T, B> { blocks: T::new(ray), ray, all: &root.triangles };
+                    kernel::closest::<N, X, _>(root, start, ray, &leaves, hit)
+                }
             }
 
             // SAFETY: as above.
@@ -46,7 +49,10 @@ macro_rules! compile {
                 ray: &Ray,
             ) -> bool {
                 // SAFETY: what the caller promises is what this asks for.
-                unsafe { kernel::occluded::<N, X, _>(root, start, ray, &BlockLeaves::<T, B>(T::new(ray))) }
+                unsafe {
+                    let leaves = BlockLeaves::<'_, T, B> { blocks: T::new(ray), ray, all: &root.triangles };
+                    kernel::occluded::<N, X, _>(root, start, ray, &leaves)
+                }
             }
 
             // SAFETY: as above.

@@ -17,7 +17,7 @@ use crate::geometry::{Hit, NO_TRIANGLE, Ray};
 use crate::layout::{NodeRef, PlacedPart, Root};
 
 /// An object's tree.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Object {
     pub(crate) root: Root,
     /// Number of its first triangle.

@@ -8,8 +8,8 @@
 
 use super::kernel::Leaves;
 use super::lanes::{Lanes, Lanes3, Stored};
-use crate::geometry::{Hit, NO_INSTANCE, Ray};
-use crate::layout::{Block, NodeRef};
+use crate::geometry::{CARD, Hit, NO_INSTANCE, Ray, Triangles};
+use crate::layout::{Block, NodeRef, is_any_met, is_met};
 
 /// A ray prepared for tests against blocks of triangles.
 ///
@@ -18,29 +18,36 @@ use crate::layout::{Block, NodeRef};
 pub(crate) trait Blocks<const B: usize>: Copy {
     unsafe fn new(ray: &Ray) -> Self;
 
-    /// Replaces `hit` by a nearer one in the block, if there is one.
-    unsafe fn closest(&self, block: &Block<B>, hit: &mut Hit);
+    /// Replaces `hit` by a nearer one in the block, if there is one. `ray` is what this was made of, `all` the
+    /// triangles that blocks are made of.
+    unsafe fn closest(&self, block: &Block<B>, ray: &Ray, all: &Triangles, hit: &mut Hit);
 
-    /// Whether a triangle of the block is hit before `t_max`.
-    unsafe fn any(&self, block: &Block<B>, t_max: f32) -> bool;
+    /// Whether a triangle of the block is hit before the ray ends.
+    unsafe fn any(&self, block: &Block<B>, ray: &Ray, all: &Triangles) -> bool;
 }
 
-/// A ray prepared for leaves of blocks.
+/// A ray in leaves of blocks.
 #[derive(Clone, Copy)]
-pub(crate) struct BlockLeaves<T, const B: usize>(pub(super) T);
+pub(crate) struct BlockLeaves<'a, T, const B: usize> {
+    pub(super) blocks: T,
+    /// What `blocks` is made of.
+    pub(super) ray: &'a Ray,
+    /// The triangles of the tree, whose masks are asked.
+    pub(super) all: &'a Triangles,
+}
 
-impl<T: Blocks<B>, const B: usize> Leaves for BlockLeaves<T, B> {
+impl<T: Blocks<B>, const B: usize> Leaves for BlockLeaves<'_, T, B> {
     #[inline(always)]
     unsafe fn closest(&self, leaf: NodeRef, hit: &mut Hit) {
         for block in leaf.blocks::<B>() {
-            self.0.closest(block, hit);
+            self.blocks.closest(block, self.ray, self.all, hit);
         }
     }
 
     #[inline(always)]
-    unsafe fn any(&self, leaf: NodeRef, t_max: f32) -> bool {
+    unsafe fn any(&self, leaf: NodeRef, _t_max: f32) -> bool {
         for block in leaf.blocks::<B>() {
-            if self.0.any(block, t_max) {
+            if self.blocks.any(block, self.ray, self.all) {
                 return true;
             }
         }
@@ -59,26 +66,34 @@ pub(crate) struct Found<L> {
     pub(crate) scale: L,
 }
 
-/// Replaces `hit` by the nearest of the lanes' hits that is nearer. `times` are their true distances.
+/// Replaces `hit` by the nearest of the lanes' hits that is nearer. `times` are their true distances, `triangles`
+/// their numbers among `all`.
 ///
 /// # Safety
 /// As for [`Lanes`].
 #[inline(always)]
-pub(super) unsafe fn take_nearest<L: Lanes>(found: &Found<L>, times: L, triangles: &[u32], hit: &mut Hit) {
+pub(super) unsafe fn take_nearest<L: Lanes>(
+    found: &Found<L>,
+    times: L,
+    (triangles, all): (&[u32], &Triangles),
+    ray: &Ray,
+    hit: &mut Hit,
+) {
     let times = Stored::from(times).0;
     let mut best = None;
     let mut left = found.hits;
     while left != 0 {
         let lane = left.trailing_zeros() as usize;
         left &= left - 1;
-        if times[lane] < hit.t {
+        if times[lane] < hit.t && is_met(all, triangles[lane], ray) {
             hit.t = times[lane];
             best = Some(lane);
         }
     }
     if let Some(lane) = best {
         let (u, v) = (Stored::from(found.u.div(found.scale)).0, Stored::from(found.v.div(found.scale)).0);
-        *hit = Hit { t: hit.t, u: u[lane], v: v[lane], triangle: triangles[lane], instance: NO_INSTANCE };
+        let triangle = triangles[lane] & !CARD;
+        *hit = Hit { t: hit.t, u: u[lane], v: v[lane], triangle, instance: NO_INSTANCE };
     }
 }
 
@@ -156,15 +171,15 @@ impl<L: Lanes, const B: usize> Blocks<B> for FastBlocks<L> {
     }
 
     #[inline(always)]
-    unsafe fn closest(&self, block: &Block<B>, hit: &mut Hit) {
+    unsafe fn closest(&self, block: &Block<B>, ray: &Ray, all: &Triangles, hit: &mut Hit) {
         let found = self.test(block, hit.t);
         if found.hits != 0 {
-            take_nearest(&found, found.t.div(found.scale), &block.triangles, hit);
+            take_nearest(&found, found.t.div(found.scale), (&block.triangles, all), ray, hit);
         }
     }
 
     #[inline(always)]
-    unsafe fn any(&self, block: &Block<B>, t_max: f32) -> bool {
-        self.test(block, t_max).hits != 0
+    unsafe fn any(&self, block: &Block<B>, ray: &Ray, all: &Triangles) -> bool {
+        is_any_met(all, &block.triangles, self.test(block, ray.t_max).hits, ray)
     }
 }

@@ -9,8 +9,8 @@
 
 use super::lanes::{Lanes, Stored};
 use super::triangles::{Blocks, Found, take_nearest};
-use crate::geometry::{Hit, Ray};
-use crate::layout::Block;
+use crate::geometry::{Hit, Ray, Triangles};
+use crate::layout::{Block, is_any_met};
 
 /// The axes of a ray, the one it runs along most last.
 #[inline(always)]
@@ -130,15 +130,15 @@ impl<L: Lanes, const B: usize> Blocks<B> for WatertightBlocks<L> {
     }
 
     #[inline(always)]
-    unsafe fn closest(&self, block: &Block<B>, hit: &mut Hit) {
+    unsafe fn closest(&self, block: &Block<B>, ray: &Ray, all: &Triangles, hit: &mut Hit) {
         let found = self.test(block, hit.t);
         if found.hits != 0 {
-            take_nearest(&found, found.t, &block.triangles, hit);
+            take_nearest(&found, found.t, (&block.triangles, all), ray, hit);
         }
     }
 
     #[inline(always)]
-    unsafe fn any(&self, block: &Block<B>, t_max: f32) -> bool {
-        self.test(block, t_max).hits != 0
+    unsafe fn any(&self, block: &Block<B>, ray: &Ray, all: &Triangles) -> bool {
+        is_any_met(all, &block.triangles, self.test(block, ray.t_max).hits, ray)
     }
 }

@@ -57,16 +57,8 @@ impl Tree {
             (Memory::Own(arena), node)
         };
         let bounds = bounds_below(node, parameters, triangles);
-        let root = Root { node, bounds };
-        Ok(Self {
-            root,
-            kernels,
-            isa,
-            parameters: *parameters,
-            triangles: Arc::clone(triangles),
-            motion: None,
-            _memory: memory,
-        })
+        let root = Root { node, bounds, triangles: Arc::clone(triangles) };
+        Ok(Self { root, kernels, isa, parameters: *parameters, motion: None, _memory: memory })
     }
 }
 

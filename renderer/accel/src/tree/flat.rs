@@ -129,5 +129,8 @@ pub(super) fn copied(triangles: &Triangles, instances: &Instances, flattened: &[
             }
         }
     }
-    Triangles::new(positions, indices).ok()
+    let sources = placed(instances, flattened)
+        .flat_map(|(_, instance)| instances.objects()[instance.object as usize].clone())
+        .map(|triangle| triangle as usize);
+    Some(Triangles::new(positions, indices).ok()?.masked_as(triangles, sources))
 }

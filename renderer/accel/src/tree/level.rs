@@ -6,6 +6,7 @@
 //! 2017), done before the build instead of during it.
 
 use std::collections::BinaryHeap;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -88,7 +89,7 @@ impl Level {
         let kernels = LevelKernels::select(isa, parameters.robust).expect("the instruction set was detected");
         let of_objects = Kernels::select(isa, parameters).expect("the parameters were checked");
         Self {
-            root: Root { node: NodeRef::EMPTY, bounds: Bounds::EMPTY },
+            root: Root { node: NodeRef::EMPTY, bounds: Bounds::EMPTY, triangles: Arc::default() },
             lower: Lower { objects: Vec::new(), kernels: of_objects },
             kernels,
             parts: 0,
@@ -106,7 +107,8 @@ impl Level {
         parameters: &TreeParameters,
     ) -> Result<Self, BuildError> {
         let mut level = Self::empty(isa, parameters);
-        let objects = below.iter().map(|object| Object { root: object.tree.root, first: object.first });
+        let objects =
+            below.iter().map(|object| Object { root: object.tree.root.clone(), first: object.first });
         level.lower.objects = objects.collect();
         let outlines = outlines(below, places, parameters);
         let seeds = seeds(&outlines, places, parameters);
@@ -120,7 +122,7 @@ impl Level {
         let parts: Vec<PlacedPart> = seeds.iter().map(part).collect();
         let plan = plan(&seeds, parameters);
         let (arena, node) = write::<Node<LEVEL_WIDTH>, _>(&plan, NodeOrder::DepthFirst, &parts.as_slice())?;
-        level.root = Root { node, bounds: plan.root.bounds };
+        level.root = Root { node, bounds: plan.root.bounds, triangles: Arc::default() };
         (level.parts, level.nodes, level.depth) = (parts.len(), plan.nodes(), plan.depth);
         level._memory = Some(arena);
         Ok(level)

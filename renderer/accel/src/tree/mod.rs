@@ -28,13 +28,11 @@ mod validate;
 mod walk;
 mod write;
 
-use std::sync::Arc;
-
 pub use statistics::TreeStatistics;
 pub use two_level::TwoLevel;
 pub use validate::TreeFault;
 
-use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
+use crate::geometry::{Hit, Intersector, Packets, Ray};
 use crate::layout::{Bounds, Root};
 use crate::parameters::TreeParameters;
 use crate::traverse::{Isa, Kernels};
@@ -48,7 +46,6 @@ pub struct Tree {
     kernels: Kernels,
     isa: Isa,
     parameters: TreeParameters,
-    triangles: Arc<Triangles>,
     /// What updates remember; nothing of a tree that was never updated.
     motion: Option<Box<motion::Motion>>,
     /// Owns every node and leaf.

@@ -93,7 +93,7 @@ impl Tree {
         triangles: &Arc<Triangles>,
         update: Update,
     ) -> Result<(), BuildError> {
-        BuildError::same_count(self.triangles.len(), triangles.len())?;
+        BuildError::same_count(self.root.triangles.len(), triangles.len())?;
         update.check()?;
         if update == Update::Rebuild || triangles.is_empty() {
             return self.rebuild(device, triangles);
@@ -120,7 +120,7 @@ impl Tree {
             Some(motion) => motion,
             None => Box::new(Motion::of::<N, B>(self)),
         };
-        self.triangles = Arc::clone(triangles);
+        self.root.triangles = Arc::clone(triangles);
         let handed: Vec<Handed> = motion.subtrees.iter().map(|subtree| Handed(subtree.node)).collect();
         let mut fitted: Vec<Fitted> = handed
             .into_par_iter()
@@ -160,7 +160,7 @@ impl Tree {
 impl Motion {
     /// Cuts a tree as it was built.
     fn of<N: TreeNode, const B: usize>(tree: &Tree) -> Self {
-        let largest = (tree.triangles.len() / SHARE).max(CUT_MIN);
+        let largest = (tree.root.triangles.len() / SHARE).max(CUT_MIN);
         let mut motion = Self { subtrees: Vec::new(), above: Vec::new(), cost_above: 0.0 };
         // SAFETY: the node is the root of a tree of these kinds, which is borrowed.
         unsafe { motion.cut::<N, B>(tree.root.node, tree.root.bounds, 0, largest) };
@@ -253,18 +253,14 @@ impl Subtree {
         let part = Arc::new(triangles.subset(&numbers));
         let parameters = TreeParameters { max_depth, ..*parameters };
         let mut graft = Tree::build(device, &part, &parameters)?.with_isa(isa).expect("the tree has it");
-        let root = graft.root;
-        let renumber = &mut |block: &mut Block<B>| {
-            for number in &mut block.triangles {
-                *number = numbers.get(*number as usize).copied().unwrap_or(*number);
-            }
-        };
-        // SAFETY: the graft is new and ours. Unused lanes hold a number beyond all others, which stays.
-        unsafe { blocks_of::<N, B>(root.node, renumber) };
-        graft.triangles = Arc::clone(triangles);
+        let (node, bounds) = (graft.root.node, graft.root.bounds);
+        let renumber = &mut |block: &mut Block<B>| block.renumber(|number| numbers[number as usize]);
+        // SAFETY: the graft is new and ours.
+        unsafe { blocks_of::<N, B>(node, renumber) };
+        graft.root.triangles = Arc::clone(triangles);
         // SAFETY: as above.
-        let fitted = unsafe { measure::<N, B>(root.node, root.bounds) };
-        (self.node, self.cost, self.graft) = (root.node, fitted.cost(), Some(graft));
+        let fitted = unsafe { measure::<N, B>(node, bounds) };
+        (self.node, self.cost, self.graft) = (node, fitted.cost(), Some(graft));
         Ok(fitted)
     }
 }

@@ -42,9 +42,9 @@ pub(super) unsafe fn refit<N: TreeNode, const B: usize>(
         let mut fitted = Fitted::NOTHING;
         // SAFETY: the caller vouches for it.
         for block in unsafe { node.blocks_mut::<B>() } {
-            let numbers = block.triangles;
-            *block = Block::new(block.numbers(), triangles, watertight);
-            debug_assert!(block.triangles == numbers, "lanes in use come first");
+            let before = *block;
+            *block = Block::new(before.numbers(), triangles, watertight);
+            debug_assert!(block.numbers().eq(before.numbers()), "lanes in use come first");
             for number in block.numbers() {
                 fitted.bounds = fitted.bounds.union(Bounds::of_corners(&triangles.corners(number as usize)));
                 fitted.triangles += 1;

@@ -57,8 +57,8 @@ impl Tree {
     /// least one where the builder splits) whose box covers it, and that depth and leaf sizes keep their limits.
     pub fn validate(&self) -> Result<(), TreeFault> {
         let mut fault = None;
-        let mut leaves_of = vec![0u32; self.triangles.len()];
-        let mut covered_by = vec![Bounds::EMPTY; self.triangles.len()];
+        let mut leaves_of = vec![0u32; self.root.triangles.len()];
+        let mut covered_by = vec![Bounds::EMPTY; self.root.triangles.len()];
         let parameters = &self.parameters;
         let quantised = parameters.active_format() == NodeFormat::Quantised;
         self.walk(&mut |met| match met {
@@ -86,7 +86,9 @@ impl Tree {
         for (triangle, &leaves) in leaves_of.iter().enumerate() {
             if leaves == 0 || (leaves > 1 && parameters.quality != Quality::SahSplit) {
                 fault.get_or_insert(TreeFault::References { triangle, leaves });
-            } else if !covered_by[triangle].contains(&Bounds::of_corners(&self.triangles.corners(triangle))) {
+            } else if !covered_by[triangle]
+                .contains(&Bounds::of_corners(&self.root.triangles.corners(triangle)))
+            {
                 fault.get_or_insert(TreeFault::NotCovered { triangle });
             }
         }

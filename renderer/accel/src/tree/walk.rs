@@ -28,7 +28,7 @@ struct Place {
 impl Tree {
     /// Calls `visit` for every node and non-empty leaf, parents first.
     pub(crate) fn walk(&self, visit: &mut impl FnMut(Met<'_>)) {
-        let Root { node, bounds } = self.root;
+        let Root { node, bounds, .. } = self.root;
         let place = Place { node, bounds, reach: bounds, depth: 0 };
         for_node!(self.parameters, N => for_block!(self.parameters, B => step::<N, B>(place, visit)));
     }
@@ -38,7 +38,7 @@ impl Tree {
 impl Tree {
     /// Expected cost of a ray that hits the box of one of its nodes or leaves.
     pub(super) fn cost_below(&self, node: NodeRef) -> f64 {
-        let bounds = bounds_below(node, &self.parameters, &self.triangles);
+        let bounds = bounds_below(node, &self.parameters, &self.root.triangles);
         for_node!(self.parameters, N => for_block!(self.parameters, B => {
             // SAFETY: the caller has the node from this tree, which is borrowed.
             unsafe { measure::<N, B>(node, bounds) }.cost()
@@ -47,11 +47,11 @@ impl Tree {
 
     /// Calls `visit` for the corners of every triangle below one of its nodes or leaves.
     pub(super) fn corners_below(&self, node: NodeRef, visit: &mut impl FnMut(Vec3A)) {
-        let bounds = bounds_below(node, &self.parameters, &self.triangles);
+        let bounds = bounds_below(node, &self.parameters, &self.root.triangles);
         let place = Place { node, bounds, reach: bounds, depth: 0 };
         let each = &mut |met: Met<'_>| {
             if let Met::Leaf { numbers, .. } = met {
-                let corners = numbers.iter().flat_map(|&number| self.triangles.corners(number as usize));
+                let corners = numbers.iter().flat_map(|&number| self.root.triangles.corners(number as usize));
                 corners.for_each(&mut *visit);
             }
         };
@@ -71,7 +71,7 @@ impl Tree {
             let inner = unsafe { node.node::<N>() };
             inner.children()[..inner.count()].iter().all(|&child| covered::<N>(child, by))
         }
-        self.triangles.is_empty() || for_node!(self.parameters, N => covered::<N>(self.root.node, by))
+        self.root.triangles.is_empty() || for_node!(self.parameters, N => covered::<N>(self.root.node, by))
     }
 }
 

@@ -66,6 +66,8 @@ struct Outcome {
     /// What shading leaves out, and why the scene can do without.
     left_out: Vec<Omission>,
     statistics: Option<treewright_accel::Statistics>,
+    /// What the loader left out or made up.
+    notes: Vec<String>,
     out: PathBuf,
 }
 
@@ -106,6 +108,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         counts,
         left_out: renderer.needs().omissions(),
         statistics: renderer.structure().map(treewright_accel::Structure::statistics),
+        notes: scene.notes.clone(),
         out: arguments.out.clone(),
     };
     if arguments.json {
@@ -120,6 +123,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         println!("{} samples were not numbers and count as black", counts.bad_samples);
     }
     output::left_out(&outcome.left_out);
+    output::notes(&scene);
     println!("wrote {}", arguments.out.display());
     if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
 }

@@ -121,5 +121,6 @@ pub(super) fn key(position: [f32; 3], target: [f32; 3], vertical_fov_deg: f32) -
         target: Vec3::from_array(target),
         up: Vec3::Y,
         vertical_fov_deg,
+        framed_aspect: None,
     }
 }

@@ -104,6 +104,7 @@ pub fn build(name: &str, options: &Options) -> Result<Scene, SceneError> {
         forward: camera.target - camera.position,
         up: camera.up,
         vertical_fov_deg: camera.vertical_fov_deg,
+        framed_aspect: camera.framed_aspect,
         distance: Some(camera.position.distance(camera.target)),
     });
     let mut scene = assembler.finish(Lighting::Given(plan.sky), views.collect())?;

@@ -6,8 +6,8 @@ use std::marker::PhantomData;
 
 use super::PacketLeaves;
 use super::bundle::{Bundle, Hits, each_lane};
-use crate::geometry::{Hit, NO_INSTANCE, NO_TRIANGLE, Ray};
-use crate::layout::{Block, NodeRef, Root};
+use crate::geometry::{CARD, Hit, NO_INSTANCE, NO_TRIANGLE, Ray, Triangles};
+use crate::layout::{Block, NodeRef, Root, is_met};
 use crate::traverse::lanes::{Lanes, Lanes3, Stored};
 use crate::traverse::triangles::{Faces, Found, Lines, meet};
 use crate::traverse::watertight::{Sheared, axes};
@@ -118,13 +118,28 @@ pub(crate) struct BlockTree<'a> {
 /// The rays of a packet in leaves of blocks.
 pub(crate) struct PacketBlockLeaves<'a, L, T, const B: usize> {
     triangles: T,
-    of: PhantomData<(L, &'a Root)>,
+    /// Those of the tree, whose masks are asked.
+    all: &'a Triangles,
+    lanes: PhantomData<L>,
+}
+
+/// Those of some rays, one bit a ray, that meet something solid where they meet a triangle.
+#[inline(always)]
+fn met(all: &Triangles, number: u32, lanes: u32, rays: &Bundle) -> u32 {
+    if number & CARD == 0 {
+        return lanes;
+    }
+    let mut left = 0;
+    each_lane(lanes, |lane| {
+        left |= u32::from(is_met(all, number, &rays.ray(lane, f32::INFINITY))) << lane;
+    });
+    left
 }
 
 impl<L: Lanes, T: PacketBlocks<L, B>, const B: usize> PacketBlockLeaves<'_, L, T, B> {
     /// All rays against all triangles of a block.
     #[inline(always)]
-    unsafe fn test(&self, block: &Block<B>, active: u32, hits: &mut Hits) {
+    unsafe fn test(&self, block: &Block<B>, rays: &Bundle, active: u32, hits: &mut Hits) {
         for lane in 0..B {
             if block.triangles[lane] == NO_TRIANGLE {
                 break;
@@ -136,12 +151,13 @@ impl<L: Lanes, T: PacketBlocks<L, B>, const B: usize> PacketBlockLeaves<'_, L, T
             }
             let times = T::times(&found);
             let nearer = L::bits(times.less(t_max)) & found.hits & active;
+            let nearer = met(self.all, block.triangles[lane], nearer, rays);
             let (u, v) = (found.u.div(found.scale), found.v.div(found.scale));
             for (value, old) in [(times, &mut hits.t), (u, &mut hits.u), (v, &mut hits.v)] {
                 L::choose(nearer, value, L::load(old.0.as_ptr())).store(old.0.as_mut_ptr());
             }
             each_lane(nearer, |ray| {
-                hits.triangles[ray] = block.triangles[lane];
+                hits.triangles[ray] = block.triangles[lane] & !CARD;
                 hits.instances[ray] = NO_INSTANCE;
             });
         }
@@ -153,19 +169,19 @@ impl<'a, L: Lanes, T: PacketBlocks<L, B>, const B: usize> PacketLeaves for Packe
     type Tree = BlockTree<'a>;
 
     #[inline(always)]
-    unsafe fn new(_tree: BlockTree<'a>, rays: &Bundle) -> Self {
-        Self { triangles: T::new(rays), of: PhantomData }
+    unsafe fn new(tree: BlockTree<'a>, rays: &Bundle) -> Self {
+        Self { triangles: T::new(rays), all: &tree.root.triangles, lanes: PhantomData }
     }
 
     #[inline(always)]
-    unsafe fn closest(&self, _rays: &Bundle, leaf: NodeRef, active: u32, hits: &mut Hits) {
+    unsafe fn closest(&self, rays: &Bundle, leaf: NodeRef, active: u32, hits: &mut Hits) {
         for block in leaf.blocks::<B>() {
-            self.test(block, active, hits);
+            self.test(block, rays, active, hits);
         }
     }
 
     #[inline(always)]
-    unsafe fn any(&self, _rays: &Bundle, leaf: NodeRef, active: u32, ends: &Stored) -> u32 {
+    unsafe fn any(&self, rays: &Bundle, leaf: NodeRef, active: u32, ends: &Stored) -> u32 {
         let t_max = L::load(ends.0.as_ptr());
         let mut found = 0;
         for block in leaf.blocks::<B>() {
@@ -173,7 +189,8 @@ impl<'a, L: Lanes, T: PacketBlocks<L, B>, const B: usize> PacketLeaves for Packe
                 if block.triangles[lane] == NO_TRIANGLE {
                     break;
                 }
-                found |= self.triangles.meet(block, lane, t_max).hits & active;
+                let hits = self.triangles.meet(block, lane, t_max).hits & active & !found;
+                found |= met(self.all, block.triangles[lane], hits, rays);
             }
         }
         found

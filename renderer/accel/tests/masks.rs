@@ -1,0 +1,201 @@
+//! Triangles with masks: every back end meets them where they are solid and nowhere else, as the oracle does.
+
+use std::sync::Arc;
+
+use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
+use rand::RngExt;
+use treewright_accel::{
+    BruteForce, BuildChoice, Card, Hit, Instances, Intersector, Mask, NativeOptions, NativeQuality, Packets,
+    Quality, Ray, TreeParameters, Triangles, Update, Wrap, build, build_instanced,
+};
+
+#[path = "scenes/back_ends.rs"]
+mod back_ends;
+mod scenes;
+
+use back_ends::device;
+
+/// Rays that rounding may decide about, in a hundred.
+const CLOSE_CALLS_PERCENT: usize = 1;
+
+/// Blots and holes, in three ways to go on and of three sizes.
+fn masks() -> Vec<Mask> {
+    let mask = |(number, wrap): (u32, Wrap)| {
+        let (width, height) = (5 + 8 * number, 7 + 3 * number);
+        let mut random = scenes::random(u64::from(number));
+        let alpha = (0..width * height).map(|_| if random.random_bool(0.5) { 255 } else { 0 }).collect();
+        Mask::new(width, height, alpha, 0.5, [wrap, Wrap::Repeat]).expect("it has its pixels")
+    };
+    (0..).zip([Wrap::Repeat, Wrap::Mirror, Wrap::Clamp]).map(mask).collect()
+}
+
+/// The same triangles with masks on three of four of them.
+fn masked(triangles: &Triangles, seed: u64) -> Arc<Triangles> {
+    let mut random = scenes::random(seed);
+    let mut place = || Vec2::new(random.random_range(-1.5..2.5), random.random_range(-1.5..2.5));
+    let cards: Vec<(u32, Card)> = (0..triangles.len() as u32)
+        .filter(|triangle| triangle % 4 != 0)
+        .map(|triangle| (triangle, Card { mask: triangle % 3, corners: [place(), place(), place()] }))
+        .collect();
+    Arc::new(triangles.clone().masked(masks(), cards).expect("triangles and masks exist"))
+}
+
+/// All triangles with a mask that is solid nowhere, or everywhere.
+fn uniform(triangles: &Triangles, alpha: u8) -> Arc<Triangles> {
+    let mask = Mask::new(1, 1, vec![alpha].into(), 0.5, [Wrap::Repeat; 2]).expect("one pixel");
+    let cards =
+        (0..triangles.len() as u32).map(|triangle| (triangle, Card { mask: 0, corners: [Vec2::ZERO; 3] }));
+    Arc::new(triangles.clone().masked(vec![mask], cards).expect("triangles and masks exist"))
+}
+
+fn same(expected: Option<Hit>, found: Option<Hit>) -> bool {
+    match (expected, found) {
+        (None, None) => true,
+        (Some(expected), Some(found)) => {
+            expected.instance == found.instance && (expected.t - found.t).abs() <= 2e-4 * (1.0 + expected.t)
+        }
+        _ => false,
+    }
+}
+
+/// Single rays and packets of all kinds.
+fn check(what: &str, structure: &dyn Intersector, rays: &[Ray], expected: &[Option<Hit>]) {
+    let limit = rays.len() * CLOSE_CALLS_PERCENT / 100;
+    for packets in Packets::ALL {
+        let (mut hits, mut occluded) = (vec![None; rays.len()], vec![false; rays.len()]);
+        structure.closest_each(packets, rays, &mut hits);
+        structure.occluded_each(packets, rays, &mut occluded);
+        let wrong = expected.iter().zip(&hits).filter(|(expected, hit)| !same(**expected, **hit)).count();
+        assert!(wrong <= limit, "{what}, {packets:?}: {wrong} nearest hits differ");
+        let wrong =
+            expected.iter().zip(&occluded).filter(|(expected, any)| expected.is_some() != **any).count();
+        assert!(wrong <= limit, "{what}, {packets:?}: {wrong} answers to any hit differ");
+    }
+}
+
+fn hits(oracle: &BruteForce, rays: &[Ray]) -> Vec<Option<Hit>> {
+    rays.iter().map(|ray| oracle.closest(ray)).collect()
+}
+
+fn all_agree(name: &str, triangles: &Arc<Triangles>, rays: &[Ray]) {
+    let expected = hits(&BruteForce::new(triangles), rays);
+    back_ends::each(triangles, |what, structure| {
+        check(&format!("{name}, {what}"), structure, rays, &expected)
+    });
+}
+
+#[test]
+fn every_back_end_sees_through_the_same_holes() {
+    let solid = scenes::soup(300, 1.0, 1);
+    let triangles = masked(&solid, 2);
+    // Half of them from one point, as packets like it.
+    let mut rays = scenes::rays(600, 3);
+    rays.iter_mut().take(300).for_each(|ray| ray.origin = Vec3::new(0.0, 0.2, 3.0));
+    let through = hits(&BruteForce::new(&solid), &rays)
+        .iter()
+        .zip(hits(&BruteForce::new(&triangles), &rays))
+        .filter(|(solid, masked)| !same(**solid, *masked))
+        .count();
+    assert!((50..500).contains(&through), "{through} of {} rays go through a hole", rays.len());
+    all_agree("soup", &triangles, &rays);
+    all_agree("hills", &masked(&scenes::hills(10), 4), &scenes::rays(300, 5));
+}
+
+#[test]
+fn a_mask_that_is_solid_nowhere_leaves_nothing_and_one_that_is_everywhere_changes_nothing() {
+    let solid = scenes::soup(120, 0.6, 6);
+    let rays = scenes::rays(200, 7);
+    back_ends::each(&uniform(&solid, 0), |what, structure| {
+        check(what, structure, &rays, &vec![None; rays.len()])
+    });
+    let expected = hits(&BruteForce::new(&solid), &rays);
+    assert!(expected.iter().flatten().count() > 50);
+    back_ends::each(&uniform(&solid, 255), |what, structure| check(what, structure, &rays, &expected));
+}
+
+#[test]
+fn masks_move_with_their_triangles() {
+    let first = masked(&scenes::soup(9000, 0.12, 8), 9);
+    let tree = TreeParameters { branching_factor: 8, max_depth: 64, ..TreeParameters::default() };
+    let choices = [
+        BuildChoice::Tree(tree),
+        BuildChoice::Tree(TreeParameters {
+            quality: Quality::SahSplit,
+            robust: true,
+            block_width: 8,
+            ..tree
+        }),
+        BuildChoice::Native(NativeOptions::default()),
+        BuildChoice::Native(NativeOptions { quality: NativeQuality::Low, ..NativeOptions::default() }),
+    ];
+    let rays = scenes::rays(300, 10);
+    for choice in choices {
+        for update in [Update::Refit, Update::Partial { rebuild_threshold: 1.0 }, Update::Rebuild] {
+            let mut structure = build(&device(), &first, &choice).expect("it builds");
+            for moment in [0.3, 1.0] {
+                let wave = |at: &Vec3A| *at + Vec3A::Y * (0.4 * (3.0 * at.x + 9.0 * moment).sin());
+                let moved = first.moved(first.positions().iter().map(wave).collect()).expect("in range");
+                let moved = Arc::new(moved);
+                structure.update(&device(), &moved, update).expect("it follows");
+                let expected = hits(&BruteForce::new(&moved), &rays);
+                check(&format!("{choice:?}, {update:?}, {moment}"), &structure, &rays, &expected);
+            }
+        }
+    }
+}
+
+#[test]
+fn masks_lose_and_gain_nothing_by_an_update() {
+    let solid = scenes::soup(200, 0.5, 11);
+    let rays = scenes::rays(200, 12);
+    for choice in
+        [BuildChoice::Tree(TreeParameters::default()), BuildChoice::Native(NativeOptions::default())]
+    {
+        for update in [Update::Refit, Update::Rebuild] {
+            let mut structure = build(&device(), &solid, &choice).expect("it builds");
+            for next in [masked(&solid, 13), Arc::clone(&solid), uniform(&solid, 0)] {
+                structure.update(&device(), &next, update).expect("it follows");
+                structure.update(&device(), &next, update).expect("it follows");
+                check(&format!("{choice:?}"), &structure, &rays, &hits(&BruteForce::new(&next), &rays));
+            }
+        }
+    }
+}
+
+#[test]
+fn instances_have_the_masks_of_their_objects() {
+    // Two objects with masks and one without between them, in one set of triangles.
+    let soups = [scenes::soup(80, 0.5, 14), scenes::soup(40, 0.5, 15), scenes::soup(60, 0.5, 16)];
+    let corners = soups.iter().flat_map(|soup| (0..soup.len()).map(|triangle| soup.corners(triangle)));
+    let all = masked(&scenes::separate(corners), 17);
+    let mut random = scenes::random(18);
+    let placed = (0..12).map(|number| {
+        let turn = Quat::from_axis_angle(scenes::on_sphere(&mut random), random.random_range(0.0..6.0));
+        let scale = Vec3::new(if number % 2 == 0 { 0.4 } else { -0.3 }, 0.3, 0.5);
+        let at = Vec3::from(scenes::in_cube(&mut random));
+        (number % 3, Affine3A::from_scale_rotation_translation(scale, turn, at))
+    });
+    let instances =
+        Instances::new(all.len(), vec![0..80, 80..120, 120..180], placed).expect("they are valid");
+    let instances = Arc::new(instances);
+    let rays = scenes::rays(600, 19);
+    let expected = hits(&BruteForce::instanced(&all, &instances), &rays);
+    let tree = TreeParameters { max_depth: 64, ..TreeParameters::default() };
+    let mut choices = vec![
+        BuildChoice::Native(NativeOptions::default()),
+        BuildChoice::Native(NativeOptions {
+            quality: NativeQuality::High,
+            robust: true,
+            ..NativeOptions::default()
+        }),
+    ];
+    for branching_factor in [2, 4, 8] {
+        for robust in [false, true] {
+            choices.push(BuildChoice::Tree(TreeParameters { branching_factor, robust, ..tree }));
+        }
+    }
+    for choice in choices {
+        let structure = build_instanced(&device(), &all, &instances, &choice).expect("it builds");
+        check(&format!("{choice:?}"), &structure, &rays, &expected);
+    }
+}
