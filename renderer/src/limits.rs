@@ -12,6 +12,9 @@ pub const BOUNCES_MAX: u32 = 64;
 /// Most thin sheets (glass) that a ray passes between two bounces.
 pub const SHEETS_PER_SEGMENT_MAX: u32 = 4;
 
+/// Most ways through transmitting solids between two bounces: from wall to wall inside counts as one.
+pub const SOLID_WAYS_MAX: u32 = 24;
+
 /// Most render threads.
 pub const THREADS_MAX: usize = 1024;
 

@@ -102,6 +102,15 @@ fn scene_hash(scene: &Scene) -> String {
     }
     // What is written for debugging names every field, also one that is added later, and tells all digits.
     hash.update(format!("{:?} {:?}", scene.materials, scene.sky));
+    for uv in &scene.uvs {
+        numbers(&mut hash, uv.extend(0.0));
+    }
+    for texture in &scene.textures {
+        hash.update(format!("{texture:?}"));
+    }
+    for &pixel in scene.environment.iter().flat_map(|environment| environment.pixels()) {
+        numbers(&mut hash, pixel);
+    }
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 

@@ -56,6 +56,7 @@ impl Entry {
             detail: *detail,
             scene_seed: *seed,
             time: *time,
+            environment: None,
             flatten: false,
         }
         .load()

@@ -34,7 +34,7 @@ fn masked(triangles: &Triangles, seed: u64) -> Arc<Triangles> {
     let mut random = scenes::random(seed);
     let mut place = || Vec2::new(random.random_range(-1.5..2.5), random.random_range(-1.5..2.5));
     let cards: Vec<(u32, Card)> = (0..triangles.len() as u32)
-        .filter(|triangle| triangle % 4 != 0)
+        .filter(|triangle| !triangle.is_multiple_of(4))
         .map(|triangle| (triangle, Card { mask: triangle % 3, corners: [place(), place(), place()] }))
         .collect();
     Arc::new(triangles.clone().masked(masks(), cards).expect("triangles and masks exist"))

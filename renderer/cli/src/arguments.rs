@@ -18,7 +18,7 @@ use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
-use treewright_scene::{Camera, Scene, builtin, load};
+use treewright_scene::{Camera, Environment, Scene, Sky, builtin, load};
 
 /// Prefix of the names of built-in scenes.
 const BUILTIN: &str = "builtin:";
@@ -41,6 +41,10 @@ pub struct SceneArguments {
     /// Moment of an animated built-in scene; 0 to 1 is one round.
     #[arg(long, value_name = "T", default_value_t = 0.0, allow_negative_numbers = true)]
     pub time: f32,
+
+    /// An equirectangular picture of the sky, .hdr or .exr, in place of the scene's own sky and sun.
+    #[arg(long, value_name = "FILE")]
+    pub environment: Option<PathBuf>,
 
     /// Copy what instances place, instead of tracing rays through instances.
     #[arg(long)]
@@ -78,7 +82,12 @@ impl SceneArguments {
             }
             None => load(&self.scene)?,
         };
-        Ok(Arc::new(if self.flatten { scene.flattened()? } else { scene }))
+        let mut scene = if self.flatten { scene.flattened()? } else { scene };
+        if let Some(path) = &self.environment {
+            scene.environment = Some(Arc::new(Environment::load(path)?));
+            scene.sky = Sky::BLACK;
+        }
+        Ok(Arc::new(scene))
     }
 }
 

@@ -4,15 +4,18 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::{Affine3A, Vec3, Vec3A};
+use glam::{Affine3A, Vec2, Vec3, Vec3A};
 use treewright_accel::limits::{COORDINATE_MAX, TRIANGLES_MAX};
 use treewright_accel::{GeometryError, Triangles};
 
 use super::bounds::Bounds;
 use super::framing::{self, CameraPose};
+use super::images::Pixels;
 use super::limits::{CAMERAS_MAX, MESHES_MAX, VERTICES_MAX};
 use super::objects::Objects;
 use super::part::Part;
+use super::texture::{Encoding, Wrap};
+use super::textures::{Textures, cut_out};
 use super::{Camera, Material, Mesh, Placed, Scene, SceneError, Sky};
 
 /// Marks a vertex that no kept triangle names.
@@ -24,11 +27,16 @@ pub struct Assembler {
     origin: PathBuf,
     positions: Vec<Vec3A>,
     normals: Vec<Vec3>,
+    /// Parallel to the positions, zero where a mesh has none.
+    uvs: Vec<Vec2>,
+    /// Whether any mesh has texture coordinates.
+    has_uvs: bool,
     indices: Vec<[u32; 3]>,
     meshes: Vec<Mesh>,
     /// Whether each mesh came without normals.
     flat: Vec<bool>,
     materials: Vec<Material>,
+    textures: Textures,
     notes: Vec<String>,
     dropped: usize,
     objects: Objects,
@@ -64,10 +72,13 @@ impl Assembler {
             origin: origin.to_owned(),
             positions: Vec::new(),
             normals: Vec::new(),
+            uvs: Vec::new(),
+            has_uvs: false,
             indices: Vec::new(),
             meshes: Vec::new(),
             flat: Vec::new(),
             materials: Vec::new(),
+            textures: Textures::default(),
             notes: Vec::new(),
             dropped: 0,
             objects: Objects::default(),
@@ -84,6 +95,24 @@ impl Assembler {
     /// Makes every material so far the same.
     pub fn repaint(&mut self, material: Material) {
         self.materials.fill(sanitized(material));
+    }
+
+    /// Adds a texture that materials can name, or finds the one that was added with this key, encoding and wrap; `make`
+    /// decodes its pixels. Nothing, and a note with the `name`, for one that cannot be had.
+    pub(crate) fn texture(
+        &mut self,
+        key: &str,
+        name: &str,
+        encoding: Encoding,
+        wrap: [Wrap; 2],
+        make: impl FnOnce() -> Result<Pixels, String>,
+    ) -> Option<u32> {
+        self.textures.add(key, name, encoding, wrap, make)
+    }
+
+    /// Whether a texture's alpha cuts out: nearly everywhere clear or solid, and both somewhere.
+    pub(crate) fn cuts_out(&self, texture: u32) -> bool {
+        self.textures.cuts_out(texture)
     }
 
     /// Adds a sentence about what was left out or made up.
@@ -124,6 +153,8 @@ impl Assembler {
         let first_triangle = self.indices.len() as u32;
         let mut renumbered = vec![UNUSED; vertices];
         let has_normals = part.normals.len() == vertices && vertices > 0;
+        let has_uvs = part.uvs.len() == vertices && vertices > 0;
+        self.has_uvs |= has_uvs;
         let mut fallback: Option<Vec<Vec3>> = None;
         for (triangle, corners) in part.indices.iter().enumerate() {
             if let Some(&vertex) = corners.iter().find(|vertex| **vertex as usize >= vertices) {
@@ -142,6 +173,8 @@ impl Assembler {
                 if renumbered[vertex] == UNUSED {
                     renumbered[vertex] = self.positions.len() as u32;
                     self.positions.push(part.positions[vertex].into());
+                    let uv = if has_uvs { part.uvs[vertex] } else { Vec2::ZERO };
+                    self.uvs.push(if uv.is_finite() { uv } else { Vec2::ZERO });
                     if !self.objects.is_open() {
                         let at = part.positions[vertex];
                         self.world = self.world.union(&Bounds { min: at, max: at });
@@ -199,9 +232,14 @@ impl Assembler {
         }
         self.settle_normals();
         let sky = self.settle_sky(lighting);
-        let triangles = Triangles::new(self.positions, self.indices).map_err(|source| {
-            SceneError::Geometry { path: self.origin.clone(), mesh: self.name.clone(), source }
-        })?;
+        let refuse =
+            |source| SceneError::Geometry { path: self.origin.clone(), mesh: self.name.clone(), source };
+        let triangles = Triangles::new(self.positions, self.indices).map_err(refuse)?;
+        let triangles = cut_out(triangles, &self.meshes, &self.materials, &self.textures, &self.uvs);
+        let triangles = triangles.map_err(refuse)?;
+        let is_used = |mesh: &Mesh| self.materials[mesh.material as usize].is_textured();
+        let is_textured = self.has_uvs && self.meshes.iter().any(is_used);
+        self.textures.finish(&mut self.notes);
         let flat = zero_area_count(&triangles);
         if flat > 0 {
             self.notes.push(format!("Kept {flat} triangles without area; no ray meets them."));
@@ -227,9 +265,12 @@ impl Assembler {
             triangles: Arc::new(triangles),
             instances: instances.map(Arc::new),
             normals: self.normals,
+            uvs: if is_textured { self.uvs } else { Vec::new() },
+            textures: if is_textured { self.textures.all } else { Vec::new() },
             meshes: self.meshes,
             materials: self.materials,
             sky,
+            environment: None,
             cameras,
             path_keys: Vec::new(),
             notes: self.notes,
@@ -250,6 +291,8 @@ impl Assembler {
                 let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or(Vec3A::Y);
                 let first = self.positions.len() as u32;
                 self.positions.extend(corners);
+                let uvs = triangle.map(|vertex| self.uvs[vertex as usize]);
+                self.uvs.extend(uvs);
                 self.normals.extend([Vec3::from(normal); 3]);
                 *triangle = [first, first + 1, first + 2];
             }
@@ -306,6 +349,11 @@ fn sanitized(material: Material) -> Material {
         } else {
             default.emission
         },
+        normal_scale: if material.normal_scale.is_finite() { material.normal_scale } else { 1.0 },
+        cutoff: material.cutoff.map(|cutoff| if cutoff >= 0.0 { cutoff } else { 0.0 }),
+        opacity: unit(material.opacity, default.opacity),
+        volume: material.volume.filter(|volume| volume.absorption.is_finite()),
+        ..material
     }
 }
 
@@ -320,8 +368,8 @@ mod tests {
                 Vec3::new(shift + 1.0, 0.0, 0.0),
                 Vec3::new(shift, 1.0, 0.0),
             ],
-            normals: vec![],
             indices: vec![[0, 1, 2]],
+            ..Part::default()
         }
     }
 
@@ -413,10 +461,15 @@ mod tests {
             transmission: -1.0,
             ior: 0.0,
             emission: Vec3::new(-1.0, 2.0, 0.0),
+            cutoff: Some(f32::NAN),
+            opacity: 3.0,
+            normal_scale: f32::INFINITY,
+            ..Material::default()
         };
         let tame = sanitized(wild);
         assert_eq!(tame.base_color, Vec3::new(1.0, 0.0, 0.5));
         assert_eq!((tame.metallic, tame.roughness, tame.transmission, tame.ior), (0.0, 1.0, 0.0, 1.0));
         assert_eq!(tame.emission, Vec3::new(0.0, 2.0, 0.0));
+        assert_eq!((tame.cutoff, tame.opacity, tame.normal_scale), (Some(0.0), 1.0, 1.0));
     }
 }

@@ -28,6 +28,7 @@ impl Scene {
             return Err(too_many());
         }
         let (mut positions, mut normals) = (Vec::<Vec3A>::new(), Vec::<Vec3>::new());
+        let (mut uvs, mut cards) = (Vec::new(), Vec::new());
         let (mut indices, mut meshes) = (Vec::with_capacity(count), Vec::<Mesh>::new());
         let mut copies = vec![NONE; self.triangles.positions().len()];
         let mut copied: Vec<u32> = Vec::new();
@@ -44,8 +45,8 @@ impl Scene {
             let upright = instance.to_object.matrix3.transpose();
             let first_triangle = indices.len() as u32;
             let range = mesh.first_triangle as usize..(mesh.first_triangle + mesh.triangle_count) as usize;
-            for corners in &self.triangles.indices()[range] {
-                let mut corners = corners.map(|vertex| {
+            for triangle in range {
+                let mut corners = self.triangles.indices()[triangle].map(|vertex| {
                     let copy = &mut copies[vertex as usize];
                     if *copy == NONE {
                         *copy = positions.len() as u32;
@@ -55,13 +56,19 @@ impl Scene {
                         if let Some(normal) = self.normals.get(vertex as usize) {
                             normals.push((upright * *normal).normalize_or(Vec3::Y));
                         }
+                        uvs.extend(self.uvs.get(vertex as usize));
                     }
                     *copy
                 });
+                let mut card = self.triangles.card(triangle);
                 // Front sides stay front sides.
                 if mirrored {
                     corners.swap(1, 2);
+                    if let Some(card) = &mut card {
+                        card.corners.swap(1, 2);
+                    }
                 }
+                cards.extend(card.map(|card| (indices.len() as u32, card)));
                 indices.push(corners);
             }
             if positions.len() > VERTICES_MAX {
@@ -69,11 +76,15 @@ impl Scene {
             }
             meshes.push(Mesh { first_triangle, ..mesh.clone() });
         }
-        let triangles = Triangles::new(positions, indices).map_err(|source| SceneError::Geometry {
+        let refuse = |source| SceneError::Geometry {
             path: PathBuf::from(&self.name),
             mesh: self.name.clone(),
             source,
-        })?;
-        Ok(Self { triangles: Arc::new(triangles), instances: None, normals, meshes, ..self.clone() })
+        };
+        let mut triangles = Triangles::new(positions, indices).map_err(refuse)?;
+        if !cards.is_empty() {
+            triangles = triangles.masked(self.triangles.masks().to_vec(), cards).map_err(refuse)?;
+        }
+        Ok(Self { triangles: Arc::new(triangles), instances: None, normals, uvs, meshes, ..self.clone() })
     }
 }

@@ -1,6 +1,6 @@
 //! Reads glTF 2.0, as text or binary: nodes with their transforms, meshes shared by several nodes (copied, or
-//! instances where [`INSTANCING_SAVES_MIN`] says so), metallic-roughness materials with the emissive strength, transmission and index
-//! of refraction extensions, cameras, and punctual lights. Lengths are metres and stay so.
+//! instances where [`INSTANCING_SAVES_MIN`] says so), metallic-roughness materials with their textures and the
+//! extensions for emissive strength, transmission, volume, index of refraction and texture transforms, cameras, and punctual lights. Lengths are metres and stay so.
 
 use std::path::Path;
 
@@ -222,7 +222,8 @@ impl Walk<'_> {
         let name = name.unwrap_or_else(|| format!("mesh {}", mesh.index()));
         for primitive in mesh.primitives() {
             let place = |cause: String| (self.malformed)(format!("mesh \"{name}\": {cause}"));
-            match gltf_geometry::read(&primitive, self.buffers).map_err(place)? {
+            let coordinates = self.materials.coordinates(&primitive.material());
+            match gltf_geometry::read(&primitive, self.buffers, &coordinates).map_err(place)? {
                 Some(mut part) => {
                     if let Some(to_world) = to_world {
                         part.transform(to_world);

@@ -5,17 +5,22 @@ use gltf::accessor::{Accessor, DataType, Dimensions};
 use gltf::mesh::Mode;
 use gltf::{Primitive, Semantic};
 
+use super::gltf_material::Coordinates;
 use super::limits::VERTICES_MAX;
 use super::part::Part;
 
 /// The buffers of a document, by index.
 pub(super) type Buffers = [gltf::buffer::Data];
 
-/// Reads a primitive in the mesh's own space; nothing for points, lines and primitives without vertices.
+/// Reads a primitive in the mesh's own space, with the texture coordinates that its material takes; nothing for points, lines and primitives without vertices.
 ///
 /// # Errors
 /// One sentence about an accessor that reaches outside its buffer.
-pub(super) fn read(primitive: &Primitive, buffers: &Buffers) -> Result<Option<Part>, String> {
+pub(super) fn read(
+    primitive: &Primitive,
+    buffers: &Buffers,
+    coordinates: &Coordinates,
+) -> Result<Option<Part>, String> {
     if !matches!(primitive.mode(), Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
         return Ok(None);
     }
@@ -34,6 +39,15 @@ pub(super) fn read(primitive: &Primitive, buffers: &Buffers) -> Result<Option<Pa
         check(&normals, VECTORS, buffers)?;
         let outside = || "its normals reach outside their buffer".to_owned();
         part.normals.extend(reader.read_normals().ok_or_else(outside)?.map(Vec3::from_array));
+    }
+    if let Some(set) = coordinates.set
+        && let Some(uvs) = primitive.get(&Semantic::TexCoords(set))
+        && uvs.count() == positions.count()
+    {
+        check(&uvs, PAIRS, buffers)?;
+        let outside = || "its texture coordinates reach outside their buffer".to_owned();
+        let uvs = reader.read_tex_coords(set).ok_or_else(outside)?.into_f32();
+        part.uvs.extend(uvs.map(|at| coordinates.moved(at)));
     }
     let numbers: Vec<u32> = match primitive.indices() {
         Some(indices) if indices.count() == 0 => return Ok(None),
@@ -74,6 +88,8 @@ pub(super) fn triangle_count(primitive: &Primitive) -> u64 {
 
 /// What positions and normals are made of.
 const VECTORS: (Dimensions, &[DataType]) = (Dimensions::Vec3, &[DataType::F32]);
+/// What texture coordinates are made of.
+const PAIRS: (Dimensions, &[DataType]) = (Dimensions::Vec2, &[DataType::F32, DataType::U8, DataType::U16]);
 /// What indices are made of.
 const INDICES: (Dimensions, &[DataType]) =
     (Dimensions::Scalar, &[DataType::U8, DataType::U16, DataType::U32]);

@@ -7,6 +7,7 @@ pub mod assemble;
 mod bounds;
 pub mod builtin;
 pub mod camera_path;
+mod environment;
 mod error;
 mod flatten;
 pub mod framing;
@@ -14,12 +15,16 @@ mod gltf_extras;
 mod gltf_file;
 mod gltf_geometry;
 mod gltf_material;
+mod images;
 pub mod indicators;
 pub mod limits;
 mod load;
 #[cfg(test)]
 mod load_tests;
+#[cfg(test)]
+mod load_texture_tests;
 mod obj_file;
+mod obj_maps;
 mod obj_text;
 mod objects;
 pub mod part;
@@ -28,16 +33,20 @@ mod ply_file;
 mod probe;
 pub mod shapes;
 mod sky;
+pub mod texture;
+mod textures;
 
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use treewright_accel::{Instances, Triangles};
 
 pub use bounds::Bounds;
+pub use environment::Environment;
 pub use error::SceneError;
 pub use load::load;
 pub use placed::Placed;
+pub use texture::{Texture, Wrap};
 
 /// A scene ready to be rendered.
 #[derive(Clone, Debug)]
@@ -52,12 +61,18 @@ pub struct Scene {
     /// Shading normal of each vertex (unit length, parallel to `triangles.positions()`); empty when every
     /// triangle is flat. The front (counter-clockwise) side of a triangle is where its normals point.
     pub normals: Vec<Vec3>,
+    /// Texture coordinates of each vertex (parallel to `triangles.positions()`); empty when no mesh has a texture.
+    pub uvs: Vec<Vec2>,
+    /// What materials name by number.
+    pub textures: Vec<Arc<Texture>>,
     /// Meshes in order of their triangles; together they cover all of them. See [`Scene::placed_meshes`].
     pub meshes: Vec<Mesh>,
     /// At least one.
     pub materials: Vec<Material>,
     /// What shines besides emissive triangles.
     pub sky: Sky,
+    /// Light from outside as a picture, in place of the sky.
+    pub environment: Option<Arc<Environment>>,
     /// Cameras of the file, or one framing camera. At least one.
     pub cameras: Vec<Camera>,
     /// Keys of a hand-laid camera path; empty when nobody laid one (see [`crate::camera_path`]).
@@ -71,7 +86,8 @@ impl Scene {
     pub fn has_sampled_lights(&self) -> bool {
         let shines = |light: Vec3| light.max_element() > 0.0;
         let sun = self.sky.sun.is_some_and(|sun| shines(sun.irradiance));
-        sun || self.meshes.iter().any(|mesh| shines(self.materials[mesh.material as usize].emission))
+        sun || self.environment.is_some()
+            || self.meshes.iter().any(|mesh| shines(self.materials[mesh.material as usize].emission))
     }
 }
 
@@ -103,6 +119,64 @@ pub struct Material {
     pub ior: f32,
     /// Emitted radiance.
     pub emission: Vec3,
+    /// Number of a texture that the base colour is multiplied by.
+    pub base_color_texture: Option<u32>,
+    /// Number of a texture whose green is multiplied by the roughness and whose blue by the share of metal.
+    pub metallic_roughness_texture: Option<u32>,
+    /// Number of a texture of normals in tangent space: x along the first texture coordinate, y up in the picture.
+    pub normal_texture: Option<u32>,
+    /// How far those normals lean; 1 is as they are.
+    pub normal_scale: f32,
+    /// Number of a texture that the emission is multiplied by.
+    pub emission_texture: Option<u32>,
+    /// Number of a texture whose red is multiplied by the transmission.
+    pub transmission_texture: Option<u32>,
+    /// Rays go through where the base colour texture's alpha is below this: a cut-out leaf, a fence. Above 1 for a
+    /// surface that is nowhere solid.
+    pub cutoff: Option<f32>,
+    /// The transmission is that of blending: light passes straight through and untinted, more of it where the base
+    /// colour texture's alpha, times `opacity`, is lower.
+    pub blends: bool,
+    /// Factor of the base colour texture's alpha in blending.
+    pub opacity: f32,
+    /// What is inside, for a surface that bounds a solid: light that is transmitted bends on the way in and out. Without
+    /// one, what transmits is a thin sheet that light passes straight through.
+    pub volume: Option<Volume>,
+}
+
+/// The inside of a transmitting solid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Volume {
+    /// Share of light lost on a short way, per unit of length, by colour.
+    pub absorption: Vec3,
+}
+
+impl Volume {
+    /// Of a material that leaves the share `color` of light after a way of `distance` (Beer's law). Infinite or no
+    /// distance means clear.
+    pub fn new(color: Vec3, distance: f32) -> Self {
+        let lost = color.clamp(Vec3::splat(1e-6), Vec3::ONE).map(|share| -share.ln());
+        let absorption = if distance > 0.0 { lost / distance } else { Vec3::ZERO };
+        Self { absorption: if absorption.is_finite() { absorption } else { Vec3::ZERO } }
+    }
+}
+
+impl Material {
+    /// Whether it has any texture.
+    pub fn is_textured(&self) -> bool {
+        self.all_textures().into_iter().flatten().next().is_some()
+    }
+
+    /// The numbers of its textures.
+    pub fn all_textures(&self) -> [Option<u32>; 5] {
+        [
+            self.base_color_texture,
+            self.metallic_roughness_texture,
+            self.normal_texture,
+            self.emission_texture,
+            self.transmission_texture,
+        ]
+    }
 }
 
 impl Default for Material {
@@ -114,6 +188,16 @@ impl Default for Material {
             transmission: 0.0,
             ior: 1.5,
             emission: Vec3::ZERO,
+            base_color_texture: None,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            normal_scale: 1.0,
+            emission_texture: None,
+            transmission_texture: None,
+            cutoff: None,
+            blends: false,
+            opacity: 1.0,
+            volume: None,
         }
     }
 }

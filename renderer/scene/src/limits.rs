@@ -24,8 +24,8 @@ pub const NODE_DEPTH_MAX: usize = 256;
 /// Longest edge of a texture in pixels.
 pub const TEXTURE_EDGE_MAX: u32 = 1 << 14;
 
-/// Most pixels of all textures of a scene: some 5 GB with their smaller copies.
-pub const TEXTURE_PIXELS_MAX: u64 = 1 << 30;
+/// Most pixels of all textures of a scene: some 1.4 GB with their smaller copies.
+pub const TEXTURE_PIXELS_MAX: u64 = 1 << 28;
 
 /// Largest image file that is read, in bytes.
 pub const IMAGE_BYTES_MAX: u64 = 1 << 30;

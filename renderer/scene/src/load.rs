@@ -10,7 +10,7 @@ use super::{Scene, SceneError, gltf_file, obj_file, ply_file};
 /// Reads a scene file: glTF (`.gltf`, `.glb`), Wavefront OBJ with its MTL (`.obj`), or PLY (`.ply`).
 ///
 /// Coordinates are taken as they stand (glTF defines metres; the others define nothing), nothing is
-/// rescaled. Textures are not read but for their mean colour. What had to be left out or made up stands in
+/// rescaled. Textures are read as PNG, JPEG, TGA or BMP. What had to be left out or made up stands in
 /// [`Scene::notes`].
 ///
 /// # Errors

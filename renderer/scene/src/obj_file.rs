@@ -7,10 +7,11 @@ use std::cell::RefCell;
 use std::io::{BufReader, Cursor};
 use std::path::Path;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use tobj::{LoadError, LoadOptions};
 
 use super::assemble::{Assembler, Lighting};
+use super::obj_maps;
 use super::obj_text::{self, Checked};
 use super::part::Part;
 use super::{Material, Scene, SceneError};
@@ -23,8 +24,10 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
         cause,
         remedy: "repair that line or export the scene again",
     };
-    let Checked { text, ignored, faces } =
-        obj_text::check(&String::from_utf8_lossy(bytes)).map_err(malformed)?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let text = String::from_utf8_lossy(bytes);
+    let with_textures = obj_text::material_files(&text).any(|name| names_textures(folder, name));
+    let Checked { text, ignored, faces } = obj_text::check(&text, with_textures).map_err(malformed)?;
     let mut assembler = Assembler::of_file(path);
     if ignored > 0 {
         assembler.note(format!(
@@ -35,7 +38,6 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
         assembler.note("no faces");
         return assembler.finish(Lighting::Automatic, Vec::new());
     }
-    let folder = path.parent().unwrap_or(Path::new("."));
     let missing = RefCell::new(Vec::new());
     let options =
         LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
@@ -47,12 +49,13 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
     for name in missing.into_inner() {
         assembler.note(format!("The material file {name} cannot be read; its surfaces are light grey."));
     }
-    let textured = materials.iter().filter(|material| material.diffuse_texture.is_some()).count();
-    if textured > 0 {
-        assembler.note(format!("Ignored the textures of {textured} materials; their base colours are used."));
-    }
     let default = assembler.material(Material::default());
-    let numbers: Vec<u32> = materials.iter().map(|material| assembler.material(from_mtl(material))).collect();
+    let mut numbers = Vec::new();
+    for material in &materials {
+        let mut described = from_mtl(material);
+        obj_maps::read(material, folder, &mut assembler, &mut described);
+        numbers.push(assembler.material(described));
+    }
     for model in &models {
         let mesh = &model.mesh;
         let part = Part {
@@ -62,6 +65,8 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
             } else {
                 Vec::new()
             },
+            // Pictures stand upside down.
+            uvs: mesh.texcoords.as_chunks().0.iter().map(|[u, v]| Vec2::new(*u, 1.0 - v)).collect(),
             indices: mesh.indices.as_chunks().0.to_vec(),
         };
         let material = mesh.material_id.and_then(|number| numbers.get(number).copied()).unwrap_or(default);
@@ -72,6 +77,12 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
 
 fn triples(numbers: &[f32]) -> Vec<Vec3> {
     numbers.as_chunks().0.iter().map(|triple| Vec3::from_array(*triple)).collect()
+}
+
+/// Whether a material file that stands beside the OBJ names any picture.
+fn names_textures(folder: &Path, name: &str) -> bool {
+    let materials = read_materials(folder, Path::new(name));
+    materials.is_ok_and(|(materials, _)| materials.iter().any(obj_maps::has_maps))
 }
 
 /// Reads a material file that stands beside the OBJ.
@@ -106,5 +117,6 @@ fn from_mtl(material: &tobj::Material) -> Material {
         transmission: 1.0 - dissolve,
         ior: material.optical_density.unwrap_or(1.5),
         emission: material.emissive.map_or(Vec3::ZERO, Vec3::from_array),
+        ..Material::default()
     }
 }

@@ -1,6 +1,6 @@
 //! One mesh before it joins a scene: positions, normals and triangles with their own numbering.
 
-use glam::{Mat3, Mat4, Vec3};
+use glam::{Mat3, Mat4, Vec2, Vec3};
 
 /// Triangles with their own vertex numbering, before they join a scene.
 #[derive(Clone, Debug, Default)]
@@ -9,6 +9,8 @@ pub struct Part {
     pub positions: Vec<Vec3>,
     /// Shading normals parallel to `positions`, or empty for flat triangles.
     pub normals: Vec<Vec3>,
+    /// Texture coordinates parallel to `positions`, or empty for none. (0, 0) is a picture's upper left corner.
+    pub uvs: Vec<Vec2>,
     /// Three vertex numbers a triangle.
     pub indices: Vec<[u32; 3]>,
 }
@@ -39,11 +41,12 @@ impl Part {
         }
     }
 
-    /// Adds another part's triangles. Both have normals or neither has.
+    /// Adds another part's triangles. Both have normals or neither has, and so with texture coordinates.
     pub fn append(&mut self, other: &Part) {
         let first = self.positions.len() as u32;
         self.positions.extend_from_slice(&other.positions);
         self.normals.extend_from_slice(&other.normals);
+        self.uvs.extend_from_slice(&other.uvs);
         self.indices.extend(other.indices.iter().map(|triangle| triangle.map(|vertex| vertex + first)));
     }
 
@@ -82,6 +85,7 @@ mod tests {
             positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
             normals: vec![Vec3::Z; 3],
             indices: vec![[0, 1, 2]],
+            ..Part::default()
         };
         part.transform(&Mat4::from_scale(Vec3::new(-2.0, 1.0, 1.0)));
         let [a, b, c] = part.indices[0].map(|vertex| part.positions[vertex as usize]);
@@ -92,7 +96,7 @@ mod tests {
     #[test]
     fn normals_stay_upright_under_uneven_scaling() {
         let tilted = Vec3::new(1.0, 1.0, 0.0).normalize();
-        let mut part = Part { positions: vec![Vec3::ZERO], normals: vec![tilted], indices: vec![] };
+        let mut part = Part { positions: vec![Vec3::ZERO], normals: vec![tilted], ..Part::default() };
         part.transform(&Mat4::from_scale(Vec3::new(2.0, 1.0, 1.0)));
         let expected = Vec3::new(0.5, 1.0, 0.0).normalize();
         assert!((part.normals[0] - expected).length() < 1e-6);

@@ -18,7 +18,7 @@ use super::sampling::{cosine_hemisphere, luminance, turn};
 use crate::scene::Material;
 
 /// Below this roughness a surface counts as a perfect mirror.
-const MIRROR_ROUGHNESS: f32 = 0.03;
+pub(super) const MIRROR_ROUGHNESS: f32 = 0.03;
 
 /// A material made ready for shading.
 #[derive(Clone, Copy, Debug)]
@@ -110,14 +110,17 @@ impl Bsdf {
         let base = material.base_color.clamp(Vec3::ZERO, Vec3::ONE);
         let metallic = material.metallic.clamp(0.0, 1.0);
         let roughness = material.roughness.clamp(0.0, 1.0);
-        let transmission = material.transmission.clamp(0.0, 1.0) * (1.0 - metallic);
+        // What is transmitted into a solid is not the affair of its surface.
+        let thin = material.volume.is_none();
+        let transmission = if thin { material.transmission.clamp(0.0, 1.0) * (1.0 - metallic) } else { 0.0 };
         let ior = material.ior.max(1.0);
         let dielectric = ((ior - 1.0) / (ior + 1.0)).powi(2);
         let f0 = Vec3::splat(dielectric).lerp(base, metallic);
         // Nothing reflects at grazing angles where nothing reflects at all (index of refraction 1).
         let f90 = (50.0 * luminance(f0)).min(1.0).max(f0.max_element());
         let alpha = (roughness >= MIRROR_ROUGHNESS).then_some(roughness * roughness);
-        let through = base * transmission;
+        // What blends leaves the light behind it as it is; what transmits tints it.
+        let through = if material.blends { Vec3::splat(transmission) } else { base * transmission };
         Self {
             diffuse: base * (1.0 - metallic) * (1.0 - transmission),
             f0,
@@ -287,16 +290,27 @@ fn smith_root(alpha: f32, cosine: f32) -> f32 {
     (square + (1.0 - square) * cosine * cosine).sqrt()
 }
 
-/// The view reflected at a microfacet normal that is visible from it: a uniform point on the spherical cap
-/// that a perfect sphere would show, stretched back.
+/// Share of microfacets that others leave in sight at a cosine (Smith).
+pub(super) fn masking(alpha: f32, cosine: f32) -> f32 {
+    2.0 * cosine / (cosine + smith_root(alpha, cosine))
+}
+
+/// A microfacet normal, of any length, that is visible from the view: a uniform point on the spherical cap that a
+/// perfect sphere would show, stretched back.
 #[inline(always)]
-fn reflect_at_visible_normal(alpha: f32, view: Vec3, [u, v]: [f32; 2]) -> Vec3 {
+pub(super) fn visible_normal(alpha: f32, view: Vec3, [u, v]: [f32; 2]) -> Vec3 {
     let stretched = Vec3::new(view.x * alpha, view.y * alpha, view.z).normalize();
     let z = (1.0 - v) * (1.0 + stretched.z) - stretched.z;
     let sine = (1.0 - z * z).max(0.0).sqrt();
     let (sin, cos) = turn(u);
     let half = Vec3::new(sine * cos, sine * sin, z) + stretched;
-    let half = Vec3::new(half.x * alpha, half.y * alpha, half.z.max(0.0));
+    Vec3::new(half.x * alpha, half.y * alpha, half.z.max(0.0))
+}
+
+/// The view reflected at a microfacet that is visible from it.
+#[inline(always)]
+fn reflect_at_visible_normal(alpha: f32, view: Vec3, u: [f32; 2]) -> Vec3 {
+    let half = visible_normal(alpha, view, u);
     let length_squared = half.length_squared();
     if length_squared > 0.0 {
         half * (2.0 * view.dot(half) / length_squared) - view

@@ -6,7 +6,7 @@ use super::*;
 use crate::integrator::random::PathRandom;
 
 fn material(base: f32, metallic: f32, roughness: f32, transmission: f32, ior: f32) -> Material {
-    Material { base_color: Vec3::splat(base), metallic, roughness, transmission, ior, emission: Vec3::ZERO }
+    Material { base_color: Vec3::splat(base), metallic, roughness, transmission, ior, ..Material::default() }
 }
 
 fn view_at(cosine: f32) -> Vec3 {

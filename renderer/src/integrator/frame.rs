@@ -13,7 +13,7 @@ use super::path;
 use super::prepared::Prepared;
 use super::random::PathRandom;
 use super::stages::{self, Buffers};
-use super::vertex::{Kernel, Path};
+use super::vertex::{Kernel, Path, Tracing};
 use super::{Counts, View};
 use crate::film::{Film, Tile};
 use crate::render_options::RenderOptions;
@@ -28,7 +28,7 @@ pub(super) struct Frame<'a> {
     pub(super) prepared: &'a Prepared,
     pub(super) options: &'a RenderOptions,
     pub(super) kernel: Kernel,
-    pub(super) bounces: u32,
+    pub(super) tracing: Tracing,
     lens: Lens,
     seed: u64,
     width: u32,
@@ -67,12 +67,13 @@ pub fn render_sample_until<I: Intersector>(
     until: Option<Instant>,
 ) -> (Counts, bool) {
     assert!(needs.covers(prepared.needs), "the kernel must be able to do what the scene needs");
+    let lens = Lens::new(&view.camera, film.width(), film.height());
     let frame = Frame {
         prepared,
         options,
         kernel: Kernel::of(needs),
-        bounces: view.bounces,
-        lens: Lens::new(&view.camera, film.width(), film.height()),
+        tracing: Tracing { bounces: view.bounces, pixel_angle: lens.pixel_angle() },
+        lens,
         seed: view.seed,
         width: film.width(),
         height: film.height(),
@@ -126,13 +127,14 @@ impl Frame<'_> {
             return None;
         }
         let random = PathRandom::new(self.seed, y * self.width + x, self.sample);
-        Some((Path::new(pixel, random), self.lens.ray(x, y, random.pair(0))))
+        let ray = self.lens.ray(x, y, random.pair(0));
+        Some((Path::new(pixel, random, ray.origin), ray))
     }
 
     /// Whether rays of a stage, counted from the camera's as 0, need not know what they meet.
     #[inline(always)]
     pub(super) fn is_blind(&self, stage: u32) -> bool {
-        stage == self.bounces && !self.kernel.needs.last_hits()
+        stage == self.tracing.bounces && !self.kernel.needs.last_hits()
     }
 
     fn path_by_path<I: Intersector>(&self, intersector: &I, tile: &mut Tile<'_>, counts: &mut Counts) {

@@ -34,6 +34,11 @@ impl Lens {
         }
     }
 
+    /// The angle that a pixel in the middle of the picture covers, in radians.
+    pub fn pixel_angle(&self) -> f32 {
+        self.down.length()
+    }
+
     /// The ray through a point of a pixel, given by two numbers in [0, 1).
     #[inline]
     pub fn ray(&self, x: u32, y: u32, [u, v]: [f32; 2]) -> Ray {

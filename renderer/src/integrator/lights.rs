@@ -1,14 +1,22 @@
-//! What shines: emissive triangles chosen by power, the sun, and the sky.
+//! What shines: emissive triangles, the sun, and the sky.
+//!
+//! Emissive triangles are chosen by power and place: of a few points drawn by power alone, one is taken by how much of
+//! its light would reach the surface if nothing were in between, and its light is weighed by what the others would have
+//! brought (resampled importance sampling: Talbot, Cline and Egbert, EGSR 2005). The density that the power heuristic
+//! weighs them by is that of the draw by power, for which any function would do that both techniques share.
 //!
 //! Emissive triangles shine to both sides, because the winding in scene files cannot be relied on. The sky's
-//! gradient is smooth and is left to the surfaces' own sampling; triangles and sun are also sampled directly.
+//! gradient is smooth and is left to the surfaces' own sampling; triangles, sun and environment maps are also sampled
+//! directly.
 
 use std::f32::consts::PI;
+use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3, Vec4Swizzles};
 
+use super::environment::SkyTable;
 use super::sampling::{AliasTable, Frame, luminance, uniform_cone, uniform_triangle};
-use crate::scene::{Scene, Sky};
+use crate::scene::{Material, Scene, Sky, Texture};
 
 /// The lights of a scene, ready to be sampled.
 #[derive(Clone, Debug)]
@@ -16,12 +24,34 @@ pub struct Lights {
     /// The emissive triangles, parallel to `table`.
     lamps: Vec<Lamp>,
     table: Option<AliasTable>,
+    /// Parallel to `lamps`, or empty where none has a texture.
+    skins: Vec<Option<Skin>>,
+    textures: Vec<Arc<Texture>>,
     /// Density over area with which a point that emits luminance 1 is sampled.
     density: f32,
     sun: Option<SunDisc>,
     /// Probability that [`Lights::sample`] turns to the sun.
     sun_share: f32,
     sky: Sky,
+    environment: Option<SkyTable>,
+    /// Probability that [`Lights::sample`] turns to the environment map.
+    environment_share: f32,
+}
+
+/// The texture of an emissive triangle.
+#[derive(Clone, Copy, Debug)]
+struct Skin {
+    texture: u32,
+    /// Texture coordinates of the corners.
+    corners: [Vec2; 3],
+    /// What the texture is multiplied by.
+    factor: Vec3,
+}
+
+/// What a material emits in the mean over its texture.
+pub(super) fn mean_emission(scene: &Scene, material: &Material) -> Vec3 {
+    let texture = material.emission_texture.and_then(|number| scene.textures.get(number as usize));
+    texture.map_or(material.emission, |texture| material.emission * texture.mean().xyz())
 }
 
 /// An emissive triangle: 64 bytes, one cache line.
@@ -39,7 +69,43 @@ pub(super) struct Lamp {
 
 const _: () = assert!(size_of::<Lamp>() == 64);
 
+/// Points drawn by power among which one is chosen.
+const CANDIDATES: u32 = 4;
+
+/// From so many triangles on.
+const FEW_LAMPS: usize = 3;
+
+/// Steps from candidate to candidate on a triangle, which fill it evenly (Roberts, The Unreasonable Effectiveness of
+/// Quasirandom Sequences, 2018).
+const SHIFTS: [f32; 2] = [0.754_877_7, 0.569_840_3];
+
+/// A number in [0, 1) moved on, and in again at the other end.
+#[inline(always)]
+fn shifted(number: f32, by: f32) -> f32 {
+    let moved = number + by;
+    if moved >= 1.0 { moved - 1.0 } else { moved }
+}
+
 impl Lamp {
+    /// One that is never sound.
+    pub(super) const NONE: Self = Self {
+        corner: Vec3::ZERO,
+        edges: [Vec3::ZERO; 2],
+        normal: Vec3::ZERO,
+        emission: Vec3::ZERO,
+        density: 0.0,
+    };
+
+    /// How much of a point's radiance a surface would get per area of the lamp, if nothing were in between.
+    #[inline(always)]
+    fn reach(&self, position: Vec3, normal: Vec3, u: [f32; 2]) -> f32 {
+        let [v, w] = uniform_triangle(u);
+        let offset = self.corner + self.edges[0] * v + self.edges[1] * w - position;
+        let square = offset.length_squared();
+        let cosines = normal.dot(offset).max(0.0) * self.normal.dot(offset).abs();
+        if square > 0.0 { cosines / (square * square) } else { 0.0 }
+    }
+
     /// A point on it, seen from a position.
     #[inline(always)]
     pub(super) fn sample(&self, position: Vec3, u: [f32; 2]) -> LightSample {
@@ -101,10 +167,12 @@ impl LightSample {
 impl Lights {
     /// Collects the lights of a scene: O(triangles of emissive meshes, those of every instance counted).
     pub fn new(scene: &Scene) -> Self {
-        let (mut lamps, mut weights) = (Vec::new(), Vec::new());
+        let (mut lamps, mut weights, mut skins) = (Vec::new(), Vec::new(), Vec::new());
         let placed = scene.placed();
         for (mesh, instance) in scene.placed_meshes() {
-            let emission = scene.materials[mesh.material as usize].emission;
+            let material = &scene.materials[mesh.material as usize];
+            let emission = mean_emission(scene, material);
+            let texture = material.emission_texture.filter(|_| !scene.uvs.is_empty());
             let strength = f64::from(luminance(emission));
             if strength <= 0.0 {
                 continue;
@@ -117,6 +185,11 @@ impl Lights {
                     let normal = across.normalize_or_zero();
                     lamps.push(Lamp { corner: a, edges: [b - a, c - a], normal, emission, density: 0.0 });
                     weights.push(area * strength);
+                    let corners = || {
+                        scene.triangles.indices()[triangle as usize].map(|vertex| scene.uvs[vertex as usize])
+                    };
+                    let factor = material.emission;
+                    skins.push(texture.map(|texture| Skin { texture, corners: corners(), factor }));
                 }
             }
         }
@@ -127,8 +200,19 @@ impl Lights {
             (Some(_), None) => 1.0,
             (Some(_), Some(_)) => 0.5,
         };
+        let environment = scene.environment.as_ref().map(SkyTable::new);
+        let environment_share = match (&environment, sun.is_some() || table.is_some()) {
+            (None, _) => 0.0,
+            (Some(_), false) => 1.0,
+            (Some(_), true) => 0.5,
+        };
+        let others = 1.0 - environment_share;
         let power: f64 = weights.iter().sum();
-        let density = if table.is_some() { ((1.0 - f64::from(sun_share)) / power) as f32 } else { 0.0 };
+        let share = f64::from(others * (1.0 - sun_share));
+        let density = if table.is_some() { (share / power) as f32 } else { 0.0 };
+        if skins.iter().all(Option::is_none) {
+            skins = Vec::new();
+        }
         for lamp in &mut lamps {
             lamp.density = density * luminance(lamp.emission);
         }
@@ -143,10 +227,22 @@ impl Lights {
                 direction,
                 cos_half_angle: half_angle.cos(),
                 radiance: sun.irradiance / (PI * half_angle.sin().powi(2)),
-                pdf: sun_share / solid_angle,
+                pdf: others * sun_share / solid_angle,
             }
         });
-        Self { lamps, table, density, sun, sun_share, sky: scene.sky }
+        let textures = if skins.is_empty() { Vec::new() } else { scene.textures.clone() };
+        Self {
+            lamps,
+            table,
+            skins,
+            textures,
+            density,
+            sun,
+            sun_share,
+            sky: scene.sky,
+            environment,
+            environment_share,
+        }
     }
 
     /// Number of emissive triangles, those of every instance counted.
@@ -164,15 +260,34 @@ impl Lights {
         self.sun.is_some()
     }
 
-    /// Draws a direction towards the sun or a point on an emissive triangle. `None` where there is no such
-    /// light or the triangle is seen edge on. `LAMPS` and `SUN` are false where the scene has none.
+    /// Whether there is an environment map, which is sampled unless it is black.
+    pub fn has_environment(&self) -> bool {
+        self.environment.is_some()
+    }
+
+    /// For a position on a surface with this geometric normal, draws a direction towards the sun, a bright place of the environment or a point on an emissive triangle. `None`
+    /// where there is no such light or the triangle is seen edge on. `LAMPS` and `SUN` are false where the scene has
+    /// none; with an environment both must be true.
     #[inline(always)]
     pub fn sample<const LAMPS: bool, const SUN: bool>(
         &self,
         position: Vec3,
+        normal: Vec3,
         [choice, pick]: [f32; 2],
         u: [f32; 2],
     ) -> Option<LightSample> {
+        let mut choice = choice;
+        if LAMPS
+            && SUN
+            && let Some(environment) = &self.environment
+        {
+            if choice < self.environment_share {
+                let light = environment.sample(pick, u);
+                let light = LightSample { pdf: light.pdf * self.environment_share, ..light };
+                return light.is_sound().then_some(light);
+            }
+            choice = (choice - self.environment_share) / (1.0 - self.environment_share);
+        }
         if SUN
             && let Some(sun) = &self.sun
             && (!LAMPS || choice < self.sun_share)
@@ -182,14 +297,65 @@ impl Lights {
         if !LAMPS {
             return None;
         }
-        let light = self.lamp(pick)?.sample(position, u);
+        let (lamp, u) = self.lamp([choice, pick], u, position, normal)?;
+        let light = lamp.sample(position, u);
         light.is_sound().then_some(light)
     }
 
-    /// The emissive triangle that belongs to a number in [0, 1). `None` if there is none.
+    /// One of a few emissive triangles that belong to `pick`, chosen by the part of `choice` that does not mean the sun,
+    /// and where on it: two numbers in [0, 1) for [`Lamp::sample`]. Its emission is that of the point, by the weight of
+    /// the choice. `None` if there is none or nothing of them reaches the surface.
     #[inline(always)]
-    pub(super) fn lamp(&self, pick: f32) -> Option<&Lamp> {
-        Some(&self.lamps[self.table.as_ref()?.sample(pick)])
+    pub(super) fn lamp(
+        &self,
+        [choice, pick]: [f32; 2],
+        u: [f32; 2],
+        position: Vec3,
+        normal: Vec3,
+    ) -> Option<(Lamp, [f32; 2])> {
+        let table = self.table.as_ref()?;
+        // Few triangles are one lamp, all of which is about as near.
+        let candidates = if self.lamps.len() < FEW_LAMPS { 1 } else { CANDIDATES };
+        let mut rest = (choice - self.sun_share) / (1.0 - self.sun_share);
+        let (mut sum, mut taken) = (0.0, None);
+        for candidate in 0..candidates {
+            let shift = candidate as f32;
+            // Each draws like the first, and together they lie evenly.
+            let number = table.sample(shifted(pick, shift / CANDIDATES as f32));
+            let at = [shifted(u[0], (shift * SHIFTS[0]).fract()), shifted(u[1], (shift * SHIFTS[1]).fract())];
+            let weight = self.lamps[number].reach(position, normal, at);
+            sum += weight;
+            let share = if sum > 0.0 { weight / sum } else { 0.0 };
+            if rest < share {
+                taken = Some((number, at, weight));
+                rest /= share;
+            } else {
+                rest = (rest - share) / (1.0 - share);
+            }
+        }
+        let (number, at, weight) = taken?;
+        let lamp = self.lamps[number];
+        let lamp = if self.skins.is_empty() { lamp } else { self.looked_up(number, lamp, at) };
+        let scale = sum / (weight * candidates as f32);
+        Some((Lamp { emission: lamp.emission * scale, ..lamp }, at))
+    }
+
+    #[cold]
+    fn looked_up(&self, number: usize, lamp: Lamp, u: [f32; 2]) -> Lamp {
+        let Some(Skin { texture, corners: [a, b, c], factor }) = self.skins[number] else {
+            return lamp;
+        };
+        let [v, w] = uniform_triangle(u);
+        let value = self.textures[texture as usize].sample(a + (b - a) * v + (c - a) * w, 0.0);
+        Lamp { emission: factor * value.xyz(), ..lamp }
+    }
+
+    /// Radiance of the environment map in a direction and the density with which it is sampled; `None` without one.
+    #[inline(always)]
+    pub fn environment(&self, direction: Vec3) -> Option<(Vec3, f32)> {
+        let environment = self.environment.as_ref()?;
+        let (radiance, pdf) = environment.look_up(direction);
+        Some((radiance, pdf * self.environment_share))
     }
 
     /// The sun, and the probability that [`Lights::sample`] turns to it.
@@ -202,6 +368,12 @@ impl Lights {
     /// cancels: it is chosen by area times luminance, then uniformly.
     pub fn lamp_density(&self, emission: Vec3) -> f32 {
         self.density * luminance(emission)
+    }
+
+    /// Radiance of the environment map in a direction as it is seen, directly or in a mirror.
+    #[inline(always)]
+    pub fn environment_seen(&self, direction: Vec3) -> Vec3 {
+        self.environment.as_ref().map_or(Vec3::ZERO, |environment| environment.seen(direction))
     }
 
     /// Radiance of the sun's disc in a direction and the density with which it is sampled.

@@ -12,6 +12,7 @@
 
 mod bsdf;
 mod chunk;
+mod environment;
 mod frame;
 mod lens;
 mod lights;
@@ -22,9 +23,11 @@ mod prepared;
 pub mod random;
 pub mod sampling;
 mod sheets;
+mod solid;
 mod sort;
 mod stages;
 mod surface;
+mod textures;
 mod vertex;
 
 use std::ops::AddAssign;
@@ -86,6 +89,8 @@ impl AddAssign for Counts {
     }
 }
 
+#[cfg(test)]
+mod appearance_tests;
 #[cfg(test)]
 mod order_tests;
 #[cfg(test)]

@@ -21,8 +21,14 @@ pub struct Needs {
     pub sun: bool,
     /// More than one material.
     pub materials: bool,
-    /// Objects placed by instances. Such scenes have the kernel that can do everything.
+    /// Objects placed by instances. Such scenes, and those of the needs below, have the kernel that can do everything.
     pub instances: bool,
+    /// Materials with textures.
+    pub textures: bool,
+    /// Transmitting solids, which bend light.
+    pub solids: bool,
+    /// An environment map, which is sampled as a light.
+    pub environment: bool,
 }
 
 /// Something that a scene does not need.
@@ -47,9 +53,12 @@ impl Needs {
         sun: true,
         materials: true,
         instances: true,
+        textures: true,
+        solids: true,
+        environment: true,
     };
 
-    /// Number of sets that have kernels: those without instances, and everything.
+    /// Number of sets that have kernels: those of the first six needs alone, and everything.
     pub(super) const SETS: usize = 65;
 
     /// As a number.
@@ -61,6 +70,9 @@ impl Needs {
             | (self.sun as usize) << 4
             | (self.materials as usize) << 5
             | (self.instances as usize) << 6
+            | (self.textures as usize) << 7
+            | (self.solids as usize) << 8
+            | (self.environment as usize) << 9
     }
 
     /// The set of a number.
@@ -73,12 +85,19 @@ impl Needs {
             sun: bits & 16 != 0,
             materials: bits & 32 != 0,
             instances: bits & 64 != 0,
+            textures: bits & 128 != 0,
+            solids: bits & 256 != 0,
+            environment: bits & 512 != 0,
         }
     }
 
-    /// With what comes along: sheets reflect as well, and instances come with everything.
+    /// With what comes along: sheets reflect as well, and what has no kernels of its own comes with everything.
     pub(super) const fn closed(self) -> Self {
-        if self.instances { Self::ALL } else { Self { layers: self.layers || self.sheets, ..self } }
+        if self.instances || self.textures || self.solids || self.environment {
+            Self::ALL
+        } else {
+            Self { layers: self.layers || self.sheets, ..self }
+        }
     }
 
     /// Whether a kernel for these needs can render a scene with those.
@@ -88,7 +107,7 @@ impl Needs {
 
     /// Whether some light is sampled, which takes shadow rays.
     pub const fn shadows(self) -> bool {
-        self.lamps || self.sun
+        self.lamps || self.sun || self.environment
     }
 
     /// Whether a ray after the last bounce must know what it meets. Where nothing it meets can shine or be lit
@@ -144,6 +163,24 @@ impl Needs {
                 "every triangle stands in the world itself",
                 Self { instances: true, ..self }.closed(),
             ),
+            (
+                self.textures,
+                "textures",
+                "no material has one, beside masks that rays see through",
+                Self { textures: true, ..self }.closed(),
+            ),
+            (
+                self.solids,
+                "refraction",
+                "what lets light through is thin",
+                Self { solids: true, ..self }.closed(),
+            ),
+            (
+                self.environment,
+                "the sampling of the sky",
+                "there is no environment map",
+                Self { environment: true, ..self }.closed(),
+            ),
         ];
         all.into_iter()
             .filter(|(needed, ..)| !needed)
@@ -158,7 +195,7 @@ mod tests {
 
     #[test]
     fn every_set_has_its_number() {
-        for bits in 0..128 {
+        for bits in 0..1024 {
             let needs = Needs::from_bits(bits);
             assert_eq!(needs.bits(), bits);
             assert!(Needs::ALL.covers(needs) && needs.covers(needs));
@@ -170,7 +207,7 @@ mod tests {
     fn what_is_put_back_is_more_and_what_is_needed_is_not_listed() {
         assert!(Needs::ALL.omissions().is_empty());
         let least = Needs::from_bits(0);
-        assert_eq!(least.omissions().len(), 9);
+        assert_eq!(least.omissions().len(), 12);
         for omission in least.omissions() {
             assert!(omission.put_back.covers(least) && omission.put_back != least, "{}", omission.what);
         }

@@ -13,7 +13,7 @@ use super::{Counts, Needs, Prepared, View, render_sample};
 use crate::film::{Film, Picture};
 use crate::render_options::{RenderOptions, Sort, TileOrder};
 use crate::scene::builtin::{self, Options};
-use crate::scene::{Material, Scene, Sky, Sun};
+use crate::scene::{Environment, Material, Scene, Sky, Sun, Volume};
 
 /// Two samples of a picture.
 struct Render<'a> {
@@ -45,7 +45,7 @@ fn native(device: &Device, scene: &Scene) -> Structure {
 /// Small scenes that between them use all there is.
 fn scenes() -> Vec<Arc<Scene>> {
     let options = Options { detail: 0.02, ..Options::default() };
-    let mut scenes: Vec<Scene> = ["quick", "hall", "gallery", "statue"]
+    let mut scenes: Vec<Scene> = ["quick", "hall", "gallery", "statue", "grove"]
         .iter()
         .map(|name| builtin::build(name, &options).expect("it is a scene"))
         .collect();
@@ -65,7 +65,16 @@ fn scenes() -> Vec<Arc<Scene>> {
         material.emission = Vec3::splat([0.0, 0.0, 2.0][number % 3]);
     }
     glass.sky.sun = Some(Sun::towards(Vec3::new(0.3, 1.0, 0.2), Vec3::splat(2.0)));
+    let mut solid = glass.clone();
     scenes.push(glass);
+    // Solids of glass under a picture of a sky.
+    solid.name = "solid".into();
+    for material in &mut solid.materials {
+        material.volume = Some(Volume::new(Vec3::new(0.9, 0.5, 0.7), 0.3));
+    }
+    let pixels = (0..32).map(|pixel| Vec3::splat(if pixel == 11 { 30.0 } else { 0.4 }));
+    solid.environment = Some(Arc::new(Environment::new(8, pixels.collect()).expect("it is sound")));
+    scenes.push(solid);
     scenes.into_iter().map(Arc::new).collect()
 }
 

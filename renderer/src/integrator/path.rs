@@ -6,7 +6,8 @@ use treewright_accel::{Intersector, Ray};
 
 use super::Counts;
 use super::frame::Frame;
-use super::vertex::{Path, Shadow, missed, through_sheets};
+use super::sheets::through_sheets;
+use super::vertex::{Path, Shadow, missed};
 
 /// Radiance that arrives along a camera ray.
 pub(super) fn radiance<I: Intersector>(
@@ -35,7 +36,7 @@ pub(super) fn radiance<I: Intersector>(
         };
         counts.hits += 1;
         let next =
-            (kernel.vertex)(prepared, frame.bounces, &mut path, &mut ray, &hit, &mut radiance, &mut shadow);
+            (kernel.vertex)(prepared, &frame.tracing, &mut path, &mut ray, &hit, &mut radiance, &mut shadow);
         if next.shadow {
             counts.shadow_rays += 1;
             if !intersector.occluded(&shadow.ray) {

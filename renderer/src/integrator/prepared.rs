@@ -9,10 +9,12 @@ use treewright_accel::wish_for_huge_pages;
 
 use super::bsdf::Bsdf;
 use super::lights::Lights;
+use super::lights::mean_emission;
 use super::needs::Needs;
 use super::sheets::Sheets;
+use super::solid::is_solid;
 use super::surface::Facet;
-use crate::scene::{Material, Mesh, Scene};
+use crate::scene::{Mesh, Scene};
 
 /// A scene with the tables that shading needs. Independent of the acceleration structure and the camera.
 #[derive(Clone, Debug)]
@@ -40,6 +42,12 @@ pub(super) struct Shading {
     pub(super) density: f32,
     /// Whether it shines.
     pub(super) glows: bool,
+    /// Whether it has textures; then the rest is that of its factors alone.
+    pub(super) textured: bool,
+    /// Whether it is a transmitting solid. The BSDF is that of the share that transmits nothing.
+    pub(super) solid: bool,
+    /// Its number in the scene.
+    pub(super) material: u32,
 }
 
 impl Prepared {
@@ -56,9 +64,15 @@ impl Prepared {
             sun: lights.has_sun(),
             materials: surfaces.len() > 1,
             instances: scene.instances.is_some(),
+            textures: surfaces.iter().any(|surface| surface.textured),
+            solids: surfaces.iter().any(|surface| surface.solid),
+            environment: lights.has_environment(),
         }
         .closed();
-        let thin = |mesh: &Mesh| Bsdf::new(&scene.materials[mesh.material as usize]).is_thin();
+        let thin = |mesh: &Mesh| {
+            let material = &scene.materials[mesh.material as usize];
+            (material.blends && material.volume.is_none()) || Bsdf::new(material).is_thin()
+        };
         let sheets = Sheets::new(&scene, thin);
         Self { lights, needs, facets, surfaces, sheets, scene }
     }
@@ -72,33 +86,31 @@ impl Prepared {
 
 /// The materials that meshes with triangles have, equal ones once, and which of them each mesh has.
 fn surfaces(scene: &Scene, lights: &Lights) -> (Vec<Shading>, Vec<u32>) {
-    let mut surfaces = Vec::new();
-    let mut known = HashMap::new();
+    let (mut surfaces, mut looks) = (Vec::new(), HashMap::new());
+    let mut of_material = vec![None; scene.materials.len()];
     let material_of_mesh = scene
         .meshes
         .iter()
         .map(|mesh| {
-            let material = &scene.materials[mesh.material as usize];
-            *known.entry(key(material)).or_insert_with(|| {
-                surfaces.push(Shading {
-                    bsdf: Bsdf::new(material),
-                    emission: material.emission,
-                    density: lights.lamp_density(material.emission),
-                    glows: material.emission != Vec3::ZERO,
-                });
-                surfaces.len() as u32 - 1
+            *of_material[mesh.material as usize].get_or_insert_with(|| {
+                let material = &scene.materials[mesh.material as usize];
+                // What is written for debugging names every field with all digits: equal for materials that look equal.
+                *looks.entry(format!("{material:?}")).or_insert_with(|| {
+                    surfaces.push(Shading {
+                        bsdf: Bsdf::new(material),
+                        emission: material.emission,
+                        density: lights.lamp_density(mean_emission(scene, material)),
+                        glows: material.emission != Vec3::ZERO,
+                        textured: !scene.textures.is_empty() && material.is_textured(),
+                        solid: is_solid(material),
+                        material: mesh.material,
+                    });
+                    surfaces.len() as u32 - 1
+                })
             })
         })
         .collect();
     (surfaces, material_of_mesh)
-}
-
-/// A material's bits: equal for materials that look equal.
-fn key(material: &Material) -> [u32; 10] {
-    let [r, g, b] = material.base_color.to_array();
-    let [x, y, z] = material.emission.to_array();
-    let Material { metallic, roughness, transmission, ior, .. } = *material;
-    [r, g, b, x, y, z, metallic, roughness, transmission, ior].map(f32::to_bits)
 }
 
 fn facets(scene: &Scene, material_of_mesh: &[u32]) -> Vec<Facet> {

@@ -25,7 +25,7 @@ impl Sorter {
     pub(super) fn reserve(&mut self, count: usize) {
         assert!(count <= 1 << NUMBER_BITS, "a tile's rays can be numbered in a key");
         self.keys.resize(count, 0);
-        self.paths.resize(count, Path::new(0, PathRandom::default()));
+        self.paths.resize(count, Path::new(0, PathRandom::default(), Vec3::ZERO));
         self.rays.resize(count, Shadow::BLANK.ray);
     }
 
@@ -98,7 +98,7 @@ mod tests {
                     t_max: index as f32,
                 })
                 .collect();
-            let mut paths: Vec<Path> = (0..count).map(|index| Path::new(index, random)).collect();
+            let mut paths: Vec<Path> = (0..count).map(|index| Path::new(index, random, Vec3::ZERO)).collect();
             let mut sorter = Sorter::default();
             sorter.reserve(count as usize);
             // Only the first 400 take part.

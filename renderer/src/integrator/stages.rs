@@ -14,8 +14,10 @@ use super::Counts;
 use super::chunk::{Chunk, HITS};
 use super::frame::Frame;
 use super::random::PathRandom;
+use super::sheets::through_sheets;
 use super::sort::Sorter;
-use super::vertex::{Path, Shadow, missed, through_sheets};
+use super::surface::Standing;
+use super::vertex::{Path, Shadow, missed};
 use crate::film::Tile;
 
 /// How many hits ahead a facet is fetched: enough to hide a miss behind the gathering of those before.
@@ -43,7 +45,7 @@ const NO_RAY: Ray = Shadow::BLANK.ray;
 impl Buffers {
     fn reserve(&mut self, pixels: usize) {
         if self.paths.len() < pixels {
-            self.paths.resize(pixels, Path::new(0, PathRandom::default()));
+            self.paths.resize(pixels, Path::new(0, PathRandom::default(), Vec3::ZERO));
             self.rays.resize(pixels, NO_RAY);
             self.hits.resize(pixels, None);
             self.shadow_rays.resize(pixels, NO_RAY);
@@ -157,9 +159,22 @@ impl Buffers {
                 prepared.surface::<false>(facet)
             };
             let instance = if needs.instances { prepared.scene.instance(hit.instance) } else { None };
-            let arrival = (&paths[index], &rays[index], hit);
-            let met = (facet, instance, shading);
-            *lane = chunk.gather(needs, frame.bounces, arrival, met).map(|lane| lane as u8);
+            let (path, ray) = (&paths[index], &rays[index]);
+            let mut standing = if needs.smooth {
+                Standing::new::<true>(facet, instance)
+            } else {
+                Standing::new::<false>(facet, instance)
+            };
+            let looked_up;
+            let shading = if needs.textures && shading.textured {
+                looked_up = prepared.look_up(&frame.tracing, path, ray, hit, shading, &mut standing);
+                &looked_up
+            } else {
+                shading
+            };
+            let bounces = frame.tracing.bounces;
+            *lane =
+                chunk.gather(needs, bounces, (path, ray, hit), (&standing, shading)).map(|lane| lane as u8);
         }
         chunk.shade(prepared, needs);
     }
@@ -187,7 +202,7 @@ impl Buffers {
             counts.hits += 1;
             let together = lane.and_then(|lane| chunk.scatter(lane.into(), path, ray, &mut shadow));
             let next = together.unwrap_or_else(|| {
-                (frame.kernel.vertex)(prepared, frame.bounces, path, ray, hit, radiance, &mut shadow)
+                (frame.kernel.vertex)(prepared, &frame.tracing, path, ray, hit, radiance, &mut shadow)
             });
             if next.shadow {
                 shadow_rays[*shadows] = shadow.ray;

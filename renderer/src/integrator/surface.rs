@@ -102,6 +102,10 @@ pub(super) struct Standing {
     pub(super) longest: f32,
     /// How far from the origin its object stands: a ray's way into the object's space rounds at this magnitude.
     pub(super) place: f32,
+    /// Whether the normals are to be interpolated.
+    pub(super) is_smooth: bool,
+    /// Whether its object is mirrored, which turns its front away.
+    pub(super) is_mirrored: bool,
 }
 
 impl Standing {
@@ -111,7 +115,15 @@ impl Standing {
         let corner_and_edges = facet.corner_and_edges();
         let normals = if INTERPOLATE { facet.normals() } else { [Vec3::ZERO; 3] };
         let Some(Instance { to_world, to_object, .. }) = instance else {
-            return Self { corner_and_edges, normals, longest: facet.ab.w, place: 0.0 };
+            let is_smooth = INTERPOLATE && facet.is_smooth();
+            return Self {
+                corner_and_edges,
+                normals,
+                longest: facet.ab.w,
+                place: 0.0,
+                is_smooth,
+                is_mirrored: false,
+            };
         };
         let [a, ab, ac] = corner_and_edges.map(Vec3A::from);
         let a = to_world.transform_point3a(a);
@@ -123,6 +135,8 @@ impl Standing {
             normals: if INTERPOLATE { normals.map(|normal| turn * normal) } else { normals },
             longest: longest(ab, ac),
             place: to_world.translation.abs().max_element(),
+            is_smooth: INTERPOLATE && facet.is_smooth(),
+            is_mirrored: to_world.matrix3.determinant() < 0.0,
         }
     }
 }
@@ -154,24 +168,18 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    /// The point where `ray` meets the facet, which is that of `hit` and stands in the world where `instance`
-    /// places it. `None` if the triangle has no area. `INTERPOLATE` is false where no facet is smooth.
+    /// The point where `ray` meets the facet of `hit`, as it stands in the world. `None` if the triangle has no area.
+    /// `INTERPOLATE` is false where no facet is smooth.
     #[inline(always)]
-    pub(super) fn new<const INTERPOLATE: bool>(
-        facet: &Facet,
-        instance: Option<&Instance>,
-        ray: &Ray,
-        hit: &Hit,
-    ) -> Option<Self> {
-        let Standing { corner_and_edges, normals, longest, place } =
-            Standing::new::<INTERPOLATE>(facet, instance);
+    pub(super) fn new<const INTERPOLATE: bool>(standing: &Standing, ray: &Ray, hit: &Hit) -> Option<Self> {
+        let Standing { corner_and_edges, normals, longest, place, is_smooth, .. } = *standing;
         let [a, ab, ac] = corner_and_edges;
         let (u, v) = barycentric(ray.origin, ray.direction, corner_and_edges, (hit.u, hit.v));
         let across = ab.cross(ac);
         // Squares of tiny triangles underflow; the slower way is right for them.
         let unit = unit_normal(across).or_else(|| across.try_normalize())?;
         let geometric_normal = facing(unit, ray.direction);
-        let shading_normal = if INTERPOLATE && facet.is_smooth() {
+        let shading_normal = if INTERPOLATE && is_smooth {
             guarded(interpolated(normals, u, v), geometric_normal, ray.direction)
         } else {
             geometric_normal

@@ -34,6 +34,9 @@ fn scene(parts: &[(Vec<[Vec3; 3]>, Material)], sky: Sky) -> Arc<Scene> {
         triangles: Arc::new(Triangles::new(positions, indices).expect("test triangles are sound")),
         instances: None,
         normals: Vec::new(),
+        uvs: Vec::new(),
+        textures: Vec::new(),
+        environment: None,
         meshes,
         materials: parts.iter().map(|(_, material)| *material).collect(),
         sky,
@@ -268,7 +271,8 @@ proptest! {
         let ray = Ray { origin, direction: (inside - origin).normalize(), t_min: 0.0, t_max: f32::INFINITY };
         let Some(hit) = brute_force.closest(&ray) else { return Ok(()) };
         let facet = surface::Facet::new(scene.triangles.corners(0), 0, None);
-        let surface = surface::Surface::new::<false>(&facet, None, &ray, &hit).expect("the triangle has area");
+        let standing = surface::Standing::new::<false>(&facet, None);
+        let surface = surface::Surface::new::<false>(&standing, &ray, &hit).expect("the triangle has area");
         let direction = Vec3::from_array(target).normalize_or(Vec3::X);
         let next = Ray { origin: surface.start(direction), direction, t_min: 0.0, t_max: f32::INFINITY };
         prop_assert!(!brute_force.occluded(&next));

@@ -9,16 +9,15 @@
 //! takes, and keeps the kernels independent of the acceleration structures.
 
 use glam::Vec3;
-use treewright_accel::{Hit, Intersector, Ray};
+use treewright_accel::{Hit, Ray};
 
-use super::Counts;
 use super::bsdf::Scatter;
 use super::lights::solid_angle_pdf;
 use super::needs::Needs;
 use super::prepared::Prepared;
 use super::random::PathRandom;
 use super::sampling::{Frame, power_heuristic};
-use super::surface::Surface;
+use super::surface::{Standing, Surface};
 use crate::limits::SHEETS_PER_SEGMENT_MAX;
 
 /// A shadow ray ends this share before the light, so that it does not meet the light itself.
@@ -35,6 +34,7 @@ pub(super) struct Path {
     /// How the ray came about: what a light it meets must be weighed against. The solid angle density of a
     /// rough lobe at `from`, or [`DIRECT`] or [`CAUSTIC`].
     pub(super) pdf: f32,
+    /// Where it was scattered last; behind mirrors and glass, where that or the eye seems to be.
     pub(super) from: Vec3,
     /// Whose path it is; the meaning is the caller's.
     pub(super) pixel: u32,
@@ -45,26 +45,55 @@ pub(super) struct Path {
 }
 
 /// From the camera, or only perfect mirrors since: no other technique finds these lights.
-const DIRECT: f32 = -1.0;
+pub(super) const DIRECT: f32 = -1.0;
 
 /// A perfect mirror after a rough surface. The same, but the sun's tiny disc is left out: such caustics are
 /// too rare to converge and would only leave bright dots.
 const CAUSTIC: f32 = -2.0;
 
 impl Path {
-    /// A path that begins at the camera.
+    /// A path that begins at the camera's eye.
     #[inline(always)]
-    pub(super) fn new(pixel: u32, random: PathRandom) -> Self {
-        Self {
-            throughput: Vec3::ONE,
-            pdf: DIRECT,
-            from: Vec3::ZERO,
-            pixel,
-            random,
-            vertex: 0,
-            bounce: 0,
-            sheets: 0,
-        }
+    pub(super) fn new(pixel: u32, random: PathRandom, eye: Vec3) -> Self {
+        Self { throughput: Vec3::ONE, pdf: DIRECT, from: eye, pixel, random, vertex: 0, bounce: 0, sheets: 0 }
+    }
+}
+
+/// What all paths of a frame share.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tracing {
+    /// Most bounces of a path.
+    pub(super) bounces: u32,
+    /// The angle that a pixel covers, in radians.
+    pub(super) pixel_angle: f32,
+}
+
+/// How wide the light is taken for that comes over a perfect mirror after a rough surface, radians.
+const CAUSTIC_ANGLE: f32 = 0.1;
+
+/// The same after a rough surface: this share of the root of one over the density, which is about the angle between
+/// neighbours among a pixel's samples, and at most so much.
+const ROUGH_ANGLE: f32 = 0.25;
+
+impl Path {
+    /// How wide a ray has become at a position, as a cone from where its path was scattered last (Akenine-Möller et al.,
+    /// Texture Level of Detail Strategies for Real-Time Ray Tracing, Ray Tracing Gems 2019, chapter 20).
+    #[inline]
+    pub(super) fn width(&self, tracing: &Tracing, position: Vec3) -> f32 {
+        let angle = if self.pdf == DIRECT {
+            tracing.pixel_angle
+        } else if self.pdf == CAUSTIC {
+            CAUSTIC_ANGLE
+        } else {
+            ROUGH_ANGLE * (1.0 / self.pdf).sqrt().min(1.0)
+        };
+        angle * position.distance(self.from)
+    }
+
+    /// What its density becomes in a perfect reflection or refraction.
+    #[inline(always)]
+    pub(super) fn mirrored_pdf(&self) -> f32 {
+        if self.pdf == DIRECT { DIRECT } else { CAUSTIC }
     }
 }
 
@@ -77,7 +106,7 @@ pub(super) struct Next {
     pub(super) goes_on: bool,
 }
 
-const END: Next = Next { shadow: false, goes_on: false };
+pub(super) const END: Next = Next { shadow: false, goes_on: false };
 
 /// A shadow ray and the light that arrives if nothing is in its way.
 #[derive(Clone, Copy, Debug)]
@@ -103,7 +132,7 @@ pub(super) struct Kernel {
     pub(super) vertex: Vertex,
 }
 
-type Vertex = fn(&Prepared, u32, &mut Path, &mut Ray, &Hit, &mut Vec3, &mut Shadow) -> Next;
+type Vertex = fn(&Prepared, &Tracing, &mut Path, &mut Ray, &Hit, &mut Vec3, &mut Shadow) -> Next;
 
 macro_rules! kernels {
     ($($bits:literal)*) => {
@@ -126,10 +155,10 @@ impl Kernel {
     }
 }
 
-/// See [`Kernel::vertex`]; `bounces` is the most bounces of a path.
+/// See [`Kernel::vertex`].
 fn vertex<const NEEDS: usize>(
     prepared: &Prepared,
-    bounces: u32,
+    tracing: &Tracing,
     path: &mut Path,
     ray: &mut Ray,
     hit: &Hit,
@@ -141,10 +170,22 @@ fn vertex<const NEEDS: usize>(
     let material =
         if needs.materials { prepared.surface::<true>(facet) } else { prepared.surface::<false>(facet) };
     let instance = if needs.instances { prepared.scene.instance(hit.instance) } else { None };
-    let surface = if needs.smooth {
-        Surface::new::<true>(facet, instance, ray, hit)
+    let mut standing = if needs.smooth {
+        Standing::new::<true>(facet, instance)
     } else {
-        Surface::new::<false>(facet, instance, ray, hit)
+        Standing::new::<false>(facet, instance)
+    };
+    let looked_up;
+    let material = if needs.textures && material.textured {
+        looked_up = prepared.look_up(tracing, path, ray, hit, material, &mut standing);
+        &looked_up
+    } else {
+        material
+    };
+    let surface = if needs.smooth {
+        Surface::new::<true>(&standing, ray, hit)
+    } else {
+        Surface::new::<false>(&standing, ray, hit)
     };
     let Some(surface) = surface else {
         return END;
@@ -161,8 +202,11 @@ fn vertex<const NEEDS: usize>(
     }
     let place = u32::from(path.vertex) * PLACES + 1;
     path.vertex += 1;
-    let last = u32::from(path.bounce) == bounces;
+    let last = u32::from(path.bounce) == tracing.bounces;
     let context = Context { prepared, surface: &surface, last, place };
+    if needs.solids && material.solid {
+        return context.solid::<NEEDS>(material, &standing, path, ray, shadow);
+    }
     if !needs.layers || material.bsdf.is_matt() {
         context.matt::<NEEDS>(material.bsdf.diffuse(), path, ray, shadow)
     } else if needs.sheets {
@@ -181,13 +225,13 @@ pub(super) fn weight_over_density(pdf: f32, other: f32) -> f32 {
 }
 
 /// What both kinds of surfaces need to know.
-struct Context<'a> {
-    prepared: &'a Prepared,
-    surface: &'a Surface,
+pub(super) struct Context<'a> {
+    pub(super) prepared: &'a Prepared,
+    pub(super) surface: &'a Surface,
     /// No bounce is left.
-    last: bool,
+    pub(super) last: bool,
     /// Where the vertex's random numbers begin.
-    place: u32,
+    pub(super) place: u32,
 }
 
 impl Context<'_> {
@@ -205,12 +249,13 @@ impl Context<'_> {
             return false;
         }
         let lights = &self.prepared.lights;
-        let position = self.surface.position;
+        let (position, normal) = (self.surface.position, self.surface.geometric_normal);
         let u = path.random.pair(self.place + 1);
         let light = match (needs.lamps, needs.sun) {
-            (false, _) => lights.sample::<false, true>(position, [0.0; 2], u),
-            (true, false) => lights.sample::<true, false>(position, path.random.pair(self.place), u),
-            (true, true) => lights.sample::<true, true>(position, path.random.pair(self.place), u),
+            (false, false) => None,
+            (false, true) => lights.sample::<false, true>(position, normal, [0.0; 2], u),
+            (true, false) => lights.sample::<true, false>(position, normal, path.random.pair(self.place), u),
+            (true, true) => lights.sample::<true, true>(position, normal, path.random.pair(self.place), u),
         };
         let Some(light) = light.filter(|light| light.direction.dot(self.surface.geometric_normal) > 0.0)
         else {
@@ -237,7 +282,14 @@ impl Context<'_> {
 
     /// Turns path and ray to a new direction. False if the path ends here.
     #[inline(always)]
-    fn turn(&self, path: &mut Path, ray: &mut Ray, direction: Vec3, weight: Vec3, pdf: f32) -> bool {
+    pub(super) fn turn(
+        &self,
+        path: &mut Path,
+        ray: &mut Ray,
+        direction: Vec3,
+        weight: Vec3,
+        pdf: f32,
+    ) -> bool {
         path.throughput *= weight;
         // A direction above the shading normal's horizon but below the triangle's would start inside the solid.
         let outside = direction.dot(self.surface.geometric_normal) > 0.0;
@@ -246,10 +298,18 @@ impl Context<'_> {
         }
         path.bounce += 1;
         path.sheets = 0;
-        path.pdf = pdf;
-        path.from = self.surface.position;
-        self.leave(ray, direction);
+        self.redirect(path, ray, direction, pdf);
         true
+    }
+
+    /// Lets a path go on in another direction. Behind a perfect mirror it seems to come from as far away as before.
+    #[inline(always)]
+    pub(super) fn redirect(&self, path: &mut Path, ray: &mut Ray, direction: Vec3, pdf: f32) {
+        let position = self.surface.position;
+        let behind = if pdf < 0.0 { position.distance(path.from) } else { 0.0 };
+        path.from = position - direction * behind;
+        path.pdf = pdf;
+        self.leave(ray, direction);
     }
 
     #[inline(always)]
@@ -283,7 +343,7 @@ impl Context<'_> {
 
     /// A surface with a reflecting layer, and with transmission if it is `THIN`.
     #[inline(always)]
-    fn layered<const NEEDS: usize, const THIN: bool>(
+    pub(super) fn layered<const NEEDS: usize, const THIN: bool>(
         &self,
         bsdf: &super::Bsdf,
         path: &mut Path,
@@ -314,8 +374,7 @@ impl Context<'_> {
             return Next { shadow, goes_on: false };
         };
         let pdf = match sample.scatter {
-            Scatter::Mirror if path.pdf == DIRECT => DIRECT,
-            Scatter::Mirror => CAUSTIC,
+            Scatter::Mirror => path.mirrored_pdf(),
             Scatter::Rough | Scatter::Through => sample.pdf,
         };
         let direction = frame.to_world(sample.direction);
@@ -326,7 +385,11 @@ impl Context<'_> {
 /// Light of sky and sun that a ray which meets nothing brings to its path.
 #[inline]
 pub(super) fn missed(prepared: &Prepared, path: &Path, ray: &Ray) -> Vec3 {
-    let sky = prepared.lights.sky(ray.direction);
+    let sky = match prepared.lights.environment(ray.direction) {
+        None => prepared.lights.sky(ray.direction),
+        Some(_) if path.pdf < 0.0 => prepared.lights.environment_seen(ray.direction),
+        Some((radiance, pdf)) => radiance * power_heuristic(path.pdf, pdf),
+    };
     let light = match prepared.lights.sun(ray.direction) {
         Some(_) if path.pdf == CAUSTIC => sky,
         Some((radiance, _)) if path.pdf < 0.0 => sky + radiance,
@@ -334,41 +397,4 @@ pub(super) fn missed(prepared: &Prepared, path: &Path, ray: &Ray) -> Vec3 {
         None => sky,
     };
     path.throughput * light
-}
-
-/// Share of light that comes through thin sheets along a shadow ray that something lies in the way of. Should
-/// the nearest hit not be found, what lies there counts as opaque. Most rays pass no place where a sheet could
-/// be, and then what was met is opaque for certain.
-pub(super) fn through_sheets<I: Intersector>(
-    prepared: &Prepared,
-    intersector: &I,
-    mut ray: Ray,
-    counts: &mut Counts,
-) -> Vec3 {
-    if !prepared.sheets.may_be_met(&ray) {
-        return Vec3::ZERO;
-    }
-    let mut seen = Vec3::ONE;
-    for passed in 0..=SHEETS_PER_SEGMENT_MAX {
-        counts.rays += 1;
-        let Some(hit) = intersector.closest(&ray) else {
-            return if passed > 0 { seen } else { Vec3::ZERO };
-        };
-        counts.hits += 1;
-        let facet = &prepared.facets[hit.triangle as usize];
-        let bsdf = &prepared.surface::<true>(facet).bsdf;
-        let instance = prepared.scene.instance(hit.instance);
-        let Some(surface) = Surface::new::<true>(facet, instance, &ray, &hit).filter(|_| bsdf.is_thin())
-        else {
-            return Vec3::ZERO;
-        };
-        seen *= bsdf.transmittance(-ray.direction.dot(surface.shading_normal));
-        let next = surface.start(ray.direction);
-        ray.t_max -= (next - ray.origin).length();
-        ray.origin = next;
-        if ray.t_max <= 0.0 {
-            return seen;
-        }
-    }
-    Vec3::ZERO
 }

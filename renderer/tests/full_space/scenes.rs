@@ -1,9 +1,10 @@
-//! Small scenes of every kind: flat, of instances, and both in motion.
+//! Small scenes of every kind: flat, of instances, with masks, and all in motion.
 
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::{Affine3A, Quat, Vec3, Vec3A};
+use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
+use treewright_accel::{Card, Mask, Wrap};
 use treewright_scene::assemble::{Assembler, Lighting};
 use treewright_scene::framing::CameraPose;
 use treewright_scene::shapes::Shapes;
@@ -16,10 +17,21 @@ pub(crate) enum Kind {
     Instanced,
     Moving,
     MovingInstanced,
+    Masked,
+    MaskedInstanced,
+    MovingMasked,
 }
 
 impl Kind {
-    pub(crate) const ALL: [Self; 4] = [Self::Flat, Self::Instanced, Self::Moving, Self::MovingInstanced];
+    pub(crate) const ALL: [Self; 7] = [
+        Self::Flat,
+        Self::Instanced,
+        Self::Moving,
+        Self::MovingInstanced,
+        Self::Masked,
+        Self::MaskedInstanced,
+        Self::MovingMasked,
+    ];
 
     pub(crate) fn name(self) -> &'static str {
         match self {
@@ -27,6 +39,9 @@ impl Kind {
             Self::Instanced => "instanced",
             Self::Moving => "moving",
             Self::MovingInstanced => "moving-instanced",
+            Self::Masked => "masked",
+            Self::MaskedInstanced => "masked-instanced",
+            Self::MovingMasked => "moving-masked",
         }
     }
 
@@ -39,8 +54,10 @@ impl Kind {
         let scene = match self {
             Self::Flat | Self::Moving => room(false),
             Self::Instanced | Self::MovingInstanced => room(true),
+            Self::Masked | Self::MovingMasked => masked(room(false)),
+            Self::MaskedInstanced => masked(room(true)),
         };
-        let is_still = matches!(self, Self::Flat | Self::Instanced);
+        let is_still = matches!(self, Self::Flat | Self::Instanced | Self::Masked | Self::MaskedInstanced);
         let later = (!is_still).then(|| Arc::new(later(&scene)));
         [Arc::new(scene)].into_iter().chain(later).collect()
     }
@@ -96,6 +113,19 @@ fn room(instanced: bool) -> Scene {
         distance: None,
     };
     assembler.finish(Lighting::Given(Sky::BLACK), vec![view]).expect("the scene is sound")
+}
+
+/// The same with holes in every other triangle.
+fn masked(scene: Scene) -> Scene {
+    let alpha: Vec<u8> = (0..64)
+        .map(|pixel: u32| if (pixel % 8 / 2 + pixel / 16).is_multiple_of(2) { 255 } else { 0 })
+        .collect();
+    let mask = Mask::new(8, 8, alpha.into(), 0.5, [Wrap::Repeat, Wrap::Mirror]).expect("it has its pixels");
+    let corners = [Vec2::ZERO, Vec2::new(2.5, 0.0), Vec2::new(0.0, 2.5)];
+    let every_other = (0..scene.triangles.len() as u32).filter(|triangle| triangle.is_multiple_of(2));
+    let cards = every_other.map(|triangle| (triangle, Card { mask: 0, corners }));
+    let triangles = (*scene.triangles).clone().masked(vec![mask], cards).expect("triangles and mask exist");
+    Scene { triangles: Arc::new(triangles), ..scene }
 }
 
 /// Everything waved to and fro.

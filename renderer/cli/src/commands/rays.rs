@@ -91,6 +91,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     for (class, rays) in &outcome.sets {
         println!("{rays:>9} {}", class.name());
     }
+    if scene.triangles.has_masks() {
+        println!("note: a recording holds no masks, so what replays it meets cut-out triangles everywhere");
+    }
     println!("wrote {}", outcome.out.display());
     Ok(())
 }

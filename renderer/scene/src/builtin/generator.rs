@@ -1,14 +1,16 @@
 //! What every generator of a built-in scene works with: the assembler that collects its meshes, a seeded random number
 //! generator, and the counts that go with the level of detail.
 
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Vec3, Vec4};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use crate::assemble::Assembler;
 use crate::bounds::Bounds;
+use crate::images::Pixels;
 use crate::part::Part;
 use crate::shapes::Shapes;
+use crate::texture::{Encoding, Wrap};
 use crate::{Camera, Material, SceneError, Sky};
 
 /// How a built-in scene is to be generated.
@@ -96,6 +98,25 @@ impl<'a> Generator<'a> {
     /// Registers a material.
     pub(super) fn material(&mut self, material: Material) -> u32 {
         self.assembler.material(material)
+    }
+
+    /// Adds a picture of `size` pixels, given by its colours from 0 to 1 (as they are stored) over texture coordinates.
+    pub(super) fn picture(
+        &mut self,
+        name: &str,
+        [width, height]: [u32; 2],
+        encoding: Encoding,
+        wrap: Wrap,
+        colour: impl Fn(f32, f32) -> Vec4,
+    ) -> Option<u32> {
+        let middle = |place: u32, edge: u32| (place as f32 + 0.5) / edge as f32;
+        let places = (0..height).flat_map(|y| (0..width).map(move |x| (middle(x, width), middle(y, height))));
+        let stored = |colour: Vec4| {
+            (colour.clamp(Vec4::ZERO, Vec4::ONE) * 255.0).round().to_array().map(|value| value as u8)
+        };
+        let make =
+            || Ok(Pixels { width, height, pixels: places.map(|(u, v)| stored(colour(u, v))).collect() });
+        self.assembler.texture(name, name, encoding, [wrap; 2], make)
     }
 
     /// Gives all meshes so far this one material.

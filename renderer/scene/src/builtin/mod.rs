@@ -3,7 +3,7 @@
 //! They cover what makes acceleration structures differ: architecture with large and small triangles side
 //! by side (`hall`), many equal axis-aligned faces (`voxels`), thin and long ones (`gallery`, `needles`), one
 //! dense surface (`statue`), wide extent (`city`, and `model`, which asks next to nothing of shading), more
-//! than fits memory but as instances (`forest`), a mesh that deforms (`sea`), parts that move (`needles`, `sea`), and a
+//! than fits memory but as instances (`forest`), cards that are mostly holes (`grove`), a mesh that deforms (`sea`), parts that move (`needles`, `sea`), and a
 //! small one for trials (`quick`).
 
 mod architecture;
@@ -12,6 +12,7 @@ mod courtyard;
 mod forest;
 mod gallery;
 mod generator;
+mod grove;
 mod hall;
 mod model;
 mod needles;
@@ -38,7 +39,7 @@ use super::{Scene, SceneError};
 /// A scene in the list: its name, what it shows, and its generator.
 type Entry = (&'static str, &'static str, fn(&mut Generator) -> Result<LightAndPath, SceneError>);
 
-const SCENES: [Entry; 10] = [
+const SCENES: [Entry; 11] = [
     (
         "hall",
         "columned hall with coffered ceiling, sunlit through high windows; 250,000 triangles",
@@ -59,6 +60,11 @@ const SCENES: [Entry; 10] = [
         "forest",
         "forest around a lake, made of instances; 10,000,000 triangles placed, 300,000 of them unique",
         forest::build,
+    ),
+    (
+        "grove",
+        "grove behind a wire fence: leaves, grass and wire cut out of cards by their textures; 200,000 triangles",
+        grove::build,
     ),
     (
         "quick",

@@ -39,6 +39,7 @@ fn the_same_options_give_the_same_bytes() {
         assert_eq!(a.triangles.indices(), b.triangles.indices());
         assert!(a.triangles.positions() == b.triangles.positions() && a.normals == b.normals, "{name}");
         assert_eq!((a.materials, a.cameras, a.path_keys), (b.materials, b.cameras, b.path_keys));
+        assert!(a.uvs == b.uvs && a.textures == b.textures, "{name}");
     }
 }
 
@@ -51,6 +52,7 @@ fn triangle_counts_keep_their_promise() {
         ("city", 400_000, 560_000),
         ("sea", 170_000, 240_000),
         ("model", 400_000, 560_000),
+        ("grove", 140_000, 230_000),
         ("quick", 16_000, 26_000),
     ] {
         let count = small(name, Options::default()).triangles.len();
@@ -69,6 +71,27 @@ fn the_forest_is_large_by_its_instances() {
     let placed = forest.placed().count();
     assert!((9_000_000..=11_500_000).contains(&placed), "{placed} triangles are placed");
     assert!(forest.triangles.len() < 500_000, "{} triangles are unique", forest.triangles.len());
+}
+
+#[test]
+fn the_grove_is_made_of_cards() {
+    let grove = small("grove", SMALL);
+    let cards = (0..grove.triangles.len()).filter(|triangle| grove.triangles.is_card(*triangle)).count();
+    assert!(
+        cards * 10 > grove.triangles.len() * 6,
+        "{cards} of {} triangles have masks",
+        grove.triangles.len()
+    );
+    assert!(grove.textures.len() >= 8 && grove.uvs.len() == grove.triangles.positions().len());
+    for material in &grove.materials {
+        assert!(
+            material
+                .all_textures()
+                .into_iter()
+                .flatten()
+                .all(|number| (number as usize) < grove.textures.len())
+        );
+    }
 }
 
 #[test]

@@ -74,11 +74,11 @@ impl Facets {
     }
 
     #[inline(always)]
-    pub(super) fn set_normals(&mut self, lane: usize, standing: &Standing, is_smooth: bool) {
+    pub(super) fn set_normals(&mut self, lane: usize, standing: &Standing) {
         for (column, normal) in self.normals.iter_mut().zip(standing.normals) {
             column.set(lane, normal);
         }
-        self.smooth[lane] = is_smooth.into();
+        self.smooth[lane] = standing.is_smooth.into();
     }
 
     #[inline(always)]

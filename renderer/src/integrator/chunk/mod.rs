@@ -3,21 +3,21 @@
 //!
 //! A chunk gathers hits on matt surfaces and on rough, opaque layers, in two runs of lanes, one from either end.
 //! Whatever is rare goes through [`Kernel::vertex`](super::vertex::Kernel) as in the path-by-path way: lamps that are
-//! hit, mirrors, thin sheets, triangles too small for single precision's squares. Both give
+//! hit, mirrors, thin sheets, glass, triangles too small for single precision's squares. Both give
 //! the same bits. The loops are compiled for each instruction set ([`Isa::run`]). Compare Lee et al., Vectorized
 //! Production Path Tracing (HPG 2017), who sort hits into such runs as well.
 
 mod columns;
 mod passes;
 
-use treewright_accel::{Hit, Instance, Isa, Ray};
+use treewright_accel::{Hit, Isa, Ray};
 
 use columns::{Arrivals, Column, Departures, Facets, LANES, Lamps, Lights, Materials, Numbers, Surfaces};
 use passes::Passes;
 
 use super::Needs;
 use super::prepared::{Prepared, Shading};
-use super::surface::{Facet, Standing};
+use super::surface::Standing;
 use super::vertex::{Next, PLACES, Path, Shadow};
 
 /// Most hits of a chunk.
@@ -81,9 +81,9 @@ impl Chunk {
         needs: Needs,
         bounces: u32,
         (path, ray, hit): (&Path, &Ray, &Hit),
-        (facet, instance, shading): (&Facet, Option<&Instance>, &Shading),
+        (standing, shading): (&Standing, &Shading),
     ) -> Option<usize> {
-        if shading.glows {
+        if shading.glows || shading.solid {
             return None;
         }
         let lane = if !needs.layers || shading.bsdf.is_matt() {
@@ -99,12 +99,9 @@ impl Chunk {
             lane
         };
         let Columns { arrivals, facets, .. } = &mut *self.columns;
+        facets.set(lane, standing);
         if needs.smooth {
-            let standing = Standing::new::<true>(facet, instance);
-            facets.set(lane, &standing);
-            facets.set_normals(lane, &standing, facet.is_smooth());
-        } else {
-            facets.set(lane, &Standing::new::<false>(facet, instance));
+            facets.set_normals(lane, standing);
         }
         arrivals.origin.set(lane, ray.origin);
         arrivals.direction.set(lane, ray.direction);

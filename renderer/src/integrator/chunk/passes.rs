@@ -102,16 +102,14 @@ fn numbers(columns: &mut Columns, needs: Needs, lanes: Range<usize>) {
 /// Samples a light for each hit, as [`Lights::sample`] does.
 #[inline(always)]
 fn light(columns: &mut Columns, lights: &Lights, needs: Needs, lanes: Range<usize>) {
-    let has_lamps = needs.lamps && lights.has_lamps();
-    if has_lamps {
-        // From all over the table.
-        for lane in lanes.clone() {
-            if let Some(lamp) = lights.lamp(columns.numbers.pick[1][lane]) {
-                columns.lamps.set(lane, lamp);
-            }
-        }
+    if needs.environment && lights.has_environment() {
+        return light_one_by_one(columns, lights, lanes);
     }
+    let has_lamps = needs.lamps && lights.has_lamps();
     let (sun, sun_share) = lights.sun_disc();
+    if has_lamps {
+        pick_lamps(columns, lights, if needs.sun { sun_share } else { 0.0 }, lanes.clone());
+    }
     match sun.filter(|_| needs.sun) {
         None if !has_lamps => columns.lit[lanes].fill(0),
         None => sample(columns, lanes, |lamp, position, _, u| {
@@ -124,6 +122,45 @@ fn light(columns: &mut Columns, lights: &Lights, needs: Needs, lanes: Range<usiz
             let to_sun = choice < sun_share;
             (select(to_sun, sun.sample(u), from_lamp), to_sun | from_lamp.is_sound())
         }),
+    }
+}
+
+/// Picks a lamp for each hit that does not turn to the sun, from all over the table.
+#[inline(always)]
+fn pick_lamps(columns: &mut Columns, lights: &Lights, sun_share: f32, lanes: Range<usize>) {
+    let Columns { numbers, surfaces, lamps, .. } = columns;
+    for lane in lanes {
+        let pick = [numbers.pick[0][lane], numbers.pick[1][lane]];
+        if pick[0] < sun_share {
+            continue;
+        }
+        let u = [numbers.light[0][lane], numbers.light[1][lane]];
+        let (position, normal) = (surfaces.position.get(lane), surfaces.geometric_normal.get(lane));
+        match lights.lamp(pick, u, position, normal) {
+            Some((lamp, [first, second])) => {
+                lamps.set(lane, &lamp);
+                numbers.light[0][lane] = first;
+                numbers.light[1][lane] = second;
+            }
+            None => lamps.set(lane, &Lamp::NONE),
+        }
+    }
+}
+
+/// The same where a table of the whole sky is asked.
+#[inline(always)]
+fn light_one_by_one(columns: &mut Columns, lights: &Lights, lanes: Range<usize>) {
+    let Columns { numbers, surfaces, sampled, lit, .. } = columns;
+    for lane in lanes {
+        let pick = [numbers.pick[0][lane], numbers.pick[1][lane]];
+        let u = [numbers.light[0][lane], numbers.light[1][lane]];
+        let normal = surfaces.geometric_normal.get(lane);
+        let light = lights.sample::<true, true>(surfaces.position.get(lane), normal, pick, u);
+        let light = light.filter(|light| light.direction.dot(normal) > 0.0);
+        lit[lane] = light.is_some().into();
+        if let Some(light) = light {
+            sampled.set(lane, &light);
+        }
     }
 }
 

@@ -1,0 +1,72 @@
+//! Image files for textures and environments: decoded by the crate `image`, within limits that are checked before
+//! memory is taken for their pixels.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use base64::Engine as _;
+use glam::Vec3;
+use image::{DynamicImage, ImageReader, Limits};
+
+use super::limits::{ENVIRONMENT_EDGE_MAX, IMAGE_BYTES_MAX, TEXTURE_EDGE_MAX};
+
+/// Pixels of red, green, blue and alpha, row by row from the top.
+pub(super) struct Pixels {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) pixels: Vec<[u8; 4]>,
+}
+
+/// Decodes an image file (PNG, JPEG, TGA, BMP) to eight bits a channel. Grey stands for all three colours.
+pub(super) fn decode(bytes: &[u8], name: &Path) -> Result<Pixels, String> {
+    let image = decoded(bytes, name, TEXTURE_EDGE_MAX)?.into_rgba8();
+    let (width, height) = image.dimensions();
+    Ok(Pixels { width, height, pixels: image.into_raw().as_chunks().0.to_vec() })
+}
+
+/// Decodes a picture of radiance (Radiance HDR, OpenEXR): its width, and its pixels row by row from the top.
+pub(super) fn decode_radiance(bytes: &[u8], name: &Path) -> Result<(u32, Vec<Vec3>), String> {
+    let image = decoded(bytes, name, ENVIRONMENT_EDGE_MAX)?.into_rgb32f();
+    Ok((image.width(), image.pixels().map(|pixel| Vec3::from_array(pixel.0)).collect()))
+}
+
+/// The format is told by the first bytes, or by the name for those formats that have none of their own.
+fn decoded(bytes: &[u8], name: &Path, edge_max: u32) -> Result<DynamicImage, String> {
+    let mut reader = ImageReader::new(Cursor::new(bytes));
+    if let Ok(format) = image::ImageFormat::from_path(name) {
+        reader.set_format(format);
+    }
+    let mut reader = reader.with_guessed_format().map_err(|error| error.to_string())?;
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(edge_max);
+    limits.max_image_height = Some(edge_max);
+    limits.max_alloc = Some(u64::from(edge_max) * u64::from(edge_max) * 16);
+    reader.limits(limits);
+    reader.decode().map_err(|error| error.to_string())
+}
+
+/// Reads an image file beside a scene.
+pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, String> {
+    let told = |error: std::io::Error| error.to_string();
+    let metadata = std::fs::metadata(path).map_err(told)?;
+    if !metadata.is_file() {
+        return Err("it is no file".to_owned());
+    }
+    if metadata.len() > IMAGE_BYTES_MAX {
+        return Err(format!("it has {} bytes, more than the limit of {IMAGE_BYTES_MAX}", metadata.len()));
+    }
+    std::fs::read(path).map_err(told)
+}
+
+/// The bytes behind an address: data in the address itself, or a file beside the scene.
+pub(super) fn fetch(address: &str, base: Option<&Path>) -> Result<Vec<u8>, String> {
+    if let Some(data) = address.strip_prefix("data:") {
+        let (_, encoded) = data.split_once(";base64,").ok_or("its data is not in base64")?;
+        return base64::engine::general_purpose::STANDARD.decode(encoded).map_err(|error| error.to_string());
+    }
+    if address.contains("://") {
+        return Err("it is not a file beside the scene".to_owned());
+    }
+    let name = urlencoding::decode(address).map_err(|error| error.to_string())?;
+    read_file(&base.unwrap_or(Path::new(".")).join(&*name))
+}
