@@ -2,7 +2,6 @@
 //! its questions to other states.
 
 use super::*;
-use crate::limits::DEFERRED_UPDATES_MAX;
 use crate::search::{AnySearch, Layout, SearchSetup};
 use crate::tuner::plan::Planned;
 use crate::tuner::searches::Searches;
@@ -40,44 +39,18 @@ fn whatever_may_change_a_search_is_counted_and_a_look_is_not() {
     assert_eq!(searches.all_mut().count(), 1);
 }
 
-/// A study whose predictor defers fits, after trials in several states.
-fn contextual(defers: bool, trials: usize) -> Tuner {
-    let mut tuner = tuner(Policy { predictor: PredictorMethod::Contextual, ..explore_always() });
-    if defers {
-        tuner.defer_updates();
-    }
-    for number in 0..trials {
-        run(&mut tuner, "a", 0.1 * (number % 9) as f64, 0.5, 1);
-    }
-    tuner
-}
-
-#[test]
-fn deferred_updates_come_to_the_same_whoever_computes_them() {
-    let at_once = contextual(false, 20);
-    assert!(!at_once.has_deferred_updates() && at_once.deferred_updates().is_none());
-    let mut deferring = contextual(true, 20);
-    let updates = deferring.deferred_updates().expect("fits are put off");
-    let space = deferring.spec().space.clone();
-    deferring.apply_updates(updates.compute(&space));
-    assert!(!deferring.has_deferred_updates());
-    assert_eq!(deferring.models.predictors(), at_once.models.predictors());
-}
-
-#[test]
-fn what_nobody_computes_in_time_is_computed_by_a_report() {
-    let untaught = contextual(true, DEFERRED_UPDATES_MAX / 4);
-    assert!(untaught.predictor_errors().is_empty(), "what errors there were is not computed yet");
-    let late = contextual(true, 2 * DEFERRED_UPDATES_MAX);
-    assert!(!late.predictor_errors().is_empty(), "too much had been put off");
-}
-
 #[test]
 fn updates_of_which_somebody_was_faster_are_dropped() {
-    let mut tuner = contextual(true, 12);
+    let mut tuner = tuner(Policy { predictor: PredictorMethod::Contextual, ..explore_always() });
+    tuner.defer_updates();
+    for number in 0..12 {
+        run(&mut tuner, "a", 0.1 * f64::from(number % 9), 0.5, 1);
+    }
+    assert!(tuner.has_deferred_updates());
     let space = tuner.spec().space.clone();
     let (slow, fast) = (tuner.deferred_updates().expect("some"), tuner.deferred_updates().expect("some"));
     tuner.apply_updates(fast.compute(&space));
+    assert!(!tuner.has_deferred_updates() && tuner.deferred_updates().is_none());
     let after = tuner.models.predictors().clone();
     tuner.apply_updates(slow.compute(&space));
     assert_eq!(tuner.models.predictors(), &after);
