@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::{Configuration, OmissionReason, OpenEnum, Rule};
+use crate::{Configuration, OmissionReason, OpenEnum, Rule, Standing};
 
 /// What the policy weighed. Costs are in the objective's units; `None` is what played no part.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -56,6 +56,8 @@ pub struct StateInsight {
     pub exploring_cost: Option<f64>,
     /// What is left out of the search here, and why.
     pub omissions: Vec<Omission>,
+    /// What is proven of what is exploited here.
+    pub standing: Option<Standing>,
 }
 
 /// Something that is left out.

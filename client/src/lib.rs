@@ -85,6 +85,7 @@ pub use treewright_model::space::{
     BooleanParameter, CategoricalParameter, Condition, Constraint, Domain, FloatParameter, IntegerParameter,
     Parameter, Scale, Space, SpaceBuilder, SpaceError,
 };
+pub use treewright_model::standing::{Confirmation, ConfirmationStage, Gain, Standing};
 pub use treewright_model::study::{StudyBuilder, StudyError};
 pub use treewright_model::trial::{Fingerprint, Mode, OmissionReason, Outcome, Rule, TrialState};
 pub use treewright_model::value::Value;

@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 use crate::insight::{Explanation, StateInsight};
 use crate::{
     ClientError, Configuration, Fingerprint, Indicators, Measurements, Mode, OpenEnum, Outcome, Plain,
-    Policy, StudySpec, TrialState,
+    Policy, Standing, StudySpec, TrialState,
 };
 
 /// How an answer came about.
@@ -166,7 +166,7 @@ pub struct Prediction {
     pub state: Option<StateInsight>,
 }
 
-/// The best known configuration.
+/// The best known configuration: what is exploited in the state, which is the default where nothing better is proven.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Best {
     /// The configuration.
@@ -184,6 +184,8 @@ pub struct Best {
     /// When that was.
     #[serde(serialize_with = "time_as_text")]
     pub last_measure_time: Option<SystemTime>,
+    /// What is proven of it; `None` from a daemon that does not tell.
+    pub standing: Option<Standing>,
 }
 
 /// A specification in plain values, or `{"unreadable": "…"}`.

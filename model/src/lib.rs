@@ -8,7 +8,8 @@
 //!
 //! The way through the crate: [`value`], [`space`] and [`configuration`] say what can be run; [`indicator`] and
 //! [`objective`] what is known of an input and what is minimised; [`policy`] how a study decides; [`study`] joins
-//! them; [`trial`] is what is handed out and what came of it. [`ids`], [`names`] and [`limits`] hold for all of them.
+//! them; [`trial`] is what is handed out and what came of it, [`standing`] what is proven of the best. [`ids`],
+//! [`names`] and [`limits`] hold for all of them.
 // Tests may compare with what the platform computes.
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
@@ -25,6 +26,7 @@ pub mod policy;
 pub mod reason;
 pub mod session;
 pub mod space;
+pub mod standing;
 pub mod study;
 #[cfg(test)]
 mod testing;

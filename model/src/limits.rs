@@ -31,6 +31,8 @@ pub const CATEGORIES_MAX: usize = 64;
 pub const INTEGER_MAGNITUDE_MAX: i64 = 1 << 53;
 /// Most indicators of a study.
 pub const INDICATORS_MAX: usize = 128;
+/// Most auxiliary metrics of an objective.
+pub const AUXILIARY_METRICS_MAX: usize = 8;
 /// Most terms of an objective.
 pub const OBJECTIVE_TERMS_MAX: usize = 16;
 /// Most measurements of a report.
@@ -40,6 +42,8 @@ pub const MEASUREMENTS_MAX: usize = 64;
 pub const TRIALS_PER_STATE_MAX: u32 = 100_000;
 /// Most measurements of one configuration in one state before the search goes on.
 pub const REPLICATES_MAX: u32 = 100;
+/// Most rounds in which the best of a state run against its incumbent.
+pub const CONFIRM_ROUNDS_MAX: u32 = 100;
 /// Most visits after which epsilon is halved.
 pub const EPSILON_HALVES_AFTER_MAX: u32 = 1_000_000;
 /// Most trials at the start of a session that are not learnt.

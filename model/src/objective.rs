@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::limits::OBJECTIVE_TERMS_MAX;
+use crate::limits::{AUXILIARY_METRICS_MAX, OBJECTIVE_TERMS_MAX};
 use crate::names::{NAME_RULE, is_name};
 
 /// A weighted metric.
@@ -20,11 +20,20 @@ pub struct ObjectiveTerm {
     pub weight: f64,
 }
 
-/// 1 to 16 terms with distinct metrics.
+/// 1 to 16 terms with distinct metrics, and at most 8 auxiliary metrics that are none of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Vec<ObjectiveTerm>", into = "Vec<ObjectiveTerm>")]
+#[serde(try_from = "Stored", into = "Stored")]
 pub struct Objective {
     terms: Vec<ObjectiveTerm>,
+    auxiliary: Vec<String>,
+}
+
+/// An objective as it is stored: the list of its terms where there is nothing else.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum Stored {
+    Terms(Vec<ObjectiveTerm>),
+    Whole { terms: Vec<ObjectiveTerm>, auxiliary: Vec<String> },
 }
 
 /// Why an objective is refused, or cannot be computed.
@@ -70,6 +79,24 @@ pub enum ObjectiveError {
         /// As given.
         value: f64,
     },
+    /// Too many auxiliary metrics.
+    #[error("the objective has {count} auxiliary metrics; give at most {AUXILIARY_METRICS_MAX}")]
+    AuxiliaryCount {
+        /// How many were given.
+        count: usize,
+    },
+    /// An auxiliary metric is not spelt like a name.
+    #[error("auxiliary metric {metric:?} is not a name; use {NAME_RULE}")]
+    AuxiliaryName {
+        /// As given.
+        metric: String,
+    },
+    /// An auxiliary metric occurs twice, or is what is minimised.
+    #[error("auxiliary metric {metric:?} is listed already; leave it out, its measurements are known")]
+    AuxiliaryTwice {
+        /// As given.
+        metric: String,
+    },
     /// The sum left the range of a double.
     #[error("the weighted sum of the measurements is not finite; use smaller measurements or weights")]
     Overflow,
@@ -93,7 +120,40 @@ impl Objective {
                 return Err(ObjectiveError::Weight { metric: metric.clone(), weight: *weight });
             }
         }
-        Ok(Objective { terms })
+        Ok(Objective { terms, auxiliary: Vec::new() })
+    }
+
+    /// The same with metrics that explain costs and are no part of them; see [`Objective::auxiliary`].
+    pub fn with_auxiliary(self, auxiliary: Vec<String>) -> Result<Self, ObjectiveError> {
+        if auxiliary.len() > AUXILIARY_METRICS_MAX {
+            return Err(ObjectiveError::AuxiliaryCount { count: auxiliary.len() });
+        }
+        let mut seen: BTreeSet<&String> = self.terms.iter().map(|term| &term.metric).collect();
+        for metric in &auxiliary {
+            if !is_name(metric) {
+                return Err(ObjectiveError::AuxiliaryName { metric: metric.clone() });
+            }
+            if !seen.insert(metric) {
+                return Err(ObjectiveError::AuxiliaryTwice { metric: metric.clone() });
+            }
+        }
+        Ok(Objective { auxiliary, ..self })
+    }
+
+    /// Metrics that reports may carry beside those of the terms, in the order in which they were given: quantities that
+    /// explain a cost, such as the processor time of a frame. What they tell of a cost's noise is taken out of it before
+    /// it is compared with others.
+    pub fn auxiliary(&self) -> &[String] {
+        &self.auxiliary
+    }
+
+    /// The auxiliary measurements of a report, in the order of [`Objective::auxiliary`]; `None` where there are none, or
+    /// one is missing or 0.
+    pub fn auxiliary_of(&self, measurements: &BTreeMap<String, f64>) -> Option<Vec<f64>> {
+        let values = self.auxiliary.iter().map(|metric| measurements.get(metric).copied());
+        let values: Vec<f64> = values.collect::<Option<_>>()?;
+        let usable = !values.is_empty() && values.iter().all(|&value| value > 0.0 && value.is_finite());
+        usable.then_some(values)
     }
 
     /// The terms, in the order in which they were given.
@@ -117,17 +177,20 @@ impl Objective {
     }
 }
 
-impl TryFrom<Vec<ObjectiveTerm>> for Objective {
+impl TryFrom<Stored> for Objective {
     type Error = ObjectiveError;
 
-    fn try_from(terms: Vec<ObjectiveTerm>) -> Result<Self, ObjectiveError> {
-        Objective::new(terms)
+    fn try_from(stored: Stored) -> Result<Self, ObjectiveError> {
+        match stored {
+            Stored::Terms(terms) => Objective::new(terms),
+            Stored::Whole { terms, auxiliary } => Objective::new(terms)?.with_auxiliary(auxiliary),
+        }
     }
 }
 
-impl From<Objective> for Vec<ObjectiveTerm> {
-    fn from(objective: Objective) -> Self {
-        objective.terms
+impl From<Objective> for Stored {
+    fn from(Objective { terms, auxiliary }: Objective) -> Self {
+        if auxiliary.is_empty() { Stored::Terms(terms) } else { Stored::Whole { terms, auxiliary } }
     }
 }
 
@@ -173,5 +236,32 @@ mod tests {
             assert!(Objective::new(terms).is_err());
         }
         assert!(serde_json::from_str::<Objective>(r#"[{"metric":"a","weight":-1.0}]"#).is_err());
+    }
+
+    #[test]
+    fn auxiliary_metrics_are_checked_and_stored() {
+        let plain = Objective::new(vec![term("render_ms", 1.0)]).expect("valid");
+        let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        let with = |given: &[&str]| plain.clone().with_auxiliary(names(given));
+        assert!(
+            with(&["render_ms"]).is_err() && with(&["cpu", "cpu"]).is_err() && with(&["no name"]).is_err()
+        );
+        assert!(with(&["a", "b", "c", "d", "e", "f", "g", "h", "i"]).is_err());
+        let both = with(&["render_cpu_ms", "nodes"]).expect("valid");
+        let measured = |pairs: &[(&str, f64)]| -> BTreeMap<String, f64> {
+            pairs.iter().map(|&(name, value)| (name.to_owned(), value)).collect()
+        };
+        let whole = measured(&[("render_ms", 3.0), ("nodes", 7.0), ("render_cpu_ms", 5.0)]);
+        assert_eq!(both.auxiliary_of(&whole), Some(vec![5.0, 7.0]));
+        assert_eq!(both.cost(&whole), Ok(3.0));
+        assert_eq!(both.auxiliary_of(&measured(&[("nodes", 7.0)])), None);
+        assert_eq!(both.auxiliary_of(&measured(&[("nodes", 7.0), ("render_cpu_ms", 0.0)])), None);
+        assert_eq!(plain.auxiliary_of(&whole), None);
+        for objective in [plain.clone(), both] {
+            let text = serde_json::to_string(&objective).expect("plain data");
+            assert_eq!(serde_json::from_str::<Objective>(&text).expect("its own form"), objective);
+        }
+        let old = r#"[{"metric":"render_ms","weight":1.0}]"#;
+        assert_eq!(serde_json::from_str::<Objective>(old).expect("an earlier form"), plain);
     }
 }

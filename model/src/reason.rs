@@ -63,6 +63,10 @@ words! {
         Wanted = "WANTED",
         /// Explores, but the search waits for what others are measuring; the best that is known is run meanwhile.
         Waiting = "WAITING",
+        /// The search is over, and its best few run against the incumbent.
+        Confirming = "CONFIRMING",
+        /// The incumbent is measured again while others are explored: by it the speed of the machine is told.
+        Incumbent = "INCUMBENT",
     }
 }
 

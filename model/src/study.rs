@@ -145,6 +145,10 @@ impl StudySpec {
         if let Some(found) = list_difference("objective term", mine, theirs, |term| &term.metric) {
             return Some(found);
         }
+        let (mine, theirs) = (self.objective.auxiliary(), other.objective.auxiliary());
+        if let Some(found) = list_difference("auxiliary metric", mine, theirs, |metric| metric) {
+            return Some(found);
+        }
         if self.state_tolerance != other.state_tolerance {
             return Some(format!(
                 "state_tolerance is {} against {}",
@@ -188,6 +192,7 @@ impl StudySpec<PolicySettings> {
             space,
             indicators: Vec::new(),
             objective: Vec::new(),
+            auxiliary: Vec::new(),
             state_tolerance: STATE_TOLERANCE_DEFAULT,
             policy: PolicySettings::new(),
             seed: 0,
@@ -216,6 +221,7 @@ pub struct StudyBuilder {
     space: Space,
     indicators: Vec<Indicator>,
     objective: Vec<ObjectiveTerm>,
+    auxiliary: Vec<String>,
     state_tolerance: f64,
     policy: PolicySettings,
     seed: u64,
@@ -242,6 +248,14 @@ impl StudyBuilder {
     #[must_use]
     pub fn minimise(mut self, metric: &str, weight: f64) -> Self {
         self.objective.push(ObjectiveTerm { metric: metric.to_owned(), weight });
+        self
+    }
+
+    /// Names a metric that reports may carry beside those that are minimised and that explains a cost, such as the
+    /// processor time of a frame: what it tells of a cost's noise is taken out before costs are compared. At most 8.
+    #[must_use]
+    pub fn auxiliary(mut self, metric: &str) -> Self {
+        self.auxiliary.push(metric.to_owned());
         self
     }
 
@@ -275,7 +289,7 @@ impl StudyBuilder {
             display_name: self.display_name,
             space: self.space,
             indicators: IndicatorSchema::new(self.indicators)?,
-            objective: Objective::new(self.objective)?,
+            objective: Objective::new(self.objective)?.with_auxiliary(self.auxiliary)?,
             state_tolerance: self.state_tolerance,
             policy: self.policy,
             seed: self.seed,

@@ -194,7 +194,10 @@ fn study() -> wire::Study {
         display_name: "as recorded".to_owned(),
         space: Some(wire::Space { parameters, constraints }),
         indicators: vec![indicator("triangles", 1e8, log), indicator("distance", 100.0, 0)],
-        objective: Some(wire::Objective { terms: vec![term("build_ms", 0.25), term("render_ms", 1.0)] }),
+        objective: Some(wire::Objective {
+            terms: vec![term("build_ms", 0.25), term("render_ms", 1.0)],
+            ..Default::default()
+        }),
         state_tolerance: Some(0.02),
         policy: Some(wire::Policy {
             epsilon: Some(1.0),

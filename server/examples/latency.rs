@@ -50,6 +50,7 @@ fn study() -> wire::Study {
         indicators: indicators.collect(),
         objective: Some(wire::Objective {
             terms: vec![wire::ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 }],
+            ..Default::default()
         }),
         policy: Some(wire::Policy { epsilon: Some(1.0), trials_per_state: 80, ..wire::Policy::default() }),
         ..wire::Study::default()

@@ -58,11 +58,11 @@ fn a_renderer_is_tuned_and_the_command_line_shows_it() {
         assert!(shown.to_lowercase().contains(row), "no {row} in the table:\n{shown}");
     }
     assert_eq!(read(&json)["trials"].as_array().map(Vec::len), Some(14));
-    assert_eq!(
-        trials(daemon.url(), "state = COMPLETED AND mode = DEFAULT").len(),
-        1,
-        "the default is measured first"
-    );
+    // It is measured again later, by which the speed of the machine is told.
+    let defaults = trials(daemon.url(), "state = COMPLETED AND mode = DEFAULT");
+    let first =
+        defaults.iter().any(|trial| trial["name"].as_str().is_some_and(|name| name.ends_with("/trials/1")));
+    assert!(first, "the default is measured first");
     assert!(trials(daemon.url(), "state = COMPLETED").len() >= 14);
     assert!(trials(daemon.url(), "state = OPEN").is_empty(), "no lease is left behind");
     let best = run("treewright", &["--server", daemon.url(), "best", "quick"]);

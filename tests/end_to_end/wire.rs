@@ -34,6 +34,7 @@ pub(crate) fn study() -> pb::Study {
         indicators: vec![indicator("near"), indicator("far")],
         objective: Some(pb::Objective {
             terms: vec![pb::ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }],
+            ..Default::default()
         }),
         policy: Some(pb::Policy { epsilon: Some(1.0), ..Default::default() }),
         seed: 7,

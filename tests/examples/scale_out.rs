@@ -46,6 +46,7 @@ fn study() -> wire::Study {
         space: Some(wire::Space { parameters: parameters.collect(), constraints: Vec::new() }),
         objective: Some(wire::Objective {
             terms: vec![wire::ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 }],
+            ..Default::default()
         }),
         policy: Some(wire::Policy {
             epsilon: Some(1.0),

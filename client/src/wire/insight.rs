@@ -1,6 +1,6 @@
 //! Why the service answers as it does. Rules and reasons that only a newer service knows are shown as such.
 
-use treewright_proto::convert::{WireEnum, readable_configuration};
+use treewright_proto::convert::{WireEnum, readable_configuration, standing_from_wire};
 use treewright_proto::v1;
 
 use crate::insight::{Explanation, Omission, StateInsight};
@@ -36,6 +36,7 @@ pub(crate) fn state_from_wire(state: v1::StateInsight) -> StateInsight {
         expected_frames: state.expected_frames,
         exploring_cost: state.exploring_cost,
         omissions: state.omissions.into_iter().map(omission).collect(),
+        standing: state.standing.map(standing_from_wire),
     }
 }
 

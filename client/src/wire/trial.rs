@@ -1,6 +1,8 @@
 //! Trials and what is asked about them.
 
-use treewright_proto::convert::{fingerprint_from_wire, outcome_from_wire, readable_configuration};
+use treewright_proto::convert::{
+    fingerprint_from_wire, outcome_from_wire, readable_configuration, standing_from_wire,
+};
 use treewright_proto::v1;
 
 use super::{Problem, insight, time_from_wire, usable_configuration, word};
@@ -54,6 +56,7 @@ pub(crate) fn best_from_wire(best: v1::Best) -> Result<Best, Problem> {
         state_id: best.state_id,
         trial: best.trial,
         last_measure_time: time_from_wire(best.last_measure_time),
+        standing: best.standing.map(standing_from_wire),
     })
 }
 

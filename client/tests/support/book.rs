@@ -185,6 +185,7 @@ impl Book {
             state_id: 1,
             trial: best.name.clone(),
             last_measure_time: Some(prost_types::Timestamp { seconds: 1_700_000_001, nanos: 0 }),
+            standing: None,
         })
     }
 }

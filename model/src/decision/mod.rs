@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::RawConfiguration;
 use crate::policy::{PredictorMethod, SearchMethod};
 use crate::reason::{Mode, Neighbour, Reason, Rule};
+use crate::standing::Gain;
 
 /// Why a client gets a configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -100,6 +101,22 @@ pub enum Point {
     ByMachines(ByMachines),
     /// Drawn at random, because the search met known configurations only.
     Random,
+    /// A challenger, in a round of the state's confirmation.
+    Confirming {
+        /// The round, from 1.
+        round: u64,
+        /// How many it may be at most.
+        rounds_max: u64,
+    },
+    /// The incumbent, once more.
+    Incumbent {
+        /// It is the default configuration.
+        is_default: bool,
+        /// The round of the state's confirmation, from 1; `None` while others are explored, where it tells how fast the
+        /// machine is.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        round: Option<u64>,
+    },
 }
 
 /// What is known to be good is run.
@@ -131,6 +148,16 @@ pub enum Source {
         measurements: u64,
         /// The state, and the cost.
         state: Neighbour,
+        /// Its gain over the default configuration.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        gain: Option<Gain>,
+    },
+    /// The state's own measurements, by which nothing is proven to be better than the default configuration.
+    Incumbent {
+        /// How many configurations have a verdict there.
+        tried: u64,
+        /// The most that any of them may gain, with a probability of 95 %, as a share.
+        gain_at_most: f64,
     },
     /// A predictor.
     Predictor(Predicted),
@@ -336,8 +363,17 @@ impl Decision {
             Choice::Explore(Explore { point: Point::Baseline(_) | Point::BaselineOfMachine, .. }) => {
                 Mode::Default
             }
+            Choice::Explore(Explore { point: Point::Incumbent { is_default, .. }, .. }) => {
+                if *is_default {
+                    Mode::Default
+                } else {
+                    Mode::Exploit
+                }
+            }
             Choice::Explore(_) => Mode::Explore,
-            Choice::Exploit(Exploit { source: Source::Default, .. }) => Mode::Default,
+            Choice::Exploit(Exploit { source: Source::Default | Source::Incumbent { .. }, .. }) => {
+                Mode::Default
+            }
             Choice::Exploit(_) => Mode::Exploit,
         }
     }
@@ -348,6 +384,11 @@ impl Decision {
             Choice::Pinned => Rule::Pinned,
             Choice::Wanted => Rule::Wanted,
             Choice::Shadow { .. } => Rule::Shadow,
+            Choice::Explore(Explore {
+                point: Point::Confirming { .. } | Point::Incumbent { round: Some(_), .. },
+                ..
+            }) => Rule::Confirming,
+            Choice::Explore(Explore { point: Point::Incumbent { round: None, .. }, .. }) => Rule::Incumbent,
             Choice::Explore(Explore { rule, .. }) => match rule {
                 ExploreRule::Dice => Rule::Explore,
                 ExploreRule::NothingKnown => Rule::NothingKnown,

@@ -132,6 +132,7 @@ fn exploit(mode: Mode, source: &str, neighbours: Vec<Neighbour>, explanation: &E
             tried: 0,
             measurements: 0,
             state: known(&neighbours).unwrap_or(Neighbour { state_id: 0, distance: 0.0, best_cost: 0.0 }),
+            gain: None,
         },
     };
     let rule = match explanation.rule {
@@ -142,7 +143,9 @@ fn exploit(mode: Mode, source: &str, neighbours: Vec<Neighbour>, explanation: &E
         Some(Rule::Gain) => ExploitRule::Gain,
         Some(Rule::RolledBack) => ExploitRule::RolledBack,
         Some(Rule::Frozen | Rule::Shadow | Rule::Pinned | Rule::Wanted) => ExploitRule::Frozen,
-        Some(Rule::Explore | Rule::NothingKnown | Rule::Waiting) => ExploitRule::Waiting,
+        Some(Rule::Explore | Rule::NothingKnown | Rule::Waiting | Rule::Confirming | Rule::Incumbent) => {
+            ExploitRule::Waiting
+        }
     };
     let (estimate, budget) = (ExplorationEstimate::recorded(explanation), budget(explanation));
     Exploit { source, rule, estimate, budget }

@@ -5,6 +5,7 @@ use super::{
 };
 use crate::policy::PredictorMethod;
 use crate::reason::{Explanation, Neighbour, Reason};
+use crate::standing::Gain;
 
 /// The step that a configuration of other machines carries.
 pub(super) const TRANSFER: &str = "transfer";
@@ -15,6 +16,8 @@ pub(super) const SHADOW: &str = "shadow";
 pub(super) const DEFAULT: &str = "default";
 pub(super) const BEST_KNOWN: &str = "best_known";
 pub(super) const RANDOM: &str = "random";
+pub(super) const CONFIRMATION: &str = "confirmation";
+pub(super) const INCUMBENT: &str = "incumbent";
 
 pub(super) fn reason(decision: &Decision) -> Reason {
     let (source, step) = source(&decision.choice);
@@ -43,10 +46,14 @@ fn source(choice: &Choice) -> (&'static str, &'static str) {
             Point::Proposal(predicted) => (predicted.predictor.name(), Step::Model.name()),
             Point::ByMachines(by) => (by.level.name(), TRANSFER),
             Point::Random => (RANDOM, Step::RandomSearch.name()),
+            Point::Confirming { .. } => (CONFIRMATION, Step::Replicate.name()),
+            Point::Incumbent { round: Some(_), .. } => (CONFIRMATION, Step::Replicate.name()),
+            Point::Incumbent { round: None, .. } => (INCUMBENT, Step::Replicate.name()),
         },
         Choice::Exploit(Exploit { source, .. }) => match source {
             Source::Default => (DEFAULT, ""),
             Source::BestKnown { .. } => (BEST_KNOWN, ""),
+            Source::Incumbent { .. } => (INCUMBENT, ""),
             Source::Predictor(predicted) => (predicted.predictor.name(), ""),
             Source::Machines(by) => (by.level.name(), ""),
         },
@@ -59,10 +66,14 @@ fn neighbours(choice: &Choice) -> Vec<Neighbour> {
             Point::Search { neighbours, .. } => neighbours.clone(),
             Point::Proposal(predicted) => predicted.neighbours.clone(),
             Point::ByMachines(by) => by.neighbours.clone(),
-            Point::Baseline(_) | Point::BaselineOfMachine | Point::Random => Vec::new(),
+            Point::Baseline(_)
+            | Point::BaselineOfMachine
+            | Point::Random
+            | Point::Confirming { .. }
+            | Point::Incumbent { .. } => Vec::new(),
         },
         Choice::Exploit(Exploit { source, .. }) => match source {
-            Source::Default => Vec::new(),
+            Source::Default | Source::Incumbent { .. } => Vec::new(),
             Source::BestKnown { state, .. } => vec![state.clone()],
             Source::Predictor(predicted) => predicted.neighbours.clone(),
             Source::Machines(by) => by.neighbours.clone(),
@@ -129,6 +140,15 @@ fn of_point(point: &Point) -> String {
              {cost:.4} ± {deviation:.4}."
         ),
         Point::ByMachines(by) => of_machines(by),
+        Point::Confirming { round, rounds_max } => format!(
+            "One of the best few of the search runs against the incumbent: round {round} of at most {rounds_max}."
+        ),
+        Point::Incumbent { round: Some(round), .. } => {
+            format!("The incumbent runs against the best few of the search: round {round}.")
+        }
+        Point::Incumbent { round: None, .. } => {
+            "The incumbent is measured again: by it the speed of the machine is told.".into()
+        }
         Point::Random => "The search only met known configurations; this one was drawn at random.".into(),
     }
 }
@@ -139,8 +159,22 @@ fn of_exploit(exploit: &Exploit) -> String {
             return "The baseline must be measured before anything is explored within a budget.".into();
         }
         (Source::Default, _) => "Nothing better is known yet.".to_owned(),
-        (Source::BestKnown { tried, measurements, .. }, _) => format!(
-            "Best of {tried} configurations tried in this state; its cost rests on {measurements} measurements."
+        (Source::BestKnown { tried, measurements, gain, .. }, _) => {
+            let mut said = format!(
+                "Best of {tried} configurations tried in this state; its cost rests on {measurements} measurements."
+            );
+            if let Some(Gain { share, low: Some(low), high: Some(high), .. }) = gain {
+                let [share, low, high] = [share, low, high].map(|share| 100.0 * share);
+                said.push_str(&format!(
+                    " It costs {share:.1} % less than the default ({low:.1} to {high:.1} %)."
+                ));
+            }
+            said
+        }
+        (Source::Incumbent { tried, gain_at_most }, _) => format!(
+            "Nothing better is proven: of {tried} configurations tried in this state none is likely to gain more than \
+             {:.1} % over the default.",
+            100.0 * gain_at_most
         ),
         (Source::Predictor(predicted), _) => of_predictor(predicted),
         (Source::Machines(by), _) => of_machines(by),

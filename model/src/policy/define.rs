@@ -8,7 +8,8 @@ use super::{PolicyError, RawPolicy};
 use crate::assignment::Assignment;
 use crate::configuration::Configuration;
 use crate::limits::{
-    COST_FACTOR_MAX, EPSILON_HALVES_AFTER_MAX, LEASE_S_MAX, REPLICATES_MAX, TRIALS_PER_STATE_MAX, WARM_UP_MAX,
+    CONFIRM_ROUNDS_MAX, COST_FACTOR_MAX, EPSILON_HALVES_AFTER_MAX, LEASE_S_MAX, REPLICATES_MAX,
+    TRIALS_PER_STATE_MAX, WARM_UP_MAX,
 };
 use crate::words::OpenEnum;
 

@@ -2,6 +2,7 @@
 
 use treewright_model::policy::{Operation, PredictorMethod, SearchMethod};
 use treewright_model::space::Scale;
+use treewright_model::standing::ConfirmationStage;
 use treewright_model::trial::{Mode, OmissionReason, Rule, TrialState};
 use treewright_model::words::OpenEnum;
 
@@ -50,7 +51,9 @@ wire_enums! {
     TrialState { Open, Completed, Abandoned, Expired }
     Rule {
         Explore, NothingKnown, Exploit, Finished, Budget, Gain, RolledBack, Frozen, Shadow, Pinned, Wanted, Waiting,
+        Confirming, Incumbent,
     }
+    ConfirmationStage { Off, Searching, Racing, Better, NothingBetter }
     OmissionReason { Inactive, Insensitive, BelowNoise, BelowCost, Constant, Redundant }
 }
 
@@ -86,6 +89,7 @@ mod tests {
             Mode "MODE";
             TrialState "TRIAL_STATE";
             Rule "RULE";
+            ConfirmationStage "CONFIRMATION_STAGE";
             OmissionReason "OMISSION_REASON";
         }
     }

@@ -25,7 +25,10 @@ pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1:
         display_name: spec.display_name.clone(),
         space: Some(space_to_wire(&spec.space)),
         indicators: spec.indicators.indicators().iter().map(indicator).collect(),
-        objective: Some(v1::Objective { terms: spec.objective.terms().iter().map(term).collect() }),
+        objective: Some(v1::Objective {
+            terms: spec.objective.terms().iter().map(term).collect(),
+            auxiliary: spec.objective.auxiliary().to_vec(),
+        }),
         state_tolerance: Some(spec.state_tolerance),
         policy: Some(policy_to_wire(spec.policy.clone().into())),
         seed: spec.seed,
@@ -41,8 +44,9 @@ pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1:
 /// [`Malformed`] with the field.
 pub fn spec_from_wire(study: v1::Study) -> Result<StudySpec<PolicySettings>, Malformed> {
     let space = study.space.ok_or_else(|| Malformed::missing("study.space"))?;
-    let terms = study.objective.ok_or_else(|| Malformed::missing("study.objective"))?.terms;
-    let terms = terms.into_iter().map(|term| ObjectiveTerm { metric: term.metric, weight: term.weight });
+    let objective = study.objective.ok_or_else(|| Malformed::missing("study.objective"))?;
+    let terms =
+        objective.terms.into_iter().map(|term| ObjectiveTerm { metric: term.metric, weight: term.weight });
     let indicator = |wire: v1::Indicator| {
         let scale = scale_from_wire("study.indicators", wire.scale)?;
         Ok(Indicator { name: wire.name, min: wire.min, max: wire.max, scale })
@@ -54,6 +58,7 @@ pub fn spec_from_wire(study: v1::Study) -> Result<StudySpec<PolicySettings>, Mal
         indicators: IndicatorSchema::new(indicators)
             .map_err(|error| Malformed::new("study.indicators", error))?,
         objective: Objective::new(terms.collect())
+            .and_then(|terms| terms.with_auxiliary(objective.auxiliary))
             .map_err(|error| Malformed::new("study.objective", error))?,
         state_tolerance: study.state_tolerance.unwrap_or(STATE_TOLERANCE_DEFAULT),
         policy: policy_from_wire("study.policy", study.policy.unwrap_or_default())?,
@@ -106,6 +111,7 @@ mod tests {
             .indicator("triangles", 0.0..=1e6, Scale::Log)
             .minimise("build_ms", 0.5)
             .minimise("render_ms", 1.0)
+            .auxiliary("render_cpu_ms")
             .state_tolerance(0.0)
             .policy(policy.abort_above(1.5).worst_factor(20.0))
             .seed(u64::MAX)

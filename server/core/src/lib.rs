@@ -15,8 +15,8 @@
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub use treewright_model::{
-    configuration, decision, ids, indicator, names, objective, policy, session, space, study, trial, value,
-    words,
+    configuration, decision, ids, indicator, names, objective, policy, session, space, standing, study,
+    trial, value, words,
 };
 
 pub mod fnv;

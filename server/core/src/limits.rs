@@ -48,6 +48,22 @@ pub const CHECKPOINT_TRIALS_MIN: u64 = 4096;
 /// after one more for so many bytes of the last one, so that checkpoints write less than the trials do.
 pub const CHECKPOINT_BYTES_PER_TRIAL: u64 = 512;
 
+/// Most clients whose machines' speed is remembered: those that reported last.
+pub const SPEEDS_MAX: usize = 4096;
+/// Most trials of a client that are taken back when the speed of its machine jumped.
+pub const UNHELD_MAX: usize = 64;
+/// Most trials of a state that the regression of costs on auxiliary measurements is learnt from: the latest.
+pub const OBSERVATIONS_MAX: usize = 192;
+/// Most states of a study that have such a regression: those measured last.
+pub const DENOISED_STATES_MAX: usize = 1024;
+
+/// Most configurations that an assessment of a state looks at: its work grows with their cube, up to some milliseconds.
+pub const ASSESSED_MAX: usize = 96;
+/// Most configurations of a state that is assessed while others wait: less than a tenth of a millisecond.
+pub const ASSESSED_SHARED_MAX: usize = 12;
+/// Most states of a study whose last assessment is kept.
+pub const ASSESSMENTS_MAX: usize = 1024;
+
 /// Most measurements of one configuration in one state that its cost rests on: the latest.
 pub const EVIDENCE_MAX: usize = 16;
 /// Most repeated measurements that the noise of a state is judged by: the latest.

@@ -95,6 +95,8 @@ pub struct ResultTable {
     repeats: Vec<f64>,
     outliers: u64,
     drifts: u64,
+    /// How often the speed of a client's machine jumped.
+    disturbances: u64,
     touches: u64,
     latest: u64,
     /// Something of it was measured elsewhere and carried over.
@@ -187,6 +189,55 @@ impl ResultTable {
         self.rank_all();
     }
 
+    /// Takes a measurement back that is not believed any more: the configuration may be measured again.
+    pub fn take_back(&mut self, configuration: &Configuration, cost: f64) {
+        let change = |record: &mut Record| {
+            if record.evidence.take_back(cost) {
+                record.measurements -= 1;
+            }
+        };
+        self.rewrite(configuration, change);
+    }
+
+    /// States the latest costs of a configuration anew; none of them where all were taken back.
+    pub fn restate(&mut self, configuration: &Configuration, costs: &[f64]) {
+        let change = |record: &mut Record| {
+            record.evidence.restate(costs);
+            if costs.is_empty() {
+                record.measurements = 0;
+            }
+        };
+        self.rewrite(configuration, change);
+    }
+
+    /// Drops the latest cost of a configuration, which is about to be learnt as that of a trial.
+    pub fn withhold(&mut self, configuration: &Configuration) {
+        self.rewrite(configuration, |record| record.evidence.drop_latest());
+    }
+
+    /// Notes that the speed of a client's machine jumped.
+    pub fn note_disturbance(&mut self) {
+        self.disturbances += 1;
+    }
+
+    fn rewrite(&mut self, configuration: &Configuration, change: impl FnOnce(&mut Record)) {
+        let Some(&index) = self.index.get(configuration) else {
+            return;
+        };
+        self.touches += 1;
+        let record = &mut self.records[index];
+        let (old_rank, was_tried) = (record.rank(index), record.is_tried());
+        change(record);
+        if record.evidence.count() == 0 {
+            record.measurements = 0;
+        }
+        record.mean_cost = record.evidence.location();
+        let (new_rank, is_tried) = (record.rank(index), record.is_tried());
+        self.tried = self.tried + usize::from(is_tried) - usize::from(was_tried);
+        old_rank.map(|rank| self.ranking.remove(&rank));
+        self.ranking.extend(new_rank);
+    }
+
     fn rank_all(&mut self) {
         self.ranking = self.records.iter().enumerate().filter_map(|(i, record)| record.rank(i)).collect();
     }
@@ -234,6 +285,11 @@ impl ResultTable {
         self.records.len()
     }
 
+    /// Rises with every trial that was learnt and with everything else that changes costs: equal numbers, equal tables.
+    pub fn version(&self) -> u64 {
+        self.touches
+    }
+
     /// The completion of the trial learnt last.
     pub fn latest(&self) -> u64 {
         self.latest
@@ -263,6 +319,11 @@ impl ResultTable {
     /// How often costs were found to have changed for good.
     pub fn drifts(&self) -> u64 {
         self.drifts
+    }
+
+    /// How often the speed of a client's machine jumped while the state was measured.
+    pub fn disturbances(&self) -> u64 {
+        self.disturbances
     }
 
     fn slot(&mut self, configuration: &Configuration) -> usize {

@@ -114,6 +114,11 @@ impl Evidence {
         (apart && factor.is_finite() && factor > 0.0).then_some(factor)
     }
 
+    /// The measurements, oldest first.
+    pub fn values(&self) -> &[f64] {
+        &self.recent
+    }
+
     /// The typical cost.
     pub fn location(&self) -> f64 {
         location(&self.recent)
@@ -124,6 +129,22 @@ impl Evidence {
         for cost in &mut self.recent {
             *cost = (*cost * factor).min(f64::MAX);
         }
+    }
+
+    /// Takes a measurement back, the latest of this value. `false` where it is not kept.
+    pub fn take_back(&mut self, cost: f64) -> bool {
+        let place = self.recent.iter().rposition(|kept| *kept == cost);
+        place.map(|place| self.recent.remove(place)).is_some()
+    }
+
+    /// Drops the latest measurement.
+    pub fn drop_latest(&mut self) {
+        self.recent.pop();
+    }
+
+    /// The latest measurements as they are understood now.
+    pub fn restate(&mut self, costs: &[f64]) {
+        self.recent = costs[costs.len().saturating_sub(EVIDENCE_MAX)..].to_vec();
     }
 
     /// How many measurements are kept.

@@ -2,7 +2,7 @@
 
 use treewright_core::trial::Explanation;
 use treewright_core::tuner::{Insight, Omission};
-use treewright_proto::convert::{WireEnum, configuration_to_wire};
+use treewright_proto::convert::{WireEnum, configuration_to_wire, standing_to_wire};
 use treewright_proto::v1;
 
 use super::numbers::signed;
@@ -38,6 +38,7 @@ pub(super) fn state(insight: &Insight) -> v1::StateInsight {
         expected_frames: insight.prospect.map(|prospect| prospect.frames),
         exploring_cost: insight.prospect.map(|prospect| prospect.exploring_cost),
         omissions: insight.omissions.iter().map(omission).collect(),
+        standing: insight.standing.as_ref().map(standing_to_wire),
     }
 }
 

@@ -5,7 +5,8 @@ use treewright_core::configuration::{Configuration, RawConfiguration};
 use treewright_core::trial::{Reason, Trial};
 use treewright_core::tuner::{Best, Prediction};
 use treewright_proto::convert::{
-    WireEnum, configuration_to_wire, fingerprint_to_wire, outcome_to_wire, spec_to_wire, timestamp_to_wire,
+    WireEnum, configuration_to_wire, fingerprint_to_wire, outcome_to_wire, spec_to_wire, standing_to_wire,
+    timestamp_to_wire,
 };
 use treewright_proto::v1;
 use treewright_store::StudyRecord;
@@ -121,5 +122,6 @@ pub fn best(study: &str, best: &Best) -> v1::Best {
         state_id: signed(best.state_id),
         trial: trial_name(study, best.trial),
         last_measure_time: Some(timestamp_to_wire(best.last_measure_ms)),
+        standing: Some(standing_to_wire(&best.standing)),
     }
 }

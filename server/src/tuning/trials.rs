@@ -147,9 +147,16 @@ impl Tuning {
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Best, Error> {
         let (best, receipt) = self
-            .with_tuner(study, |live, store, _| {
-                let best = live.tuner.best(indicators, fingerprint)?;
-                Ok::<_, TunerError>((best, live.commit(store, &[])))
+            .with_plan(study, None, |live, store, prepared, _| {
+                let plan = match prepared.plan {
+                    Some(plan) => plan,
+                    None => match live.tuner.plan_best(indicators, fingerprint) {
+                        Some(request) => return Err(live.apart(request, prepared.is_updated)),
+                        None => SuggestionPlan::default(),
+                    },
+                };
+                let best = live.tuner.best_planned(indicators, fingerprint, plan);
+                Ok(best.map(|best| (best, live.commit(store, &[]))))
             })
             .await??;
         self.metrics().durable(receipt).await?;

@@ -153,6 +153,7 @@ pub(crate) fn study() -> wire::Study {
         indicators: vec![wire::Indicator { name: "triangles".to_owned(), min: 0.0, max: 100.0, scale: 0 }],
         objective: Some(wire::Objective {
             terms: vec![wire::ObjectiveTerm { metric: "render_ms".to_owned(), weight: 1.0 }],
+            ..Default::default()
         }),
         policy: Some(wire::Policy { epsilon: Some(1.0), ..wire::Policy::default() }),
         seed: 11,

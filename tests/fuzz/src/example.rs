@@ -28,6 +28,7 @@ pub fn study() -> wire::Study {
         indicators: vec![wire::Indicator { name: "i".into(), min: 0.0, max: 1.0, scale: 0 }],
         objective: Some(wire::Objective {
             terms: vec![wire::ObjectiveTerm { metric: "m".into(), weight: 1.0 }],
+            ..wire::Objective::default()
         }),
         policy: Some(wire::Policy { epsilon: Some(1.0), trials_per_state: 5, ..Default::default() }),
         ..Default::default()

@@ -164,6 +164,7 @@ pub(crate) fn study(plan: &Plan) -> wire::Study {
         indicators: vec![wire::Indicator { name: "place".into(), min: 0.0, max: 1.0, scale: 0 }],
         objective: Some(wire::Objective {
             terms: vec![wire::ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 }],
+            ..Default::default()
         }),
         policy: Some(wire::Policy {
             epsilon: Some(0.7),

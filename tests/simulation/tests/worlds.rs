@@ -5,7 +5,7 @@ use treewright_simulation::{Bug, Counts, Plan, run};
 #[test]
 fn nothing_is_wrong_in_the_first_worlds() {
     let mut counts = Counts::default();
-    for seed in 1..=24 {
+    for seed in 1..=40 {
         let outcome = run(Plan::of(seed, 3_000, None));
         assert!(outcome.violations.is_empty(), "seed {seed}: {:?}", outcome.violations);
         counts.add(&outcome.counts);

@@ -9,10 +9,12 @@
 //! (Nelson, "Control variate remedies", Operations Research 38, 1990). Where the other quantities say nothing, the cost is
 //! left as it was measured.
 
+use serde::{Deserialize, Serialize};
+
 use crate::matrix::Factor;
 
 /// Repeats, beyond the first measurement of each configuration, from which noise is judged.
-const REPEATS_LEAST: usize = 8;
+const REPEATS_LEAST: usize = 5;
 /// Configurations beyond the number of coefficients from which the regression is judged.
 const CONFIGURATIONS_SPARE: usize = 4;
 /// Coefficients are drawn to zero by so much, in variances of the quantity.
@@ -32,7 +34,7 @@ pub struct Observation {
 }
 
 /// The best combination of a cost with what auxiliary measurements predict of it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Denoiser {
     level: f64,
     means: Vec<f64>,
@@ -218,7 +220,7 @@ mod tests {
     fn too_little_says_nothing() {
         let (observations, _) = trials(1, |truth, _, _| truth);
         assert_eq!(Denoiser::of(&[]), None);
-        assert_eq!(Denoiser::of(&observations[..40]), None, "nothing was measured again");
+        assert_eq!(Denoiser::of(&observations[..44]), None, "too little was measured again");
         let constant: Vec<Observation> = (0..40)
             .map(|place| Observation { configuration: place % 20, log_cost: 1.0, auxiliary: vec![2.0] })
             .collect();

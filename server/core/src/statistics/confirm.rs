@@ -231,6 +231,11 @@ impl Race {
         best.map_or(RaceResult::NothingBetter, RaceResult::Better)
     }
 
+    /// How many rounds a contender has run.
+    pub fn rounds(&self, place: usize) -> usize {
+        self.contenders.get(place).map_or(0, |contender| contender.log_costs.len())
+    }
+
     /// How many measurements were taken.
     pub fn measurements(&self) -> usize {
         self.contenders.iter().map(|contender| contender.log_costs.len()).sum()

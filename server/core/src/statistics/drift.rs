@@ -80,6 +80,11 @@ impl Speed {
         self.suspects.is_some() || self.variance.sqrt() > DUE * noise
     }
 
+    /// Whether the last measurement was far off, so that the next one tells an accident from a jump.
+    pub fn is_suspicious(&self) -> bool {
+        self.suspects.is_some()
+    }
+
     /// How often the speed jumped.
     pub fn jumps(&self) -> u64 {
         self.jumps

@@ -19,4 +19,4 @@ pub mod estimate;
 pub mod exploration_value;
 pub mod portfolio;
 #[cfg(test)]
-mod simulated;
+pub(crate) mod simulated;

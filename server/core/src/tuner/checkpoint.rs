@@ -18,12 +18,14 @@ use crate::predict::Predictors;
 use crate::predict::state_index::IndicatorStatistics;
 use crate::results::ResultTable;
 use crate::study::StudySpec;
+use crate::tuner::auxiliaries::Auxiliaries;
 use crate::tuner::history::History;
 use crate::tuner::screening::Screening;
+use crate::tuner::speeds::Speeds;
 use crate::tuner::{Checkpoint, Tuner};
 
 /// To be raised whenever anything changes that a checkpoint holds, or how trials are learnt.
-const VERSION: u64 = 4;
+const VERSION: u64 = 5;
 
 /// What a tuner learnt. Taken in a moment, since it shares its tables with the tuner until either changes them.
 #[derive(Clone, Debug)]
@@ -49,6 +51,8 @@ struct Body {
     predictor: PredictorMethod,
     models_since: u64,
     predictors: Predictors,
+    speeds: Speeds,
+    auxiliaries: Auxiliaries,
 }
 
 impl Learnt {
@@ -92,6 +96,8 @@ impl Tuner {
                 predictor: self.spec.policy.predictor,
                 models_since: self.models.since(),
                 predictors: self.models.predictors().clone(),
+                speeds: self.speeds.clone(),
+                auxiliaries: self.auxiliaries.clone(),
             },
         }
     }
@@ -121,7 +127,9 @@ impl Tuner {
         }
         let space = &self.spec.space;
         let tables = body.results.iter_mut().all(|results| Arc::make_mut(results).settle(space));
-        if !(tables && body.screening.settle(space) && body.predictors.settle(space)) {
+        let metrics = self.spec.objective.auxiliary().len();
+        let heard = body.speeds.fits(space) && body.auxiliaries.fits(space, metrics);
+        if !(tables && heard && body.screening.settle(space) && body.predictors.settle(space)) {
             return Err("it does not fit its study".into());
         }
         let current =
@@ -135,7 +143,7 @@ impl Tuner {
         (self.completed, self.last_completion) = (body.completed, checkpoint.completion);
         self.screening = body.screening;
         self.states.take_over(body.results, &body.pooling, body.statistics, body.forget_above);
-        self.history = body.history;
+        (self.history, self.speeds, self.auxiliaries) = (body.history, body.speeds, body.auxiliaries);
         (self.history.len()..self.states.len()).for_each(|_| self.history.found());
         Ok(())
     }

@@ -8,12 +8,13 @@ use crate::decision::{
 };
 use crate::fnv;
 use crate::ids::StateId;
-use crate::policy::Operation;
-use crate::predict::Answer;
+use crate::policy::{Operation, PredictorMethod};
+use crate::predict::{Answer, Estimate};
 use crate::randomness::{Purpose, stream};
-use crate::results::{KnownState, Record};
+use crate::results::KnownState;
 use crate::search::Verdict;
 use crate::trial::Neighbour;
+use crate::tuner::confirmation::Answered;
 use crate::tuner::plan::Planned;
 use crate::tuner::{Ask, Prediction, Tuner, VisitDecision};
 
@@ -152,7 +153,10 @@ impl Tuner {
             if would.source != Source::Default
                 || session.epsilon.unwrap_or(policy.epsilon) == 0.0 && !fails(&would)
             {
-                return would.kept(ExploitRule::Dice, estimate);
+                // What is still to be confirmed waits for those on whom the dice fall.
+                let rule =
+                    if self.is_spent_for(session, state) { ExploitRule::Finished } else { ExploitRule::Dice };
+                return would.kept(rule, estimate);
             }
             exploitation = Some(would);
             ExploreRule::NothingKnown
@@ -205,7 +209,8 @@ impl Tuner {
         if self.spec.policy.roll_back
             && let Some(state) = here
             && self.gain().does_clearly_worse(state, &answer.configuration)
-            && let Some(best) = self.best_known(state)
+            && let Some(best) = self.best_known(state, planned)
+            && best.configuration != answer.configuration
         {
             return Exploitation { rolled_back: true, ..best };
         }
@@ -214,7 +219,7 @@ impl Tuner {
 
     fn predicted(&self, normalised: &[f64], here: Option<StateId>, planned: &Planned) -> Exploitation {
         if let Some(state) = here.filter(|&state| self.is_finished(state))
-            && let Some(best) = self.best_known(state)
+            && let Some(best) = self.best_known(state, planned)
         {
             return best;
         }
@@ -223,7 +228,8 @@ impl Tuner {
             return best;
         }
         if let Some((answer, predictor)) = transfer.answer(normalised, here, planned) {
-            let Answer { configuration, expected, neighbours } = answer;
+            let Answer { configuration, expected, neighbours } =
+                self.proven(answer, predictor, here, planned);
             let predicted_cost = Some(expected.cost);
             let expected = (expected.cost, expected.deviation);
             let source = Source::Predictor(Predicted { predictor, expected, neighbours });
@@ -237,19 +243,48 @@ impl Tuner {
         }
     }
 
-    /// The best measured configuration of a state.
-    pub(super) fn best_known(&self, state: StateId) -> Option<Exploitation> {
+    /// The nearest neighbour names the luckiest configuration of the nearest state; in its place the one that is proven
+    /// there is answered.
+    fn proven(
+        &self,
+        answer: Answer,
+        predictor: PredictorMethod,
+        here: Option<StateId>,
+        planned: &Planned,
+    ) -> Answer {
+        let nearest = answer.neighbours.first().filter(|_| predictor == PredictorMethod::NearestNeighbour);
+        let Some(state) = nearest.map(|nearest| StateId(nearest.state_id)) else {
+            return answer;
+        };
+        let (Some(answered), Some(luckiest)) =
+            (self.answered(state, planned), self.states.results(state).best())
+        else {
+            return answer;
+        };
+        let cannot_run = |here| self.states.results(here).is_infeasible(&answered.configuration);
+        if here.is_some_and(cannot_run) || answer.configuration != luckiest.configuration {
+            return answer;
+        }
+        // The same factor between the two machines, if they are two.
+        let ratio = if luckiest.mean_cost > 0.0 { answered.cost / luckiest.mean_cost } else { 1.0 };
+        let Estimate { cost, deviation } = answer.expected;
+        let expected = Estimate::new((cost * ratio).min(f64::MAX), deviation);
+        Answer { configuration: answered.configuration, expected, ..answer }
+    }
+
+    /// What the own measurements of a state answer: what is proven to be its best, or the incumbent.
+    pub(super) fn best_known(&self, state: StateId, planned: &Planned) -> Option<Exploitation> {
         let KnownState { id, results, .. } = &self.states[state];
-        let Record { configuration, mean_cost, measurements, .. } = results.best()?;
-        Some(Exploitation {
-            configuration: configuration.clone(),
-            predicted_cost: Some(*mean_cost),
-            source: Source::BestKnown {
-                tried: results.tried() as u64,
-                measurements: *measurements,
-                state: Neighbour { state_id: id.get(), distance: 0.0, best_cost: *mean_cost },
-            },
-            rolled_back: false,
-        })
+        let Answered { configuration, cost, gain, nothing_better } = self.answered(state, planned)?;
+        let (tried, measurements) =
+            (results.tried() as u64, results.record(&configuration).map_or(0, |record| record.measurements));
+        let source = match nothing_better {
+            Some(gain_at_most) => Source::Incumbent { tried, gain_at_most },
+            None => {
+                let state = Neighbour { state_id: id.get(), distance: 0.0, best_cost: cost };
+                Source::BestKnown { tried, measurements, state, gain }
+            }
+        };
+        Some(Exploitation { configuration, predicted_cost: Some(cost), source, rolled_back: false })
     }
 }

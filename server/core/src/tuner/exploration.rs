@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::packed::{PackedError, pack, unpack};
 use crate::search::{AnySearch, Feedback};
+use crate::space::Space;
+use crate::tuner::confirmation::{Confirming, Stored};
 use crate::tuner::screening::HeldParameters;
 
 /// The search of one state and its points in flight. Once its budget is spent the search itself is dropped: what it
@@ -25,11 +27,25 @@ pub struct Exploration {
     /// What is left out, where the policy allows it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) held: Option<HeldParameters>,
+    /// The race of the best few against the incumbent, once the search is over.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) confirming: Option<Confirming>,
+    /// What was proven better than the default configuration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) confirmed: Option<Stored>,
 }
 
 impl Exploration {
     pub(super) fn new(search: AnySearch) -> Self {
-        Exploration { search: Some(search), repeats: 0, room: 0, open: BTreeMap::new(), held: None }
+        Exploration {
+            search: Some(search),
+            repeats: 0,
+            room: 0,
+            open: BTreeMap::new(),
+            held: None,
+            confirming: None,
+            confirmed: None,
+        }
     }
 
     /// Notes that a session wants the search to go on until so many configurations are measured.
@@ -53,6 +69,17 @@ impl Exploration {
         self.search = None;
     }
 
+    /// Whether the configurations that it names are of the space.
+    pub(super) fn fits(&self, space: &Space) -> bool {
+        self.confirming.as_ref().is_none_or(|race| race.fits(space))
+            && self.confirmed.as_ref().is_none_or(|confirmed| space.owns(&confirmed.0))
+    }
+
+    /// Whether a trial runs a contender of the race.
+    pub(super) fn confirms(&self, trial: u64) -> bool {
+        self.confirming.as_ref().is_some_and(|race| race.runs(trial))
+    }
+
     /// As few bytes, exact to the bit.
     pub fn pack(&self) -> Vec<u8> {
         pack(self)
@@ -66,6 +93,9 @@ impl Exploration {
     /// Ends the trial's hold on its point: the point is answered, or without feedback goes back and is
     /// asked again. `false` when the trial carried no point.
     pub(super) fn release(&mut self, trial: u64, feedback: Option<Feedback>) -> bool {
+        if let Some(race) = &mut self.confirming {
+            race.release(trial, None);
+        }
         let Some(point) = self.open.remove(&trial) else {
             return false;
         };

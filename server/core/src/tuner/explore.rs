@@ -46,10 +46,11 @@ pub(super) enum Explored {
 }
 
 impl Explored {
-    /// Whether something else than the default is measured.
+    /// Whether something else than the default or the incumbent is measured.
     pub(super) fn explores(&self) -> bool {
         let is_baseline = |point: &decision::Point| {
-            matches!(point, decision::Point::Baseline(_) | decision::Point::BaselineOfMachine)
+            use decision::Point::{Baseline, BaselineOfMachine, Incumbent};
+            matches!(point, Baseline(_) | BaselineOfMachine | Incumbent { .. })
         };
         matches!(self, Explored::Candidate { candidate, .. } if !is_baseline(&candidate.point))
     }
@@ -62,7 +63,7 @@ impl Tuner {
     /// the next here: measuring the leaders again is what tells luck from merit.
     pub(super) fn explore(
         &mut self,
-        room: usize,
+        (client_id, room): (&str, usize),
         state: StateId,
         number: TrialNumber,
         normalised: &[f64],
@@ -72,6 +73,9 @@ impl Tuner {
         let candidate = transfer.untried_by_machines(state);
         let candidate = candidate.or_else(|| self.first_of_a_state(state, number, normalised, planned));
         if let Some(candidate) = candidate {
+            return Explored::Candidate { candidate, held: Vec::new() };
+        }
+        if let Some(candidate) = self.incumbent_again(client_id, room, state) {
             return Explored::Candidate { candidate, held: Vec::new() };
         }
         self.ensure_exploration(room, state, planned);
@@ -95,9 +99,35 @@ impl Tuner {
             NextPoint::Wait if self.is_over(room, state) => ExploitRule::Finished,
             NextPoint::Wait => ExploitRule::Waiting,
         };
-        let best = self.best_known(state);
+        let mut rule = rule;
+        if rule == ExploitRule::Finished {
+            if let Some(candidate) = self.confirm(state, number, planned) {
+                return Explored::Candidate { candidate, held: Vec::new() };
+            }
+            if self.is_to_be_confirmed(state) {
+                rule = ExploitRule::Waiting;
+            }
+        }
+        let best = self.best_known(state, planned);
         let instead = best.unwrap_or_else(|| self.exploitation(normalised, Some(state), planned));
         Explored::Nothing { instead, rule }
+    }
+
+    /// The incumbent, where it is to be measured again while others are explored: by it the speed of the client's machine
+    /// is told. Once the search is spent the confirmation measures it anyway.
+    fn incumbent_again(&self, client_id: &str, room: usize, state: StateId) -> Option<ProposedTrial> {
+        let (results, incumbent) = (self.states.results(state), self.incumbent(state));
+        let goes_on = results.tried() < room;
+        let hurried = !self.spec.objective.auxiliary().is_empty() && !self.auxiliaries.explains(state);
+        if !(self.spec.policy.track_speed && goes_on && self.speeds.is_due(client_id, state, hurried)) {
+            return None;
+        }
+        let record =
+            results.record(incumbent).filter(|record| record.measurements > 0 && !record.infeasible)?;
+        let is_default = incumbent == self.spec.space.default_ref();
+        let point = decision::Point::Incumbent { is_default, round: None };
+        let predicted_cost = Some(record.mean_cost);
+        Some(ProposedTrial { configuration: incumbent.clone(), predicted_cost, point })
     }
 
     /// Whether the state's search has come to its end, and nobody measures anything for it any more.

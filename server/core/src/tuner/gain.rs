@@ -70,7 +70,10 @@ impl Gain<'_> {
         }
         let noise = results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
         let part = |measurements: u64| 1.0 / measurements.clamp(1, MEASUREMENTS_COUNTED) as f64;
-        let margin = CLEARLY * noise * (part(own.measurements) + part(best.measurements)).sqrt();
+        let chance = CLEARLY * (part(own.measurements) + part(best.measurements)).sqrt();
+        // The best of many is lucky: by about so many deviations, were they all the same.
+        let luck = (2.0 * libm::log(results.tried().max(1) as f64) * part(best.measurements)).sqrt();
+        let margin = noise * (chance + luck);
         own.mean_cost > best.mean_cost * (1.0 + margin)
     }
 }

@@ -4,7 +4,9 @@ pub use crate::trial::OmissionReason;
 
 use crate::ids::StateId;
 use crate::predict::state_index::OmittedIndicator;
+use crate::standing::Standing;
 use crate::tuner::Tuner;
+use crate::tuner::plan::Planned;
 
 /// What the policy knows of a state.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -28,6 +30,8 @@ pub struct Insight {
     pub prospect: Option<Prospect>,
     /// What is left out of the search, and of what predictors see.
     pub omissions: Vec<Omission>,
+    /// What is proven of what is exploited here; `None` where nothing was measured that can be run.
+    pub standing: Option<Standing>,
 }
 
 /// What exploring a state is expected to bring and to cost. Relative to the best known cost, so that it can be told
@@ -62,7 +66,7 @@ pub struct Omission {
 
 impl Tuner {
     /// What is known of a state.
-    pub(super) fn insight(&self, state: StateId) -> Insight {
+    pub(super) fn insight(&self, state: StateId, planned: &Planned) -> Insight {
         let (results, gain) = (self.states.results(state), self.gain());
         let prospect = gain.prospect("", state);
         let left = (self.spec.policy.trials_per_state as usize).saturating_sub(results.tried());
@@ -99,6 +103,7 @@ impl Tuner {
             drifts: results.drifts(),
             prospect: (!self.is_finished(state)).then_some(prospect),
             omissions,
+            standing: self.standing(state, planned),
         }
     }
 

@@ -11,14 +11,17 @@
 //!
 //! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and what is known of each state),
 //! `trials` (what is open, and who holds it), `visits` (where clients are, and their budgets), `searches`, `models`,
-//! `history` and `screening`. What it does with them is in the files of its steps: `decide` and `gain` take decisions,
-//! `explore` and `within_budget` walk a search, `transfer` is the door for what other states and machines say, `plan`
+//! `history`, `screening`, `assessment`s, `speeds` and `auxiliaries`. What it does with them is in the files of its steps: `decide` and `gain` take decisions,
+//! `explore` and `within_budget` walk a search, `confirmation` lets its best run against the incumbent, `transfer` is the door for what other states and machines say, `plan`
 //! computes apart what is slow, `suggest` and `report` are the two halves of a client's frame, `restore` and
 //! `checkpoint` rebuild.
 
+mod assessment;
+mod auxiliaries;
 pub mod budget;
 mod checkpoint;
 mod checks;
+mod confirmation;
 mod decide;
 mod exploration;
 mod explore;
@@ -33,6 +36,7 @@ mod restore;
 mod screening;
 mod searches;
 mod session;
+mod speeds;
 mod states;
 mod suggest;
 mod transfer;
@@ -45,6 +49,7 @@ mod within_budget;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+pub use assessment::{Assessment, AssessmentRequest};
 pub use budget::Account;
 pub use checkpoint::Learnt;
 pub use exploration::Exploration;
@@ -65,11 +70,14 @@ use crate::predict::prequential::ErrorInterval;
 use crate::predict::{ComputedUpdates, DeferredUpdates, Predictors};
 use crate::study::{StudyError, StudySpec};
 use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
+use crate::tuner::assessment::Assessments;
+use crate::tuner::auxiliaries::Auxiliaries;
 use crate::tuner::history::History;
 use crate::tuner::models::Models;
 use crate::tuner::plan::Planned;
 use crate::tuner::screening::Screening;
 use crate::tuner::searches::Searches;
+use crate::tuner::speeds::Speeds;
 use crate::tuner::states::States;
 use crate::tuner::trials::OpenTrials;
 use crate::tuner::visits::Visits;
@@ -88,6 +96,9 @@ pub struct Tuner {
     models: Models,
     history: History,
     screening: Screening,
+    assessments: Assessments,
+    speeds: Speeds,
+    auxiliaries: Auxiliaries,
     /// How many trials were completed, and the place of the last in the order of completion.
     completed: u64,
     last_completion: u64,
@@ -114,6 +125,9 @@ impl Tuner {
             trials: OpenTrials::default(),
             visits: Visits::default(),
             history: History::default(),
+            assessments: Assessments::default(),
+            speeds: Speeds::default(),
+            auxiliaries: Auxiliaries::default(),
             completed: 0,
             last_completion: 0,
             states,
@@ -283,12 +297,14 @@ impl Tuner {
 
     /// [`Tuner::predict`] in microseconds, with what was computed before.
     pub fn predict_planned(
-        &self,
+        &mut self,
         indicators: &BTreeMap<String, f64>,
         fingerprint: Option<&Fingerprint>,
         plan: SuggestionPlan,
     ) -> Result<Prediction, TunerError> {
-        self.prediction(indicators, fingerprint, &Planned::Ahead(Box::new(plan)))
+        let mut planned = Planned::Ahead(Box::new(plan));
+        self.keep_planned(&mut planned);
+        self.prediction(indicators, fingerprint, &planned)
     }
 
     /// The best known configuration of the state that matches the indicators, or of all states where none are given.
@@ -299,26 +315,30 @@ impl Tuner {
         indicators: Option<&BTreeMap<String, f64>>,
         fingerprint: Option<&Fingerprint>,
     ) -> Result<Option<Best>, TunerError> {
-        checks::fingerprint(fingerprint)?;
-        let best_of = |state: StateId| self.states.results(state).best().map(|best| (state, best));
-        let found = match indicators {
-            Some(indicators) => {
-                let state = self.recognise_for(fingerprint, &self.spec.indicators.normalise(indicators)?);
-                state.and_then(best_of)
-            }
-            None => {
-                let all = self.states.ids().filter_map(best_of);
-                all.min_by(|a, b| a.1.mean_cost.total_cmp(&b.1.mean_cost))
-            }
-        };
-        Ok(found.map(|(state, record)| self.best_answer(state, record)))
+        let state = self.best_state(indicators, fingerprint)?;
+        Ok(state.and_then(|state| self.best_answer(state, &Planned::AtOnce)))
     }
 
-    /// What the best known configuration of a state costs; `None` when nothing has been measured there.
+    /// [`Tuner::best`] in microseconds, with what was computed before.
+    pub fn best_planned(
+        &mut self,
+        indicators: Option<&BTreeMap<String, f64>>,
+        fingerprint: Option<&Fingerprint>,
+        plan: SuggestionPlan,
+    ) -> Result<Option<Best>, TunerError> {
+        let mut planned = Planned::Ahead(Box::new(plan));
+        self.keep_planned(&mut planned);
+        let state = self.best_state(indicators, fingerprint)?;
+        Ok(state.and_then(|state| self.best_answer(state, &planned)))
+    }
+
+    /// What the configuration costs that is exploited in a state, as far as that was looked at; `None` when nothing has
+    /// been measured there.
     pub fn best_cost(&self, state: impl Into<StateId>) -> Option<f64> {
         let state = state.into();
         let known = self.states.contains(state).then(|| self.states.results(state))?;
-        known.best().map(|best| best.mean_cost)
+        let told = self.assessments.of(state).map(|made| made.cost);
+        known.best().map(|best| told.unwrap_or(best.mean_cost))
     }
 
     // The study.

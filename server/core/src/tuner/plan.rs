@@ -15,10 +15,12 @@ use std::sync::Arc;
 use crate::ids::StateId;
 use crate::policy::Operation;
 use crate::predict::contextual::Request;
-use crate::predict::{Answer, Query};
+use crate::predict::nearest::Nearest;
+use crate::predict::{Answer, Predictor, Query};
 use crate::search::{AnySearch, PlannedPoint};
 use crate::study::StudySpec;
 use crate::trial::Fingerprint;
+use crate::tuner::assessment::{Assessment, AssessmentRequest};
 use crate::tuner::budget::Terms;
 use crate::tuner::explore::is_spent;
 use crate::tuner::transfer::{MeasuredElsewhere, WarmStart};
@@ -34,6 +36,8 @@ pub struct PlanRequest {
     search: Option<(StateId, Box<AnySearch>)>,
     /// What others tell the search of a state that begins; one without an id is not there yet.
     evidence: Option<(Option<StateId>, MeasuredElsewhere)>,
+    /// The state whose own measurements may be what answers.
+    assessment: Option<AssessmentRequest>,
 }
 
 /// What came of a [`PlanRequest`]. The default plans nothing.
@@ -48,6 +52,8 @@ pub struct SuggestionPlan {
     point: Option<(StateId, PlannedPoint)>,
     /// What the search of a state begins with, if anything follows from the others.
     beginning: Option<(Option<StateId>, Option<WarmStart>)>,
+    /// What is proven of a state's configurations.
+    assessment: Option<(StateId, Arc<Assessment>)>,
 }
 
 impl PlanRequest {
@@ -63,19 +69,27 @@ impl PlanRequest {
         let (answer, first) = (answer(self.answer), answer(self.first));
         let point = self.search.and_then(|(state, search)| Some((state, search.plan()?)));
         let beginning = self.evidence.map(|(state, evidence)| (state, evidence.beginning(space)));
-        SuggestionPlan { normalised: self.normalised, answer, first, point, beginning }
+        let assessment = self.assessment.and_then(|request| Some((request.state, request.compute()?.into())));
+        SuggestionPlan { normalised: self.normalised, answer, first, point, beginning, assessment }
     }
 
     fn is_empty(&self) -> bool {
-        self.answer.is_none() && self.first.is_none() && self.search.is_none() && self.evidence.is_none()
+        self.answer.is_none()
+            && self.first.is_none()
+            && self.search.is_none()
+            && self.evidence.is_none()
+            && self.assessment.is_none()
     }
 }
 
 impl SuggestionPlan {
     /// The indicators that it was made for, normalised; `None` where it plans nothing.
     pub(super) fn normalised(&self) -> Option<&[f64]> {
-        let is_empty =
-            self.answer.is_none() && self.first.is_none() && self.point.is_none() && self.beginning.is_none();
+        let is_empty = self.answer.is_none()
+            && self.first.is_none()
+            && self.point.is_none()
+            && self.beginning.is_none()
+            && self.assessment.is_none();
         (!is_empty).then_some(&self.normalised)
     }
 }
@@ -125,6 +139,14 @@ impl Planned {
         beginning.take_if(|(of, _)| is_of(*of)).map(|(_, beginning)| beginning)
     }
 
+    /// What is proven of the configurations of a state, if that was planned.
+    pub(super) fn take_assessment(&mut self) -> Option<(StateId, Arc<Assessment>)> {
+        match self {
+            Planned::AtOnce => None,
+            Planned::Ahead(plan) => plan.assessment.take(),
+        }
+    }
+
     /// The next point of a state's search, if it was planned.
     pub(super) fn take_point(&mut self, state: StateId) -> Option<PlannedPoint> {
         let Planned::Ahead(plan) = self else {
@@ -167,6 +189,7 @@ impl Tuner {
             first: None,
             search: None,
             evidence: None,
+            assessment: None,
         };
         let explores = match self.decides(ask, here) {
             _ if policy.operation == Operation::Shadow => false,
@@ -184,6 +207,12 @@ impl Tuner {
                 true
             }
         };
+        let ends = |here: &StateId| {
+            let is_at_end = self.states.results(*here).tried() >= self.room_of(&ask.session_policy);
+            is_at_end && self.is_to_be_confirmed(*here)
+        };
+        let answers = if explores { here.filter(ends) } else { self.state_that_answers(&query(), here) };
+        request.assessment = answers.and_then(|state| self.assessment_to_plan(state));
         match here {
             Some(here) if explores && policy.operation == Operation::Tune => {
                 request.search = self.search_to_plan(ask, here).filter(|(state, _)| may_plan(*state));
@@ -226,13 +255,51 @@ impl Tuner {
     ) -> Option<PlanRequest> {
         let normalised = self.spec.indicators.normalise(indicators).ok()?;
         let here = self.recognise_for(fingerprint, &normalised);
-        if self.spec.policy.pinned.is_some() || !self.transfer().needs_predictor(here) {
+        if self.spec.policy.pinned.is_some() {
             return None;
         }
         let query = self.states.query(&self.spec.space, &normalised, here);
-        let answer = Some(self.models.predictors().request(self.spec.policy.predictor, &query)?);
+        let asks = self.transfer().needs_predictor(here);
+        let predictors = self.models.predictors();
+        let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
+        let answers = self.state_that_answers(&query, here);
+        let assessment = answers.and_then(|state| self.assessment_to_plan(state));
         let spec = Arc::clone(&self.spec);
-        Some(PlanRequest { spec, answer, first: None, search: None, evidence: None, normalised })
+        let request =
+            PlanRequest { spec, answer, first: None, search: None, evidence: None, normalised, assessment };
+        (!request.is_empty()).then_some(request)
+    }
+
+    /// The same for [`Tuner::best_planned`].
+    pub fn plan_best(
+        &self,
+        indicators: Option<&BTreeMap<String, f64>>,
+        fingerprint: Option<&Fingerprint>,
+    ) -> Option<PlanRequest> {
+        let state = self.best_state(indicators, fingerprint).ok()??;
+        let assessment = Some(self.assessment_to_plan(state)?);
+        let spec = Arc::clone(&self.spec);
+        let normalised = Vec::new();
+        Some(PlanRequest {
+            spec,
+            answer: None,
+            first: None,
+            search: None,
+            evidence: None,
+            normalised,
+            assessment,
+        })
+    }
+
+    /// The state whose own measurements answer a question, as far as can be told before it is answered: the one it is
+    /// about, else the nearest.
+    fn state_that_answers(&self, query: &Query<'_>, here: Option<StateId>) -> Option<StateId> {
+        let is_measured = |state: &StateId| self.states.results(*state).best().is_some();
+        let nearest = || {
+            let answer = Nearest.predict(query)?;
+            answer.neighbours.first().map(|nearest| StateId(nearest.state_id))
+        };
+        here.filter(is_measured).or_else(nearest)
     }
 
     /// Whether the client holds a trial of the state that it will get again.

@@ -6,9 +6,19 @@ use crate::predict::Predictors;
 use crate::search::{Feedback, Step, Verdict};
 use crate::trial::{Outcome, Trial, TrialState};
 use crate::tuner::explore::is_spent;
+use crate::tuner::speeds::Unheld;
 use crate::tuner::states::place;
 use crate::tuner::transfer;
 use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, models};
+
+/// What was learnt of a completed trial.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Learnt {
+    /// Its cost as the table has it.
+    pub(super) cost: Option<f64>,
+    /// The speed of its client's machine was found to have jumped.
+    pub(super) has_jumped: bool,
+}
 
 impl Tuner {
     /// A trial with its result, which the caller has checked.
@@ -39,38 +49,50 @@ impl Tuner {
     /// Takes a completed trial out of the open ones, learns it, and tells its search.
     pub(super) fn take(&mut self, completed: &Trial) -> Change {
         let (state, number) = (StateId(completed.state_id), TrialNumber(completed.number));
+        let before = self.searches.changes(state);
         self.trials.remove(number);
-        self.complete(completed);
+        let learnt = self.complete(completed);
+        if learnt.has_jumped
+            && let Some(exploration) = self.searches.change(state)
+        {
+            // It was told costs that are not believed any more: another one begins with what the table still holds.
+            exploration.end();
+        }
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
         change.visits.extend(self.settle(completed));
         let replicates = self.spec.policy.replicates;
         let settled = self.states.results(state).settled(&completed.configuration, replicates);
-        let verdict = match completed.cost {
+        let verdict = match learnt.cost {
             // The search keeps the mean of what it has measured again itself.
             Some(cost) if is_replicate(completed) && completed.outcome == Some(Outcome::Ok) => {
                 Some(Verdict::Cost(cost))
             }
             _ => settled,
         };
-        let heard = self.tell_of_transfer(completed, state, verdict);
-        if self.release(completed, verdict.map(|verdict| Feedback { verdict, fresh: true })) || heard {
+        self.tell_of_transfer(completed, state, verdict);
+        self.tell_race(completed, learnt.cost);
+        self.release(completed, verdict.map(|verdict| Feedback { verdict, fresh: true }));
+        if self.searches.changes(state) != before {
             change.states.push(self.state_record(state));
         }
         change
     }
 
-    /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt.
-    pub(super) fn complete(&mut self, trial: &Trial) {
+    /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt. Tells what was learnt.
+    pub(super) fn complete(&mut self, completed: &Trial) -> Learnt {
         self.completed += 1;
-        self.last_completion = trial.completion.unwrap_or(self.last_completion + 1);
-        let (state, spec) = (StateId(trial.state_id), &self.spec);
+        self.last_completion = completed.completion.unwrap_or(self.last_completion + 1);
+        let state = StateId(completed.state_id);
+        let learnt = self.understood(completed);
+        let understood = Trial { cost: learnt.cost, ..completed.clone() };
+        let (trial, spec) = (&understood, &self.spec);
         self.history.frame(&trial.client_id, state);
         if self.history.frames(state) == 1 && self.states.note_first_frame(state) {
             self.models.begin_features(spec, &self.states);
         }
         let verdict = verdict(trial);
         if is_silent(trial) {
-            return;
+            return learnt;
         }
         if trial.decision.explores() && !matches!(trial.outcome, Some(Outcome::Failed { .. })) {
             let best = self.states.results(state).best().map(|best| best.mean_cost);
@@ -102,6 +124,72 @@ impl Tuner {
         }
         self.models.catch_up(&self.spec.space);
         self.states.forget_somewhere();
+        learnt
+    }
+
+    /// What a completed trial's cost is without what its auxiliary measurements explain, and without what the speed of
+    /// its client's machine makes of it at the moment.
+    fn understood(&mut self, trial: &Trial) -> Learnt {
+        let unchanged = Learnt { cost: trial.cost, has_jumped: false };
+        let state = StateId(trial.state_id);
+        // What was carried over from elsewhere says nothing of the speed of the machine here.
+        let is_own = trial.outcome.is_some() && !is_silent(trial) && trial.decision.origin.is_none();
+        let Some(cost) = trial.cost.filter(|_| is_own) else {
+            return unchanged;
+        };
+        if trial.outcome != Some(Outcome::Ok) {
+            let factor =
+                if self.spec.policy.track_speed { self.speeds.factor(&trial.client_id) } else { 1.0 };
+            return Learnt { cost: Some((cost / factor).min(f64::MAX)), ..unchanged };
+        }
+        let auxiliary = self.spec.objective.auxiliary_of(&trial.measurements);
+        let denoised = auxiliary.as_ref().map_or(cost, |aux| self.auxiliaries.denoised(state, cost, aux));
+        let (mut factor, mut has_jumped) = (1.0, false);
+        if self.spec.policy.track_speed {
+            let table = (self.states.results(state), self.spec.space.default_ref());
+            // What may be explained otherwise is no speed.
+            let holds = auxiliary.is_none() || self.auxiliaries.explains(state);
+            let what = (trial.client_id.as_str(), trial.number, state);
+            let held = self.speeds.take(what, &trial.configuration, denoised, table, holds);
+            factor = held.factor;
+            if let Some(unheld) = held.jumped {
+                has_jumped = true;
+                self.take_back_unheld(state, &unheld);
+            }
+        }
+        let mut learnt = (denoised / factor).min(f64::MAX);
+        if let Some(auxiliary) = &auxiliary {
+            let what = (trial.number, &trial.configuration);
+            if let Some((restated, is_first)) = self.auxiliaries.take(state, what, cost, auxiliary, factor) {
+                self.states.amend(state, |results| {
+                    restated.iter().for_each(|(configuration, costs)| results.restate(configuration, costs));
+                });
+                if is_first {
+                    // The search was told other costs.
+                    (factor, has_jumped) = (1.0, true);
+                    self.speeds.reset(state);
+                }
+                learnt = (self.auxiliaries.denoised(state, cost, auxiliary) / factor).min(f64::MAX);
+                // The table is about to learn it once more.
+                self.states.amend(state, |results| results.withhold(&trial.configuration));
+            }
+        }
+        Learnt { cost: Some(learnt), has_jumped }
+    }
+
+    /// Takes back what was learnt since the speed of a client's machine was last held, before it jumped.
+    fn take_back_unheld(&mut self, state: StateId, unheld: &[Unheld]) {
+        let trials: Vec<u64> = unheld.iter().map(|one| one.trial).collect();
+        let restated = self.auxiliaries.take_back(state, &trials);
+        self.states.amend(state, |results| {
+            results.note_disturbance();
+            for one in unheld {
+                match restated.iter().find(|(configuration, _)| configuration == one.configuration()) {
+                    Some((configuration, costs)) => results.restate(configuration, costs),
+                    None => results.take_back(one.configuration(), one.cost),
+                }
+            }
+        });
     }
 
     /// Teaches the models a completed trial whose result the tables hold.
@@ -130,27 +218,27 @@ impl Tuner {
         Some(trial)
     }
 
-    /// Tells the state's search what was taken over from others, or was measured elsewhere. `false` when there is none.
-    fn tell_of_transfer(&mut self, trial: &Trial, state: StateId, verdict: Option<Verdict>) -> bool {
+    /// Tells the state's search, if there is one, what was taken over from others, or was measured elsewhere.
+    fn tell_of_transfer(&mut self, trial: &Trial, state: StateId, verdict: Option<Verdict>) {
         let goes_on = self.searches.of(state).is_some_and(|own| own.search.is_some());
         let Some(verdict) = verdict.filter(|_| goes_on && trial.decision.is_from_elsewhere()) else {
-            return false;
+            return;
         };
         let point = self.spec.space.encode(&trial.configuration);
         if let Some(Exploration { search: Some(search), .. }) = self.searches.change(state) {
             search.hear(point, verdict);
         }
-        true
     }
 
-    /// Ends a trial's hold on a point of its state's search. `false` when it carried none.
-    fn release(&mut self, trial: &Trial, feedback: Option<Feedback>) -> bool {
+    /// Ends a trial's hold on a point of its state's search, or on a contender of its race.
+    fn release(&mut self, trial: &Trial, feedback: Option<Feedback>) {
         let state = StateId(trial.state_id);
-        if !self.searches.of(state).is_some_and(|own| own.open.contains_key(&trial.number)) {
-            return false;
+        let holds = |own: &Exploration| own.open.contains_key(&trial.number) || own.confirms(trial.number);
+        if !self.searches.of(state).is_some_and(holds) {
+            return;
         }
         let Some(exploration) = self.searches.change(state) else {
-            return false;
+            return;
         };
         exploration.release(trial.number, feedback);
         // What is spent is not needed any more: the table knows what came of it.
@@ -161,7 +249,6 @@ impl Tuner {
         {
             exploration.end();
         }
-        true
     }
 
     /// Whether a record that is not open can be of this study.

@@ -144,6 +144,9 @@ impl Restoring {
             for number in gone.copied().collect::<Vec<_>>() {
                 exploration.release(number, None);
             }
+            if let Some(race) = &mut exploration.confirming {
+                race.keep_open(|number| tuner.trials.get(TrialNumber(number)).is_some());
+            }
         }
         Ok(tuner)
     }
@@ -190,6 +193,9 @@ impl Tuner {
         let width = self.spec.indicators.indicators().len();
         if indicators.len() != width || indicators.iter().any(|value| !value.is_finite()) {
             return Err(inconsistent(format!("state {id} does not have {width} finite indicators")));
+        }
+        if search.as_ref().is_some_and(|search| !search.fits(&self.spec.space)) {
+            return Err(inconsistent(format!("the race of state {id} does not fit the space")));
         }
         let state = self.states.found(indicators, fingerprint.as_ref());
         self.states.restore_search(state, search.is_some());

@@ -38,10 +38,15 @@ impl Searches {
         exploration.as_mut()
     }
 
-    /// Begins a search in a state; one that was there before is dropped.
+    /// Begins a search in a state; one that was there before is dropped, and what it confirmed stays.
     pub(super) fn begin(&mut self, state: StateId, search: AnySearch) {
         let own = &mut self.0[place(state)];
-        own.exploration = Some(Exploration::new(search));
+        let mut exploration = Exploration::new(search);
+        if let Some(before) = own.exploration.take() {
+            exploration.confirming = before.confirming;
+            exploration.confirmed = before.confirmed;
+        }
+        own.exploration = Some(exploration);
         own.changes += 1;
     }
 

@@ -16,8 +16,13 @@ impl Tuner {
         session.trials_per_state.unwrap_or(self.spec.policy.trials_per_state) as usize
     }
 
-    /// Whether a state's search is over for a session.
+    /// Whether a state's search is over for a session, and confirmed.
     pub(super) fn is_finished_for(&self, session: &SessionPolicy, state: StateId) -> bool {
+        self.is_spent_for(session, state) && !self.is_to_be_confirmed(state)
+    }
+
+    /// Whether a state's search has tried all that a session wants, confirmed or not.
+    pub(super) fn is_spent_for(&self, session: &SessionPolicy, state: StateId) -> bool {
         self.states.results(state).tried() >= self.room_of(session)
     }
 

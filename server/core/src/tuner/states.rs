@@ -239,6 +239,13 @@ impl States {
         self.index.note(state);
     }
 
+    /// Changes the table of a state other than by a trial.
+    pub(super) fn amend(&mut self, id: StateId, change: impl FnOnce(&mut ResultTable)) {
+        let state = &mut self.known[place(id)];
+        change(Arc::make_mut(&mut state.results));
+        self.index.note(state);
+    }
+
     /// Where more configurations are remembered than a study may, forgets most of the states that nobody has
     /// reported from for longest.
     pub(super) fn forget_somewhere(&mut self) {

@@ -18,6 +18,7 @@ impl Tuner {
         now_ms: i64,
     ) -> Result<(Trial, Change), TunerError> {
         let Question { ask, normalised, state: found } = question;
+        self.keep_planned(&mut planned);
         self.check_room(&ask.client_id, found)?;
         // From here on nothing fails.
         let state = found.unwrap_or_else(|| self.found(normalised.clone(), ask.fingerprint.as_ref()));
@@ -53,6 +54,13 @@ impl Tuner {
         }
         let trial = change.trials[change.trials.len() - 1].clone();
         Ok((trial, change))
+    }
+
+    /// Keeps what was computed before of a state's configurations.
+    pub(super) fn keep_planned(&mut self, planned: &mut Planned) {
+        if let Some((state, assessment)) = planned.take_assessment() {
+            self.assessments.keep(state, assessment);
+        }
     }
 
     fn check_room(&self, client_id: &str, found: Option<StateId>) -> Result<(), TunerError> {

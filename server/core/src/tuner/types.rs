@@ -18,6 +18,7 @@ use crate::names::NAME_RULE;
 use crate::objective::ObjectiveError;
 use crate::session::SessionPolicy;
 use crate::space::{Space, SpaceError};
+use crate::standing::Standing;
 use crate::study::StudyError;
 use crate::trial::{Fingerprint, Mode, Reason, Trial, TrialState};
 use crate::tuner::budget::Account;
@@ -202,7 +203,7 @@ impl Prediction {
     }
 }
 
-/// The best known configuration.
+/// The best known configuration of a state: what its own measurements answer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Best {
     /// The configuration.
@@ -219,6 +220,8 @@ pub struct Best {
     pub trial: u64,
     /// When that was, in milliseconds of the caller's clock.
     pub last_measure_ms: i64,
+    /// What is proven of it.
+    pub standing: Standing,
 }
 
 /// Counts that tell how far a study is.

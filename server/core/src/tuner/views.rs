@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use crate::ids::StateId;
-use crate::results::Record;
 use crate::trial::Fingerprint;
 use crate::tuner::gain::Gain;
 use crate::tuner::plan::Planned;
@@ -36,7 +35,7 @@ impl Tuner {
         let here = self.recognise_for(fingerprint, &normalised);
         let exploit = || self.exploitation(&normalised, here, planned).asked();
         let prediction = self.pinned().unwrap_or_else(exploit);
-        Ok(Prediction { insight: here.map(|here| self.insight(here)), ..prediction })
+        Ok(Prediction { insight: here.map(|here| self.insight(here, planned)), ..prediction })
     }
 
     pub(super) fn gain(&self) -> Gain<'_> {
@@ -49,8 +48,30 @@ impl Tuner {
         Transfer { spec, states, searches, trials, models }
     }
 
-    pub(super) fn best_answer(&self, state: StateId, record: &Record) -> Best {
-        Best {
+    /// The state whose best is asked for.
+    pub(super) fn best_state(
+        &self,
+        indicators: Option<&BTreeMap<String, f64>>,
+        fingerprint: Option<&Fingerprint>,
+    ) -> Result<Option<StateId>, TunerError> {
+        checks::fingerprint(fingerprint)?;
+        let best_of = |state: &StateId| self.states.results(*state).best().map(|best| best.mean_cost);
+        match indicators {
+            Some(indicators) => {
+                let state = self.recognise_for(fingerprint, &self.spec.indicators.normalise(indicators)?);
+                Ok(state.filter(|state| best_of(state).is_some()))
+            }
+            None => {
+                let all = self.states.ids().filter_map(|state| Some((state, best_of(&state)?)));
+                Ok(all.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(state, _)| state))
+            }
+        }
+    }
+
+    pub(super) fn best_answer(&self, state: StateId, planned: &Planned) -> Option<Best> {
+        let answered = self.answered(state, planned)?;
+        let record = self.states.results(state).record(&answered.configuration)?;
+        Some(Best {
             configuration: record.configuration.clone(),
             cost: record.mean_cost,
             default_cost: self.states.default_cost(state),
@@ -58,7 +79,8 @@ impl Tuner {
             state_id: state.0,
             trial: record.last_trial,
             last_measure_ms: record.last_measure_ms,
-        }
+            standing: self.standing(state, planned)?,
+        })
     }
 
     /// The row of a state.

@@ -28,7 +28,7 @@ impl Tuner {
         let (Some(terms), Some(account)) = (Terms::of(policy), self.visits.account(&ask.client_id)) else {
             let best = self.states.results(state).best().map(|best| best.mean_cost);
             let cap = ask.session_policy.abort_above.or(policy.abort_above).zip(best);
-            let explored = self.explore(room, state, number, normalised, planned);
+            let explored = self.explore((&ask.client_id, room), state, number, normalised, planned);
             let (mut budget, mut abort_above) = (BudgetStatus::default(), None);
             if let (true, Some((factor, reference))) = (explored.explores(), cap) {
                 budget.reference_cost = Some(reference);
@@ -38,7 +38,7 @@ impl Tuner {
         };
         match account.leave(terms, ask.can_abort, self.default_runs(state)) {
             Ok(leave) => {
-                let explored = self.explore(room, state, number, normalised, planned);
+                let explored = self.explore((&ask.client_id, room), state, number, normalised, planned);
                 let explores = explored.explores();
                 // Enough for the worst.
                 if explores && let Some(account) = self.visits.account_mut(&ask.client_id) {
@@ -57,14 +57,15 @@ impl Tuner {
                     Denied::NoReference => (None, None),
                     Denied::TooLittle(leave) => (Some(leave.set_aside), Some(leave.reference)),
                 };
-                match self.baseline(denied, state) {
+                match self.baseline(denied, state, planned) {
                     Some(baseline) => {
                         let budget = BudgetStatus { budget_left, set_aside, reference_cost };
                         baseline.by(ExploitRule::Budget, decided.1, budget)
                     }
                     // The only way on is to explore.
                     None => {
-                        let explored = self.explore(room, state, number, normalised, planned);
+                        let explored =
+                            self.explore((&ask.client_id, room), state, number, normalised, planned);
                         answer(
                             explored,
                             (ExploreRule::NothingKnown, decided.1),
@@ -79,7 +80,7 @@ impl Tuner {
 
     /// What is run while the budget does not allow exploring: the default once in each stay, so that what exploring
     /// costs can be told, then the best that was measured there. `None` where there is neither.
-    fn baseline(&self, denied: Denied, state: StateId) -> Option<Exploitation> {
+    fn baseline(&self, denied: Denied, state: StateId, planned: &Planned) -> Option<Exploitation> {
         if matches!(denied, Denied::NoReference) && self.default_runs(state) {
             return Some(Exploitation {
                 configuration: self.spec.space.default_configuration(),
@@ -88,7 +89,7 @@ impl Tuner {
                 rolled_back: false,
             });
         }
-        self.best_known(state)
+        self.best_known(state, planned)
     }
 }
 

@@ -110,6 +110,7 @@ fn exploited() -> Exploit {
             tried: 3,
             measurements: 2,
             state: Neighbour { state_id: 1, distance: 0.0, best_cost: 12.5 },
+            gain: None,
         },
         rule: ExploitRule::Dice,
         estimate: ExplorationEstimate { epsilon: Some(0.1), ..ExplorationEstimate::default() },

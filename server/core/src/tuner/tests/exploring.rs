@@ -15,8 +15,10 @@ fn exploring_begins_with_the_default_and_never_samples_a_pair_twice() {
         // The budget is spent: the best known is exploited from now on.
         let best = trials.iter().min_by(|a, b| a.cost.partial_cmp(&b.cost).expect("finite")).expect("some");
         let next = suggest(&mut tuner, "a", 0.5, 0.5);
-        assert_eq!((next.mode(), &next.configuration), (Mode::Exploit, &best.configuration));
-        assert_eq!(next.predicted_cost, best.cost);
+        // As far as single measurements can tell, of which some may be wrong by some percent.
+        let (least, told) = (best.cost.expect("measured"), next.predicted_cost.expect("measured"));
+        assert_eq!(next.mode(), Mode::Exploit);
+        assert!(cost(&next) <= 1.1 * least && (told / least - 1.0).abs() < 0.1, "{told} and {least}");
     }
 }
 
@@ -65,10 +67,10 @@ fn clients_share_a_search_without_sharing_a_point_and_nobody_waits() {
             if trial.reason().step == "replicate" {
                 assert!(seen.contains(&trial.configuration), "round {round}");
                 repeats += 1;
-            } else if explores && trial.reason().source != "default" {
+            } else if explores && !["default", "incumbent"].contains(&trial.reason().source.as_str()) {
                 assert!(seen.insert(trial.configuration.clone()), "round {round} hands out a pair twice");
             } else {
-                assert_eq!(trial.mode(), Mode::Exploit);
+                assert_ne!(trial.mode(), Mode::Explore);
             }
         }
         for trial in trials {
@@ -141,7 +143,9 @@ fn a_space_that_is_used_up_ends_the_search_early() {
         assert!(reported.is_ok());
     }
     let after = suggest(&mut tuner, "a", 0.5, 0.5);
-    assert_eq!((after.mode(), after.predicted_cost), (Mode::Exploit, Some(1.0)));
+    // The default is the best of the four.
+    assert_eq!((after.mode(), after.reason().source.as_str()), (Mode::Default, "incumbent"));
+    assert!(after.predicted_cost.is_some_and(|cost| cost < 1.5), "{:?}", after.predicted_cost);
 }
 
 #[test]
@@ -234,7 +238,7 @@ fn a_new_state_begins_with_the_default_and_then_with_what_did_well_in_others() {
             tuner(Policy { search, predictor: PredictorMethod::NearestNeighbour, ..explore_always() });
         let first = run(&mut tuner, "a", 0.5, 0.5, 30);
         assert!(first.iter().all(|trial| trial.reason().step != "elsewhere"), "nothing is known of others");
-        let best = tuner.best(None, None).expect("valid").expect("measured");
+        let best = first.iter().min_by(|a, b| a.cost.partial_cmp(&b.cost).expect("finite")).expect("some");
         let second = run(&mut tuner, "a", 0.7, 0.5, 30);
         let begins = second.iter().position(|trial| trial.mode() == Mode::Default).expect("the default");
         let told = |trial: &&Trial| trial.reason().step == "elsewhere";
@@ -245,7 +249,7 @@ fn a_new_state_begins_with_the_default_and_then_with_what_did_well_in_others() {
             assert_eq!(trial.mode(), Mode::Explore);
             assert!(trial.reason().summary.contains("other states"), "{}", trial.reason().summary);
             assert_eq!(trial.reason().neighbours[0].state_id, 1);
-            assert_eq!(trial.reason().neighbours[0].best_cost, best.cost);
+            assert_eq!(Some(trial.reason().neighbours[0].best_cost), best.cost);
         }
         let own = second.iter().map(|trial| &trial.configuration).take(6);
         assert_eq!(own.clone().any(|configuration| *configuration == best.configuration), follows);

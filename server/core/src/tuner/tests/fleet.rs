@@ -58,7 +58,7 @@ impl Node {
 const TRIALS: u32 = 48;
 
 fn study(seed: u64) -> Tuner {
-    let policy = Policy { epsilon: 1.0, trials_per_state: TRIALS, ..Policy::default() };
+    let policy = Policy { trials_per_state: TRIALS, ..explore_always() };
     Tuner::new(Arc::new(StudySpec { seed, ..spec(policy) })).expect("valid")
 }
 
@@ -178,7 +178,12 @@ fn a_machine_that_only_exploits_follows_its_group_before_the_fleet() {
     assert_eq!(tuner.set_policy(policy), Ok(false));
     let answer = tuner.suggest(&ask_as("near", 2, "new"), 0).expect("valid").0;
     assert_eq!((answer.mode(), answer.reason().source.as_str()), (Mode::Exploit, "group"));
-    assert_eq!(answer.configuration, near.configuration);
+    // What is proven of a state, and what machines compare, are told apart by less than the noise.
+    let costs_as = |configuration: &Configuration| {
+        Node::like(1, 1.0).cost(&Trial { configuration: configuration.clone(), ..answer.clone() })
+    };
+    let (given, best) = (costs_as(&answer.configuration), costs_as(&near.configuration));
+    assert!((given / best - 1.0).abs() < 0.02, "{given} and {best}");
     let stranger = tuner.suggest(&ask_as("third", 2, "stranger"), 0).expect("valid").0;
     assert_eq!(stranger.reason().source, "fleet");
     // The same machine under another client's name is the same machine.

@@ -7,6 +7,7 @@ mod exploring;
 mod fleet;
 mod leases;
 mod parts;
+mod proven;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -98,8 +99,9 @@ fn run(tuner: &mut Tuner, client: &str, x: f64, y: f64, trials: usize) -> Vec<Tr
     (0..trials).map(one).collect()
 }
 
+/// The search alone: nothing is measured again to confirm what it found, or to tell the speed of the machine.
 fn explore_always() -> Policy {
-    Policy { epsilon: 1.0, trials_per_state: 30, ..Policy::default() }
+    Policy { epsilon: 1.0, trials_per_state: 30, confirm_rounds: 0, track_speed: false, ..Policy::default() }
 }
 
 fn exploit_always() -> Policy {

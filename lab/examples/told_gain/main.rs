@@ -1,0 +1,99 @@
+//! Whether the service tells the truth about what it gained, and never ends below the start: searches through the real
+//! tuner in worlds whose costs are known.
+//!
+//! | world | what is asked |
+//! |---|---|
+//! | flat | everything costs the same, 7 % noise: what gain is told, and does its interval hold the truth? |
+//! | bowl | the default is some 20 % above the best: the same, and told gain less the true one |
+//! | jump | the speed of the machine changes threefold in mid-search |
+//! | load | other programs come and go (wall time x 1, 1.6 and 2.2), with and without processor time as auxiliary metric |
+//!
+//! *before* is what was told and exploited by the lowest mean of the same measurements, taken as they are. In the last two
+//! worlds what is exploited is compared, by its true cost, with what a search of the same seed exploits on a quiet
+//! machine.
+//!
+//! ```text
+//! cargo run --release -p treewright-lab --example told_gain [SEEDS [TRIALS]]
+//! ```
+
+mod world;
+
+use world::{Machine, Search, World};
+
+/// Searches that end no more than this above a quiet one count as good.
+const NEAR: f64 = 1.03;
+/// A cost of so much more than the default's is below the start.
+const BELOW_START: f64 = 1.005;
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// One line for a world in which the machine is quiet.
+fn quiet(name: &str, world: World, seeds: u64, trials: usize) {
+    for confirms in [false, true] {
+        let runs: Vec<_> = (0..seeds)
+            .map(|seed| {
+                Search { world, machine: Machine::Quiet, trials, confirms, auxiliary: false }.run(seed)
+            })
+            .collect();
+        let all = |of: &dyn Fn(&world::Run) -> f64| -> Vec<f64> { runs.iter().map(of).collect() };
+        let off = |told: f64, truth: f64| told - truth;
+        let covered = runs.iter().filter(|run| run.low <= run.truth + 1e-9 && run.truth <= run.high + 1e-9);
+        println!(
+            "{name:5} {:>9} | told {:6.2} % true {:6.2} % off by {:5.2} | covered {:2} of {} | width {:5.2} | before: told \
+             {:6.2} % true {:6.2} % off by {:5.2} | start kept {:2} | frames {:5.1}",
+            if confirms { "confirmed" } else { "searched" },
+            100.0 * mean(&all(&|run| run.told)),
+            100.0 * mean(&all(&|run| run.truth)),
+            100.0 * mean(&all(&|run| off(run.told, run.truth))),
+            covered.count(),
+            runs.len(),
+            100.0 * mean(&all(&|run| run.high - run.low)),
+            100.0 * mean(&all(&|run| run.naive_told)),
+            100.0 * mean(&all(&|run| run.naive_truth)),
+            100.0 * mean(&all(&|run| off(run.naive_told, run.naive_truth))),
+            runs.iter().filter(|run| run.is_start).count(),
+            mean(&all(&|run| run.frames as f64)),
+        );
+    }
+}
+
+/// One line for a machine that is not quiet.
+fn disturbed(name: &str, machine: Machine, auxiliary: bool, seeds: u64, trials: usize) {
+    let search =
+        |machine, auxiliary| Search { world: World::Bowl, machine, trials, confirms: true, auxiliary };
+    let (mut near, mut naive_near, mut below, mut naive_below) = (0, 0, 0, 0);
+    let (mut ratios, mut naive_ratios, mut noticed) = (Vec::new(), Vec::new(), 0);
+    for seed in 0..seeds {
+        let quiet = search(Machine::Quiet, false).run(seed);
+        let run = search(machine, auxiliary).run(seed);
+        let ratio = |truth: f64| (1.0 - truth) / (1.0 - quiet.truth);
+        ratios.push(ratio(run.truth));
+        naive_ratios.push(ratio(run.naive_truth));
+        near += usize::from(ratio(run.truth) <= NEAR);
+        naive_near += usize::from(ratio(run.naive_truth) <= NEAR);
+        below += usize::from(1.0 - run.truth > BELOW_START);
+        naive_below += usize::from(1.0 - run.naive_truth > BELOW_START);
+        noticed += usize::from(run.disturbances > 0);
+    }
+    println!(
+        "{name:22} | within 3 % of quiet {near:2} of {seeds}, below the start {below} | mean ratio {:.3} | noticed {noticed:2} \
+         | before: {naive_near:2}, {naive_below}, {:.3}",
+        mean(&ratios),
+        mean(&naive_ratios),
+    );
+}
+
+fn main() {
+    let number = |place: usize, default: usize| {
+        std::env::args().nth(place).and_then(|text| text.parse().ok()).unwrap_or(default)
+    };
+    let (seeds, trials) = (number(1, 20) as u64, number(2, 80));
+    quiet("flat", World::Flat, seeds, trials);
+    quiet("bowl", World::Bowl, seeds, trials);
+    disturbed("quiet", Machine::Quiet, false, seeds, trials);
+    disturbed("jump", Machine::Jump, false, seeds, trials);
+    disturbed("load", Machine::Load, false, seeds, trials);
+    disturbed("load, processor time", Machine::Load, true, seeds, trials);
+}

@@ -1,0 +1,224 @@
+//! Worlds whose costs are known, and machines that are quiet or are not.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use treewright_core::configuration::Configuration;
+use treewright_core::indicator::IndicatorSchema;
+use treewright_core::objective::{Objective, ObjectiveTerm};
+use treewright_core::policy::Policy;
+use treewright_core::space::{Domain, Parameter, Scale, Space};
+use treewright_core::study::StudySpec;
+use treewright_core::trial::{Outcome, Rule};
+use treewright_core::tuner::{Ask, Tuner};
+use treewright_core::value::Value;
+
+/// The noise of a measurement: the standard deviation of its logarithm.
+const NOISE: f64 = 0.07;
+/// That of processor time.
+const CPU_NOISE: f64 = 0.02;
+/// The most frames that a client runs to wait for the verdict, beyond the trials of the search.
+const PATIENCE: usize = 120;
+
+/// What configurations cost.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum World {
+    /// All the same.
+    Flat,
+    /// One optimum, some way from the default.
+    Bowl,
+}
+
+/// How fast the machine is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Machine {
+    /// Always the same.
+    Quiet,
+    /// Three times slower, or faster, from some trial on.
+    Jump,
+    /// One and two other programs come and go.
+    Load,
+}
+
+/// One search.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Search {
+    pub world: World,
+    pub machine: Machine,
+    pub trials: usize,
+    /// The client goes on until the verdict stands.
+    pub confirms: bool,
+    /// Processor time is reported.
+    pub auxiliary: bool,
+}
+
+/// What came of it. Gains are over the default, as shares.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Run {
+    pub told: f64,
+    pub low: f64,
+    pub high: f64,
+    pub truth: f64,
+    /// The default is what is exploited.
+    pub is_start: bool,
+    /// The same by the lowest mean of what was measured.
+    pub naive_told: f64,
+    pub naive_truth: f64,
+    pub disturbances: u64,
+    pub frames: usize,
+}
+
+fn normal(random: &mut ChaCha8Rng) -> f64 {
+    let (a, b) = (1.0 - random.random::<f64>(), random.random::<f64>());
+    (-2.0 * a.ln()).sqrt() * (2.0 * std::f64::consts::PI * b).cos()
+}
+
+fn space() -> Space {
+    let float = || Domain::Float { min: 0.0, max: 1.0, scale: Scale::Linear };
+    let parameter =
+        |name: &str, domain, default| Parameter { name: name.into(), domain, default, active_if: None };
+    let kinds = ["sah", "median", "morton"].map(|kind| Value::Text(kind.into())).to_vec();
+    Space::new(
+        vec![
+            parameter("a", float(), Value::Float(0.7)),
+            parameter("b", float(), Value::Float(0.2)),
+            parameter("c", float(), Value::Float(0.5)),
+            parameter("leaf", Domain::Integer { min: 1, max: 64, scale: Scale::Log }, Value::Integer(4)),
+            parameter("kind", Domain::Categorical { values: kinds }, Value::Text("median".into())),
+        ],
+        Vec::new(),
+    )
+    .expect("a space")
+}
+
+impl World {
+    fn cost(self, configuration: &Configuration) -> f64 {
+        let number = |name: &str| configuration.get(name).and_then(Value::as_number).unwrap_or(0.0);
+        let kind = match configuration.get("kind") {
+            Some(Value::Text(kind)) if kind == "sah" => 0.0,
+            Some(Value::Text(kind)) if kind == "median" => 0.06,
+            _ => 0.2,
+        };
+        let leaf = (number("leaf") / 16.0).log2() / 6.0;
+        match self {
+            World::Flat => 10.0,
+            World::Bowl => {
+                let off = 0.5 * (number("a") - 0.35).powi(2) + 0.4 * (number("b") - 0.6).powi(2);
+                10.0 * (0.8 + off + 0.15 * (number("c") - 0.4).powi(2) + 0.5 * leaf * leaf + kind)
+            }
+        }
+    }
+}
+
+/// The factors on wall time and on processor time at a frame.
+struct Speed {
+    machine: Machine,
+    jump_at: usize,
+    slows: bool,
+    /// How many other programs run, and until when.
+    others: (usize, usize),
+    random: ChaCha8Rng,
+}
+
+impl Speed {
+    fn factors(&mut self, frame: usize) -> (f64, f64) {
+        match self.machine {
+            Machine::Quiet => (1.0, 1.0),
+            Machine::Jump => {
+                let factor = if (frame >= self.jump_at) == self.slows { 3.0 } else { 1.0 };
+                (factor, factor)
+            }
+            Machine::Load => {
+                if frame >= self.others.1 {
+                    self.others = (self.random.random_range(0..3), frame + self.random.random_range(5..25));
+                }
+                [(1.0, 1.0), (1.6, 1.04), (2.2, 1.06)][self.others.0]
+            }
+        }
+    }
+}
+
+impl Search {
+    fn spec(&self, seed: u64) -> StudySpec {
+        let terms = vec![ObjectiveTerm { metric: "wall_ms".into(), weight: 1.0 }];
+        let auxiliary = if self.auxiliary { vec!["cpu_ms".to_owned()] } else { Vec::new() };
+        let policy = Policy { epsilon: 1.0, trials_per_state: self.trials as u32, ..Policy::default() };
+        StudySpec {
+            display_name: String::new(),
+            space: space(),
+            indicators: IndicatorSchema::new(Vec::new()).expect("none"),
+            objective: Objective::new(terms)
+                .and_then(|terms| terms.with_auxiliary(auxiliary))
+                .expect("valid"),
+            state_tolerance: 0.01,
+            policy,
+            seed,
+        }
+    }
+
+    /// Runs it.
+    pub(crate) fn run(&self, seed: u64) -> Run {
+        let mut tuner = Tuner::new(Arc::new(self.spec(seed))).expect("a study");
+        let mut random = ChaCha8Rng::seed_from_u64(1000 + seed);
+        let mut speed = Speed {
+            machine: self.machine,
+            jump_at: random.random_range(self.trials / 4..3 * self.trials / 4),
+            slows: seed % 2 == 0,
+            others: (0, 0),
+            random: ChaCha8Rng::seed_from_u64(2000 + seed),
+        };
+        let ask = Ask { client_id: "renderer".into(), ..Ask::default() };
+        let mut measured: Vec<(Configuration, f64)> = Vec::new();
+        let mut frames = 0;
+        while frames < self.trials + if self.confirms { PATIENCE } else { 0 } {
+            let (trial, _change) = tuner.suggest(&ask, frames as i64).expect("a trial");
+            let rule = trial.reason().explanation.rule;
+            if frames >= self.trials && matches!(rule, Some(Rule::Finished)) {
+                break;
+            }
+            let truth = self.world.cost(&trial.configuration);
+            let (wall, cpu) = speed.factors(frames);
+            let mut metrics =
+                BTreeMap::from([("wall_ms".to_owned(), truth * wall * (NOISE * normal(&mut random)).exp())]);
+            metrics.insert("cpu_ms".to_owned(), truth * cpu * (CPU_NOISE * normal(&mut random)).exp());
+            let (reported, _change) =
+                tuner.report(&trial, metrics, Outcome::Ok, frames as i64).expect("a report");
+            if frames < self.trials {
+                measured.push((trial.configuration.clone(), reported.cost.expect("measured")));
+            }
+            frames += 1;
+        }
+        let default = tuner.spec().space.default_configuration();
+        let gain =
+            |configuration: &Configuration| 1.0 - self.world.cost(configuration) / self.world.cost(&default);
+        let best = tuner.best(None, None).expect("valid").expect("measured");
+        let told = best.standing.gain.expect("the default was measured");
+        let (naive, naive_cost) = lowest(&measured);
+        let naive_default =
+            lowest(&measured.iter().filter(|one| one.0 == default).cloned().collect::<Vec<_>>()).1;
+        Run {
+            told: told.share,
+            low: told.low.unwrap_or(f64::NEG_INFINITY),
+            high: told.high.unwrap_or(1.0),
+            truth: gain(&best.configuration),
+            is_start: best.configuration == default,
+            naive_told: 1.0 - naive_cost / naive_default,
+            naive_truth: gain(&naive),
+            disturbances: best.standing.disturbances,
+            frames,
+        }
+    }
+}
+
+/// The configuration with the lowest mean, and that.
+fn lowest(measured: &[(Configuration, f64)]) -> (Configuration, f64) {
+    let mut sums: BTreeMap<&Configuration, (f64, f64)> = BTreeMap::new();
+    for (configuration, cost) in measured {
+        let (sum, count) = sums.entry(configuration).or_default();
+        (*sum, *count) = (*sum + cost, *count + 1.0);
+    }
+    let means = sums.into_iter().map(|(configuration, (sum, count))| (configuration.clone(), sum / count));
+    means.min_by(|a, b| a.1.total_cmp(&b.1)).expect("measured")
+}

@@ -1,0 +1,99 @@
+//! What is proven of answers.
+
+use treewright_model::standing::{Confirmation, ConfirmationStage, Gain, Standing};
+use treewright_model::words::OpenEnum;
+
+use super::WireEnum;
+use crate::v1;
+
+/// How the answer of a state stands.
+#[must_use]
+pub fn standing_to_wire(standing: &Standing) -> v1::Standing {
+    let Confirmation { stage, rounds, rounds_max, measurements, gain } = standing.confirmation;
+    v1::Standing {
+        cost: standing.cost,
+        cost_low: standing.cost_low,
+        cost_high: standing.cost_high,
+        gain: standing.gain.map(gain_to_wire),
+        nothing_better: standing.nothing_better,
+        confirmation: Some(v1::Confirmation {
+            stage: stage.number(),
+            rounds: signed(rounds),
+            rounds_max: signed(rounds_max),
+            measurements: signed(measurements),
+            gain: gain.map(gain_to_wire),
+        }),
+        disturbances: signed(standing.disturbances),
+    }
+}
+
+/// Reads how the answer of a state stands. A stage of a newer version counts as one that goes on.
+#[must_use]
+pub fn standing_from_wire(wire: v1::Standing) -> Standing {
+    let confirmation = wire.confirmation.unwrap_or_default();
+    let stage = ConfirmationStage::from_number(confirmation.stage).and_then(OpenEnum::known);
+    Standing {
+        cost: wire.cost,
+        cost_low: wire.cost_low,
+        cost_high: wire.cost_high,
+        gain: wire.gain.map(gain_from_wire),
+        nothing_better: wire.nothing_better,
+        confirmation: Confirmation {
+            stage: stage.unwrap_or(ConfirmationStage::Racing),
+            rounds: unsigned(confirmation.rounds),
+            rounds_max: unsigned(confirmation.rounds_max),
+            measurements: unsigned(confirmation.measurements),
+            gain: confirmation.gain.map(gain_from_wire),
+        },
+        disturbances: unsigned(wire.disturbances),
+    }
+}
+
+fn gain_to_wire(gain: Gain) -> v1::Gain {
+    let Gain { share, low, high, probability_better } = gain;
+    v1::Gain { share, low, high, probability_better }
+}
+
+fn gain_from_wire(gain: v1::Gain) -> Gain {
+    let v1::Gain { share, low, high, probability_better } = gain;
+    Gain { share, low, high, probability_better }
+}
+
+/// Counts never come near the end of the range.
+fn signed(count: u64) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
+}
+
+fn unsigned(count: i64) -> u64 {
+    u64::try_from(count).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_proven_survives_the_wire() {
+        let gain = Gain { share: 0.1, low: Some(0.05), high: None, probability_better: Some(0.99) };
+        let confirmation = Confirmation {
+            stage: ConfirmationStage::Better,
+            rounds: 7,
+            rounds_max: 10,
+            measurements: 19,
+            gain: Some(gain),
+        };
+        let standing = Standing {
+            cost: 9.0,
+            cost_low: 8.5,
+            cost_high: 9.5,
+            gain: Some(gain),
+            nothing_better: false,
+            confirmation,
+            disturbances: 2,
+        };
+        assert_eq!(standing_from_wire(standing_to_wire(&standing)), standing);
+        let mut newer = standing_to_wire(&standing);
+        newer.confirmation.as_mut().expect("set").stage = 77;
+        assert_eq!(standing_from_wire(newer).confirmation.stage, ConfirmationStage::Racing);
+    }
+}

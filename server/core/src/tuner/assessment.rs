@@ -1,0 +1,228 @@
+//! What is proven of the configurations of a state, and what is exploited there for it.
+//!
+//! The lowest of many noisy costs is mostly luck. So what a state's own measurements answer is read from a
+//! [posterior](crate::statistics::estimate): the configuration that is expected to cost least among those that are better
+//! than the state's incumbent with a probability of at least [`PROVEN`]; where there is none, the incumbent. That is the
+//! study's default configuration, until a [confirmation](super::confirmation) has proven another one better.
+//!
+//! An assessment takes a few milliseconds. It is made apart from the tuner, from a copy of the state's table, and kept until
+//! that changes; who cannot wait for one gets what the last one said.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use crate::configuration::Configuration;
+use crate::gp::kernel::squared_distance;
+use crate::ids::StateId;
+use crate::limits::{ASSESSED_MAX, ASSESSED_SHARED_MAX, ASSESSMENTS_MAX};
+use crate::results::{Record, ResultTable};
+use crate::robust::{deviation, location};
+use crate::search::Layout;
+use crate::space::Space;
+use crate::standing::Gain;
+use crate::statistics::confirm::GAIN_LEAST;
+use crate::statistics::estimate::{Comparison, ConfigurationSample, CostPosterior};
+use crate::study::StudySpec;
+
+/// The probability of being better that counts as a proof.
+pub(super) const PROVEN: f64 = 0.975;
+/// How many configurations with the lowest expected costs are looked at more closely.
+const LEADERS: usize = 8;
+/// So many measurements of one configuration must there be before any can be called wild.
+const WILD_AFTER: usize = 4;
+/// Deviations beyond which a measurement counts as if it were no further away.
+const WILD: f64 = 4.0;
+/// The least deviation of logarithms that measurements are taken to have for that.
+const SPREAD_LEAST: f64 = 0.005;
+/// Costs of zero have no logarithm: they count as this share of the largest.
+const SHARE_LEAST: f64 = 1e-12;
+
+/// A copy of all that an assessment of a state rests on.
+#[derive(Clone, Debug)]
+pub struct AssessmentRequest {
+    pub(super) state: StateId,
+    pub(super) spec: Arc<StudySpec>,
+    pub(super) results: Arc<ResultTable>,
+    /// What was proven better than the default, if anything.
+    pub(super) confirmed: Option<Configuration>,
+    /// The verdict stands: the incumbent is the answer.
+    pub(super) is_settled: bool,
+}
+
+/// What is proven of the configurations of a state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Assessment {
+    /// The version of the table that it was made from, and the incumbent at that time.
+    version: u64,
+    confirmed: Option<Configuration>,
+    is_settled: bool,
+    /// What is exploited.
+    pub(super) answer: Configuration,
+    /// Its cost, with the ends of the 95 % interval.
+    pub(super) cost: f64,
+    pub(super) cost_low: f64,
+    pub(super) cost_high: f64,
+    /// Its gain over the default; `None` where that was not measured.
+    pub(super) gain: Option<Gain>,
+    /// It is the default, because nothing is proven to be better.
+    pub(super) nothing_better: bool,
+    /// The most that any other may gain over it.
+    pub(super) gain_at_most: f64,
+    /// Those that may gain anything over the incumbent, the best first.
+    pub(super) challengers: Vec<Configuration>,
+    /// The standard deviation of the logarithm of one measurement.
+    pub(super) noise: f64,
+}
+
+impl AssessmentRequest {
+    /// The state that it is about.
+    pub fn state(&self) -> StateId {
+        self.state
+    }
+
+    /// Whether it is a matter of microseconds.
+    pub(super) fn is_quick(&self) -> bool {
+        self.results.ranked().len() <= ASSESSED_SHARED_MAX
+    }
+
+    /// Whether an assessment is what this would come to.
+    pub(super) fn is_answered_by(&self, assessment: &Assessment) -> bool {
+        assessment.version == self.results.version()
+            && assessment.confirmed == self.confirmed
+            && assessment.is_settled == self.is_settled
+    }
+
+    /// Makes the assessment. `None` where nothing that can be run was measured.
+    pub fn compute(&self) -> Option<Assessment> {
+        let default = self.spec.space.default_ref();
+        let incumbent = self.confirmed.as_ref().unwrap_or(default);
+        let records = chosen(&self.results, [default, incumbent]);
+        let layout = Layout::of(&self.spec.space);
+        let posterior = posterior(&records, &layout, &self.spec.space)?;
+        let means = posterior.means();
+        let place = |of: &Configuration| records.iter().position(|record| record.configuration == *of);
+        let (default_at, incumbent_at) = (place(default), place(incumbent));
+        let mut leaders: Vec<usize> = (0..records.len()).collect();
+        leaders.sort_by(|&a, &b| means[a].total_cmp(&means[b]));
+        leaders.truncate(LEADERS);
+        let over = |one: usize| -> Option<Comparison> {
+            incumbent_at.filter(|&at| at != one).map(|at| posterior.compare(one, at))
+        };
+        let compared: Vec<(usize, Option<Comparison>)> =
+            leaders.iter().map(|&leader| (leader, over(leader))).collect();
+        let proven = compared.iter().find(|(_, comparison)| {
+            !self.is_settled && comparison.is_some_and(|comparison| comparison.probability_better >= PROVEN)
+        });
+        let answer = proven.map(|(leader, _)| *leader).or(incumbent_at).unwrap_or(leaders[0]);
+        let challengers = compared.iter().filter(|(_, comparison)| {
+            comparison.is_some_and(|comparison| comparison.gain > 0.0 && comparison.gain_high > GAIN_LEAST)
+        });
+        let at_most = |&(leader, comparison): &(usize, Option<Comparison>)| match comparison {
+            Some(comparison) if Some(answer) == incumbent_at => comparison.gain_high,
+            _ if leader == answer => 0.0,
+            _ => posterior.compare(leader, answer).gain_high,
+        };
+        let (low, high) = posterior.interval(answer);
+        let cost = |log: f64| libm::exp(log).min(f64::MAX);
+        Some(Assessment {
+            version: self.results.version(),
+            confirmed: self.confirmed.clone(),
+            is_settled: self.is_settled,
+            answer: records[answer].configuration.clone(),
+            cost: cost(means[answer]),
+            cost_low: cost(low),
+            cost_high: cost(high),
+            gain: default_at.map(|at| gain(posterior.compare(answer, at))),
+            nothing_better: Some(answer) == default_at,
+            gain_at_most: compared.iter().map(at_most).fold(0.0, f64::max),
+            challengers: challengers.map(|(leader, _)| records[*leader].configuration.clone()).collect(),
+            noise: posterior.noise(),
+        })
+    }
+}
+
+/// A comparison as it is told.
+fn gain(comparison: Comparison) -> Gain {
+    let Comparison { gain, gain_low, gain_high, probability_better } = comparison;
+    let told = |share: f64| Some(share).filter(|share| share.is_finite());
+    let share = gain.max(f64::MIN);
+    Gain { share, low: told(gain_low), high: told(gain_high), probability_better: Some(probability_better) }
+}
+
+/// The measured configurations that a posterior is made from: the best half, and of the others as many as there is room
+/// for, evenly spread over their ranks, so that the best are seen beside all.
+fn chosen<'a>(results: &'a ResultTable, named: [&Configuration; 2]) -> Vec<&'a Record> {
+    let ranked: Vec<&Record> = results.ranked().collect();
+    if ranked.len() <= ASSESSED_MAX {
+        return ranked;
+    }
+    let best = ASSESSED_MAX / 2;
+    let (rest, room) = (ranked.len() - best, ASSESSED_MAX - best - named.len());
+    let mut places: BTreeSet<usize> = (0..best).collect();
+    places.extend((0..room).map(|step| best + step * rest / room));
+    places.extend(
+        ranked
+            .iter()
+            .enumerate()
+            .filter_map(|(place, record)| named.contains(&&record.configuration).then_some(place)),
+    );
+    places.into_iter().map(|place| ranked[place]).collect()
+}
+
+fn posterior(records: &[&Record], layout: &Layout, space: &Space) -> Option<CostPosterior> {
+    let largest = records.iter().map(|record| record.mean_cost).fold(0.0, f64::max);
+    let least = (SHARE_LEAST * largest).max(f64::MIN_POSITIVE);
+    let samples: Vec<ConfigurationSample> = records
+        .iter()
+        .map(|record| {
+            let mut x = space.encode(&record.configuration);
+            let active = layout.canonical(&mut x);
+            let costs = record.evidence.values();
+            sample(
+                layout.features(&x, &active),
+                costs.iter().map(|cost| libm::log(cost.max(least))).collect(),
+            )
+        })
+        .collect();
+    let kinds = layout.kinds();
+    CostPosterior::of(&samples, |a, b| {
+        kinds.iter().zip(a.iter().zip(b)).map(|(&kind, (&a, &b))| squared_distance(kind, a, b)).sum()
+    })
+}
+
+/// The measurements of one configuration; wild ones are drawn in.
+fn sample(features: Vec<f64>, mut logs: Vec<f64>) -> ConfigurationSample {
+    if logs.len() >= WILD_AFTER {
+        let middle = location(&logs);
+        let reach = WILD * deviation(&logs, middle).max(SPREAD_LEAST);
+        logs.iter_mut().for_each(|log| *log = log.clamp(middle - reach, middle + reach));
+    }
+    let count = logs.len() as f64;
+    let mean = logs.iter().sum::<f64>() / count;
+    let scatter = logs.iter().map(|log| (log - mean) * (log - mean)).sum();
+    ConfigurationSample { features, mean, count, scatter }
+}
+
+/// The last assessment of each state, of those that were assessed last. What stands here can always be made again.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Assessments {
+    made: BTreeMap<StateId, (u64, Arc<Assessment>)>,
+    clock: u64,
+}
+
+impl Assessments {
+    /// The last one of a state, which may be out of date.
+    pub(super) fn of(&self, state: StateId) -> Option<&Arc<Assessment>> {
+        self.made.get(&state).map(|(_, assessment)| assessment)
+    }
+
+    /// Keeps one, and forgets the oldest of too many.
+    pub(super) fn keep(&mut self, state: StateId, assessment: Arc<Assessment>) {
+        self.clock += 1;
+        self.made.insert(state, (self.clock, assessment));
+        if self.made.len() > ASSESSMENTS_MAX {
+            let oldest = self.made.iter().min_by_key(|(_, (made, _))| *made).map(|(&state, _)| state);
+            oldest.map(|state| self.made.remove(&state));
+        }
+    }
+}

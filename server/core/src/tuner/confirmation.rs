@@ -1,0 +1,381 @@
+//! The last stage of a state's search: its best few run against the incumbent, in rounds, until one is proven better.
+//!
+//! The incumbent of a state is the study's default configuration, until a race replaces it. Contenders are chosen by the
+//! state's [assessment](super::assessment), and measured by whichever clients explore there. What the
+//! [race](crate::statistics::confirm) leaves open when its rounds are over is settled by one more assessment, which looks
+//! at all that was ever measured. From then on the verdict is what is exploited, and nothing has to be computed for it.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::configuration::{Configuration, unchecked};
+use crate::decision::Point;
+use crate::ids::{StateId, TrialNumber};
+use crate::limits::FAILURES_PER_CONFIGURATION_MAX;
+use crate::policy::Operation;
+use crate::results::ResultTable;
+use crate::space::Space;
+use crate::standing::{Confirmation, ConfirmationStage, Gain, Standing};
+use crate::statistics::confirm::{ERROR_MAX, Race, RaceResult};
+use crate::trial::{Outcome, Trial};
+use crate::tuner::Tuner;
+use crate::tuner::assessment::{Assessment, AssessmentRequest};
+use crate::tuner::explore::ProposedTrial;
+use crate::tuner::plan::Planned;
+
+/// How many of a search's best run against the incumbent.
+const CHALLENGERS_MAX: usize = 4;
+/// The noise is taken to be larger than it was seen to be by so much: what is proven holds only if it is not larger still.
+const NOISE_MARGIN: f64 = 1.25;
+/// Noise is never taken to be less: timers and clocks are not that good.
+const NOISE_LEAST: f64 = 0.01;
+
+/// A configuration as it stands in a state's row.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub(super) struct Stored(#[serde(with = "unchecked")] pub(super) Configuration);
+
+/// A race in a state. Plain data, exact through serde.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Confirming {
+    /// The incumbent first.
+    contenders: Vec<Stored>,
+    race: Race,
+    rounds_max: u64,
+    /// How many configurations had been tried when it began: with more, there is another.
+    tried: usize,
+    /// How often the machine had been disturbed.
+    disturbances: u64,
+    /// Which contender each open trial runs, by trial number.
+    open: BTreeMap<u64, usize>,
+    /// What follows from it has been decided.
+    settled: bool,
+}
+
+impl Confirming {
+    /// Begins with the incumbent and those that may be better by an assessment.
+    fn new(
+        incumbent: &Configuration,
+        assessment: &Assessment,
+        noise: f64,
+        rounds: u32,
+        results: &ResultTable,
+    ) -> Self {
+        let challengers = assessment.challengers.iter().take(CHALLENGERS_MAX);
+        let contenders: Vec<Stored> =
+            [incumbent].into_iter().chain(challengers).cloned().map(Stored).collect();
+        let race = Race::new(contenders.len(), Some(NOISE_MARGIN * noise.max(NOISE_LEAST)), rounds as usize);
+        Confirming {
+            contenders,
+            race,
+            rounds_max: u64::from(rounds),
+            tried: results.tried(),
+            disturbances: results.disturbances(),
+            open: BTreeMap::new(),
+            settled: false,
+        }
+    }
+
+    fn is_decided(&self) -> bool {
+        self.race.verdict() != RaceResult::Open
+    }
+
+    /// Whether it is over, for a table with so many tried configurations.
+    fn is_settled(&self, tried: usize) -> bool {
+        self.settled && tried <= self.tried
+    }
+
+    /// Who runs next, and in which round.
+    fn next(&self) -> Option<(usize, u64)> {
+        let running = |place: usize| self.open.values().filter(|&&other| other == place).count();
+        let place = self.race.next(running)?;
+        Some((place, (self.race.rounds(place) + running(place)) as u64 + 1))
+    }
+
+    /// Takes a trial out, with its cost if it has one, or with the finding that its contender cannot win.
+    pub(super) fn release(&mut self, trial: u64, finding: Option<Finding>) {
+        let Some(place) = self.open.remove(&trial) else {
+            return;
+        };
+        match finding {
+            Some(Finding::Cost(cost)) => self.race.tell(place, cost),
+            Some(Finding::Fails) => self.race.fail(place),
+            None => {}
+        }
+    }
+
+    /// Whether a trial runs one of the contenders.
+    pub(super) fn runs(&self, trial: u64) -> bool {
+        self.open.contains_key(&trial)
+    }
+
+    /// Forgets open trials that are gone.
+    pub(super) fn keep_open(&mut self, is_open: impl Fn(u64) -> bool) {
+        self.open.retain(|&number, _| is_open(number));
+    }
+
+    /// Who was proven better by the race alone.
+    fn winner(&self) -> Option<&Configuration> {
+        match self.race.verdict() {
+            RaceResult::Better(place) => self.contenders.get(place).map(|contender| &contender.0),
+            RaceResult::Open | RaceResult::NothingBetter => None,
+        }
+    }
+
+    /// The gain of a contender over the incumbent by the rounds alone.
+    fn gain(&self, of: &Configuration) -> Option<Gain> {
+        let place =
+            self.contenders.iter().position(|contender| contender.0 == *of).filter(|&place| place > 0)?;
+        let pairs = self.race.pairs(0, place);
+        let (low, high) = pairs.interval(ERROR_MAX / (self.contenders.len() - 1) as f64);
+        let share = |log_ratio: f64| -libm::expm1(-log_ratio);
+        let told = |log_ratio: f64| Some(share(log_ratio)).filter(|_| log_ratio.is_finite());
+        let (low, high) = (told(low), told(high));
+        (pairs.count() > 0).then(|| Gain { share: share(pairs.mean()), low, high, probability_better: None })
+    }
+
+    /// Whether its configurations are of the space.
+    pub(super) fn fits(&self, space: &Space) -> bool {
+        self.contenders.iter().all(|contender| space.owns(&contender.0))
+    }
+}
+
+/// What a trial of a race came to.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Finding {
+    /// A cost.
+    Cost(f64),
+    /// The contender cannot be run, or is not worth being run to the end.
+    Fails,
+}
+
+/// What the own measurements of a state answer.
+#[derive(Clone, Debug)]
+pub(super) struct Answered {
+    pub(super) configuration: Configuration,
+    pub(super) cost: f64,
+    /// Its gain over the default.
+    pub(super) gain: Option<Gain>,
+    /// It is the default, because nothing is proven to be better; the most that anything may gain over it.
+    pub(super) nothing_better: Option<f64>,
+}
+
+impl Tuner {
+    /// The race of a state, if there is one.
+    fn race(&self, state: StateId) -> Option<&Confirming> {
+        self.searches.of(state)?.confirming.as_ref()
+    }
+
+    /// What was proven better than the default in a state.
+    fn confirmed(&self, state: StateId) -> Option<&Configuration> {
+        Some(&self.searches.of(state)?.confirmed.as_ref()?.0)
+    }
+
+    /// What challengers are measured against in a state.
+    pub(super) fn incumbent(&self, state: StateId) -> &Configuration {
+        self.confirmed(state).unwrap_or(self.spec.space.default_ref())
+    }
+
+    /// Whether the verdict on a state's search stands.
+    pub(super) fn is_settled(&self, state: StateId) -> bool {
+        let tried = self.states.results(state).tried();
+        self.race(state).is_some_and(|race| race.is_settled(tried))
+    }
+
+    /// Whether a search that is at its end is still to be confirmed.
+    pub(super) fn is_to_be_confirmed(&self, state: StateId) -> bool {
+        let policy = &self.spec.policy;
+        policy.confirm_rounds > 0
+            && policy.operation == Operation::Tune
+            && self.searches.of(state).is_some()
+            && self.states.results(state).best().is_some()
+            && !self.is_settled(state)
+    }
+
+    /// A copy of what an assessment of a state rests on; `None` where nothing was measured that can be run.
+    pub(super) fn assessment_request(&self, state: StateId) -> Option<AssessmentRequest> {
+        self.states.results(state).best()?;
+        Some(AssessmentRequest {
+            state,
+            spec: std::sync::Arc::clone(&self.spec),
+            results: std::sync::Arc::clone(&self.states[state].results),
+            confirmed: self.confirmed(state).cloned(),
+            is_settled: self.is_settled(state),
+        })
+    }
+
+    /// The same where the assessment has to be made apart before anybody asks for it.
+    pub(super) fn assessment_to_plan(&self, state: StateId) -> Option<AssessmentRequest> {
+        let made = self.assessments.of(state);
+        let request = self.assessment_request(state)?;
+        let is_at_hand = request.is_quick() || made.is_some_and(|made| request.is_answered_by(made));
+        (!is_at_hand).then_some(request)
+    }
+
+    /// The assessment of a state, and whether it is of the table as it stands.
+    fn assessment(&self, state: StateId, planned: &Planned) -> Option<(std::sync::Arc<Assessment>, bool)> {
+        let request = self.assessment_request(state)?;
+        let made = self.assessments.of(state);
+        if let Some(made) = made.filter(|made| request.is_answered_by(made)) {
+            return Some((std::sync::Arc::clone(made), true));
+        }
+        if planned.is_at_once() || request.is_quick() {
+            return request.compute().map(|assessment| (std::sync::Arc::new(assessment), true));
+        }
+        made.map(|made| (std::sync::Arc::clone(made), false))
+    }
+
+    /// What the own measurements of a state answer: the verdict where it stands, else what is proven by now.
+    pub(super) fn answered(&self, state: StateId, planned: &Planned) -> Option<Answered> {
+        let results = self.states.results(state);
+        let runs = |configuration: &Configuration| {
+            results.record(configuration).filter(|record| record.measurements > 0 && !record.infeasible)
+        };
+        if self.is_settled(state)
+            && let Some(record) = runs(self.incumbent(state))
+        {
+            let made = self.assessments.of(state).filter(|made| made.answer == record.configuration);
+            let nothing_better = self.confirmed(state).is_none();
+            return Some(Answered {
+                configuration: record.configuration.clone(),
+                cost: record.mean_cost,
+                gain: made.and_then(|made| made.gain),
+                nothing_better: nothing_better.then(|| made.map_or(0.0, |made| made.gain_at_most)),
+            });
+        }
+        if let Some((made, _)) = self.assessment(state, planned)
+            && runs(&made.answer).is_some()
+        {
+            return Some(Answered {
+                configuration: made.answer.clone(),
+                cost: made.cost,
+                gain: made.gain,
+                nothing_better: made.nothing_better.then_some(made.gain_at_most),
+            });
+        }
+        // Nobody has looked at it yet, and there is no time now.
+        let record = results.best()?;
+        let configuration = record.configuration.clone();
+        Some(Answered { configuration, cost: record.mean_cost, gain: None, nothing_better: None })
+    }
+
+    /// The next measurement of a state's confirmation, in a state whose search is at its end. `None` where it is over,
+    /// or waits for what others measure.
+    pub(super) fn confirm(
+        &mut self,
+        state: StateId,
+        number: TrialNumber,
+        planned: &Planned,
+    ) -> Option<ProposedTrial> {
+        if !self.is_to_be_confirmed(state) {
+            return None;
+        }
+        let tried = self.states.results(state).tried();
+        let begins = self.race(state).is_none_or(|race| race.settled && tried > race.tried);
+        if begins {
+            let (assessment, _) = self.assessment(state, planned).filter(|(_, is_current)| *is_current)?;
+            let results = self.states.results(state);
+            let noise = assessment.noise.max(results.noise().unwrap_or(0.0));
+            let rounds = self.spec.policy.confirm_rounds;
+            let race = Confirming::new(self.incumbent(state), &assessment, noise, rounds, results);
+            self.searches.change(state)?.confirming = Some(race);
+        }
+        self.settle_race(state, planned);
+        let (place, round) = self.race(state)?.next()?;
+        let default = self.spec.space.default_ref().clone();
+        let race = self.searches.change(state)?.confirming.as_mut()?;
+        race.open.insert(number.0, place);
+        let (configuration, rounds_max) = (race.contenders[place].0.clone(), race.rounds_max);
+        let point = match place {
+            0 => Point::Incumbent { is_default: configuration == default, round: Some(round) },
+            _ => Point::Confirming { round, rounds_max },
+        };
+        let record = self.states.results(state).record(&configuration);
+        let predicted_cost = record.filter(|record| record.measurements > 0).map(|record| record.mean_cost);
+        Some(ProposedTrial { configuration, predicted_cost, point })
+    }
+
+    /// Decides what follows from a race that is over: its winner is the incumbent from now on, or who is proven better by
+    /// all that was measured.
+    fn settle_race(&mut self, state: StateId, planned: &Planned) -> Option<()> {
+        let race = self.race(state).filter(|race| race.is_decided() && !race.settled)?;
+        let winner = match race.winner() {
+            Some(winner) => winner.clone(),
+            // Where the machine was disturbed meanwhile, costs of different times compare badly: only pairs count.
+            None if self.states.results(state).disturbances() > race.disturbances => {
+                self.incumbent(state).clone()
+            }
+            None => {
+                let (assessment, _) =
+                    self.assessment(state, planned).filter(|(_, is_current)| *is_current)?;
+                assessment.answer.clone()
+            }
+        };
+        let is_default = winner == *self.spec.space.default_ref();
+        let own = self.searches.change(state)?;
+        own.confirmed = (!is_default).then_some(Stored(winner));
+        own.confirming.as_mut()?.settled = true;
+        Some(())
+    }
+
+    /// Tells the race what came of a completed trial, whose cost is `learnt`.
+    pub(super) fn tell_race(&mut self, trial: &Trial, learnt: Option<f64>) {
+        let state = StateId(trial.state_id);
+        if !self.race(state).is_some_and(|race| race.open.contains_key(&trial.number)) {
+            return;
+        }
+        let record = self.states.results(state).record(&trial.configuration);
+        let gives_up = record.is_some_and(|record| record.failures >= FAILURES_PER_CONFIGURATION_MAX);
+        let finding = match (&trial.outcome, learnt) {
+            (Some(Outcome::Infeasible { .. } | Outcome::Aborted { .. }), _) => Some(Finding::Fails),
+            _ if trial.decision.silent => None,
+            (Some(Outcome::Ok), Some(cost)) => Some(Finding::Cost(cost)),
+            (Some(Outcome::Failed { .. }), _) if gives_up => Some(Finding::Fails),
+            _ => None,
+        };
+        if let Some(race) = self.searches.change(state).and_then(|own| own.confirming.as_mut()) {
+            race.release(trial.number, finding);
+        }
+    }
+
+    /// How the answer of a state stands; `None` where nothing was measured that can be run.
+    pub(super) fn standing(&self, state: StateId, planned: &Planned) -> Option<Standing> {
+        let answered = self.answered(state, planned)?;
+        let (made, _) = self.assessment(state, planned)?;
+        let is_of_answer = made.answer == answered.configuration;
+        let (cost, low, high) = match is_of_answer {
+            true => (made.cost, made.cost_low, made.cost_high),
+            false => (answered.cost, answered.cost, answered.cost),
+        };
+        Some(Standing {
+            cost,
+            cost_low: low,
+            cost_high: high,
+            gain: if is_of_answer { made.gain } else { answered.gain },
+            nothing_better: answered.nothing_better.is_some(),
+            confirmation: self.confirmation(state, &answered),
+            disturbances: self.states.results(state).disturbances(),
+        })
+    }
+
+    fn confirmation(&self, state: StateId, answered: &Answered) -> Confirmation {
+        let race = self.race(state);
+        let stage = match race {
+            _ if self.spec.policy.confirm_rounds == 0 => ConfirmationStage::Off,
+            Some(_) if self.is_settled(state) && answered.nothing_better.is_some() => {
+                ConfirmationStage::NothingBetter
+            }
+            Some(_) if self.is_settled(state) => ConfirmationStage::Better,
+            Some(race) if !race.settled => ConfirmationStage::Racing,
+            _ => ConfirmationStage::Searching,
+        };
+        Confirmation {
+            stage,
+            rounds: race.map_or(0, |race| race.race.rounds(0) as u64),
+            rounds_max: race.map_or(u64::from(self.spec.policy.confirm_rounds), |race| race.rounds_max),
+            measurements: race.map_or(0, |race| race.race.measurements() as u64),
+            gain: race.and_then(|race| race.gain(&answered.configuration)),
+        }
+    }
+}

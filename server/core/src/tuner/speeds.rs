@@ -1,0 +1,208 @@
+//! How fast each client's machine is at the moment.
+//!
+//! Clocks rise and fall, and other programs come and go. While a state is searched its incumbent is measured again now and
+//! then; by that, and by whatever else was measured often enough to be known, the [speed](Speed) of the client is held,
+//! and every cost is divided by its factor before it is learnt. Where the speed is found to have jumped, nobody can tell
+//! which of the trials since the last hold came before the jump: they are taken back, and may be measured again.
+//!
+//! All of it follows from the completed trials in their order, so a restored tuner has it again.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::configuration::Configuration;
+use crate::ids::StateId;
+use crate::limits::{SPEEDS_MAX, UNHELD_MAX};
+use crate::results::ResultTable;
+use crate::statistics::drift::Speed;
+use crate::tuner::confirmation::Stored;
+
+/// The noise that is assumed before anything was measured twice, and the bounds of what is believed of it.
+const NOISE_PRIOR: f64 = 0.05;
+const NOISE_LEAST: f64 = 0.01;
+const NOISE_MAX: f64 = 0.2;
+/// So many measurements make the cost of a configuration known; of the default one, with which every search begins, one.
+const KNOWN_AFTER: usize = 4;
+/// After so many trials the incumbent is due, and after twice as many once it agreed with what was expected.
+const INTERVAL: u64 = 8;
+/// The same while it is not known yet what auxiliary measurements explain, for which repeats are needed.
+const INTERVAL_HURRIED: u64 = 3;
+/// After a jump the incumbent runs so many times more, because what it costs now was only measured twice.
+const SETTLING: u64 = 3;
+/// Factors nearer to 1 than so many deviations of a measurement may be nothing but noise, and are not applied.
+const FACTOR_LEAST: f64 = 2.0;
+
+/// A trial that was learnt since the speed was last held.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Unheld {
+    pub(super) trial: u64,
+    configuration: Stored,
+    pub(super) cost: f64,
+}
+
+impl Unheld {
+    pub(super) fn configuration(&self) -> &Configuration {
+        &self.configuration.0
+    }
+}
+
+/// A client's machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Client {
+    speed: Speed,
+    /// What its costs are divided by.
+    factor: f64,
+    /// The noise of a measurement when nothing was suspected.
+    noise: f64,
+    /// The state that it reported from last.
+    state: u64,
+    /// Trials since it was last held, and whether that agreed with what was expected.
+    since: u64,
+    is_calm: bool,
+    /// How often the incumbent is still to be run after a jump.
+    settling: u64,
+    unheld: Vec<Unheld>,
+    latest: u64,
+}
+
+impl Default for Client {
+    fn default() -> Self {
+        Client {
+            speed: Speed::default(),
+            factor: 1.0,
+            noise: NOISE_PRIOR,
+            state: 0,
+            since: 0,
+            is_calm: false,
+            settling: 0,
+            unheld: Vec::new(),
+            latest: 0,
+        }
+    }
+}
+
+/// The machines of all clients.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Speeds {
+    clients: BTreeMap<String, Client>,
+    clock: u64,
+}
+
+/// What a measurement came to.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Held {
+    /// The factor by which costs are to be divided.
+    pub(super) factor: f64,
+    /// Trials to be taken back, where the speed has jumped.
+    pub(super) jumped: Option<Vec<Unheld>>,
+}
+
+impl Speeds {
+    /// Takes a cost that a client measured in a state, before the state's table learns it. Where it does not hold the
+    /// speed, because it is not understood yet, the trial is only counted.
+    pub(super) fn take(
+        &mut self,
+        (client_id, trial, state): (&str, u64, StateId),
+        configuration: &Configuration,
+        cost: f64,
+        (results, default): (&ResultTable, &Configuration),
+        holds: bool,
+    ) -> Held {
+        self.clock += 1;
+        if !self.clients.contains_key(client_id) {
+            self.make_room();
+        }
+        let client = self.clients.entry(client_id.to_owned()).or_default();
+        client.latest = self.clock;
+        if client.state != state.0 {
+            client.state = state.0;
+            client.unheld.clear();
+            client.since = 0;
+        }
+        // A measurement under suspicion is no noise.
+        if !client.speed.is_suspicious() {
+            client.noise = results.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);
+        }
+        let noise = client.noise;
+        client.speed.step(noise);
+        client.since += 1;
+        let known = results.record(configuration).filter(|record| {
+            let least = if configuration == default { 1 } else { KNOWN_AFTER };
+            !record.infeasible && record.mean_cost > 0.0 && record.evidence.count() >= least
+        });
+        if !holds {
+            if known.is_some() {
+                client.since = 0;
+            }
+            return Held { factor: 1.0, jumped: None };
+        }
+        client.settling = client.settling.saturating_sub(u64::from(known.is_some()));
+        let mut jumped = None;
+        if let Some(known) = known {
+            let noise = noise * (1.0 + 1.0 / known.evidence.count() as f64).sqrt();
+            let jumps = client.speed.jumps();
+            client.speed.hold(cost, known.mean_cost, noise);
+            if client.speed.jumps() > jumps {
+                jumped = Some(std::mem::take(&mut client.unheld));
+                (client.since, client.is_calm, client.settling) = (0, false, SETTLING);
+            } else if !client.speed.is_suspicious() {
+                client.unheld.clear();
+                (client.since, client.is_calm) = (0, true);
+            }
+        }
+        let factor = client.speed.factor();
+        let factor = if libm::log(factor).abs() > FACTOR_LEAST * noise { factor } else { 1.0 };
+        client.factor = factor;
+        // The first measurement of the default is what the speed is told by, so it stays.
+        if known.is_none() && configuration != default || client.speed.is_suspicious() {
+            if client.unheld.len() == UNHELD_MAX {
+                client.unheld.remove(0);
+            }
+            let cost = (cost / factor).min(f64::MAX);
+            client.unheld.push(Unheld { trial, configuration: Stored(configuration.clone()), cost });
+        }
+        Held { factor, jumped }
+    }
+
+    /// Whether the incumbent of the client's state should be measured before anything else; it is due sooner where `hurried`.
+    pub(super) fn is_due(&self, client_id: &str, state: StateId, hurried: bool) -> bool {
+        let Some(client) = self.clients.get(client_id).filter(|client| client.state == state.0) else {
+            return false;
+        };
+        let interval = match hurried {
+            true => INTERVAL_HURRIED,
+            false if client.is_calm => 2 * INTERVAL,
+            false => INTERVAL,
+        };
+        client.speed.is_suspicious() || client.settling > 0 || client.since >= interval
+    }
+
+    /// The factor on a client's costs at the moment.
+    pub(super) fn factor(&self, client_id: &str) -> f64 {
+        self.clients.get(client_id).map_or(1.0, |client| client.factor)
+    }
+
+    /// Begins anew for all clients of a state, whose costs are understood differently from now on.
+    pub(super) fn reset(&mut self, state: StateId) {
+        for client in self.clients.values_mut().filter(|client| client.state == state.0) {
+            *client = Client { state: client.state, latest: client.latest, ..Client::default() };
+        }
+    }
+
+    /// Forgets who has not reported for longest, where there are too many.
+    fn make_room(&mut self) {
+        if self.clients.len() >= SPEEDS_MAX {
+            let oldest = self.clients.iter().min_by_key(|(_, client)| client.latest);
+            if let Some(oldest) = oldest.map(|(client_id, _)| client_id.clone()) {
+                self.clients.remove(&oldest);
+            }
+        }
+    }
+
+    /// Whether the configurations that it names are of the space.
+    pub(super) fn fits(&self, space: &crate::space::Space) -> bool {
+        let mut unheld = self.clients.values().flat_map(|client| &client.unheld);
+        unheld.all(|one| space.owns(one.configuration()))
+    }
+}
