@@ -99,6 +99,8 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
     let collapse = if each_frame { "builder" } else { "optimal" };
     let order = if each_frame { "builder" } else { "depth_first" };
     let block_width = if each_frame { 4 } else { 8 };
+    // Leaves of fewer triangles than a block leave lanes empty.
+    let min_leaf_size = if each_frame { 4 } else { 8 };
     let mut all = vec![
         tunable(choice(
             "builder",
@@ -146,7 +148,9 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
             4,
             "the builder counts triangles in groups of this many",
         )),
-        tunable(integer("min_leaf_size", 1..=32, 4, "fewest triangles in an innermost box").log()),
+        tunable(
+            integer("min_leaf_size", 1..=32, min_leaf_size, "fewest triangles in an innermost box").log(),
+        ),
         tunable(integer("max_leaf_size", 1..=32, 28, "most triangles in an innermost box").log()),
         sah(float("traversal_cost", 0.1..=10.0, 1.0, "what a box test costs, in triangle tests").log()),
         float("split_budget", 1.0..=2.0, 1.2, "how many references triangles may be split into, on average")
