@@ -30,6 +30,21 @@ pub struct Decision {
     /// Where the trial was measured, if it was carried over from another study or database.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<String>,
+    /// The session of the client that it was handed out to last; 0 where it names none. Another session that asks for
+    /// the trial again shows that this one ended without a report.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub session: u64,
+    /// How many leases of the configuration were lost in the state without a report, and without any measurement of it.
+    #[serde(default, skip_serializing_if = "is_none_lost")]
+    pub lost_leases: u32,
+}
+
+fn is_zero(session: &u64) -> bool {
+    *session == 0
+}
+
+fn is_none_lost(count: &u32) -> bool {
+    *count == 0
 }
 
 /// What was chosen, by which rule.
@@ -159,6 +174,13 @@ pub enum Source {
         /// The most that any of them may gain, with a probability of 95 %, as a share.
         gain_at_most: f64,
     },
+    /// What serves the known states best, where nothing was measured yet.
+    Portfolio {
+        /// How many states it was chosen for.
+        states: u64,
+        /// The nearest of them.
+        neighbours: Vec<Neighbour>,
+    },
     /// A predictor.
     Predictor(Predicted),
     /// Other machines that met the same input.
@@ -240,6 +262,9 @@ pub struct ExplorationEstimate {
     /// What exploring is expected to cost in all, in frames of the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exploring_cost: Option<f64>,
+    /// It is weighed again once so many configurations have a verdict in the state.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub until: Option<u64>,
 }
 
 impl ExplorationEstimate {
@@ -350,7 +375,7 @@ impl Level {
 impl Choice {
     /// A decision for it, of which is learnt.
     pub fn decided(self) -> Decision {
-        Decision { choice: self, silent: false, said: None, origin: None }
+        Decision { choice: self, silent: false, said: None, origin: None, session: 0, lost_leases: 0 }
     }
 }
 

@@ -48,6 +48,7 @@ impl ExplorationEstimate {
             expected_gain: explanation.expected_gain,
             expected_frames: explanation.expected_frames,
             exploring_cost: explanation.exploring_cost,
+            until: None,
         }
     }
 }
@@ -76,7 +77,7 @@ impl Decision {
             _ if step.is_empty() => Choice::Exploit(exploit(mode, &source, neighbours, &explanation)),
             _ => Choice::Explore(explore(&source, &step, neighbours, &explanation)),
         };
-        Decision { choice, silent: explanation.silent, said: Some(summary), origin: None }
+        Decision { silent: explanation.silent, said: Some(summary), ..choice.decided() }
     }
 }
 

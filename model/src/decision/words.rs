@@ -15,6 +15,7 @@ pub(super) const WANTED: &str = "wanted";
 pub(super) const SHADOW: &str = "shadow";
 pub(super) const DEFAULT: &str = "default";
 pub(super) const BEST_KNOWN: &str = "best_known";
+pub(super) const PORTFOLIO: &str = "portfolio";
 pub(super) const RANDOM: &str = "random";
 pub(super) const CONFIRMATION: &str = "confirmation";
 pub(super) const INCUMBENT: &str = "incumbent";
@@ -25,7 +26,7 @@ pub(super) fn reason(decision: &Decision) -> Reason {
         summary: decision.said.clone().unwrap_or_else(|| match &decision.origin {
             Some(origin) => format!("It was measured elsewhere, as {origin}, and carried over."),
             None => summary(&decision.choice),
-        }),
+        }) + of_lost(decision.lost_leases),
         source: source.to_owned(),
         step: step.to_owned(),
         neighbours: neighbours(&decision.choice),
@@ -54,6 +55,7 @@ fn source(choice: &Choice) -> (&'static str, &'static str) {
             Source::Default => (DEFAULT, ""),
             Source::BestKnown { .. } => (BEST_KNOWN, ""),
             Source::Incumbent { .. } => (INCUMBENT, ""),
+            Source::Portfolio { .. } => (PORTFOLIO, ""),
             Source::Predictor(predicted) => (predicted.predictor.name(), ""),
             Source::Machines(by) => (by.level.name(), ""),
         },
@@ -75,6 +77,7 @@ fn neighbours(choice: &Choice) -> Vec<Neighbour> {
         Choice::Exploit(Exploit { source, .. }) => match source {
             Source::Default | Source::Incumbent { .. } => Vec::new(),
             Source::BestKnown { state, .. } => vec![state.clone()],
+            Source::Portfolio { neighbours, .. } => neighbours.clone(),
             Source::Predictor(predicted) => predicted.neighbours.clone(),
             Source::Machines(by) => by.neighbours.clone(),
         },
@@ -119,6 +122,15 @@ fn summary(choice: &Choice) -> String {
         Choice::Shadow { .. } => "The study answers the default and learns silently.".into(),
         Choice::Explore(explore) => of_point(&explore.point),
         Choice::Exploit(exploit) => of_exploit(exploit),
+    }
+}
+
+/// What is said of leases that were lost.
+fn of_lost(leases: u32) -> &'static str {
+    match leases {
+        0 => "",
+        1 => " A lease of it was lost here; after another it counts as infeasible in this state.",
+        _ => " Its leases were lost here again and again: it counts as infeasible in this state.",
     }
 }
 
@@ -176,6 +188,9 @@ fn of_exploit(exploit: &Exploit) -> String {
              {:.1} % over the default.",
             100.0 * gain_at_most
         ),
+        (Source::Portfolio { states, .. }, _) => {
+            format!("Nothing was measured here yet; this serves {states} known states best on average.")
+        }
         (Source::Predictor(predicted), _) => of_predictor(predicted),
         (Source::Machines(by), _) => of_machines(by),
     };

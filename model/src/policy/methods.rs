@@ -26,9 +26,9 @@ words! {
     #[derive(Default, PartialOrd, Ord)]
     pub enum PredictorMethod {
         /// Whichever of the others errs least in this study, tested on every trial before it learns from it.
+        #[default]
         Auto = "auto",
         /// Best configuration of the nearest known state (paper section 6.1).
-        #[default]
         NearestNeighbour = "nearest_neighbour",
         /// Best configuration over the eight nearest known states, weighted by distance.
         WeightedNeighbours = "weighted_neighbours",

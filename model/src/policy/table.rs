@@ -16,8 +16,8 @@ macro_rules! policy_table {
             search: SearchMethod | OpenEnum<SearchMethod> = SearchMethod::Auto, unset "auto", in Range::Any, as "METHOD";
 
             /// Predictor that answers when exploiting.
-            predictor: PredictorMethod | OpenEnum<PredictorMethod> = PredictorMethod::NearestNeighbour,
-                unset "nearest_neighbour", in Range::Any, as "METHOD";
+            predictor: PredictorMethod | OpenEnum<PredictorMethod> = PredictorMethod::Auto,
+                unset "auto", in Range::Any, as "METHOD";
 
             /// A state's search ends after so many measured configurations, 1 to 100,000 (paper 7.1.1: 80).
             trials_per_state: u32 | u32 = 80, unset "80", in Range::Within(1.0, TRIALS_PER_STATE_MAX as f64), as "COUNT";
@@ -54,6 +54,13 @@ macro_rules! policy_table {
 
             /// Explore only where the expected gain pays for it within the expected stay.
             weigh_gain: bool | bool = false, unset "false", in Range::Any, as "BOOL";
+
+            /// Every client explores until the state's search has ended, and exploits then. For programs that are tuned
+            /// before they are used, so that trials cost nobody anything.
+            ///
+            /// The dice are not thrown, but an epsilon of 0 still means never. Studies without indicators, whose one state
+            /// nobody ever leaves, are explored in this way whatever this field says.
+            offline: bool | bool = false, unset "false", in Range::Any, as "BOOL";
 
             /// Parameters that are shown not to matter are held, and each of these verdicts may be wrong with this
             /// probability, above 0 and at most 0.5.

@@ -74,16 +74,31 @@ pub const SCREENED_FEATURES_MAX: usize = 160;
 /// Most states whose trials are kept for screening: those learnt from last.
 pub const SCREENED_STATES_MAX: usize = 16;
 
+/// Most states that a portfolio is made for: the nearest; and most configurations that it is chosen among.
+pub const PORTFOLIO_STATES_MAX: usize = 64;
+/// See [`PORTFOLIO_STATES_MAX`].
+pub const PORTFOLIO_CANDIDATES_MAX: usize = 128;
+
+/// Most configurations of a state that its progress is judged by: the work grows with the cube of their number.
+pub const PROGRESS_SAMPLES_MAX: usize = 40;
 /// Most states that the gain to expect of a search is judged by: those met last.
 pub const GAIN_STATES_MAX: usize = 1024;
 
 /// How many points a search may propose in one suggestion that turn out to be known already. Each is
 /// answered from the table; after so many an unseen configuration is drawn at random instead.
 pub const KNOWN_POINTS_PER_SUGGESTION_MAX: usize = 32;
+/// Most points that are thought of beyond the next one, for clients that ask while nobody can think for their search.
+pub const POINTS_IN_RESERVE_MAX: usize = 12;
 /// How many random configurations are drawn to find an unseen one.
 pub const UNSEEN_DRAWS_MAX: usize = 64;
 /// How often a configuration may fail in one state, without a verdict on it, before it is given up there.
 pub const FAILURES_PER_CONFIGURATION_MAX: u32 = 3;
+
+/// How often the lease of a configuration that was never measured in a state may be lost there before it counts as
+/// infeasible: whoever runs it crashes or hangs.
+pub const LEASES_LOST_MAX: u32 = 2;
+/// Most configurations of a state of which lost leases are remembered: the latest.
+pub const LOST_CONFIGURATIONS_MAX: usize = 64;
 
 /// Most neighbouring states that a reason lists.
 pub const NEIGHBOURS_MAX: usize = 5;

@@ -20,7 +20,7 @@ use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX, RECORDS_P
 use crate::robust::{Evidence, Finding, MAD_TO_DEVIATION, median};
 use crate::search::Verdict;
 use crate::space::Space;
-use crate::trial::{Outcome, Trial};
+use crate::trial::{Mode, Outcome, Trial};
 
 /// What is known of one configuration in one state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,6 +44,8 @@ pub struct Record {
     pub infeasible: bool,
     /// Trials that failed without a verdict.
     pub failures: u32,
+    /// A trial said something of it that its client had not asked for by itself.
+    is_searched: bool,
     /// Rises with every trial that was learnt of any configuration here: which was met last.
     touch: u64,
 }
@@ -91,6 +93,7 @@ pub struct ResultTable {
     #[serde(skip)]
     ranking: BTreeSet<Rank>,
     tried: usize,
+    searched: usize,
     /// How far repeated measurements were from what was known before, as shares.
     repeats: Vec<f64>,
     outliers: u64,
@@ -152,6 +155,11 @@ impl ResultTable {
         }
         let (new_rank, is_tried) = (record.rank(index), record.is_tried());
         self.tried += usize::from(is_tried && !was_tried);
+        let record = &mut self.records[index];
+        if is_tried && !record.is_searched && trial.mode() != Mode::Pinned {
+            record.is_searched = true;
+            self.searched += 1;
+        }
         if old_rank != new_rank {
             old_rank.map(|rank| self.ranking.remove(&rank));
             self.ranking.extend(new_rank);
@@ -342,6 +350,7 @@ impl ResultTable {
             lower_bound: None,
             infeasible: false,
             failures: 0,
+            is_searched: false,
             touch: 0,
         });
         index
@@ -365,6 +374,11 @@ impl ResultTable {
     /// How many configurations have a verdict.
     pub fn tried(&self) -> usize {
         self.tried
+    }
+
+    /// How many of them by trials that no client had asked for by itself: those count towards a search's budget.
+    pub fn searched(&self) -> usize {
+        self.searched
     }
 
     /// Whether the configuration could not be run here.

@@ -90,7 +90,7 @@ proptest! {
         let mut helped = search.clone();
         match search.is_ready() {
             true => prop_assert!(search.clone().ask().is_some() || method(index) == SearchMethod::NelderMead),
-            false => helped.adopt(search.plan().expect("something to think about")),
+            false => helped.adopt(search.plan(0).expect("something to think about")),
         }
         prop_assert!(helped.is_ready());
         prop_assert_eq!(helped.ask(), search.ask());
@@ -101,7 +101,7 @@ proptest! {
     fn an_old_thought_is_no_measurement_twice(seed: u64, steps in 10usize..40, late in 1usize..8) {
         let mut search = AnySearch::new(SearchMethod::Model, setup(seed, 4, 60));
         run(&mut search, steps, 1.0);
-        let plan = search.plan().expect("something to think about");
+        let plan = search.plan(0).expect("something to think about");
         let told = run(&mut search, late, 1.0);
         search.adopt(plan);
         let point = search.ask().expect("nothing is out");

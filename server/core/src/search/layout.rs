@@ -114,6 +114,21 @@ impl Layout {
         self.main_effects = Some(main_effects);
     }
 
+    /// Has features end without.
+    pub(super) fn drop_guide(&mut self) {
+        self.main_effects = None;
+    }
+
+    /// Whether features end with what a guide says of them.
+    pub(super) fn has_guide(&self) -> bool {
+        self.main_effects.is_some()
+    }
+
+    /// What the guide says of a canonical point, if there is one.
+    pub(super) fn guided(&self, x: &[f64]) -> Option<f64> {
+        self.main_effects.as_ref().map(|guide| guide.at(self, x, &self.active(x)))
+    }
+
     /// Moves the held axes of a point to where they are held.
     pub(super) fn hold(&self, x: &mut [f64]) {
         for &(axis, at) in &self.held {

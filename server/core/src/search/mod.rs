@@ -140,9 +140,15 @@ pub trait Search {
         true
     }
 
-    /// Thinks of the next point on a copy: what takes milliseconds is done here, where nobody waits. `None` where there
-    /// is nothing to think about.
-    fn plan(&self) -> Option<PlannedPoint> {
+    /// A next point that takes microseconds, for who cannot wait until somebody else has thought for this search: one that
+    /// was thought of in reserve, else a guess. A search without a model asks as always.
+    fn ask_at_once(&mut self) -> Option<Point> {
+        self.ask()
+    }
+
+    /// Thinks of the next point on a copy, and of so many more in `reserve`: what takes milliseconds is done here, where
+    /// nobody waits. `None` where there is nothing to think about.
+    fn plan(&self, _reserve: usize) -> Option<PlannedPoint> {
         None
     }
 

@@ -96,6 +96,16 @@ impl CostTable {
         completed
     }
 
+    /// What each configuration is expected to cost above the best of a state, on average: mean logarithms of ratios. Empty
+    /// where nothing was measured.
+    pub fn mean_prices(&self) -> Vec<f64> {
+        let completed = self.completed();
+        let count = completed.first().map_or(0, Vec::len);
+        let mean =
+            |place: usize| completed.iter().map(|row| row[place]).sum::<f64>() / completed.len() as f64;
+        (0..count).map(mean).collect()
+    }
+
     /// The members of a portfolio, at most so many: places of configurations, the best fixed one first, then whoever helps
     /// most beside those before. `always` are members whether they help or not, after the best fixed one; all of them
     /// count towards the number. Empty where nothing was measured.

@@ -221,7 +221,8 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_passed_over_with_its_reason() {
-        let (tuner, snapshot, checkpoint) = learnt(Policy::default());
+        let nearest = Policy { predictor: PredictorMethod::NearestNeighbour, ..Policy::default() };
+        let (tuner, snapshot, checkpoint) = learnt(nearest);
         let refusal = |spec: StudySpec, snapshot: &Snapshot, bytes: Vec<u8>| {
             let checkpoint = Checkpoint { bytes, ..checkpoint.clone() };
             let restoring =

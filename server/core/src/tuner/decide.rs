@@ -16,7 +16,12 @@ use crate::search::Verdict;
 use crate::trial::Neighbour;
 use crate::tuner::confirmation::Answered;
 use crate::tuner::plan::Planned;
-use crate::tuner::{Ask, Prediction, Tuner, VisitDecision};
+use crate::tuner::{Ask, Prediction, Prospect, Tuner, VisitDecision};
+
+/// Who stays in a state for so many frames, times epsilon, explores it whatever the dice say.
+const STAY_EXPLORES: f64 = 3.0;
+/// Dice of one visit differ in these bits by how long the stay is.
+const THROWS_SHIFT: u32 = 32;
 
 /// What would be exploited.
 #[derive(Clone, Debug)]
@@ -93,7 +98,8 @@ impl Tuner {
 
     /// The number of the visit that a decision is to be taken for in a state, known or not; `None` where the last
     /// one holds, which it does not for a session that wants something else. A kept configuration that proved infeasible or clearly worse than another here meanwhile is decided
-    /// anew, and so is whether exploring pays whenever a stay has doubled its length.
+    /// anew, and so is whether to explore, by the dice or by what pays, whenever a stay has doubled its length, so that
+    /// nobody who stays is left for ever at what the dice gave first.
     pub(super) fn decides(&self, ask: &Ask, state: Option<StateId>) -> Option<u64> {
         let client_id = &ask.client_id;
         let Some(visit) = self.visits.of(client_id) else {
@@ -105,17 +111,22 @@ impl Tuner {
         if self.has_other_wishes(client_id, &ask.session_policy) {
             return Some(visit.number + 1);
         }
-        let VisitDecision::Exploit { configuration, exploit, .. } = &visit.decision else {
-            return None;
+        let (policy, stay) = (&self.spec.policy, self.history.stay(client_id, state));
+        let ends = match &visit.decision {
+            VisitDecision::Explore { estimate, .. } => {
+                let tried = self.states.results(state).tried() as u64;
+                policy.weigh_gain && estimate.until.is_some_and(|until| tried >= until)
+            }
+            VisitDecision::Exploit { configuration, exploit, .. } => {
+                let doubled = stay > 1 && stay.is_power_of_two();
+                let is_thrown_again =
+                    || exploit.rule == ExploitRule::Dice && self.explores(ask, visit.number, state);
+                self.states.results(state).is_infeasible(configuration)
+                    || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
+                    || doubled
+                        && (exploit.rule == ExploitRule::Gain && policy.weigh_gain || is_thrown_again())
+            }
         };
-        let policy = &self.spec.policy;
-        let is_weighed_again = || {
-            let stay = self.history.stay(client_id, state);
-            exploit.rule == ExploitRule::Gain && policy.weigh_gain && stay > 1 && stay.is_power_of_two()
-        };
-        let ends = self.states.results(state).is_infeasible(configuration)
-            || policy.roll_back && self.gain().does_clearly_worse(state, configuration)
-            || is_weighed_again();
         ends.then_some(visit.number)
     }
 
@@ -131,7 +142,7 @@ impl Tuner {
         state: StateId,
         planned: &Planned,
     ) -> VisitDecision {
-        let (policy, gain) = (&self.spec.policy, self.gain());
+        let policy = &self.spec.policy;
         let (client_id, session) = (&ask.client_id, &ask.session_policy);
         let exploit = || self.exploitation(normalised, Some(state), planned);
         let fails = |would: &Exploitation| self.states.results(state).is_infeasible(&would.configuration);
@@ -145,47 +156,69 @@ impl Tuner {
             epsilon: Some(self.epsilon_of(session, Some(state))),
             ..ExplorationEstimate::default()
         };
-        let mut exploitation = None;
-        let rule = if self.draws(ask, number, Some(state)) {
-            ExploreRule::Dice
-        } else {
+        let epsilon = session.epsilon.unwrap_or(policy.epsilon);
+        if policy.weigh_gain && epsilon > 0.0 {
+            let Prospect { gain, frames, exploring_cost, trials } = self.gain().prospect(client_id, state);
+            estimate.expected_gain = Some(gain);
+            estimate.expected_frames = Some(frames);
+            estimate.exploring_cost = Some(exploring_cost);
+            if trials > 0 {
+                estimate.until = Some((self.states.results(state).tried() + trials) as u64);
+                return VisitDecision::Explore { rule: ExploreRule::Dice, estimate };
+            }
             let would = exploit();
-            if would.source != Source::Default
-                || session.epsilon.unwrap_or(policy.epsilon) == 0.0 && !fails(&would)
-            {
-                // What is still to be confirmed waits for those on whom the dice fall.
-                let rule =
-                    if self.is_spent_for(session, state) { ExploitRule::Finished } else { ExploitRule::Dice };
-                return would.kept(rule, estimate);
-            }
-            exploitation = Some(would);
-            ExploreRule::NothingKnown
-        };
-        if policy.weigh_gain {
-            let prospect = gain.prospect(client_id, state);
-            estimate.expected_gain = Some(prospect.gain);
-            estimate.expected_frames = Some(prospect.frames);
-            estimate.exploring_cost = Some(prospect.exploring_cost);
-            if gain.not_worth(state, &prospect).is_some() {
-                let would = exploitation.unwrap_or_else(exploit);
-                if !fails(&would) {
-                    return would.kept(ExploitRule::Gain, estimate);
-                }
-            }
+            return match fails(&would) {
+                true => VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate },
+                false => would.kept(ExploitRule::Gain, estimate),
+            };
         }
-        VisitDecision::Explore { rule, estimate }
+        if self.draws(ask, number, Some(state)) {
+            return VisitDecision::Explore { rule: ExploreRule::Dice, estimate };
+        }
+        let would = exploit();
+        if would.source != Source::Default || epsilon == 0.0 && !fails(&would) {
+            // What is still to be confirmed waits for those on whom the dice fall.
+            let rule =
+                if self.is_spent_for(session, state) { ExploitRule::Finished } else { ExploitRule::Dice };
+            return would.kept(rule, estimate);
+        }
+        VisitDecision::Explore { rule: ExploreRule::NothingKnown, estimate }
+    }
+
+    /// Whether a client explores a state for which the decision of visit `number` is to be taken, as far as that can be
+    /// told without asking what would be exploited.
+    pub(super) fn explores(&self, ask: &Ask, number: u64, state: StateId) -> bool {
+        let (policy, session) = (&self.spec.policy, &ask.session_policy);
+        if self.is_finished_for(session, state) {
+            return false;
+        }
+        match policy.weigh_gain && session.epsilon.unwrap_or(policy.epsilon) > 0.0 {
+            true => self.gain().prospect(&ask.client_id, state).trials > 0,
+            false => self.draws(ask, number, Some(state)),
+        }
     }
 
     /// Whether the dice of visit `number` of a client to a state, known or not, fall on exploring.
     pub(super) fn draws(&self, ask: &Ask, number: u64, state: Option<StateId>) -> bool {
+        if self.explores_to_the_end(&ask.session_policy) {
+            return true;
+        }
+        let epsilon = self.epsilon_of(&ask.session_policy, state);
+        let stay = state.map_or(0, |state| self.history.stay(&ask.client_id, state));
+        if stay as f64 * epsilon >= STAY_EXPLORES {
+            return true;
+        }
+        // A long stay throws them again, see `decides`.
+        let throw = if stay > 1 { number ^ (stay << THROWS_SHIFT) } else { number };
         let client = fnv::hash(ask.client_id.bytes());
-        let draw: f64 = stream(self.spec.seed, Purpose::Decision, client, number).random();
-        draw < self.epsilon_of(&ask.session_policy, state)
+        let draw: f64 = stream(self.spec.seed, Purpose::Decision, client, throw).random();
+        draw < epsilon
     }
 
     /// Whether the state's search has spent its budget.
     pub(super) fn is_finished(&self, state: StateId) -> bool {
-        self.states.results(state).tried() >= self.spec.policy.trials_per_state as usize
+        let taken = self.searches.taken(state, self.states.results(state));
+        taken >= self.spec.policy.trials_per_state as usize
     }
 
     /// Whether the default can be run in a state, as far as is known.
@@ -226,6 +259,9 @@ impl Tuner {
         let transfer = self.transfer();
         if let Some(best) = here.and_then(|state| transfer.best_by_machines(state)) {
             return best;
+        }
+        if let Some((configuration, source)) = transfer.best_of_portfolio(normalised, here, planned) {
+            return Exploitation { configuration, predicted_cost: None, source, rolled_back: false };
         }
         if let Some((answer, predictor)) = transfer.answer(normalised, here, planned) {
             let Answer { configuration, expected, neighbours } =

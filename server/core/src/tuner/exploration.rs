@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::configuration::{Configuration, RawConfiguration};
+use crate::limits::LOST_CONFIGURATIONS_MAX;
 use crate::packed::{PackedError, pack, unpack};
 use crate::search::{AnySearch, Feedback};
 use crate::space::Space;
@@ -33,19 +35,73 @@ pub struct Exploration {
     /// What was proven better than the default configuration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) confirmed: Option<Stored>,
+    /// Leases that were lost in the state, of configurations that were never measured there; the latest last.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    lost: Vec<LostLeases>,
+    /// No search was begun yet.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    is_unbegun: bool,
+}
+
+/// How many leases of a configuration were lost.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct LostLeases {
+    configuration: RawConfiguration,
+    count: u32,
 }
 
 impl Exploration {
     pub(super) fn new(search: AnySearch) -> Self {
+        Exploration { search: Some(search), is_unbegun: false, ..Exploration::unbegun() }
+    }
+
+    /// Of a state in which no search was begun.
+    pub(super) fn unbegun() -> Self {
         Exploration {
-            search: Some(search),
+            search: None,
             repeats: 0,
             room: 0,
             open: BTreeMap::new(),
             held: None,
             confirming: None,
             confirmed: None,
+            lost: Vec::new(),
+            is_unbegun: true,
         }
+    }
+
+    /// Whether a search was begun; it may be over.
+    pub(super) fn is_begun(&self) -> bool {
+        !self.is_unbegun
+    }
+
+    /// A new search in place of this one; what was lost in the state is remembered.
+    pub(super) fn begin_anew(&mut self, search: AnySearch) {
+        let lost = std::mem::take(&mut self.lost);
+        let (confirming, confirmed) = (self.confirming.take(), self.confirmed.take());
+        *self = Exploration { lost, confirming, confirmed, ..Exploration::new(search) };
+    }
+
+    /// How many leases of a configuration were lost.
+    pub(super) fn lost(&self, configuration: &Configuration) -> u32 {
+        let lost = self.lost.iter().find(|lost| lost.configuration == *configuration.values());
+        lost.map_or(0, |lost| lost.count)
+    }
+
+    /// Notes that a lease of a configuration was lost, and tells how many that makes.
+    pub(super) fn note_lost(&mut self, configuration: &Configuration) -> u32 {
+        let count = self.lost(configuration) + 1;
+        self.forgive(configuration);
+        if self.lost.len() >= LOST_CONFIGURATIONS_MAX {
+            self.lost.remove(0);
+        }
+        self.lost.push(LostLeases { configuration: configuration.to_raw(), count });
+        count
+    }
+
+    /// Forgets the lost leases of a configuration of which something is known now.
+    pub(super) fn forgive(&mut self, configuration: &Configuration) {
+        self.lost.retain(|lost| lost.configuration != *configuration.values());
     }
 
     /// Notes that a session wants the search to go on until so many configurations are measured.

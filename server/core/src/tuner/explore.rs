@@ -286,7 +286,7 @@ impl Tuner {
         let mut walk = NextPoint::OnlyKnown;
         for _ in 0..KNOWN_POINTS_PER_SUGGESTION_MAX {
             let is_at_hand = planned.is_at_once() || search.is_ready();
-            let Some(point) = is_at_hand.then(|| search.ask()).flatten() else {
+            let Some(point) = (if is_at_hand { search.ask() } else { search.ask_at_once() }) else {
                 walk = NextPoint::Wait;
                 break;
             };
@@ -368,6 +368,6 @@ impl Tuner {
 
 /// Whether a search has no trial left to hand out that adds a configuration, where there is room for so many.
 pub(super) fn is_spent(exploration: &Exploration, results: &ResultTable, room: usize) -> bool {
-    let taken = results.tried() + exploration.repeats() as usize + exploration.open.len();
+    let taken = results.searched() + exploration.repeats() as usize + exploration.open.len();
     taken >= room
 }

@@ -4,9 +4,10 @@
 use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::policy::Policy;
+use crate::statistics::exploration_value::{Outlook, SearchProgress, outlook};
+use crate::tuner::Prospect;
 use crate::tuner::history::History;
 use crate::tuner::states::States;
-use crate::tuner::{OmissionReason, Prospect};
 
 /// The noise that is assumed before anything was measured twice: of frames, a tenth.
 pub(super) const NOISE_PRIOR: f64 = 0.1;
@@ -35,27 +36,23 @@ impl Gain<'_> {
         self.policy.epsilon * half / (half + self.history.visits(state) as f64)
     }
 
-    /// What going on with the search of a state is expected to bring this client's frames and all others.
+    /// What going on with the search of a state is expected to bring this client's frames and all others: the next few
+    /// trials first, see [`exploration_value`](crate::statistics::exploration_value).
     pub(super) fn prospect(&self, client_id: &str, state: StateId) -> Prospect {
-        let tried = self.states.results(state).tried();
-        let left = (self.policy.trials_per_state as usize).saturating_sub(tried);
-        let (gain, gain_at_most) = self.history.gains(state, tried);
-        Prospect {
-            gain,
-            gain_at_most,
-            frames: self.history.frames_ahead(client_id, state),
-            exploring_cost: self.history.excess() * left as f64,
-        }
-    }
-
-    /// Why exploring the state is not worth it; `None` when it is.
-    pub(super) fn not_worth(&self, state: StateId, prospect: &Prospect) -> Option<OmissionReason> {
-        let noise = self.states.results(state).noise();
-        if noise.is_some_and(|noise| prospect.gain_at_most < noise) {
-            return Some(OmissionReason::BelowNoise);
-        }
-        let pays = prospect.gain * prospect.frames > prospect.exploring_cost;
-        (!pays).then_some(OmissionReason::BelowCost)
+        let results = self.states.results(state);
+        // What clients wanted themselves was tried too, and does not count.
+        let beside = results.tried() - results.searched();
+        let frames = self.history.frames_ahead(client_id, state);
+        let progress = SearchProgress {
+            gained: self.history.gained(state),
+            tried: results.tried(),
+            budget: self.policy.trials_per_state as usize + beside,
+            frames,
+            excess: self.history.excess(),
+        };
+        let Outlook { trials, gain, exploring_cost, .. } =
+            outlook(&self.history.gains_elsewhere(state), &progress);
+        Prospect { gain, frames, exploring_cost, trials }
     }
 
     /// Whether a configuration does clearly worse in a state than the best that was measured there.

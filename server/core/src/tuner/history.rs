@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use crate::configuration::RawConfiguration;
 use crate::ids::StateId;
 use crate::limits::{CLIENTS_MAX, GAIN_STATES_MAX};
+use crate::statistics::exploration_value::{Gains, OCTAVES};
 use crate::tuner::states::place;
 
-/// The gain that is expected where no search has shown one: the paper's average over its scenes.
-const GAIN_PRIOR: f64 = 0.11;
 /// What an exploring trial is expected to cost above the best known configuration before any did, as a share.
 const EXCESS_PRIOR: f64 = 0.5;
 /// How many trials that expectation is worth.
@@ -20,17 +20,17 @@ const EXCESS_PRIOR_TRIALS: f64 = 4.0;
 const EXCESS_MAX: f64 = 10.0;
 /// What a trial costs that cannot be run: a build that fails and a frame in its place.
 const EXCESS_INFEASIBLE: f64 = 1.0;
-/// So many states must have shown what a search gains before their largest gain is believed to be the largest.
-const STATES_FOR_LARGEST: usize = 3;
 
 /// The visits to one state and the progress of its search.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct StateHistory {
     visits: u64,
     frames: u64,
-    /// The best cost when the number of tried configurations first reached 1, 2, 4, 8, ...
-    best_at: Vec<f64>,
-    best: f64,
+    /// By which share each octave of its search that is over lowered the best cost, as estimated: the trials until 2
+    /// configurations were tried, until 4, until 8, ...
+    gained: Vec<f64>,
+    /// The configuration that was best when the last of them ended.
+    best: Option<RawConfiguration>,
 }
 
 /// The histories of all states of a study.
@@ -83,13 +83,32 @@ impl History {
         self.visits += u64::from(!stays);
     }
 
-    /// Notes how far the search of a state is.
-    pub(super) fn progress(&mut self, state: StateId, tried: usize, best: f64) {
-        let history = Arc::make_mut(&mut self.states[place(state)]);
-        history.best = best;
-        while tried >= 1 << history.best_at.len() {
-            history.best_at.push(best);
+    /// Whether an octave of a state's search is over that was not noted yet, after so many tried configurations.
+    pub(super) fn octave_is_over(&self, state: StateId, tried: usize) -> bool {
+        let history = &self.states[place(state)];
+        match &history.best {
+            None => tried >= 1,
+            Some(_) => history.gained.len() + 1 < OCTAVES && tried >= 2 << history.gained.len(),
         }
+    }
+
+    /// The configuration that was best when the last octave of a state's search ended.
+    pub(super) fn best_then(&self, state: StateId) -> Option<&RawConfiguration> {
+        self.states[place(state)].best.as_ref()
+    }
+
+    /// Notes the end of an octave: the best configuration now, and by which share it costs less than the best before.
+    pub(super) fn octave_ends(&mut self, state: StateId, best: RawConfiguration, gain: f64) {
+        let history = Arc::make_mut(&mut self.states[place(state)]);
+        if history.best.is_some() {
+            history.gained.push(gain.clamp(0.0, 1.0));
+        }
+        history.best = Some(best);
+    }
+
+    /// What each octave of a state's search gained.
+    pub(super) fn gained(&self, state: StateId) -> &[f64] {
+        &self.states[place(state)].gained
     }
 
     /// Notes what an exploring trial cost above the best known, as a share of that; `None` when it cannot be run.
@@ -127,25 +146,15 @@ impl History {
         (length * history.visits.max(1) as f64).max(self.stay(client_id, state) as f64)
     }
 
-    /// What going on with a search after so many configurations gained in the other states: on average, drawn
-    /// towards the paper's, and at most; shares of the cost.
-    pub(super) fn gains(&self, state: StateId, tried: usize) -> (f64, f64) {
-        let (own, power) = (place(state), tried.max(1).ilog2() as usize);
-        let (mut sum, mut count, mut largest) = (GAIN_PRIOR, 1, 0.0f64);
+    /// What octaves of searches gained in other states.
+    pub(super) fn gains_elsewhere(&self, state: StateId) -> Gains {
+        let mut gains = Gains::default();
         // The states met last stand for all of a large study.
-        let latest = self.states.iter().enumerate().rev().take(GAIN_STATES_MAX);
-        for (other, history) in latest {
-            if other == own || history.best_at.len() < power + 2 {
-                continue;
-            }
-            let then = history.best_at[power];
-            let gain = if then > 0.0 { (1.0 - history.best / then).max(0.0) } else { 0.0 };
-            sum += gain;
-            count += 1;
-            largest = largest.max(gain);
+        let others = self.states.iter().enumerate().rev().take(GAIN_STATES_MAX);
+        for (_, history) in others.filter(|(other, _)| *other != place(state)) {
+            history.gained.iter().enumerate().for_each(|(octave, &gain)| gains.note(octave, gain));
         }
-        let at_most = if count > STATES_FOR_LARGEST { largest } else { largest.max(GAIN_PRIOR) };
-        (sum / count as f64, at_most)
+        gains
     }
 
     /// What an exploring trial costs above the best known configuration, as a share of its cost.
@@ -177,20 +186,24 @@ mod tests {
     }
 
     #[test]
-    fn gains_are_learnt_from_other_states() {
+    fn gains_are_learnt_from_other_states_octave_by_octave() {
         let mut history = History::default();
         (0..5).for_each(|_| history.found());
-        assert_eq!(history.gains(at(0), 0), (GAIN_PRIOR, GAIN_PRIOR));
+        let nothing = history.gains_elsewhere(at(0));
+        let best = || RawConfiguration::new();
         for state in 1..5 {
-            for (tried, best) in [(1, 10.0), (2, 10.0), (4, 9.0), (8, 9.0)] {
-                history.progress(at(state), tried, best);
+            assert!(!history.octave_is_over(at(state), 0) && history.octave_is_over(at(state), 1));
+            history.octave_ends(at(state), best(), 0.0);
+            for (octave, gain) in [0.0, 0.1, 0.0].into_iter().enumerate() {
+                assert!(!history.octave_is_over(at(state), (2 << octave) - 1));
+                assert!(history.octave_is_over(at(state), 2 << octave));
+                history.octave_ends(at(state), best(), gain);
             }
         }
-        let (mean, most) = history.gains(at(0), 1);
-        assert!((mean - (0.11 + 4.0 * 0.1) / 5.0).abs() < 1e-12);
-        assert!((most - 0.1).abs() < 1e-12);
-        // After four configurations nothing more was found anywhere.
-        assert_eq!(history.gains(at(0), 4).1, 0.0);
+        let gains = history.gains_elsewhere(at(0));
+        assert!(gains.expected(1) > 0.05 && gains.expected(2) < nothing.expected(2));
+        assert_eq!(history.gained(at(1)), [0.0, 0.1, 0.0]);
+        assert_eq!(history.gains_elsewhere(at(9 - 8)).expected(3), nothing.expected(3));
     }
 
     #[test]

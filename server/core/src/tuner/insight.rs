@@ -38,14 +38,14 @@ pub struct Insight {
 /// of states in which nothing was measured yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prospect {
-    /// By how much the cost of each later frame falls, as a share.
+    /// By how much the cost of each later frame falls, as a share: by the trials that pay most.
     pub gain: f64,
-    /// The most by which it may fall, judged by what searches found so far.
-    pub gain_at_most: f64,
     /// How many frames profit.
     pub frames: f64,
-    /// What the trials cost above the reference in all, in frames of the reference.
+    /// What these trials cost above the reference in all, in frames of the reference.
     pub exploring_cost: f64,
+    /// How many trials to go on for before it is weighed again; 0 where it does not pay.
+    pub trials: usize,
 }
 
 /// Something that is left out.
@@ -69,26 +69,17 @@ impl Tuner {
     pub(super) fn insight(&self, state: StateId, planned: &Planned) -> Insight {
         let (results, gain) = (self.states.results(state), self.gain());
         let prospect = gain.prospect("", state);
-        let left = (self.spec.policy.trials_per_state as usize).saturating_sub(results.tried());
+        let taken = self.searches.taken(state, results);
+        let left = (self.spec.policy.trials_per_state as usize).saturating_sub(taken);
         let mut omissions = Vec::new();
-        if self.spec.policy.weigh_gain
-            && !self.is_finished(state)
-            && let Some(reason) = gain.not_worth(state, &prospect)
-        {
-            let percent = 100.0 * prospect.gain_at_most;
-            let noise = 100.0 * results.noise().unwrap_or(0.0);
-            let summary = match reason {
-                OmissionReason::BelowNoise => {
-                    format!("at most {percent:.1} % can be gained, less than frames vary ({noise:.1} %)")
-                }
-                _ => format!(
-                    "a gain of {:.1} % over {:.0} frames does not pay for exploring worth {:.1} frames",
-                    100.0 * prospect.gain,
-                    prospect.frames,
-                    prospect.exploring_cost
-                ),
-            };
-            let saved_trials = left as f64;
+        if self.spec.policy.weigh_gain && !self.is_finished(state) && prospect.trials == 0 {
+            let summary = format!(
+                "a gain of {:.1} % over {:.0} frames does not pay for exploring worth {:.1} frames",
+                100.0 * prospect.gain,
+                prospect.frames,
+                prospect.exploring_cost
+            );
+            let (reason, saved_trials) = (OmissionReason::BelowCost, left as f64);
             omissions.push(Omission { parameter: None, reason, summary, saved_trials, risk: None });
         }
         self.omitted_parameters(state, &mut omissions);

@@ -11,9 +11,10 @@
 //!
 //! [`Tuner`] joins parts that keep their own invariants: `states` (recognition, and what is known of each state),
 //! `trials` (what is open, and who holds it), `visits` (where clients are, and their budgets), `searches`, `models`,
-//! `history`, `screening`, `assessment`s, `speeds` and `auxiliaries`. What it does with them is in the files of its steps: `decide` and `gain` take decisions,
-//! `explore` and `within_budget` walk a search, `confirmation` lets its best run against the incumbent, `transfer` is the door for what other states and machines say, `plan`
-//! computes apart what is slow, `suggest` and `report` are the two halves of a client's frame, `restore` and
+//! `history`, `screening`, `assessment`s, `speeds` and `auxiliaries`. What it does with them is in the files of its steps:
+//! `decide` and `gain` take decisions, `explore` and `within_budget` walk a search, `confirmation` lets its best run against
+//! the incumbent, `transfer` is the door for what other states and machines say, `plan` computes apart what is slow,
+//! `suggest` and `report` are the two halves of a client's frame, `leases` is what happens where one never comes back, `restore` and
 //! `checkpoint` rebuild.
 
 mod assessment;
@@ -28,8 +29,10 @@ mod explore;
 mod gain;
 mod history;
 mod insight;
+mod leases;
 mod models;
 mod plan;
+mod progress;
 mod recorded;
 mod report;
 mod restore;
@@ -256,7 +259,9 @@ impl Tuner {
         }
     }
 
-    /// Ends every lease that has run out by `now_ms`: the trial is expired and its search point goes back.
+    /// Ends every lease that has run out by `now_ms`: the trial is expired and its search point goes back. A configuration
+    /// that loses its [last](crate::limits::LEASES_LOST_MAX) lease in the state without ever having been measured there
+    /// is completed as infeasible.
     pub fn expire(&mut self, now_ms: i64) -> Change {
         let mut change = Change::default();
         let mut states = BTreeSet::new();
@@ -265,7 +270,9 @@ impl Tuner {
                 continue;
             };
             let before = self.searches.changes(state);
-            change.trials.extend(self.take_back(number, TrialState::Expired));
+            let lost = self.lose(number, now_ms);
+            change.trials.extend(lost.trials);
+            change.visits.extend(lost.visits);
             if self.searches.changes(state) != before {
                 states.insert(state);
             }

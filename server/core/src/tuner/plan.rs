@@ -5,14 +5,16 @@
 //! many clients share a tuner they must not wait for that. So whoever holds the tuner makes a [`PlanRequest`] of a
 //! question, lets go of the tuner, [computes](PlanRequest::compute) it, and hands the [`SuggestionPlan`] in with the
 //! question. A question with a plan never fits a model: where the plan has nothing for what it turns out to need
-//! (another client changed the state meanwhile, or plans for the same search), it is answered from the tables, because
-//! a client never waits. A client that is alone gets the same answers either way. One thing is still done at once
+//! (another client changed the state meanwhile, or plans for the same search), it gets what the search has in reserve, or
+//! an answer from the tables, because a client never waits. A client that is alone gets the same answers either way. One thing is still done at once
 //! where nobody planned it, once for a state: what others tell a search that begins.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use crate::configuration::Configuration;
 use crate::ids::StateId;
+use crate::limits::POINTS_IN_RESERVE_MAX;
 use crate::policy::Operation;
 use crate::predict::contextual::Request;
 use crate::predict::nearest::Nearest;
@@ -33,7 +35,9 @@ pub struct PlanRequest {
     normalised: Vec<f64>,
     answer: Option<Request>,
     first: Option<Request>,
-    search: Option<(StateId, Box<AnySearch>)>,
+    /// What a portfolio is made from whose best is exploited.
+    portfolio: Option<MeasuredElsewhere>,
+    search: Option<(StateId, Box<AnySearch>, usize)>,
     /// What others tell the search of a state that begins; one without an id is not there yet.
     evidence: Option<(Option<StateId>, MeasuredElsewhere)>,
     /// The state whose own measurements may be what answers.
@@ -48,6 +52,8 @@ pub struct SuggestionPlan {
     answer: Option<Answer>,
     /// What to explore first.
     first: Option<Answer>,
+    /// The best of a portfolio, to exploit.
+    portfolio: Option<Configuration>,
     /// The next point of a state's search.
     point: Option<(StateId, PlannedPoint)>,
     /// What the search of a state begins with, if anything follows from the others.
@@ -59,7 +65,7 @@ pub struct SuggestionPlan {
 impl PlanRequest {
     /// The state whose search it plans for. Nobody else need do that at the same time.
     pub fn searched_state(&self) -> Option<StateId> {
-        self.search.as_ref().map(|(state, _)| *state)
+        self.search.as_ref().map(|(state, ..)| *state)
     }
 
     /// Computes it: up to some milliseconds.
@@ -67,29 +73,25 @@ impl PlanRequest {
         let space = &self.spec.space;
         let answer = |request: Option<Request>| request.and_then(|request| request.answer(space));
         let (answer, first) = (answer(self.answer), answer(self.first));
-        let point = self.search.and_then(|(state, search)| Some((state, search.plan()?)));
+        let point = self.search.and_then(|(state, search, reserve)| Some((state, search.plan(reserve)?)));
+        let portfolio = self.portfolio.and_then(|evidence| evidence.best(space));
         let beginning = self.evidence.map(|(state, evidence)| (state, evidence.beginning(space)));
         let assessment = self.assessment.and_then(|request| Some((request.state, request.compute()?.into())));
-        SuggestionPlan { normalised: self.normalised, answer, first, point, beginning, assessment }
+        SuggestionPlan { normalised: self.normalised, answer, first, portfolio, point, beginning, assessment }
     }
 
     fn is_empty(&self) -> bool {
-        self.answer.is_none()
-            && self.first.is_none()
-            && self.search.is_none()
-            && self.evidence.is_none()
-            && self.assessment.is_none()
+        let answers = self.answer.is_some() || self.first.is_some() || self.portfolio.is_some();
+        !answers && self.search.is_none() && self.evidence.is_none() && self.assessment.is_none()
     }
 }
 
 impl SuggestionPlan {
     /// The indicators that it was made for, normalised; `None` where it plans nothing.
     pub(super) fn normalised(&self) -> Option<&[f64]> {
-        let is_empty = self.answer.is_none()
-            && self.first.is_none()
-            && self.point.is_none()
-            && self.beginning.is_none()
-            && self.assessment.is_none();
+        let answers = self.answer.is_some() || self.first.is_some() || self.portfolio.is_some();
+        let is_empty =
+            !answers && self.point.is_none() && self.beginning.is_none() && self.assessment.is_none();
         (!is_empty).then_some(&self.normalised)
     }
 }
@@ -126,6 +128,14 @@ impl Planned {
                 Some(PlannedAnswers { answer: plan.answer.as_ref(), first: plan.first.as_ref() })
             }
             Planned::Ahead(_) => Some(PlannedAnswers { answer: None, first: None }),
+        }
+    }
+
+    /// The best of a portfolio for these indicators, as it was computed before; `None` where it is to be computed now.
+    pub(super) fn of_portfolio(&self, normalised: &[f64]) -> Option<Option<&Configuration>> {
+        match self {
+            Planned::AtOnce => None,
+            Planned::Ahead(plan) => Some(plan.portfolio.as_ref().filter(|_| plan.normalised == normalised)),
         }
     }
 
@@ -187,16 +197,17 @@ impl Tuner {
             normalised: Vec::new(),
             answer: None,
             first: None,
+            portfolio: None,
             search: None,
             evidence: None,
             assessment: None,
         };
         let explores = match self.decides(ask, here) {
             _ if policy.operation == Operation::Shadow => false,
-            Some(number) => {
-                here.is_none_or(|here| !self.is_finished_for(&ask.session_policy, here))
-                    && self.draws(ask, number, here)
-            }
+            Some(number) => match here {
+                Some(here) => self.explores(ask, number, here),
+                None => policy.weigh_gain || self.draws(ask, number, None),
+            },
             None => {
                 let visit = self.visits.of(&ask.client_id);
                 if visit.is_none_or(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }))
@@ -215,8 +226,8 @@ impl Tuner {
         request.assessment = answers.and_then(|state| self.assessment_to_plan(state));
         match here {
             Some(here) if explores && policy.operation == Operation::Tune => {
-                request.search = self.search_to_plan(ask, here).filter(|(state, _)| may_plan(*state));
-                if transfer.is_untouched(here) {
+                request.search = self.search_to_plan(ask, here).filter(|(state, ..)| may_plan(*state));
+                if transfer.is_untouched(here) && !transfer.begins_with_portfolio(normalised, Some(here)) {
                     request.first = first();
                 }
                 let begins = request.first.is_none() && self.searches.of(here).is_none();
@@ -227,20 +238,24 @@ impl Tuner {
                 {
                     request.evidence = Some((Some(here), transfer.evidence(here)));
                 }
-                let gain = self.gain();
-                if policy.weigh_gain && gain.not_worth(here, &gain.prospect(&ask.client_id, here)).is_some() {
-                    request.answer = answer();
-                }
             }
             None if explores && policy.operation == Operation::Tune => {
-                request.first = first();
+                if !transfer.begins_with_portfolio(normalised, None) {
+                    request.first = first();
+                }
                 if request.first.is_none() && transfer.warms_up_searches() {
                     request.evidence = Some((None, transfer.evidence_for(&query())));
                 }
                 // Whether exploring pays is weighed once the state is known.
-                request.answer = policy.weigh_gain.then(answer).flatten();
+                if policy.weigh_gain {
+                    request.portfolio = transfer.portfolio_evidence(normalised, None);
+                    request.answer = if request.portfolio.is_none() { answer() } else { None };
+                }
             }
-            _ => request.answer = answer(),
+            _ => {
+                request.portfolio = transfer.portfolio_evidence(normalised, here);
+                request.answer = if request.portfolio.is_none() { answer() } else { None };
+            }
         }
         request.evidence = request.evidence.filter(|(_, evidence)| !evidence.is_empty());
         request.normalised.clone_from(normalised);
@@ -261,12 +276,22 @@ impl Tuner {
         let query = self.states.query(&self.spec.space, &normalised, here);
         let asks = self.transfer().needs_predictor(here);
         let predictors = self.models.predictors();
+        let portfolio = self.transfer().portfolio_evidence(&normalised, here);
+        let asks = asks && portfolio.is_none();
         let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
         let answers = self.state_that_answers(&query, here);
         let assessment = answers.and_then(|state| self.assessment_to_plan(state));
         let spec = Arc::clone(&self.spec);
-        let request =
-            PlanRequest { spec, answer, first: None, search: None, evidence: None, normalised, assessment };
+        let request = PlanRequest {
+            spec,
+            answer,
+            first: None,
+            portfolio,
+            search: None,
+            evidence: None,
+            normalised,
+            assessment,
+        };
         (!request.is_empty()).then_some(request)
     }
 
@@ -284,6 +309,7 @@ impl Tuner {
             spec,
             answer: None,
             first: None,
+            portfolio: None,
             search: None,
             evidence: None,
             normalised,
@@ -308,8 +334,9 @@ impl Tuner {
         held.is_some_and(|trial| self.still_fits(trial, None))
     }
 
-    /// A copy of the state's search, if its next point takes a fit and will be asked for.
-    fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>)> {
+    /// A copy of the state's search, if its next point takes a fit and will be asked for, and how many more points to think
+    /// of in reserve.
+    fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>, usize)> {
         let (policy, results) = (&self.spec.policy, self.states.results(state));
         let exploration = self.searches.of(state)?;
         let search = exploration.search.as_ref()?;
@@ -323,7 +350,9 @@ impl Tuner {
         let held = self.held_axes(&mut exploration.held.clone(), state);
         let mut search = search.clone();
         search.hold(&held);
-        Some((state, Box::new(search)))
+        // Where others work on the state too, some of them will ask before anyone can think again.
+        let reserve = exploration.open.len().min(POINTS_IN_RESERVE_MAX);
+        Some((state, Box::new(search), reserve))
     }
 
     /// Whether the client's budget, if it has one, allows for exploring.

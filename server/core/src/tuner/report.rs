@@ -9,7 +9,7 @@ use crate::tuner::explore::is_spent;
 use crate::tuner::speeds::Unheld;
 use crate::tuner::states::place;
 use crate::tuner::transfer;
-use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, models};
+use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, models, progress};
 
 /// What was learnt of a completed trial.
 #[derive(Clone, Copy, Debug)]
@@ -57,6 +57,9 @@ impl Tuner {
         {
             // It was told costs that are not believed any more: another one begins with what the table still holds.
             exploration.end();
+        }
+        if !matches!(completed.outcome, Some(Outcome::Failed { .. })) {
+            self.searches.forgive(state, &completed.configuration);
         }
         let mut change = Change { trials: vec![completed.clone()], ..Change::default() };
         change.visits.extend(self.settle(completed));
@@ -116,8 +119,12 @@ impl Tuner {
         }
         self.states.learn(state, trial);
         let results = self.states.results(state);
-        if let Some(best) = results.best() {
-            self.history.progress(state, results.tried(), best.mean_cost);
+        if self.history.octave_is_over(state, results.tried()) {
+            let before =
+                self.history.best_then(state).and_then(|best| spec.space.configuration(best.clone()).ok());
+            if let Some((best, gain)) = progress::gained(&spec.space, results, before.as_ref()) {
+                self.history.octave_ends(state, best.to_raw(), gain);
+            }
         }
         if let Some(normalised) = &normalised {
             self.teach(trial, normalised);

@@ -12,7 +12,7 @@ use crate::predict::Predictors;
 use crate::study::StudySpec;
 use crate::trial::{Trial, TrialState};
 use crate::tuner::trials::OpenTrials;
-use crate::tuner::{Checkpoint, RestoreError, Snapshot, StateRecord, Tuner, Visit};
+use crate::tuner::{Checkpoint, Exploration, RestoreError, Snapshot, StateRecord, Tuner, Visit};
 
 /// A tuner that is being rebuilt. The driver reads the completed trials behind [`after`](Restoring::after) in the
 /// order of completion and [learns](Restoring::learn) them, again and again until there are none, and then
@@ -198,7 +198,7 @@ impl Tuner {
             return Err(inconsistent(format!("the race of state {id} does not fit the space")));
         }
         let state = self.states.found(indicators, fingerprint.as_ref());
-        self.states.restore_search(state, search.is_some());
+        self.states.restore_search(state, search.as_ref().is_some_and(Exploration::is_begun));
         self.searches.found(search);
         self.history.found();
         Ok(())

@@ -3,7 +3,9 @@
 //! Invariant: whoever changes a search counts the change, so that comparing two counts tells whether the state's row
 //! is still what is stored.
 
+use crate::configuration::Configuration;
 use crate::ids::StateId;
+use crate::results::ResultTable;
 use crate::search::AnySearch;
 use crate::tuner::Exploration;
 use crate::tuner::states::place;
@@ -28,26 +30,54 @@ impl Searches {
 
     /// The search of a state, if one was begun; whether it goes on is told by itself.
     pub(super) fn of(&self, state: StateId) -> Option<&Exploration> {
+        self.record(state).filter(|exploration| exploration.is_begun())
+    }
+
+    /// What is stored of a state's search, and of leases that were lost there, whether or not a search was begun.
+    pub(super) fn record(&self, state: StateId) -> Option<&Exploration> {
         self.0[place(state)].exploration.as_ref()
+    }
+
+    /// How many leases of a configuration were lost in a state.
+    pub(super) fn lost(&self, state: StateId, configuration: &Configuration) -> u32 {
+        self.record(state).map_or(0, |exploration| exploration.lost(configuration))
+    }
+
+    /// Notes that a lease of a configuration was lost in a state, and tells how many that makes.
+    pub(super) fn note_lost(&mut self, state: StateId, configuration: &Configuration) -> u32 {
+        let own = &mut self.0[place(state)];
+        own.changes += 1;
+        own.exploration.get_or_insert_with(Exploration::unbegun).note_lost(configuration)
+    }
+
+    /// Forgets the lost leases of a configuration of which something is known now.
+    pub(super) fn forgive(&mut self, state: StateId, configuration: &Configuration) {
+        if self.lost(state, configuration) > 0 {
+            let own = &mut self.0[place(state)];
+            own.changes += 1;
+            own.exploration.iter_mut().for_each(|exploration| exploration.forgive(configuration));
+        }
     }
 
     /// The same, to be changed.
     pub(super) fn change(&mut self, state: StateId) -> Option<&mut Exploration> {
         let StateSearch { exploration, changes } = &mut self.0[place(state)];
-        *changes += u64::from(exploration.is_some());
-        exploration.as_mut()
+        let begun = exploration.as_mut().filter(|exploration| exploration.is_begun());
+        *changes += u64::from(begun.is_some());
+        begun
     }
 
     /// Begins a search in a state; one that was there before is dropped, and what it confirmed stays.
     pub(super) fn begin(&mut self, state: StateId, search: AnySearch) {
         let own = &mut self.0[place(state)];
-        let mut exploration = Exploration::new(search);
-        if let Some(before) = own.exploration.take() {
-            exploration.confirming = before.confirming;
-            exploration.confirmed = before.confirmed;
-        }
-        own.exploration = Some(exploration);
+        own.exploration.get_or_insert_with(Exploration::unbegun).begin_anew(search);
         own.changes += 1;
+    }
+
+    /// How many trials of a state count towards the budget of its search: configurations with a verdict that no client
+    /// asked for by itself, and what was measured again.
+    pub(super) fn taken(&self, state: StateId, results: &ResultTable) -> usize {
+        results.searched() + self.of(state).map_or(0, |own| own.repeats() as usize)
     }
 
     /// How often the search of a state has changed.

@@ -11,6 +11,13 @@ impl Tuner {
         session.epsilon.unwrap_or_else(by_policy)
     }
 
+    /// Whether a session explores every state until its search has ended, whatever the dice would say.
+    pub(super) fn explores_to_the_end(&self, session: &SessionPolicy) -> bool {
+        let has_one_state = self.spec.indicators.indicators().is_empty();
+        let offline = self.spec.policy.offline || has_one_state;
+        offline && session.epsilon.is_none() && self.spec.policy.epsilon > 0.0
+    }
+
     /// After how many measured configurations a state's search is over for a session.
     pub(super) fn room_of(&self, session: &SessionPolicy) -> usize {
         session.trials_per_state.unwrap_or(self.spec.policy.trials_per_state) as usize
@@ -23,7 +30,7 @@ impl Tuner {
 
     /// Whether a state's search has tried all that a session wants, confirmed or not.
     pub(super) fn is_spent_for(&self, session: &SessionPolicy, state: StateId) -> bool {
-        self.states.results(state).tried() >= self.room_of(session)
+        self.searches.taken(state, self.states.results(state)) >= self.room_of(session)
     }
 
     /// Whether the last decision for a client was taken under other wishes than these.

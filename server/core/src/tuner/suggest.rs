@@ -24,6 +24,10 @@ impl Tuner {
         let state = found.unwrap_or_else(|| self.found(normalised.clone(), ask.fingerprint.as_ref()));
         let mut change = Change::default();
         let changes_before = self.searches.changes(state);
+        if let Some(lost) = self.lose_to_restart(ask, state, now_ms) {
+            change.trials.extend(lost.trials);
+            change.visits.extend(lost.visits);
+        }
         let visit_before = self.visits.of(&ask.client_id).cloned();
         let fixed = wanted.or_else(|| self.in_shadow(&normalised, state, &planned));
         if fixed.is_none() {
@@ -48,7 +52,11 @@ impl Tuner {
         };
         change.trials.push(trial.expect("a held trial is open"));
         let visit = self.visits.of(&ask.client_id);
-        change.visits.extend(visit.filter(|visit| Some(*visit) != visit_before.as_ref()).cloned());
+        let visit = visit.filter(|visit| Some(*visit) != visit_before.as_ref());
+        if let Some(visit) = visit {
+            change.visits.retain(|earlier| earlier.client_id != visit.client_id);
+            change.visits.push(visit.clone());
+        }
         if found.is_none() || self.searches.changes(state) != changes_before {
             change.states.push(self.state_record(state));
         }
@@ -146,6 +154,8 @@ impl Tuner {
         now_ms: i64,
     ) -> Trial {
         prediction.decision.silent = self.is_silent(&ask.client_id);
+        prediction.decision.session = ask.session;
+        prediction.decision.lost_leases = self.searches.lost(state, &prediction.configuration);
         let trial = Trial {
             number: number.0,
             client_id: ask.client_id.clone(),

@@ -109,6 +109,13 @@ impl OpenTrials {
         Some(trial)
     }
 
+    /// Notes of an open trial who holds it now, and how many leases of its configuration were lost.
+    pub(super) fn hold_by(&mut self, number: TrialNumber, session: u64, lost_leases: u32) {
+        if let Some(trial) = self.open.get_mut(&number) {
+            (trial.decision.session, trial.decision.lost_leases) = (session, lost_leases);
+        }
+    }
+
     /// Gives an open trial a lease until `expire_ms`.
     pub(super) fn renew(&mut self, number: TrialNumber, expire_ms: i64) -> Option<&Trial> {
         let trial = self.open.get_mut(&number)?;

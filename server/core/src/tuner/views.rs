@@ -89,7 +89,7 @@ impl Tuner {
             id: state.0,
             indicators: self.states[state].anchor.clone(),
             fingerprint: self.states.fingerprint(state).cloned(),
-            search: self.searches.of(state).cloned(),
+            search: self.searches.record(state).cloned(),
         }
     }
 }

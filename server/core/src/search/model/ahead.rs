@@ -3,42 +3,66 @@
 //! Fitting the models takes a thousand times as long as all else that a search does. A copy can do it while the search
 //! itself is told of other points. What it found is used unless somebody has measured that point meanwhile.
 
+use rand::RngExt;
+
 use crate::gp::Hyperparameters;
+use crate::gp::local_search::Neighbourhood;
 use crate::search::Step;
-use crate::search::model::{ModelSearch, steps};
+use crate::search::model::{GRID, MeasuredPoint, ModelSearch, acquire, steps};
+
+/// A guess is near one of so many of the best, changed in about so many parameters, by at most this share of an axis.
+const GUESSED_NEAR: usize = 4;
+const GUESSED_CHANGES: f64 = 2.0;
+const GUESSED_RADIUS: f64 = 0.2;
 
 /// A point by the models, and what fitting them taught.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlannedPoint {
     /// Where to measure and why; `None` where there is nothing to model.
     pub(super) point: Option<(Vec<f64>, Step)>,
+    /// More points, chosen as if those before were pending: for who asks while nobody can think.
+    reserve: Vec<(Vec<f64>, Step)>,
     cost: Hyperparameters,
     failure: Hyperparameters,
     trended: Option<Hyperparameters>,
     fitted: u64,
     draws: u64,
+    /// Whether the models saw a guide.
+    guided: bool,
 }
 
 impl PlannedPoint {
-    /// Thinks of the next point of a search, which is a copy: the models move in it.
-    pub(super) fn of(mut search: ModelSearch) -> PlannedPoint {
+    /// Thinks of the next point of a search, which is a copy: the models move in it; and of so many more in reserve. What
+    /// the first point takes is all that the search is told of, so that it goes on the same without a reserve.
+    pub(super) fn of(mut search: ModelSearch, reserve: usize) -> PlannedPoint {
         let point = search.propose();
-        let ModelSearch { cost, failure, trended, fitted, draws, .. } = search;
-        PlannedPoint { point, cost, failure, trended, fitted, draws }
+        let ModelSearch { cost, failure, trended, fitted, draws, .. } = search.clone();
+        let mut more = Vec::new();
+        let mut last = point.clone();
+        while more.len() < reserve
+            && let Some((x, step)) = last
+        {
+            search.make_pending(x, step);
+            last = search.propose();
+            more.extend(last.clone());
+        }
+        let guided = search.setup.layout.has_guide();
+        PlannedPoint { point, reserve: more, cost, failure, trended, fitted, draws, guided }
     }
 }
 
 impl ModelSearch {
     /// Whether the next point is at hand: what came back, the design, or a plan that was taken over.
     pub(super) fn has_next(&self) -> bool {
-        let begins = self.pending.added() == 0 || self.pending.has_withdrawn();
+        let begins = self.pending.added() == 0 || self.default_is_due || self.pending.has_withdrawn();
         let designs = self.believes_others() || !self.queue.is_empty() && !self.is_mostly_infeasible();
         begins || designs || self.planned.as_ref().is_some_and(|plan| self.is_good(plan))
     }
 
-    /// Takes over what a copy has found. A plan that rests on fewer measurements than the last fit is passed over.
+    /// Takes over what a copy has found. A plan that rests on fewer measurements than the last fit, or on a guide
+    /// that was dropped, is passed over.
     pub(super) fn take_over(&mut self, plan: PlannedPoint) {
-        if plan.fitted < self.fitted {
+        if plan.fitted < self.fitted || plan.guided != self.setup.layout.has_guide() {
             return;
         }
         self.cost = plan.cost.clone();
@@ -46,16 +70,51 @@ impl ModelSearch {
         self.trended = plan.trended.clone();
         self.fitted = plan.fitted;
         self.draws = self.draws.max(plan.draws);
+        if !plan.reserve.is_empty() {
+            self.reserve = plan.reserve.iter().cloned().collect();
+        }
         self.planned = Some(plan);
     }
 
     /// Whether the planned point is still worth a measurement.
     pub(super) fn is_good(&self, plan: &PlannedPoint) -> bool {
-        let Some((x, step)) = &plan.point else {
-            return true;
-        };
+        plan.point.as_ref().is_none_or(|(x, step)| self.is_worth(x, *step))
+    }
+
+    /// Whether nobody measured a point meanwhile, or does so now.
+    fn is_worth(&self, x: &[f64], step: Step) -> bool {
         let grid = steps(x);
         let is_pending = self.pending.points().any(|point| self.grid(&point.x).0 == grid);
-        !is_pending && (*step == Step::Replicate || self.seen.iter().all(|seen| seen.x != grid))
+        !is_pending && (step == Step::Replicate || self.seen.iter().all(|seen| seen.x != grid))
+    }
+
+    /// The next of the reserve that is still worth something, else a guess near one of the best.
+    pub(super) fn next_at_once(&mut self) -> (Vec<f64>, Step) {
+        while let Some((x, step)) = self.reserve.pop_front() {
+            if step != Step::Replicate && self.is_worth(&x, step) {
+                return (x, step);
+            }
+        }
+        let mut random = self.random();
+        let mut best: Vec<&MeasuredPoint> =
+            self.seen.iter().filter(|seen| seen.observed.rank().is_finite()).collect();
+        best.sort_by(|a, b| a.observed.rank().total_cmp(&b.observed.rank()));
+        best.truncate(GUESSED_NEAR);
+        let dimension = self.setup.dimension();
+        let x = match best.len() {
+            0 => acquire::anywhere(dimension, &mut random),
+            count => {
+                let near = best[random.random_range(0..count)];
+                let mut x: Vec<f64> = near.x.iter().map(|&x| f64::from(x) / GRID).collect();
+                let always = random.random_range(0..dimension);
+                for (axis, x) in x.iter_mut().enumerate() {
+                    if axis == always || random.random::<f64>() * (dimension as f64) < GUESSED_CHANGES {
+                        *x = self.setup.layout.moved(axis, *x, GUESSED_RADIUS, &mut random);
+                    }
+                }
+                x
+            }
+        };
+        (x, Step::RandomSearch)
     }
 }

@@ -16,8 +16,9 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::{MeasuredPoint, ModelSearch, PRIOR};
+use super::{ModelSearch, Observed, PRIOR};
 use crate::gp::Hyperparameters;
+use crate::limits::REWARD_COST_MIN;
 use crate::search::latin_hypercube::design;
 use crate::search::{MainEffects, SearchSetup};
 
@@ -29,10 +30,14 @@ const REACH_FROM: usize = 3;
 const STEP: f64 = 0.25;
 const STEPS_FROM: usize = 4;
 
-/// Of what did well in other states no more is tried once so many points, the default among them, were no better than
-/// it; where one was, so many points of a Latin hypercube are left.
-const PATIENCE: usize = 3;
+/// What did well in other states is run until so many more of it did worse than the default than did better.
+const PATIENCE: usize = 2;
+/// Where more of it did better than worse, so many points of a Latin hypercube are left.
 const DESIGN_LEFT: usize = 4;
+/// The guide is held against what was measured once so many points could be run,
+const GUIDE_TESTED_AT: usize = 8;
+/// and is dropped where its correlation with the logarithms of their costs is lower.
+const GUIDE_CORRELATION_LEAST: f64 = 0.2;
 
 impl ModelSearch {
     /// Has the search profit from other states, before any model was fitted. `first` are points to begin with, after
@@ -45,19 +50,23 @@ impl ModelSearch {
         self.elsewhere = first.into();
     }
 
-    /// Whether something is known to be better than the default.
-    fn has_gained(&self) -> bool {
+    /// How many points did better than the default, and how many worse; none before that was measured.
+    fn against_default(&self) -> (usize, usize) {
         let start = self.grid(&self.setup.start).0;
         let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.observed.rank());
-        let better =
-            |default: f64| self.seen.iter().any(|seen: &MeasuredPoint| seen.observed.rank() < default);
-        default.is_some_and(better)
+        let Some(default) = default else {
+            return (0, 0);
+        };
+        let better = self.seen.iter().filter(|seen| seen.observed.rank() < default).count();
+        // One of the others is the default itself.
+        (better, self.seen.len() - better - 1)
     }
 
     /// Whether there is something left that did well in other states, and the first of it has not shown that this
     /// means nothing here.
     pub(super) fn believes_others(&self) -> bool {
-        !self.elsewhere.is_empty() && (self.seen.len() < PATIENCE || self.has_gained())
+        let (better, worse) = self.against_default();
+        !self.elsewhere.is_empty() && worse < better + PATIENCE
     }
 
     /// The next point that did well in other states.
@@ -67,11 +76,47 @@ impl ModelSearch {
             return None;
         }
         let next = self.elsewhere.pop_front();
-        if self.elsewhere.is_empty() && !self.queue_of_steps && self.has_gained() {
+        let (better, worse) = self.against_default();
+        if self.elsewhere.is_empty() && !self.queue_of_steps && better > worse {
             self.queue.truncate(DESIGN_LEFT);
         }
         next
     }
+
+    /// Drops a guide that does not agree with what is measured here, as soon as there is enough to tell.
+    pub(super) fn test_guide(&mut self) {
+        let measured = self.seen.iter().filter(|seen| matches!(seen.observed, Observed::Cost { .. })).count();
+        if measured != GUIDE_TESTED_AT || !self.setup.layout.has_guide() {
+            return;
+        }
+        let mut pairs: Vec<(f64, f64)> = Vec::new();
+        for index in 0..self.seen.len() {
+            let place = self.place(index);
+            if let (Observed::Cost { mean, .. }, Some(guided)) =
+                (place.observed, self.setup.layout.guided(&place.x))
+            {
+                pairs.push((guided, libm::log(mean.max(REWARD_COST_MIN))));
+            }
+        }
+        if correlation(&pairs) < GUIDE_CORRELATION_LEAST {
+            self.setup.layout.drop_guide();
+            let kinds = self.setup.layout.kinds();
+            (self.cost, self.failure) =
+                (Hyperparameters::new(&kinds, &PRIOR), Hyperparameters::new(&kinds, &PRIOR));
+            (self.trended, self.fitted) = (None, 0);
+            self.elsewhere.clear();
+        }
+    }
+}
+
+/// Pearson's correlation; 0 where one side does not vary.
+fn correlation(pairs: &[(f64, f64)]) -> f64 {
+    let n = pairs.len() as f64;
+    let (a, b) = pairs.iter().fold((0.0, 0.0), |(a, b), pair| (a + pair.0 / n, b + pair.1 / n));
+    let sum = |of: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>();
+    let (aa, bb) = (sum(&|pair| (pair.0 - a).powi(2)), sum(&|pair| (pair.1 - b).powi(2)));
+    let ab = sum(&|pair| (pair.0 - a) * (pair.1 - b));
+    if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }
 
 /// Whether a space is begun by [`steps`].
@@ -203,8 +248,8 @@ mod tests {
         let mut search = following(&FIRST);
         let steps = walk(&mut search, 40, |x| 2.0 - x[5]);
         let of = |step: Step| steps.iter().filter(|(other, _)| *other == step).count();
-        assert_eq!(steps[0].0, Step::Default);
-        assert!(steps[1..4].iter().all(|(step, _)| *step == Step::Elsewhere), "{steps:?}");
+        let begin: Vec<Step> = steps[..4].iter().map(|(step, _)| *step).collect();
+        assert_eq!(begin, [Step::Elsewhere, Step::Default, Step::Elsewhere, Step::Elsewhere]);
         assert_eq!((of(Step::Elsewhere), of(Step::LatinHypercube)), (3, DESIGN_LEFT));
     }
 
@@ -216,7 +261,7 @@ mod tests {
         let steps = walk(&mut search, 40, opposite);
         let of = |step: Step| steps.iter().filter(|(other, _)| *other == step).count();
         let design = ModelSearch::new(setup(0.5, vec![2])).queue.len();
-        assert_eq!((of(Step::Elsewhere), of(Step::LatinHypercube)), (PATIENCE - 1, design), "{steps:?}");
+        assert_eq!((of(Step::Elsewhere), of(Step::LatinHypercube)), (PATIENCE, design), "{steps:?}");
         let best = steps.iter().map(|(_, cost)| *cost).fold(f64::INFINITY, f64::min);
         assert!(best < 1.05, "{best}");
     }
@@ -232,7 +277,7 @@ mod tests {
             assert_eq!(copy, search);
             // Thinking apart comes to the same.
             if !search.is_ready() {
-                let plan = search.plan().expect("a model to fit");
+                let plan = search.plan(0).expect("a model to fit");
                 copy.adopt(plan);
             }
             assert_eq!(walk(&mut copy, 3, cost), walk(&mut search, 3, cost));

@@ -25,8 +25,8 @@
 //!   the bound (Schmee and Hahn, "A simple method for regression analysis with censored data",
 //!   Technometrics 21, 1979; for model-based search Hutter, Hoos and Leyton-Brown, 2011), and never as best.
 //! - *Other states.* What other states of the study know, a [`MainEffects`] adds up: the search begins with what it and the
-//!   best of the others name, and costs may depend on it linearly. Its weight is learnt like a length, so that it
-//!   fades where it does not agree with what is measured here.
+//!   best of the others name, and costs may depend on it linearly. Its weight is learnt like a length; where it does not
+//!   agree with the first few measurements here, it is dropped.
 //! - *Scale.* Costs are seen through a logarithm whose origin is chosen by likelihood (see `gp::warping`).
 //! - *Several clients.* Pending points count as measured, at what the model expects of them (the
 //!   "kriging believer" of Ginsbourger, Le Riche and Carraro, 2010), and nearly without noise: what has the noise of
@@ -87,6 +87,8 @@ const PRIOR: Prior = Prior {
     squares: 1e-3,
     step_max: 1.0,
 };
+/// So many points that could be run are enough to leave a design that mostly could not.
+const FEASIBLE_ENOUGH: usize = 3;
 /// At most this share of the measurements goes to measuring the best again, and at most so many to one.
 const REPEAT_SHARE: f64 = 0.04;
 const REPEATS_MAX: f64 = 5.0;
@@ -123,6 +125,9 @@ pub struct ModelSearch {
     /// What did well in other states, and comes before the design.
     #[serde(default, skip_serializing_if = "VecDeque::is_empty")]
     elsewhere: VecDeque<Vec<f64>>,
+    /// The default was not asked yet, because something came before it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    default_is_due: bool,
     /// Whether that are steps from the best so far, not places.
     #[serde(default)]
     queue_of_steps: bool,
@@ -143,6 +148,9 @@ pub struct ModelSearch {
     /// The next point, where a copy has planned it. Not stored: it would be planned again.
     #[serde(skip)]
     planned: Option<PlannedPoint>,
+    /// More points that were thought of with it, for who asks while nobody can think. Not stored either.
+    #[serde(skip)]
+    reserve: VecDeque<(Vec<f64>, Step)>,
 }
 
 /// A configuration that was seen, as the models see it.
@@ -172,6 +180,7 @@ impl ModelSearch {
             pending: PendingPoints::default(),
             queue: VecDeque::new(),
             elsewhere: VecDeque::new(),
+            default_is_due: false,
             queue_of_steps: false,
             seen: Vec::new(),
             cost: Hyperparameters::new(&kinds, &PRIOR),
@@ -182,6 +191,7 @@ impl ModelSearch {
             draws: 0,
             scatter: (0, 0.0),
             planned: None,
+            reserve: VecDeque::new(),
             setup,
         };
         let random = &mut search.random();
@@ -234,10 +244,11 @@ impl ModelSearch {
         (steps(&x), features)
     }
 
-    /// Whether a design would waste measurements: most of it, so far, could not be run, but something could.
+    /// Whether a design would waste measurements: most of it, so far, could not be run, but enough could to begin a
+    /// model with.
     fn is_mostly_infeasible(&self) -> bool {
         let failed = self.seen.iter().filter(|seen| seen.observed == Observed::Infeasible).count();
-        failed >= 2 && 2 * failed >= self.seen.len() && failed < self.seen.len()
+        2 * failed >= self.seen.len() && self.seen.len() - failed >= FEASIBLE_ENOUGH
     }
 
     /// How many times more deviations count than the model says, by how long ago the best was found.
@@ -471,7 +482,14 @@ impl Search for ModelSearch {
         if let Some(point) = self.pending.resume() {
             return Some(point);
         }
-        if self.pending.added() == 0 {
+        // What did best elsewhere comes first, then the default, by which states are compared, then the others.
+        if self.pending.added() == 0
+            && let Some(x) = self.elsewhere.pop_front()
+        {
+            self.default_is_due = true;
+            return Some(self.make_pending(x, Step::Elsewhere));
+        }
+        if self.pending.added() == 0 || std::mem::take(&mut self.default_is_due) {
             return Some(self.pending.add(self.setup.start.clone(), Step::Default));
         }
         if let Some(x) = self.next_from_elsewhere() {
@@ -528,6 +546,9 @@ impl Search for ModelSearch {
             Some(old) => *old = observed,
         }
         self.told += 1;
+        if known.is_none() {
+            self.test_guide();
+        }
         if self.seen.len() > KEPT_MAX {
             let worst = (0..self.seen.len() / 2)
                 .max_by(|&a, &b| self.seen[a].observed.rank().total_cmp(&self.seen[b].observed.rank()));
@@ -572,8 +593,17 @@ impl Search for ModelSearch {
         self.has_next()
     }
 
-    fn plan(&self) -> Option<PlannedPoint> {
-        Some(PlannedPoint::of(self.clone()))
+    fn ask_at_once(&mut self) -> Option<Point> {
+        if self.has_next() {
+            return self.ask();
+        }
+        let (x, step) = self.next_at_once();
+        Some(self.make_pending(x, step))
+    }
+
+    fn plan(&self, reserve: usize) -> Option<PlannedPoint> {
+        let copy = ModelSearch { planned: None, reserve: VecDeque::new(), ..self.clone() };
+        Some(PlannedPoint::of(copy, reserve))
     }
 
     fn adopt(&mut self, plan: PlannedPoint) {

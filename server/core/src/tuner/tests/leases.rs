@@ -119,3 +119,111 @@ fn a_client_cannot_hoard_trials() {
     assert_eq!(suggest(&mut tuner, "a", 3.0, 0.0).number, 4, "one that it holds is given again");
     suggest(&mut tuner, "b", limit as f64, 0.0);
 }
+
+/// Ends the lease of whatever is open, and takes the next trial.
+fn crash(tuner: &mut Tuner, client: &str, now_ms: &mut i64) -> (Trial, Change) {
+    let trial = tuner.suggest(&ask(client, 0.5, 0.5), *now_ms).expect("valid").0;
+    *now_ms += 60_001;
+    (trial, tuner.expire(*now_ms))
+}
+
+#[test]
+fn a_configuration_whose_lease_is_lost_twice_counts_as_infeasible_and_says_why() {
+    for search in [SearchMethod::Auto, SearchMethod::NelderMead] {
+        let mut tuner = tuner(Policy { search, ..explore_always() });
+        run(&mut tuner, "a", 0.5, 0.5, 3);
+        let mut now_ms = 1_000;
+        let (first, change) = crash(&mut tuner, "a", &mut now_ms);
+        assert_eq!(change.trials[0].state, TrialState::Expired);
+        let (second, change) = crash(&mut tuner, "b", &mut now_ms);
+        assert_eq!(second.configuration, first.configuration, "one lost lease is no proof");
+        assert_eq!((first.decision.lost_leases, second.decision.lost_leases), (0, 1));
+        assert!(second.reason().summary.contains("A lease of it was lost"), "{}", second.reason().summary);
+        let given_up = &change.trials[0];
+        assert_eq!(given_up.state, TrialState::Completed);
+        let Some(Outcome::Infeasible { reason }) = &given_up.outcome else {
+            panic!("{:?}", given_up.outcome)
+        };
+        assert!(reason.contains("2 leases"), "{reason}");
+        assert_eq!(change.states.len(), 1, "the search was told");
+        let results = tuner.states.results(StateId(1));
+        assert!(results.is_infeasible(&first.configuration));
+        for _ in 0..6 {
+            let (trial, _) = crash(&mut tuner, "c", &mut now_ms);
+            assert_ne!(trial.configuration, first.configuration);
+        }
+        // In another state it may work.
+        assert!(!tuner.states.contains(StateId(2)));
+    }
+}
+
+#[test]
+fn what_was_measured_once_is_not_given_up_for_lost_leases() {
+    let mut tuner = tuner(exploit_always());
+    run(&mut tuner, "a", 0.5, 0.5, 1);
+    let mut now_ms = 1_000;
+    for _ in 0..4 {
+        let (trial, change) = crash(&mut tuner, "a", &mut now_ms);
+        assert_eq!(trial.configuration, tuner.spec().space.default_configuration());
+        assert_eq!((change.trials[0].state, trial.decision.lost_leases), (TrialState::Expired, 0));
+    }
+}
+
+#[test]
+fn a_report_forgives_a_lost_lease() {
+    let mut tuner = tuner(explore_always());
+    let mut now_ms = 1_000;
+    let (first, change) = crash(&mut tuner, "a", &mut now_ms);
+    let expired = change.trials[0].clone();
+    let _change = tuner.report(&expired, measured(5.0), Outcome::Ok, now_ms).expect("late");
+    assert_eq!(tuner.searches.lost(StateId(1), &first.configuration), 0);
+}
+
+#[test]
+fn a_client_that_was_started_anew_has_lost_its_lease() {
+    let mut tuner = tuner(explore_always());
+    run(&mut tuner, "a", 0.5, 0.5, 2);
+    let session = |tuner: &mut Tuner, session: u64| {
+        tuner.suggest(&Ask { session, ..ask("a", 0.5, 0.5) }, 10).expect("valid")
+    };
+    let (first, _) = session(&mut tuner, 7);
+    let (again, _) = session(&mut tuner, 7);
+    assert_eq!((again.number, again.decision.lost_leases), (first.number, 0), "its answer was lost");
+    let (restarted, change) = session(&mut tuner, 8);
+    assert_eq!((restarted.number, restarted.decision.lost_leases), (first.number, 1));
+    assert_eq!(change.states.len(), 1, "a restart of the daemon does not forget it");
+    let (other, change) = session(&mut tuner, 9);
+    assert_ne!(other.configuration, first.configuration);
+    let given_up = change.trials.iter().find(|trial| trial.number == first.number).expect("told");
+    assert!(matches!(given_up.outcome, Some(Outcome::Infeasible { .. })), "{given_up:?}");
+}
+
+#[test]
+fn what_clients_want_themselves_does_not_eat_the_budget_of_the_search() {
+    let mut tuner = tuner(Policy { search: SearchMethod::Random, ..explore_always() });
+    let space = tuner.spec().space.clone();
+    for number in 0..29 {
+        let mut x = space.encode(&space.default_configuration());
+        x[3] = f64::from(number) / 30.0;
+        let wanted = space.decode(&x).to_raw();
+        let trial = tuner.suggest_wanted(&ask("a", 0.5, 0.5), wanted, 0).expect("valid").0;
+        finish(&mut tuner, &trial, Outcome::Ok);
+    }
+    let explored = run(&mut tuner, "a", 0.5, 0.5, 40);
+    let explored = explored.iter().filter(|trial| trial.decision.search_step().is_some()).count();
+    // One of them was the default, which the search need not measure again.
+    assert!((29..=30).contains(&explored), "{explored} trials of thirty");
+}
+
+#[test]
+fn a_search_that_has_spent_its_budget_on_repeats_is_finished() {
+    let mut tuner = tuner(Policy { search: SearchMethod::Auto, ..explore_always() });
+    for _ in 0..200 {
+        let trial = suggest(&mut tuner, "a", 0.5, 0.5);
+        finish(&mut tuner, &trial, Outcome::Ok);
+        let own = tuner.searches.of(StateId(1)).expect("explored");
+        let spent = crate::tuner::explore::is_spent(own, tuner.states.results(StateId(1)), 30);
+        assert_eq!(tuner.is_finished(StateId(1)), spent);
+    }
+    assert!(tuner.is_finished(StateId(1)));
+}

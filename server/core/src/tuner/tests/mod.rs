@@ -7,6 +7,7 @@ mod exploring;
 mod fleet;
 mod leases;
 mod parts;
+mod paying;
 mod proven;
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -10,20 +10,29 @@
 //! all of these is learnt in `report`, and nowhere else.
 
 mod other_machines;
+mod portfolio;
 mod warm_start;
 
+use crate::configuration::Configuration;
+use crate::decision::Source;
 use crate::ids::StateId;
 use crate::policy::PredictorMethod;
+use crate::predict::state_index::IndexEntry;
 use crate::predict::{Answer, Query};
 use crate::study::StudySpec;
 use crate::tuner::models::Models;
 use crate::tuner::plan::Planned;
 use crate::tuner::searches::Searches;
-use crate::tuner::states::States;
+use crate::tuner::states::{States, at};
 use crate::tuner::trials::OpenTrials;
 
 pub(super) use other_machines::compare;
 pub(super) use warm_start::{MeasuredElsewhere, WarmStart};
+
+/// So many of the nearest states say whether those near by were searched.
+const NEAR: usize = 8;
+/// A search of fewer configurations says little of a state.
+const SEARCHED_LEAST: usize = 6;
 
 /// What there is to ask.
 #[derive(Clone, Copy, Debug)]
@@ -65,7 +74,7 @@ impl<'a> Transfer<'a> {
         normalised: &'a [f64],
         planned: &Planned,
     ) -> Option<(Answer, PredictorMethod)> {
-        if !self.is_untouched(state) {
+        if !self.is_untouched(state) || self.begins_with_portfolio(normalised, Some(state)) {
             return None;
         }
         let (method, query) = (self.spec.policy.predictor, self.query(normalised, Some(state)));
@@ -74,6 +83,60 @@ impl<'a> Transfer<'a> {
             None => predictors.propose(method, &query, number),
             Some(planned) => predictors.propose_ahead(method, &query, number, planned.first),
         }
+    }
+
+    /// Whether the search of a state begins with what did best in others: where the states near by were searched. Where
+    /// inputs are met once, nothing was, and a predictor proposes what to run.
+    pub(super) fn begins_with_portfolio(&self, normalised: &'a [f64], here: Option<StateId>) -> bool {
+        if !self.warms_up_searches() {
+            return false;
+        }
+        let near = self
+            .query(normalised, here)
+            .nearest(NEAR, false, |other| Some(other.id) != here && other.results.best().is_some());
+        let was_searched = |near: &&IndexEntry| {
+            let state = &self.states[at(near.name as usize)];
+            state.explored && state.results.tried() >= SEARCHED_LEAST
+        };
+        2 * near.iter().filter(was_searched).count() > near.len()
+    }
+
+    /// Whether the best of a portfolio is what is exploited: the policy leaves the choice of the predictor to us, nothing is
+    /// known of the state, and those near by were searched.
+    pub(super) fn exploits_portfolio(&self, normalised: &'a [f64], here: Option<StateId>) -> bool {
+        self.spec.policy.predictor == PredictorMethod::Auto
+            && here.is_none_or(|here| self.states.results(here).tried() == 0)
+            && self.begins_with_portfolio(normalised, here)
+    }
+
+    /// What a portfolio is made from that [is exploited](Transfer::exploits_portfolio), to be computed apart.
+    pub(super) fn portfolio_evidence(
+        &self,
+        normalised: &'a [f64],
+        here: Option<StateId>,
+    ) -> Option<MeasuredElsewhere> {
+        let exploits = self.exploits_portfolio(normalised, here);
+        exploits.then(|| self.evidence_for(&self.query(normalised, here)))
+    }
+
+    /// The best of the portfolio, where that is what is exploited.
+    pub(super) fn best_of_portfolio(
+        &self,
+        normalised: &'a [f64],
+        here: Option<StateId>,
+        planned: &Planned,
+    ) -> Option<(Configuration, Source)> {
+        if !self.exploits_portfolio(normalised, here) {
+            return None;
+        }
+        let query = self.query(normalised, here);
+        let evidence = self.evidence_for(&query);
+        let best = match planned.of_portfolio(normalised) {
+            None => evidence.best(&self.spec.space),
+            Some(best) => best.cloned(),
+        };
+        let states = evidence.states() as u64;
+        Some((best?, Source::Portfolio { states, neighbours: self.neighbours_of(&query) }))
     }
 
     /// Whether nothing was begun in a state.
@@ -87,7 +150,8 @@ impl<'a> Transfer<'a> {
     pub(super) fn needs_predictor(&self, here: Option<StateId>) -> bool {
         let is_known = |here: StateId| {
             let results = self.states.results(here);
-            let is_finished = results.tried() >= self.spec.policy.trials_per_state as usize;
+            let taken = self.searches.taken(here, results);
+            let is_finished = taken >= self.spec.policy.trials_per_state as usize;
             is_finished && results.best().is_some() || self.best_by_machines(here).is_some()
         };
         here.is_none_or(|here| !is_known(here))

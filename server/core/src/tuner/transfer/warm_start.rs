@@ -1,37 +1,37 @@
 //! Warm start: what a search that begins in a new state is told of other states.
 //!
-//! It is the states nearest to it in which a search was begun, on whatever machine: what they measured makes a
-//! [`MainEffects`], and its favourite and the best of the nearest few are the first points after the default. A portfolio of
-//! the best configurations of other instances is how algorithm configurators begin as well (Feurer, Springenberg and
-//! Hutter, "Initializing Bayesian hyperparameter optimization via meta-learning", AAAI 2015).
+//! It is the states nearest to it in which a search was begun, on whatever machine: what the nearest few measured makes a
+//! [`MainEffects`], and the [portfolio] of all of them, with the guide's favourite, are the first points. A portfolio of the
+//! best configurations of other instances is how algorithm configurators begin as well (Feurer, Springenberg and Hutter,
+//! "Initializing Bayesian hyperparameter optimization via meta-learning", AAAI 2015).
 //!
 //! Making the guide takes some milliseconds, so what it rests on is copied and computed apart where the tuner is
 //! shared (see `plan`). A beginning is all that is taken over. The search is stored with its guide, so that a tuner
 //! that is restored has the same, whatever the others have learnt since.
 
+use std::sync::Arc;
+
 use crate::configuration::Configuration;
 use crate::ids::StateId;
-use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
+use crate::limits::{NEIGHBOURS_MAX, PORTFOLIO_STATES_MAX, REWARD_COST_MIN};
 use crate::predict::Query;
 use crate::predict::state_index::IndexEntry;
+use crate::results::ResultTable;
 use crate::search::{Layout, MainEffects, SourceMeasurement, hears_others};
 use crate::space::Space;
 use crate::trial::Neighbour;
 use crate::tuner::states::at;
-use crate::tuner::transfer::Transfer;
+use crate::tuner::transfer::{Transfer, portfolio};
 
-/// How many states are asked, and how many measured configurations of all of them make a guide: the best of each.
+/// How many of the nearest states make a guide, and how many of their measured configurations: the best of each.
 const STATES: usize = 8;
 const RECORDS: usize = 640;
-/// How many of the states name their best as a point to begin with.
-const NAMED: usize = 3;
 
-/// What other states have measured: the place of the state among those asked, a configuration and its mean cost; the
-/// nearest state first and in each the best configuration first.
+/// What other states have measured: tables, the nearest state first.
 #[derive(Clone, Debug)]
-pub(in crate::tuner) struct MeasuredElsewhere(Vec<(usize, Configuration, f64)>);
+pub(in crate::tuner) struct MeasuredElsewhere(Vec<Arc<ResultTable>>);
 
-/// What a search begins with: a guide, and points after the default.
+/// What a search begins with: a guide, and points in the order in which they are run.
 pub(in crate::tuner) type WarmStart = (MainEffects, Vec<Vec<f64>>);
 
 impl MeasuredElsewhere {
@@ -39,27 +39,33 @@ impl MeasuredElsewhere {
         self.0.is_empty()
     }
 
+    /// How many states it rests on.
+    pub(super) fn states(&self) -> usize {
+        self.0.len()
+    }
+
+    /// The first of the portfolio: some milliseconds.
+    pub(in crate::tuner) fn best(&self, space: &Space) -> Option<Configuration> {
+        portfolio::members(space, &self.0).into_iter().next()
+    }
+
     /// Computes it: some milliseconds. `None` where nothing follows.
     pub(in crate::tuner) fn beginning(&self, space: &Space) -> Option<WarmStart> {
-        let mut named: Vec<Vec<f64>> = Vec::new();
         let mut measured = Vec::new();
-        for (state, configuration, mean_cost) in &self.0 {
-            let x = space.encode(configuration);
-            // The first of a state is its best.
-            let is_best = measured.last().is_none_or(|before: &SourceMeasurement| before.state != *state);
-            if is_best && *state < NAMED {
-                named.push(x.clone());
+        let nearest = &self.0[..self.0.len().min(STATES)];
+        for (state, results) in nearest.iter().enumerate() {
+            for record in results.ranked().take(RECORDS / nearest.len()) {
+                let log_cost = libm::log(record.mean_cost.max(REWARD_COST_MIN));
+                measured.push(SourceMeasurement { state, x: space.encode(&record.configuration), log_cost });
             }
-            let log_cost = libm::log(mean_cost.max(REWARD_COST_MIN));
-            measured.push(SourceMeasurement { state: *state, x, log_cost });
         }
         let layout = Layout::of(space);
         let main_effects = MainEffects::fit(&layout, &measured)?;
-        let mut first = vec![main_effects.descend(&layout, named.first()?)];
-        for x in named {
-            if !first.contains(&x) {
-                first.push(x);
-            }
+        let mut first: Vec<Vec<f64>> =
+            portfolio::members(space, &self.0).iter().map(|member| space.encode(member)).collect();
+        let downhill = main_effects.descend(&layout, first.first()?);
+        if !first.contains(&downhill) {
+            first.insert(1, downhill);
         }
         Some((main_effects, first))
     }
@@ -85,25 +91,25 @@ impl Transfer<'_> {
 
     /// The same for a state that is not there yet.
     pub(in crate::tuner) fn evidence_for(&self, query: &Query<'_>) -> MeasuredElsewhere {
-        let others = nearest(query, STATES);
-        let of = |(place, other): (usize, &IndexEntry)| {
-            let ranked = self.states.results(at(other.name as usize)).ranked();
-            let told = ranked.take(RECORDS / others.len());
-            told.map(move |record| (place, record.configuration.clone(), record.mean_cost))
-        };
-        MeasuredElsewhere(others.iter().enumerate().flat_map(of).collect())
+        let others = nearest(query, PORTFOLIO_STATES_MAX);
+        let table = |other: &IndexEntry| Arc::clone(&self.states[at(other.name as usize)].results);
+        MeasuredElsewhere(others.iter().map(table).collect())
     }
 
     /// The states that a search was told of, for people.
     pub(in crate::tuner) fn neighbours(&self, state: StateId) -> Vec<Neighbour> {
         let here = &self.states[state];
-        let query = self.states.query(&self.spec.space, &here.anchor, Some(state));
+        self.neighbours_of(&self.states.query(&self.spec.space, &here.anchor, Some(state)))
+    }
+
+    /// The explored states nearest to an asked one, for people.
+    pub(super) fn neighbours_of(&self, query: &Query<'_>) -> Vec<Neighbour> {
         let neighbour = |found: &IndexEntry| {
             let other = &self.states[at(found.name as usize)];
-            let factor = self.states.machines().factor(other.machine, here.machine);
+            let factor = self.states.machines().factor(other.machine, query.machine);
             let best_cost = (factor * other.results.best()?.mean_cost).min(f64::MAX);
             Some(Neighbour { state_id: other.id.get(), distance: found.distance_2.sqrt(), best_cost })
         };
-        nearest(&query, STATES.min(NEIGHBOURS_MAX)).iter().filter_map(neighbour).collect()
+        nearest(query, STATES.min(NEIGHBOURS_MAX)).iter().filter_map(neighbour).collect()
     }
 }

@@ -1,0 +1,63 @@
+//! How far the search of a state is, without luck: what each octave of its trials gained by the posterior.
+//!
+//! The lowest of more and more noisy measurements falls for ever. So at the end of each octave the best by the
+//! [posterior](crate::statistics::estimate) is compared with what was best at the end of the octave before, by the same
+//! posterior, which tells no gain where the measurements show none.
+
+use crate::configuration::Configuration;
+use crate::limits::{PROGRESS_SAMPLES_MAX, REWARD_COST_MIN};
+use crate::results::{Record, ResultTable};
+use crate::search::Layout;
+use crate::space::Space;
+use crate::statistics::estimate::{ConfigurationSample, CostPosterior};
+
+/// The best configuration of a state, and by which share it costs less than another that was best before. `None` where
+/// nothing was measured.
+pub(super) fn gained(
+    space: &Space,
+    results: &ResultTable,
+    before: Option<&Configuration>,
+) -> Option<(Configuration, f64)> {
+    let records = chosen(results, before);
+    let layout = Layout::of(space);
+    let samples: Vec<ConfigurationSample> =
+        records.iter().map(|record| sample(space, &layout, record)).collect();
+    let posterior = CostPosterior::of(&samples, distance_2)?;
+    let means = posterior.means();
+    let best = (0..means.len()).min_by(|&a, &b| means[a].total_cmp(&means[b]))?;
+    let then = before.and_then(|before| records.iter().position(|record| record.configuration == *before));
+    let gain = then.map_or(0.0, |then| posterior.compare(best, then).gain);
+    Some((records[best].configuration.clone(), gain))
+}
+
+/// What the posterior rests on: everything, or what was best before, the best half, and an even choice of the rest.
+fn chosen<'a>(results: &'a ResultTable, before: Option<&Configuration>) -> Vec<&'a Record> {
+    let ranked: Vec<&Record> = results.ranked().collect();
+    if ranked.len() <= PROGRESS_SAMPLES_MAX {
+        return ranked;
+    }
+    let best = PROGRESS_SAMPLES_MAX / 2;
+    let rest = PROGRESS_SAMPLES_MAX - best;
+    let mut places: Vec<usize> = (0..best).collect();
+    places.extend((0..rest).map(|index| best + index * (ranked.len() - best) / rest));
+    let then = before.and_then(|before| ranked.iter().position(|record| record.configuration == *before));
+    if let Some(then) = then.filter(|then| !places.contains(then)) {
+        places.push(then);
+    }
+    places.into_iter().map(|place| ranked[place]).collect()
+}
+
+fn sample(space: &Space, layout: &Layout, record: &Record) -> ConfigurationSample {
+    let mut x = space.encode(&record.configuration);
+    let active = layout.canonical(&mut x);
+    let costs = record.evidence.values();
+    let log_costs: Vec<f64> = costs.iter().map(|cost| libm::log(cost.max(REWARD_COST_MIN))).collect();
+    let count = log_costs.len().max(1) as f64;
+    let mean = log_costs.iter().sum::<f64>() / count;
+    let scatter = log_costs.iter().map(|x| (x - mean) * (x - mean)).sum();
+    ConfigurationSample { features: layout.features(&x, &active), mean, count, scatter }
+}
+
+fn distance_2(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+}

@@ -1,0 +1,127 @@
+//! Exploring that pays, stops, and is shared among workers; and what a state begins with that nobody has met.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+use crate::randomness::standard_normal;
+
+/// Frames of one client in a state: how many of them explored.
+fn explored(
+    tuner: &mut Tuner,
+    client: &str,
+    x: f64,
+    frames: usize,
+    cost: impl FnMut(&Trial) -> f64,
+) -> usize {
+    let mut cost = cost;
+    let mut explored = 0;
+    for _ in 0..frames {
+        let trial = suggest(tuner, client, x, 0.5);
+        explored += usize::from(trial.mode() == Mode::Explore);
+        let _ = tuner.report(&trial, measured(cost(&trial)), Outcome::Ok, 1).expect("a valid report");
+    }
+    explored
+}
+
+#[test]
+fn where_nothing_can_be_gained_exploring_ends_after_few_frames() {
+    let mut tuner = tuner(Policy { weigh_gain: true, ..Policy::default() });
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let mut all = Vec::new();
+    for state in 0..4 {
+        let flat = |_: &Trial| 10.0 * (1.0 + 0.07 * standard_normal(&mut random));
+        all.push(explored(&mut tuner, "a", 0.25 * f64::from(state), 300, flat));
+    }
+    assert!(all.iter().all(|&explored| explored <= 20), "{all:?}");
+}
+
+#[test]
+fn where_much_can_be_gained_it_goes_on() {
+    let mut tuner = tuner(Policy { weigh_gain: true, ..Policy::default() });
+    let first = explored(&mut tuner, "a", 0.0, 600, cost);
+    let second = explored(&mut tuner, "a", 0.9, 600, cost);
+    assert!(first >= 8 && second >= 4, "{first} {second}");
+}
+
+#[test]
+fn who_stays_is_not_left_at_what_the_dice_gave_first() {
+    let mut tuner = tuner(Policy { epsilon: 0.2, ..Policy::default() });
+    run(&mut tuner, "first", 0.5, 0.5, 20);
+    for client in 0..12 {
+        let explored = explored(&mut tuner, &format!("client {client}"), 0.5, 40, cost);
+        if tuner.is_finished(StateId(1)) {
+            return;
+        }
+        assert!(explored > 0, "client {client}");
+    }
+}
+
+#[test]
+fn every_worker_of_an_offline_study_explores_until_the_search_has_ended() {
+    let mut without_indicators = spec(Policy { trials_per_state: 30, ..Policy::default() });
+    without_indicators.indicators = IndicatorSchema::default();
+    let offline = spec(Policy { offline: true, trials_per_state: 30, ..Policy::default() });
+    for spec in [without_indicators, offline] {
+        let has_indicators = !spec.indicators.indicators().is_empty();
+        let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
+        let mut distinct = BTreeSet::new();
+        let mut last = None;
+        for frame in 0..48 {
+            let client = format!("worker {}", frame % 6);
+            let question = match has_indicators {
+                true => ask(&client, 0.5, 0.5),
+                false => Ask { client_id: client, ..Ask::default() },
+            };
+            let trial = tuner.suggest(&question, 0).expect("valid").0;
+            distinct.insert(trial.configuration.clone());
+            let render_ms =
+                10.0 + trial.configuration.get("min_leaf_size").and_then(Value::as_number).unwrap_or(0.0);
+            let _ = tuner.report(&trial, measured(render_ms), Outcome::Ok, 1).expect("valid");
+            last = Some(trial);
+        }
+        assert!((26..=30).contains(&distinct.len()), "{} distinct", distinct.len());
+        assert_eq!(last.map(|trial| trial.mode()), Some(Mode::Exploit), "and exploit then");
+    }
+}
+
+#[test]
+fn a_state_that_nobody_met_is_answered_with_what_serves_the_others_best() {
+    let mut tuner = tuner(explore_always());
+    for place in 0..3 {
+        run(&mut tuner, "a", 0.3 * f64::from(place), 0.5, 30);
+    }
+    let asked = ask("z", 0.95, 0.9).indicators;
+    let told = tuner.predict(&asked, None).expect("valid");
+    assert_eq!((told.reason().source.as_str(), told.mode()), ("portfolio", Mode::Exploit));
+    assert!(!told.reason().neighbours.is_empty());
+    // Who explores begins with it, and then runs the default.
+    let first = suggest(&mut tuner, "b", 0.95, 0.9);
+    assert_eq!((&first.configuration, first.reason().step.as_str()), (&told.configuration, "elsewhere"));
+    finish(&mut tuner, &first, Outcome::Ok);
+    assert_eq!(suggest(&mut tuner, "b", 0.95, 0.9).mode(), Mode::Default);
+    // And it is better there than the default is.
+    let at = |configuration: &Configuration| {
+        cost(&Trial { configuration: configuration.clone(), ..first.clone() })
+    };
+    assert!(at(&told.configuration) < at(&tuner.spec().space.default_configuration()));
+}
+
+#[test]
+fn forty_concurrent_questions_get_many_configurations() {
+    let mut tuner = tuner(Policy { offline: true, trials_per_state: 80, ..Policy::default() });
+    run(&mut tuner, "a", 0.5, 0.5, 16);
+    // Nobody else plans: all but one have to be answered at once.
+    let mut distinct = BTreeSet::new();
+    for worker in 0..40 {
+        let ask = ask(&format!("worker {worker}"), 0.5, 0.5);
+        let question = tuner.question(&ask).expect("valid");
+        let plan = tuner.plan(&question, |_| worker == 0).map(PlanRequest::compute);
+        let trial = match plan {
+            Some(plan) => tuner.suggest_planned(&ask, plan, 0),
+            None => tuner.suggest_now(question, 0),
+        };
+        distinct.insert(trial.expect("valid").0.configuration);
+    }
+    assert!(distinct.len() >= 38, "{} of 40", distinct.len());
+}
