@@ -151,7 +151,7 @@ impl Tuning {
                 let plan = match prepared.plan {
                     Some(plan) => plan,
                     None => match live.tuner.plan_best(indicators, fingerprint) {
-                        Some(request) => return Err(live.apart(request, prepared.is_updated)),
+                        Some(request) => return Err(live.preparation(request, prepared.is_updated)),
                         None => SuggestionPlan::default(),
                     },
                 };
