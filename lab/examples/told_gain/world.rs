@@ -165,7 +165,7 @@ impl Search {
         let mut speed = Speed {
             machine: self.machine,
             jump_at: random.random_range(self.trials / 4..3 * self.trials / 4),
-            slows: seed % 2 == 0,
+            slows: seed.is_multiple_of(2),
             others: (0, 0),
             random: ChaCha8Rng::seed_from_u64(2000 + seed),
         };
