@@ -84,6 +84,8 @@ async fn open(
     database: &Database,
     listening: SocketAddr,
 ) -> Result<Arc<dyn Store>, OpenError> {
+    #[cfg(not(feature = "postgres"))]
+    let _ = (config, listening);
     match database {
         Database::File(path) => Ok(Arc::new(SqliteStore::open(path).await?)),
         #[cfg(feature = "postgres")]

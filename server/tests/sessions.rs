@@ -95,7 +95,8 @@ async fn a_session_explores_until_its_deadline() {
         for _ in 0..2 {
             let (trial, rule) = frame(&mut client, explorer(1, wishes)).await;
             let expected = if second < 5 { Rule::Explore } else { Rule::Exploit };
-            assert_eq!(rule, expected, "second {second}: {trial:?}");
+            // In between the speed of the machine is told by measuring the incumbent again.
+            assert!(rule == expected || rule == Rule::Incumbent, "second {second}: {rule:?}, {trial:?}");
         }
         server.clock.advance_ms(1_000);
     }

@@ -180,7 +180,14 @@ async fn malformed_questions_and_results_are_refused() {
 
 #[tokio::test]
 async fn predictions_and_the_best_rest_on_reports() {
-    let (_server, mut client) = server().await;
+    let server = Server::in_memory().await;
+    let mut client = server.client().await;
+    // Answers what was measured nearest, and never between two measurements.
+    let predictor = wire::PredictorMethod::NearestNeighbour.into();
+    let nearest = wire::Policy { epsilon: Some(1.0), predictor, ..Default::default() };
+    let study = wire::Study { policy: Some(nearest), ..common::study() };
+    let request = wire::CreateStudyRequest { study_id: "hall".to_owned(), study: Some(study) };
+    client.create_study(request).await.expect("created");
     let predict = |count| wire::PredictRequest {
         study: "studies/hall".to_owned(),
         indicators: triangles(count),
@@ -218,7 +225,7 @@ async fn predictions_and_the_best_rest_on_reports() {
 
     let after = client.predict(predict(12.0)).await.unwrap().into_inner();
     assert_eq!(after.mode(), wire::Mode::Exploit);
-    assert_eq!(after.configuration, cheapest.configuration);
+    assert_eq!(after.configuration, cheapest.configuration, "{after:?}");
     assert!(!after.reason.unwrap().neighbours.is_empty());
     // Nothing was written for any of that.
     let name = "studies/hall".to_owned();

@@ -37,10 +37,11 @@ fn a_program_is_tuned_and_its_winner_confirmed() {
     let gain = &done["confirmation"];
     assert_eq!(gain["pairs"], 6);
     assert!(gain["low"].as_f64().is_some_and(|low| low > 0.9), "{done}");
-    // The pairs are learnt like all else: the default was measured once by the search, and then six times.
+    // The pairs are learnt like all else. The search measured the default once, and perhaps again to tell the machine's speed.
     let url = daemon.url();
     let all = ["--server", url, "--json", "trials", "toy", "--filter", "config.level = 3", "--all"];
-    assert_eq!(json(&run("treewright", &all)).as_array().map(Vec::len), Some(7));
+    let of_default = json(&run("treewright", &all)).as_array().map_or(0, Vec::len);
+    assert!((7..=9).contains(&of_default), "{of_default} trials of the default");
 }
 
 #[test]

@@ -208,7 +208,8 @@ mod tests {
         assert_eq!(distinct.len(), 20, "nobody measures what another measures");
         drop(token);
         let after = suggest(&tuning, "three").await;
-        assert!(is_by_model(&after), "{after:?}");
+        assert_eq!(after.mode(), Mode::Explore, "{after:?}");
+        assert!(distinct.insert(after.configuration), "and not what is being measured already");
     }
 
     #[tokio::test(flavor = "multi_thread")]
@@ -227,7 +228,7 @@ mod tests {
         assert_eq!(suggest(&tuning, "three").await.mode(), Mode::Explore);
         let predicted =
             tuning.predict("hall", &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
-        assert_eq!(predicted.reason().source, "contextual");
+        assert_eq!(predicted.reason().source, "portfolio", "what serves the known states best");
     }
 
     #[tokio::test(flavor = "multi_thread")]

@@ -36,6 +36,7 @@ mod acquire;
 mod ahead;
 mod begin;
 mod local;
+mod observed;
 
 use std::collections::VecDeque;
 
@@ -52,6 +53,7 @@ use crate::search::{Feedback, MainEffects, Point, Search, SearchSetup, Step, Ver
 use acquire::{Acquisition, EstimatedPoint};
 pub use ahead::PlannedPoint;
 use local::Near;
+use observed::Observed;
 
 /// Steps of a canonical coordinate that are told apart.
 const GRID: f64 = (1u32 << 24) as f64;
@@ -100,18 +102,6 @@ struct MeasuredPoint {
     x: Vec<u32>,
     #[serde(rename = "found")]
     observed: Observed,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Observed {
-    /// Mean of so many measurements.
-    Cost {
-        mean: f64,
-        count: u32,
-    },
-    AtLeast(f64),
-    Infeasible,
 }
 
 /// The search. See the head of this module.
@@ -453,27 +443,6 @@ fn known(measured: &[&ModelledPoint], cost: Option<&Process>) -> Vec<EstimatedPo
 /// Canonical coordinates in steps of the grid.
 fn steps(x: &[f64]) -> Vec<u32> {
     x.iter().map(|x| (x * GRID).round() as u32).collect()
-}
-
-impl Observed {
-    fn cost(self) -> f64 {
-        match self {
-            Observed::Cost { mean, .. } => mean,
-            Observed::AtLeast(bound) => bound,
-            Observed::Infeasible => f64::INFINITY,
-        }
-    }
-
-    fn count(self) -> f64 {
-        match self {
-            Observed::Cost { count, .. } => f64::from(count),
-            _ => 1.0,
-        }
-    }
-
-    fn rank(self) -> f64 {
-        self.cost()
-    }
 }
 
 impl Search for ModelSearch {
