@@ -102,7 +102,7 @@ def render(command, *arguments):
 
 
 def search(url, scene, row, space, objective, iterations, candidates=()):
-    """A search and the run-off of its leaders. What is kept: the winner, and what the search cost."""
+    """A search and the confirmation of its best few. What is kept: the winner, and what the search cost."""
     with tempfile.TemporaryDirectory() as folder:
         more = []
         for number, candidate in enumerate(candidates):

@@ -14,7 +14,7 @@
 //! | `numbers`, `records`, `insight` | what the service tells, as Rust types; the rest of its words is `treewright-model` |
 //! | `checks` | what the service would refuse, found before it is sent |
 //! | `wire` | messages as records; what both sides convert alike is in `treewright_proto::convert` |
-//! | `client`, `study`, `suggestion`, `tuner`, `prefetching`, `pages` | what a program calls |
+//! | `client`, `study`, `suggestion`, `tuner`, `prefetching`, `paired`, `pages` | what a program calls |
 //! | `credentials`, `attach`, `machine`, `arguments` (a feature) | what is shown to the daemon with every call |
 //! | `circuit_breaker`, `back_off` | whether the daemon is there, and when to ask again |
 //! | `by_name` | ask and tell apart, for shells and for what carries measurements over |
@@ -45,6 +45,7 @@ mod numbers;
 mod options;
 mod outbox;
 mod pages;
+mod paired;
 mod prefetching;
 mod records;
 mod stats;
@@ -67,6 +68,7 @@ pub use machine::detect_fingerprint;
 pub use numbers::{Indicators, Measurements};
 pub use options::Options;
 pub use pages::{TrialPages, TrialQuery};
+pub use paired::{Paired, Side};
 pub use prefetching::PrefetchingTuner;
 pub use records::{Best, Neighbour, Prediction, Reason, StudyRecord, StudyStatistics, TrialRecord};
 pub use stats::Stats;

@@ -13,8 +13,8 @@ use crate::delivery::worth_repeating;
 use crate::memory::RememberedConfigurations;
 use crate::suggestion::Lease;
 use crate::{
-    Best, ClientError, Configuration, Indicators, Outcome, Prediction, PrefetchingTuner, SessionPolicy,
-    SharedError, StudyRecord, StudySpec, Suggestion, Tuner, checks, limits, wire,
+    Best, ClientError, Configuration, Indicators, Outcome, Paired, Prediction, PrefetchingTuner,
+    SessionPolicy, SharedError, StudyRecord, StudySpec, Suggestion, Tuner, checks, limits, wire,
 };
 
 /// How often a suggestion is asked for again when the daemon names a trial that is just being reported.
@@ -148,6 +148,16 @@ impl Study {
             Ok(suggestion) => Ok(self.shared.deliver(suggestion?)),
             Err(_elapsed) => Err(core.late("Suggest", core.options.deadline)),
         }
+    }
+
+    /// Trials of two configurations in turn, for a comparison that drift and other load disturb least.
+    pub fn paired(
+        &self,
+        indicators: &Indicators,
+        incumbent: &Configuration,
+        challenger: &Configuration,
+    ) -> Paired {
+        Paired::new(self, indicators, incumbent, challenger)
     }
 
     /// A per-frame loop, which reports and asks in one round trip.

@@ -57,7 +57,13 @@ fn a_renderer_is_tuned_and_the_command_line_shows_it() {
     ] {
         assert!(shown.to_lowercase().contains(row), "no {row} in the table:\n{shown}");
     }
-    assert_eq!(read(&json)["trials"].as_array().map(Vec::len), Some(14));
+    let results = read(&json);
+    let ran = results["trials"].as_array().expect("the trials are told");
+    assert!(ran.len() > 14, "the winner was confirmed by further trials: {}", ran.len());
+    let last = ran.last().map(|trial| &trial["rule"]);
+    assert!(last.is_some_and(|rule| rule == "FINISHED"), "the service has come to a verdict: {last:?}");
+    let stage = &results["confirmation"]["confirmation"]["stage"];
+    assert!(stage == "better" || stage == "nothing_better", "{stage}");
     // It is measured again later, by which the speed of the machine is told.
     let defaults = trials(daemon.url(), "state = COMPLETED AND mode = DEFAULT");
     let first =
@@ -89,7 +95,8 @@ fn the_renderer_survives_the_daemon() {
     let output = renderer.wait_with_output().expect("the renderer ends");
     assert!(output.status.success(), "{}", stderr(&output));
     let results = read(&json);
-    assert_eq!(results["trials"].as_array().map(Vec::len), Some(60), "every frame was rendered");
+    let ran = results["trials"].as_array().map_or(0, Vec::len);
+    assert!(ran >= 60, "every frame was rendered: {ran}");
     // What the renderer was told is safe is in the database.
     let acknowledged = results["client"]["acknowledged"].as_u64().expect("the count of acknowledged reports");
     let stored = trials(daemon.url(), "state = COMPLETED").len() as u64;

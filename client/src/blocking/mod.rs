@@ -14,7 +14,7 @@ use runtime::RuntimeThread;
 
 use crate::{
     Best, ClientError, Configuration, Finished, Indicators, Measurements, Options, Outcome, PolicyChange,
-    Prediction, Question, SessionPolicy, Stats, Status, StudyRecord, StudySpec, Suggestion, TrialQuery,
+    Prediction, Question, SessionPolicy, Side, Stats, Status, StudyRecord, StudySpec, Suggestion, TrialQuery,
     TrialRecord,
 };
 
@@ -211,6 +211,18 @@ impl Study {
         self.thread.run(async || self.study.trial_of(indicators, configuration).await)
     }
 
+    /// See [`crate::Study::paired`].
+    #[must_use]
+    pub fn paired(
+        &self,
+        indicators: &Indicators,
+        incumbent: &Configuration,
+        challenger: &Configuration,
+    ) -> Paired {
+        let paired = self.study.paired(indicators, incumbent, challenger);
+        Paired { paired, thread: Arc::clone(&self.thread) }
+    }
+
     /// See [`crate::Study::tuner`].
     #[must_use]
     pub fn tuner(&self) -> Tuner {
@@ -252,6 +264,21 @@ impl Tuner {
     pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
         let tuner = &mut self.tuner;
         self.thread.run(async move || tuner.next(indicators, previous).await)
+    }
+}
+
+/// See [`crate::Paired`].
+#[derive(Debug)]
+pub struct Paired {
+    paired: crate::Paired,
+    thread: Arc<RuntimeThread>,
+}
+
+impl Paired {
+    /// See [`crate::Paired::ask`]. Errors: as there.
+    pub fn ask(&mut self) -> Result<(Side, Suggestion), ClientError> {
+        let paired = &mut self.paired;
+        self.thread.run(async move || paired.ask().await)
     }
 }
 

@@ -3,7 +3,9 @@
 use std::time::Duration;
 
 use tonic::Code;
-use treewright_client::{Client, ClientError, Configuration, Indicators, Mode, Outcome, Source, Status};
+use treewright_client::{
+    Client, ClientError, Configuration, Indicators, Mode, Outcome, Side, Source, Status,
+};
 use treewright_proto::v1::TrialState;
 
 use crate::support::{Fake, Hold, hasty, measured, patient, spec, state, until};
@@ -51,6 +53,34 @@ async fn a_program_measures_what_it_wants() {
     fake.book().refuse.insert("Suggest", Code::InvalidArgument);
     assert!(matches!(study.trial_of(&state(3), &wanted).await, Err(ClientError::Refused { .. })));
     assert_eq!(client.stats().fallbacks, 0, "there is nothing to fall back on");
+}
+
+#[tokio::test]
+async fn pairs_begin_with_one_and_then_with_the_other() {
+    let fake = Fake::start();
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let study = client.study("scene", spec()).await.unwrap();
+    let of_depth = |depth: i64| {
+        let some = Configuration::new().with("max_depth", depth);
+        Configuration::from(study.spec().space.complete(&some).unwrap())
+    };
+    let (incumbent, challenger) = (of_depth(17), of_depth(9));
+    let mut pairs = study.paired(&state(3), &incumbent, &challenger);
+    let mut sides = Vec::new();
+    for refused in [false, false, true, false, false] {
+        if refused {
+            fake.book().refuse.insert("Suggest", Code::InvalidArgument);
+            assert!(pairs.ask().await.is_err(), "there is nothing to fall back on");
+            fake.book().refuse.remove("Suggest");
+            continue;
+        }
+        let (side, suggestion) = pairs.ask().await.unwrap();
+        let expected = if side == Side::Incumbent { &incumbent } else { &challenger };
+        assert_eq!(suggestion.configuration(), expected);
+        suggestion.report(measured(12.0), Outcome::Ok).unwrap();
+        sides.push(side);
+    }
+    assert_eq!(sides, [Side::Incumbent, Side::Challenger, Side::Challenger, Side::Incumbent]);
 }
 
 #[tokio::test]

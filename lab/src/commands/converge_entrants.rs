@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use clap::Args;
 use serde_json::Value;
@@ -19,20 +19,19 @@ use treewright_render_cli::server::ServerArguments;
 use treewright_renderer::frame::{Renderer, milliseconds};
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::ITERATIONS_MAX;
-use treewright_renderer::measure::{Conditions, Contender};
+use treewright_renderer::measure::Contender;
 use treewright_renderer::space::{self, Choice, TuningSpace};
+use treewright_renderer::tuning::confirmation::confirm;
 use treewright_renderer::tuning::objective::{Objective, specification};
-use treewright_renderer::tuning::run_off::{FINALISTS, leaders, run_off};
 use treewright_renderer::tuning::search;
-use treewright_renderer::tuning::verdict::{self, NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, TUNED};
+use treewright_renderer::tuning::verdict::{
+    self, BEST_FIXED, NATIVE_DEFAULT, PAPER_DEFAULT, PREDICTED, Rival, TUNED,
+};
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::indicators::SceneIndicators;
 
 /// How long a frame of the search waits for the daemon at most.
 const DEADLINE_MS: u64 = 500;
-
-/// How long the last reports may take to reach the service.
-const FLUSH: Duration = Duration::from_secs(10);
 
 /// Which configurations take part besides the two defaults.
 #[derive(Args, Clone, Debug)]
@@ -194,30 +193,22 @@ impl EntrantArguments {
             ..SessionPolicy::default()
         })?;
         let bar = output::bar(u64::from(self.iterations), "trials");
-        let found = search::run(renderer, &mut study.tuner(), setting, self.iterations, None, |_| {
+        let mut tuner = study.tuner();
+        search::run(renderer, &mut tuner, setting, self.iterations, None, |_| {
             bar.inc(1);
             !interrupt.requested()
         })?;
         bar.finish_and_clear();
-        client.flush(FLUSH)?;
+        let start = setting.space.default_configuration();
+        let contender = verdict::contender(BEST_FIXED, &setting.space, &start)?;
+        let known = [Rival { contender, configuration: Some(start) }];
+        let go_on = || !interrupt.requested();
+        let confirmed = confirm(renderer, client, (study, &mut tuner), setting, &known, go_on)?;
         study.set_session_policy(SessionPolicy::default())?;
         if interrupt.requested() {
             return Err(CliError::Interrupted);
         }
-        let conditions = Conditions {
-            view: setting.view,
-            width: setting.width,
-            height: setting.height,
-            rounds: 1, // Its heats have numbers of their own.
-            frames_per_build: setting.objective.frames_per_build(),
-        };
-        let mut finalists = leaders(&found.trials, FINALISTS);
-        let start = setting.space.default_configuration();
-        if !finalists.contains(&start) {
-            finalists.push(start.clone());
-        }
-        let order = run_off(renderer, &setting.space, finalists, &conditions, || !interrupt.requested())?;
-        Ok(order.into_iter().next().map_or(start, |first| first.configuration))
+        Ok(confirmed.configuration)
     }
 }
 

@@ -6,14 +6,14 @@
 //! | `workload` | what describes a frame to the service |
 //! | `reuse` | how many frames a tree serves, for the objective `auto` |
 //! | `search` | the loop itself, frame by frame |
-//! | `run_off` | the best few of a search against each other |
+//! | `confirmation` | the best few of a search and natives against the incumbent |
 //! | `verdict` | whom the winner is compared with, and when tuning pays off |
 //! | `results` | everything a run found out, for JSON and the report |
 
+pub mod confirmation;
 pub mod objective;
 pub mod results;
 pub mod reuse;
-pub mod run_off;
 pub mod search;
 pub mod verdict;
 pub mod workload;

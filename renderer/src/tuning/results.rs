@@ -35,8 +35,10 @@ pub struct TuningResults {
     pub machine: Fingerprint,
     /// The state that was tuned.
     pub indicators: Indicators,
-    /// Every trial of the search.
+    /// Every trial of the search, and of the confirmation after it.
     pub trials: Vec<Iteration>,
+    /// What the service says of its answer after all of them.
+    pub confirmation: Option<treewright_client::Standing>,
     /// Name of the standing that the run is compared with: the paper's default in its own space, else native
     /// Embree's.
     pub baseline: String,

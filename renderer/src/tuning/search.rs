@@ -11,7 +11,7 @@ use serde::Serialize;
 use treewright_client::blocking::Tuner;
 use treewright_client::{
     ClientError, Configuration, Finished, FrameSet, FrameSetResult, Indicators, Measurements, Mode, OpenEnum,
-    Outcome, Source, Suggestion,
+    Outcome, Rule, Source, Suggestion,
 };
 
 use super::objective::{BUILD_CPU_MS, BUILD_MS, Objective, RENDER_CPU_MS, RENDER_MS};
@@ -40,6 +40,8 @@ pub struct Iteration {
     pub reason: String,
     /// The step of the search, e.g. `reflect`.
     pub step: String,
+    /// The rule that decided; absent when the daemon was away.
+    pub rule: Option<OpenEnum<Rule>>,
     /// What was run.
     pub configuration: Configuration,
     /// What the service expected.
@@ -129,6 +131,15 @@ pub struct SearchOutcome {
     pub disturbance: Disturbance,
 }
 
+impl SearchOutcome {
+    /// Adds trials that came after the others.
+    pub fn append(&mut self, trials: Vec<Iteration>) {
+        let last = self.trials.last().map_or(0, |trial| trial.number);
+        let numbered = trials.into_iter().map(|trial| Iteration { number: last + trial.number, ..trial });
+        self.trials.extend(numbered);
+    }
+}
+
 /// Frames of the baseline before the search, and again after it.
 const REFERENCE_FRAMES: usize = 3;
 
@@ -140,7 +151,7 @@ pub fn run(
     setting: &SearchSetting,
     iterations: u32,
     drift: Option<&Drift>,
-    mut told: impl FnMut(&Iteration) -> bool,
+    told: impl FnMut(&Iteration) -> bool,
 ) -> Result<SearchOutcome, ClientError> {
     let mut film = Film::new(setting.width, setting.height);
     // The first frame of a process is slower than all others: memory is touched for the first time, threads
@@ -148,6 +159,22 @@ pub fn run(
     reference(renderer, setting, &mut film);
     let watch = Watch::begin();
     let mut references = reference(renderer, setting, &mut film);
+    let all = trials(renderer, tuner, setting, iterations, drift, told)?;
+    references.extend(reference(renderer, setting, &mut film));
+    let disturbance = watch.end(renderer.threads(), &references);
+    Ok(SearchOutcome { trials: all, reference_ms: Summary::of(&references).median, disturbance })
+}
+
+/// The trials alone.
+pub(super) fn trials(
+    renderer: &mut Renderer,
+    tuner: &mut Tuner,
+    setting: &SearchSetting,
+    iterations: u32,
+    drift: Option<&Drift>,
+    mut told: impl FnMut(&Iteration) -> bool,
+) -> Result<Vec<Iteration>, ClientError> {
+    let mut film = Film::new(setting.width, setting.height);
     let mut all = Vec::new();
     let mut previous: Option<Finished> = None;
     for number in 1..=iterations {
@@ -174,11 +201,9 @@ pub fn run(
             break;
         }
     }
-    // Puts the last result on its way before more frames are rendered.
+    // The last result is put on its way here, before more frames are rendered.
     drop(previous);
-    references.extend(reference(renderer, setting, &mut film));
-    let disturbance = watch.end(renderer.threads(), &references);
-    Ok(SearchOutcome { trials: all, reference_ms: Summary::of(&references).median, disturbance })
+    Ok(all)
 }
 
 /// Costs of some frames of the baseline.
@@ -204,7 +229,8 @@ fn trial(
     }
 }
 
-fn run_choice(
+/// Builds and renders one choice; see [`trial`].
+pub(super) fn run_choice(
     renderer: &mut Renderer,
     choice: &Choice,
     cap_ms: Option<f64>,
@@ -276,6 +302,7 @@ fn describe(
         source: suggestion.source(),
         reason: suggestion.reason().summary.clone(),
         step: suggestion.reason().step.clone(),
+        rule: suggestion.reason().explanation.rule,
         configuration: suggestion.configuration().clone(),
         predicted_cost: suggestion.predicted_cost(),
         outcome: outcome.clone(),
@@ -283,6 +310,31 @@ fn describe(
         cost: times.map(|times| objective.cost(times)),
         waiting_ms,
         total_ms,
+    }
+}
+
+#[cfg(test)]
+pub(super) mod testing {
+    use super::*;
+
+    /// A trial with this cost and leaf size.
+    pub(crate) fn trial(cost: Option<f64>, leaf: u32) -> Iteration {
+        Iteration {
+            number: 1,
+            trial: None,
+            mode: Mode::Explore.into(),
+            source: Source::Daemon,
+            reason: String::new(),
+            step: String::new(),
+            rule: None,
+            configuration: Configuration::new().with("max_leaf_size", leaf),
+            predicted_cost: None,
+            outcome: Outcome::Ok,
+            times: cost.map(|cost| FrameTimes::of(5.0, cost)),
+            cost,
+            waiting_ms: 1.0,
+            total_ms: cost.unwrap_or(0.0) + 6.0,
+        }
     }
 }
 

@@ -248,7 +248,7 @@ mod tests {
     use crate::disturbance::Disturbance;
     use crate::measure::{Measured, standings};
     use crate::statistics::Summary;
-    use crate::tuning::run_off::testing::trial;
+    use crate::tuning::search::testing::trial;
 
     fn measured(name: &str, render_ms: f64) -> Measured {
         let rounds = (0..9).map(|round| render_ms * (1.0 + 0.01 * f64::from(round))).collect();

@@ -5,10 +5,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use treewright_client::blocking::{Client, Study};
-use treewright_client::{
-    ClientError, Configuration, Indicators, Outcome, Policy, SessionPolicy, Source, detect_fingerprint,
-};
+use treewright_client::blocking::{Client, Study, Tuner};
+use treewright_client::{Configuration, Indicators, Policy, SessionPolicy, Source, detect_fingerprint};
 
 use super::tune_output;
 use crate::arguments::{
@@ -25,10 +23,10 @@ use treewright_renderer::frame::{Renderer, milliseconds};
 use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
 use treewright_renderer::measure::{Conditions, Contender, Standing, interleaved, standings};
 use treewright_renderer::space::TuningSpace;
+use treewright_renderer::tuning::confirmation;
 use treewright_renderer::tuning::objective::{Objective, specification};
 use treewright_renderer::tuning::results::{Overhead, Prediction, SceneFacts, TuningResults};
-use treewright_renderer::tuning::run_off::{FINALISTS, Finalist, leaders, run_off};
-use treewright_renderer::tuning::search::{self, Drift, SearchOutcome, SearchSetting, measurements};
+use treewright_renderer::tuning::search::{self, Drift, SearchOutcome, SearchSetting};
 use treewright_renderer::tuning::verdict::{
     self, BEST_FIXED, FOUND, Gains, NATIVE_USED_WELL, PAPER_TUNED, PREDICTED, Rival,
 };
@@ -39,9 +37,6 @@ use treewright_scene::{Camera, Scene};
 
 /// How far along the camera path the fresh camera stands that the predictor is asked for.
 const FRESH_STEP: f32 = 0.2;
-
-/// Most configurations that run against each other, those included that the service names afterwards.
-const FINALISTS_MAX: usize = 16;
 
 /// How long the last reports may take to reach the service.
 const FLUSH: Duration = Duration::from_secs(10);
@@ -81,7 +76,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
-    /// A further configuration of the same space that takes part in the run-off, as JSON; may be given several times.
+    /// A further configuration of the same space that runs against what was found, as JSON; may be given several times.
     #[arg(long, value_name = "FILE")]
     candidate: Vec<PathBuf>,
 
@@ -169,7 +164,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         scene: SceneIndicators::of(&scene),
         workload,
     });
-    let found = search(&mut renderer, &study, &setting, arguments.iterations, drift.as_ref(), interrupt)?;
+    let mut tuner = study.tuner();
+    let mut found =
+        search(&mut renderer, &mut tuner, &setting, arguments.iterations, drift.as_ref(), interrupt)?;
     let mut notes = Vec::new();
     if let Err(error) = client.flush(FLUSH) {
         notes.push(error.to_string());
@@ -177,18 +174,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
 
     let premises = arguments.space.premises(&scene, arguments.objective, arguments.frame.threads);
     let rivals = verdict::rivals(&space, &premises);
-    let judge = Judge {
-        client: &client,
-        renderer: &renderer,
-        study: &study,
-        space: &space,
-        workload,
-        arguments,
-        interrupt,
+    let spinner = output::spinner("the best few run against the start and native Embree");
+    let candidates = with_names(candidates, &space)?;
+    let known: Vec<Rival> = rivals.iter().cloned().chain(candidates).collect();
+    let go_on = || !interrupt.requested();
+    let confirmed =
+        confirmation::confirm(&mut renderer, &client, (&study, &mut tuner), &setting, &known, go_on);
+    let (winner, told) = match confirmed {
+        Ok(confirmed) => {
+            found.append(confirmed.trials);
+            (confirmed.configuration, confirmed.standing)
+        }
+        Err(error) => {
+            notes.push(format!("the winner is not confirmed: {error}"));
+            (space.default_configuration(), None)
+        }
     };
+    let judge = Judge { renderer: &renderer, study: &study, space: &space, workload, arguments, interrupt };
     let conditions = judge.conditions(camera);
-    let spinner = output::spinner("measuring the best configurations again");
-    let winner = judge.winner(&found, candidates, &rivals, &setting, &mut notes)?;
+    spinner.set_message("measuring everybody in fresh rounds");
     let (standings, best, disturbance) = judge.standings(&winner, &rivals, paper.as_ref(), &conditions)?;
     // Whatever beat what was found is what this run recommends.
     let own = rivals.iter().find(|rival| verdict::is_of(&rival.contender.name, &best, &standings));
@@ -221,6 +225,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         indicators: setting.indicators.clone(),
         overhead: Overhead::of(&found.trials),
         trials: found.trials,
+        confirmation: told,
         reference_ms: found.reference_ms,
         found: winner,
         tuned,
@@ -274,6 +279,16 @@ fn open_study(
     Ok(study)
 }
 
+/// Configurations of the user's, to run with the others.
+fn with_names(candidates: Vec<Configuration>, space: &TuningSpace) -> Result<Vec<Rival>, CliError> {
+    let named = candidates.into_iter().map(|candidate| {
+        let configuration = space.complete(&candidate)?;
+        let contender = verdict::contender(&configuration.to_string(), space, &configuration)?;
+        Ok(Rival { contender, configuration: Some(configuration) })
+    });
+    named.collect()
+}
+
 /// How many times the best a trial may cost.
 fn factor(text: &str) -> Result<f64, String> {
     match text.parse() {
@@ -285,17 +300,16 @@ fn factor(text: &str) -> Result<f64, String> {
 /// Runs the search under a progress bar.
 fn search(
     renderer: &mut Renderer,
-    study: &Study,
+    tuner: &mut Tuner,
     setting: &SearchSetting,
     iterations: u32,
     drift: Option<&Drift>,
     interrupt: Interrupt,
 ) -> Result<SearchOutcome, CliError> {
     let bar = output::bar(u64::from(iterations), "trials");
-    let mut tuner = study.tuner();
     let mut best: Option<f64> = None;
     let mut away = false;
-    let found = search::run(renderer, &mut tuner, setting, iterations, drift, |iteration| {
+    let found = search::run(renderer, tuner, setting, iterations, drift, |iteration| {
         if let Some(cost) = iteration.cost {
             best = Some(best.map_or(cost, |best| best.min(cost)));
         }
@@ -321,7 +335,6 @@ fn search(
 
 /// What the measurements after the search have in common.
 struct Judge<'a> {
-    client: &'a Client,
     renderer: &'a Renderer,
     study: &'a Study,
     space: &'a TuningSpace,
@@ -344,61 +357,6 @@ impl Judge<'_> {
     fn measure(&self, contenders: &[Contender], conditions: &Conditions) -> Vec<Standing> {
         let measured = interleaved(self.renderer, contenders, conditions, || !self.interrupt.requested());
         standings(&measured, conditions.frames_per_build)
-    }
-
-    /// The best of the search in a run-off, together with where it began, native Embree used well, and what the user
-    /// brought along.
-    ///
-    /// The service learns what is measured here. It may then hold a configuration for the best that had one lucky
-    /// measurement and was not among the finalists: that one has to run against the winner, too.
-    fn winner(
-        &self,
-        found: &SearchOutcome,
-        candidates: Vec<Configuration>,
-        rivals: &[Rival],
-        setting: &SearchSetting,
-        notes: &mut Vec<String>,
-    ) -> Result<Configuration, CliError> {
-        let conditions = self.conditions(setting.view.camera);
-        let mut finalists = leaders(&found.trials, FINALISTS);
-        let known = rivals.iter().filter_map(|rival| rival.configuration.as_ref());
-        for candidate in candidates.iter().chain([&self.space.default_configuration()]).chain(known) {
-            let candidate = self.space.complete(candidate)?;
-            if !finalists.contains(&candidate) {
-                finalists.push(candidate);
-            }
-        }
-        let mut seen: Vec<Configuration> = Vec::new();
-        loop {
-            seen.extend(finalists.iter().cloned());
-            let go_on = || !self.interrupt.requested();
-            let order = run_off(self.renderer, self.space, finalists.clone(), &conditions, go_on)?;
-            let winner = order.first().map(|first| first.configuration.clone());
-            let winner = winner.unwrap_or_else(|| self.space.default_configuration());
-            match self.tell(&order, &setting.indicators) {
-                _ if self.interrupt.requested() => return Ok(winner),
-                Ok(best) if !seen.contains(&best) && seen.len() < FINALISTS_MAX => {
-                    finalists = vec![winner, best];
-                }
-                Ok(_) => return Ok(winner),
-                Err(error) => {
-                    notes.push(format!("the service was not told of the run-off: {error}"));
-                    return Ok(winner);
-                }
-            }
-        }
-    }
-
-    /// Reports every frame of a run-off, and asks what the service holds for the best now.
-    fn tell(&self, order: &[Finalist], indicators: &Indicators) -> Result<Configuration, ClientError> {
-        for finalist in order {
-            for times in &finalist.times {
-                let trial = self.study.trial_of(indicators, &finalist.configuration)?;
-                trial.report(measurements(Some(*times), 1), Outcome::Ok)?;
-            }
-        }
-        self.client.flush(FLUSH)?;
-        Ok(self.study.best(indicators)?.configuration)
     }
 
     /// Everybody that matters, and what was found, in fresh rounds; who was best in them; and what else the machine did.

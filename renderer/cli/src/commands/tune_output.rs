@@ -1,5 +1,7 @@
 //! What `tune` prints at the end: the table, and a few sentences that explain it.
 
+use treewright_client::{Confirmation, ConfirmationStage, Standing};
+
 use crate::output;
 use treewright_renderer::tuning::results::TuningResults;
 use treewright_renderer::tuning::verdict::Gains;
@@ -10,6 +12,9 @@ pub(crate) fn print(results: &TuningResults) {
     println!("\n{}", output::standings(&results.standings, per_frame));
     println!("{}", verdict(results));
     println!("{}", gains(&results.gains));
+    if let Some(standing) = &results.confirmation {
+        println!("{}", confirmation(standing));
+    }
     println!("recommended configuration: {}", results.tuned);
     if let Some(prediction) = &results.prediction {
         println!(
@@ -84,4 +89,59 @@ fn gains(gains: &Gains) -> String {
     let told = parts.iter().filter_map(|(name, ratio)| Some(format!("{name} {}", (*ratio)?)));
     let told = told.collect::<Vec<_>>().join(" ").replace(" ;", ";");
     format!("gain, with intervals of 95 %: {told}")
+}
+
+/// What the service's own race of the best few against the start came to.
+fn confirmation(standing: &Standing) -> String {
+    let Confirmation { stage, rounds, measurements, .. } = &standing.confirmation;
+    let came_to = match stage {
+        ConfirmationStage::Better => "proven better than the start",
+        ConfirmationStage::NothingBetter => "nothing is proven to be better than the start",
+        ConfirmationStage::Racing => "the race was not over yet",
+        ConfirmationStage::Searching => "the search was not over yet",
+        ConfirmationStage::Off => "the study's policy wants no confirmation",
+    };
+    let percent = |share: f64| format!("{:.1} %", share * 100.0);
+    let gain = standing.gain.map(|gain| match (gain.low, gain.high) {
+        (Some(low), Some(high)) => {
+            format!("; gain over the start {} ({} to {})", percent(gain.share), percent(low), percent(high))
+        }
+        _ => format!("; gain over the start {}", percent(gain.share)),
+    });
+    format!(
+        "confirmation by the service: {came_to} ({rounds} rounds, {measurements} measurements){}",
+        gain.unwrap_or_default()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use treewright_client::Gain;
+
+    #[test]
+    fn a_confirmation_is_told_with_its_interval() {
+        let gain = |low| Some(Gain { share: 0.08, low, high: Some(0.11), probability_better: None });
+        let confirmation_of = |gain, stage| {
+            let race = Confirmation { stage, rounds: 7, rounds_max: 10, measurements: 20, gain: None };
+            confirmation(&Standing {
+                cost: 9.0,
+                cost_low: 8.5,
+                cost_high: 9.5,
+                gain,
+                nothing_better: stage == ConfirmationStage::NothingBetter,
+                confirmation: race,
+                disturbances: 0,
+            })
+        };
+        let told = confirmation_of(gain(Some(0.05)), ConfirmationStage::Better);
+        assert!(
+            told.ends_with("(7 rounds, 20 measurements); gain over the start 8.0 % (5.0 % to 11.0 %)"),
+            "{told}"
+        );
+        let told = confirmation_of(gain(None), ConfirmationStage::Racing);
+        assert!(told.ends_with("gain over the start 8.0 %") && told.contains("not over"), "{told}");
+        let told = confirmation_of(None, ConfirmationStage::NothingBetter);
+        assert!(told.contains("nothing is proven") && told.ends_with("measurements)"), "{told}");
+    }
 }

@@ -1,0 +1,118 @@
+//! After the search: its best few against the incumbent, by the service's own confirmation.
+//!
+//! The service asks for these trials like for any other, and says when its verdict stands. Before it begins it is told how
+//! those do that anybody would try, native Embree among them, so that they take part.
+
+use std::time::Duration;
+
+use treewright_client::blocking::{Client, Study, Tuner};
+use treewright_client::{ClientError, Configuration, OpenEnum, Rule, Source, Standing};
+
+use super::search::{self, Iteration, SearchSetting, measurements, run_choice};
+use super::verdict::Rival;
+use crate::film::Film;
+use crate::frame::Renderer;
+
+/// Rounds of the configurations that anybody would try; the race has more for those that do well in them.
+const ROUNDS: u32 = 2;
+
+/// Most trials of a confirmation: five contenders in the most rounds that a policy allows by default, and as much again for
+/// frames that the service wants for other reasons.
+const TRIALS_MAX: u32 = 100;
+
+/// Trials that ran without the daemon's answer, after which nobody waits for its verdict any more.
+const UNANSWERED_MAX: u32 = 10;
+
+/// How long the reports of a stage may take to reach the service.
+const FLUSH: Duration = Duration::from_secs(10);
+
+/// What a confirmation came to.
+#[derive(Clone, Debug)]
+pub struct Confirmed {
+    /// What the service holds for the best.
+    pub configuration: Configuration,
+    /// What it says of it: its gain over the start, with an interval. Absent where nothing was measured.
+    pub standing: Option<Standing>,
+    /// Its trials.
+    pub trials: Vec<Iteration>,
+}
+
+/// Measures `known` configurations in a few interleaved rounds, tells the service of them, and goes on with trials of its
+/// choice until its confirmation of the best is over, or `go_on` says no.
+///
+/// # Errors
+/// The service is away.
+pub fn confirm(
+    renderer: &mut Renderer,
+    client: &Client,
+    (study, tuner): (&Study, &mut Tuner),
+    setting: &SearchSetting,
+    known: &[Rival],
+    mut go_on: impl FnMut() -> bool,
+) -> Result<Confirmed, ClientError> {
+    tell(renderer, study, setting, known, &mut go_on)?;
+    client.flush(FLUSH)?;
+    if !go_on() {
+        return settled(study, setting, Vec::new());
+    }
+    let mut unanswered = 0;
+    let wanted = |trial: &Iteration| {
+        unanswered += u32::from(trial.source != Source::Daemon);
+        !is_over(trial) && unanswered < UNANSWERED_MAX && go_on()
+    };
+    let trials = search::trials(renderer, tuner, setting, TRIALS_MAX, None, wanted)?;
+    client.flush(FLUSH)?;
+    settled(study, setting, trials)
+}
+
+/// What the service holds for the best now.
+fn settled(study: &Study, setting: &SearchSetting, trials: Vec<Iteration>) -> Result<Confirmed, ClientError> {
+    let best = study.best(&setting.indicators)?;
+    Ok(Confirmed { configuration: best.configuration, standing: best.standing, trials })
+}
+
+/// Whether the service wants no more trials.
+pub fn is_over(trial: &Iteration) -> bool {
+    trial.rule == Some(OpenEnum::Known(Rule::Finished))
+}
+
+/// Measures configurations that the service did not ask for, each once a round, and reports each as a trial of its own.
+fn tell(
+    renderer: &mut Renderer,
+    study: &Study,
+    setting: &SearchSetting,
+    known: &[Rival],
+    mut go_on: impl FnMut() -> bool,
+) -> Result<(), ClientError> {
+    let mut film = Film::new(setting.width, setting.height);
+    for _ in 0..ROUNDS {
+        for rival in known {
+            let Some(configuration) = &rival.configuration else {
+                continue;
+            };
+            if !go_on() {
+                return Ok(());
+            }
+            let trial = study.trial_of(&setting.indicators, configuration)?;
+            let (outcome, times) = run_choice(renderer, &rival.contender.choice, None, setting, &mut film);
+            trial.report(measurements(times, setting.frames), outcome)?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tuning::search::testing::trial;
+
+    #[test]
+    fn only_the_service_says_that_it_is_over() {
+        let mut last = trial(Some(3.0), 4);
+        assert!(!is_over(&last), "an answer without a rule is no verdict");
+        last.rule = Some(OpenEnum::Known(Rule::Confirming));
+        assert!(!is_over(&last));
+        last.rule = Some(OpenEnum::Known(Rule::Finished));
+        assert!(is_over(&last));
+    }
+}
