@@ -28,6 +28,6 @@ RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet
 step "unit, property and end-to-end tests"
 # The audit of what is linked in reads all of it, also what only other systems need.
 cargo fetch --locked --quiet
-# The end-to-end tests start the real programs, which this puts beside them.
-cargo build --workspace --bins --locked --quiet
+# The end-to-end tests start the real programs and load the real libraries, which this puts beside them.
+cargo build --workspace --bins --lib --locked --quiet
 cargo test --workspace --locked

@@ -13,7 +13,8 @@ pub fn workspace() -> PathBuf {
         .to_path_buf()
 }
 
-/// Path of a program of the workspace: `treewrightd`, `treewright` or `treewright-render`.
+/// Path of a program of the workspace, `treewrightd`, `treewright` or `treewright-render`, or of a shared library such as
+/// `libtreewright.so`.
 ///
 /// # Panics
 /// When the workspace does not build.
@@ -26,7 +27,7 @@ pub fn program(name: &str) -> PathBuf {
         let test = std::env::current_exe().expect("a test knows its own path");
         let folder = test.ancestors().nth(2).expect("tests lie in PROFILE/deps").to_path_buf();
         let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-        build.current_dir(workspace()).args(["build", "--workspace", "--bins", "--quiet"]);
+        build.current_dir(workspace()).args(["build", "--workspace", "--bins", "--lib", "--quiet"]);
         // What cargo tells this test about its own package is not meant for others: some build scripts depend on
         // these variables, and half the workspace would be built anew each time.
         for (name, _) in std::env::vars_os() {

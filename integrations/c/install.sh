@@ -1,0 +1,24 @@
+#!/usr/bin/env bash
+# Installs libtreewright with its headers, pkg-config file and CMake package: `install.sh PREFIX [FOLDER OF THE BUILT LIBRARIES]`.
+# Without a folder the libraries are built first, optimised.
+set -euo pipefail
+here=$(cd "$(dirname "$0")" && pwd)
+prefix=${1:?usage: install.sh PREFIX [FOLDER]}
+built=${2:-}
+if [ -z "$built" ]; then
+    (cd "$here/../.." && cargo build --release --locked --quiet -p treewright-c)
+    built=${CARGO_TARGET_DIR:-$here/../../target}/release
+fi
+version=$(sed -n 's/^#define TREEWRIGHT_VERSION_[A-Z]* //p' "$here/include/treewright.h" | paste -sd.)
+mkdir -p "$prefix/include" "$prefix/lib/pkgconfig" "$prefix/lib/cmake/treewright"
+prefix=$(cd "$prefix" && pwd)
+cp "$here"/include/* "$prefix/include/"
+cp "$built/libtreewright.so" "$prefix/lib/libtreewright.so.$version"
+[ ! -f "$built/libtreewright.a" ] || cp "$built/libtreewright.a" "$prefix/lib/"
+ln -sf "libtreewright.so.$version" "$prefix/lib/libtreewright.so.0"
+ln -sf libtreewright.so.0 "$prefix/lib/libtreewright.so"
+fill() { sed -e "s|@PREFIX@|$prefix|; s|@VERSION@|$version|" "$1"; }
+fill "$here/treewright.pc.in" > "$prefix/lib/pkgconfig/treewright.pc"
+fill "$here/treewright-config-version.cmake.in" > "$prefix/lib/cmake/treewright/treewright-config-version.cmake"
+cp "$here/treewright-config.cmake" "$prefix/lib/cmake/treewright/"
+echo "installed libtreewright $version below $prefix"

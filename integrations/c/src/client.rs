@@ -1,0 +1,116 @@
+//! The connection to a daemon.
+
+use std::mem::MaybeUninit;
+
+use treewright_client::blocking;
+
+use crate::edge::{ErrorOut, Text, guard, need, store};
+use crate::error::Failure;
+use crate::options::{Options, milliseconds};
+use crate::spec::Spec;
+use crate::study::Study;
+
+/// A client. May be used by several threads at once.
+#[derive(Debug)]
+pub(crate) struct Client(blocking::Client);
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_client_connect(
+    url: Text,
+    options: Option<&Options>,
+    error: ErrorOut,
+) -> Option<Box<Client>> {
+    guard(error, || {
+        let options = options.map_or_else(|| Ok(treewright_client::Options::new()), Options::finish)?;
+        Ok(Box::new(Client(blocking::Client::connect(url.read("the daemon's address")?, options)?)))
+    })
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_client_free(client: Option<Box<Client>>) {
+    guard(ErrorOut::nowhere(), || {
+        drop(client);
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_client_ping(
+    client: Option<&Client>,
+    ms: Option<&mut MaybeUninit<f64>>,
+    error: ErrorOut,
+) -> bool {
+    let body = || {
+        let took = need(client, "client")?.0.ping()?;
+        ms.map_or(Ok(()), |room| store(Some(room), took.as_secs_f64() * 1e3))
+    };
+    guard(error, body).is_some()
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_client_flush(client: Option<&Client>, deadline_ms: f64, error: ErrorOut) -> bool {
+    let body = || {
+        let deadline = milliseconds(deadline_ms).map_err(Failure::invalid)?;
+        Ok(need(client, "client")?.0.flush(deadline)?)
+    };
+    guard(error, body).is_some()
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_client_count(client: Option<&Client>, which: i32) -> u64 {
+    let body = || {
+        let stats = need(client, "client")?.0.stats();
+        Ok(match which {
+            0 => stats.suggestions,
+            1 => stats.fallbacks,
+            2 => stats.unreported,
+            3 => stats.sent,
+            4 => stats.acknowledged,
+            5 => stats.resent,
+            6 => stats.refused,
+            7 => stats.dropped,
+            8 => stats.abandoned,
+            9 => stats.queued,
+            _ => 0,
+        })
+    };
+    guard(ErrorOut::nowhere(), body).unwrap_or(0)
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_client_study(
+    client: Option<&Client>,
+    id: Text,
+    spec: Option<&Spec>,
+    error: ErrorOut,
+) -> Option<Box<Study>> {
+    guard(error, || {
+        let spec = need(spec, "specification")?.finish()?;
+        Ok(Box::new(Study(need(client, "client")?.0.study(id.read("the study's id")?, spec)?)))
+    })
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_client_existing_study(
+    client: Option<&Client>,
+    id: Text,
+    error: ErrorOut,
+) -> Option<Box<Study>> {
+    guard(error, || {
+        Ok(Box::new(Study(need(client, "client")?.0.existing_study(id.read("the study's id")?)?)))
+    })
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_client_delete_study(client: Option<&Client>, id: Text, error: ErrorOut) -> bool {
+    let body = || Ok(need(client, "client")?.0.delete_study(id.read("the study's id")?)?);
+    guard(error, body).is_some()
+}

@@ -1,0 +1,125 @@
+//! Configurations as C reads them.
+
+use std::collections::BTreeMap;
+use std::ffi::{CString, c_char};
+use std::mem::MaybeUninit;
+
+use treewright_client::{ClientError, NoSuchValue, Value};
+
+use crate::edge::{ErrorOut, Text, guard, need, store};
+use crate::error::{Failure, c_text};
+
+/// A configuration with its texts in C's form.
+#[derive(Debug)]
+pub(crate) struct Configuration {
+    values: treewright_client::Configuration,
+    texts: BTreeMap<String, CString>,
+    json: CString,
+}
+
+impl Configuration {
+    pub(crate) fn new(values: treewright_client::Configuration) -> Self {
+        let text = |(name, value): (&str, &Value)| match value {
+            Value::Text(text) => Some((name.to_owned(), c_text(text))),
+            _ => None,
+        };
+        let texts = values.iter().filter_map(text).collect();
+        let json = c_text(&serde_json::to_string(&values).unwrap_or_default());
+        Self { values, texts, json }
+    }
+}
+
+/// Reads what [`tw_configuration_json`] writes.
+pub(crate) fn from_json(text: &str) -> Result<treewright_client::Configuration, Failure> {
+    serde_json::from_str(text)
+        .map_err(|error| Failure::invalid(format!("the configuration is no JSON object: {error}")))
+}
+
+fn get<T>(
+    configuration: Option<&Configuration>,
+    name: Text,
+    room: Option<&mut MaybeUninit<T>>,
+    error: ErrorOut,
+    get: impl FnOnce(&treewright_client::Configuration, &str) -> Result<T, NoSuchValue>,
+) -> bool {
+    let body = || {
+        let values = &need(configuration, "configuration")?.values;
+        let value = get(values, name.read("the parameter's name")?).map_err(ClientError::from)?;
+        store(room, value)
+    };
+    guard(error, body).is_some()
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_configuration_integer(
+    configuration: Option<&Configuration>,
+    name: Text,
+    value: Option<&mut MaybeUninit<i64>>,
+    error: ErrorOut,
+) -> bool {
+    get(configuration, name, value, error, |values, name| values.integer(name))
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_configuration_float(
+    configuration: Option<&Configuration>,
+    name: Text,
+    value: Option<&mut MaybeUninit<f64>>,
+    error: ErrorOut,
+) -> bool {
+    get(configuration, name, value, error, |values, name| values.float(name))
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_configuration_boolean(
+    configuration: Option<&Configuration>,
+    name: Text,
+    value: Option<&mut MaybeUninit<bool>>,
+    error: ErrorOut,
+) -> bool {
+    get(configuration, name, value, error, |values, name| values.boolean(name))
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_configuration_text(
+    configuration: Option<&Configuration>,
+    name: Text,
+    error: ErrorOut,
+) -> *const c_char {
+    let body = || {
+        let configuration = need(configuration, "configuration")?;
+        let name = name.read("the parameter's name")?;
+        configuration.values.text(name).map_err(ClientError::from)?;
+        Ok(configuration.texts.get(name).map_or(std::ptr::null(), |text| text.as_ptr()))
+    };
+    guard(error, body).unwrap_or(std::ptr::null())
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_configuration_has(configuration: Option<&Configuration>, name: Text) -> bool {
+    let body = || Ok(need(configuration, "configuration")?.values.get(name.read("the name")?).is_some());
+    guard(ErrorOut::nowhere(), body).unwrap_or(false)
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_configuration_json(configuration: Option<&Configuration>) -> *const c_char {
+    configuration.map_or(c"{}".as_ptr(), |configuration| configuration.json.as_ptr())
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_configuration_new(json: Text, error: ErrorOut) -> Option<Box<Configuration>> {
+    guard(error, || Ok(Box::new(Configuration::new(from_json(json.read("the configuration")?)?))))
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_configuration_free(configuration: Option<Box<Configuration>>) {
+    drop(configuration);
+}

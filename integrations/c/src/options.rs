@@ -1,0 +1,169 @@
+//! Options of a client. The first mistake is kept and told when the client is made.
+
+use std::path::Path;
+use std::time::Duration;
+
+use treewright_client::{ClientError, Credentials};
+
+use crate::edge::{ErrorOut, Text, guard};
+use crate::error::Failure;
+
+/// Longest deadline, in milliseconds: an hour.
+const DEADLINE_MS_MAX: f64 = 3.6e6;
+
+/// Options of a client.
+#[derive(Debug, Default)]
+pub(crate) struct Options {
+    options: treewright_client::Options,
+    credentials: Credentials,
+    mistake: Option<String>,
+}
+
+impl Options {
+    pub(crate) fn finish(&self) -> Result<treewright_client::Options, Failure> {
+        match &self.mistake {
+            Some(mistake) => Err(Failure::invalid(mistake)),
+            None => Ok(self.options.clone().credentials(self.credentials.clone())),
+        }
+    }
+
+    fn note(&mut self, mistake: String) {
+        self.mistake.get_or_insert(mistake);
+    }
+}
+
+pub(crate) fn milliseconds(ms: f64) -> Result<Duration, String> {
+    if (0.0..=DEADLINE_MS_MAX).contains(&ms) {
+        return Ok(Duration::from_secs_f64(ms / 1e3));
+    }
+    Err(format!("a deadline of {ms} ms is not within 0 to {DEADLINE_MS_MAX}"))
+}
+
+/// Changes options; a mistake is kept for later.
+fn change(options: Option<&mut Options>, change: impl FnOnce(&mut Options) -> Result<(), String>) {
+    if let Some(options) = options
+        && let Err(mistake) = change(options)
+    {
+        options.note(mistake);
+    }
+}
+
+/// Reads text; a mistake becomes words.
+fn read<'a>(text: &'a Text, what: &str) -> Result<&'a str, String> {
+    text.read(what).map_err(|_| format!("{what} is NULL or not UTF-8"))
+}
+
+fn keep(options: &mut Options, credentials: Result<Credentials, ClientError>) -> Result<(), String> {
+    options.credentials = credentials.map_err(|error| error.to_string())?;
+    Ok(())
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_new() -> Option<Box<Options>> {
+    guard(ErrorOut::nowhere(), || Ok(Box::default()))
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_free(options: Option<Box<Options>>) {
+    drop(options);
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_client_id(options: Option<&mut Options>, client_id: Text) {
+    change(options, |options| {
+        options.options.client_id = read(&client_id, "the client id")?.to_owned();
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_deadline_ms(options: Option<&mut Options>, ms: f64) {
+    change(options, |options| {
+        options.options.deadline = milliseconds(ms)?;
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_call_deadline_ms(options: Option<&mut Options>, ms: f64) {
+    change(options, |options| {
+        options.options.call_deadline = milliseconds(ms)?;
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_queue(options: Option<&mut Options>, reports: usize) {
+    change(options, |options| {
+        options.options.queue = reports;
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_can_abort(options: Option<&mut Options>, can_abort: bool) {
+    change(options, |options| {
+        options.options.can_abort = can_abort;
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_software(options: Option<&mut Options>, name: Text, version: Text) {
+    change(options, |options| {
+        let (name, version) = (read(&name, "the software's name")?, read(&version, "its version")?);
+        options.options.fingerprint = options.options.fingerprint.clone().software(name, version);
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_token(options: Option<&mut Options>, token: Text) {
+    change(options, |options| {
+        let credentials = options.credentials.clone().token(read(&token, "the token")?);
+        keep(options, credentials)
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_token_file(options: Option<&mut Options>, path: Text) {
+    change(options, |options| {
+        let credentials = options.credentials.clone().token_file(Path::new(read(&path, "the token file")?));
+        keep(options, credentials)
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_authority_file(options: Option<&mut Options>, path: Text) {
+    change(options, |options| {
+        let path = read(&path, "the authority file")?;
+        let credentials = options.credentials.clone().authority_file(Path::new(path));
+        keep(options, credentials)
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_options_certificate_files(
+    options: Option<&mut Options>,
+    certificate: Text,
+    key: Text,
+) {
+    change(options, |options| {
+        let (certificate, key) = (read(&certificate, "the certificate file")?, read(&key, "the key file")?);
+        let credentials =
+            options.credentials.clone().certificate_files(Path::new(certificate), Path::new(key));
+        keep(options, credentials)
+    });
+}

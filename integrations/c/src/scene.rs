@@ -1,0 +1,190 @@
+//! The seventeen indicators of a scene (paper Table 2), from the buffers that a renderer hands to Embree.
+
+use std::mem::MaybeUninit;
+
+use glam::{DAffine3, DVec3};
+use treewright_client::{Indicator, Scale};
+use treewright_indicators::{Accumulator, IndicatorScale, SCHEMA, SceneIndicators, Surface, View};
+
+use crate::edge::{Array, ErrorOut, Number, Strided, Text, guard, need};
+use crate::error::Failure;
+use crate::spec::{Spec, change};
+
+/// A mesh in the renderer's own buffers; see the header.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Mesh {
+    vertices: *const f32,
+    vertex_stride: usize,
+    vertex_count: usize,
+    indices: *const u32,
+    index_stride: usize,
+    triangle_count: usize,
+    transform: Array<f32>,
+    diffuse_share: f64,
+    emits: bool,
+}
+
+/// A camera; see the header.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Camera {
+    position: [f32; 3],
+    target: [f32; 3],
+    vertical_fov_deg: f32,
+}
+
+/// What was computed of a scene.
+#[derive(Debug)]
+pub(crate) struct Scene(SceneIndicators);
+
+/// A mesh whose buffers were looked at.
+struct Buffers {
+    vertices: Strided<f32, 3>,
+    indices: Strided<u32, 3>,
+    transform: Option<DAffine3>,
+    surface: Surface,
+}
+
+impl Buffers {
+    fn of(mesh: &Mesh) -> Result<Self, Failure> {
+        let transform =
+            mesh.transform.read(if mesh.transform.is_none() { 0 } else { 12 }, "the transform")?;
+        let transform = <&[f32; 12]>::try_from(transform)
+            .ok()
+            .map(|columns| DAffine3::from_cols_array(&columns.map(f64::from)));
+        let share = mesh.diffuse_share;
+        if !(0.0..=1.0).contains(&share) {
+            return Err(Failure::invalid(format!("a diffuse share of {share} is not within 0 to 1")));
+        }
+        Ok(Self {
+            vertices: Strided::new(
+                mesh.vertices,
+                mesh.vertex_stride,
+                mesh.vertex_count,
+                "the vertex buffer",
+            )?,
+            indices: Strided::new(mesh.indices, mesh.index_stride, mesh.triangle_count, "the index buffer")?,
+            transform,
+            surface: Surface { diffuse_share: share, emits: mesh.emits },
+        })
+    }
+
+    /// The corners in the world. Triangles that name a vertex beyond the buffer or lie at infinity are left out, as
+    /// Embree leaves them out.
+    fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> {
+        let corner = |index: u32| {
+            let point = DVec3::from(self.vertices.get(index as usize)?.map(f64::from));
+            let point = self.transform.map_or(point, |transform| transform.transform_point3(point));
+            point.is_finite().then_some(point)
+        };
+        (0..self.indices.len()).filter_map(move |triangle| {
+            let [a, b, c] = self.indices.get(triangle)?;
+            Some([corner(a)?, corner(b)?, corner(c)?])
+        })
+    }
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_scene_new(
+    meshes: Array<Mesh>,
+    count: usize,
+    other_lights: u32,
+    error: ErrorOut,
+) -> Option<Box<Scene>> {
+    guard(error, || {
+        let buffers: Vec<Buffers> =
+            meshes.read(count, "the list of meshes")?.iter().map(Buffers::of).collect::<Result<_, _>>()?;
+        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for corner in buffers.iter().flat_map(Buffers::triangles).flatten() {
+            (min, max) = (min.min(corner), max.max(corner));
+        }
+        if min.x > max.x {
+            (min, max) = (DVec3::ZERO, DVec3::ZERO);
+        }
+        let mut all = Accumulator::new(min, max);
+        for mesh in &buffers {
+            all.mesh(mesh.surface, mesh.triangles());
+        }
+        Ok(Box::new(Scene(all.finish(other_lights))))
+    })
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_scene_free(scene: Option<Box<Scene>>) {
+    drop(scene);
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_scene_indicators(
+    scene: Option<&Scene>,
+    camera: Option<&Camera>,
+    numbers: Option<&mut MaybeUninit<[Number; SCHEMA.len()]>>,
+    error: ErrorOut,
+) -> bool {
+    let body = || {
+        let camera = need(camera, "camera")?;
+        let view = View {
+            position: DVec3::from(camera.position.map(f64::from)),
+            target: DVec3::from(camera.target.map(f64::from)),
+            vertical_fov_deg: f64::from(camera.vertical_fov_deg),
+        };
+        let values = need(scene, "scene")?.0.with_camera(&view).0;
+        let named =
+            std::array::from_fn(|index| Number { name: Text::of(NAMES[index]), value: values[index] });
+        need(numbers, "room for the indicators")?.write(named);
+        Ok(())
+    };
+    guard(error, body).is_some()
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_scene_indicators(spec: Option<&mut Spec>) {
+    change(spec, |spec| {
+        for one in SCHEMA {
+            let scale = match one.scale {
+                IndicatorScale::Linear => Scale::Linear,
+                IndicatorScale::Log => Scale::Log,
+            };
+            spec.indicator(Indicator { name: one.name.to_owned(), min: one.min, max: one.max, scale });
+        }
+        Ok(())
+    });
+}
+
+/// The names of [`SCHEMA`] as C has them.
+const NAMES: [&std::ffi::CStr; SCHEMA.len()] = [
+    c"mesh_count",
+    c"triangle_count",
+    c"light_count",
+    c"camera_x",
+    c"camera_y",
+    c"camera_z",
+    c"target_x",
+    c"target_y",
+    c"target_z",
+    c"vertical_fov_deg",
+    c"diffuse_ratio",
+    c"extent",
+    c"total_area",
+    c"light_area",
+    c"area_per_mesh",
+    c"var_tri_size_mean",
+    c"var_tri_size_variance",
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_those_of_the_schema() {
+        for (spec, name) in SCHEMA.iter().zip(NAMES) {
+            assert_eq!(spec.name, name.to_str().unwrap());
+        }
+    }
+}

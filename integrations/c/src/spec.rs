@@ -1,0 +1,298 @@
+//! The specification of a study, put together call by call. The first mistake is kept and told when the study is made,
+//! so that a program checks for errors once.
+
+use treewright_client::{
+    Condition, Constraint, Domain, Indicator, Parameter, Policy, Scale, Space, StudyBuilder, StudySpec, Value,
+};
+
+use crate::edge::{Array, ErrorOut, Text, guard};
+use crate::error::Failure;
+
+/// A specification under construction.
+#[derive(Debug, Default)]
+pub(crate) struct Spec {
+    parameters: Vec<Parameter>,
+    constraints: Vec<Constraint>,
+    indicators: Vec<Indicator>,
+    terms: Vec<(String, f64)>,
+    auxiliary: Vec<String>,
+    display_name: Option<String>,
+    state_tolerance: Option<f64>,
+    seed: u64,
+    policy: Policy,
+    mistake: Option<String>,
+}
+
+impl Spec {
+    /// The finished specification, or the first mistake.
+    pub(crate) fn finish(&self) -> Result<StudySpec, Failure> {
+        if let Some(mistake) = &self.mistake {
+            return Err(Failure::invalid(mistake));
+        }
+        let mut space = Space::builder();
+        for parameter in &self.parameters {
+            space = space.with_parameter(parameter.clone());
+        }
+        for Constraint { lesser, greater } in &self.constraints {
+            space = space.less_or_equal(lesser, greater);
+        }
+        let space = space.build().map_err(|error| Failure::invalid(error.to_string()))?;
+        self.describe(StudySpec::builder(space)).build().map_err(|error| Failure::invalid(error.to_string()))
+    }
+
+    fn describe(&self, mut study: StudyBuilder) -> StudyBuilder {
+        for Indicator { name, min, max, scale } in &self.indicators {
+            study = study.indicator(name, *min..=*max, *scale);
+        }
+        for (metric, weight) in &self.terms {
+            study = study.minimise(metric, *weight);
+        }
+        for metric in &self.auxiliary {
+            study = study.auxiliary(metric);
+        }
+        if let Some(text) = &self.display_name {
+            study = study.display_name(text);
+        }
+        if let Some(tolerance) = self.state_tolerance {
+            study = study.state_tolerance(tolerance);
+        }
+        study.seed(self.seed).policy(self.policy.clone())
+    }
+
+    pub(crate) fn indicator(&mut self, indicator: Indicator) {
+        self.indicators.push(indicator);
+    }
+
+    fn parameter(&mut self, name: &str, domain: Domain, default: Value) {
+        self.parameters.push(Parameter { name: name.to_owned(), domain, default, active_if: None });
+    }
+
+    /// A value of a parameter as people write it.
+    fn value_of(&self, parameter: &str, text: &str) -> Result<Value, String> {
+        let found = self.parameters.iter().find(|one| one.name == parameter);
+        let domain = &found.ok_or_else(|| format!("there is no parameter {parameter:?} yet"))?.domain;
+        let of_text = matches!(domain, Domain::Categorical { values } if matches!(values.first(), Some(Value::Text(_))));
+        let of_floats = matches!(domain, Domain::Float { .. })
+            || matches!(domain, Domain::Categorical { values } if matches!(values.first(), Some(Value::Float(_))));
+        Ok(match Value::parse(text) {
+            _ if of_text => Value::Text(text.to_owned()),
+            Value::Integer(whole) if of_floats => Value::Float(whole as f64),
+            other => other,
+        })
+    }
+}
+
+/// Changes a specification; a mistake is kept for later.
+pub(crate) fn change(spec: Option<&mut Spec>, change: impl FnOnce(&mut Spec) -> Result<(), String>) {
+    if let Some(spec) = spec
+        && let Err(mistake) = change(spec)
+    {
+        spec.mistake.get_or_insert(mistake);
+    }
+}
+
+fn read<'a>(text: &'a Text, what: &str) -> Result<&'a str, String> {
+    text.read(what).map_err(|_| format!("{what} is NULL or not UTF-8"))
+}
+
+fn scale_of(scale: i32) -> Result<Scale, String> {
+    match scale {
+        0 => Ok(Scale::Linear),
+        1 => Ok(Scale::Log),
+        other => Err(format!("{other} is no scale; use TW_LINEAR or TW_LOG")),
+    }
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_new() -> Option<Box<Spec>> {
+    guard(ErrorOut::nowhere(), || Ok(Box::default()))
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_free(spec: Option<Box<Spec>>) {
+    drop(spec);
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_integer(
+    spec: Option<&mut Spec>,
+    name: Text,
+    min: i64,
+    max: i64,
+    default: i64,
+    scale: i32,
+) {
+    change(spec, |spec| {
+        let domain = Domain::Integer { min, max, scale: scale_of(scale)? };
+        spec.parameter(read(&name, "a parameter's name")?, domain, Value::Integer(default));
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_float(
+    spec: Option<&mut Spec>,
+    name: Text,
+    min: f64,
+    max: f64,
+    default: f64,
+    scale: i32,
+) {
+    change(spec, |spec| {
+        let domain = Domain::Float { min, max, scale: scale_of(scale)? };
+        spec.parameter(read(&name, "a parameter's name")?, domain, Value::Float(default));
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_boolean(spec: Option<&mut Spec>, name: Text, default: bool) {
+    change(spec, |spec| {
+        spec.parameter(read(&name, "a parameter's name")?, Domain::Boolean, Value::Boolean(default));
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_choice(
+    spec: Option<&mut Spec>,
+    name: Text,
+    values: Array<Text>,
+    count: usize,
+    default: Text,
+) {
+    change(spec, |spec| {
+        let name = read(&name, "a parameter's name")?;
+        let words =
+            values.read(count, "the list of choices").map_err(|_| format!("{name} has no choices"))?;
+        let words: Result<_, String> =
+            words.iter().map(|word| Ok(Value::Text(read(word, "a choice")?.to_owned()))).collect();
+        let default = Value::Text(read(&default, "the default")?.to_owned());
+        spec.parameter(name, Domain::Categorical { values: words? }, default);
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_choice_number(
+    spec: Option<&mut Spec>,
+    name: Text,
+    values: Array<f64>,
+    count: usize,
+    default: f64,
+) {
+    change(spec, |spec| {
+        let name = read(&name, "a parameter's name")?;
+        let numbers =
+            values.read(count, "the list of choices").map_err(|_| format!("{name} has no choices"))?;
+        let values = numbers.iter().map(|number| Value::Float(*number)).collect();
+        spec.parameter(name, Domain::Categorical { values }, Value::Float(default));
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_active_if(spec: Option<&mut Spec>, parameter: Text, value: Text) {
+    change(spec, |spec| {
+        let parameter = read(&parameter, "the condition's parameter")?;
+        let value = spec.value_of(parameter, read(&value, "the condition's value")?)?;
+        let last = spec.parameters.last_mut().ok_or("a condition needs a parameter that it is for")?;
+        match &mut last.active_if {
+            Some(condition) if condition.parameter == parameter => condition.any_of.push(value),
+            Some(condition) => {
+                return Err(format!("{} depends on {} already", last.name, condition.parameter));
+            }
+            unset => *unset = Some(Condition { parameter: parameter.to_owned(), any_of: vec![value] }),
+        }
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_less_or_equal(spec: Option<&mut Spec>, lesser: Text, greater: Text) {
+    change(spec, |spec| {
+        let (lesser, greater) =
+            (read(&lesser, "the lesser parameter")?, read(&greater, "the greater parameter")?);
+        spec.constraints.push(Constraint { lesser: lesser.to_owned(), greater: greater.to_owned() });
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_indicator(
+    spec: Option<&mut Spec>,
+    name: Text,
+    min: f64,
+    max: f64,
+    scale: i32,
+) {
+    change(spec, |spec| {
+        let name = read(&name, "an indicator's name")?.to_owned();
+        spec.indicator(Indicator { name, min, max, scale: scale_of(scale)? });
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_minimise(spec: Option<&mut Spec>, metric: Text, weight: f64) {
+    change(spec, |spec| {
+        spec.terms.push((read(&metric, "a metric's name")?.to_owned(), weight));
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_auxiliary(spec: Option<&mut Spec>, metric: Text) {
+    change(spec, |spec| {
+        spec.auxiliary.push(read(&metric, "a metric's name")?.to_owned());
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_policy(spec: Option<&mut Spec>, field: Text, value: Text) {
+    change(spec, |spec| {
+        let (field, value) = (read(&field, "a policy field")?, read(&value, "its value")?);
+        spec.policy.set_text(field, value).map_err(|error| error.to_string())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_display_name(spec: Option<&mut Spec>, text: Text) {
+    change(spec, |spec| {
+        spec.display_name = Some(read(&text, "the display name")?.to_owned());
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_state_tolerance(spec: Option<&mut Spec>, tolerance: f64) {
+    change(spec, |spec| {
+        spec.state_tolerance = Some(tolerance);
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_spec_seed(spec: Option<&mut Spec>, seed: u64) {
+    change(spec, |spec| {
+        spec.seed = seed;
+        Ok(())
+    });
+}

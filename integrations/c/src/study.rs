@@ -1,0 +1,155 @@
+//! A study, and the per-frame loop over it.
+
+use std::mem::MaybeUninit;
+use std::sync::{Mutex, PoisonError};
+
+use treewright_client::{Finished, Outcome, blocking};
+
+use crate::configuration::{Configuration, from_json};
+use crate::edge::{Array, ErrorOut, Number, Text, guard, indicators, measurements, need, store};
+use crate::error::Failure;
+use crate::suggestion::Suggestion;
+
+/// A study. May be used by several threads at once.
+#[derive(Debug)]
+pub(crate) struct Study(pub(crate) blocking::Study);
+
+/// A frame loop: the last result and the next question travel together.
+#[derive(Debug)]
+pub(crate) struct Tuner(Mutex<Loop>);
+
+#[derive(Debug)]
+struct Loop {
+    tuner: blocking::Tuner,
+    previous: Option<Finished>,
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_study_free(study: Option<Box<Study>>) {
+    guard(ErrorOut::nowhere(), || {
+        drop(study);
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_study_suggest(
+    study: Option<&Study>,
+    numbers: Array<Number>,
+    count: usize,
+    error: ErrorOut,
+) -> Option<Box<Suggestion>> {
+    guard(error, || {
+        let study = need(study, "study")?;
+        Ok(Box::new(Suggestion::new(study.0.suggest(&indicators(numbers, count)?))))
+    })
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_study_trial_of(
+    study: Option<&Study>,
+    numbers: Array<Number>,
+    count: usize,
+    configuration_json: Text,
+    error: ErrorOut,
+) -> Option<Box<Suggestion>> {
+    guard(error, || {
+        let configuration = from_json(configuration_json.read("the configuration")?)?;
+        let study = need(study, "study")?;
+        Ok(Box::new(Suggestion::new(study.0.trial_of(&indicators(numbers, count)?, &configuration)?)))
+    })
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_study_predict(
+    study: Option<&Study>,
+    numbers: Array<Number>,
+    count: usize,
+    cost: Option<&mut MaybeUninit<f64>>,
+    error: ErrorOut,
+) -> Option<Box<Configuration>> {
+    guard(error, || {
+        let known = need(study, "study")?.0.predict(&indicators(numbers, count)?)?;
+        put(cost, known.predicted_cost.unwrap_or(f64::NAN))?;
+        Ok(Box::new(Configuration::new(known.configuration)))
+    })
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_study_best(
+    study: Option<&Study>,
+    numbers: Array<Number>,
+    count: usize,
+    cost: Option<&mut MaybeUninit<f64>>,
+    error: ErrorOut,
+) -> Option<Box<Configuration>> {
+    guard(error, || {
+        let best = need(study, "study")?.0.best(&indicators(numbers, count)?)?;
+        put(cost, best.cost)?;
+        Ok(Box::new(Configuration::new(best.configuration)))
+    })
+}
+
+/// Stores a number where there is room.
+fn put(room: Option<&mut MaybeUninit<f64>>, value: f64) -> Result<(), Failure> {
+    room.map_or(Ok(()), |room| store(Some(room), value))
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_tuner_new(study: Option<&Study>, error: ErrorOut) -> Option<Box<Tuner>> {
+    guard(error, || {
+        let tuner = need(study, "study")?.0.tuner();
+        Ok(Box::new(Tuner(Mutex::new(Loop { tuner, previous: None }))))
+    })
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_tuner_free(tuner: Option<Box<Tuner>>) {
+    guard(ErrorOut::nowhere(), || {
+        drop(tuner);
+        Ok(())
+    });
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_tuner_next(
+    tuner: Option<&Tuner>,
+    numbers: Array<Number>,
+    count: usize,
+    error: ErrorOut,
+) -> Option<Box<Suggestion>> {
+    guard(error, || {
+        let indicators = indicators(numbers, count)?;
+        let mut frames = need(tuner, "tuner")?.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let previous = frames.previous.take();
+        Ok(Box::new(Suggestion::new(frames.tuner.next(&indicators, previous))))
+    })
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_tuner_finish(
+    tuner: Option<&Tuner>,
+    suggestion: Option<Box<Suggestion>>,
+    numbers: Array<Number>,
+    count: usize,
+    error: ErrorOut,
+) -> bool {
+    let body = || {
+        let tuner = need(tuner, "tuner")?;
+        let finished =
+            need(suggestion, "suggestion")?.inner.finished(measurements(numbers, count)?, Outcome::Ok)?;
+        // One that was not sent yet goes into the outbox here.
+        drop(tuner.0.lock().unwrap_or_else(PoisonError::into_inner).previous.replace(finished));
+        Ok(())
+    };
+    guard(error, body).is_some()
+}

@@ -1,0 +1,143 @@
+//! What to run next, and what became of it.
+
+use std::ffi::{CString, c_char};
+
+use treewright_client::{Outcome, Source};
+
+use crate::configuration::Configuration;
+use crate::edge::{Array, ErrorOut, Number, Text, guard, measurements, need};
+use crate::error::{Failure, c_text};
+
+/// A suggestion. Used by one thread at a time.
+#[derive(Debug)]
+pub(crate) struct Suggestion {
+    pub(crate) inner: treewright_client::Suggestion,
+    configuration: Configuration,
+    trial: CString,
+    reason: CString,
+    problem: Option<CString>,
+}
+
+impl Suggestion {
+    pub(crate) fn new(inner: treewright_client::Suggestion) -> Self {
+        Self {
+            configuration: Configuration::new(inner.configuration().clone()),
+            trial: c_text(inner.trial().unwrap_or_default()),
+            reason: c_text(&inner.reason().summary),
+            problem: inner.problem().map(|problem| c_text(&problem.to_string())),
+            inner,
+        }
+    }
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_configuration(
+    suggestion: Option<&Suggestion>,
+) -> Option<&Configuration> {
+    suggestion.map(|suggestion| &suggestion.configuration)
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_source(suggestion: Option<&Suggestion>) -> i32 {
+    suggestion.map_or(2, |suggestion| match suggestion.inner.source() {
+        Source::Daemon => 0,
+        Source::LastGood => 1,
+        Source::Default => 2,
+    })
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_trial(suggestion: Option<&Suggestion>) -> *const c_char {
+    suggestion.map_or(c"".as_ptr(), |suggestion| suggestion.trial.as_ptr())
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_reason(suggestion: Option<&Suggestion>) -> *const c_char {
+    suggestion.map_or(c"".as_ptr(), |suggestion| suggestion.reason.as_ptr())
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_problem(suggestion: Option<&Suggestion>) -> *const c_char {
+    let problem = suggestion.and_then(|suggestion| suggestion.problem.as_ref());
+    problem.map_or(std::ptr::null(), |problem| problem.as_ptr())
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_predicted_cost(suggestion: Option<&Suggestion>) -> f64 {
+    suggestion.and_then(|suggestion| suggestion.inner.predicted_cost()).unwrap_or(f64::NAN)
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_abort_above(suggestion: Option<&Suggestion>) -> f64 {
+    suggestion.and_then(|suggestion| suggestion.inner.abort_above()).unwrap_or(f64::INFINITY)
+}
+
+fn end(
+    suggestion: Option<Box<Suggestion>>,
+    error: ErrorOut,
+    numbers: (Array<Number>, usize),
+    outcome: impl FnOnce() -> Result<Outcome, Failure>,
+) -> bool {
+    let body = || {
+        let suggestion = need(suggestion, "suggestion")?;
+        Ok(suggestion.inner.report(measurements(numbers.0, numbers.1)?, outcome()?)?)
+    };
+    guard(error, body).is_some()
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_report(
+    suggestion: Option<Box<Suggestion>>,
+    numbers: Array<Number>,
+    count: usize,
+    error: ErrorOut,
+) -> bool {
+    end(suggestion, error, (numbers, count), || Ok(Outcome::Ok))
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_aborted(
+    suggestion: Option<Box<Suggestion>>,
+    lower_bound: f64,
+    error: ErrorOut,
+) -> bool {
+    end(suggestion, error, (Array::none(), 0), || Ok(Outcome::aborted(lower_bound)))
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_infeasible(
+    suggestion: Option<Box<Suggestion>>,
+    reason: Text,
+    error: ErrorOut,
+) -> bool {
+    end(suggestion, error, (Array::none(), 0), || Ok(Outcome::infeasible(reason.read("the reason")?)))
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_failed(
+    suggestion: Option<Box<Suggestion>>,
+    reason: Text,
+    error: ErrorOut,
+) -> bool {
+    end(suggestion, error, (Array::none(), 0), || Ok(Outcome::failed(reason.read("the reason")?)))
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_suggestion_free(suggestion: Option<Box<Suggestion>>) {
+    guard(ErrorOut::nowhere(), || {
+        drop(suggestion);
+        Ok(())
+    });
+}

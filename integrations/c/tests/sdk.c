@@ -1,0 +1,302 @@
+/* Exercises libtreewright from plain C against a running daemon: `sdk URL`. Ends with 0 and `ok`, or names what failed. */
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "treewright.h"
+
+#define CHECK(condition)                                                       \
+  do {                                                                         \
+    if (!(condition)) {                                                        \
+      fprintf(stderr, "%s:%d: %s does not hold\n", __FILE__, __LINE__, #condition); \
+      exit(1);                                                                 \
+    }                                                                          \
+  } while (0)
+
+static void expect(tw_error *error, int32_t code, const char *words) {
+  if (tw_error_code(error) != code || !strstr(tw_error_message(error), words)) {
+    fprintf(stderr, "expected %d with %s, got %d: %s\n", code, words, tw_error_code(error), tw_error_message(error));
+    exit(1);
+  }
+  tw_error_free(error);
+}
+
+static void succeed(tw_error *error) {
+  if (error) {
+    fprintf(stderr, "failed: %s\n", tw_error_message(error));
+    exit(1);
+  }
+}
+
+static tw_spec *new_spec(void) {
+  static const char *const splits[] = {"sah", "median"};
+  static const double budgets[] = {1.2, 2.0};
+  tw_spec *spec = tw_spec_new();
+  tw_spec_display_name(spec, "a study from C");
+  tw_spec_integer(spec, "leaf", 1, 32, 8, TW_LOG);
+  tw_spec_choice(spec, "split", splits, 2, "sah");
+  tw_spec_boolean(spec, "compact", false);
+  tw_spec_float(spec, "cost", 0.5, 4, 1, TW_LINEAR);
+  tw_spec_active_if(spec, "split", "sah");
+  tw_spec_choice_number(spec, "budget", budgets, 2, 1.2);
+  tw_spec_indicator(spec, "triangles", 0, 1e8, TW_LOG);
+  tw_spec_minimise(spec, "render_ms", 1);
+  tw_spec_policy(spec, "epsilon", "0.5");
+  tw_spec_seed(spec, 7);
+  return spec;
+}
+
+/* A frame whose time depends on the configuration alone. */
+static double render(const tw_configuration *configuration) {
+  int64_t leaf = 0;
+  bool compact = true;
+  tw_error *error = NULL;
+  CHECK(tw_configuration_integer(configuration, "leaf", &leaf, &error));
+  CHECK(tw_configuration_boolean(configuration, "compact", &compact, &error));
+  CHECK(leaf >= 1 && leaf <= 32);
+  return 5 + fabs((double)leaf - 3) + (compact ? 2 : 0);
+}
+
+static void without_handles(void) {
+  tw_error *error = NULL;
+  double ms;
+  CHECK(!tw_client_ping(NULL, &ms, &error));
+  expect(error, TW_INVALID, "the client is NULL");
+  CHECK(!tw_study_suggest(NULL, NULL, 0, NULL));
+  CHECK(!tw_suggestion_report(NULL, NULL, 0, NULL));
+  CHECK(tw_suggestion_configuration(NULL) == NULL && tw_error_code(NULL) == TW_OK);
+  CHECK(tw_suggestion_trial(NULL)[0] == 0 && tw_client_count(NULL, TW_COUNT_SENT) == 0);
+  tw_client_free(NULL);
+  tw_study_free(NULL);
+  tw_tuner_free(NULL);
+  tw_suggestion_free(NULL);
+  tw_configuration_free(NULL);
+  tw_spec_free(NULL);
+  tw_options_free(NULL);
+  tw_scene_free(NULL);
+  tw_error_free(NULL);
+}
+
+static void mistakes(const tw_client *client) {
+  tw_error *error = NULL;
+  CHECK(!tw_client_connect("not an address", NULL, &error));
+  expect(error, TW_INVALID, "not an address");
+  error = NULL;
+  tw_options *options = tw_options_new();
+  tw_options_deadline_ms(options, NAN);
+  tw_options_client_id(options, "\xff");
+  CHECK(!tw_client_connect("http://127.0.0.1:1", options, &error));
+  expect(error, TW_INVALID, "deadline of NaN ms");
+  tw_options_free(options);
+  error = NULL;
+  tw_spec *spec = new_spec();
+  tw_spec_integer(spec, "leaf", 0, 3, 1, TW_LINEAR);
+  CHECK(!tw_client_study(client, "twice", spec, &error));
+  expect(error, TW_INVALID, "listed twice");
+  tw_spec_free(spec);
+  error = NULL;
+  spec = new_spec();
+  tw_spec_active_if(spec, "nothing", "1");
+  CHECK(!tw_client_study(client, "condition", spec, &error));
+  expect(error, TW_INVALID, "no parameter \"nothing\"");
+  tw_spec_free(spec);
+  error = NULL;
+  CHECK(!tw_client_existing_study(client, "nowhere", &error));
+  CHECK(tw_error_grpc_code(error) == 5);
+  expect(error, TW_REFUSED, "nowhere");
+}
+
+static void without_daemon(void) {
+  tw_error *error = NULL;
+  tw_client *client = tw_client_connect("http://127.0.0.1:1", NULL, &error);
+  tw_spec *spec = new_spec();
+  tw_study *study = tw_client_study(client, "away", spec, &error);
+  succeed(error);
+  tw_number input[] = {{"triangles", 1000}};
+  tw_suggestion *suggestion = tw_study_suggest(study, input, 1, &error);
+  succeed(error);
+  CHECK(tw_suggestion_source(suggestion) == TW_DEFAULT);
+  CHECK(strstr(tw_suggestion_problem(suggestion), "no daemon answers"));
+  CHECK(render(tw_suggestion_configuration(suggestion)) == 10);
+  tw_number result[] = {{"render_ms", 10}};
+  CHECK(tw_suggestion_report(suggestion, result, 1, &error));
+  CHECK(tw_client_count(client, TW_COUNT_UNREPORTED) == 1 && tw_client_count(client, TW_COUNT_FALLBACKS) == 1);
+  CHECK(!tw_study_best(study, NULL, 0, NULL, &error));
+  expect(error, TW_AWAY, "start one with");
+  tw_spec_free(spec);
+  tw_client_free(client); /* before its study */
+  tw_study_free(study);
+}
+
+static void trials(const tw_client *client) {
+  tw_error *error = NULL;
+  tw_spec *spec = new_spec();
+  tw_study *study = tw_client_study(client, "from-c", spec, &error);
+  succeed(error);
+  tw_number input[] = {{"triangles", 1000}};
+  double best = 1e9, cost;
+  int each;
+  for (each = 0; each < 60; each++) {
+    tw_suggestion *suggestion = tw_study_suggest(study, input, 1, &error);
+    succeed(error);
+    CHECK(tw_suggestion_source(suggestion) == TW_DAEMON && !tw_suggestion_problem(suggestion));
+    CHECK(strstr(tw_suggestion_trial(suggestion), "studies/from-c/trials/") && tw_suggestion_reason(suggestion)[0]);
+    const tw_configuration *configuration = tw_suggestion_configuration(suggestion);
+    const char *split = tw_configuration_text(configuration, "split", &error);
+    succeed(error);
+    CHECK(tw_configuration_has(configuration, "cost") == (strcmp(split, "sah") == 0));
+    CHECK(!tw_configuration_integer(configuration, "split", NULL, &error));
+    expect(error, TW_NO_SUCH_VALUE, "no integer named `split`");
+    error = NULL;
+    tw_number result[] = {{"render_ms", render(configuration)}};
+    best = fmin(best, result[0].value);
+    CHECK(tw_suggestion_report(suggestion, result, 1, &error));
+  }
+  /* One of our own, one given back, one that cannot be, one aborted. */
+  tw_suggestion *own = tw_study_trial_of(
+      study, input, 1, "{\"leaf\":3,\"split\":\"sah\",\"compact\":false,\"cost\":1.0,\"budget\":1.2}", &error);
+  succeed(error);
+  CHECK(render(tw_suggestion_configuration(own)) == 5);
+  tw_number result[] = {{"render_ms", 5}};
+  CHECK(tw_suggestion_report(own, result, 1, &error));
+  CHECK(!tw_study_trial_of(study, input, 1, "{]", &error));
+  expect(error, TW_INVALID, "no JSON");
+  error = NULL;
+  tw_suggestion_free(tw_study_suggest(study, input, 1, NULL));
+  tw_number bad[] = {{"render_ms", NAN}};
+  CHECK(!tw_suggestion_report(tw_study_suggest(study, input, 1, NULL), bad, 1, &error));
+  expect(error, TW_INVALID, "render_ms");
+  error = NULL;
+  CHECK(tw_suggestion_aborted(tw_study_suggest(study, input, 1, NULL), 50, &error));
+  CHECK(tw_suggestion_infeasible(tw_study_suggest(study, input, 1, NULL), "out of memory", &error));
+  CHECK(tw_suggestion_failed(tw_study_suggest(study, input, 1, NULL), "the lamp went out", &error));
+  CHECK(tw_client_flush(client, 20000, &error));
+  CHECK(tw_client_count(client, TW_COUNT_ACKNOWLEDGED) >= 60 && tw_client_count(client, TW_COUNT_ABANDONED) >= 2);
+  tw_configuration *found = tw_study_best(study, input, 1, &cost, &error);
+  succeed(error);
+  CHECK(cost >= 5 && cost <= 10 && strstr(tw_configuration_json(found), "\"leaf\":"));
+  tw_configuration_free(found);
+  found = tw_study_predict(study, input, 1, &cost, &error);
+  succeed(error);
+  CHECK(render(found) <= 10);
+  tw_configuration_free(found);
+  /* Wrong indicators are told and do not stop a frame. */
+  tw_number wrong[] = {{"triangle", 1000}};
+  tw_suggestion *suggestion = tw_study_suggest(study, wrong, 1, &error);
+  succeed(error);
+  CHECK(strstr(tw_suggestion_problem(suggestion), "triangle"));
+  tw_suggestion_free(suggestion);
+  tw_study_free(study);
+  tw_spec_free(spec);
+}
+
+typedef struct worker {
+  pthread_t thread;
+  const tw_client *client;
+  const tw_study *study;
+  int number;
+} worker;
+
+/* Each thread has a scene of its own, so that none waits for the trial of another; client and study are shared. */
+static void *work(void *argument) {
+  const worker *self = argument;
+  tw_error *error = NULL;
+  tw_tuner *tuner = tw_tuner_new(self->study, &error);
+  succeed(error);
+  tw_number input[] = {{"triangles", pow(10, 2 + self->number)}};
+  int each;
+  for (each = 0; each < 25; each++) {
+    tw_suggestion *suggestion = tw_tuner_next(tuner, input, 1, &error);
+    succeed(error);
+    tw_number result[] = {{"render_ms", render(tw_suggestion_configuration(suggestion))}};
+    CHECK(tw_tuner_finish(tuner, suggestion, result, 1, &error));
+    CHECK(tw_client_count(self->client, TW_COUNT_DROPPED) == 0);
+  }
+  tw_tuner_free(tuner);
+  return NULL;
+}
+
+static void threads(const tw_client *client) {
+  tw_error *error = NULL;
+  tw_spec *spec = new_spec();
+  tw_study *study = tw_client_study(client, "threads", spec, &error);
+  succeed(error);
+  uint64_t before = tw_client_count(client, TW_COUNT_ACKNOWLEDGED) + tw_client_count(client, TW_COUNT_UNREPORTED);
+  worker workers[4];
+  int each;
+  for (each = 0; each < 4; each++) {
+    worker self = {.client = client, .study = study, .number = each};
+    workers[each] = self;
+    CHECK(pthread_create(&workers[each].thread, NULL, work, &workers[each]) == 0);
+  }
+  for (each = 0; each < 4; each++) CHECK(pthread_join(workers[each].thread, NULL) == 0);
+  CHECK(tw_client_flush(client, 20000, &error));
+  uint64_t after = tw_client_count(client, TW_COUNT_ACKNOWLEDGED) + tw_client_count(client, TW_COUNT_UNREPORTED);
+  CHECK(after - before == 100);
+  tw_study_free(study);
+  tw_spec_free(spec);
+  CHECK(tw_client_delete_study(client, "threads", &error));
+}
+
+static void scene(void) {
+  /* The halves of a 3 by 4 rectangle, the second twice, in a buffer with gaps and turned by a matrix; one that names a vertex
+   * that is not there. */
+  const float corners[] = {0, 0, 0, 3, 0, 0, 0, 4, 0};
+  const float spaced[] = {0, 0, 0, 9, 3, 0, 0, 9, 0, 4, 0, 9};
+  const uint32_t triangle[] = {0, 1, 2}, beyond[] = {0, 1, 2, 7, 0, 1, 2, 0, 0, 9, 0, 0};
+  const float half_turn[] = {-1, 0, 0, 0, -1, 0, 0, 0, 1, 3, 4, 0};
+  const tw_mesh meshes[] = {
+      {.vertices = corners, .vertex_count = 3, .indices = triangle, .triangle_count = 1, .diffuse_share = 1},
+      {.vertices = spaced, .vertex_stride = 16, .vertex_count = 3, .indices = beyond, .index_stride = 16,
+       .triangle_count = 3, .transform = half_turn, .diffuse_share = 0.5, .emits = true}};
+  const tw_camera camera = {{1.5f, 2, 5}, {0, 0, 0}, 40};
+  tw_error *error = NULL;
+  tw_scene *scene = tw_scene_new(meshes, 2, 1, &error);
+  succeed(error);
+  tw_number numbers[TW_SCENE_INDICATORS];
+  CHECK(tw_scene_indicators(scene, &camera, numbers, &error));
+  const struct {
+    const char *name;
+    double value;
+  } expected[] = {{"mesh_count", 2}, {"triangle_count", 3}, {"light_count", 2}, {"camera_z", 10}, {"extent", 5},
+                  {"total_area", 18. / 25}, {"light_area", 12. / 25}, {"diffuse_ratio", 2. / 3}, {"vertical_fov_deg", 40}};
+  size_t each, other, found = 0;
+  for (each = 0; each < sizeof expected / sizeof expected[0]; each++)
+    for (other = 0; other < TW_SCENE_INDICATORS; other++)
+      if (strcmp(numbers[other].name, expected[each].name) == 0) {
+        CHECK(fabs(numbers[other].value - expected[each].value) < 1e-6);
+        found++;
+      }
+  CHECK(found == sizeof expected / sizeof expected[0]);
+  tw_scene_free(scene);
+  tw_mesh bad = meshes[0];
+  bad.vertex_stride = 4;
+  CHECK(!tw_scene_new(&bad, 1, 0, &error));
+  expect(error, TW_INVALID, "vertex buffer");
+}
+
+int main(int count, char **arguments) {
+  CHECK(count == 2);
+  tw_error *error = NULL;
+  tw_options *options = tw_options_new();
+  tw_options_client_id(options, "c-test");
+  tw_options_deadline_ms(options, 20000);
+  tw_options_call_deadline_ms(options, 20000);
+  tw_options_software(options, "sdk.c", "1");
+  tw_client *client = tw_client_connect(arguments[1], options, &error);
+  tw_options_free(options);
+  succeed(error);
+  double ms = -1;
+  CHECK(tw_client_ping(client, &ms, &error) && ms >= 0);
+  without_handles();
+  mistakes(client);
+  without_daemon();
+  trials(client);
+  threads(client);
+  scene();
+  tw_client_free(client);
+  puts("ok");
+  return 0;
+}

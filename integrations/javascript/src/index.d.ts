@@ -1,0 +1,107 @@
+/** What a parameter may be. */
+export type Value = boolean | number | string;
+/** Indicators go in, measurements come out; all finite, measurements not negative. */
+export type Numbers = Record<string, number>;
+export type Configuration = Record<string, Value>;
+
+/** The parameter exists only while an earlier one has one of these values. */
+export interface Condition {
+  parameter: string;
+  anyOf: Value[];
+}
+
+/** `default` is the value used so far, against which everything is judged. */
+export type Parameter = { name: string; activeIf?: Condition } & (
+  | { type: "integer" | "float"; min: number; max: number; log?: boolean; default: number }
+  | { type: "boolean"; default: boolean }
+  | { type: "choice"; values: string[] | number[]; default: string | number }
+);
+
+export interface StudySpec {
+  displayName?: string;
+  parameters: Parameter[];
+  /** `[lesser, greater]`, both names of parameters. */
+  constraints?: [string, string][];
+  /** `[lowest, highest]`, mapped to 0 and 1; with `"log"` by the logarithm. */
+  indicators?: Record<string, [number, number] | [number, number, "log"]>;
+  /** Weights of measurements; the objective is their weighted sum. */
+  minimise: Record<string, number>;
+  auxiliary?: string[];
+  stateTolerance?: number;
+  /** Fields as in the wire contract: `{epsilon: 0.1}`. */
+  policy?: Record<string, unknown>;
+  seed?: number;
+}
+
+export interface Options {
+  /** Unique among the clients of a study, 1 to 128 characters. Default: program, machine, process. */
+  clientId?: string;
+  /** How long a suggestion may keep its caller waiting. Default 50. */
+  deadlineMs?: number;
+  /** How long any other call may take. Default 5000. */
+  callDeadlineMs?: number;
+  /** Reports that may wait for the daemon; the oldest is dropped when it is full. Default 1024. */
+  queue?: number;
+  /** A token, sent only over TLS or to this machine. */
+  token?: string;
+  /** PEM of the authority of the daemon's certificate; for `https:` addresses. */
+  authority?: Buffer;
+  /** Names and versions of software that decides how fast something is. */
+  software?: Record<string, string>;
+}
+
+/** `kind` says what can be done about it; the message names cause and remedy. */
+export class TreewrightError extends Error {
+  readonly kind: "invalid" | "unreachable" | "refused";
+  /** The canonical gRPC code, where there was one. */
+  readonly code?: number;
+}
+
+export interface Stats {
+  suggestions: number;
+  fallbacks: number;
+  unreported: number;
+  acknowledged: number;
+  refused: number;
+  dropped: number;
+  queued: number;
+  lastError?: string;
+}
+
+export class Client {
+  constructor(url?: string, options?: Options);
+  /** Creates the study, or finds the equal one. An absent daemon is no error: it is created when it is there. */
+  study(id: string, spec: StudySpec): Promise<Study>;
+  /** Waits until every report is acknowledged or refused; rejects when some still wait. */
+  flush(deadlineMs?: number): Promise<void>;
+  deleteStudy(id: string): Promise<void>;
+  /** Closes the connection; what waits is lost, so flush before. */
+  close(): void;
+  readonly stats: Stats;
+}
+
+export class Study {
+  readonly name: string;
+  /** Never rejects: without the daemon it is the last good configuration, or the default. */
+  suggest(indicators?: Numbers): Promise<Suggestion>;
+  trialOf(configuration: Configuration, indicators?: Numbers): Promise<Suggestion>;
+  predict(indicators?: Numbers): Promise<{ configuration: Configuration; cost?: number }>;
+  best(indicators?: Numbers): Promise<{ configuration: Configuration; cost: number }>;
+}
+
+/** Report it, or give it back with `abandon()`. */
+export class Suggestion {
+  readonly configuration: Configuration;
+  readonly source: "daemon" | "last_good" | "default";
+  readonly trial?: string;
+  readonly reason: string;
+  readonly problem?: string;
+  readonly predictedCost?: number;
+  readonly abortAbove?: number;
+  /** Each returns at once; the result is sent in the background, again until it is acknowledged. */
+  report(measurements: Numbers): void;
+  aborted(lowerBound: number): void;
+  infeasible(reason: string): void;
+  failed(reason: string): void;
+  abandon(): void;
+}

@@ -1,0 +1,216 @@
+// Client SDK of the Treewright tuning service for Node. The wire contract is proto/treewright/v1; index.d.ts says what each thing promises.
+
+import { existsSync } from "node:fs";
+import { availableParallelism, cpus, hostname } from "node:os";
+import { basename } from "node:path";
+import { fileURLToPath } from "node:url";
+
+import * as grpc from "@grpc/grpc-js";
+import { loadSync } from "@grpc/proto-loader";
+
+import { TreewrightError, refined } from "./error.js";
+import { Outbox } from "./outbox.js";
+import { configurationFromWire, configurationToWire, defaultConfiguration, specToWire } from "./wire.js";
+
+export { TreewrightError };
+
+// Beside the package where it is installed, in the workspace where it is developed.
+const PLACES = ["../proto", "../../../proto"].map((each) => fileURLToPath(new URL(each, import.meta.url)));
+const PROTO = PLACES.find((each) => existsSync(`${each}/treewright/v1/tuning.proto`));
+const Service = grpc.loadPackageDefinition(
+  loadSync("treewright/v1/tuning.proto", { includeDirs: [PROTO], longs: String, enums: String, oneofs: true }),
+).treewright.v1.TuningService;
+
+/** A later answer to a question that missed its deadline is awaited for so long, to give its trial back. */
+const LATE_ANSWER_MS = 5000;
+
+const isLocal = (host) => /^(localhost|127\.|\[::1\])/.test(host);
+
+export class Client {
+  constructor(url = "http://127.0.0.1:50611", options = {}) {
+    const found = /^(https?):\/\/([^/]+)\/?$/.exec(url);
+    if (!found) throw new TreewrightError("invalid", `\`${url}\` is not an address of a daemon; write it like http://127.0.0.1:50611`);
+    const [, scheme, host] = found;
+    if (options.token && scheme === "http" && !isLocal(host))
+      throw new TreewrightError("invalid", "a token is only sent over https, or to this machine");
+    this.url = url;
+    const name = `${basename(process.argv[1] ?? "node")}@${hostname()}-${process.pid}`;
+    this.options = { clientId: name, deadlineMs: 50, callDeadlineMs: 5000, queue: 1024, ...options };
+    const security = scheme === "https" ? grpc.credentials.createSsl(options.authority) : grpc.credentials.createInsecure();
+    this.service = new Service(host, security, { "grpc.max_receive_message_length": 16 << 20 });
+    this.stats = { suggestions: 0, fallbacks: 0, unreported: 0, acknowledged: 0, refused: 0, dropped: 0, queued: 0 };
+    this.outbox = new Outbox(this.options.queue, this.stats);
+    const model = cpus()[0]?.model ?? "";
+    this.fingerprint = { cpuModel: model, threads: availableParallelism?.() ?? cpus().length, software: { node: process.version, ...options.software } };
+  }
+
+  /** One call of the service. */
+  call(name, request, deadlineMs = this.options.callDeadlineMs) {
+    const metadata = new grpc.Metadata();
+    if (this.options.token) metadata.set("authorization", `Bearer ${this.options.token}`);
+    return new Promise((resolve, reject) => {
+      this.service[name](request, metadata, { deadline: Date.now() + deadlineMs }, (error, answer) =>
+        error ? reject(refined(error, this.url, name)) : resolve(answer),
+      );
+    });
+  }
+
+  async study(id, spec) {
+    const request = { studyId: id, study: specToWire(spec) };
+    const study = new Study(this, `studies/${id}`, spec, request);
+    try {
+      await this.call("createStudy", request);
+      study.created = true;
+    } catch (error) {
+      if (error.kind !== "unreachable") throw error;
+      this.stats.lastError = error.message;
+    }
+    return study;
+  }
+
+  async deleteStudy(id) {
+    await this.call("deleteStudy", { name: `studies/${id}` });
+  }
+
+  async flush(deadlineMs = 5000) {
+    let timer;
+    const late = new Promise((_, reject) => {
+      const words = () => `${this.stats.queued} report(s) are not acknowledged after ${deadlineMs} ms: ${this.stats.lastError}`;
+      timer = setTimeout(() => reject(new TreewrightError("unreachable", words())), deadlineMs);
+    });
+    try {
+      await Promise.race([this.outbox.told(), late]);
+    } finally {
+      clearTimeout(timer);
+    }
+  }
+
+  close() {
+    this.outbox.close();
+    this.service.close();
+  }
+}
+
+export class Study {
+  #lastGood;
+
+  constructor(client, name, spec, request) {
+    this.client = client;
+    this.name = name;
+    this.spec = spec;
+    this.request = request;
+    this.created = false;
+  }
+
+  async #ask(indicators, wanted, deadlineMs) {
+    if (!this.created) {
+      await this.client.call("createStudy", this.request, deadlineMs);
+      this.created = true;
+    }
+    await this.client.outbox.told();
+    const { clientId } = this.client.options;
+    const request = { study: this.name, clientId, indicators, fingerprint: this.client.fingerprint, wanted };
+    const trial = await this.client.call("suggest", request, deadlineMs);
+    return new Suggestion(this, trial, configurationFromWire(trial.configuration));
+  }
+
+  async suggest(indicators = {}) {
+    let timer;
+    let late = false;
+    const { deadlineMs } = this.client.options;
+    const asked = this.#ask(indicators, undefined, Math.max(deadlineMs, LATE_ANSWER_MS));
+    // What comes after the deadline is given back.
+    asked.then((suggestion) => late && suggestion.abandon(), () => {});
+    const expired = new Promise((_, reject) => {
+      const problem = () => new TreewrightError("unreachable", `the daemon at ${this.client.url} did not answer within ${deadlineMs} ms`);
+      timer = setTimeout(() => reject(problem()), deadlineMs);
+    });
+    try {
+      const suggestion = await Promise.race([asked, expired]);
+      this.client.stats.suggestions += 1;
+      this.#lastGood = suggestion.configuration;
+      return suggestion;
+    } catch (error) {
+      late = true;
+      this.client.stats.fallbacks += 1;
+      this.client.stats.lastError = error.message;
+      return new Suggestion(this, undefined, this.#lastGood ?? defaultConfiguration(this.spec), this.#lastGood !== undefined, error);
+    } finally {
+      clearTimeout(timer);
+    }
+  }
+
+  trialOf(configuration, indicators = {}) {
+    return this.#ask(indicators, configurationToWire(configuration, this.spec), this.client.options.callDeadlineMs);
+  }
+
+  async predict(indicators = {}) {
+    const request = { study: this.name, indicators, fingerprint: this.client.fingerprint };
+    const known = await this.client.call("predict", request);
+    return { configuration: configurationFromWire(known.configuration), cost: known.predictedCost };
+  }
+
+  async best(indicators = {}) {
+    const request = { study: this.name, indicators, fingerprint: this.client.fingerprint };
+    const best = await this.client.call("getBest", request);
+    return { configuration: configurationFromWire(best.configuration), cost: best.cost };
+  }
+
+  /** A configuration that cannot work here is no fallback. */
+  forget(configuration) {
+    if (JSON.stringify(configuration) === JSON.stringify(this.#lastGood)) this.#lastGood = undefined;
+  }
+}
+
+export class Suggestion {
+  #study;
+  #open = true;
+
+  constructor(study, trial, configuration, isLastGood, problem) {
+    this.#study = study;
+    this.configuration = configuration;
+    this.source = trial ? "daemon" : isLastGood ? "last_good" : "default";
+    this.trial = trial?.name;
+    this.reason = trial?.reason?.summary ?? "";
+    this.problem = problem?.message;
+    this.predictedCost = trial?.predictedCost;
+    this.abortAbove = trial?.abortAbove;
+  }
+
+  #end(measurements, outcome) {
+    if (!this.#open) throw new TreewrightError("invalid", "this trial is reported or given back already");
+    for (const [name, value] of Object.entries(measurements)) {
+      if (Number.isFinite(value) && value >= 0) continue;
+      this.abandon();
+      throw new TreewrightError("invalid", `measurement ${name} is ${value}; it must be finite and not negative`);
+    }
+    this.#open = false;
+    const { client } = this.#study;
+    if (this.trial === undefined) client.stats.unreported += 1;
+    else client.outbox.put(this.trial, "report", () => client.call("report", { trial: this.trial, measurements, outcome }));
+  }
+
+  report(measurements) {
+    this.#end(measurements, { ok: {} });
+  }
+
+  aborted(lowerBound) {
+    this.#end({}, { aborted: { lowerBound } });
+  }
+
+  infeasible(reason) {
+    this.#study.forget(this.configuration);
+    this.#end({}, { infeasible: { reason: reason.slice(0, 1000) } });
+  }
+
+  failed(reason) {
+    this.#end({}, { failed: { reason: reason.slice(0, 1000) } });
+  }
+
+  abandon() {
+    if (!this.#open) return;
+    this.#open = false;
+    const { client } = this.#study;
+    if (this.trial !== undefined) client.outbox.put(this.trial, "abandon", () => client.call("abandonTrial", { trial: this.trial }));
+  }
+}

@@ -1,0 +1,83 @@
+// Between plain JavaScript and the messages of proto/treewright/v1.
+
+import { TreewrightError } from "./error.js";
+
+export function valueToWire(value, float = false) {
+  if (typeof value === "boolean") return { boolean: value };
+  if (typeof value === "string") return { text: value };
+  if (typeof value !== "number" || !Number.isFinite(value))
+    throw new TreewrightError("invalid", `${value} is no value of a parameter; use a boolean, a finite number or text`);
+  return float || !Number.isInteger(value) ? { float: value } : { integer: value };
+}
+
+export function configurationFromWire(message) {
+  const plain = {};
+  for (const [name, value] of Object.entries(message?.values ?? {})) {
+    if (value.kind === undefined) throw new TreewrightError("refused", `${name} has a value of an unknown kind`);
+    plain[name] = value.kind === "integer" ? Number(value.integer) : value[value.kind];
+  }
+  return plain;
+}
+
+const isFloat = (parameter) =>
+  parameter.type === "float" ||
+  (parameter.type === "choice" && parameter.values.some((each) => typeof each === "number" && !Number.isInteger(each)));
+
+/** JavaScript has one kind of number; the space says which of them are floats. */
+export function configurationToWire(configuration, spec) {
+  const values = {};
+  for (const [name, value] of Object.entries(configuration)) {
+    const parameter = spec.parameters.find((each) => each.name === name);
+    values[name] = valueToWire(value, parameter !== undefined && isFloat(parameter));
+  }
+  return { values };
+}
+
+function parameterToWire(parameter, all) {
+  const { name, type, min, max } = parameter;
+  const scale = parameter.log ? "SCALE_LOG" : "SCALE_LINEAR";
+  const float = isFloat(parameter);
+  const message = { name, defaultValue: valueToWire(parameter.default, float) };
+  if (type === "integer") message.integer = { min, max, scale };
+  else if (type === "float") message.float = { min, max, scale };
+  else if (type === "boolean") message.boolean = {};
+  else if (type === "choice")
+    message.categorical = { values: parameter.values.map((value) => valueToWire(value, float)) };
+  else throw new TreewrightError("invalid", `parameter ${name} has type ${type}; use integer, float, boolean or choice`);
+  if (parameter.activeIf) {
+    const other = all.find((each) => each.name === parameter.activeIf.parameter);
+    const anyOf = parameter.activeIf.anyOf.map((value) => valueToWire(value, other !== undefined && isFloat(other)));
+    message.activeIf = { parameter: parameter.activeIf.parameter, anyOf };
+  }
+  return message;
+}
+
+export function specToWire(spec) {
+  const indicators = Object.entries(spec.indicators ?? {}).map(([name, [min, max, log]]) => ({
+    name, min, max, scale: log === "log" ? "SCALE_LOG" : "SCALE_LINEAR",
+  }));
+  const terms = Object.entries(spec.minimise).map(([metric, weight]) => ({ metric, weight }));
+  const policy = Object.fromEntries(
+    Object.entries(spec.policy ?? {}).map(([name, value]) => [name.replace(/_(.)/g, (_, each) => each.toUpperCase()), value]),
+  );
+  return {
+    displayName: spec.displayName ?? "",
+    space: {
+      parameters: spec.parameters.map((each) => parameterToWire(each, spec.parameters)),
+      constraints: (spec.constraints ?? []).map(([lesser, greater]) => ({ lesser, greater })),
+    },
+    indicators,
+    objective: { terms, auxiliary: spec.auxiliary ?? [] },
+    stateTolerance: spec.stateTolerance,
+    policy,
+    seed: spec.seed ?? 0,
+  };
+}
+
+/** The values to run with when the daemon has never answered: defaults of what is active. */
+export function defaultConfiguration(spec) {
+  const plain = {};
+  for (const { name, activeIf, default: value } of spec.parameters)
+    if (!activeIf || activeIf.anyOf.includes(plain[activeIf.parameter])) plain[name] = value;
+  return plain;
+}

@@ -1,0 +1,74 @@
+// Exercises the SDK against a running daemon: `node test/run.js URL`. Ends with `ok`.
+
+import assert from "node:assert/strict";
+
+import { Client, TreewrightError } from "../src/index.js";
+
+const url = process.argv[2] ?? "http://127.0.0.1:50611";
+const spec = {
+  parameters: [
+    { name: "leaf", type: "integer", min: 1, max: 32, log: true, default: 8 },
+    { name: "split", type: "choice", values: ["sah", "median"], default: "sah" },
+    { name: "cost", type: "float", min: 0.5, max: 4, default: 1, activeIf: { parameter: "split", anyOf: ["sah"] } },
+    { name: "budget", type: "choice", values: [1.2, 2], default: 2 },
+    { name: "compact", type: "boolean", default: false },
+  ],
+  indicators: { triangles: [0, 1e8, "log"] },
+  minimise: { ms: 1 },
+  policy: { epsilon: 0.5, confirm_rounds: 0 },
+};
+const rejects = (promise, kind, words) =>
+  assert.rejects(promise, (error) => error instanceof TreewrightError && error.kind === kind && error.message.includes(words));
+
+async function trials() {
+  const client = new Client(url, { clientId: "node-test", deadlineMs: 20000 });
+  const study = await client.study("node", spec);
+  const input = { triangles: 1000 };
+  for (let each = 0; each < 40; each++) {
+    const suggestion = await study.suggest(input);
+    const { configuration } = suggestion;
+    assert.equal(suggestion.source, "daemon", suggestion.problem);
+    assert.equal("cost" in configuration, configuration.split === "sah");
+    assert.equal(typeof configuration.compact, "boolean");
+    suggestion.report({ ms: 5 + Math.abs(configuration.leaf - 3) });
+    assert.throws(() => suggestion.report({ ms: 1 }), /already/);
+  }
+  const own = await study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false }, input);
+  own.report({ ms: 5 });
+  (await study.suggest(input)).abandon();
+  const wrong = await study.suggest(input);
+  assert.throws(() => wrong.report({ ms: NaN }), /ms is NaN/);
+  (await study.suggest(input)).failed("the lamp went out");
+  await client.flush(20000);
+  assert.ok(client.stats.acknowledged >= 42 && client.stats.dropped === 0, JSON.stringify(client.stats));
+  const best = await study.best(input);
+  assert.ok(best.cost >= 5 && best.cost <= 10, JSON.stringify(best));
+  assert.ok((await study.predict(input)).configuration.leaf >= 1);
+  await rejects(study.trialOf({ leaf: 99 }, input), "refused", "leaf");
+  await rejects(client.study("bad", { ...spec, minimise: {} }), "refused", "objective");
+  const unknown = await study.suggest({ triangle: 1 });
+  assert.match(unknown.problem, /triangle/);
+  assert.equal(unknown.source, "last_good");
+  await client.deleteStudy("node");
+  client.close();
+}
+
+async function withoutDaemon() {
+  const client = new Client("http://127.0.0.1:1", { callDeadlineMs: 500 });
+  const study = await client.study("away", spec);
+  const started = performance.now();
+  const suggestion = await study.suggest({ triangles: 1 });
+  assert.ok(performance.now() - started < 2000);
+  assert.equal(suggestion.source, "default");
+  assert.deepEqual(suggestion.configuration, { leaf: 8, split: "sah", cost: 1, budget: 2, compact: false });
+  suggestion.report({ ms: 1 });
+  assert.equal(client.stats.unreported, 1);
+  await rejects(study.best(), "unreachable", "start one with");
+  client.close();
+  assert.throws(() => new Client("not an address"), /not an address/);
+  assert.throws(() => new Client("http://example.com:1", { token: "x" }), /https/);
+}
+
+await trials();
+await withoutDaemon();
+console.log("ok");

@@ -1,0 +1,131 @@
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from types import TracebackType
+from typing import Literal, Optional, TypeVar, Union
+
+Value = Union[bool, int, float, str]
+Numbers = Mapping[str, float]
+# Lowest and highest value, mapped to 0 and 1; with "log" by the logarithm.
+Range = Union[tuple[float, float], tuple[float, float, Literal["linear", "log"]]]
+# A parameter that stands earlier, and the values with which this one exists.
+Condition = tuple[Union[Value, str], ...]
+_S = TypeVar("_S", bound="Suggestion")
+
+class TreewrightError(Exception):
+    """Something went wrong; the message names cause and remedy."""
+
+class Invalid(TreewrightError):
+    """An argument is wrong; nothing was sent."""
+
+class Unreachable(TreewrightError):
+    """No daemon answered in time; later one may."""
+
+class Refused(TreewrightError):
+    """The daemon will not do it."""
+
+class Space:
+    """What can be tuned. Every method returns the space itself; mistakes are told by Client.study."""
+
+    def __init__(self) -> None: ...
+    def integer(
+        self, name: str, min: int, max: int, *, default: int, log: bool = False, active_if: Optional[Condition] = None
+    ) -> Space: ...
+    def float(
+        self, name: str, min: float, max: float, *, default: float, log: bool = False, active_if: Optional[Condition] = None
+    ) -> Space: ...
+    def boolean(self, name: str, *, default: bool, active_if: Optional[Condition] = None) -> Space: ...
+    def choice(
+        self, name: str, values: Sequence[Value], *, default: Value, active_if: Optional[Condition] = None
+    ) -> Space: ...
+    def less_or_equal(self, lesser: str, greater: str) -> Space: ...
+    def __len__(self) -> int: ...
+
+class Client:
+    """A connection to a daemon, with a thread of its own. May be shared between threads; not across a fork."""
+
+    def __init__(
+        self,
+        url: str = "http://127.0.0.1:50611",
+        *,
+        client_id: Optional[str] = None,
+        deadline_ms: float = 50.0,
+        call_deadline_ms: float = 5000.0,
+        queue: int = 1024,
+        can_abort: bool = False,
+        token: Optional[str] = None,
+        authority_file: Optional[Union[str, PathLike[str]]] = None,
+        software: Mapping[str, str] = ...,
+    ) -> None: ...
+    def study(
+        self,
+        id: str,
+        space: Space,
+        *,
+        minimise: Mapping[str, float],
+        indicators: Mapping[str, Range] = ...,
+        auxiliary: Sequence[str] = ...,
+        policy: Mapping[str, Value] = ...,
+        display_name: str = "",
+        state_tolerance: Optional[float] = None,
+        seed: int = 0,
+    ) -> Study:
+        """Creates the study, or finds the equal one of that id. An absent daemon is no error."""
+    def existing_study(self, id: str) -> Study: ...
+    def delete_study(self, id: str) -> None: ...
+    def studies(self) -> list[str]: ...
+    def flush(self, deadline_ms: float = 5000.0) -> None:
+        """Waits until every report is acknowledged. Raises Unreachable when some are not."""
+    def ping_ms(self) -> float: ...
+    def stats(self) -> dict[str, Union[int, str, None]]: ...
+
+class Study:
+    @property
+    def name(self) -> str: ...
+    def suggest(self, indicators: Optional[Numbers] = None) -> Suggestion:
+        """What to run next, within the deadline. Never fails; see Suggestion.problem."""
+    def trial_of(self, configuration: Mapping[str, Value], indicators: Optional[Numbers] = None) -> Suggestion:
+        """A trial of the caller's own configuration."""
+    def predict(self, indicators: Optional[Numbers] = None) -> tuple[dict[str, Value], Optional[float]]:
+        """What would be exploited, and the predicted objective. Writes nothing."""
+    def best(self, indicators: Optional[Numbers] = None) -> tuple[dict[str, Value], float]:
+        """The best known and its mean objective; of all states without indicators. Raises Refused when nothing was measured."""
+    def tuner(self) -> Tuner: ...
+
+class Suggestion:
+    @property
+    def configuration(self) -> dict[str, Value]: ...
+    @property
+    def source(self) -> Literal["daemon", "last_good", "default"]: ...
+    @property
+    def trial(self) -> Optional[str]: ...
+    @property
+    def reason(self) -> str: ...
+    @property
+    def problem(self) -> Optional[str]: ...
+    @property
+    def predicted_cost(self) -> Optional[float]: ...
+    @property
+    def abort_above(self) -> Optional[float]: ...
+    @property
+    def is_open(self) -> bool:
+        """Whether it is neither reported nor given back."""
+    def __getitem__(self, name: str) -> Value: ...
+    def report(self, measurements: Optional[Numbers] = None, /, **named: float) -> None:
+        """Ends the trial; returns at once, and the report is sent in the background."""
+    def aborted(self, lower_bound: float) -> None: ...
+    def infeasible(self, reason: str) -> None: ...
+    def failed(self, reason: str) -> None: ...
+    def abandon(self) -> None: ...
+    def __enter__(self: _S) -> _S: ...
+    def __exit__(
+        self,
+        kind: Optional[type[BaseException]],
+        exception: Optional[BaseException],
+        traceback: Optional[TracebackType],
+    ) -> bool: ...
+
+class Tuner:
+    """A frame loop in which report and question travel together."""
+
+    def next(self, indicators: Optional[Numbers] = None) -> Suggestion: ...
+    def finish(self, suggestion: Suggestion, measurements: Optional[Numbers] = None, /, **named: float) -> None: ...

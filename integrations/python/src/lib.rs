@@ -1,0 +1,24 @@
+//! The native half of the Python package `treewright`: the blocking client SDK as classes. What is nicer to write in Python (asyncio,
+//! the Optuna sampler, the autotune cache) stands in `python/treewright`.
+//!
+//! The interpreter's lock is let go wherever a call may wait. Handles are shared between threads as Python shares objects; the
+//! SDK below is thread-safe.
+
+mod client;
+mod convert;
+mod error;
+mod space;
+mod suggestion;
+
+use pyo3::prelude::*;
+
+/// The module `treewright._native`.
+#[pymodule]
+fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<space::Space>()?;
+    module.add_class::<client::Client>()?;
+    module.add_class::<client::Study>()?;
+    module.add_class::<suggestion::Suggestion>()?;
+    module.add_class::<suggestion::Tuner>()?;
+    error::register(module)
+}

@@ -1,0 +1,193 @@
+//! What a study is, put together call by call.
+
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use treewright_client::{
+    ClientError, Condition, Constraint, Domain, Parameter, Policy, Scale, StudySpec, Value,
+};
+
+use crate::convert::value_of;
+use crate::error::{Invalid, raised};
+
+/// See the stubs.
+#[pyclass(module = "treewright", frozen)]
+#[derive(Debug, Default)]
+pub(crate) struct Space {
+    parts: std::sync::Mutex<Parts>,
+}
+
+#[derive(Debug, Default)]
+struct Parts {
+    parameters: Vec<Parameter>,
+    constraints: Vec<Constraint>,
+}
+
+fn scale(log: bool) -> Scale {
+    if log { Scale::Log } else { Scale::Linear }
+}
+
+/// `("quality", "high")`, or `("quality", "medium", "high")` for either.
+fn condition(given: Option<Bound<'_, PyTuple>>) -> PyResult<Option<Condition>> {
+    let Some(given) = given else { return Ok(None) };
+    if given.len() < 2 {
+        return Err(Invalid::new_err("active_if is (PARAMETER, VALUE, ...)"));
+    }
+    let any_of = given.iter().skip(1).map(|value| value_of(&value)).collect::<PyResult<_>>()?;
+    Ok(Some(Condition { parameter: given.get_item(0)?.extract()?, any_of }))
+}
+
+impl Space {
+    fn add<'py>(
+        this: PyRef<'py, Self>,
+        name: String,
+        domain: Domain,
+        default: Value,
+        active_if: Option<Bound<'py, PyTuple>>,
+    ) -> PyResult<PyRef<'py, Self>> {
+        let active_if = condition(active_if)?;
+        this.with(|parts| parts.parameters.push(Parameter { name, domain, default, active_if }));
+        Ok(this)
+    }
+
+    fn with<T>(&self, change: impl FnOnce(&mut Parts) -> T) -> T {
+        change(&mut self.parts.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
+    }
+
+    fn build(&self) -> Result<treewright_client::Space, ClientError> {
+        self.with(|parts| {
+            let mut builder = treewright_client::Space::builder();
+            for parameter in &parts.parameters {
+                builder = builder.with_parameter(parameter.clone());
+            }
+            for Constraint { lesser, greater } in &parts.constraints {
+                builder = builder.less_or_equal(lesser, greater);
+            }
+            Ok(builder.build()?)
+        })
+    }
+}
+
+#[pymethods]
+impl Space {
+    #[new]
+    fn new() -> Self {
+        Self::default()
+    }
+
+    #[pyo3(signature = (name, min, max, *, default, log=false, active_if=None))]
+    fn integer<'py>(
+        this: PyRef<'py, Self>,
+        name: String,
+        min: i64,
+        max: i64,
+        default: i64,
+        log: bool,
+        active_if: Option<Bound<'py, PyTuple>>,
+    ) -> PyResult<PyRef<'py, Self>> {
+        Self::add(
+            this,
+            name,
+            Domain::Integer { min, max, scale: scale(log) },
+            Value::Integer(default),
+            active_if,
+        )
+    }
+
+    #[pyo3(signature = (name, min, max, *, default, log=false, active_if=None))]
+    fn float<'py>(
+        this: PyRef<'py, Self>,
+        name: String,
+        min: f64,
+        max: f64,
+        default: f64,
+        log: bool,
+        active_if: Option<Bound<'py, PyTuple>>,
+    ) -> PyResult<PyRef<'py, Self>> {
+        Self::add(this, name, Domain::Float { min, max, scale: scale(log) }, Value::Float(default), active_if)
+    }
+
+    #[pyo3(signature = (name, *, default, active_if=None))]
+    fn boolean<'py>(
+        this: PyRef<'py, Self>,
+        name: String,
+        default: bool,
+        active_if: Option<Bound<'py, PyTuple>>,
+    ) -> PyResult<PyRef<'py, Self>> {
+        Self::add(this, name, Domain::Boolean, Value::Boolean(default), active_if)
+    }
+
+    #[pyo3(signature = (name, values, *, default, active_if=None))]
+    fn choice<'py>(
+        this: PyRef<'py, Self>,
+        name: String,
+        values: Vec<Bound<'py, PyAny>>,
+        default: Bound<'py, PyAny>,
+        active_if: Option<Bound<'py, PyTuple>>,
+    ) -> PyResult<PyRef<'py, Self>> {
+        let values = values.iter().map(value_of).collect::<PyResult<_>>()?;
+        let default = value_of(&default)?;
+        Self::add(this, name, Domain::Categorical { values }, default, active_if)
+    }
+
+    fn less_or_equal(this: PyRef<'_, Self>, lesser: String, greater: String) -> PyRef<'_, Self> {
+        this.with(|parts| parts.constraints.push(Constraint { lesser, greater }));
+        this
+    }
+
+    fn __len__(&self) -> usize {
+        self.with(|parts| parts.parameters.len())
+    }
+}
+
+/// A range of an indicator: lowest, highest, and optionally `"log"`.
+#[derive(FromPyObject)]
+pub(crate) enum Range {
+    Linear((f64, f64)),
+    Scaled((f64, f64, String)),
+}
+
+/// What `Client.study` is given.
+pub(crate) struct Definition {
+    pub(crate) indicators: Vec<(String, Range)>,
+    pub(crate) minimise: Vec<(String, f64)>,
+    pub(crate) auxiliary: Vec<String>,
+    pub(crate) policy: Vec<(String, String)>,
+    pub(crate) display_name: String,
+    pub(crate) state_tolerance: Option<f64>,
+    pub(crate) seed: u64,
+}
+
+impl Definition {
+    pub(crate) fn spec(self, space: &Space) -> PyResult<StudySpec> {
+        let mut builder = StudySpec::builder(space.build().map_err(raised)?).display_name(self.display_name);
+        for (name, range) in self.indicators {
+            let (min, max, log) = match range {
+                Range::Linear((min, max)) => (min, max, false),
+                Range::Scaled((min, max, scale)) => match scale.as_str() {
+                    "log" => (min, max, true),
+                    "linear" => (min, max, false),
+                    other => {
+                        return Err(Invalid::new_err(format!(
+                            "{other:?} is no scale; use \"log\" or \"linear\""
+                        )));
+                    }
+                },
+            };
+            builder = builder.indicator(&name, min..=max, scale(log));
+        }
+        for (metric, weight) in &self.minimise {
+            builder = builder.minimise(metric, *weight);
+        }
+        for metric in &self.auxiliary {
+            builder = builder.auxiliary(metric);
+        }
+        if let Some(tolerance) = self.state_tolerance {
+            builder = builder.state_tolerance(tolerance);
+        }
+        let mut policy = Policy::new();
+        for (field, value) in &self.policy {
+            policy.set_text(field, value).map_err(|error| raised(error.into()))?;
+        }
+        builder.seed(self.seed).policy(policy).build().map_err(|error| raised(error.into()))
+    }
+}

@@ -1,0 +1,197 @@
+//! What to run next, and the frame loop.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use treewright_client::{Configuration, Finished, Outcome, Source, blocking};
+
+use crate::convert::{Numbers, measurements, shown};
+use crate::error::{Invalid, raised};
+
+/// See the stubs.
+#[pyclass(module = "treewright", frozen)]
+pub(crate) struct Suggestion {
+    configuration: Configuration,
+    source: Source,
+    trial: Option<String>,
+    reason: String,
+    problem: Option<String>,
+    predicted_cost: Option<f64>,
+    abort_above: Option<f64>,
+    /// Until it is reported or given back.
+    open: Mutex<Option<treewright_client::Suggestion>>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Suggestion {
+    pub(crate) fn new(inner: treewright_client::Suggestion) -> Self {
+        Self {
+            configuration: inner.configuration().clone(),
+            source: inner.source(),
+            trial: inner.trial().map(str::to_owned),
+            reason: inner.reason().summary.clone(),
+            problem: inner.problem().map(ToString::to_string),
+            predicted_cost: inner.predicted_cost(),
+            abort_above: inner.abort_above(),
+            open: Mutex::new(Some(inner)),
+        }
+    }
+
+    fn take(&self) -> PyResult<treewright_client::Suggestion> {
+        lock(&self.open)
+            .take()
+            .ok_or_else(|| Invalid::new_err("this trial is reported or given back already"))
+    }
+
+    fn end(&self, numbers: Numbers, outcome: Outcome) -> PyResult<()> {
+        self.take()?.report(measurements(numbers), outcome).map_err(raised)
+    }
+}
+
+#[pymethods]
+impl Suggestion {
+    #[getter]
+    fn configuration<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        shown(python, &self.configuration)
+    }
+
+    #[getter]
+    fn source(&self) -> &'static str {
+        match self.source {
+            Source::Daemon => "daemon",
+            Source::LastGood => "last_good",
+            Source::Default => "default",
+        }
+    }
+
+    #[getter]
+    fn trial(&self) -> Option<&str> {
+        self.trial.as_deref()
+    }
+
+    #[getter]
+    fn reason(&self) -> &str {
+        &self.reason
+    }
+
+    #[getter]
+    fn problem(&self) -> Option<&str> {
+        self.problem.as_deref()
+    }
+
+    #[getter]
+    fn predicted_cost(&self) -> Option<f64> {
+        self.predicted_cost
+    }
+
+    #[getter]
+    fn abort_above(&self) -> Option<f64> {
+        self.abort_above
+    }
+
+    #[getter]
+    fn is_open(&self) -> bool {
+        lock(&self.open).is_some()
+    }
+
+    fn __getitem__<'py>(&self, python: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        let known = shown(python, &self.configuration)?;
+        known.get_item(name)?.ok_or_else(|| pyo3::exceptions::PyKeyError::new_err(name.to_owned()))
+    }
+
+    #[pyo3(signature = (measurements=None, /, **named))]
+    fn report(&self, measurements: Option<Numbers>, named: Option<Numbers>) -> PyResult<()> {
+        let mut all = measurements.unwrap_or_default();
+        all.extend(named.unwrap_or_default());
+        self.end(all, Outcome::Ok)
+    }
+
+    fn aborted(&self, lower_bound: f64) -> PyResult<()> {
+        self.end(Numbers::new(), Outcome::aborted(lower_bound))
+    }
+
+    fn infeasible(&self, reason: String) -> PyResult<()> {
+        self.end(Numbers::new(), Outcome::infeasible(reason))
+    }
+
+    fn failed(&self, reason: String) -> PyResult<()> {
+        self.end(Numbers::new(), Outcome::failed(reason))
+    }
+
+    fn abandon(&self) {
+        drop(lock(&self.open).take());
+    }
+
+    fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        this
+    }
+
+    /// An exception is the trial's failure, which says nothing about the configuration; an open trial is given back.
+    fn __exit__(
+        &self,
+        _kind: &Bound<'_, PyAny>,
+        exception: &Bound<'_, PyAny>,
+        _traceback: &Bound<'_, PyAny>,
+    ) -> PyResult<bool> {
+        let open = lock(&self.open).take();
+        if let Some(inner) = open
+            && exception.is_instance_of::<pyo3::exceptions::PyException>()
+        {
+            inner
+                .report(
+                    treewright_client::Measurements::new(),
+                    Outcome::failed(exception.repr()?.to_string()),
+                )
+                .map_err(raised)?;
+        }
+        Ok(false)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Suggestion {} from {}>", self.configuration, self.source())
+    }
+}
+
+/// See the stubs.
+#[pyclass(module = "treewright", frozen)]
+pub(crate) struct Tuner(Mutex<(blocking::Tuner, Option<Finished>)>);
+
+impl Tuner {
+    pub(crate) fn new(tuner: blocking::Tuner) -> Self {
+        Self(Mutex::new((tuner, None)))
+    }
+}
+
+#[pymethods]
+impl Tuner {
+    #[pyo3(signature = (indicators=None))]
+    fn next(&self, python: Python<'_>, indicators: Option<Numbers>) -> Suggestion {
+        let numbers = crate::convert::indicators(indicators);
+        Suggestion::new(python.detach(|| {
+            let mut frames = lock(&self.0);
+            let previous = frames.1.take();
+            frames.0.next(&numbers, previous)
+        }))
+    }
+
+    #[pyo3(signature = (suggestion, measurements=None, /, **named))]
+    fn finish(
+        &self,
+        python: Python<'_>,
+        suggestion: &Suggestion,
+        measurements: Option<Numbers>,
+        named: Option<Numbers>,
+    ) -> PyResult<()> {
+        let mut all = measurements.unwrap_or_default();
+        all.extend(named.unwrap_or_default());
+        let finished =
+            suggestion.take()?.finished(crate::convert::measurements(all), Outcome::Ok).map_err(raised)?;
+        // The lock may be held by a call that waits and needs no interpreter.
+        drop(python.detach(|| lock(&self.0).1.replace(finished)));
+        Ok(())
+    }
+}

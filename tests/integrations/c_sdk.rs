@@ -1,0 +1,202 @@
+//! libtreewright: its header says what it exports, a C program and a C++ program get along with it, and no byte is lost.
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use treewright_tests::daemon::Daemon;
+use treewright_tests::programs::workspace;
+
+use crate::support::{built, file, has, succeed};
+
+/// Names and numbers of parameters of the functions that a text declares after `mark`.
+fn functions(text: &str, mark: &str) -> BTreeMap<String, usize> {
+    let mut found = BTreeMap::new();
+    let begins = |(at, _): (usize, &str)| {
+        let before = text[..at].chars().next_back();
+        !before.is_some_and(|each| each.is_alphanumeric() || each == '_')
+    };
+    for (at, _) in text.match_indices(mark).filter(|found| begins(*found)) {
+        let rest = &text[at + mark.len() - "tw_".len()..];
+        let Some((name, rest)) = rest.split_once('(') else { continue };
+        if !name.chars().all(|each| each.is_ascii_lowercase() || each == '_') {
+            continue;
+        }
+        let ends = [");", ") ->", ") {"].iter().filter_map(|end| rest.find(end));
+        let parameters = rest[..ends.min().expect("an end of the parameters")].trim().trim_end_matches(',');
+        let count = if matches!(parameters, "" | "void") { 0 } else { parameters.matches(',').count() + 1 };
+        found.insert(name.to_owned(), count);
+    }
+    found
+}
+
+/// A text without its comments.
+fn without_comments(text: &str) -> String {
+    let mut parts = text.split("/*");
+    let mut kept = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        kept.push_str(part.split_once("*/").expect("an end of the comment").1);
+    }
+    kept
+}
+
+#[test]
+fn the_header_declares_what_the_library_exports() {
+    let header = std::fs::read_to_string(file("c/include/treewright.h")).expect("the header");
+    let declared = functions(&without_comments(&header), "tw_");
+    let mut exported = BTreeMap::new();
+    for entry in std::fs::read_dir(file("c/src")).expect("the sources") {
+        let text = std::fs::read_to_string(entry.expect("an entry").path()).expect("a source");
+        exported.extend(functions(&text, "extern \"C\" fn tw_"));
+    }
+    assert!(declared.len() > 60, "{declared:?}");
+    assert_eq!(declared, exported);
+    let version = env!("CARGO_PKG_VERSION").split('.').map(str::to_owned);
+    for (name, number) in ["MAJOR", "MINOR", "PATCH"].iter().zip(version) {
+        assert!(header.contains(&format!("#define TREEWRIGHT_VERSION_{name} {number}\n")), "{name}");
+    }
+    if has("nm", "the symbols of libtreewright.so") {
+        let symbols =
+            succeed(Command::new("nm").args(["-D", "--defined-only"]).arg(built().join("libtreewright.so")));
+        for name in declared.keys() {
+            assert!(
+                symbols.lines().any(|line| line.ends_with(&format!(" T {name}"))),
+                "{name} is not exported"
+            );
+        }
+    }
+}
+
+/// libtreewright as it is installed, below a folder of the test.
+fn install(prefix: &Path) {
+    succeed(Command::new("bash").arg(file("c/install.sh")).arg(prefix).arg(built()));
+}
+
+/// Compiles a source against the installed library.
+fn compile(compiler: &str, options: &[&str], source: &Path, prefix: &Path, program: &str) -> PathBuf {
+    let program = prefix.join(program);
+    let library = prefix.join("lib");
+    succeed(
+        Command::new(compiler)
+            .args(options)
+            .args(["-g", "-Wall", "-Wextra", "-Werror", "-I"])
+            .args([prefix.join("include").as_os_str(), source.as_os_str(), OsStr::new("-o")])
+            .args([program.as_os_str(), OsStr::new("-L"), library.as_os_str(), OsStr::new("-ltreewright")])
+            .args([format!("-Wl,-rpath,{}", library.display()).as_str(), "-lpthread", "-lm"]),
+    );
+    program
+}
+
+#[test]
+fn a_c_program_gets_along_with_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    install(folder.path());
+    let strict = ["-std=c99", "-pedantic", "-D_POSIX_C_SOURCE=200809L"];
+    let program = compile("cc", &strict, &file("c/tests/sdk.c"), folder.path(), "sdk");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    assert_eq!(succeed(Command::new(&program).arg(daemon.url())), "ok\n");
+    let again = Daemon::start(&folder.path().join("again.db"));
+    if has("valgrind", "libtreewright under valgrind") {
+        let valgrind = [
+            "--quiet",
+            "--error-exitcode=9",
+            "--leak-check=full",
+            "--errors-for-leak-kinds=definite,indirect",
+            "--show-leak-kinds=definite,indirect",
+        ];
+        let known = format!("--suppressions={}", file("c/tests/valgrind.supp").display());
+        let checked =
+            succeed(Command::new("valgrind").args(valgrind).arg(known).arg(&program).arg(again.url()));
+        assert_eq!(checked, "ok\n");
+    }
+}
+
+#[test]
+fn pkg_config_finds_it() {
+    if !has("pkg-config", "the pkg-config file") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    install(folder.path());
+    let path = folder.path().join("lib/pkgconfig");
+    let ask = |options: &[&str]| {
+        succeed(Command::new("pkg-config").env("PKG_CONFIG_PATH", &path).args(options).arg("treewright"))
+    };
+    let (flags, version) = (ask(&["--cflags", "--libs"]), ask(&["--modversion"]));
+    let include = format!("-I{}", folder.path().join("include").display());
+    assert!(flags.contains(&include) && flags.contains("-ltreewright"), "{flags}");
+    assert_eq!(version.trim(), env!("CARGO_PKG_VERSION"));
+}
+
+/// Folder of Embree's headers, which come with the crate that binds them.
+fn embree_headers() -> PathBuf {
+    let metadata = succeed(
+        Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+            .current_dir(workspace())
+            .args(["metadata", "--format-version", "1", "--locked", "--offline"]),
+    );
+    let metadata: serde_json::Value = serde_json::from_str(&metadata).expect("JSON");
+    let packages = metadata["packages"].as_array().expect("packages");
+    let found = packages.iter().find(|one| one["name"] == "embree4-sys").expect("embree4-sys");
+    let manifest = Path::new(found["manifest_path"].as_str().expect("a path"));
+    manifest.parent().expect("a folder").join("lib")
+}
+
+#[test]
+fn a_renderer_on_embree_is_tuned() {
+    if !has("c++", "the C++ example on Embree") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    install(folder.path());
+    let library = workspace().join("target/native/embree/lib").canonicalize().expect("Embree, by make setup");
+    let headers = format!("-isystem{}", embree_headers().display());
+    let link = format!("-L{}", library.display());
+    let run_path = format!("-Wl,-rpath,{}", library.display());
+    let options = ["-std=c++17", "-O2", &headers];
+    let source = file("c/examples/embree_tuned.cpp");
+    // The libraries stand after the source, as the linker wants them.
+    let object = folder.path().join("embree_tuned.o");
+    let include = folder.path().join("include");
+    succeed(Command::new("c++").args(options).args(["-Wall", "-Wextra", "-Werror", "-c", "-I"]).args([
+        include.as_os_str(),
+        source.as_os_str(),
+        OsStr::new("-o"),
+        object.as_os_str(),
+    ]));
+    let embree = [link.as_str(), run_path.as_str(), "-lembree4"];
+    let program = folder.path().join("embree_tuned");
+    let ours = folder.path().join("lib");
+    succeed(
+        Command::new("c++")
+            .args([object.as_os_str(), OsStr::new("-o"), program.as_os_str()])
+            .args(embree)
+            .args([format!("-L{}", ours.display()), format!("-Wl,-rpath,{}", ours.display())])
+            .arg("-ltreewright"),
+    );
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let said = succeed(Command::new(&program).args([
+        "--url",
+        daemon.url(),
+        "--frames",
+        "12",
+        "--size",
+        "16",
+        "--rounds",
+        "1",
+    ]));
+    let lines: Vec<serde_json::Value> =
+        said.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    assert_eq!(lines.len(), 6, "{said}");
+    for line in &lines {
+        assert!(["field", "needles", "boxes"].iter().any(|name| line["scene"] == *name), "{line}");
+        match line["fixed"].as_array() {
+            Some(fixed) => assert_eq!(fixed.len(), 7, "{line}"),
+            None => {
+                assert!(line["best"]["quality"].is_string() && line["best_ms"].as_f64() > Some(0.0), "{line}")
+            }
+        }
+    }
+    assert!(lines.iter().any(|line| line["from_daemon"].as_f64() > Some(0.0)), "{said}");
+}

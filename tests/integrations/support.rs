@@ -1,0 +1,43 @@
+//! What the tests of all languages share.
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+use treewright_tests::programs::{program, workspace};
+
+/// Runs a command to its end and returns its standard output.
+///
+/// # Panics
+/// When it cannot be started or fails; with all that it said.
+pub(crate) fn succeed(command: &mut Command) -> String {
+    let shown = format!("{command:?}");
+    let output: Output = command.output().unwrap_or_else(|error| panic!("{shown} does not start: {error}"));
+    let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    assert!(
+        output.status.success(),
+        "{shown}: {}\n{}{}",
+        output.status,
+        said(&output.stdout),
+        said(&output.stderr)
+    );
+    said(&output.stdout)
+}
+
+/// Whether a tool is there; says so in one line where it is not.
+pub(crate) fn has(tool: &str, test: &str) -> bool {
+    let found = Command::new(tool).arg("--version").output().is_ok_and(|output| output.status.success());
+    if !found {
+        eprintln!("passed by: {test}, because there is no {tool}");
+    }
+    found
+}
+
+/// The folder of the workspace's built programs and libraries.
+pub(crate) fn built() -> PathBuf {
+    program("libtreewright.so").parent().expect("a folder").to_path_buf()
+}
+
+/// A file of `integrations/`.
+pub(crate) fn file(path: &str) -> PathBuf {
+    workspace().join("integrations").join(path)
+}
