@@ -48,7 +48,7 @@ fn the_papers_default_is_that_of_table_1() {
 }
 
 #[test]
-fn the_full_default_is_the_best_known_by_hand() {
+fn the_full_default_is_the_best_of_the_measured_ones() {
     let by_hand = RenderOptions {
         staged: true,
         tile: 32,
@@ -63,8 +63,10 @@ fn the_full_default_is_the_best_known_by_hand() {
     assert_eq!((tree.quality, tree.collapse), (Quality::Sah, Collapse::Optimal));
     let each_frame = TuningSpace::new(Preset::Full, &Premises { builds_each_frame: true, ..Premises::all() });
     let quick = self::tree(&each_frame, "");
-    assert_eq!((quick.branching_factor, quick.block_width, quick.reinsertion_passes), (8, 4, 0));
+    assert_eq!((quick.branching_factor, quick.block_width, quick.reinsertion_passes), (8, 8, 0));
     assert_eq!((quick.quality, quick.collapse), (Quality::Morton, Collapse::Builder));
+    assert_eq!((tree.min_leaf_size, tree.max_leaf_size), (8, 32));
+    assert_eq!((quick.min_leaf_size, quick.max_leaf_size), (16, 32));
 }
 
 #[test]
