@@ -22,6 +22,9 @@ use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::{Mode, Outcome, Trial};
 
+/// A search of fewer configurations says little of a state.
+pub(crate) const SEARCHED_LEAST: usize = 6;
+
 /// What is known of one configuration in one state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
@@ -381,6 +384,12 @@ impl ResultTable {
         self.searched
     }
 
+    /// Whether clients tried so many configurations of their own choice that the state counts as searched, if not by the
+    /// study's search.
+    pub fn is_searched_by_clients(&self) -> bool {
+        self.tried.saturating_sub(self.searched) >= SEARCHED_LEAST
+    }
+
     /// Whether the configuration could not be run here.
     pub fn is_infeasible(&self, configuration: &Configuration) -> bool {
         self.record(configuration).is_some_and(|record| record.infeasible)
@@ -426,7 +435,7 @@ pub struct KnownState {
     pub anchor: Vec<f64>,
     /// The machine whose measurements these are: its place in the study's [`Machines`](crate::machines::Machines).
     pub machine: MachineId,
-    /// A search was begun in it.
+    /// A search was begun in it, or clients brought along the measurements of one.
     pub explored: bool,
     /// The table of its configurations.
     pub results: Arc<ResultTable>,

@@ -24,6 +24,7 @@ pub use latin_hypercube::LatinHypercubeSearch;
 pub use layout::Layout;
 pub use levels::levels;
 pub use main_effects::{MainEffects, SourceMeasurement};
+pub(crate) use model::on_grid;
 pub use model::{ModelSearch, PlannedPoint};
 pub use nelder_mead::NelderMead;
 pub use random::RandomSearch;

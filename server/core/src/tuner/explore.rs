@@ -188,6 +188,7 @@ impl Tuner {
             layout: Layout::of(space),
         };
         let mut search = AnySearch::new(policy.search, setup);
+        let mut incumbent = None;
         let results = self.states.results(state);
         let from_others = !self.states.siblings(state).is_empty() || results.is_carried_over();
         for record in results.ranked().take(TOLD_MAX) {
@@ -201,13 +202,12 @@ impl Tuner {
         let transfer = self.transfer();
         if !was_dropped && transfer.warms_up_searches() {
             let beginning = planned.take_beginning(state, &self.states[state].anchor);
-            if let Some((main_effects, first)) =
-                beginning.unwrap_or_else(|| transfer.evidence(state).beginning(space))
-            {
-                search.follow(main_effects, first);
+            if let Some(start) = beginning.unwrap_or_else(|| transfer.evidence(state).beginning(space)) {
+                search.follow(start.main_effects, start.first);
+                incumbent = start.incumbent;
             }
         }
-        self.searches.begin(state, search);
+        self.searches.begin(state, search, incumbent);
         if more > 0
             && let Some(own) = self.searches.change(state)
         {

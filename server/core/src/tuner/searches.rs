@@ -8,6 +8,7 @@ use crate::ids::StateId;
 use crate::results::ResultTable;
 use crate::search::AnySearch;
 use crate::tuner::Exploration;
+use crate::tuner::confirmation::Stored;
 use crate::tuner::states::place;
 
 /// The search of each state, in the order of their ids.
@@ -67,10 +68,13 @@ impl Searches {
         begun
     }
 
-    /// Begins a search in a state; one that was there before is dropped, and what it confirmed stays.
-    pub(super) fn begin(&mut self, state: StateId, search: AnySearch) {
+    /// Begins a search in a state; one that was there before is dropped, and what it confirmed stays. Where it confirmed
+    /// nothing, what is proven in other states is the incumbent.
+    pub(super) fn begin(&mut self, state: StateId, search: AnySearch, incumbent: Option<Configuration>) {
         let own = &mut self.0[place(state)];
-        own.exploration.get_or_insert_with(Exploration::unbegun).begin_anew(search);
+        let exploration = own.exploration.get_or_insert_with(Exploration::unbegun);
+        exploration.begin_anew(search);
+        exploration.confirmed = exploration.confirmed.take().or(incumbent.map(Stored));
         own.changes += 1;
     }
 

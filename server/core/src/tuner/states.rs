@@ -235,6 +235,8 @@ impl States {
         let state = &mut self.known[place(id)];
         let before = state.results.remembered();
         Arc::make_mut(&mut state.results).learn(trial, &self.default);
+        // Who brings measurements of many configurations along has searched the state, if not by our search.
+        state.explored |= state.results.is_searched_by_clients();
         self.remembered = self.remembered + state.results.remembered() - before;
         self.index.note(state);
     }
@@ -303,6 +305,7 @@ impl States {
         self.remembered = tables.iter().map(|results| results.remembered()).sum();
         for (state, results) in self.known.iter_mut().zip(tables) {
             state.results = results;
+            state.explored |= state.results.is_searched_by_clients();
             self.index.note(state);
         }
     }

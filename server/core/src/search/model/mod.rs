@@ -440,6 +440,11 @@ fn known(measured: &[&ModelledPoint], cost: Option<&Process>) -> Vec<EstimatedPo
     measured.iter().map(|place| EstimatedPoint { x: place.x.clone(), believed: believed(place) }).collect()
 }
 
+/// A point as it will be asked, to the precision of the search.
+pub(crate) fn on_grid(x: &[f64]) -> Vec<f64> {
+    steps(x).iter().map(|&x| f64::from(x) / GRID).collect()
+}
+
 /// Canonical coordinates in steps of the grid.
 fn steps(x: &[f64]) -> Vec<u32> {
     x.iter().map(|x| (x * GRID).round() as u32).collect()

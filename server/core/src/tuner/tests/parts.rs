@@ -27,14 +27,14 @@ fn whatever_may_change_a_search_is_counted_and_a_look_is_not() {
     searches.found(None);
     assert!(searches.of(first).is_none() && searches.change(first).is_none());
     assert_eq!(searches.changes(first), 0, "there was nothing to change");
-    searches.begin(second, search(2));
+    searches.begin(second, search(2), None);
     assert_eq!((searches.changes(first), searches.changes(second)), (0, 1));
     assert!(searches.of(second).is_some_and(|own| own.search.is_some()));
     assert_eq!(searches.changes(second), 1, "it was only looked at");
     searches.change(second).expect("begun").end();
     assert_eq!(searches.changes(second), 2);
     assert!(searches.of(second).is_some_and(|own| own.search.is_none()), "an ended search is still known");
-    searches.begin(second, search(2));
+    searches.begin(second, search(2), None);
     assert!(searches.of(second).is_some_and(|own| own.search.is_some()) && searches.changes(second) == 3);
     assert_eq!(searches.all_mut().count(), 1);
 }

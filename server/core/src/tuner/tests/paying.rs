@@ -114,6 +114,32 @@ fn a_state_that_nobody_met_is_answered_with_what_serves_the_others_best() {
 }
 
 #[test]
+fn what_clients_brought_along_serves_the_next_state() {
+    let mut tuner = tuner(explore_always());
+    let by_hand = |leaf: i64| {
+        let mut wanted = tuner.spec().space.default_configuration().to_raw();
+        wanted.insert("min_leaf_size".into(), Value::Integer(leaf));
+        wanted
+    };
+    let wanted: Vec<_> = (1..=7).map(by_hand).collect();
+    // Four states agree that one configuration is much better than the default: then it is where a fifth begins.
+    let best = wanted[4].clone();
+    for place in 0..4 {
+        for configuration in &wanted {
+            let ask = ask("a", 0.2 * f64::from(place), 0.5);
+            let trial = tuner.suggest_wanted(&ask, configuration.clone(), 0).expect("valid").0;
+            let render_ms = if *configuration == best { 6.0 } else { 10.0 };
+            let _ = tuner.report(&trial, measured(render_ms), Outcome::Ok, 1).expect("valid");
+        }
+    }
+    let told = tuner.predict(&ask("z", 0.95, 0.9).indicators, None).expect("valid");
+    assert_eq!((told.reason().source.as_str(), told.configuration.to_raw()), ("portfolio", best.clone()));
+    let first = suggest(&mut tuner, "b", 0.95, 0.9);
+    assert_eq!(first.configuration.get("min_leaf_size"), Some(&Value::Integer(5)));
+    assert_eq!(*tuner.incumbent(StateId(first.state_id)), first.configuration, "proven elsewhere");
+}
+
+#[test]
 fn forty_concurrent_questions_get_many_configurations() {
     let mut tuner = tuner(Policy { offline: true, trials_per_state: 80, ..Policy::default() });
     run(&mut tuner, "a", 0.5, 0.5, 16);

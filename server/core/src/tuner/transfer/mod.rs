@@ -19,6 +19,7 @@ use crate::ids::StateId;
 use crate::policy::PredictorMethod;
 use crate::predict::state_index::IndexEntry;
 use crate::predict::{Answer, Query};
+use crate::results::SEARCHED_LEAST;
 use crate::study::StudySpec;
 use crate::tuner::models::Models;
 use crate::tuner::plan::Planned;
@@ -31,8 +32,6 @@ pub(super) use warm_start::{MeasuredElsewhere, WarmStart};
 
 /// So many of the nearest states say whether those near by were searched.
 const NEAR: usize = 8;
-/// A search of fewer configurations says little of a state.
-const SEARCHED_LEAST: usize = 6;
 
 /// What there is to ask.
 #[derive(Clone, Copy, Debug)]

@@ -17,7 +17,7 @@ use crate::limits::{NEIGHBOURS_MAX, PORTFOLIO_STATES_MAX, REWARD_COST_MIN};
 use crate::predict::Query;
 use crate::predict::state_index::IndexEntry;
 use crate::results::ResultTable;
-use crate::search::{Layout, MainEffects, SourceMeasurement, hears_others};
+use crate::search::{Layout, MainEffects, SourceMeasurement, hears_others, on_grid};
 use crate::space::Space;
 use crate::trial::Neighbour;
 use crate::tuner::states::at;
@@ -31,8 +31,16 @@ const RECORDS: usize = 640;
 #[derive(Clone, Debug)]
 pub(in crate::tuner) struct MeasuredElsewhere(Vec<Arc<ResultTable>>);
 
-/// What a search begins with: a guide, and points in the order in which they are run.
-pub(in crate::tuner) type WarmStart = (MainEffects, Vec<Vec<f64>>);
+/// What a search begins with.
+#[derive(Clone, Debug)]
+pub(in crate::tuner) struct WarmStart {
+    /// A guide.
+    pub(in crate::tuner) main_effects: MainEffects,
+    /// Points in the order in which they are run.
+    pub(in crate::tuner) first: Vec<Vec<f64>>,
+    /// What is proven better than the default in so many other states that it is the incumbent here, too.
+    pub(in crate::tuner) incumbent: Option<Configuration>,
+}
 
 impl MeasuredElsewhere {
     pub(in crate::tuner) fn is_empty(&self) -> bool {
@@ -46,7 +54,7 @@ impl MeasuredElsewhere {
 
     /// The first of the portfolio: some milliseconds.
     pub(in crate::tuner) fn best(&self, space: &Space) -> Option<Configuration> {
-        portfolio::members(space, &self.0).into_iter().next()
+        portfolio::members(space, &self.0).0.into_iter().next()
     }
 
     /// Computes it: some milliseconds. `None` where nothing follows.
@@ -61,13 +69,15 @@ impl MeasuredElsewhere {
         }
         let layout = Layout::of(space);
         let main_effects = MainEffects::fit(&layout, &measured)?;
-        let mut first: Vec<Vec<f64>> =
-            portfolio::members(space, &self.0).iter().map(|member| space.encode(member)).collect();
+        let (members, is_proven) = portfolio::members(space, &self.0);
+        let mut first: Vec<Vec<f64>> = members.iter().map(|member| space.encode(member)).collect();
         let downhill = main_effects.descend(&layout, first.first()?);
         if !first.contains(&downhill) {
             first.insert(1, downhill);
         }
-        Some((main_effects, first))
+        // As it will be run: a point says a number less exactly than whoever measured it.
+        let incumbent = is_proven.then(|| space.decode(&on_grid(&first[0])));
+        Some(WarmStart { main_effects, first, incumbent })
     }
 }
 
