@@ -4,6 +4,8 @@
 //! and gains are estimates with 95 % intervals, drawn towards each other as far as the measurements are noisy, never the
 //! luckiest of many measurements.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 use crate::words::words;
@@ -35,6 +37,20 @@ pub struct Gain {
     pub high: Option<f64>,
     /// The probability that it is cheaper at all, where it can be told.
     pub probability_better: Option<f64>,
+}
+
+/// In percent with its interval, as in `12.3 % [10.1, 14.6]`; `?` stands for an end of which nothing is known.
+impl fmt::Display for Gain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Adding zero makes a negative zero positive.
+        let percent = |share: f64| format!("{:.1}", (1000.0 * share).round() / 10.0 + 0.0);
+        write!(f, "{} %", percent(self.share))?;
+        if self.low.is_none() && self.high.is_none() {
+            return Ok(());
+        }
+        let end = |end: Option<f64>| end.map_or_else(|| "?".to_owned(), percent);
+        write!(f, " [{}, {}]", end(self.low), end(self.high))
+    }
 }
 
 /// What came of running the best few configurations of a state against its incumbent, in rounds in which each is
@@ -80,4 +96,94 @@ pub struct Standing {
     pub confirmation: Confirmation,
     /// How often the speed of a client's machine was found to have jumped while the state was measured.
     pub disturbances: u64,
+}
+
+impl Standing {
+    /// What is proven, in a few words that fit a column of a table.
+    pub fn in_short(&self) -> &'static str {
+        match (self.confirmation.stage, self.nothing_better) {
+            (ConfirmationStage::Racing, _) => "confirming",
+            (ConfirmationStage::Searching, true) => "searching",
+            (ConfirmationStage::Searching | ConfirmationStage::Off, false)
+            | (ConfirmationStage::Better, _) => "proven better",
+            (ConfirmationStage::Off | ConfirmationStage::NothingBetter, _) => "nothing better",
+        }
+    }
+
+    /// What is proven, as a sentence for people, without its full stop.
+    pub fn verdict(&self) -> String {
+        let Confirmation { rounds, rounds_max, measurements, gain, .. } = self.confirmation;
+        let known = if self.nothing_better {
+            "nothing is proven better than the incumbent"
+        } else {
+            "it is proven better than the default"
+        };
+        let mut text = match self.confirmation.stage {
+            ConfirmationStage::Off => format!("{known}; the policy wants no confirmation"),
+            ConfirmationStage::Searching => format!("{known} so far; the search goes on"),
+            ConfirmationStage::Racing => {
+                format!(
+                    "{known} so far; confirmation goes on, {rounds} of at most {rounds_max} rounds are run"
+                )
+            }
+            ConfirmationStage::Better => {
+                let by = gain.map(|gain| format!(", {gain} below the incumbent")).unwrap_or_default();
+                format!("confirmed as better in {rounds} rounds{by}")
+            }
+            ConfirmationStage::NothingBetter => format!(
+                "nothing was proven better than the incumbent in {rounds} rounds of {measurements} measurements"
+            ),
+        };
+        match self.disturbances {
+            0 => {}
+            1 => text += "; the speed of a machine jumped once meanwhile",
+            often => text += &format!("; the speed of a machine jumped {often} times meanwhile"),
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn standing(stage: ConfirmationStage, nothing_better: bool) -> Standing {
+        let gain = Gain { share: 0.123, low: Some(0.101), high: Some(0.146), probability_better: Some(0.99) };
+        let confirmation =
+            Confirmation { stage, rounds: 4, rounds_max: 10, measurements: 16, gain: Some(gain) };
+        let (cost, cost_low, cost_high) = (4.0, 3.9, 4.1);
+        Standing {
+            cost,
+            cost_low,
+            cost_high,
+            gain: Some(gain),
+            nothing_better,
+            confirmation,
+            disturbances: 2,
+        }
+    }
+
+    #[test]
+    fn a_gain_tells_its_interval_as_far_as_it_is_known() {
+        let gain = |share, low, high| Gain { share, low, high, probability_better: None }.to_string();
+        assert_eq!(gain(0.1234, Some(0.101), Some(0.146)), "12.3 % [10.1, 14.6]");
+        assert_eq!(gain(-0.02, None, Some(0.05)), "-2.0 % [?, 5.0]");
+        assert_eq!(gain(-0.000_001, None, None), "0.0 %");
+    }
+
+    #[test]
+    fn a_verdict_says_what_is_proven_and_what_goes_on() {
+        let racing = standing(ConfirmationStage::Racing, true);
+        assert_eq!(racing.in_short(), "confirming");
+        assert!(racing.verdict().contains("4 of at most 10 rounds"), "{}", racing.verdict());
+        assert!(racing.verdict().ends_with("jumped 2 times meanwhile"));
+        let better = standing(ConfirmationStage::Better, false);
+        assert_eq!(better.in_short(), "proven better");
+        assert!(better.verdict().contains("12.3 % [10.1, 14.6] below the incumbent"));
+        let nothing = standing(ConfirmationStage::NothingBetter, true);
+        assert_eq!(nothing.in_short(), "nothing better");
+        assert!(nothing.verdict().starts_with("nothing was proven better"));
+        let searching = Standing { disturbances: 0, ..standing(ConfirmationStage::Searching, true) };
+        assert!(searching.verdict().ends_with("the search goes on"));
+    }
 }

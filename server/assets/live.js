@@ -13,8 +13,9 @@ if (source) {
       const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
       for (const part of document.querySelectorAll("[data-live]")) {
         const other = fresh.querySelector(`[data-live="${part.dataset.live}"]`);
-        // What somebody has the focus in stays as it is.
-        if (other && !part.contains(document.activeElement)) part.replaceWith(other);
+        // What somebody has the focus in, or has chosen something in, stays as it is.
+        const busy = part.contains(document.activeElement) || part.querySelector("input:checked");
+        if (other && !busy) part.replaceWith(other);
       }
       document.body.dataset.updated = String(Date.now());
     } finally {

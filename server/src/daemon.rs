@@ -107,7 +107,7 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
     let hang_up = signal(SignalKind::hangup())?;
     let listen_error = |problem| DaemonError::Listen { address: config.listen, problem };
     let tls = config.peers.tls_files(&config.guard).map(Tls::load).transpose()?.map(Arc::new);
-    let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
+    let listener = listener(config.listen).await.map_err(listen_error)?;
     let address = listener.local_addr()?;
     let watch = match config.metrics {
         Some(address) => {
@@ -198,4 +198,20 @@ fn announce(
     let mut stdout = std::io::stdout();
     writeln!(stdout, "treewrightd listening on {scheme}://{address}")?;
     stdout.flush()
+}
+
+/// The socket that systemd hands over (`LISTEN_FDS`, sd_listen_fds(3)), else a new one. It has to be the one that
+/// `--listen` names, by whose address it was decided who may enter.
+async fn listener(address: SocketAddr) -> std::io::Result<TcpListener> {
+    let Some(given) = listenfd::ListenFd::from_env().take_tcp_listener(0)? else {
+        return TcpListener::bind(address).await;
+    };
+    let own = given.local_addr()?;
+    if own != address {
+        let problem =
+            format!("a socket at {own} was handed over; let --listen and the socket unit name the same");
+        return Err(std::io::Error::new(std::io::ErrorKind::AddrNotAvailable, problem));
+    }
+    given.set_nonblocking(true)?;
+    TcpListener::from_std(given)
 }

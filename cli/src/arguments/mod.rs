@@ -83,7 +83,11 @@ Examples:
   treewright report studies/zstd/trials/12 --abandon")]
     Report(Report),
     /// Lists the studies
-    Studies,
+    Studies {
+        /// How each stands: in how many states something better than the default is proven, and the median gain
+        #[arg(long)]
+        standing: bool,
+    },
     /// Creates, shows, copies or deletes one study
     #[command(subcommand)]
     Study(StudyCommand),

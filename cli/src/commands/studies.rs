@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use treewright_client::TrialQuery;
 use treewright_client::blocking::Client;
+use treewright_client::{Best, StudyRecord, TrialQuery};
 
 use super::either;
 use crate::arguments::study::{CloneStudy, StudyCommand};
@@ -18,6 +18,30 @@ pub(super) fn list(client: &Client, json: bool) -> Result<String, Failure> {
     either(json, &studies, || show::studies(&studies))
 }
 
+/// Most states of a study whose standings are read.
+const STATES_READ: i64 = 12;
+
+/// How each study stands. The daemon reads every study into its memory for that.
+pub(super) fn standings(client: &Client, json: bool) -> Result<String, Failure> {
+    let mut all = Vec::new();
+    for study in client.list_studies()? {
+        let found = best_of_states(client, &study, STATES_READ)?;
+        all.push((study, found));
+    }
+    let records: Vec<_> =
+        all.iter().map(|(study, best)| serde_json::json!({ "study": study.name, "best": best })).collect();
+    either(json, &records, || show::standings(&all))
+}
+
+/// The best of each of the first states in which something was measured.
+pub(super) fn best_of_states(client: &Client, study: &StudyRecord, most: i64) -> Result<Vec<Best>, Failure> {
+    let mut found = Vec::new();
+    for state in 1..=study.statistics.states.min(most) {
+        found.extend(client.best_of_state(study.id(), state)?);
+    }
+    Ok(found)
+}
+
 pub(super) fn run(client: &Client, command: &StudyCommand, json: bool) -> Result<String, Failure> {
     match command {
         StudyCommand::Create { file, id } => create(client, file, id.as_deref(), json),
@@ -26,7 +50,13 @@ pub(super) fn run(client: &Client, command: &StudyCommand, json: bool) -> Result
         }
         StudyCommand::Show { name, format: None } => {
             let study = client.get_study(name)?;
-            either(json, &study, || show::study(&study))
+            // What it is can be told where what is known in it cannot be read.
+            let found = if json {
+                Vec::new()
+            } else {
+                best_of_states(client, &study, STATES_READ).unwrap_or_default()
+            };
+            either(json, &study, || show::study(&study, &found))
         }
         // Answered without a daemon.
         StudyCommand::Schema => Ok(String::new()),

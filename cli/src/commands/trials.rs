@@ -64,12 +64,7 @@ pub(super) fn best(client: &Client, state: &State, json: bool) -> Result<String,
             study.name, study.statistics.states
         )));
     }
-    let mut found = Vec::new();
-    for number in 1..=study.statistics.states.min(STATES_LISTED) {
-        if let Some(best) = client.best_of_state(&state.study, number)? {
-            found.push(best);
-        }
-    }
+    let found = super::studies::best_of_states(client, &study, STATES_LISTED)?;
     Ok(show::best_of_states(&found, study.statistics.states))
 }
 

@@ -58,10 +58,7 @@ fn look(client: &Client, study: &str, last: &mut Option<(Instant, i64)>) -> Resu
     let since = last.replace((now, completed));
     let trials_per_s = since
         .map(|(then, before)| (completed - before) as f64 / now.duration_since(then).as_secs_f64().max(1e-3));
-    let mut best = Vec::new();
-    for state in 1..=study.statistics.states.min(ROWS) {
-        best.extend(client.best_of_state(study.id(), state)?);
-    }
+    let best = super::studies::best_of_states(client, &study, ROWS)?;
     let open = TrialQuery::all().filter("state = OPEN");
     let open = client.trials(study.id(), open).take(ROWS as usize).collect::<Result<_, _>>()?;
     Ok(Glance { study, best, open, trials_per_s })

@@ -7,10 +7,17 @@ use treewright_client::Best;
 use super::{figure, line, table};
 use crate::commands::watch::Glance;
 
-/// By how much the best of a state is below its default, in percent; empty where the default was not measured.
+/// By how much the best of a state is below its default, with its 95 % interval; empty where the default was not
+/// measured.
 fn gain(best: &Best) -> String {
-    let default = best.default_cost.filter(|default| *default > 0.0);
-    default.map_or_else(String::new, |default| format!("{:.1}", 100.0 * (1.0 - best.cost / default)))
+    match best.standing {
+        Some(standing) => standing.gain.map(|gain| gain.to_string()).unwrap_or_default(),
+        None => {
+            let default = best.default_cost.filter(|default| *default > 0.0);
+            default
+                .map_or_else(String::new, |default| format!("{:.1} %", 100.0 * (1.0 - best.cost / default)))
+        }
+    }
 }
 
 /// The best configuration of each state, each beside its own default.
@@ -26,19 +33,26 @@ pub(crate) fn best_of_states(found: &[Best], states: i64) -> String {
 }
 
 fn rows(found: &[Best]) -> String {
-    let header = ["state", "best", "default", "gain %", "runs", "configuration"];
-    let mut table = table(&header, &[0, 1, 2, 3, 4]);
+    let header = ["state", "cost", "below the default", "stands", "runs", "configuration"];
+    let mut table = table(&header, &[0, 1, 2, 4]);
+    let mut jumps = 0;
     for best in found {
+        let cost = best.standing.map_or(best.cost, |standing| standing.cost);
+        jumps += best.standing.map_or(0, |standing| standing.disturbances);
         table.add_row([
             best.state_id.to_string(),
-            figure(best.cost),
-            best.default_cost.map_or_else(String::new, figure),
+            figure(cost),
             gain(best),
+            best.standing.map(|standing| standing.in_short().to_owned()).unwrap_or_default(),
             best.measurements.to_string(),
             best.configuration.to_string(),
         ]);
     }
-    table.trim_fmt() + "\n"
+    let mut text = table.trim_fmt() + "\n";
+    if jumps > 0 {
+        line(&mut text, &format!("the speed of machines jumped {jumps} time(s) while this was measured"));
+    }
+    text
 }
 
 /// A study at one moment.

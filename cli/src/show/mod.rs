@@ -6,7 +6,8 @@ use std::fmt::Write as _;
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, presets};
 use treewright_client::{
-    Best, Configuration, OpenEnum, Outcome, Policy, Prediction, Scale, StudyRecord, StudySpec, TrialRecord,
+    Best, Configuration, OpenEnum, Outcome, Policy, Prediction, Scale, Standing, StudyRecord, StudySpec,
+    TrialRecord,
 };
 
 pub(crate) use live::{best_of_states, glance};
@@ -52,7 +53,33 @@ pub(crate) fn studies(studies: &[StudyRecord]) -> String {
     table.trim_fmt()
 }
 
-pub(crate) fn study(study: &StudyRecord) -> String {
+/// How each study stands: how many of its states are where, and the median of their gains.
+pub(crate) fn standings(studies: &[(StudyRecord, Vec<Best>)]) -> String {
+    if studies.is_empty() {
+        return "no studies yet".to_owned();
+    }
+    let header = ["study", "states", "proven better", "nothing better", "going on", "median gain %"];
+    let mut table = table(&header, &[1, 2, 3, 4, 5]);
+    for (study, found) in studies {
+        let standings: Vec<&Standing> = found.iter().filter_map(|best| best.standing.as_ref()).collect();
+        let count = |word: &str| standings.iter().filter(|standing| standing.in_short() == word).count();
+        let (better, nothing) = (count("proven better"), count("nothing better"));
+        let mut gains: Vec<f64> =
+            standings.iter().filter_map(|standing| Some(100.0 * standing.gain?.share)).collect();
+        gains.sort_by(f64::total_cmp);
+        table.add_row([
+            study.id().to_owned(),
+            study.statistics.states.to_string(),
+            better.to_string(),
+            nothing.to_string(),
+            (standings.len() - better - nothing).to_string(),
+            gains.get(gains.len() / 2).map(|gain| format!("{gain:.1}")).unwrap_or_default(),
+        ]);
+    }
+    table.trim_fmt()
+}
+
+pub(crate) fn study(study: &StudyRecord, found: &[Best]) -> String {
     let mut text = String::new();
     line(&mut text, &format!("{}  {}", study.name, study.display_name));
     let counts = study.statistics;
@@ -65,6 +92,9 @@ pub(crate) fn study(study: &StudyRecord) -> String {
             time(study.create_time)
         ),
     );
+    if !found.is_empty() {
+        text += &best_of_states(found, states);
+    }
     match study.spec() {
         Ok(spec) => text.push_str(&specification(spec)),
         Err(problem) => line(&mut text, &format!("what is tuned cannot be read: {problem}")),
@@ -211,6 +241,42 @@ pub(crate) fn outcome_parts(outcome: Option<&OpenEnum<Outcome>>) -> (String, Str
 
 pub(crate) fn best(best: &Best, spec: &StudySpec) -> String {
     let mut text = String::new();
+    match &best.standing {
+        Some(standing) => text += &stands(standing, best),
+        None => text += &means(best),
+    }
+    line(&mut text, &format!("last measured by {} at {}", best.trial, time(best.last_measure_time)));
+    text + &beside_default("best", &best.configuration, spec) + "\n"
+}
+
+/// What is proven: costs and gains are estimates with 95 % intervals.
+fn stands(standing: &Standing, best: &Best) -> String {
+    let mut text = String::new();
+    line(
+        &mut text,
+        &format!(
+            "cost {} [{}, {}] in state {}, {} measurement(s)",
+            figure(standing.cost),
+            figure(standing.cost_low),
+            figure(standing.cost_high),
+            best.state_id,
+            best.measurements
+        ),
+    );
+    if let Some(gain) = &standing.gain {
+        let chance = gain
+            .probability_better
+            .map(|chance| format!(", better with probability {chance:.2}"))
+            .unwrap_or_default();
+        line(&mut text, &format!("{gain} below the default (95 % interval){chance}"));
+    }
+    line(&mut text, &standing.verdict());
+    text
+}
+
+/// Means of what was measured, from a daemon that does not tell what is proven.
+fn means(best: &Best) -> String {
+    let mut text = String::new();
     line(
         &mut text,
         &format!(
@@ -226,8 +292,7 @@ pub(crate) fn best(best: &Best, spec: &StudySpec) -> String {
         let gain = 100.0 * (1.0 - best.cost / default);
         line(&mut text, &format!("default {}, so the best is {gain:.1} % below it", figure(default)));
     }
-    line(&mut text, &format!("last measured by {} at {}", best.trial, time(best.last_measure_time)));
-    text + &beside_default("best", &best.configuration, spec) + "\n"
+    text
 }
 
 pub(crate) fn prediction(prediction: &Prediction, spec: &StudySpec) -> String {
@@ -268,6 +333,10 @@ pub(crate) fn explanation(prediction: &Prediction) -> String {
         ),
     );
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    if let Some(standing) = &state.standing {
+        let gain = standing.gain.map(|gain| format!("{gain} below the default; ")).unwrap_or_default();
+        line(&mut text, &format!("{gain}{}", standing.verdict()));
+    }
     if let Some(noise) = state.noise {
         line(&mut text, &format!("repeated measurements differ by {}", percent(noise)));
     }

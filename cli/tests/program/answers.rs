@@ -130,6 +130,50 @@ fn the_best_and_a_prediction() {
 }
 
 #[test]
+fn what_is_proven_is_told_wherever_the_best_is() {
+    use treewright_proto::v1;
+
+    let fake = with_trials();
+    let gain = v1::Gain { share: 0.5, low: Some(0.412), high: Some(0.57), probability_better: Some(0.996) };
+    fake.book().standing = Some(v1::Standing {
+        cost: 5.0,
+        cost_low: 4.5,
+        cost_high: 5.5,
+        gain: Some(gain),
+        nothing_better: false,
+        confirmation: Some(v1::Confirmation {
+            stage: v1::ConfirmationStage::Racing as i32,
+            rounds: 3,
+            rounds_max: 10,
+            measurements: 9,
+            gain: None,
+        }),
+        disturbances: 1,
+    });
+    let shown = answer(&fake, &["best", "sponza"]);
+    for words in [
+        "cost 5 [4.5000, 5.5000] in state 1",
+        "50.0 % [41.2, 57.0] below the default (95 % interval), better with probability 1.00",
+        "confirmation goes on, 3 of at most 10 rounds",
+        "the speed of a machine jumped once",
+    ] {
+        assert!(shown.contains(words), "{words}\n{shown}");
+    }
+    fake.book().studies.get_mut("studies/sponza").expect("it").statistics =
+        Some(v1::StudyStatistics { states: 1, trials: 5, completed_trials: 5, open_trials: 0 });
+    for arguments in [&["study", "show", "sponza"][..], &["watch", "sponza", "--once"]] {
+        let shown = answer(&fake, arguments);
+        assert!(shown.contains("confirming") && shown.contains("50.0 % [41.2, 57.0]"), "{shown}");
+        assert!(shown.contains("jumped 1 time(s)"), "{shown}");
+    }
+    let shown = answer(&fake, &["studies", "--standing"]);
+    let row = shown.lines().find(|line| line.contains("sponza")).expect("its row");
+    assert!(row.split_whitespace().eq(["sponza", "1", "0", "0", "1", "50.0"]), "{shown}");
+    let record = json(&answer(&fake, &["studies", "--standing", "--json"]));
+    assert_eq!(record[0]["best"][0]["standing"]["gain"]["low"], 0.412);
+}
+
+#[test]
 fn the_policy_is_changed_field_by_field() {
     let fake = with_trials();
     let shown = answer(&fake, &["policy", "sponza", "--epsilon", "0.5", "--search", "random"]);

@@ -22,6 +22,8 @@ pub struct Book {
     pub newer: bool,
     /// What to answer to Predict instead of the best that is known.
     pub predicted: Option<v1::PredictResponse>,
+    /// What GetBest says is proven.
+    pub standing: Option<v1::Standing>,
     /// Answers to give instead of doing what is asked.
     pub refuse: BTreeMap<&'static str, Code>,
 }
@@ -185,7 +187,7 @@ impl Book {
             state_id: 1,
             trial: best.name.clone(),
             last_measure_time: Some(prost_types::Timestamp { seconds: 1_700_000_001, nanos: 0 }),
-            standing: None,
+            standing: self.standing,
         })
     }
 }

@@ -1,7 +1,11 @@
 //! Pictures of the dashboard as SVG, drawn on the server: what a page shows needs no script. Colours are classes of the
 //! style sheet, so that they follow the reader's light or dark scheme.
 
+mod map;
+
 use std::fmt::Write as _;
+
+pub(super) use map::{Place, Runner, map, race};
 
 /// Width of wide pictures, in units of their own.
 const WIDTH: f64 = 900.0;
@@ -11,6 +15,14 @@ pub(super) struct CurvePoint {
     pub(super) number: f64,
     /// Without one it could not be used.
     pub(super) cost: Option<f64>,
+    /// How it is drawn.
+    pub(super) class: &'static str,
+}
+
+/// A cost that others are held against, as a line across the curve.
+pub(super) struct Level {
+    pub(super) cost: f64,
+    pub(super) name: &'static str,
     /// How it is drawn.
     pub(super) class: &'static str,
 }
@@ -116,18 +128,20 @@ pub(super) fn figure(value: f64) -> String {
     }
 }
 
-/// Costs by trial, the best so far, and the default.
-pub(super) fn curve(points: &[CurvePoint], default: Option<f64>) -> String {
+/// Costs by trial, the best so far, and what they are held against.
+pub(super) fn curve(points: &[CurvePoint], levels: &[Level]) -> String {
     let costs = || points.iter().filter_map(|point| point.cost);
-    let (Some(x), Some(all)) =
-        (range(points.iter().map(|point| point.number)), range(costs().chain(default)))
-    else {
+    let (Some(x), Some(all)) = (
+        range(points.iter().map(|point| point.number)),
+        range(costs().chain(levels.iter().map(|level| level.cost))),
+    ) else {
         return nothing("Nothing was measured yet.");
     };
     // Few bad ones must not flatten the rest.
-    let mut sorted: Vec<f64> = costs().chain(default).collect();
+    let mut sorted: Vec<f64> = costs().collect();
     sorted.sort_by(f64::total_cmp);
-    let high = sorted[(sorted.len() - 1) * 19 / 20].max(default.unwrap_or(all.0));
+    let most = sorted.get(sorted.len().saturating_sub(1) * 19 / 20).copied().unwrap_or(all.0);
+    let high = levels.iter().map(|level| level.cost).fold(most, f64::max);
     let room = 0.06 * (high - all.0).max(1e-3 * high.abs());
     let frame =
         Frame { left: 70.0, top: 24.0, width: 815.0, height: 270.0, x, y: (all.0 - room, high + room) };
@@ -154,9 +168,12 @@ pub(super) fn curve(points: &[CurvePoint], default: Option<f64>) -> String {
             }
         }
     }
-    if let Some(default) = default {
-        let (y, right) = (frame.y(default), frame.left + frame.width);
-        put(&mut svg, format_args!(r#"<path class="base" d="M70 {y:.1}H{right}"/>"#));
+    for level in levels {
+        let (y, right, class, name) =
+            (frame.y(level.cost), frame.left + frame.width, level.class, level.name);
+        put(&mut svg, format_args!(r#"<path class="{class}" d="M70 {y:.1}H{right}"/>"#));
+        let (x, y) = (right - 4.0, y - 4.0);
+        put(&mut svg, format_args!(r#"<text x="{x}" y="{y:.1}" text-anchor="end">{name}</text>"#));
     }
     let mut best = f64::INFINITY;
     let mut path = String::new();
@@ -360,12 +377,14 @@ mod tests {
     fn a_curve_shows_the_best_so_far() {
         let point = |number: f64, cost| CurvePoint { number, cost, class: "explore" };
         let points = [point(1.0, Some(10.0)), point(2.0, None), point(3.0, Some(4.0)), point(4.0, Some(6.0))];
-        let svg = curve(&points, Some(10.0));
+        let level = |cost, name| Level { cost, name, class: "base" };
+        let svg = curve(&points, &[level(10.0, "default"), level(3.0, "roofline")]);
+        assert!(svg.contains(">roofline<"));
         assert_eq!(svg.matches("<circle").count(), 3);
         assert_eq!(svg.matches("class=\"bad\"").count(), 1);
         assert_eq!(svg.matches("class=\"best\"").count(), 1);
-        assert!(curve(&[], None).contains("Nothing"));
-        assert!(!curve(&[point(1.0, Some(5.0))], None).contains("NaN"));
+        assert!(curve(&[], &[]).contains("Nothing"));
+        assert!(!curve(&[point(1.0, Some(5.0))], &[]).contains("NaN"));
     }
 
     #[test]

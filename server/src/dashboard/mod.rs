@@ -6,6 +6,7 @@
 //! and the database answers readers beside the writer. What a page rests on has limits, so that a study of many trials opens
 //! as fast as one of few.
 
+mod benefit;
 mod charts;
 mod pages;
 mod query;
@@ -125,9 +126,11 @@ impl Dashboard {
         let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
         let made = match *parts.as_slice() {
             [] => pages::studies(&visitor).await,
+            ["compare"] => pages::compare(&visitor, query).await,
             ["events"] => return self.events(caller, None),
             ["studies", id] => pages::study(&visitor, id, query).await,
             ["studies", id, "events"] => return self.events(caller, Some(id.to_owned())),
+            ["studies", id, "map"] => pages::map(&visitor, id, query).await,
             ["studies", id, "parameters"] => pages::parameters(&visitor, id, query).await,
             ["studies", id, "policy"] => pages::policy(&visitor, id).await,
             ["studies", id, "trials"] => pages::trials(&visitor, id, query).await,

@@ -1,6 +1,9 @@
 //! The pages: what each shows, read through the same handlers as RPCs are, so that a token sees here what it sees there.
 
+mod compare;
+mod map;
 mod parameters;
+mod standing;
 mod study;
 mod trial;
 mod trials;
@@ -13,6 +16,8 @@ use super::charts::figure;
 use crate::error::Error;
 use crate::rpc;
 
+pub(super) use compare::compare;
+pub(super) use map::map;
 pub(super) use parameters::parameters;
 pub(super) use study::{policy, study};
 pub(super) use trial::trial;
@@ -242,10 +247,4 @@ fn time(time: Option<prost_types::Timestamp>) -> String {
         Ok(time) => humantime::format_rfc3339_seconds(time).to_string().replace('T', " ").replace('Z', ""),
         Err(_) => String::new(),
     }
-}
-
-/// By how much a cost is below another, in percent.
-fn gain(cost: f64, default: Option<f64>) -> String {
-    let default = default.filter(|default| *default > 0.0);
-    default.map(|default| format!("{:.1}", 100.0 * (1.0 - cost / default))).unwrap_or_default()
 }

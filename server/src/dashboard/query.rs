@@ -16,6 +16,12 @@ impl Query {
         found.map(|(_, value)| value.trim().to_owned()).unwrap_or_default()
     }
 
+    /// All values of a name, in order.
+    pub(super) fn texts(&self, name: &str) -> Vec<String> {
+        let found = self.0.iter().filter(|(known, _)| known == name);
+        found.map(|(_, value)| value.trim().to_owned()).filter(|value| !value.is_empty()).collect()
+    }
+
     /// A whole number above 0.
     pub(super) fn number(&self, name: &str) -> Option<i64> {
         self.text(name).parse().ok().filter(|number| *number > 0)
@@ -42,6 +48,7 @@ mod tests {
         let query = Query::read(&text);
         assert_eq!((query.text("filter"), query.text("page")), (filter, page));
         assert_eq!(query.text("order"), "");
+        assert_eq!(Query::read("study=a&study=b%20&study=").texts("study"), ["a", "b"]);
         assert_eq!(Query::read("state=3").number("state"), Some(3));
         assert_eq!(Query::read("state=-3").number("state"), None);
         assert_eq!(Query::read("state=x").number("state"), None);

@@ -47,7 +47,7 @@ pub(super) fn reported(study: &str, reported: &Reported) -> wire::ReportResponse
     wire::ReportResponse { trial: Some(trial), duplicate }
 }
 
-pub(super) async fn predict(
+pub(crate) async fn predict(
     tuning: &Tuning,
     caller: &Caller,
     request: wire::PredictRequest,

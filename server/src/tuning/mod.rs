@@ -83,7 +83,7 @@ impl Tuning {
         &*self.environment.store
     }
 
-    fn now_ms(&self) -> i64 {
+    pub(crate) fn now_ms(&self) -> i64 {
         self.environment.clock.now_ms()
     }
 

@@ -23,7 +23,11 @@ struct Page {
     importances: String,
     parallel: String,
     slices: Vec<(String, String)>,
+    names: Vec<String>,
+    x: String,
+    y: String,
     contour: String,
+    leaf_sizes: String,
 }
 
 /// Where each parameter of a trial lies, and what the trial cost.
@@ -57,16 +61,22 @@ pub(in super::super) async fn parameters(
     };
     let importances = stats::importances(all, &runs);
     let shown = shown(all, &importances);
+    let axes = contour_axes(all, &shown, query);
+    let name = |pick: fn(&(usize, usize)) -> usize| axes.as_ref().map(|axes| all[pick(axes)].name.clone());
     let page = Page {
         frame: visitor.frame,
         head,
+        names: all.iter().map(|parameter| parameter.name.clone()).collect(),
+        x: name(|axes| axes.0).unwrap_or_default(),
+        y: name(|axes| axes.1).unwrap_or_default(),
+        leaf_sizes: leaf_sizes(all).map(|axes| contour(all, axes, &runs)).unwrap_or_default(),
         state_text: state.map(|state| state.to_string()).unwrap_or_default(),
         note,
         has_trials: !runs.is_empty(),
         importances: charts::bars(&importances[..importances.len().min(PARAMETERS)]),
         parallel: parallel(all, &shown, &runs),
         slices: shown.iter().map(|&index| slice(&all[index], index, &runs)).collect(),
-        contour: contour(all, &shown, &runs),
+        contour: axes.map(|axes| contour(all, axes, &runs)).unwrap_or_default(),
     };
     render(&page)
 }
@@ -106,8 +116,23 @@ fn slice(parameter: &Parameter, index: usize, runs: &[Run]) -> (String, String) 
     (parameter.name.clone(), charts::slice(&stats::axis(parameter), &points))
 }
 
-fn contour(all: &[Parameter], shown: &[usize], runs: &[Run]) -> String {
-    let [x, y, ..] = *shown else { return String::new() };
+/// The axes of the contour: those asked for, else the two that explain most; `None` with a single parameter.
+fn contour_axes(all: &[Parameter], shown: &[usize], query: &Query) -> Option<(usize, usize)> {
+    let asked = |name: &str| all.iter().position(|parameter| parameter.name == query.text(name));
+    match (asked("x"), asked("y"), shown) {
+        (Some(x), Some(y), _) => Some((x, y)),
+        (_, _, [x, y, ..]) => Some((*x, *y)),
+        _ => None,
+    }
+}
+
+/// The fewest and the most primitives of a leaf, in studies of trees (the paper's figure 5).
+fn leaf_sizes(all: &[Parameter]) -> Option<(usize, usize)> {
+    let named = |name: &str| all.iter().position(|parameter| parameter.name == name);
+    named("min_leaf_size").zip(named("max_leaf_size"))
+}
+
+fn contour(all: &[Parameter], (x, y): (usize, usize), runs: &[Run]) -> String {
     let points: Vec<_> =
         runs.iter().filter_map(|(places, cost)| Some((places[x]?, places[y]?, *cost))).collect();
     charts::contour(&stats::axis(&all[x]), &stats::axis(&all[y]), &points)

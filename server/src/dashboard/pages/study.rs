@@ -4,14 +4,15 @@ use askama::Template;
 use treewright_core::space::Condition;
 use treewright_proto::v1;
 
-use super::super::charts::{self, CurvePoint, Span, figure};
+use super::super::benefit::{self, Fixed};
+use super::super::charts::{self, CurvePoint, Level, Span, figure};
 use super::super::{Query, Visitor};
+use super::standing::{StateStands, benefits, read_state, roofline};
 use super::{
-    Head, PageFrame, TRIALS, TrialRow, configuration, gain, head, machine, number, read_trials, render, row,
+    Head, PageFrame, TRIALS, TrialRow, configuration, head, machine, number, read_trials, render, row,
     seconds,
 };
 use crate::error::Error;
-use crate::rpc;
 
 /// Most states with their best.
 const STATES: i64 = 24;
@@ -31,14 +32,19 @@ struct Page {
     curve_note: String,
     timeline: String,
     states: Vec<StateRow>,
+    /// Seconds saved in a day, with the interval; none where the objective is no time.
+    saved: Option<String>,
     is_cut: bool,
     leases: Vec<TrialRow>,
     failures: Vec<TrialRow>,
 }
 
+/// What is best in the shown state.
 struct BestCard {
     cost: String,
+    interval: String,
     gain: String,
+    verdict: String,
     state: i64,
 }
 
@@ -47,8 +53,9 @@ struct StateRow {
     /// Its curve is the one that is shown.
     is_shown: bool,
     cost: String,
-    default_cost: String,
     gain: String,
+    stands: &'static str,
+    saved: String,
     runs: String,
     machine: String,
     configuration: String,
@@ -64,26 +71,8 @@ struct PolicyPage {
     objective: String,
 }
 
-/// What is best in a state, as the state's own machine sees it, with one trial of it.
-async fn best(
-    visitor: &Visitor<'_>,
-    id: &str,
-    state: i64,
-) -> Result<Option<(v1::Trial, Option<v1::Best>)>, Error> {
-    let filter = format!("state_id = {state}");
-    let Some(trial) = read_trials(visitor, id, &filter, "", 1).await?.pop() else { return Ok(None) };
-    let request = v1::GetBestRequest {
-        study: format!("studies/{id}"),
-        indicators: trial.indicators.clone(),
-        fingerprint: trial.fingerprint.clone(),
-    };
-    // Nothing may be measured there, or another replica may have the study.
-    let best = rpc::trials::best(visitor.tuning, visitor.caller, request).await.ok();
-    Ok(Some((trial, best)))
-}
-
 pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
-    let (mut head, _) = head(visitor, id, "overview").await?;
+    let (mut head, study) = head(visitor, id, "overview").await?;
     let latest = read_trials(visitor, id, "", "number desc", TRIALS).await?;
     // Without a wish the state that was met last.
     let state = query.number("state").or_else(|| latest.first().map(|trial| trial.state_id));
@@ -91,14 +80,8 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
         head.query = format!("?state={state}");
     }
     let mut states = Vec::new();
-    let shown = (1..=head.states.min(STATES)).chain(state.filter(|state| *state > STATES));
-    let mut chosen = None;
-    for number in shown {
-        let Some((trial, best)) = best(visitor, id, number).await? else { continue };
-        states.push(state_row(number, Some(number) == state, &trial, best.as_ref()));
-        if Some(number) == state {
-            chosen = best;
-        }
+    for number in (1..=head.states.min(STATES)).chain(state.filter(|state| *state > STATES)) {
+        states.extend(read_state(visitor, id, number).await?);
     }
     let in_state = match state {
         // What was read already may be all there is of it.
@@ -107,41 +90,92 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
         }
         _ => latest.clone(),
     };
-    let default = chosen.as_ref().and_then(|best| best.default_cost);
-    let curve_note = match in_state.len() {
-        TRIALS => format!("These are the latest {TRIALS}."),
-        _ => String::new(),
+    let metrics = study.objective.iter().flat_map(|objective| &objective.terms);
+    let unit_s = benefit::unit_s(metrics.map(|term| term.metric.as_str()));
+    let saved = benefits(&states, &latest, latest.len() == TRIALS, unit_s, visitor.tuning.now_ms());
+    let chosen = states.iter().find(|one| Some(one.state) == state);
+    let fixed = fixed(&states, &latest);
+    let levels = match chosen {
+        Some(chosen) => levels(visitor, id, chosen, fixed.as_ref()).await,
+        None => Vec::new(),
     };
+    let mut curve_note =
+        fixed.map(|fixed| format!("Best fixed is {}. ", fixed.configuration)).unwrap_or_default();
+    if in_state.len() == TRIALS {
+        curve_note += &format!("These are the latest {TRIALS}.");
+    }
+    let mut total = benefit::Benefit::default();
+    saved.values().for_each(|one| total += *one);
     let page = Page {
         frame: visitor.frame,
-        best: chosen.zip(state).map(|(best, state)| BestCard {
-            cost: figure(best.cost),
-            gain: gain(best.cost, best.default_cost),
-            state,
-        }),
-        curve: charts::curve(&points(&in_state), default),
+        best: chosen.and_then(card),
+        curve: charts::curve(&points(&in_state), &levels),
         curve_note,
         timeline: charts::timeline(&spans(&latest)),
         is_cut: head.states > STATES,
         leases: read_trials(visitor, id, "state = OPEN", "", ROWS).await?.iter().map(row).collect(),
         failures: latest.iter().filter(|trial| is_failure(trial)).take(ROWS).map(row).collect(),
+        saved: (!total.is_empty()).then(|| total.words()),
+        states: states
+            .iter()
+            .map(|one| {
+                let saved = saved.get(&one.state).map(benefit::Benefit::words).unwrap_or_default();
+                state_row(one, Some(one.state) == state, saved)
+            })
+            .collect(),
         head,
         state,
-        states,
     };
     render(&page)
 }
 
-fn state_row(state: i64, is_shown: bool, trial: &v1::Trial, best: Option<&v1::Best>) -> StateRow {
-    let of = |value: Option<f64>| value.map(figure).unwrap_or_default();
+/// The one configuration that serves all states best, of the latest trials.
+fn fixed(states: &[StateStands], latest: &[v1::Trial]) -> Option<Fixed> {
+    let defaults =
+        states.iter().filter_map(|one| Some((one.state, one.best.as_ref()?.default_cost?))).collect();
+    let run =
+        |trial: &v1::Trial| Some((trial.state_id, configuration(trial.configuration.as_ref()), trial.cost?));
+    let runs: Vec<_> = latest.iter().filter_map(run).collect();
+    benefit::best_fixed(&runs, &defaults)
+}
+
+/// What the curve of a state is held against: its default, the best fixed configuration, and what the search expects to
+/// reach.
+async fn levels(visitor: &Visitor<'_>, id: &str, chosen: &StateStands, fixed: Option<&Fixed>) -> Vec<Level> {
+    let fixed = fixed.and_then(|fixed| fixed.by_state.get(&chosen.state).copied());
+    let level = |cost: Option<f64>, name, class| cost.map(|cost| Level { cost, name, class });
+    [
+        level(chosen.best.as_ref().and_then(|best| best.default_cost), "default", "base"),
+        level(fixed, "best fixed", "fixed"),
+        level(roofline(visitor, id, chosen).await, "roofline", "roof"),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+fn card(chosen: &StateStands) -> Option<BestCard> {
+    let standing = chosen.standing?;
+    Some(BestCard {
+        cost: figure(standing.cost),
+        interval: format!("{} to {}", figure(standing.cost_low), figure(standing.cost_high)),
+        gain: standing.gain.map(|gain| gain.to_string()).unwrap_or_default(),
+        verdict: standing.verdict(),
+        state: chosen.state,
+    })
+}
+
+fn state_row(of: &StateStands, is_shown: bool, saved: String) -> StateRow {
+    let best = of.best.as_ref();
     StateRow {
-        state,
+        state: of.state,
         is_shown,
-        cost: of(best.map(|best| best.cost)),
-        default_cost: of(best.and_then(|best| best.default_cost)),
-        gain: best.map(|best| gain(best.cost, best.default_cost)).unwrap_or_default(),
+        cost: of.standing.map(|standing| figure(standing.cost)).unwrap_or_default(),
+        gain: of.gain(),
+        stands: of.standing.map(|standing| standing.in_short()).unwrap_or_default(),
+        saved,
         runs: best.map(|best| best.measurements.to_string()).unwrap_or_default(),
-        machine: machine(trial.fingerprint.as_ref()),
+        machine: machine(of.trial.fingerprint.as_ref()),
         configuration: configuration(best.and_then(|best| best.configuration.as_ref())),
     }
 }

@@ -1,0 +1,188 @@
+//! Net benefit: what running the study's answers saved in a day over running the default everywhere, with everything that
+//! exploring cost. Frames that were measured cost what they cost; what is uncertain is what the default would
+//! have cost in their place, which each state's standing tells with its interval.
+
+use std::collections::BTreeMap;
+use std::ops::AddAssign;
+
+use treewright_core::standing::Standing;
+
+/// Seconds of a day.
+pub(super) const DAY_S: f64 = 86_400.0;
+/// Of a normal distribution, for 95 %.
+const DEVIATIONS: f64 = 1.96;
+
+/// What a frame of the default costs in a state, with a standard error, in the objective's units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct DefaultCost {
+    mean: f64,
+    error: f64,
+}
+
+impl DefaultCost {
+    /// From the answer's cost and its gain over the default; `None` where that was not measured.
+    pub(super) fn of(standing: &Standing) -> Option<Self> {
+        let gain = standing.gain?;
+        // A share of 1 would be a default of any cost.
+        let default = |share: f64| standing.cost / (1.0 - share.min(0.999));
+        let mean = default(gain.share);
+        let error = match (gain.low, gain.high) {
+            (Some(low), Some(high)) => (default(high) - default(low)).abs() / (2.0 * DEVIATIONS),
+            _ => return None,
+        };
+        Some(Self { mean, error })
+    }
+}
+
+/// Seconds saved in a day; negative where exploring cost more than it has brought so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Benefit {
+    saved_s: f64,
+    variance: f64,
+    frames: usize,
+}
+
+impl Benefit {
+    /// Of one state: what its frames cost, in the objective's units of so many seconds, within so many seconds of time.
+    pub(super) fn of(default: DefaultCost, costs: &[f64], unit_s: f64, window_s: f64) -> Self {
+        let frames = costs.len() as f64;
+        let a_day = unit_s * DAY_S / window_s.max(1.0);
+        let saved = frames * default.mean - costs.iter().sum::<f64>();
+        Self {
+            saved_s: saved * a_day,
+            variance: (frames * default.error * a_day).powi(2),
+            frames: costs.len(),
+        }
+    }
+
+    /// Whether any frame counts.
+    pub(super) fn is_empty(&self) -> bool {
+        self.frames == 0
+    }
+
+    /// As in `120 s [110, 130]`.
+    pub(super) fn words(&self) -> String {
+        let half = DEVIATIONS * self.variance.sqrt();
+        let figure = super::charts::figure;
+        format!(
+            "{} s [{}, {}]",
+            figure(self.saved_s),
+            figure(self.saved_s - half),
+            figure(self.saved_s + half)
+        )
+    }
+}
+
+/// States are independent of each other.
+impl AddAssign for Benefit {
+    fn add_assign(&mut self, other: Self) {
+        self.saved_s += other.saved_s;
+        self.variance += other.variance;
+        self.frames += other.frames;
+    }
+}
+
+/// What one unit of an objective is in seconds, by the ends of its metrics' names; `None` where it is no time.
+pub(super) fn unit_s<'a>(metrics: impl Iterator<Item = &'a str>) -> Option<f64> {
+    let unit = |name: &str| {
+        let units = [("_ns", 1e-9), ("_us", 1e-6), ("_ms", 1e-3), ("_s", 1.0)];
+        units.iter().find(|(end, _)| name.ends_with(end)).map(|(_, seconds)| *seconds)
+    };
+    let units: Option<Vec<f64>> = metrics.map(unit).collect();
+    let units = units?;
+    let first = *units.first()?;
+    units.iter().all(|unit| *unit == first).then_some(first)
+}
+
+/// A configuration that serves all states: its values as text, and what it costs in each state where it was measured.
+pub(super) struct Fixed {
+    pub(super) configuration: String,
+    pub(super) by_state: BTreeMap<i64, f64>,
+}
+
+/// The configuration with the lowest mean ratio to the default (geometric, over the states where it was measured), of those
+/// that were measured in at least half of the states; `None` with fewer than two. Runs are state, values and cost.
+pub(super) fn best_fixed(runs: &[(i64, String, f64)], defaults: &BTreeMap<i64, f64>) -> Option<Fixed> {
+    let mut means: BTreeMap<&str, BTreeMap<i64, (f64, u32)>> = BTreeMap::new();
+    for (state, configuration, cost) in runs.iter().filter(|run| defaults.contains_key(&run.0)) {
+        let sum = means.entry(configuration).or_default().entry(*state).or_default();
+        *sum = (sum.0 + cost, sum.1 + 1);
+    }
+    let enough = defaults.len().div_ceil(2).max(2);
+    let candidates = means.into_iter().filter(|(_, states)| states.len() >= enough);
+    let scored = candidates.map(|(configuration, states)| {
+        let by_state: BTreeMap<i64, f64> =
+            states.into_iter().map(|(state, (sum, count))| (state, sum / f64::from(count))).collect();
+        let logs = by_state.iter().map(|(state, mean)| (mean / defaults[state]).max(f64::MIN_POSITIVE).ln());
+        let score = logs.sum::<f64>() / by_state.len() as f64;
+        (score, Fixed { configuration: configuration.to_owned(), by_state })
+    });
+    scored.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, fixed)| fixed)
+}
+
+#[cfg(test)]
+mod tests {
+    use treewright_core::standing::{Confirmation, ConfirmationStage, Gain};
+
+    use super::*;
+
+    fn standing(gain: Option<Gain>) -> Standing {
+        let confirmation = Confirmation {
+            stage: ConfirmationStage::Off,
+            rounds: 0,
+            rounds_max: 0,
+            measurements: 0,
+            gain: None,
+        };
+        Standing {
+            cost: 8.0,
+            cost_low: 7.9,
+            cost_high: 8.1,
+            gain,
+            nothing_better: false,
+            confirmation,
+            disturbances: 0,
+        }
+    }
+
+    #[test]
+    fn what_is_saved_counts_what_exploring_cost() {
+        let gain = Gain { share: 0.2, low: Some(0.15), high: Some(0.25), probability_better: None };
+        let default = DefaultCost::of(&standing(Some(gain))).expect("the default was measured");
+        assert!((default.mean - 10.0).abs() < 1e-9 && default.error > 0.0);
+        let good = Benefit::of(default, &[8.0; 100], 1e-3, DAY_S);
+        assert!(good.words().starts_with("0.200 s ["), "{}", good.words());
+        let mut all = good;
+        all += Benefit::of(default, &[60.0; 10], 1e-3, DAY_S);
+        assert!(all.saved_s < 0.0, "ten frames at six times the default's cost: {}", all.words());
+        assert!(DefaultCost::of(&standing(None)).is_none());
+        let hour = Benefit::of(default, &[8.0; 100], 1e-3, DAY_S / 24.0);
+        assert!((hour.saved_s / good.saved_s - 24.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn only_times_are_seconds() {
+        assert_eq!(unit_s(["build_ms", "render_ms"].into_iter()), Some(1e-3));
+        assert_eq!(unit_s(["wall_s"].into_iter()), Some(1.0));
+        assert_eq!(unit_s(["build_ms", "loss"].into_iter()), None);
+        assert_eq!(unit_s(["build_ms", "render_s"].into_iter()), None);
+        assert_eq!(unit_s(std::iter::empty()), None);
+    }
+
+    #[test]
+    fn best_fixed_is_measured_in_many_states() {
+        let run = |state, of: &str, cost| (state, of.to_owned(), cost);
+        let runs = [
+            run(1, "a", 1.0),
+            run(1, "b", 8.0),
+            run(1, "b", 6.0),
+            run(2, "b", 50.0),
+            run(1, "c", 9.0),
+            run(2, "c", 90.0),
+        ];
+        let defaults = BTreeMap::from([(1, 10.0), (2, 100.0)]);
+        let best = best_fixed(&runs, &defaults).expect("two were measured in both");
+        assert_eq!((best.configuration.as_str(), best.by_state[&1]), ("b", 7.0));
+        assert!(best_fixed(&runs[..1], &defaults).is_none());
+    }
+}

@@ -1,0 +1,108 @@
+//! Several studies side by side: how their best so far came down beside their own defaults, and what is proven in each.
+
+use askama::Template;
+use treewright_proto::v1;
+
+use super::super::charts::{self, Runner};
+use super::super::{Query, Visitor, benefit};
+use super::standing::{StateStands, benefits, read_state};
+use super::{PageFrame, TRIALS, head, read_trials, render};
+use crate::error::Error;
+
+/// Most studies at once.
+const STUDIES: usize = 5;
+/// Most states of each.
+const STATES: i64 = 12;
+
+#[derive(Template)]
+#[template(path = "compare.html")]
+struct Page {
+    frame: PageFrame,
+    rows: Vec<Row>,
+    race: String,
+    is_cut: bool,
+}
+
+struct Row {
+    id: String,
+    states: i64,
+    trials: i64,
+    better: usize,
+    nothing: usize,
+    /// The lowest and the highest gain over the default.
+    gains: String,
+    saved: String,
+    shared: String,
+}
+
+pub(in super::super) async fn compare(visitor: &Visitor<'_>, query: &Query) -> Result<String, Error> {
+    let mut ids = query.texts("study");
+    ids.sort_unstable();
+    ids.dedup();
+    let is_cut = ids.len() > STUDIES;
+    ids.truncate(STUDIES);
+    let (mut rows, mut runners, mut spaces) = (Vec::new(), Vec::new(), Vec::new());
+    for id in &ids {
+        let (head, study) = head(visitor, id, "compare").await?;
+        let latest = read_trials(visitor, id, "", "number desc", TRIALS).await?;
+        let mut states = Vec::new();
+        for number in 1..=head.states.min(STATES) {
+            states.extend(read_state(visitor, id, number).await?);
+        }
+        rows.push(row(visitor, &head, &study, &states, &latest));
+        runners.push(Runner { name: id.clone(), ratios: ratios(&states, &latest) });
+        spaces.push(names(&study));
+    }
+    for (row, names) in rows.iter_mut().zip(&spaces) {
+        let shared = names.iter().filter(|name| spaces.iter().all(|other| other.contains(name))).count();
+        row.shared = format!("{shared} of {}", names.len());
+    }
+    render(&Page { frame: visitor.frame, rows, race: charts::race(&runners), is_cut })
+}
+
+fn names(study: &v1::Study) -> Vec<String> {
+    study.space.iter().flat_map(|space| &space.parameters).map(|one| one.name.clone()).collect()
+}
+
+fn row(
+    visitor: &Visitor<'_>,
+    head: &super::Head,
+    study: &v1::Study,
+    states: &[StateStands],
+    latest: &[v1::Trial],
+) -> Row {
+    let count = |word: &str| {
+        states.iter().filter(|one| one.standing.is_some_and(|standing| standing.in_short() == word)).count()
+    };
+    let gains = states.iter().filter_map(|one| Some(one.standing?.gain?.share));
+    let (low, high) =
+        gains.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), gain| (low.min(gain), high.max(gain)));
+    let terms = study.objective.iter().flat_map(|objective| &objective.terms);
+    let unit_s = benefit::unit_s(terms.map(|term| term.metric.as_str()));
+    let mut saved = benefit::Benefit::default();
+    for one in benefits(states, latest, latest.len() == TRIALS, unit_s, visitor.tuning.now_ms()).values() {
+        saved += *one;
+    }
+    Row {
+        id: head.id.clone(),
+        states: head.states,
+        trials: head.trials,
+        better: count("proven better"),
+        nothing: count("nothing better"),
+        gains: match low.is_finite() {
+            true => format!("{:.1} to {:.1} %", 100.0 * low, 100.0 * high),
+            false => String::new(),
+        },
+        saved: if saved.is_empty() { String::new() } else { saved.words() },
+        shared: String::new(),
+    }
+}
+
+/// What the trials cost over the default of their own state, oldest first.
+fn ratios(states: &[StateStands], latest: &[v1::Trial]) -> Vec<f64> {
+    let default = |state: i64| {
+        let one = states.iter().find(|one| one.state == state)?;
+        one.best.as_ref()?.default_cost.filter(|cost| *cost > 0.0)
+    };
+    latest.iter().rev().filter_map(|trial| Some(trial.cost? / default(trial.state_id)?)).collect()
+}

@@ -1,0 +1,87 @@
+//! What is proven in each state, and what it saves.
+
+use std::collections::BTreeMap;
+
+use treewright_core::standing::Standing;
+use treewright_proto::convert::standing_from_wire;
+use treewright_proto::v1;
+
+use super::super::Visitor;
+use super::super::benefit::{Benefit, DAY_S, DefaultCost};
+use super::{read_trials, seconds};
+use crate::error::Error;
+use crate::rpc;
+
+/// A state with one of its trials, and what is best there as that trial's machine sees it.
+pub(super) struct StateStands {
+    pub(super) state: i64,
+    pub(super) trial: v1::Trial,
+    /// `None` where nothing was measured, or where another replica has the study.
+    pub(super) best: Option<v1::Best>,
+    pub(super) standing: Option<Standing>,
+}
+
+impl StateStands {
+    /// Over the default, with its interval; empty where that was not measured.
+    pub(super) fn gain(&self) -> String {
+        self.standing.and_then(|standing| standing.gain).map(|gain| gain.to_string()).unwrap_or_default()
+    }
+}
+
+/// Reads a state; `None` where the visitor has none of that number.
+pub(super) async fn read_state(
+    visitor: &Visitor<'_>,
+    id: &str,
+    state: i64,
+) -> Result<Option<StateStands>, Error> {
+    let filter = format!("state_id = {state}");
+    let Some(trial) = read_trials(visitor, id, &filter, "", 1).await?.pop() else { return Ok(None) };
+    let request = v1::GetBestRequest {
+        study: format!("studies/{id}"),
+        indicators: trial.indicators.clone(),
+        fingerprint: trial.fingerprint.clone(),
+    };
+    let best = rpc::trials::best(visitor.tuning, visitor.caller, request).await.ok();
+    let standing = best.as_ref().and_then(|best| best.standing).map(standing_from_wire);
+    Ok(Some(StateStands { state, trial, best, standing }))
+}
+
+/// The cost that a search which goes on is expected to reach in the end: the answer's, lowered by the gain that is still
+/// expected. Once the search is over that is the answer's own.
+pub(super) async fn roofline(visitor: &Visitor<'_>, id: &str, of: &StateStands) -> Option<f64> {
+    let request = v1::PredictRequest {
+        study: format!("studies/{id}"),
+        indicators: of.trial.indicators.clone(),
+        fingerprint: of.trial.fingerprint.clone(),
+    };
+    let told = rpc::trials::predict(visitor.tuning, visitor.caller, request).await.ok()?;
+    let expected = told.state.and_then(|state| state.expected_gain).unwrap_or(0.0);
+    Some(of.standing?.cost * (1.0 - expected.clamp(0.0, 1.0)))
+}
+
+/// What each state saved within a day until now. `latest` are the newest trials; where there may be more of that day, the
+/// time that these span counts for all of it.
+pub(super) fn benefits(
+    states: &[StateStands],
+    latest: &[v1::Trial],
+    is_cut: bool,
+    unit_s: Option<f64>,
+    now_ms: i64,
+) -> BTreeMap<i64, Benefit> {
+    let Some(unit_s) = unit_s else { return BTreeMap::new() };
+    let now_s = now_ms as f64 / 1e3;
+    let age_s = |trial: &v1::Trial| seconds(trial.complete_time).map(|end| now_s - end);
+    let oldest = latest.iter().filter_map(age_s).fold(0.0, f64::max);
+    let window_s = if is_cut { oldest.min(DAY_S) } else { DAY_S };
+    let mut costs: BTreeMap<i64, Vec<f64>> = BTreeMap::new();
+    for trial in latest.iter().filter(|trial| age_s(trial).is_some_and(|age| age <= window_s)) {
+        if let Some(cost) = trial.cost {
+            costs.entry(trial.state_id).or_default().push(cost);
+        }
+    }
+    let of = |one: &StateStands| {
+        let default = DefaultCost::of(&one.standing?)?;
+        Some((one.state, Benefit::of(default, costs.get(&one.state)?, unit_s, window_s)))
+    };
+    states.iter().filter_map(of).collect()
+}
