@@ -2,7 +2,7 @@
 
 CARGO ?= cargo
 
-.PHONY: help setup build demo test lint bench peers clean-demo
+.PHONY: help setup build demo test lint bench peers dist deb docs
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -16,6 +16,17 @@ build: setup ## release binaries: treewrightd, treewright, treewright-render, tr
 demo: setup ## tune a built-in scene, then open demo/report.html
 	$(CARGO) build --profile demo --locked --bins --no-default-features -p treewright-server -p treewright-render-cli
 	@tools/demo.sh
+
+dist: ## an archive to hand out, with its check sum (tools/dist.py)
+	@python3 tools/dist.py
+
+deb: dist ## a Debian package of the daemon and the command line; wants cargo-deb
+	@$(CARGO) deb --version >/dev/null 2>&1 || { echo "deb: run this first: cargo install --locked cargo-deb" >&2; exit 1; }
+	$(CARGO) deb -p treewright-server --profile dist --no-build --no-strip --output target/
+
+docs: ## the documentation as a book in target/book; wants mdbook
+	@command -v mdbook >/dev/null || { echo "docs: run this first: $(CARGO) install --locked mdbook" >&2; exit 1; }
+	mdbook build docs
 
 test: ## formatting, lints, docs, unit, property and end-to-end tests
 	@python3 tools/setup.py --tests

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use treewright_client::blocking::Client;
 use treewright_client::{ClientError, Configuration, Indicators, Options, Outcome, Scale, Space, StudySpec};
 
-fn main() -> Result<(), ClientError> {
-    // What can be tuned, with the values used so far as defaults.
+/// What can be tuned, with the values used so far as defaults; what describes the input; what is to become small.
+fn spec() -> Result<StudySpec, ClientError> {
     let space = Space::builder()
         .integer("max_leaf_size", 1..=32)
         .default(8)
@@ -15,15 +15,17 @@ fn main() -> Result<(), ClientError> {
         .boolean("compact")
         .default(false)
         .build()?;
-    // What describes the input, and what is to become small.
     let spec = StudySpec::builder(space)
         .indicator("triangles", 0.0..=1e8, Scale::Log)
         .minimise("build_ms", 1.0)
         .minimise("render_ms", 1.0)
         .build()?;
+    Ok(spec)
+}
 
-    let client = Client::connect("http://127.0.0.1:50611", Options::new().client_id("pretend-renderer"))?;
-    let study = client.study("pretend", spec)?;
+fn main() -> Result<(), ClientError> {
+    let client = Client::connect("http://127.0.0.1:50611", Options::new().client_id("my-renderer"))?;
+    let study = client.study("my-scene", spec()?)?;
     let mut tuner = study.tuner();
     let mut previous = None;
     for _frame in 0..100 {

@@ -254,7 +254,7 @@ fn the_systemd_unit_starts_a_daemon() {
         .filter_map(|pair| pair.split_once('='))
         .map(|(name, value)| (name.to_owned(), value.to_owned()))
         .collect();
-    let start = of("ExecStart=/usr/local/bin/treewrightd ");
+    let start = of("ExecStart=treewrightd ");
     let arguments: Vec<String> = start[0].split_whitespace().map(str::to_owned).collect();
     let config = understood(&arguments, &variables);
     assert!(config.listen.ip().is_loopback());
@@ -262,9 +262,13 @@ fn the_systemd_unit_starts_a_daemon() {
     let files: u64 = of("LimitNOFILE=")[0].parse().expect("a number");
     assert!(files > treewright_server::limits::CONNECTIONS_MAX as u64);
 
+    let socket = read("deploy/treewrightd.socket");
+    let streams: Vec<_> = socket.lines().filter_map(|line| line.strip_prefix("ListenStream=")).collect();
+    assert_eq!(streams, [config.listen.to_string()], "one without the other would not start");
+
     let verify = std::process::Command::new("systemd-analyze")
         .args(["verify", "--man=no"])
-        .arg(path("deploy/treewrightd.service"))
+        .args([path("deploy/treewrightd.service"), path("deploy/treewrightd.socket")])
         .output();
     match verify {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
@@ -273,7 +277,9 @@ fn the_systemd_unit_starts_a_daemon() {
         verified => {
             let said = String::from_utf8_lossy(&verified.expect("it runs").stderr).into_owned();
             // The program need not be installed where this runs.
-            let serious = said.lines().filter(|line| !line.contains("/usr/local/bin/treewrightd"));
+            let serious = said.lines().filter(|line| {
+                !line.contains("treewrightd is not executable") && !line.contains("Command treewrightd")
+            });
             let serious: Vec<_> = serious.filter(|line| line.contains("treewrightd.service")).collect();
             assert!(serious.is_empty(), "{serious:?}");
         }

@@ -31,7 +31,7 @@ fn get(address: &str, path: &str, more: &str) -> Answer {
 }
 
 /// A daemon with a dashboard, and where that is.
-fn start(folder: &Path, more: &[&str]) -> (Daemon, String) {
+pub(crate) fn start(folder: &Path, more: &[&str]) -> (Daemon, String) {
     let log = folder.join("daemon.log");
     let mut all = vec!["--dashboard", "127.0.0.1:0"];
     all.extend(more);
@@ -41,7 +41,7 @@ fn start(folder: &Path, more: &[&str]) -> (Daemon, String) {
     (daemon, url.split('/').next().expect("an address").to_owned())
 }
 
-fn measure(url: &str, reports: &[&str]) {
+pub(crate) fn measure(url: &str, reports: &[&str]) {
     for report in reports {
         let asked = run("treewright", &["--server", url, "--json", "suggest", "toy"]);
         let trial: serde_json::Value = serde_json::from_str(&stdout(&asked)).expect("a trial");
@@ -53,7 +53,7 @@ fn measure(url: &str, reports: &[&str]) {
     }
 }
 
-fn create(folder: &Path, url: &str) {
+pub(crate) fn create(folder: &Path, url: &str) {
     let study = "display_name = \"<script>alert(1)</script>\"\n\
                  [[parameters]]\nname = \"level\"\ntype = \"integer\"\nmin = 1\nmax = 30\ndefault = 3\n\
                  [[parameters]]\nname = \"kind\"\ntype = \"categorical\"\nvalues = [\"<b>\", \"plain\"]\ndefault = \"<b>\"\n\
@@ -62,6 +62,15 @@ fn create(folder: &Path, url: &str) {
     std::fs::write(&file, study).expect("a file");
     let made = run("treewright", &["--server", url, "study", "create", file.to_str().expect("text")]);
     assert!(made.status.success(), "{}", stderr(&made));
+}
+
+/// Makes a token for the daemon of a database.
+pub(crate) fn token(database: &str, more: &[&str]) -> String {
+    let mut all = vec!["token", "create", "--database", database, "--name", "a test"];
+    all.extend(more);
+    let output = run("treewrightd", &all);
+    assert!(output.status.success(), "{}", stderr(&output));
+    stdout(&output).split_whitespace().find(|word| word.starts_with("tw1_")).expect("a token").to_owned()
 }
 
 #[test]
@@ -76,7 +85,15 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
         ("/", &["<h1>Studies</h1>", "/studies/toy", "&#60;script&#62;"][..]),
         (
             "/studies/toy",
-            &["Tuning curve", "class=\"best\"", "below its default", "&#60;img src=x&#62;", "shell@"],
+            &[
+                "Tuning curve",
+                "class=\"best\"",
+                "below its default",
+                "roofline",
+                "State 1: ",
+                "&#60;img src=x&#62;",
+                "shell@",
+            ],
         ),
         ("/studies/toy?state=1", &["of state 1"]),
         (
@@ -111,6 +128,8 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
     let few = get(&address, "/studies/toy/trials?filter=cost%20%3C%205", "").body;
     assert_eq!(few.matches("<tr><th scope=\"row\">").count(), 2, "{few}");
     assert_eq!(get(&address, "/studies/atlantis", "").status, 404);
+    assert_eq!(get(&address, "/compare?study=atlantis", "").status, 404);
+    assert_eq!(get(&address, "/studies/atlantis/map", "").status, 404);
     assert_eq!(get(&address, "/studies/toy/trials/99", "").status, 404);
     assert_eq!(get(&address, "/nowhere", "").status, 404);
     let post = format!(
@@ -142,13 +161,7 @@ fn who_shows_no_token_sees_nothing() {
     let database = folder.path().join("tuning.db");
     let (_daemon, address) = start(folder.path(), &["--tokens"]);
     let database = database.to_str().expect("text");
-    let token = |more: &[&str]| {
-        let mut all = vec!["token", "create", "--database", database, "--name", "a test"];
-        all.extend(more);
-        let output = run("treewrightd", &all);
-        assert!(output.status.success(), "{}", stderr(&output));
-        stdout(&output).split_whitespace().find(|word| word.starts_with("tw1_")).expect("a token").to_owned()
-    };
+    let token = |more: &[&str]| token(database, more);
     let (good, narrow) = (token(&["--scope", "read"]), token(&["--scope", "read", "--study", "other"]));
     for path in ["/", "/studies/toy", "/events", "/studies/toy/trials/1"] {
         let answer = get(&address, path, "");

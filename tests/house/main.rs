@@ -2,6 +2,8 @@
 //! file may be, what it may be linked with, and what must not be left lying about.
 
 mod dependencies;
+mod documents;
 mod layering;
 mod methods;
+mod packages;
 mod tidiness;

@@ -35,14 +35,15 @@ are taken: OK, INFEASIBLE and ABORTED.
 
 A CSV file needs a header: config.NAME, indicator.NAME, measurement.NAME, and if wished outcome (OK,
 INFEASIBLE, ABORTED), lower_bound, client_id, origin. A database of Optuna (RDB storage in SQLite) is read with
---optuna-study; its objective becomes the study's first metric, and a study that does not exist is
-created after Optuna's distributions.
+--optuna-study, one of OSS Vizier with --vizier-study; the objective becomes the study's first metric,
+and a study that does not exist is created after the other one's parameters.
 
 Examples:
   treewright import sponza.jsonl
   treewright import farm-b.jsonl --study sponza
   treewright import measured.csv --study zstd
-  treewright import optuna.db --optuna-study no-name-1 --study mine";
+  treewright import optuna.db --optuna-study no-name-1 --study mine
+  treewright import vizier.db --vizier-study owners/me/studies/mine --study mine";
 
 /// Which trials.
 #[derive(Debug, Args)]
@@ -111,7 +112,7 @@ pub(crate) enum ExportFormat {
 /// What to read.
 #[derive(Debug, Args)]
 pub(crate) struct Import {
-    /// JSON Lines, CSV, or a SQLite database of Optuna
+    /// JSON Lines, CSV, or a SQLite database of Optuna or Vizier
     pub(crate) file: PathBuf,
     /// The study to import into; that of the file when left out
     #[arg(long, value_name = "ID")]
@@ -125,6 +126,9 @@ pub(crate) struct Import {
     /// The study in Optuna's database
     #[arg(long, value_name = "NAME", requires = "study")]
     pub(crate) optuna_study: Option<String>,
+    /// The study in Vizier's database
+    #[arg(long, value_name = "NAME", requires = "study", conflicts_with = "optuna_study")]
+    pub(crate) vizier_study: Option<String>,
     /// Read and check everything, and import nothing
     #[arg(long)]
     pub(crate) dry_run: bool,

@@ -5,9 +5,11 @@
 //! had elsewhere, its machine, and its origin: `SITE/studies/ID/trials/NUMBER`, by which it is known again. So an import
 //! can be repeated, and databases can be merged in any order.
 
+pub(crate) mod foreign;
 pub(crate) mod jsonl;
 pub(crate) mod optuna;
 pub(crate) mod table;
+pub(crate) mod vizier;
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -13,42 +13,17 @@ use sqlx::{ConnectOptions as _, Row as _};
 use treewright_client::{Configuration, Outcome, Value};
 
 use super::CarriedTrial;
+use super::foreign::{Foreign, METRIC, json_of, our_name};
 use crate::failure::Failure;
 use crate::study_file::StudyFile;
 
 /// Steps of a parameter that are written out as choices, at most.
 const CHOICES_MAX: f64 = 64.0;
-/// The metric of a study that is created.
-const METRIC: &str = "value";
-
-/// What a study of Optuna holds.
-#[derive(Debug)]
-pub(crate) struct OptunaStudy {
-    /// The study as ours.
-    pub(crate) study: StudyFile,
-    /// Its complete trials; the measurement is called [`METRIC`].
-    pub(crate) trials: Vec<CarriedTrial>,
-    /// Trials without a finite value.
-    pub(crate) without_value: u64,
-}
-
-impl OptunaStudy {
-    /// Calls the measurement as the study's first metric is called.
-    pub(crate) fn with_metric(mut self, metric: &str) -> Self {
-        for trial in &mut self.trials {
-            if let Some(value) = trial.measurements.remove(METRIC) {
-                trial.measurements.insert(metric.to_owned(), value);
-            }
-        }
-        self
-    }
-}
-
 /// Reads a study.
 ///
 /// # Errors
 /// [`Failure::File`] when the file is no such database, or the study is not in it.
-pub(crate) fn read(path: &Path, name: &str) -> Result<OptunaStudy, Failure> {
+pub(crate) fn read(path: &Path, name: &str) -> Result<Foreign, Failure> {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -56,7 +31,7 @@ pub(crate) fn read(path: &Path, name: &str) -> Result<OptunaStudy, Failure> {
     runtime.block_on(read_study(path, name)).map_err(|problem| Failure::file(path, problem))
 }
 
-async fn read_study(path: &Path, name: &str) -> Result<OptunaStudy, String> {
+async fn read_study(path: &Path, name: &str) -> Result<Foreign, String> {
     let no_database = |error: sqlx::Error| format!("it is no database of Optuna: {error}");
     let options = SqliteConnectOptions::new().filename(path).read_only(true);
     let mut database = options.connect().await.map_err(no_database)?;
@@ -106,7 +81,7 @@ async fn read_study(path: &Path, name: &str) -> Result<OptunaStudy, String> {
     .map_err(no_database)?;
     let first = assigned.values().next().cloned().unwrap_or_default();
     let study = study_file(&parameters, &first)?;
-    let mut read = OptunaStudy { study, trials: Vec::new(), without_value: 0 };
+    let mut read = Foreign { study, trials: Vec::new(), without_value: 0 };
     for row in values {
         let (number, value): (i64, Option<f64>) = (row.get(0), row.get(1));
         let Some(value) = value.filter(|value| value.is_finite()) else {
@@ -245,15 +220,6 @@ fn value_of(choice: &Json, choices: &[Json]) -> Value {
     }
 }
 
-fn json_of(value: &Value) -> Json {
-    match value {
-        Value::Integer(integer) => json!(integer),
-        Value::Float(float) => json!(float),
-        Value::Text(text) => json!(text),
-        Value::Boolean(boolean) => json!(boolean),
-    }
-}
-
 fn study_file(parameters: &[(String, Distribution)], first: &Configuration) -> Result<StudyFile, String> {
     let entry = |(name, distribution): &(String, Distribution)| {
         let default = first.get(name).cloned();
@@ -276,13 +242,6 @@ impl Distribution {
             Self::Categorical(choices) => choices.first().map(|choice| value_of(choice, choices)),
         }
     }
-}
-
-/// A name as ours are spelt.
-fn our_name(name: &str) -> String {
-    let plain = |each: char| if each.is_ascii_alphanumeric() { each.to_ascii_lowercase() } else { '_' };
-    let name: String = name.chars().map(plain).collect();
-    if name.starts_with(|first: char| first.is_ascii_lowercase()) { name } else { format!("p_{name}") }
 }
 
 #[cfg(test)]

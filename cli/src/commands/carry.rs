@@ -9,7 +9,8 @@ use treewright_client::blocking::Client;
 
 use super::either;
 use crate::arguments::data::{Export, ExportFormat, Import};
-use crate::carry::{CarriedTrial, Importer, Tally, jsonl, optuna, table};
+use crate::carry::foreign::Foreign;
+use crate::carry::{CarriedTrial, Importer, Tally, jsonl, optuna, table, vizier};
 use crate::exec::progress;
 use crate::failure::Failure;
 use crate::files;
@@ -54,15 +55,16 @@ fn write(client: &Client, export: &Export, out: &mut impl Write) -> Result<(), F
 pub(super) fn import(client: &Client, import: &Import, json: bool) -> Result<String, Failure> {
     let path = import.file.as_path();
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    let tally = match (&import.optuna_study, extension.as_str()) {
-        (Some(name), _) => from_optuna(client, import, name)?,
-        (None, "csv") => from_table(client, import, path)?,
-        (None, "db" | "sqlite" | "sqlite3") => {
+    let tally = match (&import.optuna_study, &import.vizier_study, extension.as_str()) {
+        (Some(name), _, _) => from_other(client, import, optuna::read(path, name)?)?,
+        (_, Some(name), _) => from_other(client, import, vizier::read(path, name)?)?,
+        (_, _, "csv") => from_table(client, import, path)?,
+        (_, _, "db" | "sqlite" | "sqlite3") => {
             return Err(Failure::Usage(
-                "which study of Optuna's database? Say --optuna-study NAME --study ID".into(),
+                "which study of that database? Say --study ID, and --optuna-study NAME or --vizier-study NAME".into(),
             ));
         }
-        (None, _) => from_jsonl(client, import, path)?,
+        _ => from_jsonl(client, import, path)?,
     };
     either(json, &tally, || tally.words())
 }
@@ -98,8 +100,7 @@ fn from_table(client: &Client, import: &Import, path: &Path) -> Result<Tally, Fa
     importer.run(trials.into_iter().map(Ok))
 }
 
-fn from_optuna(client: &Client, import: &Import, name: &str) -> Result<Tally, Failure> {
-    let read = optuna::read(&import.file, name)?;
+fn from_other(client: &Client, import: &Import, read: Foreign) -> Result<Tally, Failure> {
     if read.without_value > 0 {
         progress::note(&format!("{} trial(s) have no finite value and are left out", read.without_value));
     }

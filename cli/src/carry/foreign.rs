@@ -1,0 +1,49 @@
+//! What a study of another tuner becomes here.
+
+use serde_json::{Value as Json, json};
+use treewright_client::Value;
+
+use super::CarriedTrial;
+use crate::study_file::StudyFile;
+
+/// The metric of a study that is created.
+pub(super) const METRIC: &str = "value";
+
+/// A study of another tuner.
+#[derive(Debug)]
+pub(crate) struct Foreign {
+    /// The study as ours.
+    pub(crate) study: StudyFile,
+    /// Its trials that say something; the measurement is called `value`.
+    pub(crate) trials: Vec<CarriedTrial>,
+    /// Trials without a finite value.
+    pub(crate) without_value: u64,
+}
+
+impl Foreign {
+    /// Calls the measurement as the study's first metric is called.
+    pub(crate) fn with_metric(mut self, metric: &str) -> Self {
+        for trial in &mut self.trials {
+            if let Some(value) = trial.measurements.remove(METRIC) {
+                trial.measurements.insert(metric.to_owned(), value);
+            }
+        }
+        self
+    }
+}
+
+pub(super) fn json_of(value: &Value) -> Json {
+    match value {
+        Value::Integer(integer) => json!(integer),
+        Value::Float(float) => json!(float),
+        Value::Text(text) => json!(text),
+        Value::Boolean(boolean) => json!(boolean),
+    }
+}
+
+/// A name as ours are spelt.
+pub(super) fn our_name(name: &str) -> String {
+    let plain = |each: char| if each.is_ascii_alphanumeric() { each.to_ascii_lowercase() } else { '_' };
+    let name: String = name.chars().map(plain).collect();
+    if name.starts_with(|first: char| first.is_ascii_lowercase()) { name } else { format!("p_{name}") }
+}

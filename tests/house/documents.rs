@@ -1,0 +1,279 @@
+//! The documentation: every page stands in the summary, every link leads somewhere, every command that is shown is one that
+//! the programs know, and the reference of the API is the one that the contract's comments make.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use treewright_tests::programs::{program, workspace};
+
+/// The pages of the book, below `docs`.
+fn pages() -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(workspace().join("docs")).expect("the documentation");
+    let mut found: Vec<_> = entries.map(|entry| entry.expect("an entry").path()).collect();
+    found.retain(|path| path.extension().is_some_and(|extension| extension == "md"));
+    found.sort();
+    found
+}
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|problem| panic!("{}: {problem}", path.display()))
+}
+
+/// What stands outside of code.
+fn prose(text: &str) -> String {
+    let mut inside = false;
+    let lines = text.lines().filter(|line| {
+        let fence = line.trim_start().starts_with("```");
+        inside ^= fence;
+        !inside && !fence
+    });
+    // Every second part between backticks is code.
+    let lines: Vec<String> =
+        lines.map(|line| line.split('`').step_by(2).collect::<Vec<_>>().join("code")).collect();
+    lines.join("\n")
+}
+
+/// The targets of links in Markdown.
+fn links(text: &str) -> Vec<String> {
+    let parts = text.split("](").skip(1);
+    parts.filter_map(|part| part.split_once(')')).map(|(target, _)| target.to_owned()).collect()
+}
+
+/// How a heading is linked to.
+fn anchor(heading: &str) -> String {
+    let letters = heading.trim().to_lowercase();
+    let kept = letters.chars().filter(|each| each.is_alphanumeric() || matches!(each, ' ' | '-' | '_'));
+    kept.map(|each| if each == ' ' { '-' } else { each }).collect()
+}
+
+fn anchors(text: &str) -> BTreeSet<String> {
+    text.lines()
+        .filter(|line| line.starts_with('#'))
+        .map(|line| anchor(line.trim_start_matches('#')))
+        .collect()
+}
+
+#[test]
+fn every_page_stands_in_the_summary() {
+    let summary = links(&read(&workspace().join("docs/SUMMARY.md")));
+    let listed: BTreeSet<_> = summary.iter().map(String::as_str).collect();
+    assert_eq!(listed.len(), summary.len(), "a page stands there twice");
+    let there: BTreeSet<String> = pages()
+        .iter()
+        .filter_map(|path| path.file_name()?.to_str().map(str::to_owned))
+        .filter(|name| name != "SUMMARY.md")
+        .collect();
+    let there: BTreeSet<&str> = there.iter().map(String::as_str).collect();
+    assert_eq!(listed, there);
+}
+
+#[test]
+fn every_link_leads_somewhere() {
+    let top = workspace();
+    let mut files = pages();
+    files.extend(
+        ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md"].map(|name| top.join(name)),
+    );
+    let mut dead = Vec::new();
+    for file in files {
+        let text = read(&file);
+        for link in links(&prose(&text)) {
+            if link.contains("://") || link.starts_with("mailto:") {
+                continue;
+            }
+            let (path, part) = link.split_once('#').unwrap_or((&link, ""));
+            let target = match path {
+                "" => file.clone(),
+                path => file.parent().expect("a folder").join(path),
+            };
+            let is_there = target.exists()
+                && (part.is_empty() || target.is_dir() || anchors(&read(&target)).contains(part));
+            if !is_there {
+                dead.push(format!("{}: {link}", file.display()));
+            }
+        }
+    }
+    assert!(dead.is_empty(), "{dead:#?}");
+}
+
+/// The lines of a page's shell blocks, continued ones joined.
+fn shell_lines(text: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut inside = false;
+    let mut line = String::new();
+    for each in text.lines() {
+        if each.trim_start().starts_with("```") {
+            inside = !inside && each.trim() == "```sh";
+            continue;
+        }
+        if !inside {
+            continue;
+        }
+        match each.strip_suffix('\\') {
+            Some(begun) => line += begun,
+            None => {
+                line += each;
+                found.push(std::mem::take(&mut line));
+            }
+        }
+    }
+    found
+}
+
+/// What is called, and with which long options, up to `--`, a pipe, or the line's end.
+fn call(line: &str) -> Option<(&'static str, Vec<String>, Vec<String>)> {
+    let line = line.split(" # ").next().unwrap_or_default();
+    let mut words =
+        line.split(|c: char| c.is_whitespace() || "\"$()".contains(c)).filter(|word| !word.is_empty());
+    let first = words.find(|word| !word.contains('=') || word.contains('/'))?;
+    let known = ["treewright-render", "treewright-lab", "treewrightd", "treewright"];
+    let named = known.into_iter().find(|name| first.rsplit('/').next() == Some(name))?;
+    let (mut path, mut options, mut in_path) = (Vec::new(), Vec::new(), true);
+    for word in words.take_while(|word| !["--", "|", "&&", ";", ">", "<", "&"].contains(word)) {
+        if let Some(option) = word.strip_prefix("--") {
+            let name = option.split('=').next().unwrap_or_default();
+            if !name.is_empty() && name.chars().all(|c| c.is_ascii_lowercase() || c == '-') {
+                options.push(name.to_owned());
+            }
+            in_path &= word.starts_with("--server");
+        } else if in_path && word.chars().all(|c| c.is_ascii_lowercase() || c == '-') && path.len() < 2 {
+            path.push(word.to_owned());
+        } else if !word.contains("://") {
+            in_path = false;
+        }
+    }
+    Some((named, path, options))
+}
+
+#[test]
+fn every_command_that_is_shown_is_known() {
+    let help = |name: &str, path: &[String]| {
+        let output = Command::new(program(name)).args(path).arg("--help").output().expect("it starts");
+        output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    let mut problems = Vec::new();
+    let mut calls = 0;
+    let mut files = pages();
+    files.push(workspace().join("README.md"));
+    for file in files {
+        for line in shell_lines(&read(&file)) {
+            let Some((name, path, options)) = call(&line) else { continue };
+            calls += 1;
+            // The second word may be a subcommand, or something that is named.
+            let text = help(name, &path).or_else(|| help(name, &path[..path.len().min(1)]));
+            let Some(text) = text else {
+                problems.push(format!("{}: {line}: no such command", file.display()));
+                continue;
+            };
+            for option in options.iter().filter(|option| *option != "help" && *option != "version") {
+                if !text.contains(&format!("--{option}")) {
+                    problems.push(format!("{}: {line}: no --{option}", file.display()));
+                }
+            }
+        }
+    }
+    assert!(calls > 20, "the commands were not found");
+    assert!(problems.is_empty(), "{problems:#?}");
+}
+
+#[test]
+fn the_rust_that_is_shown_is_compiled() {
+    let example = read(&workspace().join("client/examples/integrate.rs"));
+    for page in ["README.md", "docs/renderer.md"] {
+        let text = read(&workspace().join(page));
+        let blocks: Vec<&str> =
+            text.split("```rust\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+        assert!(!blocks.is_empty(), "{page} shows no Rust");
+        for block in blocks {
+            assert!(
+                example.contains(block),
+                "{page} shows other words than client/examples/integrate.rs:\n{block}"
+            );
+        }
+    }
+}
+
+/// The reference: what each file of the contract says of itself, its calls and its messages.
+fn reference() -> String {
+    let mut text = String::from(
+        "# API reference\n\nMade from the comments of `proto/treewright/v1`, which are the contract; a test holds this page equal to \
+         them, and\n`TREEWRIGHT_WRITE_DOCS=1 cargo test --workspace --test house reference` writes it anew. The daemon serves gRPC \
+         reflection, too, so\nthat `grpcurl` finds its way without any file.\n",
+    );
+    for name in ["tuning", "trial", "study"] {
+        let proto = read(&workspace().join(format!("proto/treewright/v1/{name}.proto")));
+        text += &format!("\n## {name}.proto\n");
+        text += &of_file(&proto);
+    }
+    text
+}
+
+fn of_file(proto: &str) -> String {
+    let (mut text, mut comment) = (String::new(), Vec::new());
+    let mut fields: Vec<String> = Vec::new();
+    for line in proto.lines().map(str::trim) {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        if let Some(said) = line.strip_prefix("//") {
+            comment.push(said.strip_prefix(' ').unwrap_or(said).to_owned());
+            continue;
+        }
+        let said = std::mem::take(&mut comment);
+        match words.as_slice() {
+            [] if !said.is_empty() && text.is_empty() => text += &paragraph(&said),
+            ["syntax", ..] => text += &paragraph(&said),
+            [kind @ ("message" | "enum" | "service"), name, ..] => {
+                text += &format!("\n### {name}\n\n*{kind}*\n{}", paragraph(&said));
+                // `message Name {}` has no fields.
+            }
+            ["rpc", ..] => {
+                let call = line.trim_start_matches("rpc ").trim_end_matches(';');
+                text += &format!(
+                    "\n#### {}\n\n`{call}`\n{}",
+                    call.split('(').next().unwrap_or_default(),
+                    paragraph(&said)
+                );
+            }
+            ["oneof", name, ..] => fields.push(format!("| one of `{name}` | | {} |", cell(&said))),
+            ["}", ..] if !fields.is_empty() => {
+                text += "\n| field | number | |\n|---|---|---|\n";
+                text += &(std::mem::take(&mut fields).join("\n") + "\n");
+            }
+            _ => {
+                if let Some((field, number)) = line.split_once(" = ")
+                    && let Some((number, _)) = number.split_once(';')
+                    && !line.starts_with("option")
+                {
+                    let number = number.split_whitespace().next().unwrap_or_default();
+                    fields.push(format!("| `{field}` | {number} | {} |", cell(&said)));
+                }
+            }
+        }
+    }
+    text
+}
+
+fn paragraph(said: &[String]) -> String {
+    if said.is_empty() { String::new() } else { format!("\n{}\n", said.join("\n")) }
+}
+
+/// A comment in one cell of a table.
+fn cell(said: &[String]) -> String {
+    said.join(" ").replace('|', "\\|")
+}
+
+#[test]
+fn the_reference_is_what_the_contract_says() {
+    let page = workspace().join("docs/api.md");
+    let reference = reference();
+    for words in ["#### Suggest", "### Standing", "| `double cost_low` | 2 |", "one of `domain`"] {
+        assert!(reference.contains(words), "{words}");
+    }
+    if std::env::var_os("TREEWRIGHT_WRITE_DOCS").is_some() {
+        std::fs::write(&page, &reference).expect("it is written");
+    }
+    assert!(
+        read(&page) == reference,
+        "docs/api.md is old: TREEWRIGHT_WRITE_DOCS=1 cargo test --workspace --test house reference"
+    );
+}

@@ -1,0 +1,82 @@
+//! What could be published and is installed: each package says what it is, holds all that it is built from, and a Debian package
+//! and an archive find what they name.
+
+use std::collections::BTreeSet;
+use std::process::Command;
+
+use serde_json::Value;
+use treewright_tests::programs::workspace;
+
+fn cargo(arguments: &[&str]) -> String {
+    let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+        .current_dir(workspace())
+        .args(arguments)
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("text")
+}
+
+fn packages() -> Vec<Value> {
+    let metadata = cargo(&["metadata", "--format-version", "1", "--no-deps", "--locked", "--offline"]);
+    let metadata: Value = serde_json::from_str(&metadata).expect("JSON");
+    metadata["packages"].as_array().expect("packages").clone()
+}
+
+#[test]
+fn every_package_says_what_it_is() {
+    for package in packages() {
+        let name = package["name"].as_str().expect("a name");
+        let description = package["description"].as_str().unwrap_or_default();
+        assert!(description.len() > 20 && !description.ends_with('.'), "{name}: {description:?}");
+        assert_eq!(package["license"], "MIT", "{name}");
+        assert!(package["rust_version"].is_string(), "{name} says nothing of the compiler");
+    }
+}
+
+#[test]
+fn packages_hold_what_they_are_built_from() {
+    for (package, needed) in [
+        ("treewright-model", &["Cargo.toml", "src/lib.rs"][..]),
+        ("treewright-proto", &["build.rs", "treewright/v1/tuning.proto", "treewright/v1/study.proto"]),
+        ("treewright-client", &["src/lib.rs", "examples/integrate.rs"]),
+        ("treewright-cli", &["src/main.rs"]),
+        ("treewright-core", &["src/lib.rs", "clippy.toml"]),
+        (
+            "treewright-server",
+            &["src/main.rs", "assets/live.js", "templates/study.html", "deploy/treewrightd.socket"],
+        ),
+    ] {
+        let listed = cargo(&["package", "--list", "--allow-dirty", "--offline", "-p", package]);
+        let listed: BTreeSet<&str> = listed.lines().collect();
+        let missing: Vec<_> = needed.iter().filter(|name| !listed.contains(**name)).collect();
+        assert!(missing.is_empty(), "{package} lacks {missing:?}");
+    }
+}
+
+#[test]
+fn the_debian_package_finds_what_it_names() {
+    let all = packages();
+    let server = all.iter().find(|package| package["name"] == "treewright-server").expect("the server");
+    let deb = &server["metadata"]["deb"];
+    for asset in deb["assets"].as_array().expect("assets") {
+        let source = asset[0].as_str().expect("a path");
+        // What is built is not there before; patterns name a folder.
+        if !source.contains("target/") {
+            let fixed = source.split('*').next().expect("a beginning");
+            assert!(workspace().join("server").join(fixed).exists(), "{source}");
+        }
+    }
+    for unit in ["treewrightd.service", "treewrightd.socket"] {
+        assert!(workspace().join("server/deploy").join(unit).exists(), "{unit}");
+    }
+}
+
+#[test]
+fn the_changelog_tells_of_this_version() {
+    let version = packages()[0]["version"].as_str().expect("a version").to_owned();
+    let log = std::fs::read_to_string(workspace().join("CHANGELOG.md")).expect("the changelog");
+    let first = log.lines().filter_map(|line| line.strip_prefix("## ")).next().expect("a version");
+    assert!(first == "Unreleased" || first == version, "{first} stands before {version}");
+    assert!(log.contains(&format!("\n## {version}\n")), "{version} is not there");
+}

@@ -1,0 +1,111 @@
+#!/usr/bin/env python3
+"""Makes what is handed out: target/dist-VERSION/treewright-VERSION-x86_64-linux.tar.gz and its SHA-256.
+
+The archive holds the four programs without symbols, the Embree that the renderer was built with, the documentation and the
+licences, and runs from whatever folder it is unpacked in. The same commit gives the same bytes: paths of this machine are
+mapped away, and times are those of the commit. `--pack-only` packs programs that were built before.
+"""
+
+import gzip
+import hashlib
+import io
+import os
+import pathlib
+import subprocess
+import sys
+import tarfile
+import tomllib
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+PROGRAMS = ["treewrightd", "treewright", "treewright-render", "treewright-lab"]
+PACKAGES = ["treewright-server", "treewright-cli", "treewright-render-cli", "treewright-lab"]
+# Of the repository, as they stand there.
+FILES = ["README.md", "CHANGELOG.md", "LICENSE", "tools/install-archive.md"]
+FOLDERS = ["docs", "server/deploy", "proto/treewright"]
+
+
+def version():
+    return tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]["version"]
+
+
+def commit_time():
+    """Seconds since 1970 of the last commit; SOURCE_DATE_EPOCH where it is set."""
+    if os.environ.get("SOURCE_DATE_EPOCH"):
+        return int(os.environ["SOURCE_DATE_EPOCH"])
+    asked = subprocess.run(["git", "log", "-1", "--format=%ct"], cwd=ROOT, capture_output=True, text=True)
+    return int(asked.stdout) if asked.returncode == 0 else 0
+
+
+def build(when):
+    home = pathlib.Path(os.environ.get("CARGO_HOME", pathlib.Path.home() / ".cargo"))
+    sysroot = subprocess.run(["rustc", "--print", "sysroot"], capture_output=True, text=True, check=True).stdout.strip()
+    maps = {str(ROOT): "/treewright", str(home): "/cargo", sysroot: "/rust"}
+    flags = [f"--remap-path-prefix={here}={there}" for here, there in maps.items()]
+    environment = {
+        **os.environ,
+        "RUSTFLAGS": " ".join(flags),
+        # C code, such as SQLite's.
+        "CFLAGS": " ".join(f"-ffile-prefix-map={here}={there}" for here, there in maps.items()),
+        "TREEWRIGHT_RUN_PATH": "$ORIGIN/../lib",
+        "SOURCE_DATE_EPOCH": str(when),
+        "CARGO_INCREMENTAL": "0",
+    }
+    command = ["cargo", "build", "--profile", "dist", "--locked", "--bins"]
+    for package in PACKAGES:
+        command += ["-p", package]
+    if subprocess.run(command, cwd=ROOT, env=environment).returncode != 0:
+        sys.exit("dist: the programs could not be built")
+
+
+def contents():
+    """Names in the archive with files of this machine."""
+    for program in PROGRAMS:
+        yield f"bin/{program}", ROOT / "target" / "dist" / program
+    embree = ROOT / "target" / "native" / "embree"
+    (library,) = {file.resolve() for file in (embree / "lib").glob("libembree4.so")}
+    # Beside it lies the TBB that it was built with, where it was fetched.
+    for file in sorted({library, *library.parent.glob("libtbb*.so*")}):
+        yield f"lib/{file.name}", file
+    for licence in sorted(embree.glob("*LICENSE*")):
+        yield f"lib/embree-{licence.name}", licence
+    for name in FILES:
+        yield ("START.md" if name.endswith("install-archive.md") else name), ROOT / name
+    for folder in FOLDERS:
+        for file in sorted((ROOT / folder).rglob("*")):
+            if file.is_file():
+                yield str(file.relative_to(ROOT)), file
+
+
+def pack(name, when):
+    archive = io.BytesIO()
+    with gzip.GzipFile(fileobj=archive, mode="wb", mtime=when, compresslevel=9) as zipped:
+        with tarfile.open(fileobj=zipped, mode="w", format=tarfile.USTAR_FORMAT) as tar:
+            for inside, file in sorted(contents()):
+                if not file.exists():
+                    sys.exit(f"dist: {file} is missing")
+                entry = tarfile.TarInfo(f"{name}/{inside}")
+                entry.size = file.stat().st_size
+                entry.mtime = when
+                entry.mode = 0o755 if inside.startswith("bin/") else 0o644
+                with file.open("rb") as content:
+                    tar.addfile(entry, content)
+    return archive.getvalue()
+
+
+def main():
+    when = commit_time()
+    if "--pack-only" not in sys.argv[1:]:
+        subprocess.run([sys.executable, ROOT / "tools" / "setup.py"], check=True)
+        build(when)
+    name = f"treewright-{version()}-x86_64-linux"
+    folder = ROOT / "target" / f"dist-{version()}"
+    folder.mkdir(parents=True, exist_ok=True)
+    archive = folder / f"{name}.tar.gz"
+    archive.write_bytes(pack(name, when))
+    digest = hashlib.sha256(archive.read_bytes()).hexdigest()
+    (folder / f"{name}.tar.gz.sha256").write_text(f"{digest}  {archive.name}\n")
+    print(f"{archive.relative_to(ROOT)}: {archive.stat().st_size / 1e6:.1f} MB, SHA-256 {digest}")
+
+
+if __name__ == "__main__":
+    main()
