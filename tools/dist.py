@@ -11,6 +11,7 @@ import hashlib
 import io
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tarfile
@@ -57,15 +58,22 @@ def build(when):
         sys.exit("dist: the programs could not be built")
 
 
+def soname(library):
+    """The name by which programs ask for a library, which need not be that of its file."""
+    said = subprocess.run(["readelf", "-d", library], capture_output=True, text=True, check=True).stdout
+    found = re.search(r"\(SONAME\).*\[(.+)\]", said)
+    return found.group(1) if found else library.name
+
+
 def contents():
     """Names in the archive with files of this machine."""
     for program in PROGRAMS:
         yield f"bin/{program}", ROOT / "target" / "dist" / program
     embree = ROOT / "target" / "native" / "embree"
-    (library,) = {file.resolve() for file in (embree / "lib").glob("libembree4.so")}
-    # Beside it lies the TBB that it was built with, where it was fetched.
-    for file in sorted({library, *library.parent.glob("libtbb*.so*")}):
-        yield f"lib/{file.name}", file
+    library = (embree / "lib" / "libembree4.so").resolve()
+    # Beside it lies the TBB that it was built with.
+    for file in sorted({library, *(file.resolve() for file in library.parent.glob("libtbb[.-]*so*"))}):
+        yield f"lib/{soname(file)}", file
     for licence in sorted(embree.glob("*LICENSE*")):
         yield f"lib/embree-{licence.name}", licence
     for name in FILES:

@@ -162,7 +162,9 @@ fn who_shows_no_token_sees_nothing() {
     let (_daemon, address) = start(folder.path(), &["--tokens"]);
     let database = database.to_str().expect("text");
     let token = |more: &[&str]| token(database, more);
-    let (good, narrow) = (token(&["--scope", "read"]), token(&["--scope", "read", "--study", "other"]));
+    // The one that is waited for below is the last, so that the daemon knows both then.
+    let narrow = token(&["--scope", "read", "--study", "other"]);
+    let good = token(&["--scope", "read"]);
     for path in ["/", "/studies/toy", "/events", "/studies/toy/trials/1"] {
         let answer = get(&address, path, "");
         assert_eq!(answer.status, 303, "{path}");
