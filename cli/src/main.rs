@@ -2,8 +2,9 @@
 //! settings and the arguments, do one thing, print it, and say with the exit code how that went.
 //!
 //! `arguments` says what can be written, `commands` does it, `show` puts answers into words. `study_file` and `carry` read and
-//! write studies and their trials, `exec` runs other programs, `local` finds or starts a daemon of one's own.
+//! write studies and their trials, `analysis` says what parameters do, `exec` runs other programs, `local` finds or starts a daemon of one's own.
 
+mod analysis;
 mod arguments;
 mod carry;
 mod commands;

@@ -5,7 +5,8 @@
 //! | `converge` | error against run time: whose picture is good enough first |
 //! | `ablation` | a winner taken apart, one value at a time |
 //! | `leave_scene_out` | what the service is worth on scenes it has never seen |
-//! | `commands` | the program `treewright-lab`: these three, `verify` and `leave-out` |
+//! | `evaluation` | the paper's section 7: searches along camera paths are recorded, predictors judged by the record |
+//! | `commands` | the program `treewright-lab`: these, `verify` and `leave-out` |
 //!
 //! The examples of this crate measure the tuner without a renderer: searches, predictors, regret (`cargo run --release
 //! -p treewright-lab --example NAME`). Nothing of the product depends on this crate.
@@ -13,4 +14,5 @@
 pub mod ablation;
 pub mod commands;
 pub mod converge;
+pub(crate) mod evaluation;
 pub(crate) mod leave_scene_out;

@@ -24,6 +24,9 @@ pub const ITERATIONS_MAX: u32 = 100_000;
 /// Most frames that one trial of a search renders.
 pub const FRAMES_PER_TRIAL_MAX: u32 = 1000;
 
+/// Most random samples at one camera.
+pub const SAMPLES_PER_PLACE_MAX: u32 = 10_000_000;
+
 /// Most rounds in which winners are measured again.
 pub const ROUNDS_MAX: u32 = 10_000;
 

@@ -15,6 +15,7 @@ mod power;
 mod replicas;
 mod replicas_tls;
 mod restart;
+mod sampling;
 mod security;
 mod storm;
 mod tuning;

@@ -22,12 +22,13 @@ const ARROWS: &[(&str, &[&str])] = &[
         "treewright-render-cli",
         &["treewright-accel", "treewright-client", "treewright-renderer", "treewright-scene"],
     ),
-    // Nobody may know the laboratory; its examples measure the core besides.
+    // Nobody may know the laboratory; it judges the core's searches and predictors besides.
     (
         "treewright-lab",
         &[
             "treewright-accel",
             "treewright-client",
+            "treewright-core",
             "treewright-render-cli",
             "treewright-renderer",
             "treewright-scene",

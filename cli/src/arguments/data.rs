@@ -45,6 +45,44 @@ Examples:
   treewright import optuna.db --optuna-study no-name-1 --study mine
   treewright import vizier.db --vizier-study owners/me/studies/mine --study mine";
 
+pub(crate) const ANALYZE_HELP: &str = "\
+Correlation, rank correlation, mutual information and variance-based sensitivity of every parameter with every
+measurement, maps of pairs, and ranges that keep the best trials. Costs are compared within their state.
+Trials drawn at random say most: treewright-render sample records them.
+
+Examples:
+  treewright analyze sample-paper --condition 'config.compact = false' --out analysis
+  treewright analyze sample-paper --filter 'indicator.triangles = 262267' --metric render_ms
+  treewright analyze sponza --map intersection_cost,traversal_cost";
+
+/// What to analyse.
+#[derive(Debug, Args)]
+pub(crate) struct Analyze {
+    /// The study's id, e.g. `sample-paper`
+    pub(crate) study: String,
+    /// Only trials for which this holds, as for `trials`
+    #[arg(long, default_value = "")]
+    pub(crate) filter: String,
+    /// Look once more at only those trials for which this holds, e.g. `config.compact = false`; may be given several times
+    #[arg(long = "condition", value_name = "FILTER")]
+    pub(crate) conditions: Vec<String>,
+    /// A measurement, or a sum written A+B; may be given several times. All that there are when left out
+    #[arg(long = "metric", value_name = "NAME")]
+    pub(crate) metrics: Vec<String>,
+    /// Two parameters to draw a map of; may be given several times. Those that the study orders when left out
+    #[arg(long = "map", value_name = "NAME,NAME", value_parser = names)]
+    pub(crate) maps: Vec<(String, String)>,
+    /// Write analysis.json and analysis.html into this folder
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) out: Option<PathBuf>,
+}
+
+/// `NAME,NAME`.
+fn names(text: &str) -> Result<(String, String), String> {
+    let (a, b) = text.split_once(',').ok_or("it must be written NAME,NAME")?;
+    Ok((a.trim().to_owned(), b.trim().to_owned()))
+}
+
 /// Which trials.
 #[derive(Debug, Args)]
 pub(crate) struct Trials {

@@ -11,7 +11,7 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand};
 use treewright_client::{CredentialArguments, Value};
 
-use data::{Export, Import, Trials, Watch};
+use data::{Analyze, Export, Import, Trials, Watch};
 use exec::{EXEC_EXAMPLES, Exec, Report, Suggest};
 use study::{Pin, Policy, StudyCommand};
 
@@ -94,6 +94,9 @@ Examples:
     /// Lists a study's trials
     #[command(after_help = data::TRIALS_HELP)]
     Trials(Trials),
+    /// Tells what each parameter does to each measurement, and to which part of its range a search may be held
+    #[command(after_help = data::ANALYZE_HELP)]
+    Analyze(Analyze),
     /// Shows the best known configuration of each state: never one state's for another
     #[command(after_help = "\
 Examples:

@@ -1,6 +1,7 @@
 //! One function per command: ask the daemon, and turn the answer into text. `studies`, `trials`, `steer`, `shell` and
 //! `carry` hold those of one field each.
 
+mod analyze;
 mod carry;
 mod doctor;
 mod machine;
@@ -52,6 +53,7 @@ pub(crate) fn run(arguments: &Arguments, settings: &Settings) -> Result<String, 
         Command::Studies { standing: true } => studies::standings(client, json),
         Command::Study(command) => studies::run(client, command, json),
         Command::Trials(which) => trials::list(client, which, json),
+        Command::Analyze(wanted) => analyze::run(client, wanted, json),
         Command::Best(state) => trials::best(client, state, json),
         Command::Predict(state) => trials::predict(client, state, json),
         Command::Explain(state) => trials::explain(client, state, json),

@@ -4,9 +4,11 @@ mod ablate;
 mod converge;
 mod converge_entrants;
 mod converge_output;
+mod evaluate;
 mod leave_out;
 mod leave_scene_out;
 mod verify;
+mod verify_answers;
 
 use std::process::ExitCode;
 
@@ -20,6 +22,9 @@ Examples:
   treewright-lab leave-out --scene builtin:model
   treewright-lab leave-scene-out --book scenes.json
   treewright-lab ablate --scene builtin:city --config-file best.json --report ablation.html
+  treewright-lab evaluate record --record paper.jsonl --only gallery,voxels --cameras 20
+  treewright-lab evaluate verify --record paper.jsonl --only gallery,voxels
+  treewright-lab report --record paper.jsonl --out evaluation
   treewright-lab converge --scene builtin:hall --report converge.html
 
 Exit codes:
@@ -45,6 +50,11 @@ enum Command {
     LeaveSceneOut(leave_scene_out::Arguments),
     /// Compare errors over time: whose picture is good enough first, builds and tuning included.
     Converge(Box<converge::Arguments>),
+    /// Repeat the paper's evaluation: record searches along camera paths, then judge predictors by the record.
+    #[command(subcommand)]
+    Evaluate(Box<evaluate::Command>),
+    /// Write what an evaluation says as one page, with every figure and the numbers behind it.
+    Report(evaluate::JudgeArguments),
     /// Take a tuned configuration apart: which parameter brought what.
     Ablate(ablate::Arguments),
     /// Check that all acceleration structures give the same hits and pictures.
@@ -61,6 +71,8 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::LeaveOut(arguments) => leave_out::run(arguments),
         Command::LeaveSceneOut(arguments) => leave_scene_out::run(arguments),
         Command::Converge(arguments) => converge::run(arguments),
+        Command::Evaluate(command) => evaluate::run(command),
+        Command::Report(arguments) => verify_answers::judge(arguments, true),
         Command::Ablate(arguments) => ablate::run(arguments),
         Command::Verify(arguments) => verify::run(arguments),
     }

@@ -3,7 +3,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | `commands` | one file for each command |
-//! | `arguments`, `server` | groups of arguments that several commands share, also those of `treewright-lab` |
+//! | `arguments`, `narrowing`, `server` | groups of arguments that several commands share, also those of `treewright-lab` |
 //! | `output`, `error`, `interrupt` | tables and progress, exit codes, Ctrl-C |
 //! | `report` | the page that `tune --report` writes |
 //! | `laboratory` | commands that the program `treewright-lab` carries out |
@@ -13,6 +13,7 @@ mod commands;
 pub mod error;
 pub mod interrupt;
 mod laboratory;
+pub mod narrowing;
 pub mod output;
 pub mod report;
 pub mod server;
@@ -22,7 +23,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{animate, bench, best, image, info, play, rays, tune};
+use commands::{animate, bench, best, image, info, play, rays, sample, tune};
 use error::CliError;
 
 const EXAMPLES: &str = "\
@@ -31,6 +32,7 @@ Examples:
   treewright-render image --scene builtin:hall --spp 64 -o hall.png
   treewright-render image --scene sponza.glb --config quality=3,branching_factor=8 -o sponza.exr
   treewright-render tune --scene builtin:hall --iterations 80 --report hall.html
+  treewright-render sample --scene builtin:hall --scene sponza.glb --cameras 10 --samples 1000 --space paper
   treewright-render play --scene builtin:hall --frames 50 --compare
   treewright-render bench --scene builtin:city --rounds 15
   treewright-render ablate --scene builtin:city --config-file best.json --report ablation.html
@@ -65,6 +67,8 @@ enum Command {
     Spaces(info::SpacesArguments),
     /// Tune the acceleration structure with the daemon's help while frames are rendered.
     Tune(Box<tune::Arguments>),
+    /// Measure random configurations and record them as trials, for `treewright analyze`.
+    Sample(Box<sample::Arguments>),
     /// Tell what the service holds for the best in a scene and view, as JSON.
     Best(Box<best::Arguments>),
     /// Fly along the camera path with the daemon's answers, frame by frame.
@@ -81,6 +85,10 @@ enum Command {
     LeaveSceneOut(laboratory::Arguments),
     /// Compare errors over time: whose picture is good enough first, builds and tuning included.
     Converge(laboratory::Arguments),
+    /// Repeat the paper's evaluation: record searches along camera paths, then judge predictors by the record.
+    Evaluate(laboratory::Arguments),
+    /// Write what an evaluation says as one page, with every figure and the numbers behind it.
+    Report(laboratory::Arguments),
     /// Take a tuned configuration apart: which parameter brought what.
     Ablate(laboratory::Arguments),
     /// Check that all acceleration structures give the same hits and pictures.
@@ -113,6 +121,7 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::Scenes(arguments) => info::scenes(arguments),
         Command::Spaces(arguments) => info::spaces(arguments),
         Command::Tune(arguments) => tune::run(arguments),
+        Command::Sample(arguments) => sample::run(arguments),
         Command::Best(arguments) => best::run(arguments),
         Command::Play(arguments) => play::run(arguments),
         Command::Animate(arguments) => animate::run(arguments),
@@ -121,6 +130,8 @@ fn run(command: &Command) -> Result<(), CliError> {
         Command::LeaveOut(arguments) => laboratory::run("leave-out", arguments),
         Command::LeaveSceneOut(arguments) => laboratory::run("leave-scene-out", arguments),
         Command::Converge(arguments) => laboratory::run("converge", arguments),
+        Command::Evaluate(arguments) => laboratory::run("evaluate", arguments),
+        Command::Report(arguments) => laboratory::run("report", arguments),
         Command::Ablate(arguments) => laboratory::run("ablate", arguments),
         Command::Verify(arguments) => laboratory::run("verify", arguments),
     }

@@ -19,4 +19,12 @@ pub enum ConfigurationError {
         /// What does not fit, and what would.
         problem: SpaceError,
     },
+    /// A range or a value that a parameter cannot be held to.
+    #[error("{narrowing}: {problem}")]
+    Narrowing {
+        /// As it was asked for.
+        narrowing: String,
+        /// Why not.
+        problem: String,
+    },
 }

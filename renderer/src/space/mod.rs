@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `full` | the full space: native Embree and the tunable tree, and how rays are grouped |
 //! | `paper` | the eleven parameters of the paper's Table 1 |
+//! | `narrow` | parts of a space: parameters fixed or held to a range |
 //! | `explained` | parameters as data, with a sentence each |
 //! | `choice` | a configuration as a build choice and render options |
 //! | `error` | why a configuration is refused |
@@ -12,16 +13,18 @@ mod choice;
 mod error;
 mod explained;
 mod full;
+mod narrow;
 mod paper;
 #[cfg(test)]
 mod tests;
 
 use serde::Serialize;
-use treewright_client::{Configuration, Space, SpaceBuilder, Value};
+use treewright_client::{Configuration, Parameter, Space, SpaceBuilder, Value};
 
 pub use choice::Choice;
 pub use error::ConfigurationError;
 pub use explained::Explained;
+pub use narrow::{Narrowing, Recommendation};
 
 /// Which parameters there are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize)]
@@ -30,7 +33,7 @@ pub enum Preset {
     /// Everything: native Embree, the tunable tree, and how rays are grouped.
     #[default]
     Full,
-    /// The eleven parameters of the paper's Table 1, exactly.
+    /// The eleven parameters of the paper's Table 1.
     Paper,
 }
 
@@ -95,6 +98,8 @@ pub struct TuningSpace {
     threads: usize,
     space: Space,
     about: Vec<&'static str>,
+    /// Parameters that have left the space, with the value that they are held to as their default.
+    held: Vec<Parameter>,
 }
 
 impl TuningSpace {
@@ -113,7 +118,7 @@ impl TuningSpace {
         let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let threads = if premises.threads == 0 { cores() } else { premises.threads };
         let Premises { robust, animated, instanced, .. } = *premises;
-        Self { preset, robust, animated, instanced, threads, space, about }
+        Self { preset, robust, animated, instanced, threads, space, about, held: Vec::new() }
     }
 
     /// Table 1.
@@ -158,7 +163,7 @@ impl TuningSpace {
 
     /// What to build, and how to render with it.
     pub fn choice(&self, configuration: &Configuration) -> Result<Choice, ConfigurationError> {
-        let complete = self.complete(configuration)?;
+        let complete = self.with_held(&self.complete(configuration)?);
         Ok(match self.preset {
             Preset::Full => choice::of_full(&complete, self.robust, self.threads),
             Preset::Paper => choice::of_paper(&complete),
@@ -171,7 +176,7 @@ impl TuningSpace {
     /// A value takes along what it needs: `quality=3` alone means the tunable back end in the full space. See
     /// [`Space::complete`].
     pub fn complete(&self, given: &Configuration) -> Result<Configuration, ConfigurationError> {
-        match self.space.complete(given) {
+        match self.space.complete(&self.without_held(given)) {
             Ok(complete) => Ok(complete.into()),
             Err(problem) => Err(ConfigurationError::Space { space: self.preset.name(), problem }),
         }

@@ -1,4 +1,4 @@
-//! The eleven parameters of the paper's Table 1, exactly, for reproduction.
+//! The eleven parameters of the paper's Table 1, for reproduction; `docs/paper.md` says where ranges differ.
 //!
 //! Two rules make parameters inactive: `compact` is Embree's own compact structure and has none of the
 //! others but `robust` (section 4.1), and the Morton builder (quality 1) ignores the block size and both

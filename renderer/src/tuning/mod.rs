@@ -7,6 +7,7 @@
 //! | `reuse` | how many frames a tree serves, for the objective `auto` |
 //! | `search` | the loop itself, frame by frame |
 //! | `confirmation` | the best few of a search and natives against the incumbent |
+//! | `sampling` | random configurations as a numbered sequence, for exploration without a search |
 //! | `verdict` | whom the winner is compared with, and when tuning pays off |
 //! | `results` | everything a run found out, for JSON and the report |
 
@@ -14,6 +15,7 @@ pub mod confirmation;
 pub mod objective;
 pub mod results;
 pub mod reuse;
+pub mod sampling;
 pub mod search;
 pub mod verdict;
 pub mod workload;

@@ -216,7 +216,7 @@ fn reference(renderer: &mut Renderer, setting: &SearchSetting, film: &mut Film) 
 
 /// Builds and renders one trial. The same sample each time, so that all trials are asked the same rays. It is stopped
 /// once it is known to cost more than `cap_ms`, but for the build, which Embree finishes.
-fn trial(
+pub fn trial(
     renderer: &mut Renderer,
     configuration: &Configuration,
     cap_ms: Option<f64>,

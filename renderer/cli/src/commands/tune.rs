@@ -15,6 +15,7 @@ use crate::arguments::{
 };
 use crate::error::{CliError, write_file};
 use crate::interrupt::Interrupt;
+use crate::narrowing::NarrowingArguments;
 use crate::output;
 use crate::report;
 use crate::server::ServerArguments;
@@ -55,6 +56,8 @@ pub(crate) struct Arguments {
 
     #[command(flatten)]
     space: SpaceArguments,
+    #[command(flatten)]
+    narrowing: NarrowingArguments,
 
     /// What to minimise: the render time with a thousandth of the build, or build and render time together.
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
@@ -128,10 +131,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let paper = arguments.paper_config_file.as_deref().map(read_configuration).transpose()?;
     let client = arguments.server.connect(arguments.frame.threads)?;
     let scene = arguments.scene.load()?;
-    let space = Arc::new(arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?);
+    let whole = arguments.space.of(&scene, arguments.objective, arguments.frame.threads)?;
+    let space = Arc::new(arguments.narrowing.of(&whole)?);
     let camera = arguments.camera.find(&scene)?;
     let mut renderer = arguments.frame.renderer(&scene)?;
-    let id = arguments.server.study_id(arguments.objective, &space);
+    let id = match &arguments.server.study {
+        Some(id) => id.clone(),
+        None => arguments.server.study_id(arguments.objective, &whole) + &arguments.narrowing.mark(&space),
+    };
     let workload = arguments.frame.workload(&scene, arguments.size);
     let state = workload.state(&SceneIndicators::of(&scene).with_camera(&camera));
     let study = open_study(&client, &id, &space, &state, arguments)?;
@@ -173,10 +180,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     }
 
     let premises = arguments.space.premises(&scene, arguments.objective, arguments.frame.threads);
-    let rivals = verdict::rivals(&space, &premises);
+    let rivals = verdict::rivals(&whole, &premises);
     let spinner = output::spinner("the best few run against the start and native Embree");
     let candidates = with_names(candidates, &space)?;
-    let known: Vec<Rival> = rivals.iter().cloned().chain(candidates).collect();
+    let known: Vec<Rival> =
+        rivals.iter().filter_map(|rival| within(rival, &space)).chain(candidates).collect();
     let go_on = || !interrupt.requested();
     let confirmed =
         confirmation::confirm(&mut renderer, &client, (&study, &mut tuner), &setting, &known, go_on);
@@ -217,7 +225,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         objective: arguments.objective,
         space: space.preset(),
         parameters: space.explained().collect(),
-        start: space.default_configuration(),
+        start: space.with_held(&space.default_configuration()),
         baseline: baseline.name,
         server: client.url().to_owned(),
         study: id,
@@ -227,8 +235,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         trials: found.trials,
         confirmation: told,
         reference_ms: found.reference_ms,
-        found: winner,
-        tuned,
+        found: space.with_held(&winner),
+        tuned: space.with_held(&tuned),
         gains: Gains::of(&standings, &best),
         best,
         standings,
@@ -287,6 +295,15 @@ fn with_names(candidates: Vec<Configuration>, space: &TuningSpace) -> Result<Vec
         Ok(Rival { contender, configuration: Some(configuration) })
     });
     named.collect()
+}
+
+/// A rival as one of a part of the space; `None` for a configuration that has no place there.
+fn within(rival: &Rival, space: &TuningSpace) -> Option<Rival> {
+    let configuration = match &rival.configuration {
+        Some(configuration) => Some(space.complete(configuration).ok()?),
+        None => None,
+    };
+    Some(Rival { contender: rival.contender.clone(), configuration })
 }
 
 /// How many times the best a trial may cost.

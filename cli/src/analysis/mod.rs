@@ -1,0 +1,196 @@
+//! What a study's trials say of its parameters (paper, sections 4 and 5): how each goes together with each measurement,
+//! how much of the variance it explains, and to which part of its range a search may be held.
+//!
+//! Everything is computed from completed trials, in the order of their numbers, and without chance: the same trials give
+//! the same bytes. Trials that were drawn at random (`treewright-render sample`) say most; those of a search crowd where it
+//! looked, which the result says of itself.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | `table` | trials as columns of numbers, costs relative to their state |
+//! | `dependence` | correlation, rank correlation, mutual information |
+//! | `variance` | variance-based sensitivity, alone and in pairs |
+//! | `narrow` | ranges and fixed values that keep what is good |
+//! | `map` | two parameters against a measurement, such as both leaf sizes |
+//! | `page` | all of it for a browser |
+
+mod dependence;
+mod map;
+mod narrow;
+mod page;
+mod table;
+mod variance;
+
+use serde::Serialize;
+use treewright_client::{StudySpec, TrialRecord};
+
+pub(crate) use page::html;
+use table::Table;
+
+/// Fewer trials than this say nothing.
+pub(crate) const TRIALS_MIN: usize = 30;
+
+/// What is to be analysed.
+#[derive(Clone, Debug)]
+pub(crate) struct Request {
+    pub(crate) study: String,
+    /// Measurements, sums of them written `a+b`.
+    pub(crate) metrics: Vec<String>,
+    /// Pairs of parameters to be drawn as maps.
+    pub(crate) maps: Vec<(String, String)>,
+}
+
+/// Everything that was found.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Analysis {
+    pub(crate) study: String,
+    /// Of all completed ones, those that were measured.
+    pub(crate) trials: usize,
+    /// Those that cannot be run.
+    pub(crate) infeasible: usize,
+    /// States, within which costs are compared.
+    pub(crate) states: usize,
+    /// Whether configurations were drawn at random; else they crowd where a search looked.
+    pub(crate) random: bool,
+    /// All trials first, then those for which a condition holds.
+    pub(crate) conditions: Vec<Condition>,
+    /// What to hold a search to.
+    pub(crate) objectives: Vec<narrow::Narrowed>,
+    pub(crate) maps: Vec<map::Map>,
+}
+
+/// The trials for which something holds.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Condition {
+    /// As a filter; empty for all trials.
+    pub(crate) filter: String,
+    pub(crate) trials: usize,
+    pub(crate) metrics: Vec<Metric>,
+}
+
+/// A measurement and what it depends on.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Metric {
+    pub(crate) name: String,
+    /// Median in its own unit.
+    pub(crate) median: f64,
+    /// Of the values relative to their state's geometric mean.
+    pub(crate) relative_quartiles: [f64; 2],
+    /// The most influential first.
+    pub(crate) parameters: Vec<Influence>,
+    pub(crate) pairs: Vec<variance::Pair>,
+}
+
+/// How one parameter and one measurement go together.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Influence {
+    pub(crate) parameter: String,
+    /// Trials in which it is active.
+    pub(crate) trials: usize,
+    /// Pearson's, with its 95 % interval; absent for values without an order.
+    pub(crate) correlation: Option<dependence::Correlation>,
+    /// Spearman's.
+    pub(crate) rank_correlation: Option<dependence::Correlation>,
+    /// In bits, of at most three.
+    pub(crate) mutual_information_bits: f64,
+    /// Share of the variance that it explains alone, 0 to 1.
+    pub(crate) first_order: f64,
+}
+
+/// Analyses trials: all of them, and for each further condition those for which it holds.
+pub(crate) fn analyse(
+    spec: &StudySpec,
+    request: &Request,
+    all: &[TrialRecord],
+    conditions: &[(String, Vec<TrialRecord>)],
+) -> Analysis {
+    let table = Table::of(spec, all, &request.metrics);
+    let mut found = vec![condition(String::new(), &table)];
+    for (filter, trials) in conditions {
+        found.push(condition(filter.clone(), &Table::of(spec, trials, &request.metrics)));
+    }
+    Analysis {
+        study: request.study.clone(),
+        trials: table.trials(),
+        infeasible: table.infeasible,
+        states: table.states(),
+        random: table.random,
+        conditions: found,
+        objectives: table.metrics.iter().map(|metric| narrow::narrow(&table, metric)).collect(),
+        maps: request
+            .maps
+            .iter()
+            .flat_map(|pair| table.metrics.iter().filter_map(|metric| map::of(&table, pair, metric)))
+            .collect(),
+    }
+}
+
+impl Analysis {
+    /// For a terminal.
+    pub(crate) fn words(&self) -> String {
+        let mut text = format!(
+            "{}: {} trials in {} states. {}\n",
+            self.study,
+            self.trials,
+            self.states,
+            page::headline(self)
+        );
+        for metric in self.conditions.first().iter().flat_map(|all| &all.metrics) {
+            text += &format!("\n{:24} {:>6} {:>6} {:>6} {:>7}\n", metric.name, "r", "rank", "bits", "share");
+            for one in &metric.parameters {
+                let r = |of: Option<dependence::Correlation>| {
+                    of.map_or("-".to_owned(), |of| format!("{:.2}", of.r))
+                };
+                text += &format!(
+                    "  {:22} {:>6} {:>6} {:>6.3} {:>5.1} %\n",
+                    one.parameter,
+                    r(one.correlation),
+                    r(one.rank_correlation),
+                    one.mutual_information_bits,
+                    one.first_order * 100.0
+                );
+            }
+        }
+        for narrowed in self.objectives.iter().filter(|one| !one.narrowed.is_empty()) {
+            let narrow::Narrowed { metric, arguments, whole, part, .. } = narrowed;
+            text += &format!(
+                "\nfor less {metric}: {arguments}\n  one in ten trials above {:.2} instead of {:.2} times the mean, the worst {:.2} \
+                 instead of {:.2}\n",
+                part.dear, whole.dear, part.worst, whole.worst
+            );
+        }
+        text
+    }
+}
+
+fn condition(filter: String, table: &Table) -> Condition {
+    let metrics = table.metrics.iter().map(|metric| {
+        let mut parameters: Vec<Influence> = table
+            .parameters
+            .iter()
+            .filter(|parameter| parameter.varies())
+            .map(|parameter| Influence {
+                parameter: parameter.name.clone(),
+                trials: parameter.values.iter().flatten().count(),
+                correlation: dependence::correlation(parameter, &metric.relative),
+                rank_correlation: dependence::rank_correlation(parameter, &metric.relative),
+                mutual_information_bits: dependence::mutual_information(parameter, &metric.relative),
+                first_order: variance::first_order(parameter, &metric.relative),
+            })
+            .collect();
+        parameters.sort_by(|a, b| {
+            b.first_order.total_cmp(&a.first_order).then_with(|| a.parameter.cmp(&b.parameter))
+        });
+        Metric {
+            name: metric.name.clone(),
+            median: metric.median,
+            relative_quartiles: metric.quartiles(),
+            pairs: variance::pairs(table, metric, &parameters),
+            parameters,
+        }
+    });
+    Condition { filter, trials: table.trials(), metrics: metrics.collect() }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,254 @@
+//! An analysis as one page without anything from outside: figures as SVG, light and dark, as narrow as a telephone.
+
+use std::fmt::Write as _;
+
+use super::dependence::Correlation;
+use super::map::Map;
+use super::narrow::{Narrowed, Spread};
+use super::table::rounded;
+use super::{Analysis, Condition, Influence, Metric};
+
+const STYLE: &str = "\
+:root{color-scheme:light dark;--paper:#fbfaf7;--card:#fff;--ink:#1d1f24;--soft:#5c616b;--line:#dcdad4;--more:#b4552d;--less:#2167b0}\
+@media(prefers-color-scheme:dark){:root{--paper:#16181c;--card:#1f2228;--ink:#e9e7e2;--soft:#a4a8b1;--line:#3a3e46;--more:#f0935f;--less:#7db4f0}}\
+*{box-sizing:border-box}body{margin:0;background:var(--paper);color:var(--ink);font:1rem/1.55 system-ui,sans-serif}\
+main{max-width:60rem;margin:0 auto;padding:1.2rem .8rem 4rem}h1{line-height:1.2}h2{margin:2.4rem 0 .4rem}h3{margin:1.4rem 0 .3rem}\
+p{max-width:46rem}.soft{color:var(--soft);font-size:.9rem}\
+.grid{display:grid;gap:.8rem;grid-template-columns:repeat(auto-fit,minmax(min(21rem,100%),1fr))}\
+.card{background:var(--card);border:1px solid var(--line);border-radius:.5rem;padding:.6rem;min-width:0}\
+table{border-collapse:collapse;width:100%;font-size:.82rem;font-variant-numeric:tabular-nums}\
+th,td{padding:.22rem .25rem;text-align:right;border-bottom:1px solid var(--line)}th:first-child,td:first-child{text-align:left;overflow-wrap:anywhere}\
+th{color:var(--soft);font-weight:600}svg{display:block;width:100%;height:auto}code{font-size:.88em;overflow-wrap:anywhere}";
+
+/// The page.
+pub(crate) fn html(analysis: &Analysis) -> String {
+    let mut page = String::new();
+    let Analysis { study, trials, infeasible, states, random, .. } = analysis;
+    let study = escaped(study);
+    let _ = write!(
+        page,
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
+         <title>{study}: what its parameters do</title><style>{STYLE}</style></head><body><main>\n\
+         <h1>{study}: what its parameters do</h1>\n<p>{}</p>\n<p class=\"soft\">{trials} trials in {states} states; {infeasible} more \
+         cannot be run. {} Every cost is divided by the geometric mean of its state.</p>\n",
+        escaped(&headline(analysis)),
+        if *random {
+            "Configurations were drawn at random, so parameters do not go together with each other."
+        } else {
+            "Configurations are those that a search tried: they crowd where it looked, and parameters may seem to matter that \
+             only changed together with others."
+        }
+    );
+    for objective in &analysis.objectives {
+        narrowed(&mut page, objective);
+    }
+    if !analysis.maps.is_empty() {
+        page += "<h2>Maps</h2><p class=\"soft\">Median cost of each pair of values over the mean of its state.</p><div class=\"grid\">";
+        for map in &analysis.maps {
+            page += &drawn(map);
+        }
+        page += "</div>\n";
+    }
+    for condition in &analysis.conditions {
+        section(&mut page, condition);
+    }
+    page += "<h2>How to read this</h2><p>Pearson's r and Spearman's rank correlation go from −1 (more of the parameter costs \
+             less) to 1 (more costs more); bars are r, pale where the 95 % interval holds nought. Mutual information counts in \
+             bits any pattern at all. The share is that of the variance of the cost's logarithm which the parameter explains \
+             alone; pairs explain what they name beyond both halves. Parameters count where they are active.</p>\n</main></body></html>\n";
+    page
+}
+
+/// What matters most, in words.
+pub(crate) fn headline(analysis: &Analysis) -> String {
+    let all = analysis.conditions.first().map(|all| all.metrics.as_slice()).unwrap_or_default();
+    let strongest = all.iter().take(3).filter_map(|metric| {
+        let first = metric.parameters.first().filter(|first| first.first_order >= 0.01)?;
+        let name = &metric.name;
+        Some(format!("{} explains {:.0} % of {name}'s variance", first.parameter, first.first_order * 100.0))
+    });
+    let told: Vec<String> = strongest.collect();
+    if told.is_empty() {
+        "No parameter alone explains as much as 1 % of any measurement.".into()
+    } else {
+        told.join("; ") + "."
+    }
+}
+
+fn section(page: &mut String, condition: &Condition) {
+    let title = match condition.filter.as_str() {
+        "" => "All trials".to_owned(),
+        filter => format!("Where {filter}"),
+    };
+    let _ = write!(
+        page,
+        "<h2>{}</h2><p class=\"soft\">{} trials.</p><div class=\"grid\">",
+        escaped(&title),
+        condition.trials
+    );
+    for metric in &condition.metrics {
+        card(page, metric);
+    }
+    *page += "</div>\n";
+}
+
+fn card(page: &mut String, metric: &Metric) {
+    let [low, high] = metric.relative_quartiles;
+    let _ = write!(
+        page,
+        "<div class=\"card\"><h3>{}</h3><p class=\"soft\">median {}, half of all trials between {low:.2} and {high:.2} times the mean of its state</p>{}\
+         <table><tr><th></th><th>r</th><th>rank</th><th>bits</th><th>share</th></tr>",
+        escaped(&metric.name),
+        rounded(metric.median),
+        bars(&metric.parameters)
+    );
+    for one in &metric.parameters {
+        let r = |of: &Option<Correlation>| of.map_or("–".to_owned(), |of| format!("{:.2}", of.r));
+        let _ = write!(
+            page,
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{:.3}</td><td>{:.1} %</td></tr>",
+            escaped(&one.parameter),
+            r(&one.correlation),
+            r(&one.rank_correlation),
+            one.mutual_information_bits,
+            one.first_order * 100.0
+        );
+    }
+    *page += "</table>";
+    if !metric.pairs.is_empty() {
+        let pairs = metric.pairs.iter().take(4).map(|pair| {
+            format!("{} with {} {:.1} %", pair.parameters[0], pair.parameters[1], pair.interaction * 100.0)
+        });
+        let _ = write!(
+            page,
+            "<p class=\"soft\">Together: {}.</p>",
+            escaped(&pairs.collect::<Vec<_>>().join("; "))
+        );
+    }
+    *page += "</div>\n";
+}
+
+/// Correlations as bars from the middle.
+fn bars(parameters: &[Influence]) -> String {
+    const ROW: usize = 18;
+    let ordered: Vec<(&Influence, Correlation)> =
+        parameters.iter().filter_map(|one| Some((one, one.correlation?))).collect();
+    if ordered.is_empty() {
+        return String::new();
+    }
+    let height = ordered.len() * ROW + 20;
+    let mut svg = format!(
+        "<svg viewBox=\"0 0 340 {height}\" role=\"img\" aria-label=\"Correlations\" font-size=\"11\" fill=\"var(--ink)\">"
+    );
+    let at = |r: f64| 230.0 + 100.0 * r;
+    for r in [-1.0, -0.5, 0.0, 0.5, 1.0] {
+        let x = at(r);
+        let _ = write!(
+            svg,
+            "<path d=\"M{x} 0V{}\" stroke=\"var(--line)\"/><text x=\"{x}\" y=\"{}\" text-anchor=\"middle\">{r}</text>",
+            height - 18,
+            height - 4
+        );
+    }
+    for (row, (one, correlation)) in ordered.iter().enumerate() {
+        let (from, to) = (at(correlation.r.min(0.0)), at(correlation.r.max(0.0)));
+        let y = row * ROW;
+        let _ = write!(
+            svg,
+            "<text x=\"122\" y=\"{}\" text-anchor=\"end\">{}</text><rect x=\"{from:.1}\" y=\"{}\" width=\"{:.1}\" height=\"11\" \
+             fill=\"var(--{})\" opacity=\"{}\"/><path d=\"M{:.1} {}H{:.1}\" stroke=\"var(--ink)\"/>",
+            y + 12,
+            escaped(&one.parameter),
+            y + 3,
+            (to - from).max(0.5),
+            if correlation.r < 0.0 { "less" } else { "more" },
+            if correlation.is_there() { "1" } else { "0.35" },
+            at(correlation.interval[0]),
+            y + 8,
+            at(correlation.interval[1])
+        );
+    }
+    svg + "</svg>"
+}
+
+fn narrowed(page: &mut String, narrowed: &Narrowed) {
+    let Narrowed { metric, narrowed, arguments, whole, part } = narrowed;
+    let _ = write!(page, "<h2>To search for less {}</h2>", escaped(metric));
+    if narrowed.is_empty() {
+        *page += "<p>No parameter can be held to a part of its range: the best trials are spread over all of it.</p>\n";
+        return;
+    }
+    let _ = write!(
+        page,
+        "<p>hold parameters with <code>{}</code>.</p><p class=\"soft\">Told by trials on which this was not chosen:</p>\
+         <div class=\"card\"><table><tr><th></th><th>trials</th><th>best</th><th>median</th><th>1 in 10 above</th><th>worst</th></tr>",
+        escaped(arguments)
+    );
+    for (name, Spread { trials, best, median, dear, worst }) in [("whole space", whole), ("this part", part)]
+    {
+        match trials {
+            0 => {
+                let _ = write!(
+                    page,
+                    "<tr><td>{name}</td><td>0</td><td>–</td><td>–</td><td>–</td><td>–</td></tr>"
+                );
+            }
+            _ => {
+                let _ = write!(
+                    page,
+                    "<tr><td>{name}</td><td>{trials}</td><td>{best:.2}</td><td>{median:.2}</td><td>{dear:.2}</td><td>{worst:.2}</td></tr>"
+                );
+            }
+        }
+    }
+    *page += "</table></div>\n";
+}
+
+/// A map as coloured cells, from the least to the most of its values.
+fn drawn(map: &Map) -> String {
+    let [across, up] = [map.edges[0].len() - 1, map.edges[1].len() - 1];
+    let (low, high) = map.cells.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), cell| {
+        (low.min(cell.relative), high.max(cell.relative))
+    });
+    let (width, height) = (270.0 / across as f64, 200.0 / up as f64);
+    let mut svg = String::from(
+        "<svg viewBox=\"0 0 340 262\" role=\"img\" aria-label=\"Map\" font-size=\"11\" fill=\"var(--ink)\">",
+    );
+    for cell in &map.cells {
+        let share = if high > low { (cell.relative - low) / (high - low) } else { 0.5 };
+        let _ = write!(
+            svg,
+            "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"color-mix(in srgb,var(--more) {:.0}%,var(--less))\">\
+             <title>{} trials: {:.3}</title></rect>",
+            44.0 + cell.at[0] as f64 * width,
+            8.0 + (up - 1 - cell.at[1]) as f64 * height,
+            share * 100.0,
+            cell.trials,
+            cell.relative
+        );
+    }
+    for (edges, is_across) in [(&map.edges[0], true), (&map.edges[1], false)] {
+        for share in [0.0, 0.5, 1.0] {
+            let value = rounded(edges[((edges.len() - 1) as f64 * share).round() as usize]);
+            let (x, y, anchor) = match is_across {
+                true => (44.0 + 270.0 * share, 222.0, "middle"),
+                false => (40.0, 212.0 - 200.0 * share, "end"),
+            };
+            let _ = write!(svg, "<text x=\"{x:.0}\" y=\"{y:.0}\" text-anchor=\"{anchor}\">{value}</text>");
+        }
+    }
+    let [x, y] = &map.parameters;
+    let _ = write!(
+        svg,
+        "<text x=\"180\" y=\"238\" text-anchor=\"middle\">{} across, {} up</text>\
+         <text x=\"180\" y=\"255\" text-anchor=\"middle\">from {low:.2} (blue) to {high:.2} (red)</text></svg>",
+        escaped(x),
+        escaped(y)
+    );
+    format!("<div class=\"card\"><h3>{}</h3>{svg}</div>", escaped(&map.metric))
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

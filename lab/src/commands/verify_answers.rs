@@ -1,0 +1,225 @@
+//! `evaluate verify` and `evaluate judge`: what predictors answer to a record, measured, and held against the searches.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::Args;
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
+use treewright_client::Configuration;
+use treewright_render_cli::error::{CliError, write_file};
+use treewright_render_cli::interrupt::Interrupt;
+use treewright_render_cli::output;
+use treewright_renderer::limits::ROUNDS_MAX;
+use treewright_renderer::space::TuningSpace;
+use treewright_renderer::tuning::objective::Objective;
+
+use super::evaluate::{Progress, SceneArguments, add_best, space};
+use crate::evaluation::answers::{Answers, School};
+use crate::evaluation::folds::{Fold, folds};
+use crate::evaluation::judge::{Verdict, judge as judged};
+use crate::evaluation::measure::Stage;
+use crate::evaluation::page::{Told, html, markdown, tables};
+use crate::evaluation::record::{Clock, GroupKind, Line, OpenRecord, Place, Record, Search};
+use crate::evaluation::summary::standings;
+
+/// How cameras are parted, the same in both commands.
+#[derive(Args, Clone, Debug)]
+pub(super) struct FoldArguments {
+    /// The record.
+    #[arg(long, value_name = "FILE.jsonl")]
+    record: PathBuf,
+
+    /// Random partings of the cameras.
+    #[arg(long, value_name = "N", default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    folds: u32,
+
+    /// Of these partings.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    fold_seed: u64,
+
+    /// The search that is taken for the baseline.
+    #[arg(long, value_name = "NAME", default_value = "nelder_mead")]
+    search: String,
+}
+
+/// Arguments of `evaluate verify`.
+#[derive(Args, Clone, Debug)]
+pub(super) struct VerifyArguments {
+    #[command(flatten)]
+    folds: FoldArguments,
+
+    #[command(flatten)]
+    scenes: SceneArguments,
+
+    /// Rounds in which answers are measured.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
+    rounds: u32,
+
+    /// Begin no measurement after so many seconds.
+    #[arg(long, value_name = "S")]
+    seconds: Option<u64>,
+}
+
+/// Arguments of `evaluate judge` and `report`.
+#[derive(Args, Clone, Debug)]
+pub(super) struct JudgeArguments {
+    #[command(flatten)]
+    folds: FoldArguments,
+
+    /// Read costs from this clock in place of the one that the searches went by.
+    #[arg(long, value_enum)]
+    clock: Option<Clock>,
+
+    /// Write the numbers into this folder, and the page with `report`.
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+}
+
+/// A record with everything that can be computed from it.
+struct Examined {
+    record: Record,
+    space: TuningSpace,
+    /// Places where every objective was searched and the fixed configurations were measured.
+    complete: BTreeSet<Place>,
+    objectives: Vec<Objective>,
+    by_objective: Vec<Vec<(Fold, Answers)>>,
+}
+
+impl Examined {
+    fn new(arguments: &FoldArguments) -> Result<Self, CliError> {
+        let mut record = Record::read(&arguments.record)?;
+        record.searches.retain(|search| search.method == arguments.search);
+        let space = space(&record.conditions);
+        let objectives: Vec<Objective> = Objective::ALL
+            .into_iter()
+            .filter(|objective| record.searches.iter().any(|search| search.objective == objective.name()))
+            .collect();
+        let complete = complete(&record, &objectives);
+        if complete.is_empty() {
+            return Err(CliError::Failed(format!(
+                "{} has no camera yet that is complete; `evaluate record` goes on with it",
+                arguments.record.display()
+            )));
+        }
+        let parted = folds(&complete, arguments.folds, arguments.fold_seed);
+        let mut by_objective = Vec::new();
+        for objective in &objectives {
+            let searches = record
+                .searches
+                .iter()
+                .filter(|search| search.objective == objective.name() && complete.contains(&search.place));
+            let school = School::new(space.space(), *objective, record.conditions.clock, searches)?;
+            let answered: Result<Vec<_>, CliError> =
+                parted.par_iter().map(|fold| Ok((fold.clone(), school.answers(fold)?))).collect();
+            by_objective.push(answered?);
+        }
+        Ok(Self { record, space, complete, objectives, by_objective })
+    }
+
+    /// What has to be measured at each place.
+    fn wanted(&self) -> BTreeMap<&Place, BTreeSet<&Configuration>> {
+        let mut wanted: BTreeMap<&Place, BTreeSet<&Configuration>> = BTreeMap::new();
+        for (_, answers) in self.by_objective.iter().flatten() {
+            for ((place, _), answer) in answers {
+                wanted.entry(place).or_default().insert(answer);
+            }
+        }
+        wanted
+    }
+}
+
+fn complete(record: &Record, objectives: &[Objective]) -> BTreeSet<Place> {
+    let searched = |place: &Place, objective: &Objective| {
+        record.searches.iter().any(|one| one.place == *place && one.objective == objective.name())
+    };
+    let places = record.searches.iter().map(|search| search.place.clone());
+    places
+        .filter(|place| objectives.iter().all(|objective| searched(place, objective)))
+        .filter(|place| record.groups.contains_key(&(GroupKind::Fixed, place.clone())))
+        .collect()
+}
+
+/// Measures what is answered and was not measured at its place.
+pub(super) fn run(arguments: &VerifyArguments) -> Result<(), CliError> {
+    let examined = Examined::new(&arguments.folds)?;
+    let conditions = &examined.record.conditions;
+    let entries = arguments.scenes.entries()?;
+    let mut open = OpenRecord::open(&arguments.folds.record, conditions)?;
+    let mut missing: BTreeMap<&str, Vec<(&Place, Vec<Configuration>)>> = BTreeMap::new();
+    for (place, answers) in examined.wanted() {
+        let mut all: Vec<Configuration> = answers.into_iter().cloned().collect();
+        add_best(&open, place, &mut all);
+        let group = open.record.groups.get(&(GroupKind::Answers, place.clone()));
+        let is_there = |one: &Configuration| {
+            group.is_some_and(|group| group.members.iter().any(|member| member.configuration == *one))
+        };
+        if !all.iter().all(is_there) {
+            missing.entry(&place.scene).or_default().push((place, all));
+        }
+    }
+    let count = missing.values().map(Vec::len).sum();
+    eprintln!("answers at {count} cameras are not measured yet");
+    let (interrupt, mut progress) = (Interrupt::listen(), Progress::new(count, arguments.seconds));
+    let space = Arc::new(examined.space.clone());
+    for (scene, places) in missing {
+        let entry = entries.iter().find(|entry| entry.name == scene);
+        let entry = entry.ok_or_else(|| {
+            CliError::Usage(format!(
+                "the record has a scene {scene}; say where it is with --scene {scene}=PATH"
+            ))
+        })?;
+        let mut stage = Stage::new(scene, &entry.load()?, &space, conditions)?;
+        for (place, configurations) in places {
+            if progress.is_over() {
+                eprintln!("the time is up; the same command goes on from here");
+                return Ok(());
+            }
+            let go_on = || !interrupt.requested();
+            let group =
+                stage.group(GroupKind::Answers, place.camera, &configurations, arguments.rounds, go_on);
+            open.add(Line::Group(group.ok_or(CliError::Interrupted)?))?;
+            progress.step(&format!(
+                "{scene} camera {}: {} configurations",
+                place.camera,
+                configurations.len()
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Judges a record and writes what that says, as a page too where it is asked for.
+pub(super) fn judge(arguments: &JudgeArguments, page: bool) -> Result<(), CliError> {
+    let examined = Examined::new(&arguments.folds)?;
+    let clock = arguments.clock.unwrap_or(examined.record.conditions.clock);
+    let mut verdicts: Vec<Verdict> = Vec::new();
+    for (objective, answered) in examined.objectives.iter().zip(&examined.by_objective) {
+        let searches: BTreeMap<Place, &Search> = examined
+            .record
+            .searches
+            .iter()
+            .filter(|search| {
+                search.objective == objective.name() && examined.complete.contains(&search.place)
+            })
+            .map(|search| (search.place.clone(), search))
+            .collect();
+        verdicts.push(judged(&examined.record, *objective, clock, &searches, answered)?);
+    }
+    let told =
+        Told { record: &examined.record, clock, complete: examined.complete.len(), verdicts: &verdicts };
+    let failed = |error: std::io::Error| CliError::Failed(format!("{}: {error}", arguments.out.display()));
+    std::fs::create_dir_all(&arguments.out).map_err(failed)?;
+    for (name, text) in tables(&told) {
+        write_file(&arguments.out.join(name), text.as_bytes())?;
+    }
+    let all: Vec<_> = verdicts.iter().flat_map(standings).collect();
+    write_file(&arguments.out.join("evaluation.json"), output::to_json(&all)?.as_bytes())?;
+    let text = markdown(&told);
+    write_file(&arguments.out.join("evaluation.md"), text.as_bytes())?;
+    if page {
+        write_file(&arguments.out.join("report.html"), html(&told).as_bytes())?;
+    }
+    print!("{text}");
+    Ok(())
+}

@@ -1,0 +1,291 @@
+//! What predictions are worth, from a record alone (paper, section 7).
+//!
+//! At every camera that examines, the configuration that a predictor answered is held against four: the mean of the
+//! search's iterations (Figures 12 and 15), the best that the search found (the roofline, Figures 13 and 16), the best fixed
+//! configuration by the cameras that teach, and the recommended default. A search's best of eighty measurements is partly
+//! luck; so it was measured again in the same rounds as the answers, and that is what counts here. The single measurement,
+//! which is the paper's roofline, stands beside it.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use treewright_client::Configuration;
+use treewright_render_cli::error::CliError;
+use treewright_renderer::statistics::Summary;
+use treewright_renderer::tuning::objective::Objective;
+
+use super::answers::Answers;
+use super::folds::{Fold, Split};
+use super::measure::best;
+use super::record::{Clock, Group, GroupKind, Place, Record, Search};
+
+/// Break-even points beyond this many iterations are counted and not drawn, as in the paper.
+pub(crate) const BREAK_EVEN_MAX: f64 = 10_000.0;
+
+/// When the search, all its iterations counted, has taken less time than the prediction would have.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum BreakEven {
+    /// After so many iterations.
+    At(f64),
+    /// After more than are drawn.
+    Late,
+    /// Never: the prediction is at least as good as what the search found.
+    Never,
+}
+
+/// A search at one camera, and what everybody is held against there.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Ground {
+    pub(crate) place: Place,
+    /// Mean of the iterations that were measured, in milliseconds.
+    pub(crate) search_mean_ms: f64,
+    pub(crate) measured: usize,
+    /// Iterations that could not be built.
+    pub(crate) failed: usize,
+    /// The least of them all: the paper's roofline.
+    pub(crate) roofline_once_ms: f64,
+    /// The best configuration measured again.
+    pub(crate) roofline_ms: f64,
+    /// How many times faster it is than the recommended default, in the same rounds.
+    pub(crate) search_over_default: f64,
+    /// Cost of every iteration, in milliseconds; absent where it failed.
+    pub(crate) curve_ms: Vec<Option<f64>>,
+}
+
+/// An answer at one camera in one fold.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Row {
+    pub(crate) split: Split,
+    pub(crate) fold: usize,
+    pub(crate) entrant: String,
+    pub(crate) place: Place,
+    /// Median of its rounds, in milliseconds.
+    pub(crate) predicted_ms: f64,
+    /// How many times faster so many frames are than those of the search.
+    pub(crate) over_search: f64,
+    /// Its speed over that of the roofline, measured in the same rounds: 1 is level, more is better.
+    pub(crate) of_roofline: f64,
+    /// The same over the single measurement.
+    pub(crate) of_roofline_once: f64,
+    pub(crate) over_default: f64,
+    pub(crate) over_fixed: f64,
+    pub(crate) break_even: BreakEven,
+    /// What the search cost beyond having known the best from the start, and what the prediction did, in milliseconds.
+    pub(crate) search_overhead_ms: f64,
+    pub(crate) prediction_overhead_ms: f64,
+}
+
+/// Everything about one objective.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Verdict {
+    pub(crate) objective: Objective,
+    pub(crate) grounds: Vec<Ground>,
+    pub(crate) rows: Vec<Row>,
+    /// The best fixed configuration over all cameras, for people.
+    pub(crate) fixed: Option<String>,
+    /// How many times faster what the search found is than the best fixed one of the other cameras, camera by camera.
+    pub(crate) search_over_fixed: Vec<f64>,
+    /// Answers that cannot be run at the camera they were given for.
+    pub(crate) infeasible: usize,
+}
+
+/// Judges the answers to one objective.
+pub(crate) fn judge(
+    record: &Record,
+    objective: Objective,
+    clock: Clock,
+    searches: &BTreeMap<Place, &Search>,
+    folds: &[(Fold, Answers)],
+) -> Result<Verdict, CliError> {
+    let view = View { record, objective, clock };
+    let grounds: BTreeMap<&Place, Ground> =
+        searches.iter().filter_map(|(place, search)| Some((place, view.ground(search)?))).collect();
+    let (mut rows, mut infeasible) = (Vec::new(), 0);
+    let mut search_over_fixed = Vec::new();
+    for (number, (fold, answers)) in folds.iter().enumerate() {
+        let fixed = view.best_fixed(&fold.teach);
+        if fold.split == Split::Scene {
+            for place in &fold.examine {
+                let found = grounds.get(place).map(|_| searches[place]);
+                search_over_fixed.extend(found.and_then(|search| view.over_fixed(search, fixed.as_ref())));
+            }
+        }
+        for ((place, entrant), answer) in answers {
+            let Some(ground) = grounds.get(place) else { continue };
+            let group = view.group(GroupKind::Answers, place)?;
+            let Some(predicted_ms) = view.cost_in(group, answer) else {
+                if group.members.iter().any(|member| member.configuration == *answer) {
+                    infeasible += 1;
+                    continue;
+                }
+                return Err(CliError::Failed(format!(
+                    "what {entrant} answers at camera {} of {} was not measured; run `evaluate verify` first",
+                    place.camera, place.scene
+                )));
+            };
+            let best_ms = view.best_cost(place, group).unwrap_or(predicted_ms);
+            let frames = ground.measured as f64;
+            let search_ms = ground.search_mean_ms * frames;
+            let bound_ms = best_ms.min(predicted_ms);
+            let in_fixed =
+                |other: Option<f64>| other.map_or(f64::NAN, |other| other * best_ms / predicted_ms);
+            rows.push(Row {
+                split: fold.split,
+                fold: number,
+                entrant: entrant.clone(),
+                place: place.clone(),
+                predicted_ms,
+                over_search: ground.search_mean_ms / predicted_ms,
+                of_roofline: best_ms / predicted_ms,
+                of_roofline_once: ground.roofline_once_ms / predicted_ms,
+                over_default: ground.search_over_default * best_ms / predicted_ms,
+                over_fixed: in_fixed(view.over_fixed(searches[place], fixed.as_ref())),
+                break_even: break_even(&ground.curve_ms, best_ms, predicted_ms),
+                search_overhead_ms: (search_ms - frames * bound_ms).max(0.0),
+                prediction_overhead_ms: frames * (predicted_ms - bound_ms),
+            });
+        }
+    }
+    let all: Vec<Place> = searches.keys().cloned().collect();
+    let fixed = view.best_fixed(&all).map(|fixed| fixed.to_string());
+    Ok(Verdict {
+        objective,
+        grounds: grounds.into_values().collect(),
+        rows,
+        fixed,
+        search_over_fixed,
+        infeasible,
+    })
+}
+
+/// A record by one objective and clock.
+struct View<'a> {
+    record: &'a Record,
+    objective: Objective,
+    clock: Clock,
+}
+
+impl View<'_> {
+    fn group(&self, kind: GroupKind, place: &Place) -> Result<&Group, CliError> {
+        self.record.groups.get(&(kind, place.clone())).ok_or_else(|| {
+            CliError::Failed(format!(
+                "camera {} of {} was not measured again; run `evaluate verify` first",
+                place.camera, place.scene
+            ))
+        })
+    }
+
+    /// Median over the rounds; `None` for who is not there or cannot be run.
+    fn cost_in(&self, group: &Group, configuration: &Configuration) -> Option<f64> {
+        let member = group.members.iter().find(|member| member.configuration == *configuration)?;
+        let costs: Option<Vec<f64>> =
+            member.rounds.iter().map(|times| self.clock.cost(self.objective, times)).collect();
+        let costs = costs.filter(|costs| !costs.is_empty() && member.failure.is_none())?;
+        Some(Summary::of(&costs).median)
+    }
+
+    fn search(&self, place: &Place) -> Option<&Search> {
+        let mut own = self.record.searches.iter().filter(|one| one.place == *place);
+        own.find(|one| one.objective == self.objective.name())
+    }
+
+    /// What the search at a place found, measured in a group.
+    fn best_cost(&self, place: &Place, group: &Group) -> Option<f64> {
+        let (found, _) = best(self.search(place)?, self.objective, self.clock)?;
+        self.cost_in(group, &found.configuration)
+    }
+
+    fn ground(&self, search: &Search) -> Option<Ground> {
+        let (found, once) = best(search, self.objective, self.clock)?;
+        let fixed = self.record.groups.get(&(GroupKind::Fixed, search.place.clone()))?;
+        let again = self.cost_in(fixed, &found.configuration)?;
+        // The default is the first of the group.
+        let default = self.cost_in(fixed, &fixed.members.first()?.configuration)?;
+        let curve_ms: Vec<Option<f64>> = search
+            .iterations
+            .iter()
+            .map(|iteration| self.clock.cost(self.objective, iteration.times.as_ref()?))
+            .collect();
+        let measured = curve_ms.iter().flatten().count();
+        Some(Ground {
+            place: search.place.clone(),
+            search_mean_ms: curve_ms.iter().flatten().sum::<f64>() / measured.max(1) as f64,
+            measured,
+            failed: curve_ms.len() - measured,
+            roofline_once_ms: once,
+            roofline_ms: again,
+            search_over_default: default / again,
+            curve_ms,
+        })
+    }
+
+    /// The fixed configuration with the least geometric mean over the default, by these places.
+    fn best_fixed(&self, places: &[Place]) -> Option<Configuration> {
+        let mut sums: BTreeMap<&Configuration, (f64, usize)> = BTreeMap::new();
+        let mut groups = 0;
+        for place in places {
+            let Some(group) = self.record.groups.get(&(GroupKind::Fixed, place.clone())) else { continue };
+            let Some(default) = group.members.first().and_then(|one| self.cost_in(group, &one.configuration))
+            else {
+                continue;
+            };
+            groups += 1;
+            for member in &group.members {
+                if let Some(cost) = self.cost_in(group, &member.configuration) {
+                    let sum = sums.entry(&member.configuration).or_default();
+                    *sum = (sum.0 + (cost / default).ln(), sum.1 + 1);
+                }
+            }
+        }
+        // What searches found stands beside them at its own camera alone.
+        let everywhere = sums.into_iter().filter(|(_, (_, count))| *count == groups && groups > 0);
+        let best = everywhere.min_by(|a, b| (a.1.0).total_cmp(&b.1.0).then_with(|| a.0.cmp(b.0)));
+        best.map(|(configuration, _)| configuration.clone())
+    }
+
+    /// How many times faster what a search found is than a fixed configuration, in the same rounds.
+    fn over_fixed(&self, search: &Search, fixed: Option<&Configuration>) -> Option<f64> {
+        let group = self.record.groups.get(&(GroupKind::Fixed, search.place.clone()))?;
+        let (found, _) = best(search, self.objective, self.clock)?;
+        Some(self.cost_in(group, fixed?)? / self.cost_in(group, &found.configuration)?)
+    }
+}
+
+/// From when on the search, which goes on with its best after its last iteration, has taken less time in all.
+fn break_even(curve_ms: &[Option<f64>], best_ms: f64, predicted_ms: f64) -> BreakEven {
+    if predicted_ms <= best_ms {
+        return BreakEven::Never;
+    }
+    let (mut behind_ms, mut last, mut count) = (0.0, 0, 0);
+    for cost in curve_ms.iter().flatten() {
+        count += 1;
+        behind_ms += cost - predicted_ms;
+        if behind_ms > 0.0 {
+            last = count;
+        }
+    }
+    let at = match last == count {
+        true => f64::from(count) + behind_ms / (predicted_ms - best_ms),
+        false => f64::from(last + 1),
+    };
+    if at > BREAK_EVEN_MAX { BreakEven::Late } else { BreakEven::At(at) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_search_is_ahead_once_its_detours_are_paid_for() {
+        let curve = |costs: &[f64]| -> Vec<Option<f64>> { costs.iter().copied().map(Some).collect() };
+        // Ten iterations cost 20 each; each later frame saves 1: behind by 10 * 9, so 90 more.
+        assert_eq!(break_even(&curve(&[20.0; 10]), 10.0, 11.0), BreakEven::At(100.0));
+        assert_eq!(break_even(&curve(&[20.0; 10]), 10.0, 10.0), BreakEven::Never);
+        assert_eq!(break_even(&curve(&[20.0; 10]), 10.0, 10.001), BreakEven::Late);
+        // Behind in the first only.
+        assert_eq!(break_even(&curve(&[12.0, 5.0, 5.0]), 5.0, 10.0), BreakEven::At(2.0));
+        assert_eq!(break_even(&curve(&[5.0, 5.0]), 5.0, 10.0), BreakEven::At(1.0));
+        assert_eq!(break_even(&[None, Some(20.0), None], 10.0, 15.0), BreakEven::At(2.0));
+    }
+}

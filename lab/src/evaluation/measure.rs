@@ -1,0 +1,237 @@
+//! A search at one place, and groups of configurations in interleaved rounds.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use treewright_client::{Configuration, Indicators, Outcome};
+use treewright_core::policy::SearchMethod;
+use treewright_core::search::{AnySearch, Feedback, Layout, SearchSetup, Verdict, levels};
+use treewright_render_cli::error::CliError;
+use treewright_renderer::disturbance::Watch;
+use treewright_renderer::film::Film;
+use treewright_renderer::frame::{FrameTimes, Renderer};
+use treewright_renderer::integrator::View;
+use treewright_renderer::space::TuningSpace;
+use treewright_renderer::tuning::objective::Objective;
+use treewright_renderer::tuning::search::{SearchSetting, trial};
+use treewright_renderer::tuning::verdict;
+use treewright_renderer::tuning::workload::Workload;
+use treewright_scene::camera_path::CameraPath;
+use treewright_scene::indicators::SceneIndicators;
+use treewright_scene::{Camera, Scene};
+
+use super::record::{Clock, Conditions, Group, GroupKind, Iteration, Member, Place, Search};
+
+/// Seed of the rays: the same for everybody.
+const RAYS_SEED: u64 = 1;
+
+/// A scene that is ready to be rendered from the cameras of its path.
+#[derive(Debug)]
+pub(crate) struct Stage {
+    pub(crate) name: String,
+    renderer: Renderer,
+    space: Arc<TuningSpace>,
+    cameras: Vec<Camera>,
+    scene: SceneIndicators,
+    workload: Workload,
+    conditions: Conditions,
+    film: Film,
+}
+
+impl Stage {
+    /// Sets a scene up. Cameras stand in the middle of equal parts of the path, so that none comes twice where a path ends
+    /// where it began.
+    pub(crate) fn new(
+        name: &str,
+        scene: &Arc<Scene>,
+        space: &Arc<TuningSpace>,
+        conditions: &Conditions,
+    ) -> Result<Self, CliError> {
+        let [width, height] = conditions.size;
+        let path = CameraPath::of(scene);
+        let moment = |camera: u32| (camera as f32 + 0.5) / conditions.cameras as f32;
+        Ok(Self {
+            name: name.to_owned(),
+            renderer: Renderer::new(scene.clone(), conditions.threads)?,
+            space: Arc::clone(space),
+            cameras: (0..conditions.cameras).map(|camera| path.sample(moment(camera))).collect(),
+            scene: SceneIndicators::of(scene),
+            workload: Workload::of(scene, width, height, conditions.bounces),
+            conditions: conditions.clone(),
+            film: Film::new(width, height),
+        })
+    }
+
+    /// One of its cameras by name.
+    pub(crate) fn place(&self, camera: u32) -> Place {
+        Place { scene: self.name.clone(), camera }
+    }
+
+    /// What is known of a place.
+    pub(crate) fn state(&self, camera: u32) -> Indicators {
+        self.workload.state(&self.scene.with_camera(&self.cameras[camera as usize]))
+    }
+
+    /// How one configuration is measured: one frame of the same rays.
+    fn setting(&self, camera: u32, objective: Objective) -> SearchSetting {
+        let view =
+            View { camera: self.cameras[camera as usize], seed: RAYS_SEED, bounces: self.conditions.bounces };
+        SearchSetting {
+            objective,
+            space: Arc::clone(&self.space),
+            baseline: verdict::baseline(self.space.preset()).choice,
+            view,
+            width: self.conditions.size[0],
+            height: self.conditions.size[1],
+            frames: 1,
+            indicators: self.state(camera),
+        }
+    }
+
+    /// Runs a search of the core: every iteration builds and renders, whatever was measured before, as in the paper.
+    /// `None` when it was told to stop.
+    pub(crate) fn search(
+        &mut self,
+        camera: u32,
+        objective: Objective,
+        method: SearchMethod,
+        mut go_on: impl FnMut() -> bool,
+    ) -> Result<Option<Search>, CliError> {
+        let setting = self.setting(camera, objective);
+        let space = self.space.space();
+        let mut search = AnySearch::new(method, self.setup(camera));
+        let mut known: BTreeMap<Configuration, u32> = BTreeMap::new();
+        let mut iterations = Vec::new();
+        // The first frames of a process or scene are slower than all others.
+        trial(&mut self.renderer, &self.space.default_configuration(), None, &setting, &mut self.film);
+        let watch = Watch::begin();
+        let mut frame_ms = Vec::new();
+        while iterations.len() < self.conditions.iterations as usize {
+            if !go_on() {
+                return Ok(None);
+            }
+            let Some(point) = search.ask() else {
+                return Err(CliError::Failed(format!("the search {} has no further point", method.name())));
+            };
+            let configuration: Configuration = space.decode(&point.x).to_raw().into();
+            let (outcome, times) = trial(&mut self.renderer, &configuration, None, &setting, &mut self.film);
+            let cost = times.and_then(|times| self.conditions.clock.cost(objective, &times));
+            frame_ms.extend(times.map(|times| times.render_ms));
+            let fresh = known.insert(configuration.clone(), 1).is_none();
+            search
+                .tell(point.id, Feedback { verdict: cost.map_or(Verdict::Infeasible, Verdict::Cost), fresh });
+            let step = point.step.name().to_owned();
+            iterations.push(Iteration { configuration, step, outcome, times });
+        }
+        Ok(Some(Search {
+            objective: objective.name().to_owned(),
+            method: method.name().to_owned(),
+            place: self.place(camera),
+            state: setting.indicators.iter().map(|(name, value)| (name.to_owned(), value)).collect(),
+            iterations,
+            other_cores: watch.end(self.renderer.threads(), &frame_ms).other_cores,
+        }))
+    }
+
+    fn setup(&self, camera: u32) -> SearchSetup {
+        let space = self.space.space();
+        // Each place draws points of its own.
+        let state_id =
+            self.name.bytes().fold(u64::from(camera), |sum, byte| sum.wrapping_mul(31) + u64::from(byte));
+        SearchSetup {
+            seed: self.conditions.seed,
+            state_id,
+            start: space.encode(space.default_ref()),
+            budget: self.conditions.iterations,
+            levels: levels(space),
+            layout: Layout::of(space),
+        }
+    }
+
+    /// Builds and renders all configurations in every round, each round in another order. `None` when it was told to stop.
+    pub(crate) fn group(
+        &mut self,
+        kind: GroupKind,
+        camera: u32,
+        configurations: &[Configuration],
+        rounds: u32,
+        mut go_on: impl FnMut() -> bool,
+    ) -> Option<Group> {
+        let setting = self.setting(camera, Objective::Total);
+        let member = |configuration: &Configuration| Member {
+            configuration: configuration.clone(),
+            rounds: Vec::new(),
+            failure: None,
+        };
+        let mut members: Vec<Member> = configurations.iter().map(member).collect();
+        let count = members.len();
+        if let Some(first) = configurations.first() {
+            trial(&mut self.renderer, first, None, &setting, &mut self.film);
+        }
+        let watch = Watch::begin();
+        for round in 0..rounds as usize {
+            for turn in 0..count {
+                if !go_on() {
+                    return None;
+                }
+                // An odd stride in every second round also turns neighbours round.
+                let index =
+                    if round % 2 == 0 { (round + turn) % count } else { (round + count - turn) % count };
+                let member = &mut members[index];
+                if member.failure.is_some() {
+                    continue;
+                }
+                match trial(&mut self.renderer, &member.configuration, None, &setting, &mut self.film) {
+                    (_, Some(times)) => member.rounds.push(times),
+                    (outcome, None) => member.failure = Some(reason(&outcome)),
+                }
+            }
+        }
+        let frame_ms: Vec<f64> = members.iter().flat_map(|member| render_ms(&member.rounds)).collect();
+        let other_cores = watch.end(self.renderer.threads(), &frame_ms).other_cores;
+        Some(Group { kind, place: self.place(camera), members, other_cores })
+    }
+}
+
+fn render_ms(rounds: &[FrameTimes]) -> impl Iterator<Item = f64> {
+    rounds.iter().map(|times| times.render_ms)
+}
+
+fn reason(outcome: &Outcome) -> String {
+    match outcome {
+        Outcome::Infeasible { reason } | Outcome::Failed { reason } => reason.clone(),
+        _ => "it was not measured".to_owned(),
+    }
+}
+
+/// The iteration that did best by a clock, as the paper's roofline has it.
+pub(crate) fn best(search: &Search, objective: Objective, clock: Clock) -> Option<(&Iteration, f64)> {
+    let costs = search
+        .iterations
+        .iter()
+        .filter_map(|iteration| Some((iteration, clock.cost(objective, iteration.times.as_ref()?)?)));
+    costs.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// So many cameras, spread evenly whenever one stops: the bits of 0, 1, 2, … turned round.
+pub(crate) fn spread(count: u32) -> Vec<u32> {
+    let bits = count.next_power_of_two().trailing_zeros();
+    let turned = |index: u32| if bits == 0 { 0 } else { index.reverse_bits() >> (32 - bits) };
+    (0..count.next_power_of_two()).map(turned).filter(|camera| *camera < count).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_are_spread_and_each_comes_once() {
+        assert_eq!(spread(8), [0, 4, 2, 6, 1, 5, 3, 7]);
+        for count in [1, 2, 3, 20, 100] {
+            let mut all = spread(count);
+            assert!(all.len() == count as usize);
+            all.sort_unstable();
+            assert!(all.into_iter().eq(0..count), "{count}");
+        }
+    }
+}

@@ -1,0 +1,26 @@
+//! The paper's section 7: what searches and predictors are worth along a camera path of every scene.
+//!
+//! Recording and judging are apart. Recording renders: searches of every camera, fixed configurations, and whatever the
+//! predictors answered. Judging computes, from the record alone and the same each time, so that predictors are
+//! compared on one data set as often as one likes.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | `record` | what was measured, as JSON Lines: only added to, so that a run that was stopped goes on where it stood |
+//! | `measure` | a search, and groups of configurations in interleaved rounds |
+//! | `folds` | which cameras teach and which examine: random splits, and each scene left out |
+//! | `answers` | predictors of the core, taught a fold, asked about its other cameras |
+//! | `fixed` | configurations by hand, the best of which is the fixed one |
+//! | `judge` | each answer against the search, its best, the default and the best fixed configuration |
+//! | `summary` | over all cameras: means, intervals, shares |
+//! | `figures`, `page` | the paper's figures, as SVG and as a report in words |
+
+pub(crate) mod answers;
+pub(crate) mod figures;
+pub(crate) mod fixed;
+pub(crate) mod folds;
+pub(crate) mod judge;
+pub(crate) mod measure;
+pub(crate) mod page;
+pub(crate) mod record;
+pub(crate) mod summary;

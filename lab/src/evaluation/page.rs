@@ -1,0 +1,357 @@
+//! The evaluation in words, tables and figures: one page without anything from outside, and the numbers behind it as CSV.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use treewright_renderer::tuning::objective::Objective;
+
+use super::answers::entrants;
+use super::figures::{boxes, break_even, curve, escaped, legend};
+use super::folds::Split;
+use super::judge::{BreakEven, Verdict};
+use super::record::{Clock, Record};
+use super::summary::{Mean, Standing, mean_of, standings};
+
+/// More of other programs than this on average, and times are called disturbed.
+const OTHER_CORES: f64 = 0.25;
+
+const STYLE: &str = "\
+:root{color-scheme:light dark;--paper:#fbfaf7;--card:#fff;--ink:#1d1f24;--soft:#5c616b;--line:#dcdad4;--warn:#fff0c9;\
+--c0:#1c8a4d;--c1:#7a3fb5;--c2:#b58bd6;--c3:#2167b0;--c4:#c9741a;--c5:#8a6d1d;--c6:#c23a3a;--c7:#4a8f98}\
+@media(prefers-color-scheme:dark){:root{--paper:#16181c;--card:#1f2228;--ink:#e9e7e2;--soft:#a4a8b1;--line:#3a3e46;--warn:#4a3d14;\
+--c0:#58c98a;--c1:#bd8cf0;--c2:#8f6bb0;--c3:#7db4f0;--c4:#f0a050;--c5:#d9bb66;--c6:#ef7d7d;--c7:#7cc4cd}}\
+*{box-sizing:border-box}body{margin:0;background:var(--paper);color:var(--ink);font:1rem/1.55 system-ui,sans-serif}\
+main{max-width:64rem;margin:0 auto;padding:1.2rem .8rem 4rem}h1{line-height:1.2;text-wrap:balance}h2{margin:2.6rem 0 .4rem}h3{margin:1.6rem 0 .3rem}\
+p,li{max-width:46rem}.soft{color:var(--soft);font-size:.9rem}.warn{background:var(--warn);padding:.6rem .8rem;border-radius:.4rem}\
+.card{background:var(--card);border:1px solid var(--line);border-radius:.5rem;padding:.5rem;min-width:0;margin:.6rem 0}\
+table{border-collapse:collapse;width:100%;font-size:.86rem;font-variant-numeric:tabular-nums}\
+th,td{padding:.25rem .35rem;text-align:right;border-bottom:1px solid var(--line)}th:first-child,td:first-child{text-align:left}\
+th{color:var(--soft);font-weight:600}svg{display:block;width:100%;height:auto}code{font-size:.88em;overflow-wrap:anywhere}\
+.legend{display:flex;flex-wrap:wrap;gap:.1rem 1.1rem;list-style:none;padding:0;margin:.4rem 0;font-size:.85rem;color:var(--soft)}\
+.legend i{display:inline-block;width:.8rem;height:.8rem;margin-right:.35rem;vertical-align:-.1rem}\
+@media(max-width:600px){svg{font-size:17px}table,tbody,tr,td{display:block}tr{border-bottom:1px solid var(--line);padding:.4rem 0}\
+tr:first-child{display:none}td{border:0;text-align:left;padding:.05rem 0}td:first-child{font-weight:650}td[data-l]::before{content:attr(data-l)\": \";color:var(--soft)}}";
+
+/// Whatever is told of a record beside its verdicts.
+#[derive(Clone, Debug)]
+pub(crate) struct Told<'a> {
+    pub(crate) record: &'a Record,
+    pub(crate) clock: Clock,
+    /// Cameras that are complete.
+    pub(crate) complete: usize,
+    pub(crate) verdicts: &'a [Verdict],
+}
+
+impl Told<'_> {
+    fn scenes(&self) -> Vec<&str> {
+        let mut all: Vec<&str> = self.record.searches.iter().map(|one| one.place.scene.as_str()).collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
+    /// What a reader has to know before any figure: that recording was stopped, and that the machine had other work.
+    pub(crate) fn warnings(&self) -> Vec<String> {
+        let mut all = Vec::new();
+        let expected = self.scenes().len() * self.record.conditions.cameras as usize;
+        if self.complete < expected {
+            all.push(format!(
+                "Recording was stopped: {} of {expected} cameras are complete, and only they count here.",
+                self.complete
+            ));
+        }
+        let mut other: Vec<f64> =
+            self.record.searches.iter().filter_map(|search| search.other_cores).collect();
+        other.sort_by(f64::total_cmp);
+        if let Some(median) = other.get(other.len() / 2).filter(|median| **median > OTHER_CORES) {
+            let clock = match self.clock {
+                Clock::Cpu => {
+                    "Times are processor times, which that disturbs less, but not nothing: caches are shared."
+                }
+                Clock::Wall => "Times are by the clock on the wall: take them for rough.",
+            };
+            all.push(format!(
+                "The machine had other work: {median:.1} cores at the median of all searches. {clock}"
+            ));
+        }
+        all
+    }
+
+    /// The first page in words, one sentence each.
+    pub(crate) fn words(&self) -> Vec<String> {
+        let mut all = Vec::new();
+        for verdict in self.verdicts {
+            let (name, all_standings) = (verdict.objective.name(), standings(verdict));
+            let over_default =
+                mean_of(&verdict.grounds.iter().map(|ground| ground.search_over_default).collect::<Vec<_>>());
+            let over_fixed = mean_of(&verdict.search_over_fixed);
+            all.push(format!(
+                "For {name} time, a search of {} iterations found what is {over_default} times as fast as the recommended default and \
+                 {over_fixed} times as fast as the best fixed configuration of the other scenes.",
+                self.record.conditions.iterations
+            ));
+            for split in [Split::Random, Split::Scene] {
+                let candidates = all_standings.iter().filter(|one| one.split == split && one.scene.is_none());
+                let Some(best) = candidates.max_by(|a, b| a.of_roofline.mean.total_cmp(&b.of_roofline.mean))
+                else {
+                    continue;
+                };
+                all.push(format!(
+                    "On {}, the best predictor ({}) reached {} of the speed of what a search finds there, saved {:.1} % of the search's \
+                     overhead, and was {} times as fast as the best fixed configuration.",
+                    split.words(),
+                    best.entrant,
+                    percent(best.of_roofline),
+                    best.overhead_reduction * 100.0,
+                    best.over_fixed
+                ));
+            }
+        }
+        all
+    }
+}
+
+fn percent(mean: Mean) -> String {
+    match mean.interval {
+        Some([low, high]) => {
+            format!("{:.1} % [{:.1}, {:.1}]", mean.mean * 100.0, low * 100.0, high * 100.0)
+        }
+        None => format!("{:.1} %", mean.mean * 100.0),
+    }
+}
+
+/// The page.
+pub(crate) fn html(told: &Told<'_>) -> String {
+    let conditions = &told.record.conditions;
+    let [width, height] = conditions.size;
+    let mut page = format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
+         <title>What tuning gains</title><style>{STYLE}</style></head><body><main>\n<h1>What tuning gains, and what predicting saves</h1>\n"
+    );
+    for warning in told.warnings() {
+        let _ = write!(page, "<p class=\"warn\">{}</p>", escaped(&warning));
+    }
+    page += "<ul>";
+    for sentence in told.words() {
+        let _ = write!(page, "<li>{}</li>", escaped(&sentence));
+    }
+    let software: Vec<String> =
+        conditions.machine.software.iter().map(|(name, version)| format!("{name} {version}")).collect();
+    let _ = write!(
+        page,
+        "</ul><p class=\"soft\">{} scenes ({}), {} cameras of each at most, searches of {} iterations in the {} space; {width}×{height} pixels, \
+         {} bounces, {} threads; {}, {}; {}. Means are geometric; intervals of 95 % are drawn by resampling cameras.</p>",
+        told.scenes().len(),
+        escaped(&told.scenes().join(", ")),
+        conditions.cameras,
+        conditions.iterations,
+        conditions.space,
+        conditions.bounces,
+        if conditions.threads == 0 { "all".to_owned() } else { conditions.threads.to_string() },
+        escaped(&conditions.machine.cpu_model),
+        escaped(&conditions.machine.isa),
+        escaped(&software.join(", "))
+    );
+    for verdict in told.verdicts {
+        objective(&mut page, verdict);
+    }
+    page + "<h2>How to read this</h2><p>The roofline is the best configuration that the search found at a camera, measured again in the \
+            same rounds as the answers; the best of many single measurements is partly luck, and stands beside it as the paper has it. Overhead is \
+            the time of as many frames as the search had iterations, less their time with the best known configuration. The search has broken even \
+            once its iterations, and frames with its best from then on, have taken less time than frames with the prediction. \
+            Boxes go from quartile to quartile, whiskers from the 5th to the 95th percentile; beyond the axis they end at its edge.</p>\
+            </main></body></html>\n"
+}
+
+fn objective(page: &mut String, verdict: &Verdict) {
+    let title = match verdict.objective {
+        Objective::Render => "Render time: one build serves many frames",
+        Objective::Total => "Build and render time: every frame pays for its build",
+    };
+    let _ = write!(page, "<h2>{title}</h2>");
+    let failed: usize = verdict.grounds.iter().map(|ground| ground.failed).sum();
+    let _ = write!(
+        page,
+        "<p class=\"soft\">{} searches; {failed} of their iterations could not be built and count for nothing; {} answers could not be built \
+         where they were given and are left out. Best fixed configuration over all cameras: <code>{}</code></p>",
+        verdict.grounds.len(),
+        verdict.infeasible,
+        escaped(verdict.fixed.as_deref().unwrap_or("none ran everywhere"))
+    );
+    let (names, all) = (entrants(), standings(verdict));
+    for split in [Split::Random, Split::Scene] {
+        if all.iter().all(|one| one.split != split) {
+            continue;
+        }
+        let _ = write!(page, "<h3>On {}</h3>", split.words());
+        table(page, &names, &all, split);
+        *page += &legend(&names);
+        let figures = [
+            boxes(
+                verdict,
+                split,
+                &names,
+                |row| row.over_search,
+                "times as fast as the search (Figures 12, 15)",
+            ),
+            boxes(
+                verdict,
+                split,
+                &names,
+                |row| row.of_roofline,
+                "speed over that of the roofline (Figures 13, 16)",
+            ),
+            break_even(verdict, split, &names),
+        ];
+        for svg in figures {
+            let _ = write!(page, "<div class=\"card\">{svg}</div>");
+        }
+    }
+    // The camera whose search cost most beyond its best shows the shape; the first split examined it or another did.
+    let shown = verdict.rows.iter().filter(|row| row.split == Split::Random && row.entrant == names[0]);
+    if let Some(row) = shown.max_by(|a, b| a.search_overhead_ms.total_cmp(&b.search_overhead_ms))
+        && let Some(ground) = verdict.grounds.iter().find(|ground| ground.place == row.place)
+    {
+        let _ = write!(
+            page,
+            "<h3>One search beside its prediction (Figure 11)</h3><p class=\"soft\">{}, camera {}, where the search cost most beyond its best: \
+             each iteration, dashed the best of them measured again, and in green what {} answered.</p><div class=\"card\">{}</div>",
+            escaped(&row.place.scene),
+            row.place.camera,
+            names[0],
+            curve(ground, row.predicted_ms)
+        );
+    }
+}
+
+fn table(page: &mut String, names: &[String], all: &[Standing], split: Split) {
+    let heads = [
+        "of the roofline",
+        "least",
+        "as the paper has it",
+        "over search",
+        "over default",
+        "over best fixed",
+        "overhead saved",
+        "break-even, median",
+        "never",
+        "late",
+    ];
+    *page += "<div class=\"card\"><table><tr><th></th>";
+    for head in heads {
+        let _ = write!(page, "<th>{head}</th>");
+    }
+    *page += "</tr>";
+    for name in names {
+        let own = all.iter().find(|one| one.split == split && one.scene.is_none() && one.entrant == *name);
+        let Some(one) = own else { continue };
+        let cells = [
+            percent(one.of_roofline),
+            format!("{:.1} %", one.of_roofline_least * 100.0),
+            format!("{:.1} %", one.of_roofline_once.mean * 100.0),
+            format!("{:.2}", one.over_search.mean),
+            format!("{:.2}", one.over_default.mean),
+            format!("{:.2}", one.over_fixed.mean),
+            format!("{:.1} %", one.overhead_reduction * 100.0),
+            one.break_even.median.map_or("–".to_owned(), |median| format!("{median:.0}")),
+            one.break_even.never.to_string(),
+            one.break_even.late.to_string(),
+        ];
+        let _ = write!(page, "<tr><td>{}</td>", escaped(name));
+        for (head, cell) in heads.iter().zip(cells) {
+            let _ = write!(page, "<td data-l=\"{head}\">{cell}</td>");
+        }
+        *page += "</tr>";
+    }
+    *page += "</table></div>";
+}
+
+/// The same for a README: a line an entrant, as Markdown.
+pub(crate) fn markdown(told: &Told<'_>) -> String {
+    let mut text = String::new();
+    for warning in told.warnings() {
+        let _ = writeln!(text, "> {warning}\n");
+    }
+    for sentence in told.words() {
+        let _ = writeln!(text, "- {sentence}");
+    }
+    for verdict in told.verdicts {
+        for split in [Split::Random, Split::Scene] {
+            let _ = writeln!(
+                text,
+                "\n{} time, {}:\n\n| predictor | of the roofline | over search | over default | over best fixed | overhead saved |\n|---|---|---|---|---|---|",
+                verdict.objective.name(),
+                split.words()
+            );
+            let all = standings(verdict);
+            for name in entrants() {
+                let own =
+                    all.iter().find(|one| one.split == split && one.scene.is_none() && one.entrant == name);
+                if let Some(one) = own {
+                    let _ = writeln!(
+                        text,
+                        "| {name} | {} | {} | {} | {} | {:.1} % |",
+                        percent(one.of_roofline),
+                        one.over_search,
+                        one.over_default,
+                        one.over_fixed,
+                        one.overhead_reduction * 100.0
+                    );
+                }
+            }
+        }
+    }
+    text
+}
+
+/// The numbers behind the figures: file names and contents.
+pub(crate) fn tables(told: &Told<'_>) -> BTreeMap<String, String> {
+    let mut files = BTreeMap::new();
+    for verdict in told.verdicts {
+        let name = verdict.objective.name();
+        let mut rows = String::from(
+            "split,fold,entrant,scene,camera,predicted_ms,over_search,of_roofline,of_roofline_once,over_default,over_fixed,break_even,\
+             search_overhead_ms,prediction_overhead_ms\n",
+        );
+        for row in &verdict.rows {
+            let break_even = match row.break_even {
+                BreakEven::At(at) => format!("{at:.1}"),
+                BreakEven::Late => "late".to_owned(),
+                BreakEven::Never => "never".to_owned(),
+            };
+            let _ = writeln!(
+                rows,
+                "{:?},{},\"{}\",{},{},{:.4},{:.5},{:.5},{:.5},{:.5},{:.5},{break_even},{:.3},{:.3}",
+                row.split,
+                row.fold,
+                row.entrant,
+                row.place.scene,
+                row.place.camera,
+                row.predicted_ms,
+                row.over_search,
+                row.of_roofline,
+                row.of_roofline_once,
+                row.over_default,
+                row.over_fixed,
+                row.search_overhead_ms,
+                row.prediction_overhead_ms,
+            );
+        }
+        files.insert(format!("answers-{name}.csv"), rows);
+        let mut searches = String::from("scene,camera,iteration,cost_ms\n");
+        for ground in &verdict.grounds {
+            for (number, cost) in ground.curve_ms.iter().enumerate() {
+                let cost = cost.map_or(String::new(), |cost| format!("{cost:.4}"));
+                let _ = writeln!(
+                    searches,
+                    "{},{},{},{cost}",
+                    ground.place.scene,
+                    ground.place.camera,
+                    number + 1
+                );
+            }
+        }
+        files.insert(format!("searches-{name}.csv"), searches);
+    }
+    files
+}

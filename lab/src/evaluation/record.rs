@@ -1,0 +1,336 @@
+//! What was measured, as JSON Lines: a first line that says under which conditions, then one line a search or group.
+//!
+//! Lines are only added, each flushed to the disk before the next measurement begins. A line that a killed run left
+//! unfinished is cut off when the file is opened for more, and its work done again.
+
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
+use treewright_client::{Configuration, Fingerprint, Outcome};
+use treewright_render_cli::error::CliError;
+use treewright_renderer::frame::FrameTimes;
+use treewright_renderer::tuning::objective::Objective;
+
+/// Version of the form.
+const VERSION: u32 = 1;
+
+/// Which clock costs are read from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Clock {
+    /// The clock on the wall: what a user waits for.
+    Wall,
+    /// Processor time of all threads, which hardly notices other work on the machine.
+    Cpu,
+}
+
+impl Clock {
+    /// Build and frame by this clock, in milliseconds; `None` where processor time was not measured.
+    pub(crate) fn read(self, times: &FrameTimes) -> Option<[f64; 2]> {
+        match self {
+            Self::Wall => Some([times.build_ms, times.render_ms]),
+            Self::Cpu => Some([times.build_cpu_ms?, times.render_cpu_ms?]),
+        }
+    }
+
+    /// What is minimised, in milliseconds. As in the paper a frame's render time stands alone where builds are shared.
+    pub(crate) fn cost(self, objective: Objective, times: &FrameTimes) -> Option<f64> {
+        let [build_ms, render_ms] = self.read(times)?;
+        Some(match objective {
+            Objective::Render => render_ms,
+            Objective::Total => build_ms + render_ms,
+        })
+    }
+}
+
+/// Under which conditions everything in a record was measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Conditions {
+    pub(crate) version: u32,
+    pub(crate) machine: Fingerprint,
+    /// Render threads.
+    pub(crate) threads: usize,
+    /// Pixels across and down.
+    pub(crate) size: [u32; 2],
+    pub(crate) bounces: u32,
+    /// What searches minimise.
+    pub(crate) clock: Clock,
+    /// Iterations of a search.
+    pub(crate) iterations: u32,
+    /// Cameras along each scene's path.
+    pub(crate) cameras: u32,
+    /// Of the searches.
+    pub(crate) seed: u64,
+    /// The parameter space, `paper` or `full`.
+    pub(crate) space: String,
+}
+
+impl Conditions {
+    /// The current form.
+    pub(crate) const VERSION: u32 = VERSION;
+}
+
+/// A camera of a scene's path.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub(crate) struct Place {
+    pub(crate) scene: String,
+    /// From 0.
+    pub(crate) camera: u32,
+}
+
+/// One iteration of a search.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Iteration {
+    pub(crate) configuration: Configuration,
+    /// The step of the search.
+    pub(crate) step: String,
+    pub(crate) outcome: Outcome,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) times: Option<FrameTimes>,
+}
+
+/// A search at one place.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Search {
+    pub(crate) objective: String,
+    /// Its method, e.g. `nelder_mead`.
+    pub(crate) method: String,
+    pub(crate) place: Place,
+    /// The indicators.
+    pub(crate) state: BTreeMap<String, f64>,
+    pub(crate) iterations: Vec<Iteration>,
+    /// Cores that other programs used meanwhile, where the system tells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) other_cores: Option<f64>,
+}
+
+/// What a group is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum GroupKind {
+    /// Configurations by hand, beside the best of each search.
+    Fixed,
+    /// What predictors answered, beside the best of each search.
+    Answers,
+}
+
+/// A configuration in rounds that are interleaved with those of the others in its group.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Member {
+    pub(crate) configuration: Configuration,
+    /// One a round.
+    pub(crate) rounds: Vec<FrameTimes>,
+    /// Why it cannot be run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) failure: Option<String>,
+}
+
+/// Configurations that were measured against each other at one place.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Group {
+    pub(crate) kind: GroupKind,
+    pub(crate) place: Place,
+    pub(crate) members: Vec<Member>,
+    /// Cores that other programs used meanwhile, where the system tells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) other_cores: Option<f64>,
+}
+
+/// A line of the file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Line {
+    Conditions(Conditions),
+    Search(Search),
+    Group(Group),
+}
+
+/// Everything in a file.
+#[derive(Clone, Debug)]
+pub(crate) struct Record {
+    pub(crate) conditions: Conditions,
+    pub(crate) searches: Vec<Search>,
+    /// The latest of each kind and place.
+    pub(crate) groups: BTreeMap<(GroupKind, Place), Group>,
+}
+
+impl Record {
+    /// Reads a file; the line that a killed run left unfinished is passed over.
+    pub(crate) fn read(path: &Path) -> Result<Self, CliError> {
+        Ok(read(path)?.0)
+    }
+
+    /// Whether a search is there already.
+    pub(crate) fn has_search(&self, objective: Objective, method: &str, place: &Place) -> bool {
+        self.searches
+            .iter()
+            .any(|one| one.objective == objective.name() && one.method == method && one.place == *place)
+    }
+
+    fn take(&mut self, line: Line) {
+        match line {
+            Line::Conditions(_) => {}
+            Line::Search(search) => self.searches.push(search),
+            Line::Group(group) => {
+                self.groups.insert((group.kind, group.place.clone()), group);
+            }
+        }
+    }
+}
+
+/// A record that is added to.
+#[derive(Debug)]
+pub(crate) struct OpenRecord {
+    path: PathBuf,
+    file: File,
+    pub(crate) record: Record,
+}
+
+impl OpenRecord {
+    /// Opens a record, or begins one. One that was begun under other conditions is refused.
+    pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
+        if !path.exists() {
+            let file = File::create(path).map_err(|error| wrong(path, &error.to_string()))?;
+            let record =
+                Record { conditions: conditions.clone(), searches: Vec::new(), groups: BTreeMap::new() };
+            let mut open = Self { path: path.to_owned(), file, record };
+            open.write(&Line::Conditions(conditions.clone()))?;
+            return Ok(open);
+        }
+        let (record, whole) = read(path)?;
+        let (found, asked) = (&record.conditions, conditions);
+        if (Conditions { machine: asked.machine.clone(), ..found.clone() }) != *asked {
+            return Err(CliError::Usage(format!(
+                "{} was begun under other conditions ({}; asked for are {}); use another file",
+                path.display(),
+                words(found),
+                words(asked)
+            )));
+        }
+        if (&found.machine.cpu_model, &found.machine.isa) != (&asked.machine.cpu_model, &asked.machine.isa) {
+            let cpu = &found.machine.cpu_model;
+            return Err(CliError::Usage(format!("{} was begun on {cpu}; use another file", path.display())));
+        }
+        let file =
+            OpenOptions::new().append(true).open(path).map_err(|error| wrong(path, &error.to_string()))?;
+        file.set_len(whole).map_err(|error| wrong(path, &error.to_string()))?;
+        Ok(Self { path: path.to_owned(), file, record })
+    }
+
+    /// Adds a line; it is on the disk when this returns.
+    pub(crate) fn add(&mut self, line: Line) -> Result<(), CliError> {
+        self.write(&line)?;
+        self.record.take(line);
+        Ok(())
+    }
+
+    fn write(&mut self, line: &Line) -> Result<(), CliError> {
+        let failed =
+            |error: String| CliError::Failed(format!("{} cannot be written: {error}", self.path.display()));
+        let mut text = serde_json::to_vec(line).map_err(|error| failed(error.to_string()))?;
+        text.push(b'\n');
+        self.file
+            .write_all(&text)
+            .and_then(|()| self.file.sync_data())
+            .map_err(|error| failed(error.to_string()))
+    }
+}
+
+fn wrong(path: &Path, cause: &str) -> CliError {
+    CliError::Failed(format!("{} is no record of an evaluation: {cause}", path.display()))
+}
+
+/// A record, and how many bytes of the file are whole lines.
+fn read(path: &Path) -> Result<(Record, u64), CliError> {
+    let text = std::fs::read(path).map_err(|error| wrong(path, &error.to_string()))?;
+    let whole = text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
+    let mut lines = text[..whole].split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
+    let first = lines.next().ok_or_else(|| wrong(path, "its first line is missing"))?;
+    let Ok(Line::Conditions(conditions)) = serde_json::from_slice(first) else {
+        return Err(wrong(path, "its first line says no conditions"));
+    };
+    if conditions.version > VERSION {
+        let found = conditions.version;
+        return Err(wrong(path, &format!("it is of version {found}, and this program knows {VERSION}")));
+    }
+    let mut record = Record { conditions, searches: Vec::new(), groups: BTreeMap::new() };
+    for (number, line) in lines.enumerate() {
+        let line = serde_json::from_slice(line)
+            .map_err(|error| wrong(path, &format!("line {}: {error}", number + 2)))?;
+        record.take(line);
+    }
+    Ok((record, whole as u64))
+}
+
+fn words(conditions: &Conditions) -> String {
+    let Conditions {
+        threads, size: [width, height], bounces, iterations, cameras, seed, space, clock, ..
+    } = conditions;
+    format!(
+        "{threads} threads, {width}x{height}, {bounces} bounces, {iterations} iterations, {cameras} cameras, \
+         seed {seed}, {space} space, {clock:?} clock"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn conditions(iterations: u32) -> Conditions {
+        Conditions {
+            version: VERSION,
+            machine: Fingerprint::default(),
+            threads: 2,
+            size: [160, 120],
+            bounces: 3,
+            clock: Clock::Cpu,
+            iterations,
+            cameras: 4,
+            seed: 1,
+            space: "paper".to_owned(),
+        }
+    }
+
+    fn group(camera: u32) -> Line {
+        let member = Member {
+            configuration: Configuration::new().with("quality", 3),
+            rounds: vec![FrameTimes::of(0.1, 0.3)],
+            failure: None,
+        };
+        let place = Place { scene: "hall".to_owned(), camera };
+        Line::Group(Group { kind: GroupKind::Fixed, place, members: vec![member], other_cores: None })
+    }
+
+    #[test]
+    fn what_was_cut_short_is_cut_off_and_the_rest_stays() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let path = folder.path().join("record.jsonl");
+        let mut open = OpenRecord::open(&path, &conditions(80)).expect("it is begun");
+        open.add(group(0)).expect("it is written");
+        drop(open);
+        let whole = std::fs::read(&path).expect("it is there");
+        let mut cut = whole.clone();
+        cut.extend_from_slice(b"{\"group\":{\"kin");
+        std::fs::write(&path, cut).expect("it can be written");
+        let mut open = OpenRecord::open(&path, &conditions(80)).expect("it is read");
+        assert_eq!(open.record.groups.len(), 1);
+        assert_eq!(std::fs::read(&path).expect("it is there"), whole);
+        open.add(group(1)).expect("it is written");
+        assert_eq!(Record::read(&path).expect("it is read").groups.len(), 2);
+        let told = OpenRecord::open(&path, &conditions(40)).expect_err("other conditions").to_string();
+        assert!(told.contains("80 iterations") && told.contains("40 iterations"), "{told}");
+    }
+
+    #[test]
+    fn costs_are_read_from_one_clock() {
+        let both =
+            FrameTimes { build_cpu_ms: Some(5.0), render_cpu_ms: Some(7.0), ..FrameTimes::of(3.0, 4.0) };
+        assert_eq!(Clock::Wall.cost(Objective::Render, &both), Some(4.0));
+        assert_eq!(Clock::Cpu.cost(Objective::Total, &both), Some(12.0));
+        assert_eq!(Clock::Cpu.cost(Objective::Total, &FrameTimes::of(3.0, 4.0)), None);
+    }
+}

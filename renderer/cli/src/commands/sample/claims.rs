@@ -1,0 +1,127 @@
+//! Which samples of a study are there, and which are being measured by others: read from the service, trial by trial.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use treewright_client::blocking::Client;
+use treewright_client::{
+    ClientError, Configuration, Indicators, OpenEnum, TrialQuery, TrialRecord, TrialState,
+};
+
+use treewright_renderer::tuning::sampling::{SAMPLE, SEQUENCE};
+
+/// So many open trials of others are remembered before they are looked at again: most are complete by then.
+const HELD_MAX: usize = 32;
+
+/// A trial that somebody else has open.
+#[derive(Clone, Debug)]
+struct Held {
+    name: String,
+    state: Indicators,
+    configuration: Configuration,
+}
+
+/// What is known of a study's samples.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Claims {
+    /// Who we are.
+    own: String,
+    /// Numbers that are there, by sequence.
+    done: BTreeMap<u32, BTreeSet<u32>>,
+    /// Trials of others that are open, by number.
+    held: BTreeMap<u64, Held>,
+    /// The highest number of a trial that was looked at.
+    seen: u64,
+}
+
+impl Claims {
+    pub(super) fn new(own: &str) -> Self {
+        Self { own: own.to_owned(), ..Self::default() }
+    }
+
+    /// Looks at all trials that were handed out since the last look, and now and then at what others had open.
+    pub(super) fn look(&mut self, client: &Client, study: &str) -> Result<(), ClientError> {
+        if self.held.len() >= HELD_MAX {
+            self.look_again(client)?;
+        }
+        let query = TrialQuery::all().filter(format!("number > {}", self.seen));
+        for trial in client.trials(study, query) {
+            self.take(&trial?);
+        }
+        Ok(())
+    }
+
+    /// Looks again at what others had open, and at what is new.
+    pub(super) fn look_at_held(&mut self, client: &Client, study: &str) -> Result<(), ClientError> {
+        self.look_again(client)?;
+        self.look(client, study)
+    }
+
+    fn look_again(&mut self, client: &Client) -> Result<(), ClientError> {
+        for (number, held) in std::mem::take(&mut self.held) {
+            match client.trial(&held.name) {
+                Ok(trial) => self.take(&trial),
+                Err(error) if error.is_not_found() => {}
+                Err(error) => {
+                    self.held.insert(number, held);
+                    return Err(error);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, trial: &TrialRecord) {
+        let number = trial.number().unwrap_or_default();
+        self.seen = self.seen.max(number);
+        match trial.state {
+            OpenEnum::Known(TrialState::Completed) => {
+                if let (Some(sequence), Some(sample)) = (whole(trial, SEQUENCE), whole(trial, SAMPLE)) {
+                    self.note(sequence, sample);
+                }
+            }
+            OpenEnum::Known(TrialState::Open) if trial.client_id != self.own => {
+                let held = Held {
+                    name: trial.name.clone(),
+                    state: trial.indicators.clone(),
+                    configuration: trial.configuration.clone(),
+                };
+                self.held.insert(number, held);
+            }
+            _ => {}
+        }
+    }
+
+    /// Notes that a sample is there.
+    pub(super) fn note(&mut self, sequence: u32, sample: u32) {
+        self.done.entry(sequence).or_default().insert(sample);
+    }
+
+    /// Whether a sample is there.
+    pub(super) fn has(&self, sequence: u32, sample: u32) -> bool {
+        self.done.get(&sequence).is_some_and(|done| done.contains(&sample))
+    }
+
+    /// How many of the first `samples` are there.
+    pub(super) fn done(&self, sequence: u32, samples: u32) -> u64 {
+        self.done.get(&sequence).map_or(0, |done| done.range(..samples).count() as u64)
+    }
+
+    /// Whether somebody else is measuring this.
+    pub(super) fn is_held(&self, state: &Indicators, configuration: &Configuration) -> bool {
+        self.held.values().any(|held| held.configuration == *configuration && held.state == *state)
+    }
+
+    /// Whether somebody else opened the same before this trial.
+    pub(super) fn is_held_before(&self, own: &TrialRecord) -> bool {
+        let before = self.held.range(..own.number().unwrap_or_default());
+        before
+            .into_iter()
+            .any(|(_, held)| held.configuration == own.configuration && held.state == own.indicators)
+    }
+}
+
+/// A measurement that is a whole number.
+fn whole(trial: &TrialRecord, name: &str) -> Option<u32> {
+    let value = trial.measurements.get(name)?;
+    (value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value)).then_some(value as u32)
+}

@@ -1,0 +1,51 @@
+//! `--fix`, `--range` and `--recommended`: a part of a space, as arguments of the commands that search or sample one.
+
+use clap::Args;
+
+use crate::error::CliError;
+use treewright_renderer::space::{Narrowing, Recommendation, TuningSpace};
+
+/// Which part of the space.
+#[derive(Args, Clone, Debug, Default)]
+pub struct NarrowingArguments {
+    /// Fix a parameter to a value; may be given several times.
+    #[arg(long, value_name = "NAME=VALUE", value_parser = Narrowing::fix)]
+    pub fix: Vec<Narrowing>,
+
+    /// Hold a parameter to a part of its range; may be given several times. `treewright analyze` recommends such ranges.
+    #[arg(long, value_name = "NAME=LOW..HIGH", value_parser = Narrowing::range)]
+    pub range: Vec<Narrowing>,
+
+    /// Hold parameters to what the paper recommends for an objective (section 4.4): paper-render or paper-total.
+    #[arg(long, value_name = "NAME")]
+    pub recommended: Option<Recommendation>,
+}
+
+impl NarrowingArguments {
+    /// Whether anything is asked for.
+    pub fn is_empty(&self) -> bool {
+        self.fix.is_empty() && self.range.is_empty() && self.recommended.is_none()
+    }
+
+    /// The part of a space that is left. Of a recommendation, parameters that the space lacks are passed over.
+    pub fn of(&self, space: &TuningSpace) -> Result<TuningSpace, CliError> {
+        let has = |one: &Narrowing| space.explained().any(|known| known.parameter.name == one.name());
+        let recommended = self.recommended.map(Recommendation::narrowings).unwrap_or_default();
+        let mut all: Vec<Narrowing> = recommended.into_iter().filter(has).collect();
+        all.extend(self.range.iter().chain(&self.fix).cloned());
+        Ok(space.narrowed(&all)?)
+    }
+
+    /// What tells a study of this part apart from one of the whole: a few letters, the same for the same part.
+    pub fn mark(&self, part: &TuningSpace) -> String {
+        if self.is_empty() {
+            return String::new();
+        }
+        let text: String = part.explained().map(|one| format!("{:?};", one.parameter)).collect();
+        let text = text + &part.with_held(&part.default_configuration()).to_string();
+        let hash = text
+            .bytes()
+            .fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+        format!("-part-{hash:08x}")
+    }
+}

@@ -1,0 +1,132 @@
+//! Random samples are neither lost nor doubled: not when the renderer is killed, not when the daemon is, and not when
+//! several renderers work on one study. What they measured can be analysed, with the same bytes each time.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use treewright_tests::daemon::Daemon;
+use treewright_tests::programs::{program, run, stderr, stdout};
+
+const SAMPLES: usize = 60;
+const CAMERAS: usize = 2;
+
+/// A renderer that samples, with further arguments.
+fn sampler(url: &str, name: &str, more: &[&str]) -> Child {
+    let mut command = Command::new(program("treewright-render"));
+    command.args([
+        "sample",
+        "--server",
+        url,
+        "--scene",
+        "builtin:quick",
+        "--detail",
+        "0.05",
+        "--size",
+        "16x12",
+    ]);
+    command.args(["--space", "paper", "--threads", "1", "--name", name, "--deadline-ms", "5000"]);
+    command.args(["--cameras", &CAMERAS.to_string(), "--samples", &SAMPLES.to_string()]).args(more);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("treewright-render starts")
+}
+
+fn ends_well(child: Child) -> String {
+    let output = child.wait_with_output().expect("it can be waited for");
+    assert!(output.status.success(), "{}", stderr(&output));
+    stdout(&output)
+}
+
+/// How often each sample is in the database.
+fn counts(url: &str) -> BTreeMap<(u64, u64), usize> {
+    let all = ["--server", url, "--json", "trials", "sample-paper", "--all", "--filter", "state = COMPLETED"];
+    let output = run("treewright", &all);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let trials: Vec<Value> = serde_json::from_str(&stdout(&output)).expect("JSON");
+    let mut counts = BTreeMap::new();
+    for trial in &trials {
+        let of = |name: &str| trial["measurements"][name].as_f64().map(|number| number as u64);
+        if let (Some(sequence), Some(sample)) = (of("sequence"), of("sample")) {
+            *counts.entry((sequence, sample)).or_default() += 1;
+        }
+    }
+    counts
+}
+
+/// Waits until so many samples are there.
+fn wait_for(url: &str, count: usize) {
+    let patience = Instant::now() + Duration::from_secs(120);
+    while counts_or_none(url) < count {
+        assert!(Instant::now() < patience, "no {count} samples in two minutes");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Before the study is there, none.
+fn counts_or_none(url: &str) -> usize {
+    let there = run("treewright", &["--server", url, "--json", "study", "show", "sample-paper"]);
+    if there.status.success() { counts(url).len() } else { 0 }
+}
+
+fn assert_each_once(url: &str, expected: usize) {
+    let counts = counts(url);
+    let doubled: Vec<_> = counts.iter().filter(|(_, count)| **count > 1).collect();
+    assert!(doubled.is_empty(), "doubled: {doubled:?}");
+    assert_eq!(counts.len(), expected, "lost or too many");
+}
+
+#[test]
+fn a_killed_renderer_goes_on_and_a_killed_daemon_is_waited_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let database = folder.path().join("samples.db");
+    let daemon = Daemon::start(&database);
+    let (url, address) = (daemon.url().to_owned(), daemon.address().to_owned());
+    let mut first = sampler(&url, "a", &[]);
+    wait_for(&url, 15);
+    first.kill().expect("it can be killed");
+    first.wait().expect("it can be waited for");
+    let before = counts(&url).len();
+    assert!(before < CAMERAS * SAMPLES, "it was killed too late to show anything");
+    let second = sampler(&url, "a", &[]);
+    wait_for(&url, before + 15);
+    daemon.kill();
+    let daemon = Daemon::start_at(&database, &address);
+    let told = ends_well(second);
+    assert!(told.contains("of them there already"), "{told}");
+    assert_each_once(&url, CAMERAS * SAMPLES);
+    // Once more there is nothing to do; further samples are added to those that are there.
+    assert!(ends_well(sampler(&url, "a", &[])).contains("0 by this run"));
+    assert_each_once(&url, CAMERAS * SAMPLES);
+    analyses_are_repeatable(daemon.url(), folder.path());
+}
+
+#[test]
+fn renderers_on_one_study_share_the_samples() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("samples.db"));
+    // Few values, so that different samples are often of the same configuration.
+    let few = ["--parameters", "quality,branching_factor"];
+    let all: Vec<Child> = ["a", "b", "c"].iter().map(|name| sampler(daemon.url(), name, &few)).collect();
+    for one in all {
+        ends_well(one);
+    }
+    assert_each_once(daemon.url(), CAMERAS * SAMPLES);
+}
+
+fn analyses_are_repeatable(url: &str, folder: &Path) {
+    let mut written = Vec::new();
+    for name in ["once", "again"] {
+        let out = folder.join(name);
+        let arguments = ["--server", url, "analyze", "sample-paper", "--out", out.to_str().expect("text")];
+        let output = run("treewright", &arguments);
+        assert!(output.status.success(), "{}", stderr(&output));
+        let read = |file: &str| std::fs::read_to_string(out.join(file)).expect(file);
+        written.push(["analysis.json", "analysis.html"].map(read));
+    }
+    assert_eq!(written[0], written[1], "the same trials give the same bytes");
+    let analysis: Value = serde_json::from_str(&written[0][0]).expect("JSON");
+    assert_eq!(analysis["trials"], CAMERAS * SAMPLES);
+    let parameters = analysis["conditions"][0]["metrics"][0]["parameters"].as_array().expect("influences");
+    assert!(parameters.len() >= 10, "{analysis}");
+}
