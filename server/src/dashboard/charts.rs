@@ -168,11 +168,12 @@ pub(super) fn curve(points: &[CurvePoint], levels: &[Level]) -> String {
             }
         }
     }
-    for level in levels {
+    for (index, level) in levels.iter().enumerate() {
         let (y, right, class, name) =
             (frame.y(level.cost), frame.left + frame.width, level.class, level.name);
         put(&mut svg, format_args!(r#"<path class="{class}" d="M70 {y:.1}H{right}"/>"#));
-        let (x, y) = (right - 4.0, y - 4.0);
+        // Side by side, since two may lie upon each other.
+        let (x, y) = (right - 4.0 - 90.0 * index as f64, y - 4.0);
         put(&mut svg, format_args!(r#"<text x="{x}" y="{y:.1}" text-anchor="end">{name}</text>"#));
     }
     let mut best = f64::INFINITY;
