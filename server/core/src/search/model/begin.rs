@@ -32,7 +32,9 @@ const STEPS_FROM: usize = 4;
 
 /// What did well in other states is run until so many more of it did worse than the default than did better.
 const PATIENCE: usize = 2;
-/// Where more of it did better than worse, so many points of a Latin hypercube are left.
+/// What costs so many times as much as the default did clearly worse.
+const CLEARLY_WORSE: f64 = 1.15;
+/// Where no more of it did worse than better, so many points of a Latin hypercube are left.
 const DESIGN_LEFT: usize = 4;
 /// The guide is held against what was measured once so many points could be run,
 const GUIDE_TESTED_AT: usize = 8;
@@ -50,7 +52,8 @@ impl ModelSearch {
         self.elsewhere = first.into();
     }
 
-    /// How many points did better than the default, and how many worse; none before that was measured.
+    /// How many points did better than the default, and how many clearly worse; none before that was measured. Where the
+    /// default is itself what serves most states best, the others come close to it at most.
     fn against_default(&self) -> (usize, usize) {
         let start = self.grid(&self.setup.start).0;
         let default = self.seen.iter().find(|seen| seen.x == start).map(|seen| seen.observed.rank());
@@ -58,8 +61,8 @@ impl ModelSearch {
             return (0, 0);
         };
         let better = self.seen.iter().filter(|seen| seen.observed.rank() < default).count();
-        // One of the others is the default itself.
-        (better, self.seen.len() - better - 1)
+        let worse = self.seen.iter().filter(|seen| seen.observed.rank() > CLEARLY_WORSE * default).count();
+        (better, worse)
     }
 
     /// Whether there is something left that did well in other states, and the first of it has not shown that this
@@ -77,7 +80,7 @@ impl ModelSearch {
         }
         let next = self.elsewhere.pop_front();
         let (better, worse) = self.against_default();
-        if self.elsewhere.is_empty() && !self.queue_of_steps && better > worse {
+        if self.elsewhere.is_empty() && !self.queue_of_steps && better >= worse {
             self.queue.truncate(DESIGN_LEFT);
         }
         next
