@@ -2,7 +2,7 @@
 
 CARGO ?= cargo
 
-.PHONY: help setup build demo test lint bench peers dist deb docs
+.PHONY: help setup build demo test lint bench hunt peers dist deb docs
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -37,6 +37,9 @@ lint: setup ## formatting, lints and docs only
 
 bench: build ## measure the evaluation scenes (tools/bench.py; SCENES=FOLDER for real ones)
 	@python3 tools/bench.py
+
+hunt: ## plant defects in the service and let the simulator find them (tests/simulation/hunt.py)
+	@python3 tests/simulation/hunt.py
 
 peers: ## compare the searches with Optuna, SMAC3, Nevergrad and scipy (tests/peers)
 	$(CARGO) build --release --locked -p treewright-lab --example ask_tell

@@ -25,9 +25,6 @@ pub(crate) enum Failure {
         /// What is wrong with it.
         problem: String,
     },
-    /// There is no daemon of one's own to be had.
-    #[error("a local daemon cannot be started: {0}")]
-    Local(String),
     /// The program that is tuned does not do as it should.
     #[error("{0}")]
     Program(String),
@@ -55,7 +52,7 @@ impl Failure {
             | Self::Space(_)
             | Self::Client(ClientError::BadUrl { .. } | ClientError::Invalid { .. }) => 2,
             Self::Client(error) if error.is_unreachable() => 3,
-            Self::Local(_) => 3,
+            Self::Client(ClientError::NoLocalDaemon { .. }) => 3,
             Self::Client(_)
             | Self::File { .. }
             | Self::Program(_)

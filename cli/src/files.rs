@@ -29,24 +29,7 @@ pub(crate) fn read_text(path: &Path) -> Result<String, Failure> {
 
 /// `~/.config/treewright`, where settings are.
 pub(crate) fn config_folder() -> Option<PathBuf> {
-    folder("XDG_CONFIG_HOME", ".config")
-}
-
-/// `~/.local/share/treewright`, where databases are.
-pub(crate) fn data_folder() -> Option<PathBuf> {
-    folder("XDG_DATA_HOME", ".local/share")
-}
-
-/// Where what lives only as long as the machine is up is kept; nobody else may look into it.
-pub(crate) fn runtime_folder() -> Option<PathBuf> {
-    let given = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_absolute());
-    given.map(|path| path.join("treewright")).or_else(|| folder("XDG_STATE_HOME", ".local/state"))
-}
-
-fn folder(variable: &str, below_home: &str) -> Option<PathBuf> {
-    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    let base = absolute(variable).or_else(|| absolute("HOME").map(|home| home.join(below_home)));
-    base.map(|base| base.join("treewright"))
+    treewright_client::local::folder("XDG_CONFIG_HOME", ".config")
 }
 
 /// The name of this machine, as far as it is known.
@@ -54,12 +37,4 @@ pub(crate) fn host() -> String {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name: String = name.trim().chars().filter(|each| !each.is_control()).take(50).collect();
     if name.is_empty() { "machine".to_owned() } else { name }
-}
-
-/// A program that lies beside this one, or else is found in `PATH`.
-pub(crate) fn program(name: &str) -> Option<PathBuf> {
-    let beside = std::env::current_exe().ok().and_then(|exe| Some(exe.parent()?.join(name)));
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    let listed = std::env::split_paths(&path).map(|folder| folder.join(name)).collect::<Vec<_>>();
-    beside.into_iter().chain(listed).find(|path| path.is_file())
 }

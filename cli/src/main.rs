@@ -11,7 +11,6 @@ mod commands;
 mod exec;
 mod failure;
 mod files;
-mod local;
 mod setting_flags;
 mod settings;
 mod show;

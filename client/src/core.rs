@@ -196,6 +196,17 @@ fn endpoints(urls: &str, credentials: &Credentials) -> Result<Vec<Endpoint>, Cli
 /// Checks more than the HTTP library does, which takes any word for an address.
 fn endpoint(url: &str, credentials: &Credentials) -> Result<Endpoint, ClientError> {
     let bad = |reason: String| ClientError::BadUrl { url: url.to_owned(), reason };
+    if let Some(path) = url.strip_prefix("unix:") {
+        let path = path.strip_prefix("//").unwrap_or(path);
+        if !path.starts_with('/') {
+            return Err(bad(
+                "it names no whole path; write it like unix:/run/user/1000/treewright/daemon.sock".into(),
+            ));
+        }
+        // Nobody but its two ends reads what goes through a Unix socket, so a token may.
+        return Endpoint::from_shared(format!("unix:{path}"))
+            .map_err(|error| bad(crate::error::innermost(&error)));
+    }
     let Some((scheme @ ("http" | "https"), rest)) = url.split_once("://") else {
         let remedy = match url.rsplit_once(':') {
             // `localhost:50611` as other programs take it.
@@ -204,7 +215,7 @@ fn endpoint(url: &str, credentials: &Credentials) -> Result<Endpoint, ClientErro
             }
             _ => String::new(),
         };
-        return Err(bad(format!("it begins with neither http:// nor https://{remedy}")));
+        return Err(bad(format!("it begins with none of http://, https:// and unix:{remedy}")));
     };
     if rest.is_empty() || rest.starts_with(['/', ':']) {
         return Err(bad("it names no host".into()));
@@ -267,7 +278,13 @@ mod tests {
 
     #[test]
     fn addresses_are_checked() {
-        for good in ["http://127.0.0.1:50611", "http://[::1]:50611/", "http://render-farm"] {
+        for good in [
+            "http://127.0.0.1:50611",
+            "http://[::1]:50611/",
+            "http://render-farm",
+            "unix:/run/a.sock",
+            "unix:///run/a.sock",
+        ] {
             assert!(endpoint(good, &Credentials::new()).is_ok(), "{good}");
         }
         for bad in [
@@ -280,6 +297,8 @@ mod tests {
             "http://x:",
             "http://a b",
             "http://x/y",
+            "unix:",
+            "unix:a.sock",
         ] {
             let error = endpoint(bad, &Credentials::new()).err().map(|error| error.to_string());
             assert!(error.is_some_and(|text| text.contains("http://127.0.0.1:50611")), "{bad}");

@@ -26,6 +26,13 @@ pub enum ClientError {
         reason: String,
     },
 
+    /// There is no daemon of one's own to be had.
+    #[error("a local daemon cannot be started: {problem}")]
+    NoLocalDaemon {
+        /// Why not.
+        problem: String,
+    },
+
     /// Nobody answers at the address.
     #[error(
         "no daemon answers at {url} ({reason}); start one with `treewrightd serve --listen ADDRESS --database FILE`, \

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+/// Clients of one program, user and machine that run at the same time and are told apart by a slot.
+pub const CLIENT_SLOTS: u32 = 1024;
 /// Reports and abandoned trials that wait for the daemon, unless the options say otherwise.
 pub const DEFAULT_QUEUE: usize = 1024;
 /// The largest queue that the options may ask for.

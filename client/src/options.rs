@@ -4,15 +4,15 @@ use std::time::Duration;
 
 use treewright_model::limits::CLIENT_ID_CHARACTERS_MAX;
 
-use crate::{ClientError, Credentials, Fingerprint, detect_fingerprint, limits};
+use crate::{ClientError, Credentials, Fingerprint, client_id, detect_fingerprint, limits};
 
 /// Settings of a client; the defaults suit a renderer on the daemon's machine.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Who this is, to the service: 1 to 128 printable characters, unique among the clients of a study.
     /// A study hands one trial per state and client out at a time, so give each frame loop its own id.
-    /// Default: program, machine and process number, unique but new with every start; set it to
-    /// something stable to get an unfinished trial back after a restart.
+    /// Default: program, machine, user and the first free slot among those that run at the same time. It is the same
+    /// again after a restart, which so gets back the trial that was left unfinished; clients of one process share it.
     pub client_id: String,
     /// The machine and software, sent with every suggestion. Default: [`crate::detect_fingerprint`].
     pub fingerprint: Fingerprint,
@@ -37,7 +37,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            client_id: default_client_id(),
+            client_id: client_id::default_client_id(),
             fingerprint: detect_fingerprint(),
             credentials: Credentials::new(),
             can_abort: false,
@@ -127,18 +127,6 @@ impl Options {
         }
         Ok(())
     }
-}
-
-/// `PROGRAM@MACHINE-PROCESS`, of what can be found out.
-fn default_client_id() -> String {
-    let program = std::env::current_exe()
-        .ok()
-        .and_then(|path| path.file_stem().map(|stem| stem.to_string_lossy().into_owned()))
-        .unwrap_or_else(|| "client".to_owned());
-    let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    let machine = if machine.trim().is_empty() { "machine" } else { machine.trim() };
-    let short = |text: &str| text.chars().filter(|each| !each.is_control()).take(50).collect::<String>();
-    format!("{}@{}-{}", short(&program), short(machine), std::process::id())
 }
 
 #[cfg(test)]

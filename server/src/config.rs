@@ -8,6 +8,7 @@ mod peers;
 mod token;
 
 use std::net::{SocketAddr, ToSocketAddrs as _};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::error::ErrorKind;
@@ -71,6 +72,15 @@ pub struct ServeConfig {
     #[arg(long, env = "TREEWRIGHT_LISTEN", default_value = "127.0.0.1:50611", value_name = "ADDRESS", value_parser = address)]
     pub listen: SocketAddr,
 
+    /// Unix socket to listen on as well; only the daemon's own user can reach it, which clients write as unix:PATH.
+    /// Sockets that systemd passes on take the place of this and of --listen.
+    #[arg(long, env = "TREEWRIGHT_SOCKET", value_name = "PATH")]
+    pub socket: Option<PathBuf>,
+
+    /// Listen on the Unix socket alone, and on no port.
+    #[arg(long, env = "TREEWRIGHT_SOCKET_ONLY", requires = "socket")]
+    pub socket_only: bool,
+
     /// Where everything is kept.
     #[command(flatten)]
     pub database: DatabaseConfig,
@@ -132,7 +142,22 @@ pub struct ServeConfig {
 impl ServeConfig {
     /// Checks what was given for the database, and that other replicas can reach this one.
     fn check_database(&self) -> Result<(), String> {
-        self.peers.check(&self.database.read()?, self.listen, &self.guard)
+        let database = self.database.read()?;
+        if self.socket_only && database.is_shared() && self.peers.advertise.is_none() {
+            return Err(
+                "other daemons on the same database cannot reach a Unix socket; leave --socket-only out"
+                    .to_owned(),
+            );
+        }
+        self.peers.check(&database, self.listen, &self.guard)
+    }
+
+    /// Checks the TCP address that the system has opened for the daemon, if it has.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what would be right.
+    pub fn check_inherited(&self, address: Option<SocketAddr>) -> Result<(), String> {
+        address.map_or(Ok(()), |address| self.guard.check(address))
     }
 
     /// Checks that nobody beyond this machine sees the figures or the dashboard by mistake.

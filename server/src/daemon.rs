@@ -1,7 +1,8 @@
 //! The daemon as a process: addresses, database, signals, exit codes.
 
 use std::io::Write as _;
-use std::net::SocketAddr;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use tokio::net::TcpListener;
@@ -16,9 +17,13 @@ use crate::administration;
 use crate::clock::{SteadyClock, SystemClock};
 use crate::config::{Database, ServeConfig};
 use crate::idle::idle_for;
+use crate::listeners::Listeners;
 use crate::metrics::Metrics;
 use crate::serve::{self, Options, ServeError};
 use crate::tls::{Tls, TlsError};
+
+/// Stands for a daemon that is reached from this machine alone.
+const LOCAL: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
 
 /// Why the daemon ended with an error. Each has an exit code of its own.
 #[derive(Debug, thiserror::Error)]
@@ -31,6 +36,17 @@ pub enum DaemonError {
         /// What the system said.
         problem: std::io::Error,
     },
+    /// The Unix socket cannot be had.
+    #[error("cannot listen on {}: {problem}; choose another path with --socket", path.display())]
+    Socket {
+        /// The socket.
+        path: PathBuf,
+        /// What the system said.
+        problem: std::io::Error,
+    },
+    /// A socket that the system has opened must not be served.
+    #[error("the socket that the system passed on: {0}")]
+    Inherited(String),
     /// The address for metrics cannot be had.
     #[error("cannot listen on {address} for metrics: {problem}; choose another address with --metrics")]
     Metrics {
@@ -72,7 +88,11 @@ impl DaemonError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Serve(_) | Self::System(_) | Self::Tls(_) => 1,
-            Self::Listen { .. } | Self::Metrics { .. } | Self::Dashboard { .. } => 3,
+            Self::Listen { .. }
+            | Self::Socket { .. }
+            | Self::Inherited(_)
+            | Self::Metrics { .. }
+            | Self::Dashboard { .. } => 3,
             Self::Database(_) | Self::Tokens(_) => 4,
         }
     }
@@ -107,8 +127,20 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
     let hang_up = signal(SignalKind::hangup())?;
     let listen_error = |problem| DaemonError::Listen { address: config.listen, problem };
     let tls = config.peers.tls_files(&config.guard).map(Tls::load).transpose()?.map(Arc::new);
-    let listener = listener(config.listen).await.map_err(listen_error)?;
-    let address = listener.local_addr()?;
+    let mut listeners = Listeners::inherited()?;
+    if listeners.is_empty() {
+        if !config.socket_only {
+            listeners.bind_tcp(config.listen).await.map_err(listen_error)?;
+        }
+        if let Some(path) = &config.socket {
+            let socket_error = |problem| DaemonError::Socket { path: path.clone(), problem };
+            listeners.bind_unix(path).await.map_err(socket_error)?;
+        }
+    } else {
+        config.check_inherited(listeners.address()).map_err(DaemonError::Inherited)?;
+    }
+    // Without TCP nobody beyond this machine comes in, as with an address of this machine alone.
+    let address = listeners.address().unwrap_or(LOCAL);
     let watch = match config.metrics {
         Some(address) => {
             let problem = |problem| DaemonError::Metrics { address, problem };
@@ -131,13 +163,13 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
     let store = open(&config, &database, address).await?;
     // Tokens end by the calendar, leases after a time.
     let (calendar, clock) = (Arc::new(SystemClock::default()), Arc::new(SteadyClock::new()));
-    let access = if config.guard.asks_for_tokens(config.listen) {
+    let access = if config.guard.asks_for_tokens(address) {
         let tokens = administration::open(&config.database).await?;
         Some(Arc::new(Access::open(tokens, calendar as _).await?))
     } else {
         None
     };
-    announce(&config, &database, address, access.as_deref())?;
+    announce(&config, &database, &listeners, access.as_deref())?;
 
     let reloading = tls.clone().map(|tls| tokio::spawn(async move { tls.follow(hang_up).await }));
     let idle = idle_for(config.idle_exit(), Arc::clone(&metrics));
@@ -162,7 +194,7 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
         admission,
         metrics,
     };
-    let served = serve::run(listener, store, clock, options, shutdown).await;
+    let served = serve::run(listeners, store, clock, options, shutdown).await;
     if let Some(reloading) = reloading {
         reloading.abort();
     }
@@ -173,13 +205,14 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
 fn announce(
     config: &ServeConfig,
     database: &Database,
-    address: SocketAddr,
+    listeners: &Listeners,
     access: Option<&Access>,
 ) -> std::io::Result<()> {
     let guard = &config.guard;
     let scheme = if guard.tls_cert.is_some() { "https" } else { "http" };
+    let urls = listeners.urls(scheme);
     tracing::info!(
-        %address,
+        addresses = ?urls,
         %database,
         tls = guard.tls_cert.is_some(),
         client_certificates = guard.tls_client_ca.is_some(),
@@ -191,27 +224,13 @@ fn announce(
             "there is no token yet, so nobody can enter; make one with `treewrightd token create`"
         );
     }
-    if access.is_none() && !address.ip().is_loopback() {
+    if let Some(address) = listeners.address().filter(|address| !address.ip().is_loopback())
+        && access.is_none()
+    {
         tracing::warn!("no token is asked for: whoever reaches {address} can read and change every study");
     }
     // Connections are queued from the moment of binding, so that whoever reads this line can connect.
     let mut stdout = std::io::stdout();
-    writeln!(stdout, "treewrightd listening on {scheme}://{address}")?;
+    writeln!(stdout, "treewrightd listening on {}", urls.join(","))?;
     stdout.flush()
-}
-
-/// The socket that systemd hands over (`LISTEN_FDS`, sd_listen_fds(3)), else a new one. It has to be the one that
-/// `--listen` names, by whose address it was decided who may enter.
-async fn listener(address: SocketAddr) -> std::io::Result<TcpListener> {
-    let Some(given) = listenfd::ListenFd::from_env().take_tcp_listener(0)? else {
-        return TcpListener::bind(address).await;
-    };
-    let own = given.local_addr()?;
-    if own != address {
-        let problem =
-            format!("a socket at {own} was handed over; let --listen and the socket unit name the same");
-        return Err(std::io::Error::new(std::io::ErrorKind::AddrNotAvailable, problem));
-    }
-    given.set_nonblocking(true)?;
-    TcpListener::from_std(given)
 }

@@ -136,10 +136,13 @@ where
         Ok((answer, redirect))
     }
 
-    async fn there(&self, _study: &str, address: &str) -> Result<Option<Response<Body>>, Status> {
+    async fn there(&self, study: &str, address: &str) -> Result<Option<Response<Body>>, Status> {
         let mut request = self.request();
         let channel = self.peers.pass_on(address, request.headers_mut())?;
-        match channel.oneshot(request).await {
+        let Some(answer) = self.peers.while_held(study, address, channel.oneshot(request)).await else {
+            return Ok(None);
+        };
+        match answer {
             Ok(theirs) => {
                 self.peers.answered(address);
                 Ok(Some(theirs).filter(|theirs| !is_unavailable(theirs)))

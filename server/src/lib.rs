@@ -22,6 +22,7 @@ pub mod error;
 pub mod forward;
 mod idle;
 pub mod limits;
+pub mod listeners;
 pub mod maintenance;
 pub mod metrics;
 pub mod middleware;

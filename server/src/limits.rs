@@ -99,6 +99,9 @@ pub const PEERS: usize = 64;
 /// How long a connection to another replica may take to be made.
 pub const PEER_CONNECT: Duration = Duration::from_millis(500);
 
+/// How often it is looked whether the replica that a request was passed on to is still alive.
+pub const PEER_LOOK: Duration = Duration::from_secs(1);
+
 /// How long a request may look for the replica that holds its study. It lies above the time after which the
 /// database takes a silent replica for dead.
 pub const PEER_PATIENCE: Duration = Duration::from_secs(8);

@@ -19,6 +19,7 @@ use crate::connections::{self, ConnectionLimits, ConnectionSlots};
 use crate::dashboard::{self, Dashboard};
 use crate::forward::ForwardLayer;
 use crate::limits;
+use crate::listeners::Listeners;
 use crate::metrics::Metrics;
 use crate::middleware::MiddlewareLayer;
 use crate::peers::Peers;
@@ -70,7 +71,7 @@ impl From<Duration> for Options {
     }
 }
 
-/// Serves `store` on `listener` until `shutdown`, then drains and closes the store.
+/// Serves `store` on `listeners` until `shutdown`, then drains and closes the store.
 ///
 /// Draining: health turns NOT_SERVING, new requests are answered UNAVAILABLE, requests and stream frames
 /// that are being worked on are finished, streams end with UNAVAILABLE.
@@ -78,7 +79,7 @@ impl From<Duration> for Options {
 /// # Errors
 /// [`ServeError`] when the server cannot run at all.
 pub async fn run(
-    listener: TcpListener,
+    listeners: impl Into<Listeners>,
     store: Arc<dyn Store>,
     clock: Arc<dyn Clock>,
     options: impl Into<Options>,
@@ -96,6 +97,8 @@ pub async fn run(
         admission,
         metrics,
     } = options.into();
+    let mut listeners = listeners.into();
+    let _files = listeners.take_files();
     let tuning = Arc::new(Tuning::new(Arc::clone(&store), clock).with_metrics(Arc::clone(&metrics)));
     let refusals = Refusals::new(Arc::clone(&metrics));
     let peers = Peers::of(&store, tls.clone(), refusals.clone());
@@ -135,7 +138,7 @@ pub async fn run(
         .add_service(reflection().build_v1alpha().map_err(defect)?)
         .add_service(service)
         .serve_with_incoming_shutdown(
-            connections::accept(listener, tls, connection_slots.clone(), Arc::clone(&metrics)),
+            connections::accept(listeners, tls, connection_slots.clone(), Arc::clone(&metrics)),
             stop,
         );
     tokio::pin!(server);

@@ -51,7 +51,7 @@ impl Watched {
         }
     }
 
-    fn moment(&self) -> Moment {
+    async fn moment(&self) -> Moment {
         let (in_flight, streams) = self.admission.in_progress();
         let (studies_in_memory, open_leases) = self.tuning.in_use();
         let (connections, newcomers) = self.connection_slots.counts();
@@ -62,6 +62,12 @@ impl Watched {
             streams,
             studies_in_memory,
             open_leases,
+            // A database that does not answer must not hide the rest.
+            size: tokio::time::timeout(limits::READY, self.store.size())
+                .await
+                .ok()
+                .flatten()
+                .unwrap_or_default(),
             draining: self.admission.is_draining(),
             studies: self.tuning.figures(self.studies_shown),
         }
@@ -78,7 +84,7 @@ impl Watched {
             return of(StatusCode::METHOD_NOT_ALLOWED, PLAIN, "only GET\n".to_owned());
         }
         match request.uri().path() {
-            "/metrics" => match self.metrics.text(&self.moment()) {
+            "/metrics" => match self.metrics.text(&self.moment().await) {
                 Ok(text) => of(StatusCode::OK, OPEN_METRICS, text),
                 Err(error) => of(StatusCode::INTERNAL_SERVER_ERROR, PLAIN, format!("{error}\n")),
             },

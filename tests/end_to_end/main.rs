@@ -17,6 +17,7 @@ mod replicas_tls;
 mod restart;
 mod sampling;
 mod security;
+mod sockets;
 mod storm;
 mod tuning;
 mod upgrade;

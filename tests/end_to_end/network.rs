@@ -29,6 +29,7 @@ async fn a_partition_blocks_no_frame_and_loses_nothing() {
     if std::env::var_os(INSIDE).is_some() {
         return inside().await;
     }
+    treewright_tests::sandbox::expect_installed("ip");
     let usable = |command: &mut Command| command.output().is_ok_and(|output| output.status.success());
     if !usable(Command::new("unshare").args(["--net", "ip", "link", "set", "lo", "up"])) {
         return skip("a partition", "it needs root, unshare and ip");

@@ -51,6 +51,7 @@ async fn no_report_is_acknowledged_before_the_log_is_synced() {
         command.arg(&trace).arg(program);
         command
     };
+    treewright_tests::sandbox::expect_installed("strace");
     let probe = traced(Path::new("sync")).output();
     if !probe.is_ok_and(|output| output.status.success()) {
         return skip("what is synced before an answer", "strace is not installed, or may not trace here");

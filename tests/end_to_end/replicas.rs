@@ -6,6 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use treewright_client::{Client, Indicators, Options, Outcome, Scale, Space, Stats, StudySpec, TrialQuery};
+use treewright_proto::v1 as pb;
 use treewright_test_postgres::{Database, Server};
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::{run, stderr};
@@ -160,4 +161,45 @@ fn a_database_that_does_not_answer_is_exit_code_4_without_the_password() {
     let said = stderr(&output);
     assert!(said.contains("no PostgreSQL answers at postgres://anna@127.0.0.1:9/farm"), "{said}");
     assert!(!said.contains("geheim"), "{said}");
+}
+
+/// A daemon that is stopped keeps its connections and its lock and says nothing: requests that were passed on to it go to
+/// whoever takes its studies, soon after it is taken for dead, and what it decided is refused when it wakes.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn requests_do_not_wait_for_a_frozen_daemon() {
+    let database = Database::create().await;
+    let path = Path::new(database.url());
+    let (holder, other) = (Daemon::start(path), Daemon::start(path));
+    let options = || Options::new().client_id("a").deadline(Duration::from_secs(20));
+    let first = Client::connect(holder.url(), options()).expect("a good address");
+    let study = first.study("hall", spec()).await.expect("a study");
+    let indicators = Indicators::from([("triangles", 3.0)]);
+    let frozen = study.suggest(&indicators).await;
+    let trial = frozen.trial().expect("a trial").to_owned();
+    drop(frozen);
+
+    let options = options().call_deadline(Duration::from_secs(20));
+    let second = Client::connect(other.url(), options.client_id("b")).expect("a good address");
+    let study = second.existing_study("hall").await.expect("it is there");
+    let before = study.suggest(&indicators).await;
+    assert!(before.trial().is_some(), "passed on: {before:?}");
+    before.report([("render_ms", 1.0)].into(), Outcome::Ok).expect("measured");
+    second.flush(Duration::from_secs(10)).await.expect("acknowledged");
+
+    let mut wire = crate::wire::connect(other.url()).await;
+    holder.signal("STOP");
+    let since = std::time::Instant::now();
+    let question = crate::wire::suggestion("studies/hall", "c", 3.0);
+    let indicators_of = BTreeMap::from([("triangles".to_owned(), 3.0)]);
+    let unary = wire.suggest(pb::SuggestRequest { indicators: indicators_of, ..question }).await;
+    let waited = since.elapsed();
+    assert!(unary.is_ok(), "{unary:?}");
+    // Six seconds until it is taken for dead, one until that is looked at, and some for a loaded machine.
+    assert!(waited < Duration::from_secs(15), "waited {waited:?}");
+    let next = study.tuner().next(&indicators, None).await;
+    assert!(next.trial().is_some(), "by a stream as well: {next:?}");
+    holder.signal("CONT");
+    let reported = second.get_study("hall").await.expect("it is there").statistics;
+    assert!(reported.trials >= 3, "{trial}: {reported:?}");
+    assert!(other.terminate().success());
 }

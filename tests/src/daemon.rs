@@ -64,7 +64,10 @@ impl Daemon {
             .read_line(&mut line)
             .expect("stdout is text");
         let url = line.trim().rsplit(' ').next().unwrap_or_default().to_owned();
-        assert!(url.contains("://"), "treewrightd said {line:?} instead of its address");
+        assert!(
+            url.contains("://") || url.starts_with("unix:"),
+            "treewrightd said {line:?} instead of its address"
+        );
         Self { process, url }
     }
 
@@ -86,6 +89,18 @@ impl Daemon {
         let number = self.process.id().to_string();
         let sent = Command::new("kill").args([&format!("-{name}"), &number]).status().expect("kill runs");
         assert!(sent.success(), "SIG{name} could not be sent");
+    }
+
+    /// The memory that it has in use, as Linux counts it.
+    ///
+    /// # Panics
+    /// When it is gone.
+    pub fn memory_bytes(&self) -> u64 {
+        let file = format!("/proc/{}/status", self.process.id());
+        let status = std::fs::read_to_string(file).expect("the daemon runs");
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("Linux says it");
+        let kb: u64 = line.trim().trim_end_matches(" kB").parse().expect("a number");
+        kb * 1024
     }
 
     /// `kill -9`, and waits until it is gone.

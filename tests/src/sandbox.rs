@@ -3,14 +3,35 @@
 //! what a test needs, the test says so and ends.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+
+/// The file in which `tools/test.sh` gathers what was skipped, to say it at the end.
+const SKIPPED: &str = "TREEWRIGHT_SKIPPED";
 
 /// Says, past the capturing of the test runner, why a test was not run.
 pub fn skip(what: &str, why: &str) {
     let line = format!("skipped: {what}: {}\n", why.trim());
-    // There is nobody else to tell.
+    if let Some(file) = std::env::var_os(SKIPPED) {
+        let opened = std::fs::OpenOptions::new().append(true).create(true).open(file);
+        // There is nobody else to tell.
+        let _ = opened.and_then(|mut file| file.write_all(line.as_bytes()));
+    }
     let _ = std::io::stderr().write_all(line.as_bytes());
+}
+
+/// A tool that `tools/setup.py --tests` installs where it can, which is as root: there, and under `CI=true`, a test that
+/// needs it must run.
+///
+/// # Panics
+/// When it must and cannot.
+pub fn expect_installed(tool: &str) {
+    let must = std::env::var("CI").is_ok_and(|ci| ci == "true")
+        && std::fs::metadata("/proc/self").is_ok_and(|this| this.uid() == 0);
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let is_there = std::env::split_paths(&path).any(|folder| folder.join(tool).is_file());
+    assert!(is_there || !must, "{tool} is missing, which `tools/setup.py --tests` installs");
 }
 
 /// A file system in memory, seen by the programs that are started in it.

@@ -10,9 +10,8 @@ use treewright_client::{Options, detect_fingerprint};
 use super::{USUAL, either};
 use crate::arguments::Arguments;
 use crate::failure::Failure;
-use crate::files;
-use crate::local::Local;
 use crate::settings::Settings;
+use treewright_client::local::{self, LocalDaemon};
 
 /// A round trip on one machine is well below this.
 const SLOW_MS: f64 = 20.0;
@@ -91,7 +90,7 @@ fn clock() -> Finding {
 }
 
 fn program(name: &'static str) -> Finding {
-    let Some(path) = files::program(name) else {
+    let Some(path) = local::program(name) else {
         return bad(name, "neither beside this program nor in PATH");
     };
     let ours = env!("CARGO_PKG_VERSION");
@@ -117,7 +116,7 @@ fn configuration(settings: &Settings) -> Finding {
 }
 
 fn local_database() -> Finding {
-    match Local::of_user() {
+    match LocalDaemon::of_user() {
         Err(failure) => bad("local daemon", failure.to_string()),
         Ok(local) => {
             let database = local.database();
@@ -132,7 +131,7 @@ fn local_database() -> Finding {
 
 fn daemon(arguments: &Arguments) -> Vec<Finding> {
     let url = match arguments.server.as_deref() {
-        None | Some("local") => match Local::of_user().ok().and_then(|local| local.running()) {
+        None | Some("local") => match LocalDaemon::of_user().ok().and_then(|local| local.running()) {
             Some(url) if arguments.server.is_some() => url,
             _ => USUAL.to_owned(),
         },

@@ -20,10 +20,10 @@ use treewright_client::{Options, StudyRecord};
 use crate::arguments::study::StudyCommand;
 use crate::arguments::{Arguments, Command, ConfigCommand};
 use crate::failure::Failure;
-use crate::local::{self, Local};
 use crate::settings::Settings;
 use crate::study_file::{self, StudyFile};
 use crate::{exec, show};
+use treewright_client::local::{self, LocalDaemon};
 
 /// Where a daemon listens that was started without saying where.
 const USUAL: &str = "http://127.0.0.1:50611";
@@ -84,14 +84,14 @@ fn connect(arguments: &Arguments) -> Result<Client, Failure> {
 /// Its address. Where none is said: the usual one if somebody answers there, else the local one.
 fn address(arguments: &Arguments) -> Result<String, Failure> {
     match arguments.server.as_deref() {
-        Some(LOCAL) => Local::of_user()?.start(),
+        Some(LOCAL) => Ok(LocalDaemon::of_user()?.start(crate::exec::progress::note)?),
         Some(url) => Ok(url.to_owned()),
         None if local::answers(USUAL) => Ok(USUAL.to_owned()),
         None => {
-            let local = Local::of_user()?;
+            let local = LocalDaemon::of_user()?;
             // Who only looks needs no new one, unless there is something to look at.
             if needs_a_daemon(&arguments.command) || local.database().exists() {
-                local.start()
+                Ok(local.start(crate::exec::progress::note)?)
             } else {
                 Ok(USUAL.to_owned())
             }

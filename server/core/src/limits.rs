@@ -7,12 +7,15 @@
 pub use treewright_model::limits::*;
 
 /// Most states of a study. They are looked up in an index; a million anchors of 17 indicators are 136 MB,
-/// and up to three times as much in it.
-pub const STATES_MAX: usize = 1_000_000;
+/// and up to three times as much in it. What is met beyond them counts as the nearest known state of its machine.
+pub const STATES_MAX: usize = if cfg!(test) { 2000 } else { 1_000_000 };
+/// States beyond [`STATES_MAX`], for machines that have none yet.
+pub const STATES_OF_NEW_MACHINES_MAX: usize = if cfg!(test) { 2 } else { 4096 };
 /// Most trials one client may hold open, one per state.
 pub const OPEN_TRIALS_PER_CLIENT_MAX: usize = 64;
-/// Most clients a study remembers the visits of.
-pub const CLIENTS_MAX: usize = 100_000;
+/// Most clients a study remembers the visits of. One more displaces the one whose last decision is longest ago among
+/// those that hold no trial.
+pub const CLIENTS_MAX: usize = if cfg!(test) { 200 } else { 100_000 };
 
 /// Most kinds of machine, told by their fingerprints, that a study tells apart at a time. One more displaces the one
 /// that has met no new state for longest: its measurements stay as those of another, and what remains

@@ -10,13 +10,13 @@ mod activity;
 mod slots;
 
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::{TcpStream, UnixStream};
 use tokio::sync::mpsc;
 use tokio::time::{Instant, Sleep, sleep_until, timeout};
 use tokio_rustls::TlsAcceptor;
@@ -26,6 +26,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::server::Connected;
 
 use crate::limits;
+use crate::listeners::Listeners;
 use crate::metrics::Metrics;
 use crate::tls::Tls;
 
@@ -35,74 +36,122 @@ pub(crate) use slots::ConnectionSlots;
 
 /// A connection that counts until it is dropped.
 pub(crate) struct Connection {
-    transport: Transport,
+    transport: Box<dyn Transport>,
     activity: Arc<Activity>,
     deadline: Pin<Box<Sleep>>,
     metrics: Arc<Metrics>,
 }
 
-enum Transport {
-    Plain(TcpStream),
-    Tls(Box<TlsStream<TcpStream>>),
+/// What carries the bytes: TCP, TLS over it, or a Unix socket.
+trait Transport: AsyncRead + AsyncWrite + Send + Unpin {}
+
+impl<T: AsyncRead + AsyncWrite + Send + Unpin> Transport for T {}
+
+/// Takes connections and hands them to the server.
+#[derive(Clone)]
+struct Acceptor {
+    ready: mpsc::Sender<io::Result<Connection>>,
+    tls: Option<Arc<Tls>>,
+    slots: ConnectionSlots,
+    metrics: Arc<Metrics>,
 }
 
-/// The connections of a listener. One above the limit is closed at once, which its client sees as
+/// The connections of all listeners. One above the limit is closed at once, which its client sees as
 /// UNAVAILABLE. Handshakes run side by side, so that a slow one holds up nobody.
 pub(crate) fn accept(
-    listener: TcpListener,
+    listeners: Listeners,
     tls: Option<Arc<Tls>>,
     slots: ConnectionSlots,
     metrics: Arc<Metrics>,
 ) -> impl Stream<Item = io::Result<Connection>> {
     let (ready, connections) = mpsc::channel(limits::CONNECTIONS_READY);
-    tokio::spawn(async move {
+    let acceptor = Acceptor { ready, tls, slots, metrics };
+    for listener in listeners.tcp {
+        tokio::spawn(acceptor.clone().run(async move |acceptor| {
+            let (stream, address) = listener.accept().await?;
+            acceptor.take_tcp(stream, address).await;
+            Ok(())
+        }));
+    }
+    for listener in listeners.unix {
+        tokio::spawn(acceptor.clone().run(async move |acceptor| {
+            let (stream, _) = listener.accept().await?;
+            acceptor.take_local(stream).await;
+            Ok(())
+        }));
+    }
+    ReceiverStream::new(connections)
+}
+
+impl Acceptor {
+    /// Takes one connection after the other until the server is gone.
+    async fn run(self, mut next: impl AsyncFnMut(&Self) -> io::Result<()>) {
         loop {
             let accepted = tokio::select! {
-                () = ready.closed() => return,
-                accepted = listener.accept() => accepted,
+                () = self.ready.closed() => return,
+                accepted = next(&self) => accepted,
             };
-            let (stream, address) = match accepted {
-                Ok(accepted) => accepted,
-                Err(error) => {
-                    // Too many open files, chiefly: there is no use in asking again at once.
-                    tracing::warn!(%error, "a connection could not be accepted");
-                    tokio::time::sleep(std::time::Duration::from_millis(50)).await;
-                    continue;
-                }
-            };
-            let slot = match slots.take(Some(address.ip().to_canonical())) {
-                Ok(slot) => slot,
-                Err(reason) => {
-                    metrics.connection_lost(reason);
-                    tracing::debug!(%address, reason, "connection refused: too many are open");
-                    continue;
-                }
-            };
-            let activity = Arc::new(Activity::new(Instant::now(), slot));
-            let (ready, tls, metrics) = (ready.clone(), tls.clone(), Arc::clone(&metrics));
-            if tls.is_none() {
-                drop(ready.send(Ok(Connection::new(Transport::Plain(stream), activity, metrics))).await);
-                continue;
+            if let Err(error) = accepted {
+                // Too many open files, chiefly: there is no use in asking again at once.
+                tracing::warn!(%error, "a connection could not be accepted");
+                tokio::time::sleep(std::time::Duration::from_millis(50)).await;
             }
-            tokio::spawn(async move {
-                if let Some(transport) = handshake(stream, address, tls, &metrics).await {
-                    drop(ready.send(Ok(Connection::new(transport, activity, metrics))).await);
-                }
-            });
         }
-    });
-    ReceiverStream::new(connections)
+    }
+
+    async fn take_tcp(&self, stream: TcpStream, address: SocketAddr) {
+        let Some(activity) = self.slot(Some(address.ip().to_canonical())) else {
+            return;
+        };
+        if let Err(error) = stream.set_nodelay(true) {
+            tracing::debug!(%error, "small messages to this connection may be delayed");
+        }
+        let Some(tls) = &self.tls else {
+            return self.hand_over(Box::new(stream), activity).await;
+        };
+        let (this, tls) = (self.clone(), Arc::clone(tls));
+        tokio::spawn(async move {
+            if let Some(stream) = handshake(stream, address, &tls, &this.metrics).await {
+                this.hand_over(Box::new(stream), activity).await;
+            }
+        });
+    }
+
+    /// A Unix socket needs no encryption: nobody but its two ends reads it.
+    async fn take_local(&self, stream: UnixStream) {
+        if let Some(activity) = self.slot(None) {
+            self.hand_over(Box::new(stream), activity).await;
+        }
+    }
+
+    fn slot(&self, address: Option<IpAddr>) -> Option<Arc<Activity>> {
+        match self.slots.take(address) {
+            Ok(slot) => Some(Arc::new(Activity::new(Instant::now(), slot))),
+            Err(reason) => {
+                self.metrics.connection_lost(reason);
+                tracing::debug!(?address, reason, "connection refused: too many are open");
+                None
+            }
+        }
+    }
+
+    async fn hand_over(&self, transport: Box<dyn Transport>, activity: Arc<Activity>) {
+        let deadline = Box::pin(sleep_until(activity.deadline()));
+        let connection = Connection { transport, activity, deadline, metrics: Arc::clone(&self.metrics) };
+        // The server may just have ended.
+        drop(self.ready.send(Ok(connection)).await);
+    }
 }
 
 async fn handshake(
     stream: TcpStream,
     address: SocketAddr,
-    tls: Option<Arc<Tls>>,
+    tls: &Tls,
     metrics: &Metrics,
-) -> Option<Transport> {
-    let acceptor = TlsAcceptor::from(tls?.current());
+) -> Option<TlsStream<TcpStream>> {
+    let acceptor = TlsAcceptor::from(tls.current());
     match timeout(limits::HANDSHAKE, acceptor.accept(stream)).await {
-        Ok(Ok(stream)) => Some(Transport::Tls(Box::new(stream))),
+        Ok(Ok(stream)) => Some(stream),
         Ok(Err(error)) => {
             metrics.connection_lost("tls");
             tracing::info!(%address, %error, "TLS handshake failed");
@@ -117,18 +166,6 @@ async fn handshake(
 }
 
 impl Connection {
-    fn new(transport: Transport, activity: Arc<Activity>, metrics: Arc<Metrics>) -> Self {
-        let tcp = match &transport {
-            Transport::Plain(stream) => stream,
-            Transport::Tls(stream) => stream.get_ref().0,
-        };
-        if let Err(error) = tcp.set_nodelay(true) {
-            tracing::debug!(%error, "small messages to this connection may be delayed");
-        }
-        let deadline = Box::pin(sleep_until(activity.deadline()));
-        Self { transport, activity, deadline, metrics }
-    }
-
     /// Whether the connection has not got on in time.
     fn poll_overdue(&mut self, context: &mut Context<'_>) -> Poll<()> {
         loop {
@@ -157,10 +194,7 @@ impl AsyncRead for Connection {
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         let before = buffer.filled().len();
-        let read = match &mut self.transport {
-            Transport::Plain(stream) => Pin::new(stream).poll_read(context, buffer),
-            Transport::Tls(stream) => Pin::new(stream).poll_read(context, buffer),
-        };
+        let read = Pin::new(&mut self.transport).poll_read(context, buffer);
         if read.is_ready() {
             let more = (buffer.filled().len() - before) as u64;
             self.activity.read(more);
@@ -182,10 +216,7 @@ impl AsyncWrite for Connection {
         context: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
-        match &mut self.transport {
-            Transport::Plain(stream) => Pin::new(stream).poll_write(context, bytes),
-            Transport::Tls(stream) => Pin::new(stream).poll_write(context, bytes),
-        }
+        Pin::new(&mut self.transport).poll_write(context, bytes)
     }
 
     fn poll_write_vectored(
@@ -193,30 +224,18 @@ impl AsyncWrite for Connection {
         context: &mut Context<'_>,
         slices: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        match &mut self.transport {
-            Transport::Plain(stream) => Pin::new(stream).poll_write_vectored(context, slices),
-            Transport::Tls(stream) => Pin::new(stream).poll_write_vectored(context, slices),
-        }
+        Pin::new(&mut self.transport).poll_write_vectored(context, slices)
     }
 
     fn is_write_vectored(&self) -> bool {
-        match &self.transport {
-            Transport::Plain(stream) => stream.is_write_vectored(),
-            Transport::Tls(stream) => stream.is_write_vectored(),
-        }
+        self.transport.is_write_vectored()
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        match &mut self.transport {
-            Transport::Plain(stream) => Pin::new(stream).poll_flush(context),
-            Transport::Tls(stream) => Pin::new(stream).poll_flush(context),
-        }
+        Pin::new(&mut self.transport).poll_flush(context)
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        match &mut self.transport {
-            Transport::Plain(stream) => Pin::new(stream).poll_shutdown(context),
-            Transport::Tls(stream) => Pin::new(stream).poll_shutdown(context),
-        }
+        Pin::new(&mut self.transport).poll_shutdown(context)
     }
 }

@@ -20,10 +20,14 @@ use prometheus_client::registry::{Registry, Unit};
 use tonic::Code;
 use treewright_core::trial::TrialState;
 use treewright_core::tuner::Change;
-use treewright_store::{Receipt, StoreError};
+use treewright_store::{Receipt, StoreError, StoreSize};
 
 use studies::StudyFamilies;
 pub(crate) use study::{FrameCounts, StudyFigures};
+
+/// What `sysconf(_SC_CLK_TCK)` says on every Linux that Rust runs on: user space is told ticks of 10 ms, whatever the
+/// kernel's own are.
+const TICKS_PER_S: f64 = 100.0;
 
 /// An RPC.
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
@@ -71,6 +75,8 @@ pub struct Metrics {
     thinking_seconds: Histogram,
     unthought: Counter,
     store_queue: Gauge,
+    /// When something was last found to be on the disk.
+    last_durable: Mutex<Instant>,
     expired_leases: Counter,
     late_reports: Counter,
     removed_trials: Counter,
@@ -88,6 +94,10 @@ struct MomentGauges {
     studies_in_memory: Gauge,
     open_leases: Gauge,
     memory: Gauge,
+    processor_seconds: Gauge<f64, AtomicU64>,
+    database: Gauge,
+    database_log: Gauge,
+    since_durable: Gauge<f64, AtomicU64>,
     draining: Gauge,
 }
 
@@ -106,6 +116,8 @@ pub(crate) struct Moment {
     pub(crate) studies_in_memory: usize,
     /// Trials of these studies that are under a lease.
     pub(crate) open_leases: u64,
+    /// What the database takes up.
+    pub(crate) size: StoreSize,
     /// Whether the daemon is ending.
     pub(crate) draining: bool,
     /// The studies that are shown.
@@ -139,6 +151,7 @@ impl Metrics {
             thinking_seconds: seconds(),
             unthought: Counter::default(),
             store_queue: Gauge::default(),
+            last_durable: Mutex::new(Instant::now()),
             expired_leases: Counter::default(),
             late_reports: Counter::default(),
             removed_trials: Counter::default(),
@@ -215,6 +228,25 @@ impl Metrics {
         r.register("open_leases", "Trials under a lease, of studies in memory", now.open_leases.clone());
         r.register("draining", "1 while the daemon is ending", now.draining.clone());
         r.register_with_unit("resident_memory", "Memory of the process", Unit::Bytes, now.memory.clone());
+        r.register_with_unit(
+            "processor",
+            "Processor time of the process, user and system, since it started",
+            Unit::Seconds,
+            now.processor_seconds.clone(),
+        );
+        r.register_with_unit("database", "What the database takes up", Unit::Bytes, now.database.clone());
+        r.register_with_unit(
+            "database_log",
+            "What the write-ahead log of a database file takes up",
+            Unit::Bytes,
+            now.database_log.clone(),
+        );
+        r.register_with_unit(
+            "since_durable",
+            "Time since a decision was last found to be on the disk, or since the start",
+            Unit::Seconds,
+            now.since_durable.clone(),
+        );
         self.studies.register(r);
         // What must be noticed when it first happens is shown before it does.
         for reason in ["limit", "address", "made_room", "tls", "overdue"] {
@@ -275,6 +307,9 @@ impl Metrics {
         self.store_queue.inc();
         let stored = receipt.durable().await;
         self.durable_seconds.observe(waiting.since.elapsed().as_secs_f64());
+        if stored.is_ok() {
+            *self.last_durable.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+        }
         stored
     }
 
@@ -306,9 +341,14 @@ impl Metrics {
             (&now.open_leases, moment.open_leases),
             (&now.draining, u64::from(moment.draining)),
             (&now.memory, resident_bytes().unwrap_or(0)),
+            (&now.database, moment.size.database_bytes),
+            (&now.database_log, moment.size.log_bytes),
         ] {
             gauge.set(i64::try_from(value).unwrap_or(i64::MAX));
         }
+        now.processor_seconds.set(processor_seconds().unwrap_or(0.0));
+        let last_durable = *self.last_durable.lock().unwrap_or_else(PoisonError::into_inner);
+        now.since_durable.set(last_durable.elapsed().as_secs_f64());
         let mut text = String::new();
         prometheus_client::encoding::text::encode(&mut text, &registry)?;
         Ok(text)
@@ -350,6 +390,15 @@ fn code_name(code: Code) -> &'static str {
     }
 }
 
+/// Processor time of this process, user and system, as Linux counts it.
+fn processor_seconds() -> Option<f64> {
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The name before may hold anything, and ends with the last bracket (proc_pid_stat(5)).
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
+    let mut ticks = || fields.next()?.parse::<f64>().ok();
+    Some((ticks()? + ticks()?) / TICKS_PER_S)
+}
+
 /// Memory of this process, as Linux counts it.
 fn resident_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
@@ -372,7 +421,13 @@ mod tests {
         metrics.connection_lost("tls");
         metrics.refused("scope");
         metrics.expired(2);
-        let text = metrics.text(&Moment { open_leases: 3, ..Moment::default() }).unwrap();
+        let text = metrics
+            .text(&Moment {
+                open_leases: 3,
+                size: StoreSize { database_bytes: 4096, log_bytes: 512 },
+                ..Moment::default()
+            })
+            .unwrap();
         for line in [
             "treewright_requests_total{rpc=\"Suggest\",code=\"OK\"} 1",
             "treewright_requests_total{rpc=\"Suggest\",code=\"PERMISSION_DENIED\"} 1",
@@ -381,6 +436,8 @@ mod tests {
             "treewright_refusals_total{reason=\"scope\"} 1",
             "treewright_expired_leases_total 2",
             "treewright_open_leases 3",
+            "treewright_database_bytes 4096",
+            "treewright_database_log_bytes 512",
             "# EOF",
         ] {
             assert!(text.contains(line), "{line} is not in\n{text}");
@@ -419,6 +476,40 @@ mod tests {
             }
         }
         assert!(!shown(&["hall"]).contains("attic"));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn silence_of_the_disk_shows() {
+        let metrics = Metrics::new();
+        let since = |metrics: &Metrics| {
+            let text = metrics.text(&Moment::default()).unwrap();
+            let line =
+                text.lines().find(|line| line.starts_with("treewright_since_durable_seconds ")).unwrap();
+            line.rsplit(' ').next().unwrap().parse::<f64>().unwrap()
+        };
+        *metrics.last_durable.lock().unwrap() -= Duration::from_secs(100);
+        let (_never, receipt) = Receipt::pending();
+        let waited = tokio::time::timeout(Duration::from_millis(5), metrics.durable(receipt)).await;
+        assert!(waited.is_err() && since(&metrics) > 99.0, "nothing is on the disk yet");
+        let ended = async |result| {
+            let (answer, receipt) = Receipt::pending();
+            answer.send(result).expect("somebody waits");
+            metrics.durable(receipt).await
+        };
+        ended(Err(StoreError::Closed)).await.unwrap_err();
+        assert!(since(&metrics) > 99.0, "nor is this");
+        ended(Ok(())).await.unwrap();
+        assert!(since(&metrics) < 50.0);
+    }
+
+    #[test]
+    fn processor_time_is_counted() {
+        let before = processor_seconds().expect("Linux");
+        let mut sum = 0.0_f64;
+        while processor_seconds().expect("Linux") <= before {
+            (0..1_000_000).for_each(|number| sum += std::hint::black_box(f64::from(number)).sqrt());
+        }
+        assert!(sum > 0.0);
     }
 
     #[tokio::test]

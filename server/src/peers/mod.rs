@@ -155,6 +155,31 @@ impl Peers {
         self.links.silent(address, error);
     }
 
+    /// Waits for a replica's answer for as long as it is taken for alive: one that is frozen keeps its connections and
+    /// says nothing. None when it was given up.
+    pub(crate) async fn while_held<T>(
+        &self,
+        study: &str,
+        address: &str,
+        answer: impl Future<Output = T>,
+    ) -> Option<T> {
+        let given_up = async {
+            loop {
+                sleep(limits::PEER_LOOK).await;
+                if !self.store.is_held_by(study, address).await {
+                    return;
+                }
+            }
+        };
+        tokio::select! {
+            answer = answer => Some(answer),
+            () = given_up => {
+                self.silent(address, &Status::unavailable("it was given up while it had a request"));
+                None
+            }
+        }
+    }
+
     /// Nobody did what was asked for, in the time that there was.
     pub(crate) fn gave_up(&self, study: &str) {
         self.refusals.note_unplaced(study);

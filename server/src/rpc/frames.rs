@@ -98,8 +98,12 @@ impl<A: Attempt> Seeking for SeekingFrame<'_, A> {
         self.here.attempt(self.frame.clone()).await
     }
 
-    async fn there(&self, _study: &str, address: &str) -> Result<Option<wire::TuneResponse>, Status> {
-        match self.peers.frame(address, self.metadata, self.frame.clone()).await {
+    async fn there(&self, study: &str, address: &str) -> Result<Option<wire::TuneResponse>, Status> {
+        let frame = self.peers.frame(address, self.metadata, self.frame.clone());
+        let Some(answer) = self.peers.while_held(study, address, frame).await else {
+            return Ok(None);
+        };
+        match answer {
             Ok(theirs) => {
                 self.peers.answered(address);
                 match theirs {

@@ -155,6 +155,14 @@ pub enum OpenError {
         /// What was said.
         problem: String,
     },
+    /// PostgreSQL is starting or recovering, and not ready yet.
+    #[error("PostgreSQL at {server} is not ready yet ({problem})")]
+    Starting {
+        /// Host, port and database, without any secret.
+        server: String,
+        /// What it said.
+        problem: String,
+    },
     /// PostgreSQL answers and will not let us in.
     #[error(
         "PostgreSQL at {server} refuses ({problem}); check user, password and database, and that the user may create tables there"

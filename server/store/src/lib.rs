@@ -37,7 +37,7 @@ pub use memory::MemoryStore;
 #[cfg(feature = "postgres")]
 pub use postgres::{PostgresAddress, PostgresStore, PostgresTokens};
 pub use sqlite::{SqliteStore, SqliteTokens};
-pub use store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+pub use store::{ClosedTrial, Created, Loaded, Store, StoreSize, StudyRecord, TrialPage, TrialQuery};
 pub use tokens::{MemoryTokens, TokenStore};
 
 /// Whether `text` is meant as the address of a PostgreSQL database rather than as the path of a file.

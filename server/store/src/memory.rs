@@ -106,6 +106,9 @@ impl MemoryStudy {
             for state in &change.states {
                 self.states.insert(state.id, state.clone());
             }
+            for client_id in &change.forgotten {
+                self.visits.remove(client_id);
+            }
             for visit in &change.visits {
                 self.visits.insert(visit.client_id.clone(), visit.clone());
             }

@@ -21,6 +21,7 @@ const SQLITE: &[(&str, &str)] = files!("sqlite":
     "0003_checkpoints",
     "0004_tokens",
     "0005_states_fingerprint",
+    "0006_visits_since",
 );
 
 #[cfg(feature = "postgres")]
@@ -28,6 +29,7 @@ const POSTGRES: &[(&str, &str)] = files!("postgres":
     "0001_studies_states_trials_visits",
     "0002_tokens",
     "0003_states_fingerprint",
+    "0004_visits_since",
 );
 
 /// The schema of a SQLite file.

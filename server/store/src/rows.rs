@@ -1,7 +1,7 @@
 //! Rows: what the tables of both databases hold, and the way from and to domain types. Nothing outside the
 //! stores sees them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -84,6 +84,7 @@ row! {
         pub(crate) client_id: String,
         pub(crate) state_id: i64,
         pub(crate) number: i64,
+        pub(crate) since: i64,
         pub(crate) decision: String,
         /// What earlier versions stored beside a decision to explore; part of it since.
         pub(crate) weighed: Option<String>,
@@ -98,6 +99,8 @@ pub(crate) struct Rows {
     pub(crate) states: Vec<StateRow>,
     pub(crate) visits: Vec<VisitRow>,
     pub(crate) trials: Vec<TrialRow>,
+    /// Clients whose visits go.
+    pub(crate) forgotten: Vec<String>,
 }
 
 impl Rows {
@@ -105,12 +108,20 @@ impl Rows {
         let mut states = BTreeMap::new();
         let mut visits = BTreeMap::new();
         let mut trials = BTreeMap::new();
+        let mut forgotten = BTreeSet::new();
         for change in changes {
             states.extend(change.states.iter().map(|state| (state.id, state)));
+            for client_id in &change.forgotten {
+                visits.remove(client_id);
+                forgotten.insert(client_id);
+            }
             visits.extend(change.visits.iter().map(|visit| (&visit.client_id, visit)));
             trials.extend(change.trials.iter().map(|trial| (trial.number, trial)));
         }
+        // Who has come back since is stored like any other.
+        forgotten.retain(|client_id| !visits.contains_key(*client_id));
         Ok(Self {
+            forgotten: forgotten.into_iter().cloned().collect(),
             states: states.into_values().map(StateRow::of).collect::<Result<_, _>>()?,
             visits: visits.into_values().map(VisitRow::of).collect::<Result<_, _>>()?,
             trials: trials.into_values().map(TrialRow::of).collect::<Result<_, _>>()?,
@@ -118,7 +129,12 @@ impl Rows {
     }
 
     pub(crate) fn is_empty(&self) -> bool {
-        self.states.is_empty() && self.visits.is_empty() && self.trials.is_empty()
+        self.count() == 0
+    }
+
+    /// How many rows are stored or removed.
+    pub(crate) fn count(&self) -> usize {
+        self.states.len() + self.visits.len() + self.trials.len() + self.forgotten.len()
     }
 }
 
@@ -232,6 +248,7 @@ impl VisitRow {
             client_id: visit.client_id.clone(),
             state_id: signed(visit.state_id)?,
             number: signed(visit.number)?,
+            since: signed(visit.since)?,
             decision: write(&visit.decision)?,
             weighed: None,
             account: visit.account.as_ref().map(write).transpose()?,
@@ -245,6 +262,7 @@ impl VisitRow {
             client_id: self.client_id,
             state_id: unsigned(self.state_id)?,
             number: unsigned(self.number)?,
+            since: unsigned(self.since)?,
             decision: read::<RecordedVisitDecision>("decision", &self.decision)?.decision(&weighed),
             account: self.account.map(|text| read("account", &text)).transpose()?,
         })

@@ -24,6 +24,15 @@ pub struct StudyRecord {
     pub statistics: Statistics,
 }
 
+/// How much a store takes up, in bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StoreSize {
+    /// The database.
+    pub database_bytes: u64,
+    /// Its write-ahead log, where that is a file beside it.
+    pub log_bytes: u64,
+}
+
 /// What [`Store::create_study`] found or made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Created {
@@ -113,6 +122,18 @@ pub trait Store: Send + Sync + 'static {
     /// Stores that are not shared have nothing to forget.
     fn doubt(&self, study: &str) {
         let _ = study;
+    }
+
+    /// Whether the other replica that is reached at `address` is still taken for alive and holds the study. True where
+    /// that cannot be found out at the moment.
+    async fn is_held_by(&self, study: &str, address: &str) -> bool {
+        let _ = (study, address);
+        true
+    }
+
+    /// What is stored takes up so much; none where that is not known.
+    async fn size(&self) -> Option<StoreSize> {
+        None
     }
 
     /// Queues changes that belong together: all are stored or none. Also an empty list waits for every

@@ -43,6 +43,7 @@ contract!(
     the_latest_checkpoint_comes_back_whole,
     old_trials_go_and_the_counts_stay,
     of_two_changes_in_one_commit_the_last_wins,
+    clients_are_forgotten_unless_they_come_back,
     a_completed_trial_is_never_changed,
     a_commit_is_stored_whole_or_not_at_all,
     a_newer_load_breaks_the_fence,
@@ -139,6 +140,7 @@ async fn everything_comes_back_as_it_was_stored(store: &dyn Store) {
         trials: trials.clone(),
         states: vec![state(1), state(2)],
         visits: vec![visit("a", 3), visit("b", 1)],
+        forgotten: vec![],
     };
     commit(store, &held, std::slice::from_ref(&stored)).await.unwrap();
 
@@ -253,6 +255,28 @@ async fn of_two_changes_in_one_commit_the_last_wins(store: &dyn Store) {
     commit(store, &held, &changes).await.unwrap();
     assert_eq!(numbers(store, "state = COMPLETED").await, [1]);
     assert_eq!(numbers(store, "state = OPEN").await, [2]);
+}
+
+async fn clients_are_forgotten_unless_they_come_back(store: &dyn Store) {
+    let held = fence(store, "hall").await;
+    let visits = vec![visit("a", 3), visit("b", 1), visit("c", 2)];
+    commit(store, &held, &[Change { states: vec![state(1)], visits, ..Change::default() }]).await.unwrap();
+    let forget = |client: &str| Change { forgotten: vec![client.to_owned()], ..Change::default() };
+    let comes = |client: &str, number| Change { visits: vec![visit(client, number)], ..Change::default() };
+    // Not waiting between them, so that they may share a transaction.
+    let commits = [
+        vec![forget("a"), forget("never seen")],
+        vec![comes("d", 1), forget("b"), comes("b", 7)],
+        vec![forget("d"), comes("e", 1)],
+        vec![comes("d", 2)],
+    ];
+    let receipts: Vec<_> = commits.iter().map(|changes| store.commit(&held, changes)).collect();
+    for receipt in receipts {
+        receipt.durable().await.unwrap();
+    }
+    let visits = store.load("hall").await.unwrap().snapshot.visits;
+    let known: Vec<_> = visits.iter().map(|visit| (visit.client_id.as_str(), visit.number)).collect();
+    assert_eq!(known, [("b", 7), ("c", 2), ("d", 2), ("e", 1)]);
 }
 
 async fn a_completed_trial_is_never_changed(store: &dyn Store) {

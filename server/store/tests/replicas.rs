@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use common::{change, completed, open, postgres, spec};
 use sqlx::{AssertSqlSafe, Executor as _, PgConnection};
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use treewright_core::trial::Outcome;
 use treewright_store::{Loaded, OpenError, PostgresAddress, PostgresStore, Store, StoreError};
 use treewright_test_postgres::Database;
@@ -246,4 +247,47 @@ async fn databases_that_cannot_be_used_are_explained() {
     .await;
     let newer = open(database.url().to_owned()).await;
     assert!(newer.to_string().contains("newer treewrightd (schema version 9999"), "{newer}");
+}
+
+/// A server that says it is starting for so long, and is then the one of `database`.
+async fn recovering(database: &Database, time: Duration) -> String {
+    let after_user = database.url().rsplit_once('@').expect("a user").1;
+    let (target, rest) = after_user.split_once('/').expect("a database");
+    let target = target.to_owned();
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    let until = tokio::time::Instant::now() + time;
+    tokio::spawn(async move {
+        while let Ok((mut client, _)) = listener.accept().await {
+            if tokio::time::Instant::now() < until {
+                let fields = b"SFATAL\0VFATAL\0C57P03\0Mthe database system is starting up\0\0";
+                let length = (fields.len() as u32 + 4).to_be_bytes();
+                let mut head = [0; 8];
+                client.read_exact(&mut head).await.unwrap();
+                // Whether TLS is spoken is asked first, and denied.
+                if head[4..] == 80_877_103_u32.to_be_bytes() {
+                    client.write_all(b"N").await.unwrap();
+                    client.read_exact(&mut head).await.unwrap();
+                }
+                client.write_all(&[b"E", &length[..], fields].concat()).await.unwrap();
+                continue;
+            }
+            let mut server = tokio::net::TcpStream::connect(&target).await.unwrap();
+            tokio::spawn(async move { tokio::io::copy_bidirectional(&mut client, &mut server).await });
+        }
+    });
+    let user = database.url().rsplit_once('@').expect("a user").0;
+    format!("{user}@{address}/{rest}")
+}
+
+#[tokio::test]
+async fn a_server_that_recovers_is_waited_for_beyond_the_patience() {
+    let database = Database::create().await;
+    let url = recovering(&database, Duration::from_secs(2)).await;
+    let address = PostgresAddress::parse(&url).expect("an address");
+    let since = std::time::Instant::now();
+    let store = PostgresStore::open(address, "http://127.0.0.1:1", Duration::ZERO).await.expect("in the end");
+    assert!(since.elapsed() >= Duration::from_secs(2));
+    store.create_study("hall", &common::spec(), 1).await.expect("it works");
+    store.close().await;
 }

@@ -57,9 +57,9 @@ enum Job {
 #[derive(Default)]
 pub(crate) struct Durable {
     /// What is on the disk.
-    pub(crate) store: MemoryStore,
+    pub(crate) store: Arc<MemoryStore>,
     /// Who holds which study.
-    claims: Claims,
+    pub(crate) claims: Claims,
     /// Up to which completion a checkpoint on the disk covers the trials.
     covered: AtomicU64,
 }

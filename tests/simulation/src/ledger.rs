@@ -38,6 +38,7 @@ pub struct Counts {
     pub removed_trials: u64,
     pub explored_frames: u64,
     pub frames: u64,
+    pub replays: u64,
 }
 
 impl Counts {
@@ -67,6 +68,7 @@ impl Counts {
             removed_trials,
             explored_frames,
             frames,
+            replays,
         } = other;
         for (sum, more) in [
             (&mut self.suggestions, suggestions),
@@ -92,6 +94,7 @@ impl Counts {
             (&mut self.removed_trials, removed_trials),
             (&mut self.explored_frames, explored_frames),
             (&mut self.frames, frames),
+            (&mut self.replays, replays),
         ] {
             *sum += more;
         }
@@ -155,6 +158,15 @@ impl Ledger {
         durable: &Durable,
     ) {
         match (request, answer) {
+            (Request::Report(report), Err(status))
+                if status.code() == Code::FailedPrecondition
+                    && self.acknowledged.contains_key(&number(&report.trial)) =>
+            {
+                // Whoever lost the answer has to be told again that it was taken.
+                let what =
+                    format!("{} was acknowledged, and refused when it was reported again", report.trial);
+                self.wrong(at_ms, what);
+            }
             (_, Err(status)) => self.refused(at_ms, request, status.code(), status.message()),
             (Request::Suggest(_), Ok(Answer::Trial(trial))) => self.suggested(at_ms, client, trial, durable),
             (Request::Frame(..), Ok(Answer::Frame(reported, suggested))) => {

@@ -22,6 +22,7 @@ mod ledger;
 mod machine;
 mod network;
 pub mod plan;
+mod replay;
 mod requests;
 pub mod world;
 

@@ -168,7 +168,14 @@ pub(crate) fn study(plan: &Plan) -> wire::Study {
         }),
         policy: Some(wire::Policy {
             epsilon: Some(0.7),
-            search: wire::SearchMethod::Random as i32,
+            search: if plan.default_policy { wire::SearchMethod::Auto } else { wire::SearchMethod::Random }
+                .into(),
+            predictor: if plan.default_policy {
+                wire::PredictorMethod::Auto
+            } else {
+                wire::PredictorMethod::NearestNeighbour
+            }
+            .into(),
             trials_per_state: plan.trials_per_state,
             lease_s: plan.lease_s,
             regret_budget: plan.regret_budget.filter(|_| plan.bug != Some(Bug::Overspending)),

@@ -17,7 +17,7 @@ use crate::disk::Durable;
 use crate::ledger::{Counts, Ledger, Violation};
 use crate::machine::{self, Machine};
 use crate::plan::Plan;
-use crate::{client, requests};
+use crate::{client, replay, requests};
 
 /// Where simulated time begins, in milliseconds since 1970.
 pub(crate) const START_MS: i64 = 1_750_000_000_000;
@@ -122,6 +122,7 @@ async fn live(plan: Plan) -> Outcome {
     }
     sleep(PATIENCE + Duration::from_secs(1)).await;
     world.look_for_stuck_calls();
+    replay::check(&world).await;
     let durable = Arc::clone(&world.durable);
     world.lock().ledger.check_all(&durable);
     let mut inner = world.lock();

@@ -29,6 +29,7 @@ fn nothing_is_wrong_in_the_first_worlds() {
         ("forwarded messages", counts.forwarded_messages),
         ("checkpoints", counts.checkpoints),
         ("explored frames", counts.explored_frames),
+        ("replays", counts.replays),
     ] {
         assert!(count > 0, "no {what} in all the worlds");
     }
@@ -47,6 +48,14 @@ fn planted_defects_are_found() {
         let found = (1..=seeds).any(|seed| !run(Plan::of(seed, 3_000, Some(bug))).violations.is_empty());
         assert!(found, "{bug:?} was not found");
     }
+}
+
+/// `make hunt` plants defects in a copy of the sources; here only whether it still can.
+#[test]
+fn defects_can_still_be_planted_in_the_service() {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/hunt.py");
+    let output = std::process::Command::new("python3").args([script, "--check"]).output().expect("python3");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 #[test]

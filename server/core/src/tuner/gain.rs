@@ -40,8 +40,9 @@ impl Gain<'_> {
     /// trials first, see [`exploration_value`](crate::statistics::exploration_value).
     pub(super) fn prospect(&self, client_id: &str, state: StateId) -> Prospect {
         let results = self.states.results(state);
-        // What clients wanted themselves was tried too, and does not count.
-        let beside = results.tried() - results.searched();
+        // What clients wanted themselves was tried too, and does not count. What the search measured and was taken back
+        // again, because the machine's speed jumped, is not tried any more and stays searched.
+        let beside = results.tried().saturating_sub(results.searched());
         let frames = self.history.frames_ahead(client_id, state);
         let progress = SearchProgress {
             gained: self.history.gained(state),

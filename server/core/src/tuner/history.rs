@@ -38,8 +38,10 @@ struct StateHistory {
 pub(super) struct History {
     /// Shared with what is being saved.
     states: Vec<Arc<StateHistory>>,
-    /// Where each client reported from last, and how often in a row.
+    /// Where each client reported from last, and how often in a row. With half as many as a study remembers they become
+    /// the earlier ones, and those before are forgotten unless they have reported again since.
     clients: BTreeMap<String, (usize, u64)>,
+    earlier_clients: BTreeMap<String, (usize, u64)>,
     visits: u64,
     frames: u64,
     excess: f64,
@@ -60,8 +62,15 @@ impl History {
     /// Counts a frame that a client reported from a state.
     pub(super) fn frame(&mut self, client_id: &str, state: StateId) {
         let state = place(state);
+        if !self.clients.contains_key(client_id) {
+            if self.clients.len() >= CLIENTS_MAX / 2 {
+                self.earlier_clients = std::mem::take(&mut self.clients);
+            }
+            let earlier = self.earlier_clients.remove(client_id).unwrap_or((state, 0));
+            self.clients.insert(client_id.to_owned(), earlier);
+        }
         let stays = match self.clients.get_mut(client_id) {
-            Some((current, length)) if *current == state => {
+            Some((current, length)) if *current == state && *length > 0 => {
                 *length += 1;
                 true
             }
@@ -69,12 +78,7 @@ impl History {
                 *current = (state, 1);
                 false
             }
-            None => {
-                if self.clients.len() < CLIENTS_MAX {
-                    self.clients.insert(client_id.to_owned(), (state, 1));
-                }
-                false
-            }
+            None => false,
         };
         let history = Arc::make_mut(&mut self.states[state]);
         history.frames += 1;
@@ -129,10 +133,8 @@ impl History {
 
     /// For how many frames in a row a client has reported from a state.
     pub(super) fn stay(&self, client_id: &str, state: StateId) -> u64 {
-        self.clients
-            .get(client_id)
-            .filter(|(current, _)| *current == place(state))
-            .map_or(0, |(_, length)| *length)
+        let known = self.clients.get(client_id).or_else(|| self.earlier_clients.get(client_id));
+        known.filter(|(current, _)| *current == place(state)).map_or(0, |(_, length)| *length)
     }
 
     /// How many more frames a state is expected to see: as many visits again as it has had, of the length that
@@ -183,6 +185,20 @@ mod tests {
         assert!((history.frames_ahead("a", at(0)) - 3.0 * 5.25 / 4.0).abs() < 1e-12);
         (0..99).for_each(|_| history.frame("a", at(0)));
         assert!(history.frames_ahead("a", at(0)) >= 100.0);
+    }
+
+    #[test]
+    fn of_many_clients_those_that_reported_last_are_remembered() {
+        let mut history = History::default();
+        history.found();
+        for number in 0..5 * CLIENTS_MAX {
+            history.frame("steady", at(0));
+            history.frame(&format!("passing {number}"), at(0));
+        }
+        assert_eq!(history.stay("steady", at(0)), 5 * CLIENTS_MAX as u64);
+        assert_eq!(history.visits(at(0)), 5 * CLIENTS_MAX as u64 + 1);
+        assert_eq!(history.stay("passing 0", at(0)), 0);
+        assert!(history.clients.len() + history.earlier_clients.len() <= CLIENTS_MAX);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 use super::tests::{ask, cost, measured, spec};
 use super::*;
-use crate::limits::MACHINES_MAX;
+use crate::limits::{CLIENTS_MAX, MACHINES_MAX};
 use crate::policy::{Operation, Policy, PredictorMethod, SearchMethod};
 use crate::trial::{Fingerprint, Outcome, RawTrial, Trial, TrialState};
 
@@ -27,6 +27,7 @@ impl Rows {
     fn write(&mut self, change: &Change) {
         self.trials.extend(change.trials.iter().map(|trial| (trial.number, text(trial))));
         self.states.extend(change.states.iter().map(|state| (state.id, text(state))));
+        change.forgotten.iter().for_each(|client_id| drop(self.visits.remove(client_id)));
         self.visits.extend(change.visits.iter().map(|visit| (visit.client_id.clone(), text(visit))));
     }
 
@@ -179,6 +180,49 @@ fn happen(tuner: &mut Tuner, rows: &mut Rows, event: &Event, now_ms: &mut i64) -
     };
     rows.write(&change);
     Some(answer)
+}
+
+/// More clients than a study remembers come and go, one stays, and the daemon starts again now and then.
+#[test]
+fn clients_are_forgotten_alike_after_a_restart() {
+    let fresh = || Tuner::new(Arc::new(spec(policy(0)))).expect("valid");
+    let (mut steady, mut steady_rows) = (fresh(), Rows::default());
+    let (mut restarted, mut rows) = (fresh(), Rows::default());
+    let frame = |tuner: &mut Tuner, rows: &mut Rows, client: &str, round: usize| {
+        let question = ask(client, 0.1 * (round % 7) as f64, 0.5);
+        let (trial, change) = tuner.suggest(&question, round as i64).expect("there is room");
+        rows.write(&change);
+        let told = tuner.report(&trial, measured(cost(&trial)), Outcome::Ok, round as i64).expect("ours");
+        rows.write(&told.1);
+        assert!(rows.visits.len() <= CLIENTS_MAX);
+        trial
+    };
+    for round in 0..3 * CLIENTS_MAX {
+        for client in ["steady", &format!("passing {}", round * 7919 % (2 * CLIENTS_MAX))] {
+            let expected = frame(&mut steady, &mut steady_rows, client, round);
+            assert_eq!(frame(&mut restarted, &mut rows, client, round), expected);
+        }
+        if round % 50 == 49 {
+            restarted = rows.restore(&restarted, None);
+        }
+    }
+    assert_eq!(rows.visits, steady_rows.visits);
+    assert!(rows.visits.len() == CLIENTS_MAX && rows.visits.contains_key("steady"));
+}
+
+/// Who holds a trial is not forgotten; only where all do is there no room for one more.
+#[test]
+fn clients_that_hold_trials_are_not_forgotten() {
+    let mut tuner = Tuner::new(Arc::new(spec(policy(0)))).expect("valid");
+    let mut held = Vec::new();
+    for number in 0..CLIENTS_MAX {
+        held.push(tuner.suggest(&ask(&format!("{number}"), 0.5, 0.5), 0).expect("there is room").0);
+    }
+    assert_eq!(tuner.suggest(&ask("late", 0.5, 0.5), 0).unwrap_err(), TunerError::TooManyClients);
+    let (_, told) = tuner.report(&held[7], measured(1.0), Outcome::Ok, 1).expect("it holds the trial");
+    drop(told);
+    let (_, change) = tuner.suggest(&ask("late", 0.5, 0.5), 1).expect("there is room again");
+    assert_eq!(change.forgotten, ["7"]);
 }
 
 proptest! {

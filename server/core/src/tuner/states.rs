@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use crate::configuration::Configuration;
 use crate::ids::StateId;
-use crate::limits::{RECORDS_PER_STUDY_MAX, SIBLINGS_MAX};
+use crate::limits::{RECORDS_PER_STUDY_MAX, SIBLINGS_MAX, STATES_MAX};
 use crate::machines::{FIRST, Machines, PoolingStatistics};
 use crate::predict::state_index::{IndicatorStatistics, OmittedIndicator, match_distance_2};
 use crate::predict::{Query, StateIndex};
@@ -158,7 +158,8 @@ impl States {
     /// The machine's state that matches the normalised indicators: every one within the study's tolerance of the
     /// state's anchor. The client's `current` state is kept while it matches, so that a client between two anchors
     /// does not flicker; else the nearest matching state is taken, the oldest among equally near ones. `None` when no
-    /// state matches.
+    /// state matches, as long as there may be more: beyond that, the machine's nearest state is taken whether it matches
+    /// or not, so that an input that never rests goes on for ever.
     pub(super) fn recognise(
         &self,
         current: Option<StateId>,
@@ -172,6 +173,9 @@ impl States {
         current
             .filter(|&current| matches(&self[current]))
             .or_else(|| self.index.within(machine, normalised, self.tolerance).map(at))
+            .or_else(|| {
+                (self.len() >= STATES_MAX).then(|| self.index.nearest_of(machine, normalised).map(at))?
+            })
     }
 
     /// The state of the machine, if one is named that has been there, else of the machine with the most frames there,
@@ -334,6 +338,26 @@ mod tests {
         assert_eq!(states.recognise(Some(first), None, &[0.59, 0.5]), Some(second), "it matches no more");
         assert_eq!(states.recognise(None, Some(&machine(8)), &[0.5, 0.5]), None, "another machine's");
         assert!(states.contains(second) && !states.contains(StateId(3)) && !states.contains(StateId(0)));
+    }
+
+    #[test]
+    fn what_is_met_beyond_the_last_state_counts_as_the_nearest() {
+        let mut states = States::new(&spec(Policy::default()));
+        let anchor = |place: usize| vec![place as f64, 0.5];
+        for place in 1..STATES_MAX {
+            states.found(anchor(place), None);
+        }
+        assert_eq!(states.recognise(None, None, &[7.4, 0.5]), None, "there is room for it");
+        states.found(anchor(STATES_MAX), None);
+        assert_eq!(states.recognise(None, None, &[7.4, 0.5]), Some(StateId(7)));
+        assert_eq!(states.recognise(Some(StateId(3)), None, &[1e9, 0.5]), Some(StateId(STATES_MAX as u64)));
+        assert_eq!(states.recognise(None, Some(&machine(8)), &[7.4, 0.5]), None, "a machine without a state");
+        states.found(anchor(1), Some(&machine(8)));
+        assert_eq!(
+            states.recognise(None, Some(&machine(8)), &[7.4, 0.5]),
+            Some(StateId(STATES_MAX as u64 + 1)),
+            "it keeps to its own"
+        );
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::decision::{BudgetStatus, Choice, Decision, ExploitRule, ExplorationEstimate, ExploreRule};
 use crate::ids::{StateId, TrialNumber};
-use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX};
+use crate::limits::{CLIENTS_MAX, OPEN_TRIALS_PER_CLIENT_MAX, STATES_MAX, STATES_OF_NEW_MACHINES_MAX};
 use crate::policy::Operation;
 use crate::trial::{Mode, Trial, TrialState};
 use crate::tuner::plan::Planned;
@@ -31,7 +31,7 @@ impl Tuner {
         let visit_before = self.visits.of(&ask.client_id).cloned();
         let fixed = wanted.or_else(|| self.in_shadow(&normalised, state, &planned));
         if fixed.is_none() {
-            self.visit(ask, &normalised, state, &planned);
+            change.forgotten.extend(self.visit(ask, &normalised, state, &planned));
             self.visits.keep_account(ask, &self.spec.policy, state, self.trials.last());
         }
         let held = self.trials.of_client(&ask.client_id, state);
@@ -72,10 +72,12 @@ impl Tuner {
     }
 
     fn check_room(&self, client_id: &str, found: Option<StateId>) -> Result<(), TunerError> {
-        if found.is_none() && self.states.len() >= STATES_MAX {
+        if found.is_none() && self.states.len() >= STATES_MAX + STATES_OF_NEW_MACHINES_MAX {
             return Err(TunerError::TooManyStates);
         }
-        if self.visits.of(client_id).is_none() && self.visits.len() >= CLIENTS_MAX {
+        let is_new = self.visits.of(client_id).is_none();
+        // Somebody who holds nothing can be forgotten unless all do.
+        if is_new && self.visits.len() >= CLIENTS_MAX && self.trials.holders() >= self.visits.len() {
             return Err(TunerError::TooManyClients);
         }
         let again = found.is_some_and(|state| self.trials.of_client(client_id, state).is_some());
@@ -85,15 +87,19 @@ impl Tuner {
         Ok(())
     }
 
-    /// Notes a change of the client's state and decides for the new visit.
-    fn visit(&mut self, ask: &Ask, normalised: &[f64], state: StateId, planned: &Planned) {
-        let Some(number) = self.decides(ask, Some(state)) else {
-            return;
-        };
+    /// Notes a change of the client's state and decides for the new visit. Where that makes one client too many, another
+    /// is forgotten.
+    fn visit(&mut self, ask: &Ask, normalised: &[f64], state: StateId, planned: &Planned) -> Option<String> {
+        let number = self.decides(ask, Some(state))?;
         let decision = self.decide(ask, number, normalised, state, planned);
         let client_id = ask.client_id.clone();
-        let visit = Visit { client_id, state_id: state.0, number, decision, account: None };
-        self.visits.begin(visit);
+        let is_one_too_many = self.visits.of(&client_id).is_none() && self.visits.len() >= CLIENTS_MAX;
+        let trials = &self.trials;
+        let forgotten =
+            is_one_too_many.then(|| self.visits.forget_oldest(|client| trials.held_by(client) > 0)).flatten();
+        let since = trials.last().0;
+        self.visits.begin(Visit { client_id, state_id: state.0, number, since, decision, account: None });
+        forgotten
     }
 
     /// Whether a held trial is what the policy would still have the client run.

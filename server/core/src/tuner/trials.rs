@@ -53,6 +53,11 @@ impl OpenTrials {
         self.held.get(client_id).map_or(0, BTreeMap::len)
     }
 
+    /// How many clients hold open trials.
+    pub(super) fn holders(&self) -> usize {
+        self.held.len()
+    }
+
     /// Whether a configuration is being run in a state.
     pub(super) fn runs(&self, state: StateId, configuration: &Configuration) -> bool {
         self.running.get(&state).is_some_and(|running| running.contains_key(configuration))

@@ -79,6 +79,9 @@ pub struct Visit<C = Configuration> {
     pub state_id: u64,
     /// How many visits the client has made, this one included.
     pub number: u64,
+    /// The last trial that had been handed out when this was last decided: clients with the lowest are forgotten first.
+    #[serde(default)]
+    pub since: u64,
     /// Explore or exploit.
     pub decision: VisitDecision<C>,
     /// What exploring may cost the client, where the policy limits it.
@@ -129,6 +132,7 @@ impl RawVisit {
             client_id: self.client_id,
             state_id: self.state_id,
             number: self.number,
+            since: self.since,
             decision,
             account: self.account,
         })
@@ -146,12 +150,17 @@ pub struct Change {
     pub states: Vec<StateRecord>,
     /// Visits.
     pub visits: Vec<Visit>,
+    /// Clients whose visits are forgotten, before the visits above are stored.
+    pub forgotten: Vec<String>,
 }
 
 impl Change {
     /// Whether there is nothing to store.
     pub fn is_empty(&self) -> bool {
-        self.trials.is_empty() && self.states.is_empty() && self.visits.is_empty()
+        self.trials.is_empty()
+            && self.states.is_empty()
+            && self.visits.is_empty()
+            && self.forgotten.is_empty()
     }
 }
 
@@ -257,12 +266,12 @@ pub enum TunerError {
     Fingerprint,
     /// The study is full of states.
     #[error(
-        "the study has {STATES_MAX} states, the most it may have; use a larger state_tolerance or a new study"
+        "the study has more than {STATES_MAX} states, and no room for those of further machines; use a larger state_tolerance or a new study"
     )]
     TooManyStates,
     /// The study is full of clients.
     #[error(
-        "the study has seen {CLIENTS_MAX} clients, the most it may; let clients keep their client_id over restarts"
+        "{CLIENTS_MAX} clients hold trials of the study, the most that may; let some report theirs, or spread them over studies"
     )]
     TooManyClients,
     /// The client holds too many trials.

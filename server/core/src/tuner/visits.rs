@@ -1,9 +1,10 @@
 //! Where each client is, what was decided when it came there, and what exploring may still cost it.
 //!
 //! Invariant: a client has one visit at a time, and its account, if the policy keeps one, goes with it from visit to
-//! visit for as long as the client's session lasts.
+//! visit for as long as the client's session lasts. Where clients are more than a study remembers, the one whose last
+//! decision is longest ago is forgotten; should it come back, it is new.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::ids::{StateId, TrialNumber};
 use crate::policy::Policy;
@@ -11,17 +12,21 @@ use crate::tuner::{Account, Ask, Visit};
 
 /// The visits of a study, by client.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Visits(BTreeMap<String, Visit>);
+pub(super) struct Visits {
+    by_client: BTreeMap<String, Visit>,
+    /// The clients by [`Visit::since`], the longest forgotten first.
+    by_age: BTreeSet<(u64, String)>,
+}
 
 impl Visits {
-    /// How many clients the study has seen.
+    /// How many clients the study remembers.
     pub(super) fn len(&self) -> usize {
-        self.0.len()
+        self.by_client.len()
     }
 
     /// Where a client is.
     pub(super) fn of(&self, client_id: &str) -> Option<&Visit> {
-        self.0.get(client_id)
+        self.by_client.get(client_id)
     }
 
     /// The state a client is in.
@@ -36,13 +41,27 @@ impl Visits {
 
     /// The same, to be charged.
     pub(super) fn account_mut(&mut self, client_id: &str) -> Option<&mut Account> {
-        self.0.get_mut(client_id)?.account.as_mut()
+        self.by_client.get_mut(client_id)?.account.as_mut()
     }
 
     /// Begins a visit, which takes over the client's account.
     pub(super) fn begin(&mut self, visit: Visit) {
         let account = self.account(&visit.client_id).cloned().or_else(|| visit.account.clone());
-        self.0.insert(visit.client_id.clone(), Visit { account, ..visit });
+        let client_id = visit.client_id.clone();
+        self.by_age.insert((visit.since, client_id.clone()));
+        let since = visit.since;
+        let before = self.by_client.insert(client_id, Visit { account, ..visit });
+        if let Some(before) = before.filter(|before| before.since != since) {
+            self.by_age.remove(&(before.since, before.client_id));
+        }
+    }
+
+    /// Forgets the client whose last decision is longest ago, of those for which `holds` is false.
+    pub(super) fn forget_oldest(&mut self, holds: impl Fn(&str) -> bool) -> Option<String> {
+        let oldest = self.by_age.iter().find(|(_, client_id)| !holds(client_id))?.clone();
+        self.by_age.remove(&oldest);
+        self.by_client.remove(&oldest.1);
+        Some(oldest.1)
     }
 
     /// Opens a client's account if the policy keeps one or its session wants something for itself, and notes where the client is. Trials after `last` are of the
@@ -50,7 +69,7 @@ impl Visits {
     pub(super) fn keep_account(&mut self, ask: &Ask, policy: &Policy, state: StateId, last: TrialNumber) {
         let has_wishes = !ask.session_policy.is_empty();
         let wanted = policy.regret_budget.is_some() || policy.warm_up > 0 || has_wishes;
-        let Some(visit) = self.0.get_mut(&ask.client_id) else {
+        let Some(visit) = self.by_client.get_mut(&ask.client_id) else {
             return;
         };
         let current = visit.account.take().filter(|account| account.is_of(ask.session));
@@ -58,6 +77,10 @@ impl Visits {
         if let Some(account) = &mut visit.account {
             account.set_policy(ask.session_policy);
             account.enter(state.0);
+            // It is stored in any case, so its age may be as well.
+            self.by_age.remove(&(visit.since, visit.client_id.clone()));
+            visit.since = last.0;
+            self.by_age.insert((visit.since, visit.client_id.clone()));
         }
     }
 }
@@ -69,6 +92,26 @@ mod tests {
     use crate::tuner::VisitDecision;
 
     #[test]
+    fn who_was_decided_for_longest_ago_is_forgotten_first() {
+        let mut visits = Visits::default();
+        let mut begin = |client: &str, since| {
+            let decision =
+                VisitDecision::Explore { rule: ExploreRule::Dice, estimate: ExplorationEstimate::default() };
+            let client_id = client.to_owned();
+            visits.begin(Visit { client_id, state_id: 1, number: 1, since, decision, account: None });
+        };
+        for (client, since) in [("a", 1), ("b", 2), ("c", 3), ("a", 4)] {
+            begin(client, since);
+        }
+        assert_eq!(visits.len(), 3);
+        let mut forget = |holder: &str| visits.forget_oldest(|client| client == holder);
+        assert_eq!(forget("b").as_deref(), Some("c"), "b holds a trial");
+        assert_eq!(forget("").as_deref(), Some("b"));
+        assert_eq!((forget("a"), forget("").as_deref(), forget("")), (None, Some("a"), None));
+        assert_eq!(visits.len(), 0);
+    }
+
+    #[test]
     fn an_account_goes_with_its_client_for_a_session() {
         let mut visits = Visits::default();
         let policy = Policy { regret_budget: Some(0.1), ..Policy::default() };
@@ -76,7 +119,14 @@ mod tests {
         let begin = |visits: &mut Visits, state_id| {
             let decision =
                 VisitDecision::Explore { rule: ExploreRule::Dice, estimate: ExplorationEstimate::default() };
-            visits.begin(Visit { client_id: "a".into(), state_id, number: 1, decision, account: None });
+            visits.begin(Visit {
+                client_id: "a".into(),
+                state_id,
+                number: 1,
+                since: 0,
+                decision,
+                account: None,
+            });
         };
         visits.keep_account(&ask(7), &policy, StateId(1), TrialNumber(0));
         assert!(visits.account("a").is_none(), "nobody is there yet");

@@ -1,6 +1,6 @@
 //! The rows of several commits as the columns of one statement.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use sqlx::postgres::PgConnection;
 
@@ -17,6 +17,8 @@ pub(super) struct Batch<'r> {
     fences: BTreeMap<i64, i64>,
     states: BTreeMap<(i64, i64), &'r StateRow>,
     visits: BTreeMap<(i64, &'r str), &'r VisitRow>,
+    /// Clients whose visits go, none of them among the visits.
+    forgotten: BTreeSet<(i64, &'r str)>,
     trials: BTreeMap<(i64, i64), &'r TrialRow>,
 }
 
@@ -36,6 +38,13 @@ impl<'r> Batch<'r> {
         }
         self.fences.insert(study, fence.epoch());
         self.states.extend(rows.states.iter().map(|row| ((study, row.id), row)));
+        for client_id in &rows.forgotten {
+            self.visits.remove(&(study, client_id.as_str()));
+            self.forgotten.insert((study, client_id));
+        }
+        for row in &rows.visits {
+            self.forgotten.remove(&(study, row.client_id.as_str()));
+        }
         self.visits.extend(rows.visits.iter().map(|row| ((study, row.client_id.as_str()), row)));
         self.trials.extend(rows.trials.iter().map(|row| ((study, row.number), row)));
         true
@@ -43,7 +52,10 @@ impl<'r> Batch<'r> {
 
     /// Whether there are no rows to store, so that only the epochs are asked for.
     fn is_empty(&self) -> bool {
-        self.states.is_empty() && self.visits.is_empty() && self.trials.is_empty()
+        self.states.is_empty()
+            && self.visits.is_empty()
+            && self.trials.is_empty()
+            && self.forgotten.is_empty()
     }
 
     /// Stores what belongs to studies whose epoch still holds, durably, and returns the keys of these.
@@ -93,6 +105,9 @@ impl<'r> Batch<'r> {
             .bind(column(trials(), |_, row| row.measurements.as_str()))
             .bind(column(trials(), |_, row| row.reason.as_str()))
             .bind(column(trials(), |_, row| row.fingerprint.as_deref()))
+            .bind(column(visits(), |_, row| row.since))
+            .bind(self.forgotten.iter().map(|(study, _)| *study).collect::<Vec<_>>())
+            .bind(self.forgotten.iter().map(|(_, client_id)| *client_id).collect::<Vec<_>>())
             .fetch_all(connection)
             .await?;
         Ok(held.into_iter().collect())

@@ -40,7 +40,7 @@ use crate::error::{OpenError, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::rows::{self, Rows};
-use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+use crate::store::{ClosedTrial, Created, Loaded, Store, StoreSize, StudyRecord, TrialPage, TrialQuery};
 use shared::SharedState;
 use writer::StudyJob;
 
@@ -195,6 +195,23 @@ impl Store for PostgresStore {
 
     fn doubt(&self, study: &str) {
         self.shared.forget_owner(study);
+    }
+
+    async fn is_held_by(&self, study: &str, address: &str) -> bool {
+        let Ok(mut reader) = self.reader().await else { return true };
+        let question = sqlx::query_scalar(statements::HOLDER_ADDRESS)
+            .bind(study)
+            .bind(limits::REPLICA_LAPSE.as_secs_f64())
+            .fetch_optional(&mut *reader);
+        let found: Result<Option<Option<String>>, _> = question.await;
+        found.map_or(true, |holder| holder.flatten().is_some_and(|holder| holder == address))
+    }
+
+    async fn size(&self) -> Option<StoreSize> {
+        let question = sqlx::query_scalar(statements::DATABASE_BYTES);
+        let question = question.fetch_one(&mut *self.reader().await.ok()?).await;
+        let bytes: i64 = question.ok()?;
+        Some(StoreSize { database_bytes: bytes.try_into().ok()?, log_bytes: 0 })
     }
 
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {

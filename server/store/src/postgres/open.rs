@@ -18,6 +18,9 @@ const OLDEST_SERVER: i32 = 130_000;
 /// Pause between attempts to reach a server that may be starting.
 const PAUSE: Duration = Duration::from_millis(200);
 
+/// How often it is said that a start waits.
+const SAID_AGAIN: Duration = Duration::from_secs(10);
+
 /// Where a database is and how to be let in. Shows no password.
 #[derive(Clone)]
 pub struct PostgresAddress {
@@ -100,21 +103,25 @@ pub(super) fn silent() -> sqlx::Error {
     sqlx::Error::Io(std::io::Error::new(std::io::ErrorKind::TimedOut, "the server does not answer"))
 }
 
-/// Connects and brings the schema up to date, waiting up to `patience` for a server that is not there yet.
+/// Connects and brings the schema up to date, waiting up to `patience` for a server that is not there yet, and for as
+/// long as it takes for one that says it is starting: to recover after a crash can take many minutes.
 pub(super) async fn open(address: &PostgresAddress, patience: Duration) -> Result<PgConnection, OpenError> {
-    let until = Instant::now() + patience;
-    let mut said = false;
+    let mut until = Instant::now() + patience;
+    let mut said: Option<Instant> = None;
     loop {
-        match prepare(address).await {
-            Err(error @ OpenError::Unreachable { .. }) if Instant::now() + PAUSE < until => {
-                if !said {
-                    tracing::warn!(%error, wait_s = patience.as_secs(), "waiting for the database");
-                    said = true;
-                }
-                sleep(PAUSE).await;
+        let error = match prepare(address).await {
+            Err(error @ OpenError::Starting { .. }) => {
+                until = Instant::now() + patience.max(2 * PAUSE);
+                error
             }
+            Err(error @ OpenError::Unreachable { .. }) if Instant::now() + PAUSE < until => error,
             result => return result,
+        };
+        if said.is_none_or(|said| said.elapsed() >= SAID_AGAIN) {
+            tracing::warn!(%error, wait_s = patience.as_secs(), "waiting for the database");
+            said = Some(Instant::now());
         }
+        sleep(PAUSE).await;
     }
 }
 
@@ -166,8 +173,10 @@ fn explain(server: &str, error: &sqlx::Error) -> OpenError {
     };
     let problem = database.message().to_owned();
     match database.code().as_deref() {
-        // Starting up or shutting down; too many connections.
-        Some("57P01" | "57P02" | "57P03" | "53300") => OpenError::Unreachable { server, problem },
+        // "cannot connect now": it starts, recovers or shuts down.
+        Some("57P03") => OpenError::Starting { server, problem },
+        // Shutting down; too many connections.
+        Some("57P01" | "57P02" | "53300") => OpenError::Unreachable { server, problem },
         _ => OpenError::Refused { server, problem },
     }
 }

@@ -95,6 +95,15 @@ pub(super) const STUDY_OWNER: &str = concat!(
     " THEN r.address END AS address FROM studies s LEFT JOIN replicas r ON r.id = s.owner WHERE s.name = $1"
 );
 
+/// Where the replica is reached that holds the study, while it lives.
+pub(super) const HOLDER_ADDRESS: &str = concat!(
+    "SELECT CASE WHEN ",
+    lives!("$2"),
+    " THEN r.address END FROM studies s LEFT JOIN replicas r ON r.id = s.owner WHERE s.name = $1"
+);
+
+pub(super) const DATABASE_BYTES: &str = "SELECT pg_database_size(current_database())";
+
 /// Takes the study, unless somebody else took it since it was looked at.
 pub(super) const STUDY_CLAIM: &str = concat!(
     "WITH claimed AS (UPDATE studies SET owner = $3, epoch = epoch + 1 ",
@@ -136,7 +145,7 @@ pub(super) const STATES_OF_STUDY: &str = "SELECT id, indicators::text, fingerpri
      search AS search_packed \
      FROM states WHERE study = $1 ORDER BY id";
 
-pub(super) const VISITS_OF_STUDY: &str = "SELECT client_id, state_id, number, decision::text, \
+pub(super) const VISITS_OF_STUDY: &str = "SELECT client_id, state_id, number, since, decision::text, \
      weighed::text, account::text FROM visits WHERE study = $1 ORDER BY client_id";
 
 macro_rules! trial_columns {
@@ -249,14 +258,17 @@ WITH held AS MATERIALIZED (
     WHERE r.study IN (SELECT id FROM held)
     ON CONFLICT (study, id) DO UPDATE SET search = excluded.search
 ), stored_visits AS (
-    INSERT INTO visits (study, client_id, state_id, number, decision, weighed, account)
-    SELECT r.study, r.client_id, r.state_id, r.number, r.decision::json, r.weighed::json, r.account::json
+    INSERT INTO visits (study, client_id, state_id, number, decision, weighed, account, since)
+    SELECT r.study, r.client_id, r.state_id, r.number, r.decision::json, r.weighed::json, r.account::json, r.since
     FROM unnest($8::bigint[], $9::text[], $10::bigint[], $11::bigint[], $12::text[], $13::text[],
-        $14::text[]) AS r (study, client_id, state_id, number, decision, weighed, account)
+        $14::text[], $36::bigint[]) AS r (study, client_id, state_id, number, decision, weighed, account, since)
     WHERE r.study IN (SELECT id FROM held)
     ON CONFLICT (study, client_id) DO UPDATE SET state_id = excluded.state_id,
         number = excluded.number, decision = excluded.decision, weighed = excluded.weighed,
-        account = excluded.account
+        account = excluded.account, since = excluded.since
+), forgotten_visits AS (
+    DELETE FROM visits v USING unnest($37::bigint[], $38::text[]) AS r (study, client_id)
+    WHERE v.study = r.study AND v.client_id = r.client_id AND r.study IN (SELECT id FROM held)
 ), stored_trials AS (
     INSERT INTO trials (study, number, client_id, state_id, mode, state, outcome, outcome_reason,
         outcome_lower_bound, cost, predicted_cost, late, create_ms, lease_expire_ms, complete_ms,

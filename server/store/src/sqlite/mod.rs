@@ -36,7 +36,7 @@ use crate::error::{OpenError, StoreError};
 use crate::fence::{Fence, Receipt};
 use crate::limits;
 use crate::rows::{self, Rows};
-use crate::store::{ClosedTrial, Created, Loaded, Store, StudyRecord, TrialPage, TrialQuery};
+use crate::store::{ClosedTrial, Created, Loaded, Store, StoreSize, StudyRecord, TrialPage, TrialQuery};
 use commands::{WriteCommand, WriteResult};
 pub use tokens::SqliteTokens;
 use writer::{Reply, WriteJob};
@@ -175,6 +175,15 @@ impl Store for SqliteStore {
             WriteResult::Fenced(fence) => read::load(&mut *self.reader().await?, fence).await,
             _ => Err(mismatch()),
         }
+    }
+
+    async fn size(&self) -> Option<StoreSize> {
+        let bytes = |path: &Path| std::fs::metadata(path).map(|file| file.len());
+        let mut log = self.path.clone().into_os_string();
+        log.push("-wal");
+        // Before the first write there is no log.
+        let log_bytes = bytes(Path::new(&log)).unwrap_or(0);
+        Some(StoreSize { database_bytes: bytes(&self.path).ok()?, log_bytes })
     }
 
     fn commit(&self, fence: &Fence, changes: &[Change]) -> Receipt {

@@ -26,18 +26,21 @@ pub(super) fn transaction(study: i64, rows: &Rows) -> Statements<'_> {
     bound(study, rows, format!("BEGIN IMMEDIATE;{};COMMIT", text(rows)))
 }
 
-/// States first: visits and trials refer to them.
+/// What goes makes room first, then states: visits and trials refer to them.
 fn text(rows: &Rows) -> String {
+    let forgotten = std::iter::repeat_n(sql::VISIT_DELETE, rows.forgotten.len());
     let states = std::iter::repeat_n(sql::STATE_UPSERT, rows.states.len());
     let visits = std::iter::repeat_n(sql::VISIT_UPSERT, rows.visits.len());
     let trials = std::iter::repeat_n(sql::TRIAL_UPSERT, rows.trials.len());
-    states.chain(visits).chain(trials).collect::<Vec<_>>().join(";")
+    forgotten.chain(states).chain(visits).chain(trials).collect::<Vec<_>>().join(";")
 }
 
 fn bound(study: i64, rows: &Rows, text: String) -> Statements<'_> {
-    let count = rows.states.len() + rows.visits.len() + rows.trials.len();
     // The text is put together from fixed parts alone.
-    let mut script = sqlx::query(AssertSqlSafe(text)).persistent(count <= PREPARED_ROWS);
+    let mut script = sqlx::query(AssertSqlSafe(text)).persistent(rows.count() <= PREPARED_ROWS);
+    for client_id in &rows.forgotten {
+        script = script.bind(study).bind(client_id);
+    }
     for row in &rows.states {
         script = bind_state(script, study, row);
     }
@@ -60,6 +63,7 @@ fn bind_visit<'q>(script: Statements<'q>, study: i64, row: &'q VisitRow) -> Stat
         .bind(&row.client_id)
         .bind(row.state_id)
         .bind(row.number)
+        .bind(row.since)
         .bind(&row.decision)
         .bind(&row.weighed)
         .bind(&row.account)

@@ -64,14 +64,16 @@ pub(super) const STATE_UPSERT: &str = "INSERT INTO states (study, id, indicators
      VALUES (?, ?, ?, ?, ?) \
      ON CONFLICT (study, id) DO UPDATE SET search = NULL, search_packed = excluded.search_packed";
 
-pub(super) const VISITS_OF_STUDY: &str = "SELECT client_id, state_id, number, decision, weighed, account \
+pub(super) const VISITS_OF_STUDY: &str = "SELECT client_id, state_id, number, since, decision, weighed, account \
      FROM visits WHERE study = $1 ORDER BY client_id";
 
 pub(super) const VISIT_UPSERT: &str = "INSERT INTO visits \
-     (study, client_id, state_id, number, decision, weighed, account) VALUES (?, ?, ?, ?, ?, ?, ?) \
+     (study, client_id, state_id, number, since, decision, weighed, account) VALUES (?, ?, ?, ?, ?, ?, ?, ?) \
      ON CONFLICT (study, client_id) DO UPDATE SET state_id = excluded.state_id, \
-     number = excluded.number, decision = excluded.decision, weighed = excluded.weighed, \
-     account = excluded.account";
+     number = excluded.number, since = excluded.since, decision = excluded.decision, \
+     weighed = excluded.weighed, account = excluded.account";
+
+pub(super) const VISIT_DELETE: &str = "DELETE FROM visits WHERE study = ? AND client_id = ?";
 
 macro_rules! trial_columns {
     () => {

@@ -164,6 +164,7 @@ pub(crate) fn visit(client_id: &str, number: u64) -> Visit {
         client_id: client_id.to_owned(),
         state_id: 1,
         number,
+        since: 4,
         decision: VisitDecision::Exploit {
             configuration: open(1).configuration,
             predicted_cost: Some(0.1),
@@ -176,5 +177,5 @@ pub(crate) fn visit(client_id: &str, number: u64) -> Visit {
 
 /// A change with one state and some trials.
 pub(crate) fn change(trials: Vec<Trial>) -> Change {
-    Change { trials, states: vec![state(1)], visits: vec![] }
+    Change { trials, states: vec![state(1)], ..Change::default() }
 }

@@ -120,7 +120,13 @@ impl StateIndex {
         self.all.get(&machine)?.within(state, tolerance).map(|found| found.name as usize)
     }
 
-    /// The same for each machine, the first one first.
+    /// The place of a machine's nearest state, however far.
+    pub(crate) fn nearest_of(&self, machine: MachineId, state: &[f64]) -> Option<usize> {
+        let nearest = self.all.get(&machine)?.nearest(state, &self.weights, 1, &mut |_| Some(0.0));
+        nearest.first().map(|found| found.name as usize)
+    }
+
+    /// The nearest state within a tolerance for each machine, the first one first.
     pub(crate) fn within_each(&self, state: &[f64], tolerance: f64) -> impl Iterator<Item = usize> {
         self.all.values().filter_map(move |tree| Some(tree.within(state, tolerance)?.name as usize))
     }

@@ -1,0 +1,104 @@
+//! The id of a client that was given none: the same again after a restart, and nobody else's at the same time.
+//!
+//! It names program, machine and user, and a slot that tells those apart that run side by side. A slot is held by a
+//! Unix socket in the abstract namespace (`unix(7)`), which the system gives back when its process ends, however
+//! it ends, and which leaves no file behind. Containers that share a machine's network share its slots as well; those
+//! with a network of their own have a host name of their own.
+
+use std::os::linux::net::SocketAddrExt as _;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::sync::{Mutex, PoisonError};
+
+use crate::limits::CLIENT_SLOTS;
+
+/// Bytes of an abstract socket's name.
+const NAME_BYTES: usize = 107;
+
+/// An id that is taken for as long as this lives.
+#[derive(Debug)]
+struct Slot {
+    id: String,
+    /// One that was forked has its parent's slot, and needs one of its own.
+    process: u32,
+    _socket: Option<UnixDatagram>,
+}
+
+static OURS: Mutex<Option<Slot>> = Mutex::new(None);
+
+/// The id of this process, which holds it from the first question to its end.
+pub(crate) fn default_client_id() -> String {
+    let mut ours = OURS.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(slot) = ours.as_ref().filter(|slot| slot.process == std::process::id()) {
+        return slot.id.clone();
+    }
+    ours.insert(Slot::take(&whoever())).id.clone()
+}
+
+impl Slot {
+    /// The first slot of `who` that is free.
+    fn take(who: &str) -> Self {
+        let process = std::process::id();
+        for number in 0..CLIENT_SLOTS {
+            let name = format!("treewright-client-{number}-{who}");
+            let name = &name.as_bytes()[..name.len().min(NAME_BYTES)];
+            let bound = SocketAddr::from_abstract_name(name).and_then(|name| UnixDatagram::bind_addr(&name));
+            match bound {
+                Ok(socket) => return Self { id: format!("{who}/{number}"), process, _socket: Some(socket) },
+                Err(error) if error.kind() == std::io::ErrorKind::AddrInUse => {}
+                Err(_) => break,
+            }
+        }
+        // Where there are no such sockets, at least nobody else has it.
+        Self { id: format!("{who}-{process}"), process, _socket: None }
+    }
+}
+
+/// `PROGRAM@MACHINE/USER`, of what can be found out. Machines of one name are told apart by what `machine-id(5)` says.
+fn whoever() -> String {
+    let program = std::env::current_exe()
+        .ok()
+        .and_then(|path| path.file_stem().map(|stem| stem.to_string_lossy().into_owned()))
+        .unwrap_or_else(|| "client".to_owned());
+    let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let machine = if machine.trim().is_empty() { "machine" } else { machine.trim() };
+    // Not the id itself, which is nobody's business.
+    let number = std::fs::read("/etc/machine-id").map_or(0, |bytes| hash(&bytes));
+    let user =
+        std::env::var("USER").or_else(|_| std::env::var("LOGNAME")).unwrap_or_else(|_| "user".to_owned());
+    let short =
+        |text: &str, most| text.chars().filter(|each| !each.is_control()).take(most).collect::<String>();
+    format!("{}@{}-{number:08x}/{}", short(&program, 32), short(machine, 32), short(&user, 24))
+}
+
+/// FNV-1a with 32 bits (Fowler, Noll and Vo, draft-eastlake-fnv).
+fn hash(bytes: &[u8]) -> u32 {
+    bytes.iter().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn those_that_run_side_by_side_differ_and_who_starts_again_is_the_same() {
+        let who = format!("a test of {}", std::process::id());
+        let (first, second) = (Slot::take(&who), Slot::take(&who));
+        assert_eq!((first.id.as_str(), second.id.as_str()), (&*format!("{who}/0"), &*format!("{who}/1")));
+        drop(first);
+        assert_eq!(Slot::take(&who).id, format!("{who}/0"));
+        // Of names that are too long for a socket, none is taken twice all the same.
+        let long = "x".repeat(200);
+        let both = [Slot::take(&long), Slot::take(&long)];
+        assert_ne!(both[0].id, both[1].id);
+    }
+
+    #[test]
+    fn a_process_has_one_id() {
+        let id = default_client_id();
+        assert_eq!(default_client_id(), id);
+        let program = std::env::current_exe().expect("a program");
+        let program = program.file_stem().expect("a name").to_string_lossy();
+        assert!(id.starts_with(&program[..program.len().min(32)]) && id.contains('@'), "{id}");
+        assert!(id.chars().count() <= treewright_model::limits::CLIENT_ID_CHARACTERS_MAX);
+    }
+}

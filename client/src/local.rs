@@ -1,0 +1,223 @@
+//! A daemon of one's own, for those who have none: started when it is needed, found again by its address file, and
+//! ended by itself when nobody has asked it anything for a while.
+//!
+//! It listens on a Unix socket that only its user can reach, in the runtime folder of the user (XDG Base Directory
+//! Specification 0.8), or on a free port of the loopback interface where the path is too long for a socket. Its
+//! database is in the data folder. Several programs that look for it at once take turns by a lock on a file, so that
+//! only one is started.
+
+use std::ffi::OsString;
+use std::fs::{DirBuilder, File, OpenOptions};
+use std::io::{BufRead as _, BufReader};
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+use std::os::unix::process::CommandExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::blocking::Client;
+use crate::{ClientError, Options};
+
+/// It ends when nobody has asked it anything for so long, unless [`IDLE_VARIABLE`] says otherwise.
+const IDLE_S: u32 = 600;
+/// Seconds of silence after which it ends.
+const IDLE_VARIABLE: &str = "TREEWRIGHT_LOCAL_IDLE_S";
+/// One that is just ending still holds the database; so long is waited for that.
+const PATIENCE: Duration = Duration::from_secs(15);
+/// One that is there answers within this.
+const ANSWER: Duration = Duration::from_secs(2);
+/// The daemon's program.
+const PROGRAM: &str = "treewrightd";
+/// Bytes of a path that a Unix socket can have, and some to spare (`unix(7)`).
+const SOCKET_PATH_BYTES: usize = 100;
+/// What the daemon says before its address when it is ready.
+const READY: &str = "treewrightd listening on ";
+
+/// The user's own daemon, running or not.
+#[derive(Clone, Debug)]
+pub struct LocalDaemon {
+    runtime: PathBuf,
+    data: PathBuf,
+}
+
+impl LocalDaemon {
+    /// The one of this user.
+    ///
+    /// Errors: [`ClientError::NoLocalDaemon`] when neither HOME nor the XDG variables say where it is.
+    pub fn of_user() -> Result<Self, ClientError> {
+        match (runtime_folder(), data_folder()) {
+            (Some(runtime), Some(data)) => Ok(Self { runtime, data }),
+            _ => Err(none("HOME is not set, so there is no place for its database".into())),
+        }
+    }
+
+    /// Its database, which may not exist yet.
+    #[must_use]
+    pub fn database(&self) -> PathBuf {
+        self.data.join("tuning.db")
+    }
+
+    fn address_file(&self) -> PathBuf {
+        self.runtime.join("address")
+    }
+
+    /// The log of the last one.
+    #[must_use]
+    pub fn log(&self) -> PathBuf {
+        self.runtime.join("daemon.log")
+    }
+
+    /// Its address, if it is running. Blocks for two seconds at most.
+    #[must_use]
+    pub fn running(&self) -> Option<String> {
+        let url = std::fs::read_to_string(self.address_file()).ok()?.trim().to_owned();
+        answers(&url).then_some(url)
+    }
+
+    /// Its address. It is started where it is not running, and `note` is told so. Blocks until it answers, for some
+    /// seconds at most.
+    ///
+    /// Errors: [`ClientError::NoLocalDaemon`] with what its log says.
+    pub fn start(&self, note: impl FnOnce(&str)) -> Result<String, ClientError> {
+        for folder in [&self.runtime, &self.data] {
+            let made = DirBuilder::new().recursive(true).mode(0o700).create(folder);
+            made.map_err(|error| of_file(folder, &error))?;
+        }
+        let lock_file = self.runtime.join("lock");
+        let problem = |error: std::io::Error| of_file(&lock_file, &error);
+        let lock = OpenOptions::new()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .mode(0o600)
+            .open(&lock_file)
+            .map_err(problem)?;
+        // Given back when the file is closed.
+        lock.lock().map_err(problem)?;
+        if let Some(url) = self.running() {
+            return Ok(url);
+        }
+        let begin = Instant::now();
+        loop {
+            match self.spawn() {
+                Ok(url) => {
+                    let file = self.address_file();
+                    std::fs::write(&file, &url).map_err(|error| of_file(&file, &error))?;
+                    note(&format!(
+                        "started a local daemon on {url}; its database is {}, and it ends after {} s of silence",
+                        self.database().display(),
+                        idle_s()
+                    ));
+                    return Ok(url);
+                }
+                // An earlier one that is ending may still hold the database.
+                Err(_) if begin.elapsed() < PATIENCE && self.is_in_use() => {
+                    std::thread::sleep(Duration::from_millis(300));
+                }
+                Err(problem) => return Err(problem),
+            }
+        }
+    }
+
+    /// Where it listens, as arguments of the daemon.
+    fn listen(&self) -> Vec<OsString> {
+        let socket = self.runtime.join("daemon.sock");
+        if socket.as_os_str().len() <= SOCKET_PATH_BYTES {
+            vec!["--socket-only".into(), "--socket".into(), socket.into()]
+        } else {
+            vec!["--listen".into(), "127.0.0.1:0".into()]
+        }
+    }
+
+    fn spawn(&self) -> Result<String, ClientError> {
+        let program = program(PROGRAM)
+            .ok_or_else(|| none(format!("the program {PROGRAM} is neither beside this one nor in PATH")))?;
+        let log = self.log();
+        let log_file = File::create(&log).map_err(|error| of_file(&log, &error))?;
+        let mut child = Command::new(&program)
+            .arg("serve")
+            .args(self.listen())
+            .args(["--idle-exit-s", &idle_s().to_string(), "--database"])
+            .arg(self.database())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(log_file)
+            // Ctrl-C is meant for us.
+            .process_group(0)
+            .spawn()
+            .map_err(|error| none(format!("{} cannot be started: {error}", program.display())))?;
+        let mut line = String::new();
+        if let Some(out) = child.stdout.take() {
+            BufReader::new(out)
+                .read_line(&mut line)
+                .map_err(|error| none(format!("it cannot be heard: {error}")))?;
+        }
+        match line.trim().strip_prefix(READY) {
+            Some(url) => Ok(url.to_owned()),
+            None => {
+                // It has ended, or is about to.
+                let _ = child.wait();
+                Err(none(last_line(&log)))
+            }
+        }
+    }
+
+    /// Whether the last start failed because another daemon has the database.
+    fn is_in_use(&self) -> bool {
+        let log = std::fs::read_to_string(self.log()).unwrap_or_default();
+        log.contains("in use") || log.contains("another")
+    }
+}
+
+fn idle_s() -> u32 {
+    std::env::var(IDLE_VARIABLE).ok().and_then(|text| text.parse().ok()).filter(|&s| s > 0).unwrap_or(IDLE_S)
+}
+
+fn last_line(log: &Path) -> String {
+    let text = std::fs::read_to_string(log).unwrap_or_default();
+    let last = text.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
+    format!("{last} (its log is {})", log.display())
+}
+
+/// Whether a daemon serves there. Blocks for two seconds at most.
+#[must_use]
+pub fn answers(url: &str) -> bool {
+    let options = Options::new().call_deadline(ANSWER);
+    Client::connect(url, options).is_ok_and(|client| client.ping().is_ok())
+}
+
+fn none(problem: String) -> ClientError {
+    ClientError::NoLocalDaemon { problem }
+}
+
+fn of_file(path: &Path, error: &std::io::Error) -> ClientError {
+    none(format!("{}: {error}", path.display()))
+}
+
+/// `~/.local/share/treewright`, where databases are.
+fn data_folder() -> Option<PathBuf> {
+    folder("XDG_DATA_HOME", ".local/share")
+}
+
+/// Where what lives only as long as the machine is up is kept; nobody else may look into it.
+fn runtime_folder() -> Option<PathBuf> {
+    let given = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_absolute());
+    given.map(|path| path.join("treewright")).or_else(|| folder("XDG_STATE_HOME", ".local/state"))
+}
+
+/// A folder of the user's: what the variable says, or one below HOME.
+#[must_use]
+pub fn folder(variable: &str, below_home: &str) -> Option<PathBuf> {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let base = absolute(variable).or_else(|| absolute("HOME").map(|home| home.join(below_home)));
+    base.map(|base| base.join("treewright"))
+}
+
+/// A program that lies beside this one, or else is found in `PATH`.
+#[must_use]
+pub fn program(name: &str) -> Option<PathBuf> {
+    let beside = std::env::current_exe().ok().and_then(|exe| Some(exe.parent()?.join(name)));
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let listed = std::env::split_paths(&path).map(|folder| folder.join(name)).collect::<Vec<_>>();
+    beside.into_iter().chain(listed).find(|path| path.is_file())
+}

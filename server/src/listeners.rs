@@ -1,0 +1,154 @@
+//! Where clients come in: TCP, Unix sockets, or sockets that systemd opened for the daemon ("socket activation", see
+//! `systemd.socket(5)` and `sd_listen_fds(3)`).
+//!
+//! A Unix socket can only be reached by the user whose daemon it is: its file is made unreadable to everybody else.
+
+use std::io;
+use std::net::SocketAddr;
+use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _};
+use std::path::{Path, PathBuf};
+
+use listenfd::ListenFd;
+use tokio::net::{TcpListener, UnixListener};
+
+/// Sockets on which connections are accepted.
+#[derive(Debug, Default)]
+pub struct Listeners {
+    pub(crate) tcp: Vec<TcpListener>,
+    pub(crate) unix: Vec<UnixListener>,
+    /// Of sockets that were made here, whose files go at the end.
+    files: Vec<SocketFile>,
+}
+
+/// The file of a Unix socket; removed when dropped.
+#[derive(Debug)]
+pub(crate) struct SocketFile(PathBuf);
+
+impl Drop for SocketFile {
+    fn drop(&mut self) {
+        // Somebody may have removed it already.
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+impl From<TcpListener> for Listeners {
+    fn from(listener: TcpListener) -> Self {
+        Self { tcp: vec![listener], ..Self::default() }
+    }
+}
+
+impl Listeners {
+    /// The sockets that the system opened before it started this process; none where it did not.
+    ///
+    /// # Errors
+    /// When one of them is not a listening stream socket.
+    pub fn inherited() -> io::Result<Self> {
+        let mut given = ListenFd::from_env();
+        let mut listeners = Self::default();
+        for place in 0..given.len() {
+            match given.take_tcp_listener(place) {
+                Ok(Some(tcp)) => {
+                    tcp.set_nonblocking(true)?;
+                    listeners.tcp.push(TcpListener::from_std(tcp)?);
+                }
+                _ => {
+                    let Some(unix) = given.take_unix_listener(place)? else { continue };
+                    unix.set_nonblocking(true)?;
+                    listeners.unix.push(UnixListener::from_std(unix)?);
+                }
+            }
+        }
+        Ok(listeners)
+    }
+
+    /// Listens on a TCP address as well.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub async fn bind_tcp(&mut self, address: SocketAddr) -> io::Result<()> {
+        self.tcp.push(TcpListener::bind(address).await?);
+        Ok(())
+    }
+
+    /// Listens on a Unix socket as well, for this user alone. The file of one that nobody listens on any more is
+    /// replaced.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::AddrInUse`] when somebody does, and what the system says.
+    pub async fn bind_unix(&mut self, path: &Path) -> io::Result<()> {
+        let is_socket = std::fs::symlink_metadata(path).is_ok_and(|file| file.file_type().is_socket());
+        let is_deserted = || {
+            let tried = std::os::unix::net::UnixStream::connect(path);
+            tried.is_err_and(|error| error.kind() == io::ErrorKind::ConnectionRefused)
+        };
+        if is_socket && is_deserted() {
+            std::fs::remove_file(path)?;
+        }
+        let listener = UnixListener::bind(path)?;
+        self.files.push(SocketFile(path.to_owned()));
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600))?;
+        self.unix.push(listener);
+        Ok(())
+    }
+
+    /// Whether there is no socket.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.tcp.is_empty() && self.unix.is_empty()
+    }
+
+    /// The first TCP address that is listened on.
+    #[must_use]
+    pub fn address(&self) -> Option<SocketAddr> {
+        self.tcp.first()?.local_addr().ok()
+    }
+
+    /// Every address, as a client writes it; `scheme` is that of TCP.
+    #[must_use]
+    pub fn urls(&self, scheme: &str) -> Vec<String> {
+        let tcp = self.tcp.iter().filter_map(|one| Some(format!("{scheme}://{}", one.local_addr().ok()?)));
+        let path =
+            |one: &UnixListener| Some(format!("unix:{}", one.local_addr().ok()?.as_pathname()?.display()));
+        tcp.chain(self.unix.iter().filter_map(path)).collect()
+    }
+
+    /// Takes the files of the sockets out, to be kept for as long as clients may come.
+    pub(crate) fn take_files(&mut self) -> Vec<SocketFile> {
+        std::mem::take(&mut self.files)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_socket_is_for_its_user_alone_and_leaves_nothing_behind() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("daemon.sock");
+        let mut listeners = Listeners::default();
+        listeners.bind_unix(&path).await.expect("a socket");
+        assert_eq!(listeners.urls("http"), [format!("unix:{}", path.display())]);
+        let mode = std::fs::metadata(&path).expect("a file").permissions().mode();
+        assert_eq!(mode & 0o777, 0o600);
+        let taken = Listeners::default().bind_unix(&path).await.expect_err("somebody listens");
+        assert_eq!(taken.kind(), io::ErrorKind::AddrInUse);
+        drop(listeners);
+        assert!(!path.exists());
+    }
+
+    #[tokio::test]
+    async fn what_a_killed_daemon_left_behind_is_replaced() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("daemon.sock");
+        drop(UnixListener::bind(&path).expect("a socket"));
+        assert!(path.exists(), "its file stays");
+        let mut listeners = Listeners::default();
+        listeners.bind_unix(&path).await.expect("it is replaced");
+        // A file that is none of ours is not.
+        let other = folder.path().join("notes.txt");
+        std::fs::write(&other, "mine").expect("written");
+        listeners.bind_unix(&other).await.expect_err("a file of somebody's");
+        assert_eq!(std::fs::read_to_string(&other).expect("there"), "mine");
+    }
+}

@@ -1,0 +1,135 @@
+//! Unix sockets, sockets that the system passes on, and the id of a client that was given none.
+
+use std::io::{BufRead as _, BufReader};
+use std::net::TcpListener;
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixListener;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use treewright_client::{Client, Indicators, Options, Outcome, Scale, Space, Study, StudySpec};
+use treewright_tests::daemon::Daemon;
+use treewright_tests::programs::program;
+
+/// The address of the daemon, for a client that runs as a process of its own.
+const URL: &str = "TREEWRIGHT_TEST_URL";
+
+fn spec() -> StudySpec {
+    let space = Space::builder().integer("leaf", 1..=32).default(8).build().expect("a space");
+    let spec = StudySpec::builder(space).indicator("triangles", 0.0..=100.0, Scale::Linear);
+    spec.minimise("render_ms", 1.0).build().expect("a specification")
+}
+
+async fn study(url: &str, options: Options) -> (Client, Study) {
+    let client = Client::connect(url, options.deadline(Duration::from_secs(5))).expect("a good address");
+    let study = client.study("hall", spec()).await.expect("a study");
+    (client, study)
+}
+
+/// One frame, durable from end to end.
+async fn frame(url: &str) {
+    let (client, study) = study(url, Options::new().client_id("a")).await;
+    let suggestion = study.suggest(&Indicators::from([("triangles", 3.0)])).await;
+    assert!(suggestion.trial().is_some(), "{suggestion:?}");
+    suggestion.report([("render_ms", 2.0)].into(), Outcome::Ok).expect("measured");
+    client.flush(Duration::from_secs(5)).await.expect("acknowledged");
+}
+
+#[tokio::test]
+async fn a_unix_socket_serves_beside_a_port_or_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (database, log) = (folder.path().join("tuning.db"), folder.path().join("log"));
+    let socket = folder.path().join("daemon.sock");
+    let socket_url = format!("unix:{}", socket.display());
+    let path = socket.to_str().expect("a plain path");
+
+    let both = Daemon::start_with(&database, &["--socket", path], &log);
+    let (port_url, said) = both.url().split_once(',').expect("two addresses");
+    assert_eq!(said, socket_url);
+    frame(port_url).await;
+    frame(&socket_url).await;
+    frame(both.url()).await;
+    // Killed, it leaves the file, which the next one replaces.
+    both.kill();
+    assert!(socket.exists());
+    let alone = Daemon::start_with(&database, &["--socket", path, "--socket-only"], &log);
+    assert_eq!(alone.url(), socket_url);
+    frame(alone.url()).await;
+    assert!(alone.terminate().success());
+    assert!(!socket.exists(), "a polite end takes its file along");
+}
+
+/// A daemon whose standard input is a socket that was opened for it, as systemd does it with descriptor 3.
+fn activated(socket: OwnedFd, database: &Path) -> Daemon {
+    let mut shell = Command::new("sh");
+    let script = "exec 3<&0 </dev/null; export LISTEN_FDS=1 LISTEN_PID=$$; exec \"$0\" \"$@\"";
+    shell.args(["-c", script]).arg(program("treewrightd")).stdin(socket);
+    Daemon::start_by(shell, database)
+}
+
+#[tokio::test]
+async fn sockets_that_the_system_opened_take_the_place_of_others() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let database = folder.path().join("tuning.db");
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("an address");
+    // Who comes before the daemon waits in the queue.
+    let waiting = tokio::spawn(async move { frame(&format!("http://{address}")).await });
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    let daemon = activated(listener.into(), &database);
+    assert_eq!(daemon.url(), format!("http://{address}"));
+    waiting.await.expect("it was served");
+    assert!(daemon.terminate().success());
+
+    let socket = folder.path().join("passed.sock");
+    let listener = UnixListener::bind(&socket).expect("a socket");
+    let daemon = activated(listener.into(), &database);
+    assert_eq!(daemon.url(), format!("unix:{}", socket.display()));
+    frame(daemon.url()).await;
+    assert!(daemon.terminate().success());
+    assert!(socket.exists(), "it is the system's");
+}
+
+/// What [`who_starts_again_gets_its_open_trial_back`] starts as a process of its own: asks once with the default id, says
+/// which trial it got, and waits to be killed. Among the other tests it does nothing.
+#[tokio::test]
+async fn client_of_another_test() {
+    let Ok(url) = std::env::var(URL) else { return };
+    let (_client, study) = study(&url, Options::new()).await;
+    let suggestion = study.suggest(&Indicators::from([("triangles", 3.0)])).await;
+    println!("trial={}", suggestion.trial().expect("a trial"));
+    std::future::pending().await
+}
+
+/// A process that is killed when dropped.
+struct Killed(Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Starts it, and reads the trial's name.
+fn client(url: &str) -> (Killed, String) {
+    let mut command = Command::new(std::env::current_exe().expect("this program"));
+    command.args(["--exact", "sockets::client_of_another_test", "--nocapture"]).env(URL, url);
+    let mut running = Killed(command.stdout(Stdio::piped()).spawn().expect("it starts"));
+    let mut lines = BufReader::new(running.0.stdout.take().expect("it is piped")).lines();
+    let trial = lines.find_map(|line| Some(line.ok()?.split_once("trial=")?.1.to_owned()));
+    (running, trial.expect("it says its trial"))
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn who_starts_again_gets_its_open_trial_back() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let (first, of_first) = client(daemon.url());
+    let (_second, of_second) = client(daemon.url());
+    assert_ne!(of_first, of_second, "two that run side by side have an id each");
+    drop(first);
+    let (_again, trial) = client(daemon.url());
+    assert_eq!(trial, of_first, "the one that was killed has the same id again");
+}
