@@ -152,12 +152,21 @@ impl ServeConfig {
         self.peers.check(&database, self.listen, &self.guard)
     }
 
-    /// Checks the TCP address that the system has opened for the daemon, if it has.
+    /// Checks the TCP address that the system has opened for the daemon, if it has: it has to be the one of `--listen`, by
+    /// which it was decided who may enter.
     ///
     /// # Errors
     /// What is wrong with it, and what would be right.
     pub fn check_inherited(&self, address: Option<SocketAddr>) -> Result<(), String> {
-        address.map_or(Ok(()), |address| self.guard.check(address))
+        let is_listen = |own: &SocketAddr| {
+            own.ip() == self.listen.ip() && (self.listen.port() == 0 || own.port() == self.listen.port())
+        };
+        match address.filter(|own| !is_listen(own)) {
+            None => Ok(()),
+            Some(own) => Err(format!(
+                "a socket at {own} was handed over; let --listen and the socket unit name the same"
+            )),
+        }
     }
 
     /// Checks that nobody beyond this machine sees the figures or the dashboard by mistake.
