@@ -22,9 +22,10 @@ pub(crate) fn raised(error: ClientError) -> PyErr {
         ClientError::BadUrl { .. } | ClientError::Invalid { .. } | ClientError::NoSuchValue(_) => {
             Invalid::new_err(words)
         }
-        ClientError::Away { .. } | ClientError::NoLocalDaemon { .. } | ClientError::Late { .. } | ClientError::Unflushed { .. } => {
-            Unreachable::new_err(words)
-        }
+        ClientError::Away { .. }
+        | ClientError::NoLocalDaemon { .. }
+        | ClientError::Late { .. }
+        | ClientError::Unflushed { .. } => Unreachable::new_err(words),
         ClientError::Refused { .. } => Refused::new_err(words),
         ClientError::NoRuntime { .. }
         | ClientError::Malformed { .. }
