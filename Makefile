@@ -2,10 +2,10 @@
 
 CARGO ?= cargo
 
-.PHONY: help setup build demo test lint bench hunt peers dist deb docs
+.PHONY: help setup build demo test lint bench hunt peers integrations dist deb docs
 
 help: ## what there is to make
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 15
 
 setup: ## find or fetch Embree 4.4, libclang and a C compiler (tools/setup.py)
 	@python3 tools/setup.py
@@ -40,6 +40,9 @@ bench: build ## measure the evaluation scenes (tools/bench.py; SCENES=FOLDER for
 
 hunt: ## plant defects in the service and let the simulator find them (tests/simulation/hunt.py)
 	@python3 tests/simulation/hunt.py
+
+integrations: setup ## the SDKs for Python and Node with real packages from PyPI and npm (integrations/)
+	@tools/integrations.sh
 
 peers: ## compare the searches with Optuna, SMAC3, Nevergrad and scipy (tests/peers)
 	$(CARGO) build --release --locked -p treewright-lab --example ask_tell

@@ -35,6 +35,7 @@ const ARROWS: &[(&str, &[&str])] = &[
         ],
     ),
     ("treewright-c", &["treewright-client", "treewright-indicators"]),
+    ("treewright-probe", &[]),
     ("treewright-python", &["treewright-client"]),
     ("treewright-builders", &["treewright-client", "treewright-indicators"]),
     ("treewright-test-postgres", &[]),
@@ -62,7 +63,7 @@ const PURE: &[(&str, &str)] = &[("treewright-model", "model/src"), ("treewright-
 const NOT_IN_PURE: &[&str] = &["tokio", "sqlx", "tonic", "prost", "reqwest", "rusqlite", "tracing", "chrono"];
 
 /// Crates with lints of their own, which allow `unsafe`: Embree, and the shells of other languages.
-const EDGES: &[&str] = &["treewright-accel", "treewright-c", "treewright-python"];
+const EDGES: &[&str] = &["treewright-accel", "treewright-c", "treewright-probe", "treewright-python"];
 
 /// Crates for programs at a terminal, which a renderer that links the SDK must not get.
 const NOT_IN_SDK: &[&str] = &["clap", "comfy-table", "crossterm", "indicatif"];

@@ -96,6 +96,12 @@ fn a_c_program_gets_along_with_it() {
     let program = compile("cc", &strict, &file("c/tests/sdk.c"), folder.path(), "sdk");
     let daemon = Daemon::start(&folder.path().join("tuning.db"));
     assert_eq!(succeed(Command::new(&program).arg(daemon.url())), "ok\n");
+    let sanitised = [&strict[..], &["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]].concat();
+    let sanitised = compile("cc", &sanitised, &file("c/tests/sdk.c"), folder.path(), "sanitised");
+    let second = Daemon::start(&folder.path().join("second.db"));
+    // Leaks are valgrind's to find: the sanitiser's search for them needs rights that containers seldom give.
+    let mut sanitised = Command::new(sanitised);
+    assert_eq!(succeed(sanitised.env("ASAN_OPTIONS", "detect_leaks=0").arg(second.url())), "ok\n");
     let again = Daemon::start(&folder.path().join("again.db"));
     if has("valgrind", "libtreewright under valgrind") {
         let valgrind = [
@@ -143,13 +149,9 @@ fn embree_headers() -> PathBuf {
     manifest.parent().expect("a folder").join("lib")
 }
 
-#[test]
-fn a_renderer_on_embree_is_tuned() {
-    if !has("c++", "the C++ example on Embree") {
-        return;
-    }
-    let folder = tempfile::tempdir().expect("a folder");
-    install(folder.path());
+/// Compiles the example on Embree into a folder, and returns its path.
+pub(crate) fn embree_example(folder: &Path) -> PathBuf {
+    install(folder);
     let library = workspace().join("target/native/embree/lib").canonicalize().expect("Embree, by make setup");
     let headers = format!("-isystem{}", embree_headers().display());
     let link = format!("-L{}", library.display());
@@ -157,8 +159,8 @@ fn a_renderer_on_embree_is_tuned() {
     let options = ["-std=c++17", "-O2", &headers];
     let source = file("c/examples/embree_tuned.cpp");
     // The libraries stand after the source, as the linker wants them.
-    let object = folder.path().join("embree_tuned.o");
-    let include = folder.path().join("include");
+    let object = folder.join("embree_tuned.o");
+    let include = folder.join("include");
     succeed(Command::new("c++").args(options).args(["-Wall", "-Wextra", "-Werror", "-c", "-I"]).args([
         include.as_os_str(),
         source.as_os_str(),
@@ -166,8 +168,8 @@ fn a_renderer_on_embree_is_tuned() {
         object.as_os_str(),
     ]));
     let embree = [link.as_str(), run_path.as_str(), "-lembree4"];
-    let program = folder.path().join("embree_tuned");
-    let ours = folder.path().join("lib");
+    let program = folder.join("embree_tuned");
+    let ours = folder.join("lib");
     succeed(
         Command::new("c++")
             .args([object.as_os_str(), OsStr::new("-o"), program.as_os_str()])
@@ -175,6 +177,16 @@ fn a_renderer_on_embree_is_tuned() {
             .args([format!("-L{}", ours.display()), format!("-Wl,-rpath,{}", ours.display())])
             .arg("-ltreewright"),
     );
+    program
+}
+
+#[test]
+fn a_renderer_on_embree_is_tuned() {
+    if !has("c++", "the C++ example on Embree") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let program = embree_example(folder.path());
     let daemon = Daemon::start(&folder.path().join("tuning.db"));
     let said = succeed(Command::new(&program).args([
         "--url",

@@ -15,6 +15,7 @@
 #include <ctime>
 #include <fstream>
 #include <map>
+#include <random>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -224,13 +225,18 @@ void measure(Devices &devices, const Mesh &mesh, const View &view, const tw::Stu
   std::vector<std::string> texts{best.configuration().json()};
   texts.insert(texts.end(), std::begin(FIXED), std::end(FIXED));
   std::vector<std::vector<double>> costs(texts.size());
-  for (int round = 0; round < settings.rounds; round++)
-    for (size_t each = 0; each < texts.size(); each++) {
-      size_t turn = (each + static_cast<size_t>(round)) % texts.size();
+  std::vector<size_t> turns(texts.size());
+  for (size_t each = 0; each < turns.size(); each++) turns[each] = each;
+  std::mt19937 random(1);
+  for (int round = 0; round < settings.rounds; round++) {
+    // In another order each time: what ran before leaves its mark on caches and memory.
+    std::shuffle(turns.begin(), turns.end(), random);
+    for (size_t turn : turns) {
       tw::Known fixed = tw::parse(texts[turn]);
       Frame frame = render(devices, mesh, view, fixed.configuration().handle(), settings);
       costs[turn].push_back(frame.build_ms + frame.render_ms);
     }
+  }
   std::ostringstream line;
   for (size_t each = 1; each < texts.size(); each++) {
     std::vector<double> ratios;

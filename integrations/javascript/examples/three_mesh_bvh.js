@@ -119,9 +119,10 @@ const median = (values) => values.toSorted((a, b) => a - b)[values.length >> 1];
 function compare(mesh, tuned, rays, rounds) {
   const all = [tuned, ...FIXED];
   const costs = all.map(() => []);
+  const random = generator(3);
   for (let round = 0; round < rounds; round++)
-    for (let each = 0; each < all.length; each++) {
-      const turn = (each + round) % all.length;
+    // In another order each time: what ran before leaves its mark on caches and heap.
+    for (const { turn } of all.map((_, turn) => ({ turn, key: random() })).sort((a, b) => a.key - b.key)) {
       const { build_ms, rays_ms } = run(mesh, all[turn], rays);
       costs[turn].push(build_ms + rays_ms);
     }

@@ -1,0 +1,25 @@
+// What a type checker makes of the package; never run.
+import { Client, TreewrightError, type StudySpec, type Value } from "treewright";
+
+const spec: StudySpec = {
+  parameters: [
+    { name: "leaf", type: "integer", min: 1, max: 9, default: 3 },
+    { name: "split", type: "choice", values: ["sah", "median"], default: "sah", activeIf: { parameter: "leaf", anyOf: [3] } },
+  ],
+  indicators: { triangles: [0, 1e8, "log"] },
+  minimise: { ms: 1 },
+};
+
+export async function tune(client: Client): Promise<number> {
+  const study = await client.study("typed", spec);
+  const trial = await study.suggest({ triangles: 5 });
+  const leaf: Value = trial.configuration.leaf;
+  trial.report({ ms: Number(leaf) });
+  try {
+    return (await study.best()).cost;
+  } catch (error) {
+    return error instanceof TreewrightError && error.kind === "refused" ? 0 : 1;
+  }
+}
+// @ts-expect-error: a choice has values
+export const wrong: StudySpec = { parameters: [{ name: "x", type: "choice", default: 1 }], minimise: { ms: 1 } };

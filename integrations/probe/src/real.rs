@@ -1,0 +1,53 @@
+//! Where the real entry points are: the next library that has them, or, for libraries that an interpreter loaded for itself alone,
+//! the one whose file is mapped.
+
+use std::ffi::{CString, c_void};
+use std::sync::atomic::{AtomicPtr, Ordering};
+
+/// Room for an address once it is found.
+pub(crate) struct Room(AtomicPtr<c_void>);
+
+impl Room {
+    pub(crate) const fn new() -> Self {
+        Self(AtomicPtr::new(std::ptr::null_mut()))
+    }
+}
+
+/// The real entry point of a name, which ends in a zero.
+#[inline]
+pub(crate) fn real(room: &Room, name: &'static str) -> Option<*mut c_void> {
+    let known = room.0.load(Ordering::Relaxed);
+    if !known.is_null() {
+        return Some(known);
+    }
+    let found = find(name)?;
+    room.0.store(found, Ordering::Relaxed);
+    Some(found)
+}
+
+#[cold]
+fn find(name: &'static str) -> Option<*mut c_void> {
+    // SAFETY: the name ends in a zero.
+    let next = unsafe { libc::dlsym(libc::RTLD_NEXT, name.as_ptr().cast()) };
+    if !next.is_null() {
+        return Some(next);
+    }
+    let path = CString::new(mapped()?).ok()?;
+    // SAFETY: the path ends in a zero; the library is loaded already, and is not let go again.
+    let library = unsafe { libc::dlopen(path.as_ptr(), libc::RTLD_LAZY | libc::RTLD_NOLOAD) };
+    if library.is_null() {
+        return None;
+    }
+    // SAFETY: the library is open, and the name ends in a zero.
+    let found = unsafe { libc::dlsym(library, name.as_ptr().cast()) };
+    (!found.is_null()).then_some(found)
+}
+
+/// The file of Embree 4 that this process has mapped.
+pub(crate) fn mapped() -> Option<String> {
+    let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
+    let path = |line: &str| line.find('/').map(|at| line[at..].to_owned());
+    maps.lines()
+        .filter_map(path)
+        .find(|path| path.rsplit('/').next().is_some_and(|file| file.starts_with("libembree4")))
+}

@@ -1,0 +1,50 @@
+#!/usr/bin/env bash
+# Tries the integrations with the real packages: the Python wheel, built and installed into an environment, with Optuna; the CMake package;
+# the SDK for Node and three-mesh-bvh. Fetches from PyPI and npm. PROFILE=dev builds the wheel faster.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+step() { printf '\n== %s\n' "$*"; }
+
+step "programs"
+cargo build --workspace --bins --lib --locked --quiet
+work=$(mktemp -d)
+"${CARGO_TARGET_DIR:-target}/debug/treewrightd" serve --listen 127.0.0.1:0 --database "$work/tuning.db" > "$work/address" 2> "$work/log" &
+daemon=$!
+trap 'kill $daemon; rm -rf "$work"' EXIT
+until [ -s "$work/address" ]; do sleep 0.1; done
+url=$(sed 's/.* //' "$work/address")
+
+step "the Python wheel"
+environment=target/integrations/python
+[ -x "$environment/bin/pip" ] || python3 -m venv "$environment"
+"$environment/bin/pip" install --quiet --requirement integrations/python/requirements.txt
+"$environment/bin/maturin" build --quiet --locked --profile "${PROFILE:-release}" --interpreter "$environment/bin/python" \
+    --manifest-path integrations/python/Cargo.toml --out "$work/wheels"
+"$environment/bin/pip" install --quiet --force-reinstall --no-deps "$work"/wheels/*.whl
+top=$PWD
+python=$top/$environment/bin/python
+(cd "$work" && "$python" "$top/integrations/python/tests/run.py" "$url")
+"$environment/bin/mypy" --strict integrations/python/tests/typed.py
+
+step "the CMake package, shared and static"
+built=$(cd "${CARGO_TARGET_DIR:-target}/debug" && pwd)
+integrations/c/install.sh "$work/prefix" "$built"
+cmake="$PWD/$environment/bin/cmake"
+"$cmake" -S integrations/c/tests/cmake -B "$work/cmake" -DCMAKE_PREFIX_PATH="$work/prefix" > "$work/cmake.log" || { cat "$work/cmake.log"; exit 1; }
+"$cmake" --build "$work/cmake" > "$work/cmake.log" || { cat "$work/cmake.log"; exit 1; }
+for kind in treewright static; do
+    "$built/treewrightd" serve --listen 127.0.0.1:0 --database "$work/$kind.db" > "$work/$kind.address" 2>> "$work/log" &
+    other=$!
+    until [ -s "$work/$kind.address" ]; do sleep 0.1; done
+    "$work/cmake/sdk_$kind" "$(sed 's/.* //' "$work/$kind.address")" || { kill $other; exit 1; }
+    kill $other
+done
+
+step "Node"
+if command -v npm > /dev/null; then
+    (cd integrations/javascript && npm ci --no-audit --no-fund --silent && node test/run.js "$url" &&
+        npx tsc --noEmit --strict --skipLibCheck --module nodenext --target es2022 --types node test/typed.ts &&
+        node examples/three_mesh_bvh.js --url "$url" --trials 4 --rays 2000 --rounds 1)
+else
+    echo "passed by: Node, because there is no npm"
+fi
