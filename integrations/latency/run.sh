@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Round trips from every SDK in one run, over one daemon: `run.sh FOLDER [COUNT]`, FOLDER holding treewrightd, libtreewright.so,
-# libtreewright_native.so and examples/latency. Median and 99th percentile of Predict, which writes nothing, and of Suggest, which is on
+# libtreewright_native.so and examples/round_trips. Median and 99th percentile of Predict, which writes nothing, and of Suggest, which is on
 # the disk before it is answered; the report is sent and waited for in between, and is not counted.
 set -euo pipefail
 built=$(cd "${1:?usage: run.sh FOLDER [COUNT]}" && pwd)
@@ -19,7 +19,7 @@ for each in c cpp; do
 done
 mkdir "$work/python" && cp -r ../python/python/treewright "$work/python/"
 cp "$built/libtreewright_native.so" "$work/python/treewright/_native.abi3.so"
-"$built/examples/latency" "$url" "$count"
+"$built/examples/round_trips" "$url" "$count"
 "$work/latency_c" "$url" "$count"
 "$work/latency_cpp" "$url" "$count"
 PYTHONPATH="$work/python" python3 latency.py "$url" "$count"

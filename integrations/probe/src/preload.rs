@@ -14,7 +14,7 @@ use counts::{Kind, ROOM, count, note_device, note_flags, note_quality, note_tria
 use real::real;
 
 /// One query in so many is timed.
-pub(crate) const SAMPLE: u64 = 64;
+pub(crate) const SAMPLE: u64 = 256;
 
 /// A handle or pointer that is handed on.
 type Handle = *mut c_void;
@@ -66,8 +66,11 @@ macro_rules! noted {
             static ROOM_OF: real::Room = real::Room::new();
             $before;
             match real(&ROOM_OF, concat!(stringify!($name), "\0")) {
-                // SAFETY: Embree 4 declares this entry point so.
-                Some(found) => unsafe { std::mem::transmute::<Handle, Entry>(found) }($($argument),*),
+                Some(found) => {
+                    // SAFETY: Embree 4 declares this entry point so.
+                    let entry = unsafe { std::mem::transmute::<Handle, Entry>(found) };
+                    entry($($argument),*)
+                }
                 None => $nothing,
             }
         }
