@@ -177,7 +177,7 @@ mod tests {
         let found = mean_of(&[0.5, 2.0, 1.0, 1.0, f64::NAN]);
         assert!((found.mean - 1.0).abs() < 1e-12);
         let [low, high] = found.interval.expect("four cameras");
-        assert!(low >= 0.5 && low < 1.0 && high > 1.0 && high <= 2.0, "{low} {high}");
+        assert!((0.5..1.0).contains(&low) && high > 1.0 && high <= 2.0, "{low} {high}");
         assert_eq!(mean_of(&[2.0, 2.0]).interval, None);
         assert_eq!(found, mean_of(&[0.5, 2.0, 1.0, 1.0, f64::NAN]), "the same each time");
     }

