@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Draws the README's chart from what tools/bench.py measured.
+"""Draws a chart of what tools/bench.py measured.
 
-    tools/bench_chart.py bench.json docs/gains.svg [--row 2@320x240]
+    tools/bench_chart.py bench.json chart.svg [--row 2@320x240]
 
 Bars are speeds over native Embree's default (1 on the axis): medians of paired rounds, with whiskers from quartile to
 quartile.

@@ -134,7 +134,16 @@ fn a_run_that_is_killed_leaves_the_policy_alone() {
     second.wait().expect("it is gone");
     assert_eq!(policy(), before, "whatever the run wanted for itself went with it");
 
-    let explored_by_then = explored();
+    // Its last report may have been on its way.
+    let mut explored_by_then = explored();
+    loop {
+        std::thread::sleep(Duration::from_millis(500));
+        let now = explored();
+        if now == explored_by_then {
+            break;
+        }
+        explored_by_then = now;
+    }
     let mut play = Command::new(program("treewright-render"));
     play.current_dir(std::env::temp_dir());
     play.args(["play", "--server", &url, "--scene", "builtin:quick", "--size", "64x48", "--study", "quick"]);

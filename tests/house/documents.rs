@@ -277,3 +277,10 @@ fn the_reference_is_what_the_contract_says() {
         "docs/api.md is old: TREEWRIGHT_WRITE_DOCS=1 cargo test --workspace --test house reference"
     );
 }
+
+#[test]
+fn the_figures_of_the_readme_are_those_of_its_record() {
+    let script = workspace().join("tools/record_tables.py");
+    let checked = Command::new("python3").arg(script).arg("--check").output().expect("Python is installed");
+    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
+}
