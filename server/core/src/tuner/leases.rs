@@ -3,7 +3,8 @@
 //! One lost lease says little: networks fail and people end programs. A configuration of which nothing was ever measured
 //! in a state and whose lease is lost there again is taken for one that crashes or hangs whoever runs it, because to hand
 //! it out to one client after the other would stop them all. It then counts as infeasible in that state, and its trial
-//! says why. A lease is also lost where its client comes back in another session while it still runs.
+//! says why. A lease is also lost where its client comes back in another session while it still runs. The default is never
+//! taken for one: clients run it without asking anybody, and exploring would have nothing left to be weighed against.
 
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::LEASES_LOST_MAX;
@@ -37,7 +38,7 @@ impl Tuner {
         None
     }
 
-    /// Counts a lost lease of an open trial's configuration: how many there were in the state; 0 where it was measured.
+    /// Counts a lost lease of an open trial's configuration: how many there were in the state; 0 for the default and where it was measured.
     fn note_lost(&mut self, number: TrialNumber) -> u32 {
         let Some(trial) = self.trials.get(number) else {
             return 0;
@@ -45,7 +46,8 @@ impl Tuner {
         let (state, configuration) = (StateId(trial.state_id), trial.configuration.clone());
         let record = self.states.results(state).record(&configuration);
         let was_measured = record.is_some_and(|record| record.measurements > 0);
-        if was_measured { 0 } else { self.searches.note_lost(state, &configuration) }
+        let is_default = configuration == *self.spec.space.default_ref();
+        if was_measured || is_default { 0 } else { self.searches.note_lost(state, &configuration) }
     }
 
     /// Completes an open trial as infeasible.

@@ -170,8 +170,20 @@ fn what_was_measured_once_is_not_given_up_for_lost_leases() {
 }
 
 #[test]
+fn the_default_is_not_given_up_for_lost_leases() {
+    let mut tuner = tuner(Policy { regret_budget: Some(0.05), ..explore_always() });
+    let mut now_ms = 1_000;
+    for client in ["a", "b", "c", "d"] {
+        let (trial, change) = crash(&mut tuner, client, &mut now_ms);
+        assert_eq!(trial.configuration, tuner.spec().space.default_configuration());
+        assert_eq!(change.trials[0].state, TrialState::Expired);
+    }
+}
+
+#[test]
 fn a_report_forgives_a_lost_lease() {
     let mut tuner = tuner(explore_always());
+    run(&mut tuner, "a", 0.5, 0.5, 2);
     let mut now_ms = 1_000;
     let (first, change) = crash(&mut tuner, "a", &mut now_ms);
     let expired = change.trials[0].clone();
