@@ -41,7 +41,7 @@ fn a_renderer_is_measured_and_left_as_it_is() {
     assert_eq!(found["closest"]["calls"], 3 * 5 * 256, "{found}");
     assert_eq!(found["builds"], 15, "{found}");
     assert!(found["occluded"]["calls"].as_u64() > Some(0), "{found}");
-    assert!(found["library"].as_str().is_some_and(|path| path.contains("libembree4")), "{found}");
+    assert!(found["embree"].as_str().is_some_and(|path| path.contains("libembree4")), "{found}");
     let told =
         succeed(Command::new(program("treewright-probe")).arg("--").args(arguments(&example, daemon.url())));
     assert!(told.contains("closest hit") && told.contains("advice: "), "{told}");

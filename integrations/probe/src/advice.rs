@@ -41,7 +41,7 @@ pub(crate) struct Findings {
     pub(crate) cpu_ms: f64,
     pub(crate) wall_ms: f64,
     pub(crate) device: String,
-    pub(crate) library: String,
+    pub(crate) embree: String,
 }
 
 /// How much faster the whole becomes when a share of it becomes so much faster.
@@ -69,7 +69,7 @@ impl Findings {
         let mut line = |words: String| {
             let _ = writeln!(text, "{words}");
         };
-        line(format!("Embree: {}, device \"{}\"", self.library, self.device));
+        line(format!("Embree: {}, device \"{}\"", self.embree, self.device));
         line(format!(
             "asked for: {}{}, {} primitives in buffers, {} threads asked",
             self.quality_words(),

@@ -195,7 +195,7 @@ pub(crate) fn write() {
     let _ = write!(
         text,
         "\"builds\":{},\"build_wall_ms\":{:.3},\"build_cpu_ms\":{:.3},\"primitives\":{},\"devices\":{},\"flags\":{},\"qualities\":{},\
-         \"threads\":{},\"cpu_ms\":{:.3},\"wall_ms\":{:.3},\"device\":\"{}\",\"library\":\"{}\"}}",
+         \"threads\":{},\"cpu_ms\":{:.3},\"wall_ms\":{:.3},\"device\":\"{}\",\"embree\":\"{}\"}}",
         ROOM.builds.load(Relaxed),
         ms(&ROOM.build_wall_ns),
         ms(&ROOM.build_cpu_ns),

@@ -20,8 +20,8 @@ struct Arguments {
     #[arg(long)]
     json: bool,
     /// The preloaded library. Default: `libtreewright_probe.so` beside this program, or in `../lib`.
-    #[arg(long)]
-    library: Option<PathBuf>,
+    #[arg(long = "library", value_name = "LIBRARY")]
+    preloaded: Option<PathBuf>,
     /// The program and its arguments.
     #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true)]
     program: Vec<OsString>,
@@ -39,7 +39,7 @@ fn main() -> ExitCode {
 }
 
 fn probe(arguments: &Arguments) -> Result<i32, Box<dyn std::error::Error>> {
-    let library = match &arguments.library {
+    let library = match &arguments.preloaded {
         Some(path) => path.canonicalize().map_err(|error| format!("{}: {error}", path.display()))?,
         None => beside()?,
     };
