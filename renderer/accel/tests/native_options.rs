@@ -33,11 +33,18 @@ fn native(triangles: &Arc<Triangles>, options: &NativeOptions) -> Structure {
 
 /// Bytes a triangle, and the last bits of some answers.
 fn traits(triangles: &Arc<Triangles>, rays: &[Ray], options: &NativeOptions) -> (f64, Vec<u32>) {
-    // A device of its own counts the memory of this build alone.
-    let alone = device().with_memory_budget(usize::MAX).expect("another device");
-    let structure = build(&alone, triangles, &BuildChoice::Native(*options)).expect("it builds");
-    let weights = rays.iter().filter_map(|ray| structure.closest(ray)).map(|hit| hit.u.to_bits()).collect();
-    (structure.statistics().bytes as f64 / triangles.len() as f64, weights)
+    let mut bytes = usize::MAX;
+    let mut weights = Vec::new();
+    // Now and then, on a machine with other work, Embree takes one block of memory more for the same tree: the
+    // least of a few builds is the tree's own.
+    for _ in 0..3 {
+        // A device of its own counts the memory of this build alone.
+        let alone = device().with_memory_budget(usize::MAX).expect("another device");
+        let structure = build(&alone, triangles, &BuildChoice::Native(*options)).expect("it builds");
+        bytes = bytes.min(structure.statistics().bytes);
+        weights = rays.iter().filter_map(|ray| structure.closest(ray)).map(|hit| hit.u.to_bits()).collect();
+    }
+    (bytes as f64 / triangles.len() as f64, weights)
 }
 
 /// More than the rounding of Embree's blocks of memory.
@@ -90,7 +97,12 @@ fn every_acceleration_is_another_one_and_answers_right() {
             );
         }
         let same = !clearly(*bytes, auto.1.0) && *weights == auto.1.1;
-        assert_eq!(same, *acceleration == NativeAcceleration::Bvh8Triangle4, "what Embree chooses itself");
+        assert_eq!(
+            same,
+            *acceleration == NativeAcceleration::Bvh8Triangle4,
+            "what Embree chooses itself has {} bytes a triangle, {acceleration:?} {bytes}",
+            auto.1.0
+        );
     }
 }
 
@@ -124,7 +136,6 @@ fn flags_act_where_embree_chooses() {
     assert!(of(NativeOptions { compact: true, ..plain }).0 < 0.7 * bytes);
     assert_ne!(of(NativeOptions { robust: true, ..plain }).1, weights, "another triangle test");
     let dynamic = of(NativeOptions { dynamic: true, ..plain }).0;
-    // Now and then, on a machine with other work, Embree takes one block of memory more for the same tree.
     assert!((dynamic - bytes - 32.0).abs() < 5.0, "{dynamic} against {bytes}");
     for flagged in [NativeOptions { compact: true, ..plain }, NativeOptions { robust: true, ..plain }] {
         let high = NativeOptions { quality: High, ..flagged };
