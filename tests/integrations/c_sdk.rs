@@ -197,18 +197,21 @@ fn a_renderer_on_embree_is_tuned() {
         "16",
         "--rounds",
         "1",
+        // However long the machine takes: what is asked here is not how fast the daemon is.
+        "--deadline",
+        "20000",
     ]));
     let lines: Vec<serde_json::Value> =
         said.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
-    assert_eq!(lines.len(), 6, "{said}");
+    assert_eq!(lines.len(), 3, "{said}");
     for line in &lines {
         assert!(["field", "needles", "boxes"].iter().any(|name| line["scene"] == *name), "{line}");
-        match line["fixed"].as_array() {
-            Some(fixed) => assert_eq!(fixed.len(), 7, "{line}"),
-            None => {
-                assert!(line["best"]["quality"].is_string() && line["best_ms"].as_f64() > Some(0.0), "{line}")
-            }
-        }
+        assert_eq!(line["fixed"].as_array().map(Vec::len), Some(7), "{line}");
+        assert_eq!(line["trial_costs"].as_array().map(Vec::len), Some(12), "{line}");
+        assert!(
+            line["tuned"]["quality"].is_string() && line["tuned_costs"][0].as_f64() > Some(0.0),
+            "{line}"
+        );
     }
     assert!(lines.iter().any(|line| line["from_daemon"].as_f64() > Some(0.0)), "{said}");
 }

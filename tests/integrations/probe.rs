@@ -1,7 +1,7 @@
 //! The preloaded library before Embree: it counts rightly, and its host computes the same with it, without it, and where it cannot write.
 
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use treewright_tests::daemon::Daemon;
 use treewright_tests::programs::program;
@@ -20,8 +20,9 @@ fn are_alike(one: &[f64], other: &[f64]) -> bool {
     one.len() == 3 && other.len() == 3 && one.iter().zip(other).all(|(a, b)| (a - b).abs() < 2e-3)
 }
 
-fn arguments<'a>(example: &'a Path, url: &'a str) -> [&'a str; 7] {
-    [example.to_str().expect("a path"), "--url", url, "--frames", "5", "--size", "16"]
+fn arguments<'a>(example: &'a Path, url: &'a str) -> [&'a str; 9] {
+    let example = example.to_str().expect("a path");
+    [example, "--url", url, "--frames", "5", "--size", "16", "--deadline", "20000"]
 }
 
 #[test]
@@ -49,7 +50,13 @@ fn a_renderer_is_measured_and_left_as_it_is() {
     let mut unwritable = Command::new(asked[0]);
     unwritable.args(&asked[1..]).env("LD_PRELOAD", preload).env("TREEWRIGHT_PROBE", "/nowhere/at/all");
     let unwritable = succeed(&mut unwritable);
-    for other in [&said, &told, &unwritable] {
+    // What is set changes how trees are built, not what rays meet.
+    let set = succeed(
+        Command::new(program("treewright-probe"))
+            .args(["--set", "quality=low", "--set", "device=verbose=0", "--"])
+            .args(arguments(&example, daemon.url())),
+    );
+    for other in [&said, &told, &unwritable, &set] {
         assert!(are_alike(&pictures(&plain), &pictures(other)), "{plain}{other}");
     }
 }
@@ -60,5 +67,44 @@ fn programs_without_embree_are_told_so() {
         Command::new(program("treewright-probe")).args(["--", "sh", "-c", "echo as it is; exit 3"]).output();
     let output = output.expect("it runs");
     assert_eq!((output.status.code(), output.stdout.as_slice()), (Some(3), b"as it is\n".as_slice()));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("no Embree 4 was met"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("no Embree was met"));
+}
+
+/// A host of many frames whose findings meet a full disk and whose daemon goes away meanwhile.
+#[test]
+fn faults_of_the_probe_and_the_daemon_leave_a_thousand_frames_as_they_are() {
+    if !has("c++", "the probe under faults") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let example = embree_example(folder.path());
+    let command = |url: &str, before: &str| {
+        let mut command = Command::new("sh");
+        let frames = "exec \"$0\" --url \"$1\" --frames 334 --size 4 --deadline 500";
+        command.args(["-c", &format!("{before}{frames}"), example.to_str().expect("a path"), url]);
+        command
+    };
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let plain = succeed(&mut command(daemon.url(), ""));
+    let preloaded = |url: &str, before: &str| {
+        let mut command = command(url, before);
+        command.env("LD_PRELOAD", built().join("libtreewright_probe.so"));
+        command.env("TREEWRIGHT_PROBE", folder.path().join("found"));
+        command
+    };
+    let full = "ln -s /dev/full \"$TREEWRIGHT_PROBE.$$\"; ";
+    let full = succeed(&mut preloaded(daemon.url(), full));
+    let mut unwritable = preloaded(daemon.url(), "ulimit -f 0; ");
+    // What the host itself says must not go to a file.
+    let child = unwritable.stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
+    let mut child = child.expect("it starts");
+    // The first picture is done: the study is there, and the daemon may go.
+    let mut lines = std::io::BufRead::lines(std::io::BufReader::new(child.stdout.take().expect("a pipe")));
+    let mut said = lines.next().expect("a line").expect("text");
+    drop(daemon);
+    lines.for_each(|line| said += &format!("\n{}", line.expect("text")));
+    assert!(child.wait().expect("it ends").success(), "{said}");
+    for other in [&full, &said] {
+        assert!(are_alike(&pictures(&plain), &pictures(other)), "{plain}{other}");
+    }
 }

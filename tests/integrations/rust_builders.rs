@@ -18,6 +18,7 @@ fn builders_are_tuned_per_mesh_and_use() {
     assert_eq!(lines.len(), 4, "{said}");
     for line in &lines {
         assert_eq!(line["fixed"].as_array().map(Vec::len), Some(12), "{line}");
-        assert!(line["tuned_ms"].as_f64() > Some(0.0) && line["tuned"]["layout"].is_string(), "{line}");
+        assert_eq!(line["trial_costs"].as_array().map(Vec::len), Some(10), "{line}");
+        assert!(line["tuned_costs"][0].as_f64() > Some(0.0) && line["tuned"]["layout"].is_string(), "{line}");
     }
 }

@@ -1,6 +1,6 @@
 // A small ambient-occlusion renderer on Embree's own API whose trees are tuned by a Treewright daemon.
 //
-//   embree_tuned --url http://127.0.0.1:50611 --frames 60 [--size 64] [--samples 4] [--rounds 7] [SCENE.ply ...]
+//   embree_tuned --url http://127.0.0.1:50611 --frames 60 [--size 64] [--samples 4] [--deadline 50] [--rounds 7] [SCENE.ply ...]
 //
 // Every frame builds the scene anew (as for moving geometry) and renders it. What tuning adds stands between the marks
 // `tuning:` and `: tuning`. With --rounds the tuned configuration, the default and every fixed one are then measured in turns
@@ -15,6 +15,7 @@
 #include <ctime>
 #include <fstream>
 #include <map>
+#include <numeric>
 #include <random>
 #include <sstream>
 #include <stdexcept>
@@ -106,7 +107,7 @@ Mesh generate(int kind) {
 
 struct Settings {
   std::string url = "http://127.0.0.1:50611";
-  int frames = 60, rounds = 0, size = 64, samples = 4;
+  int frames = 60, rounds = 0, size = 64, samples = 4, deadline_ms = 50;
 };
 
 // Devices by their text: a layout by name needs one of its own.
@@ -127,7 +128,9 @@ class Devices {
 };
 
 struct Frame {
-  double build_ms, render_ms, brightness;
+  double build_ms, render_ms;
+  std::vector<float> pixels;
+  double brightness() const { return std::accumulate(pixels.begin(), pixels.end(), 0.0) / static_cast<double>(pixels.size()); }
 };
 
 // Processor time: all of it is on this thread, and what else the machine does is left out.
@@ -150,12 +153,13 @@ View view_of(const Mesh &mesh) {
 }
 
 // One primary ray a pixel, and from what it hits, rays over the hemisphere.
-double trace(RTCScene scene, const View &view, const Settings &settings) {
-  uint32_t state = 1;
+std::vector<float> trace(RTCScene scene, const View &view, const Settings &settings) {
+  uint32_t state = 0;
   auto random = [&] { return static_cast<float>((state = state * 1664525u + 1013904223u) >> 8) / 16777216.0f; };
   Vector forward = normal(view.target - view.eye), right = normal(cross(forward, {0.01f, 1, 0})), up = cross(right, forward);
-  double light = 0;
+  std::vector<float> pixels(static_cast<size_t>(settings.size) * static_cast<size_t>(settings.size));
   for (int pixel = 0; pixel < settings.size * settings.size; pixel++) {
+    state = static_cast<uint32_t>(pixel) * 747796405u + 1;  // of its own, so that pixels differ one by one
     float u = (static_cast<float>(pixel % settings.size) + 0.5f) / static_cast<float>(settings.size) * 2 - 1;
     float v = (static_cast<float>(pixel / settings.size) + 0.5f) / static_cast<float>(settings.size) * 2 - 1;
     Vector way = normal(forward + right * (u * view.tangent) + up * (v * view.tangent));
@@ -171,10 +175,10 @@ double trace(RTCScene scene, const View &view, const Settings &settings) {
       Vector out = normal(n + normal({random() * 2 - 1, random() * 2 - 1, random() * 2 - 1}));
       RTCRay shadow{at.x, at.y, at.z, 0, out.x, out.y, out.z, 0, INFINITY, ~0u, 0, 0};
       rtcOccluded1(scene, &shadow, nullptr);
-      if (shadow.tfar > 0) light += 1.0 / settings.samples;
+      if (shadow.tfar > 0) pixels[static_cast<size_t>(pixel)] += 1.0f / static_cast<float>(settings.samples);
     }
   }
-  return light;
+  return pixels;
 }
 
 Frame render(Devices &devices, const Mesh &mesh, const View &view, const tw_configuration *configuration,
@@ -198,16 +202,24 @@ Frame render(Devices &devices, const Mesh &mesh, const View &view, const tw_conf
   rtcReleaseGeometry(geometry);
   rtcCommitScene(scene);
   double built = now_ms();
-  double light = trace(scene, view, settings);
+  std::vector<float> pixels = trace(scene, view, settings);
   double rendered = now_ms();
   rtcReleaseScene(scene);
   if (rtcGetDeviceError(device) != RTC_ERROR_NONE) throw std::runtime_error("Embree reports an error");
-  return {built - start, rendered - built, light / (settings.size * settings.size)};
+  return {built - start, rendered - built, std::move(pixels)};
 }
 
-double median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
+std::string list(const std::vector<double> &values) {
+  std::ostringstream text;
+  text.precision(6);
+  for (size_t each = 0; each < values.size(); each++) text << (each ? "," : "[") << values[each];
+  return values.empty() ? "[]" : text.str() + "]";
+}
+
+size_t pixels_that_differ(const Frame &one, const Frame &other) {
+  size_t count = 0;
+  for (size_t each = 0; each < one.pixels.size(); each++) count += one.pixels[each] != other.pixels[each];
+  return count;
 }
 
 // Every fixed configuration of tw_embree_scene_parameters.
@@ -219,39 +231,50 @@ const char *const FIXED[] = {"{\"quality\":\"medium\",\"layout\":\"auto\"}",
                              "{\"quality\":\"medium\",\"layout\":\"bvh8.triangle4i\"}",
                              "{\"quality\":\"medium\",\"layout\":\"qbvh8.triangle4\"}"};
 
-void measure(Devices &devices, const Mesh &mesh, const View &view, const tw::Study &study, const tw::Numbers &input,
-             const Settings &settings) {
-  tw::Known best = study.best(input);
-  std::vector<std::string> texts{best.configuration().json()};
+// Costs of the tuned configuration and of every fixed one, in turns within each round, and how many pixels each changes.
+std::string measure(Devices &devices, const Mesh &mesh, const View &view, tw::ConfigurationView tuned,
+                    const Settings &settings) {
+  std::vector<std::string> texts{tuned.json()};
   texts.insert(texts.end(), std::begin(FIXED), std::end(FIXED));
   std::vector<std::vector<double>> costs(texts.size());
+  std::vector<Frame> last(texts.size());
   std::vector<size_t> turns(texts.size());
-  for (size_t each = 0; each < turns.size(); each++) turns[each] = each;
+  std::iota(turns.begin(), turns.end(), 0);
   std::mt19937 random(1);
   for (int round = 0; round < settings.rounds; round++) {
     // In another order each time: what ran before leaves its mark on caches and memory.
     std::shuffle(turns.begin(), turns.end(), random);
     for (size_t turn : turns) {
       tw::Known fixed = tw::parse(texts[turn]);
-      Frame frame = render(devices, mesh, view, fixed.configuration().handle(), settings);
-      costs[turn].push_back(frame.build_ms + frame.render_ms);
+      last[turn] = render(devices, mesh, view, fixed.configuration().handle(), settings);
+      costs[turn].push_back(last[turn].build_ms + last[turn].render_ms);
     }
   }
   std::ostringstream line;
-  for (size_t each = 1; each < texts.size(); each++) {
-    std::vector<double> ratios;
-    for (int round = 0; round < settings.rounds; round++)
-      ratios.push_back(costs[each][static_cast<size_t>(round)] / costs[0][static_cast<size_t>(round)]);
-    line << (each > 1 ? "," : "") << "{\"configuration\":" << texts[each] << ",\"ms\":" << median(costs[each])
-         << ",\"over_tuned\":" << median(ratios) << "}";
+  line << ",\"tuned_costs\":" << list(costs[0]) << ",\"fixed\":[";
+  for (size_t each = 1; each < texts.size(); each++)
+    line << (each > 1 ? "," : "") << "{\"configuration\":" << texts[each] << ",\"costs\":" << list(costs[each])
+         << ",\"differs\":" << pixels_that_differ(last[0], last[each]) << "}";
+  return line.str() + "]";
+}
+
+// The best known; the default where no daemon answers, or none did while frames were measured.
+tw::Known best_or_default(tw::Client &client, const tw::Study &study, const tw::Numbers &input) {
+  try {
+    client.flush(5000);
+    return study.best(input);
+  } catch (const tw::Error &problem) {
+    std::fprintf(stderr, "embree_tuned: %s\n", problem.what());
+    return tw::parse(FIXED[0]);
   }
-  std::printf("{\"scene\":\"%s\",\"size\":%d,\"tuned\":%s,\"tuned_ms\":%.3f,\"fixed\":[%s]}\n", mesh.name.c_str(),
-              settings.size, texts[0].c_str(), median(costs[0]), line.str().c_str());
 }
 
 void tune(const Settings &settings, const std::vector<Mesh> &meshes) {
   // tuning: what can be set, what describes a frame, what is to become small
-  tw::Client client(settings.url, tw::Options().client_id("embree-example").software("embree", RTC_VERSION_STRING));
+  tw::Client client(settings.url, tw::Options()
+                                      .client_id("embree-example")
+                                      .deadline_ms(settings.deadline_ms)
+                                      .software("embree", RTC_VERSION_STRING));
   tw::Spec spec;
   tw_embree_scene_parameters(spec.handle(), false);
   spec.scene_indicators().indicator("rays", 0, 1e9, TW_LOG).minimise("build_ms").minimise("render_ms");
@@ -272,24 +295,24 @@ void tune(const Settings &settings, const std::vector<Mesh> &meshes) {
     tw::Numbers input = tw::Scene({buffers}).indicators(camera);
     input.push_back({"rays", static_cast<double>(settings.size) * settings.size * (1 + settings.samples)});
     // : tuning
-    double first = 0, brightness = -1;
+    std::vector<double> costs;
+    double brightness = -1;
     for (int number = 0; number < settings.frames; number++) {
-      tw::Suggestion suggestion = tuner.next(input);  // tuning: ask, at most 50 ms whatever happens
+      tw::Suggestion suggestion = tuner.next(input);  // tuning: ask, at most the deadline whatever happens
       Frame frame = render(devices, mesh, view, suggestion.configuration().handle(), settings);
       tuner.finish(std::move(suggestion), {{"build_ms", frame.build_ms}, {"render_ms", frame.render_ms}});  // and tell
-      if (number == 0) first = frame.build_ms + frame.render_ms;
-      if (brightness >= 0 && std::abs(frame.brightness - brightness) > 2e-3)
+      costs.push_back(frame.build_ms + frame.render_ms);
+      if (brightness >= 0 && std::abs(frame.brightness() - brightness) > 2e-3)
         throw std::runtime_error("the picture of " + mesh.name + " depends on the tree");
-      brightness = frame.brightness;
+      brightness = frame.brightness();
     }
-    client.flush(20000);
-    tw::Known best = study.best(input);
-    std::printf("{\"scene\":\"%s\",\"triangles\":%zu,\"frames\":%d,\"first_ms\":%.3f,\"best_ms\":%.3f,\"best\":%s,"
-                "\"brightness\":%.4f,\"from_daemon\":%llu}\n",
-                mesh.name.c_str(), mesh.triangles(), settings.frames, first, best.cost,
+    tw::Known best = best_or_default(client, study, input);
+    std::string rounds = settings.rounds > 0 ? measure(devices, mesh, view, best.configuration(), settings) : "";
+    std::printf("{\"scene\":\"%s\",\"triangles\":%zu,\"use\":\"%d² x %d\",\"trial_costs\":%s,\"tuned\":%s,"
+                "\"brightness\":%.4f,\"from_daemon\":%llu%s}\n",
+                mesh.name.c_str(), mesh.triangles(), settings.size, settings.samples, list(costs).c_str(),
                 best.configuration().json().c_str(), brightness,
-                static_cast<unsigned long long>(client.count(TW_COUNT_SUGGESTIONS)));
-    if (settings.rounds > 0) measure(devices, mesh, view, study, input, settings);
+                static_cast<unsigned long long>(client.count(TW_COUNT_SUGGESTIONS)), rounds.c_str());
     std::fflush(stdout);
   }
 }
@@ -317,6 +340,8 @@ int main(int count, char **arguments) {
         settings.size = std::atoi(arguments[each]);
       else if (name == "--samples")
         settings.samples = std::atoi(arguments[each]);
+      else if (name == "--deadline")
+        settings.deadline_ms = std::atoi(arguments[each]);
       else
         throw std::runtime_error(name + " is unknown");
     }

@@ -1,6 +1,6 @@
 // three-mesh-bvh, tuned per mesh and per number of rays that its tree has to serve.
 //
-//   node examples/three_mesh_bvh.js --url URL --trials 25 --rays 20000,500000 [--rounds 5] [SCENE.ply ...]
+//   node --expose-gc examples/three_mesh_bvh.js --url URL --trials 25 --rays 20000,500000 [--rounds 5] [SCENE.ply ...]
 //
 // Cost is build plus rays, in milliseconds. With --rounds the tuned configuration is then measured against every fixed one, in turns within
 // each round. Lines of JSON go to standard output. Without scenes two are generated.
@@ -80,6 +80,7 @@ function run({ positions, indices }, configuration, rays) {
   geometry.setAttribute("position", new BufferAttribute(positions, 3));
   // The build orders the triangles anew, in place.
   geometry.setIndex(new BufferAttribute(indices.slice(), 1));
+  globalThis.gc?.(); // with `node --expose-gc`: what earlier trees left is not cleared at this one's cost
   const start = now();
   const tree = new MeshBVH(geometry, {
     strategy: STRATEGIES[configuration.strategy], maxLeafTris: configuration.max_leaf, maxDepth: configuration.max_depth, verbose: false,
@@ -114,21 +115,19 @@ function describe({ positions, indices }, rays) {
   return { triangles: indices.length / 3, rays, elongation: Math.log2(sides[2] / sides[0]) };
 }
 
-const median = (values) => values.toSorted((a, b) => a - b)[values.length >> 1];
-
+// Costs of the tuned configuration and of every fixed one, in turns within each round, and what each hits more or less.
 function compare(mesh, tuned, rays, rounds) {
-  const all = [tuned, ...FIXED];
-  const costs = all.map(() => []);
+  const all = [tuned, ...FIXED].map((configuration) => ({ configuration, costs: [], hits: 0 }));
   const random = generator(3);
   for (let round = 0; round < rounds; round++)
     // In another order each time: what ran before leaves its mark on caches and heap.
-    for (const { turn } of all.map((_, turn) => ({ turn, key: random() })).sort((a, b) => a.key - b.key)) {
-      const { build_ms, rays_ms } = run(mesh, all[turn], rays);
-      costs[turn].push(build_ms + rays_ms);
+    for (const { one } of all.map((one) => ({ one, key: random() })).sort((a, b) => a.key - b.key)) {
+      const { build_ms, rays_ms, hits } = run(mesh, one.configuration, rays);
+      one.costs.push(build_ms + rays_ms);
+      one.hits = hits;
     }
-  return FIXED.map((configuration, index) => ({
-    configuration, ms: median(costs[index + 1]), over_tuned: median(costs[index + 1].map((cost, round) => cost / costs[0][round])),
-  }));
+  const [{ costs, hits }, ...fixed] = all;
+  return { tuned_costs: costs, fixed: fixed.map((one) => ({ configuration: one.configuration, costs: one.costs, differs: Math.abs(one.hits - hits) })) };
 }
 
 const { values, positionals } = parseArgs({
@@ -148,15 +147,17 @@ for (const mesh of meshes) {
   run(mesh, FIXED[5], 20000);
   for (const rays of values.rays.split(",").map(Number)) {
     const input = describe(mesh, rays);
+    const costs = [];
     for (let trial = 0; trial < Number(values.trials); trial++) {
       const suggestion = await study.suggest(input);
       const { build_ms, rays_ms } = run(mesh, suggestion.configuration, rays);
       suggestion.report({ build_ms, rays_ms });
+      costs.push(build_ms + rays_ms);
     }
     await client.flush(20000);
     const best = await study.best(input);
-    const line = { scene: mesh.name, triangles: input.triangles, rays, tuned: best.configuration, tuned_ms: best.cost };
-    if (Number(values.rounds) > 0) line.fixed = compare(mesh, best.configuration, rays, Number(values.rounds));
+    const line = { scene: mesh.name, triangles: input.triangles, use: `${rays} rays`, trial_costs: costs, tuned: best.configuration };
+    if (Number(values.rounds) > 0) Object.assign(line, compare(mesh, best.configuration, rays, Number(values.rounds)));
     console.log(JSON.stringify(line));
   }
 }

@@ -18,7 +18,7 @@ const ROBUST: u32 = 1 << 2;
 pub(crate) struct Queries {
     pub(crate) calls: u64,
     pub(crate) rays: u64,
-    /// Of all threads together, estimated from samples.
+    /// Of all threads together, estimated from looks.
     pub(crate) total_ms: f64,
 }
 
@@ -50,7 +50,7 @@ fn amdahl(share: f64, faster: f64) -> f64 {
 }
 
 impl Findings {
-    /// Share of the processor time. Samples can add up to more than all of it, and something is always left.
+    /// Share of the processor time. Estimates can add up to more than all of it, and something is always left.
     fn share(&self, ms: f64) -> f64 {
         if self.cpu_ms > 0.0 { (ms / self.cpu_ms).clamp(0.0, 0.99) } else { 0.0 }
     }
@@ -118,14 +118,14 @@ impl Findings {
                 "leave it. Neither a better tree nor a faster build makes this program {WORTH_IT:.2} x as fast; the time goes elsewhere."
             )
         } else if build > tree {
-            "integrate, or set quality low where scenes are built often: builds are what costs most here."
+            "integrate, or set quality low where scenes are built often (try it: --set quality=low): builds are what costs most here."
                 .into()
         } else {
             "integrate: rays are what costs most here, and which tree serves them best depends on the scene."
                 .into()
         };
         if robust {
-            words.push_str(" It asks for robust, with which Embree takes quality high for medium; without it rays are faster, and pixels at edges change.");
+            words.push_str(" It asks for robust, with which Embree takes quality high for medium; without it (--set robust=off) rays are faster, and pixels at edges change.");
         }
         words
     }

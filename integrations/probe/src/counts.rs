@@ -1,12 +1,15 @@
 //! What was counted, in memory of its own for each thread, and how it is written.
+//!
+//! No query is timed: a clock around it costs as much as the query, and a thread that waits for its turn inside one would be taken for a
+//! slow query. Each thread says in its shard whether it is within a query, and a thread of the library looks every [`LOOK`]: the processor time
+//! that a thread took since the last look is put down to what it is found at. Over thousands of looks that is its share.
 
 use std::cell::Cell;
 use std::ffi::{CStr, c_char, c_int};
 use std::fmt::Write as _;
-use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
-use std::sync::{Mutex, OnceLock};
-
-use crate::SAMPLE;
+use std::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::{Mutex, Once, OnceLock};
+use std::time::Duration;
 
 /// Kinds of queries.
 #[derive(Clone, Copy)]
@@ -15,27 +18,37 @@ pub(crate) enum Kind {
     Occluded,
 }
 
-/// Threads with a shard of their own; further ones share the last.
+/// Threads with a shard of their own; further ones share the last, where they are counted and not looked at.
 const SHARDS: usize = 128;
+/// Between two looks at what every thread is at.
+const LOOK: Duration = Duration::from_micros(1100);
 
 /// Counts of one kind of query.
 #[derive(Default)]
 struct Queries {
     calls: AtomicU64,
-    rays: AtomicU64,
-    sampled: AtomicU64,
-    sampled_ns: AtomicU64,
+    /// Rays beyond the first of a call.
+    more_rays: AtomicU64,
+    /// Processor time that looks have put down to it.
+    ns: AtomicU64,
 }
 
 /// Counts of one thread, on cache lines of their own.
 #[repr(align(128))]
 #[derive(Default)]
-struct Shard([Queries; 2]);
+struct Shard {
+    queries: [Queries; 2],
+    /// The kind of query that the thread is within, and 1; or 0.
+    within: AtomicU8,
+    /// The thread's own processor clock; 0 until it has one.
+    clock: AtomicI32,
+}
 
 /// Everything that is counted.
 pub(crate) struct Room {
     shards: OnceLock<Box<[Shard]>>,
     threads: AtomicUsize,
+    building: AtomicUsize,
     builds: AtomicU64,
     build_wall_ns: AtomicU64,
     build_cpu_ns: AtomicU64,
@@ -51,6 +64,7 @@ pub(crate) struct Room {
 pub(crate) static ROOM: Room = Room {
     shards: OnceLock::new(),
     threads: AtomicUsize::new(0),
+    building: AtomicUsize::new(0),
     builds: AtomicU64::new(0),
     build_wall_ns: AtomicU64::new(0),
     build_cpu_ns: AtomicU64::new(0),
@@ -64,9 +78,7 @@ pub(crate) static ROOM: Room = Room {
 };
 
 thread_local! {
-    static PLACE: Cell<usize> = const { Cell::new(usize::MAX) };
-    /// Within a query: what its callbacks ask for is part of it.
-    static INSIDE: Cell<bool> = const { Cell::new(false) };
+    static MINE: Cell<Option<&'static Shard>> = const { Cell::new(None) };
 }
 
 fn clock_ns(clock: libc::clockid_t) -> u64 {
@@ -87,46 +99,92 @@ impl Room {
     }
 }
 
-/// Adds to a number that this thread alone writes, unless it is shared.
+/// Adds to a number that this thread alone writes, but for the last shard: what threads beyond [`SHARDS`] lose there is little.
 #[inline]
-fn add(number: &AtomicU64, more: u64, shared: bool) -> u64 {
-    if shared {
-        return number.fetch_add(more, Relaxed);
-    }
-    let before = number.load(Relaxed);
-    number.store(before.wrapping_add(more), Relaxed);
-    before
+fn add(number: &AtomicU64, more: u64) {
+    number.store(number.load(Relaxed).wrapping_add(more), Relaxed);
 }
 
-/// Counts a query and runs it.
+/// Counts a query and runs it. What its callbacks ask for in turn is part of it.
 #[inline]
 pub(crate) fn count(kind: Kind, rays: u64, run: impl FnOnce()) {
-    let place = PLACE.with(|place| {
-        if place.get() == usize::MAX {
-            place.set(ROOM.threads.fetch_add(1, Relaxed).min(SHARDS - 1));
-        }
-        place.get()
-    });
-    let (numbers, shared) = (&ROOM.shards()[place].0[kind as usize], place == SHARDS - 1);
-    add(&numbers.rays, rays, shared);
-    let is_sample = add(&numbers.calls, 1, shared).is_multiple_of(SAMPLE);
-    if !is_sample || INSIDE.get() {
+    let shard = MINE.with(|mine| mine.get().unwrap_or_else(|| take_place(mine)));
+    let numbers = &shard.queries[kind as usize];
+    add(&numbers.calls, 1);
+    if rays > 1 {
+        add(&numbers.more_rays, rays - 1);
+    }
+    if shard.within.load(Relaxed) != 0 {
         return run();
     }
-    INSIDE.set(true);
-    // The thread's own time: on a crowded machine a query is interrupted for longer than it takes.
-    let start = clock_ns(libc::CLOCK_THREAD_CPUTIME_ID);
+    shard.within.store(kind as u8 + 1, Relaxed);
     run();
-    let took = clock_ns(libc::CLOCK_THREAD_CPUTIME_ID).saturating_sub(start);
-    INSIDE.set(false);
-    add(&numbers.sampled, 1, shared);
-    add(&numbers.sampled_ns, took, shared);
+    shard.within.store(0, Relaxed);
 }
 
-/// Runs a build and times it.
-pub(crate) fn timed(run: impl FnOnce()) {
+#[cold]
+fn take_place(mine: &Cell<Option<&'static Shard>>) -> &'static Shard {
+    static LOOKING: Once = Once::new();
+    let taken = ROOM.threads.fetch_add(1, Relaxed).min(SHARDS - 1);
+    let shard = &ROOM.shards()[taken];
+    mine.set(Some(shard));
+    let mut clock = 0;
+    // SAFETY: the thread is alive, and there is room for the answer.
+    if unsafe { libc::pthread_getcpuclockid(libc::pthread_self(), &raw mut clock) } == 0 && taken < SHARDS - 1
+    {
+        shard.clock.store(clock, Relaxed);
+    }
+    LOOKING.call_once(|| {
+        // The host's signals are for the host's threads: a new thread has the mask of the one that starts it.
+        // SAFETY: both sets are there, and the old mask is put back.
+        unsafe {
+            let (mut all, mut before) = (std::mem::zeroed(), std::mem::zeroed());
+            libc::sigfillset(&raw mut all);
+            libc::pthread_sigmask(libc::SIG_SETMASK, &raw const all, &raw mut before);
+            // A host that may have no more threads is counted without being looked at.
+            let _ =
+                std::thread::Builder::new().name("treewright-probe".into()).stack_size(64 << 10).spawn(look);
+            libc::pthread_sigmask(libc::SIG_SETMASK, &raw const before, std::ptr::null_mut());
+        }
+    });
+    shard
+}
+
+/// Puts each thread's processor time down to what it is at, as long as the process lives.
+fn look() {
+    let mut before = [0u64; SHARDS];
+    loop {
+        std::thread::sleep(LOOK);
+        let threads = ROOM.threads.load(Relaxed).min(SHARDS - 1);
+        for (shard, before) in ROOM.shards().iter().zip(&mut before).take(threads) {
+            let within = usize::from(shard.within.load(Relaxed));
+            let clock = shard.clock.load(Relaxed);
+            if clock == 0 {
+                continue;
+            }
+            // A thread that has ended has no clock any more: 0.
+            let now = clock_ns(clock);
+            let took = if *before == 0 { 0 } else { now.saturating_sub(*before) };
+            *before = now;
+            if let Some(numbers) = within.checked_sub(1).and_then(|kind| shard.queries.get(kind)) {
+                numbers.ns.fetch_add(took, Relaxed);
+            }
+        }
+    }
+}
+
+/// Runs a build and times it. Of builds at one time, and of threads that join one, the first is timed: the processor time is the whole
+/// process's.
+pub(crate) fn timed(joins: bool, run: impl FnOnce()) {
+    if ROOM.building.fetch_add(1, Relaxed) > 0 {
+        run();
+        ROOM.building.fetch_sub(1, Relaxed);
+        ROOM.builds.fetch_add(u64::from(!joins), Relaxed);
+        return;
+    }
     let (wall, cpu) = (clock_ns(libc::CLOCK_MONOTONIC), clock_ns(libc::CLOCK_PROCESS_CPUTIME_ID));
     run();
+    ROOM.building.fetch_sub(1, Relaxed);
     ROOM.builds.fetch_add(1, Relaxed);
     ROOM.build_wall_ns.fetch_add(clock_ns(libc::CLOCK_MONOTONIC).saturating_sub(wall), Relaxed);
     ROOM.build_cpu_ns.fetch_add(clock_ns(libc::CLOCK_PROCESS_CPUTIME_ID).saturating_sub(cpu), Relaxed);
@@ -157,15 +215,6 @@ pub(crate) fn note_triangles(kind: c_int, items: usize) {
     }
 }
 
-/// What a look at the clock costs, which is taken off the samples.
-fn timer_ns() -> u64 {
-    let start = clock_ns(libc::CLOCK_THREAD_CPUTIME_ID);
-    for _ in 0..1000 {
-        std::hint::black_box(clock_ns(libc::CLOCK_THREAD_CPUTIME_ID));
-    }
-    clock_ns(libc::CLOCK_THREAD_CPUTIME_ID).saturating_sub(start) / 1000
-}
-
 /// Writes what was counted so far, in place of what was written before. What cannot be written is left.
 pub(crate) fn write() {
     let Some(Some(path)) = ROOM.path.get() else { return };
@@ -174,19 +223,17 @@ pub(crate) fn write() {
     }
     let cpu_ns = clock_ns(libc::CLOCK_PROCESS_CPUTIME_ID);
     let wall_ns = clock_ns(libc::CLOCK_MONOTONIC).saturating_sub(ROOM.began_ns.load(Relaxed));
-    let timer = timer_ns();
     let mut text = String::from("{");
     for (kind, name) in [(Kind::Closest, "closest"), (Kind::Occluded, "occluded")] {
         let sum = |pick: fn(&Queries) -> &AtomicU64| -> u64 {
-            ROOM.shards().iter().map(|shard| pick(&shard.0[kind as usize]).load(Relaxed)).sum()
+            ROOM.shards().iter().map(|shard| pick(&shard.queries[kind as usize]).load(Relaxed)).sum()
         };
-        let (calls, sampled) = (sum(|one| &one.calls), sum(|one| &one.sampled).max(1));
-        let each = (sum(|one| &one.sampled_ns) as f64 / sampled as f64 - timer as f64).max(0.0);
         let _ = write!(
             text,
-            "\"{name}\":{{\"calls\":{calls},\"rays\":{},\"total_ms\":{:.3}}},",
-            sum(|one| &one.rays),
-            each * calls as f64 / 1e6
+            "\"{name}\":{{\"calls\":{},\"rays\":{},\"total_ms\":{:.3}}},",
+            sum(|one| &one.calls),
+            sum(|one| &one.calls) + sum(|one| &one.more_rays),
+            sum(|one| &one.ns) as f64 / 1e6
         );
     }
     let device = ROOM.device.try_lock().map_or_else(|_| String::new(), |device| device.clone());
@@ -207,8 +254,18 @@ pub(crate) fn write() {
         cpu_ns as f64 / 1e6,
         wall_ns as f64 / 1e6,
         quoted(&device),
-        quoted(&crate::real::mapped().unwrap_or_default()),
+        quoted(&crate::real::mapped().join(" ")),
     );
-    // The host's business goes on whatever becomes of the file.
-    let _ = std::fs::write(format!("{path}.{}", std::process::id()), text);
+    // The host's business goes on whatever becomes of the file; and a file larger than the host may write would end it by a signal.
+    if has_room(text.len()) {
+        let _ = std::fs::write(format!("{path}.{}", std::process::id()), text);
+    }
+}
+
+/// Whether the process may write files of this size (`ulimit -f`).
+fn has_room(bytes: usize) -> bool {
+    let mut limit = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
+    // SAFETY: there is room for the answer.
+    let known = unsafe { libc::getrlimit(libc::RLIMIT_FSIZE, &raw mut limit) } == 0;
+    known && limit.rlim_cur >= bytes as libc::rlim_t
 }

@@ -12,13 +12,17 @@ use clap::Parser;
 
 use advice::Findings;
 
-/// Measures what a program spends in Embree 4, and says what tuning could bring at most.
+/// Measures what a program spends in Embree 4 or 3, and says what tuning could bring at most.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Arguments {
     /// The measurements as JSON instead of a table.
     #[arg(long)]
     json: bool,
+    /// Sets this in place of what the program asks for, and so may change its results: quality=low|medium|high, robust=on|off,
+    /// compact=on|off, device=TEXT (added to the text of rtcNewDevice). May be given several times.
+    #[arg(long, value_name = "WORD", value_parser = word)]
+    set: Vec<String>,
     /// The preloaded library. Default: `libtreewright_probe.so` beside this program, or in `../lib`.
     #[arg(long = "library", value_name = "LIBRARY")]
     preloaded: Option<PathBuf>,
@@ -54,6 +58,7 @@ fn probe(arguments: &Arguments) -> Result<i32, Box<dyn std::error::Error>> {
         .args(rest)
         .env("LD_PRELOAD", preload)
         .env("TREEWRIGHT_PROBE", folder.path().join("found"))
+        .env("TREEWRIGHT_PROBE_SET", arguments.set.join(";"))
         .status()
         .map_err(|error| format!("{} does not start: {error}", program.display()))?;
     let mut all = Vec::new();
@@ -65,7 +70,7 @@ fn probe(arguments: &Arguments) -> Result<i32, Box<dyn std::error::Error>> {
     }
     if all.is_empty() {
         eprintln!(
-            "treewright-probe: no Embree 4 was met: the program has none, has it built in (statically), or did not make a device"
+            "treewright-probe: no Embree was met: the program has none, has it built in (statically), or did not make a device"
         );
     }
     for found in &all {
@@ -76,6 +81,18 @@ fn probe(arguments: &Arguments) -> Result<i32, Box<dyn std::error::Error>> {
         }
     }
     Ok(status.code().unwrap_or(1))
+}
+
+/// A word that the preloaded library knows.
+fn word(text: &str) -> Result<String, String> {
+    let known = match text.split_once('=') {
+        Some(("quality", value)) => ["low", "medium", "high"].contains(&value),
+        Some(("robust" | "compact", value)) => ["on", "off"].contains(&value),
+        Some(("device", value)) => !value.contains(';'),
+        _ => false,
+    };
+    let words = "quality=low|medium|high, robust=on|off, compact=on|off or device=TEXT";
+    known.then(|| text.to_owned()).ok_or_else(|| format!("it takes {words}"))
 }
 
 /// The library that was built or installed with this program.

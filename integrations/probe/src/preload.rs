@@ -1,35 +1,42 @@
-//! A library that is preloaded into a program and stands in front of Embree 4's entry points: it counts and times calls, hands each on
+//! A library that is preloaded into a program and stands in front of Embree's entry points: it counts and times calls, hands each on
 //! unchanged, and writes what it found when a device is released and when the program ends.
 //!
-//! It never changes a result and never ends its host: what cannot be found, timed or written is left out. One query in
-//! [`SAMPLE`] is timed, so that a query costs a few nanoseconds more; builds are all timed. `TREEWRIGHT_PROBE` names the file, to which
-//! the process's number is added, since programs start others.
+//! It never ends its host, and changes a result only where it was told what to set ([`told`]): what cannot be found, timed or written is
+//! left out. A query costs a few nanoseconds more, and a thread of the library looks what the others are at ([`counts`]). `TREEWRIGHT_PROBE`
+//! names the file, to which the process's number is added, since programs start others.
+//!
+//! Embree 3 and 4 have these entry points with as many arguments of the same sizes; Mitsuba's own copy of Embree 3 has them in its
+//! namespace, hence the long names.
 
 mod counts;
 mod real;
+mod told;
 
-use std::ffi::{c_char, c_int, c_uint, c_void};
+use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 
 use counts::{Kind, ROOM, count, note_device, note_flags, note_quality, note_triangles, timed};
-use real::real;
-
-/// One query in so many is timed.
-pub(crate) const SAMPLE: u64 = 256;
+use real::{Address, real};
+use told::TOLD;
 
 /// A handle or pointer that is handed on.
 type Handle = *mut c_void;
 
+/// The address of the real entry point, looked up once, as a function of this type.
+macro_rules! entry {
+    ($name:expr, $type:ty) => {{
+        static ADDRESS: Address = Address::new();
+        // SAFETY: Embree declares the entry point of this name with this type, as far as sizes and registers go.
+        real(&ADDRESS, $name).map(|found| unsafe { std::mem::transmute::<Handle, $type>(found) })
+    }};
+}
+
 /// Defines entry points that are counted as a kind of query and handed on.
 macro_rules! queries {
-    ($($name:ident($($argument:ident),+) as $kind:ident x $rays:literal;)+) => {$(
-        #[unsafe(no_mangle)]
-        #[allow(non_snake_case)]
+    ($($export:literal $name:ident($($argument:ident),+) as $kind:ident x $rays:literal;)+) => {$(
+        #[unsafe(export_name = $export)]
         extern "C" fn $name($($argument: Handle),+) {
             type Entry = extern "C" fn($(queries!(@type $argument)),+);
-            static ROOM_OF: real::Room = real::Room::new();
-            if let Some(found) = real(&ROOM_OF, concat!(stringify!($name), "\0")) {
-                // SAFETY: Embree 4 declares this entry point with as many pointers and no result.
-                let entry = unsafe { std::mem::transmute::<Handle, Entry>(found) };
+            if let Some(entry) = entry!(concat!($export, "\0"), Entry) {
                 count(Kind::$kind, $rays, || entry($($argument),+));
             }
         }
@@ -37,77 +44,173 @@ macro_rules! queries {
     (@type $argument:ident) => { Handle };
 }
 
+// The third pointer is what a query is asked with: in Embree 4 its arguments, in Embree 3 the ray, after a context.
 queries! {
-    rtcIntersect1(scene, ray, arguments) as Closest x 1;
-    rtcIntersect4(valid, scene, ray, arguments) as Closest x 4;
-    rtcIntersect8(valid, scene, ray, arguments) as Closest x 8;
-    rtcIntersect16(valid, scene, ray, arguments) as Closest x 16;
-    rtcTraversableIntersect1(traversable, ray, arguments) as Closest x 1;
-    rtcTraversableIntersect4(valid, traversable, ray, arguments) as Closest x 4;
-    rtcTraversableIntersect8(valid, traversable, ray, arguments) as Closest x 8;
-    rtcTraversableIntersect16(valid, traversable, ray, arguments) as Closest x 16;
-    rtcOccluded1(scene, ray, arguments) as Occluded x 1;
-    rtcOccluded4(valid, scene, ray, arguments) as Occluded x 4;
-    rtcOccluded8(valid, scene, ray, arguments) as Occluded x 8;
-    rtcOccluded16(valid, scene, ray, arguments) as Occluded x 16;
-    rtcTraversableOccluded1(traversable, ray, arguments) as Occluded x 1;
-    rtcTraversableOccluded4(valid, traversable, ray, arguments) as Occluded x 4;
-    rtcTraversableOccluded8(valid, traversable, ray, arguments) as Occluded x 8;
-    rtcTraversableOccluded16(valid, traversable, ray, arguments) as Occluded x 16;
+    "rtcIntersect1" intersect1(scene, ray, arguments) as Closest x 1;
+    "rtcIntersect4" intersect4(valid, scene, ray, arguments) as Closest x 4;
+    "rtcIntersect8" intersect8(valid, scene, ray, arguments) as Closest x 8;
+    "rtcIntersect16" intersect16(valid, scene, ray, arguments) as Closest x 16;
+    "rtcTraversableIntersect1" traversable_intersect1(traversable, ray, arguments) as Closest x 1;
+    "rtcTraversableIntersect4" traversable_intersect4(valid, traversable, ray, arguments) as Closest x 4;
+    "rtcTraversableIntersect8" traversable_intersect8(valid, traversable, ray, arguments) as Closest x 8;
+    "rtcTraversableIntersect16" traversable_intersect16(valid, traversable, ray, arguments) as Closest x 16;
+    "rtcOccluded1" occluded1(scene, ray, arguments) as Occluded x 1;
+    "rtcOccluded4" occluded4(valid, scene, ray, arguments) as Occluded x 4;
+    "rtcOccluded8" occluded8(valid, scene, ray, arguments) as Occluded x 8;
+    "rtcOccluded16" occluded16(valid, scene, ray, arguments) as Occluded x 16;
+    "rtcTraversableOccluded1" traversable_occluded1(traversable, ray, arguments) as Occluded x 1;
+    "rtcTraversableOccluded4" traversable_occluded4(valid, traversable, ray, arguments) as Occluded x 4;
+    "rtcTraversableOccluded8" traversable_occluded8(valid, traversable, ray, arguments) as Occluded x 8;
+    "rtcTraversableOccluded16" traversable_occluded16(valid, traversable, ray, arguments) as Occluded x 16;
+    "_ZN7mitsuba13rtcIntersect1EPNS_10RTCSceneTyEPNS_19RTCIntersectContextEPNS_9RTCRayHitE"
+        mitsuba_intersect1(scene, context, ray) as Closest x 1;
+    "_ZN7mitsuba13rtcIntersect4EPKiPNS_10RTCSceneTyEPNS_19RTCIntersectContextEPNS_10RTCRayHit4E"
+        mitsuba_intersect4(valid, scene, context, ray) as Closest x 4;
+    "_ZN7mitsuba13rtcIntersect8EPKiPNS_10RTCSceneTyEPNS_19RTCIntersectContextEPNS_10RTCRayHit8E"
+        mitsuba_intersect8(valid, scene, context, ray) as Closest x 8;
+    "_ZN7mitsuba14rtcIntersect16EPKiPNS_10RTCSceneTyEPNS_19RTCIntersectContextEPNS_11RTCRayHit16E"
+        mitsuba_intersect16(valid, scene, context, ray) as Closest x 16;
+    "_ZN7mitsuba12rtcOccluded1EPNS_10RTCSceneTyEPNS_19RTCIntersectContextEPNS_6RTCRayE"
+        mitsuba_occluded1(scene, context, ray) as Occluded x 1;
+    "_ZN7mitsuba12rtcOccluded4EPKiPNS_10RTCSceneTyEPNS_19RTCIntersectContextEPNS_7RTCRay4E"
+        mitsuba_occluded4(valid, scene, context, ray) as Occluded x 4;
+    "_ZN7mitsuba12rtcOccluded8EPKiPNS_10RTCSceneTyEPNS_19RTCIntersectContextEPNS_7RTCRay8E"
+        mitsuba_occluded8(valid, scene, context, ray) as Occluded x 8;
+    "_ZN7mitsuba13rtcOccluded16EPKiPNS_10RTCSceneTyEPNS_19RTCIntersectContextEPNS_8RTCRay16E"
+        mitsuba_occluded16(valid, scene, context, ray) as Occluded x 16;
 }
 
-/// Defines an entry point that is handed on after something was noted of its arguments.
+/// Defines entry points that are handed on after something was noted of their arguments.
 macro_rules! noted {
-    ($name:ident($($argument:ident: $type:ty),*) -> $result:ty, else $nothing:expr, $before:expr) => {
-        #[unsafe(no_mangle)]
-        #[allow(non_snake_case)]
-        extern "C" fn $name($($argument: $type),*) -> $result {
-            type Entry = extern "C" fn($($type),*) -> $result;
-            static ROOM_OF: real::Room = real::Room::new();
+    ($($export:literal $name:ident($($argument:ident: $type:ty),*), $before:expr;)+) => {$(
+        #[unsafe(export_name = $export)]
+        extern "C" fn $name($($argument: $type),*) {
             $before;
-            match real(&ROOM_OF, concat!(stringify!($name), "\0")) {
-                Some(found) => {
-                    // SAFETY: Embree 4 declares this entry point so.
-                    let entry = unsafe { std::mem::transmute::<Handle, Entry>(found) };
-                    entry($($argument),*)
-                }
-                None => $nothing,
-            }
-        }
-    };
-}
-
-noted!(rtcNewDevice(config: *const c_char) -> Handle, else std::ptr::null_mut(), note_device(config));
-noted!(rtcReleaseDevice(device: Handle) -> (), else (), counts::write());
-noted!(rtcSetSceneFlags(scene: Handle, flags: c_int) -> (), else (), note_flags(flags));
-noted!(rtcSetSceneBuildQuality(scene: Handle, quality: c_int) -> (), else (), note_quality(quality));
-noted!(
-    rtcSetNewGeometryBuffer(geometry: Handle, kind: c_int, slot: c_uint, format: c_int, stride: usize, items: usize) -> Handle,
-    else std::ptr::null_mut(), note_triangles(kind, items)
-);
-noted!(
-    rtcSetSharedGeometryBuffer(geometry: Handle, kind: c_int, slot: c_uint, format: c_int, data: *const c_void,
-        offset: usize, stride: usize, items: usize) -> (),
-    else (), note_triangles(kind, items)
-);
-
-/// Defines an entry point that builds.
-macro_rules! builds {
-    ($($name:ident)+) => {$(
-        #[unsafe(no_mangle)]
-        #[allow(non_snake_case)]
-        extern "C" fn $name(scene: Handle) {
-            static ROOM_OF: real::Room = real::Room::new();
-            if let Some(found) = real(&ROOM_OF, concat!(stringify!($name), "\0")) {
-                // SAFETY: Embree 4 declares this entry point with a scene and no result.
-                let entry = unsafe { std::mem::transmute::<Handle, extern "C" fn(Handle)>(found) };
-                timed(|| entry(scene));
+            if let Some(entry) = entry!(concat!($export, "\0"), extern "C" fn($($type),*)) {
+                entry($($argument),*);
             }
         }
     )+};
 }
 
-builds!(rtcCommitScene rtcJoinCommitScene);
+noted! {
+    "rtcReleaseDevice" release_device(device: Handle), counts::write();
+    "_ZN7mitsuba16rtcReleaseDeviceEPNS_11RTCDeviceTyE" mitsuba_release_device(device: Handle), counts::write();
+    "rtcSetSceneFlags" set_flags(scene: Handle, flags: c_int), note_flags(flags);
+    "_ZN7mitsuba16rtcSetSceneFlagsEPNS_10RTCSceneTyENS_13RTCSceneFlagsE"
+        mitsuba_set_flags(scene: Handle, flags: c_int), note_flags(flags);
+    "rtcSetSceneBuildQuality" set_quality(scene: Handle, quality: c_int), note_quality(quality);
+    "_ZN7mitsuba23rtcSetSceneBuildQualityEPNS_10RTCSceneTyENS_15RTCBuildQualityE"
+        mitsuba_set_quality(scene: Handle, quality: c_int), note_quality(quality);
+    "rtcSetSharedGeometryBuffer" share_buffer(geometry: Handle, kind: c_int, slot: c_uint, format: c_int, data: *const c_void,
+        offset: usize, stride: usize, items: usize), note_triangles(kind, items);
+    "_ZN7mitsuba26rtcSetSharedGeometryBufferEPNS_13RTCGeometryTyENS_13RTCBufferTypeEjNS_9RTCFormatEPKvmmm"
+        mitsuba_share_buffer(geometry: Handle, kind: c_int, slot: c_uint, format: c_int, data: *const c_void, offset: usize,
+            stride: usize, items: usize), note_triangles(kind, items);
+}
+
+#[unsafe(export_name = "rtcSetNewGeometryBuffer")]
+extern "C" fn new_buffer(
+    geometry: Handle,
+    kind: c_int,
+    slot: c_uint,
+    format: c_int,
+    stride: usize,
+    items: usize,
+) -> Handle {
+    type Entry = extern "C" fn(Handle, c_int, c_uint, c_int, usize, usize) -> Handle;
+    note_triangles(kind, items);
+    entry!("rtcSetNewGeometryBuffer\0", Entry)
+        .map_or(std::ptr::null_mut(), |entry| entry(geometry, kind, slot, format, stride, items))
+}
+
+/// Defines entry points that make a device.
+macro_rules! devices {
+    ($($export:literal $name:ident;)+) => {$(
+        #[unsafe(export_name = $export)]
+        extern "C" fn $name(config: *const c_char) -> Handle {
+            note_device(config);
+            // SAFETY: Embree asks for text that ends in a zero, or none.
+            let own = (!config.is_null()).then(|| unsafe { CStr::from_ptr(config) });
+            let text = TOLD.device(own);
+            let config = text.as_ref().map_or(config, |text| text.as_ptr());
+            entry!(concat!($export, "\0"), extern "C" fn(*const c_char) -> Handle)
+                .map_or(std::ptr::null_mut(), |entry| entry(config))
+        }
+    )+};
+}
+
+devices! {
+    "rtcNewDevice" new_device;
+    "_ZN7mitsuba12rtcNewDeviceEPKc" mitsuba_new_device;
+}
+
+/// Defines entry points that build, with those that set the flags and quality of a scene.
+macro_rules! builds {
+    ($($export:literal $name:ident, $get_flags:literal, $set_flags:literal, $set_quality:literal;)+) => {$(
+        #[unsafe(export_name = $export)]
+        extern "C" fn $name(scene: Handle) {
+            let Some(entry) = entry!(concat!($export, "\0"), extern "C" fn(Handle)) else { return };
+            if let Some(quality) = TOLD.quality()
+                && let Some(set) = entry!(concat!($set_quality, "\0"), extern "C" fn(Handle, c_int))
+            {
+                set(scene, quality);
+            }
+            if TOLD.has_flags()
+                && let Some(get) = entry!(concat!($get_flags, "\0"), extern "C" fn(Handle) -> c_int)
+                && let Some(set) = entry!(concat!($set_flags, "\0"), extern "C" fn(Handle, c_int))
+            {
+                set(scene, TOLD.flags(get(scene)));
+            }
+            timed($export.contains("Join"), || entry(scene));
+        }
+    )+};
+}
+
+builds! {
+    "rtcCommitScene" commit, "rtcGetSceneFlags", "rtcSetSceneFlags", "rtcSetSceneBuildQuality";
+    "rtcJoinCommitScene" join_commit, "rtcGetSceneFlags", "rtcSetSceneFlags", "rtcSetSceneBuildQuality";
+    "_ZN7mitsuba14rtcCommitSceneEPNS_10RTCSceneTyE" mitsuba_commit, "_ZN7mitsuba16rtcGetSceneFlagsEPNS_10RTCSceneTyE",
+        "_ZN7mitsuba16rtcSetSceneFlagsEPNS_10RTCSceneTyENS_13RTCSceneFlagsE",
+        "_ZN7mitsuba23rtcSetSceneBuildQualityEPNS_10RTCSceneTyENS_15RTCBuildQualityE";
+    "_ZN7mitsuba18rtcJoinCommitSceneEPNS_10RTCSceneTyE" mitsuba_join_commit,
+        "_ZN7mitsuba16rtcGetSceneFlagsEPNS_10RTCSceneTyE",
+        "_ZN7mitsuba16rtcSetSceneFlagsEPNS_10RTCSceneTyENS_13RTCSceneFlagsE",
+        "_ZN7mitsuba23rtcSetSceneBuildQualityEPNS_10RTCSceneTyENS_15RTCBuildQualityE";
+}
+
+/// Defines entry points that finish a geometry: its own quality decides how trees of quality low are built.
+macro_rules! geometries {
+    ($($export:literal $name:ident, $set_quality:literal;)+) => {$(
+        #[unsafe(export_name = $export)]
+        extern "C" fn $name(geometry: Handle) {
+            if let Some(quality) = TOLD.quality()
+                && let Some(set) = entry!(concat!($set_quality, "\0"), extern "C" fn(Handle, c_int))
+            {
+                set(geometry, quality);
+            }
+            if let Some(entry) = entry!(concat!($export, "\0"), extern "C" fn(Handle)) {
+                entry(geometry);
+            }
+        }
+    )+};
+}
+
+geometries! {
+    "rtcCommitGeometry" commit_geometry, "rtcSetGeometryBuildQuality";
+    "_ZN7mitsuba17rtcCommitGeometryEPNS_13RTCGeometryTyE" mitsuba_commit_geometry,
+        "_ZN7mitsuba26rtcSetGeometryBuildQualityEPNS_13RTCGeometryTyENS_15RTCBuildQualityE";
+}
+
+/// For a host that knows of the library: sets what devices made and scenes built from now on are to have, in the words of
+/// `treewright-probe --set`, separated by `;`; what is not named is as the program asks. Returns false and changes nothing where a word is
+/// unknown.
+#[unsafe(export_name = "treewright_probe_set")]
+extern "C" fn set(words: *const c_char) -> bool {
+    // SAFETY: the caller hands over text that ends in a zero, or none.
+    let words = if words.is_null() { c"" } else { unsafe { CStr::from_ptr(words) } };
+    words.to_str().is_ok_and(|words| TOLD.tell(words))
+}
 
 extern "C" fn at_the_end() {
     counts::write();
@@ -118,6 +221,9 @@ extern "C" fn begin() {
     unsafe { libc::atexit(at_the_end) };
     // Reads the environment while nobody changes it.
     ROOM.begin();
+    if let Ok(words) = std::env::var("TREEWRIGHT_PROBE_SET") {
+        TOLD.tell(&words);
+    }
 }
 
 /// Run by the loader.

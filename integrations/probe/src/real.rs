@@ -5,9 +5,9 @@ use std::ffi::{CString, c_void};
 use std::sync::atomic::{AtomicPtr, Ordering};
 
 /// Room for an address once it is found.
-pub(crate) struct Room(AtomicPtr<c_void>);
+pub(crate) struct Address(AtomicPtr<c_void>);
 
-impl Room {
+impl Address {
     pub(crate) const fn new() -> Self {
         Self(AtomicPtr::new(std::ptr::null_mut()))
     }
@@ -15,13 +15,13 @@ impl Room {
 
 /// The real entry point of a name, which ends in a zero.
 #[inline]
-pub(crate) fn real(room: &Room, name: &'static str) -> Option<*mut c_void> {
-    let known = room.0.load(Ordering::Relaxed);
+pub(crate) fn real(address: &Address, name: &'static str) -> Option<*mut c_void> {
+    let known = address.0.load(Ordering::Relaxed);
     if !known.is_null() {
         return Some(known);
     }
     let found = find(name)?;
-    room.0.store(found, Ordering::Relaxed);
+    address.0.store(found, Ordering::Relaxed);
     Some(found)
 }
 
@@ -32,7 +32,11 @@ fn find(name: &'static str) -> Option<*mut c_void> {
     if !next.is_null() {
         return Some(next);
     }
-    let path = CString::new(mapped()?).ok()?;
+    mapped().into_iter().find_map(|path| find_in(path, name))
+}
+
+fn find_in(path: String, name: &'static str) -> Option<*mut c_void> {
+    let path = CString::new(path).ok()?;
     // SAFETY: the path ends in a zero; the library is loaded already, and is not let go again.
     let library = unsafe { libc::dlopen(path.as_ptr(), libc::RTLD_LAZY | libc::RTLD_NOLOAD) };
     if library.is_null() {
@@ -43,11 +47,20 @@ fn find(name: &'static str) -> Option<*mut c_void> {
     (!found.is_null()).then_some(found)
 }
 
-/// The file of Embree 4 that this process has mapped.
-pub(crate) fn mapped() -> Option<String> {
-    let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
-    let path = |line: &str| line.find('/').map(|at| line[at..].to_owned());
-    maps.lines()
-        .filter_map(path)
-        .find(|path| path.rsplit('/').next().is_some_and(|file| file.starts_with("libembree4")))
+/// The files of Embree 4 and 3 that this process has mapped, each once.
+pub(crate) fn mapped() -> Vec<String> {
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
+    let is_embree = |path: &&str| {
+        path.rsplit('/')
+            .next()
+            .is_some_and(|file| file.starts_with("libembree4") || file.starts_with("libembree3"))
+    };
+    let mut all: Vec<String> = maps
+        .lines()
+        .filter_map(|line| line.find('/').map(|at| &line[at..]))
+        .filter(is_embree)
+        .map(str::to_owned)
+        .collect();
+    all.dedup();
+    all
 }

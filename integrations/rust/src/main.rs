@@ -92,10 +92,11 @@ fn tune(
 ) -> Result<(), Failure> {
     let input = describe(mesh, rays);
     let mut tuner = study.tuner();
-    let mut previous = None;
+    let (mut previous, mut costs) = (None, Vec::new());
     for _trial in 0..arguments.trials {
         let suggestion = tuner.next(&input, previous.take());
         let cost = structure::run(suggestion.configuration(), mesh, rays)?;
+        costs.push(cost.build_ms + cost.rays_ms);
         let measured = [("build_ms", cost.build_ms), ("rays_ms", cost.rays_ms)].into();
         previous = Some(suggestion.finished(measured, Outcome::Ok)?);
     }
@@ -103,23 +104,24 @@ fn tune(
     client.flush(Duration::from_secs(20))?;
     let best = study.best(&input)?;
     let mut line = json!({
-        "scene": mesh.name, "triangles": mesh.triangles.len(), "rays": rays,
-        "tuned": best.configuration, "tuned_ms": best.cost, "default_ms": best.default_cost,
+        "scene": mesh.name, "triangles": mesh.triangles.len(), "use": format!("{rays} rays"), "trial_costs": costs,
+        "tuned": best.configuration,
     });
     if arguments.rounds > 0 {
-        line["fixed"] = compare(&best.configuration, mesh, rays, arguments.rounds)?;
+        let (tuned, fixed) = compare(&best.configuration, mesh, rays, arguments.rounds)?;
+        (line["tuned_costs"], line["fixed"]) = (tuned, fixed);
     }
     println!("{line}");
     Ok(())
 }
 
-/// Median of the ratio of each preset's cost to the tuned configuration's in the same round.
+/// Costs of the tuned configuration and of each preset, in turns within each round, and by how many hits each preset differs.
 fn compare(
     tuned: &Configuration,
     mesh: &Mesh,
     rays: u32,
     rounds: usize,
-) -> Result<serde_json::Value, Failure> {
+) -> Result<(serde_json::Value, serde_json::Value), Failure> {
     let mut all = vec![("tuned".to_owned(), tuned.clone())];
     for layout in ["cwbvh", "bvh2"] {
         all.extend(
@@ -128,23 +130,16 @@ fn compare(
                 .map(|(name, preset)| (format!("{layout} {name}"), configuration_of(layout, preset))),
         );
     }
-    let mut costs = vec![Vec::new(); all.len()];
+    let (mut costs, mut hits) = (vec![Vec::new(); all.len()], vec![0; all.len()]);
     for round in 0..rounds {
         for each in 0..all.len() {
             // In another order each time, for what ran before leaves its mark; their number is a prime.
             let turn = (each * (1 + round % (all.len() - 1)) + round) % all.len();
             let cost = structure::run(&all[turn].1, mesh, rays)?;
             costs[turn].push(cost.build_ms + cost.rays_ms);
+            hits[turn] = cost.hits;
         }
     }
-    let rows = (1..all.len()).map(|each| {
-        let ratios = costs[each].iter().zip(&costs[0]).map(|(fixed, tuned)| fixed / tuned).collect();
-        json!({ "configuration": all[each].0, "ms": median(costs[each].clone()), "over_tuned": median(ratios) })
-    });
-    Ok(rows.collect())
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
+    let row = |each: usize| json!({ "configuration": all[each].0, "costs": costs[each], "differs": hits[0].abs_diff(hits[each]) });
+    Ok((json!(costs[0]), (1..all.len()).map(row).collect()))
 }

@@ -103,8 +103,6 @@ fn processor_ms() -> f64 {
 pub(crate) struct Cost {
     pub(crate) build_ms: f64,
     pub(crate) rays_ms: f64,
-    #[cfg_attr(not(test), allow(dead_code))]
-    // what a test compares; it also keeps the rays from being optimised away
     pub(crate) hits: u32,
 }
 
