@@ -1,0 +1,38 @@
+#!/usr/bin/env python3
+"""A preprocessor of mdBook: links that lead out of the book, to files of the repository, become the names of these files.
+
+`docs/book.toml` names it, and mdBook calls it: with `supports RENDERER` to ask, else with the book as JSON on standard input.
+"""
+
+import json
+import re
+import sys
+
+# [words](../path/to/file#part)
+OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./([^)#]+)(?:#[^)]*)?\)")
+
+
+def named(match):
+    words, path = match.groups()
+    return words if path in words else f"{words} (`{path}`)"
+
+
+def walk(items):
+    for item in items:
+        chapter = item.get("Chapter") if isinstance(item, dict) else None
+        if chapter:
+            chapter["content"] = OUTSIDE.sub(named, chapter["content"])
+            walk(chapter["sub_items"])
+
+
+def main():
+    if sys.argv[1:2] == ["supports"]:
+        return
+    _context, book = json.load(sys.stdin)
+    # `sections` until mdBook 0.4.
+    walk(book.get("items", book.get("sections", [])))
+    json.dump(book, sys.stdout)
+
+
+if __name__ == "__main__":
+    main()
