@@ -142,10 +142,10 @@ fn the_kubernetes_manifest_starts_daemons_with_tls_and_tokens() {
 fn the_image_is_built_from_what_there_is() {
     let dockerfile = read("deploy/Dockerfile");
     let has = |words: &str| assert!(dockerfile.contains(words), "{words:?} is not in the Dockerfile");
-    has(&format!("cargo build --release --locked -p {} --bin treewrightd", env!("CARGO_PKG_NAME")));
+    has(&format!("cargo build --profile dist --locked -p {} --bin treewrightd", env!("CARGO_PKG_NAME")));
     let program = PathBuf::from(env!("CARGO_BIN_EXE_treewrightd"));
     assert_eq!(program.file_name().and_then(|name| name.to_str()), Some("treewrightd"));
-    has("COPY --from=build /src/target/release/treewrightd /usr/local/bin/treewrightd");
+    has("COPY --from=build /src/target/dist/treewrightd /usr/local/bin/treewrightd");
     has("ENTRYPOINT [\"treewrightd\"]\nCMD [\"serve\"]");
     has("EXPOSE 50611 9464");
     let version = |text: &str| -> Vec<u32> { text.split('.').map_while(|part| part.parse().ok()).collect() };

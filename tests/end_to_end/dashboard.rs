@@ -100,10 +100,13 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
             "/studies/toy/parameters",
             &["Importances", "Parallel coordinates", "Contour", "9 measurements in state 1"],
         ),
-        ("/studies/toy/trials", &["INFEASIBLE", "kind=&#60;b&#62;"]),
+        ("/studies/toy/trials", &["INFEASIBLE", "level=", "the default"]),
         ("/studies/toy/trials?filter=cost%20%3C%205&order=cost", &[">3<", ">4<"]),
         ("/studies/toy/trials?filter=rubbish", &["character 1", "role=\"alert\""]),
-        ("/studies/toy/trials/1", &["The baseline comes first", "<dt>Rule</dt>", "Measurements"]),
+        (
+            "/studies/toy/trials/1",
+            &["The baseline comes first", "<dt>Rule</dt>", "Measurements", "&#60;b&#62;"],
+        ),
         ("/studies/toy/policy", &["epsilon", "1 × loss"]),
         ("/style.css", &["prefers-color-scheme: dark"]),
     ] {

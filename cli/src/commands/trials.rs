@@ -65,7 +65,7 @@ pub(super) fn best(client: &Client, state: &State, json: bool) -> Result<String,
         )));
     }
     let found = super::studies::best_of_states(client, &study, STATES_LISTED)?;
-    Ok(show::best_of_states(&found, study.statistics.states))
+    Ok(show::best_of_states(&found, &study))
 }
 
 fn best_in(client: &Client, study: &str, state: i64) -> Result<Best, Failure> {

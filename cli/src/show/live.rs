@@ -2,9 +2,9 @@
 
 use std::time::SystemTime;
 
-use treewright_client::Best;
+use treewright_client::{Best, Configuration, StudyRecord};
 
-use super::{figure, line, table};
+use super::{COLUMNS, figure, line, table};
 use crate::commands::watch::Glance;
 
 /// By how much the best of a state is below its default, with its 95 % interval; empty where the default was not
@@ -21,38 +21,82 @@ fn gain(best: &Best) -> String {
 }
 
 /// The best configuration of each state, each beside its own default.
-pub(crate) fn best_of_states(found: &[Best], states: i64) -> String {
+pub(crate) fn best_of_states(found: &[Best], study: &StudyRecord) -> String {
     if found.is_empty() {
         return "nothing was measured yet\n".to_owned();
     }
-    let mut text = rows(found);
+    let mut text = rows(found, study);
+    let states = study.statistics.states;
     if (found.len() as i64) < states {
         line(&mut text, &format!("{} of {states} states; see another one with --state NUMBER", found.len()));
     }
     text
 }
 
-fn rows(found: &[Best]) -> String {
-    let header = ["state", "cost", "below the default", "stands", "runs", "configuration"];
+/// Longest configuration that stands in the table, in characters; longer ones follow it.
+const SHORT: usize = 30;
+
+fn rows(found: &[Best], study: &StudyRecord) -> String {
+    let others: Vec<String> = found.iter().map(|best| beside_default(&best.configuration, study)).collect();
+    let is_short = others.iter().all(|words| words.chars().count() <= SHORT);
+    let mut header = vec!["state", "cost", "below the default", "stands", "runs"];
+    header.extend(is_short.then_some("other than the default"));
     let mut table = table(&header, &[0, 1, 2, 4]);
     let mut jumps = 0;
-    for best in found {
+    for (best, other) in found.iter().zip(&others) {
         let cost = best.standing.map_or(best.cost, |standing| standing.cost);
         jumps += best.standing.map_or(0, |standing| standing.disturbances);
-        table.add_row([
+        let mut row = vec![
             best.state_id.to_string(),
             figure(cost),
             gain(best),
             best.standing.map(|standing| standing.in_short().to_owned()).unwrap_or_default(),
             best.measurements.to_string(),
-            best.configuration.to_string(),
-        ]);
+        ];
+        row.extend(is_short.then(|| other.clone()));
+        table.add_row(row);
     }
     let mut text = table.trim_fmt() + "\n";
+    if !is_short {
+        line(&mut text, "What is best is other than the default in:");
+        for (best, other) in found.iter().zip(&others) {
+            text += &wrapped(&format!("{:>4}  ", best.state_id), other);
+        }
+    }
     if jumps > 0 {
         line(&mut text, &format!("the speed of machines jumped {jumps} time(s) while this was measured"));
     }
     text
+}
+
+/// What a configuration has other than the study's default; all of it where what is tuned cannot be read.
+fn beside_default(configuration: &Configuration, study: &StudyRecord) -> String {
+    let Ok(spec) = study.spec() else { return configuration.to_string() };
+    let parameters = spec.space.parameters().iter();
+    let others = parameters.filter_map(|parameter| {
+        let value = configuration.get(&parameter.name).filter(|value| **value != parameter.default)?;
+        Some(format!("{}={value}", parameter.name))
+    });
+    let words = others.collect::<Vec<_>>().join(" ");
+    if words.is_empty() { "the default".to_owned() } else { words }
+}
+
+/// Words in lines of a terminal, after a label.
+fn wrapped(label: &str, words: &str) -> String {
+    let mut text = label.to_owned();
+    let mut column = label.len();
+    for (index, word) in words.split(' ').enumerate() {
+        if index > 0 && column + 1 + word.len() >= usize::from(COLUMNS) {
+            text += &format!("\n{:width$}", "", width = label.len());
+            column = label.len();
+        } else if index > 0 {
+            text.push(' ');
+            column += 1;
+        }
+        text += word;
+        column += word.len();
+    }
+    text + "\n"
 }
 
 /// A study at one moment.
@@ -70,14 +114,15 @@ pub(crate) fn glance(glance: &Glance, now: SystemTime) -> String {
     );
     if !glance.best.is_empty() {
         text.push('\n');
-        text += &rows(&glance.best);
+        text += &rows(&glance.best, study);
         if (glance.best.len() as i64) < counts.states {
             line(&mut text, &format!("the first {} of {} states", glance.best.len(), counts.states));
         }
     }
     if !glance.open.is_empty() {
         text.push('\n');
-        let mut leases = table(&["client", "trial", "state", "lease, s", "configuration"], &[1, 2, 3]);
+        let header = ["client", "trial", "state", "lease, s", "other than the default"];
+        let mut leases = table(&header, &[1, 2, 3]);
         for trial in &glance.open {
             let left =
                 trial.lease_expire_time.and_then(|end| end.duration_since(now).ok()).unwrap_or_default();
@@ -86,10 +131,24 @@ pub(crate) fn glance(glance: &Glance, now: SystemTime) -> String {
                 trial.number().map_or_else(|| trial.name.clone(), |number| number.to_string()),
                 trial.state_id.to_string(),
                 left.as_secs().to_string(),
-                trial.configuration.to_string(),
+                beside_default(&trial.configuration, study),
             ]);
         }
         line(&mut text, &leases.trim_fmt());
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_not_broken() {
+        let words = vec!["first_shadow=sixteen_coherent"; 5].join(" ");
+        let text = wrapped("   1  ", &words);
+        assert!(text.lines().all(|line| line.len() <= usize::from(COLUMNS)), "{text}");
+        assert_eq!(text.matches("first_shadow=sixteen_coherent").count(), 5);
+        assert_eq!(text.lines().count(), 3);
+    }
 }

@@ -46,7 +46,8 @@ pub(crate) fn studies(studies: &[StudyRecord]) -> String {
             counts.trials.to_string(),
             counts.completed_trials.to_string(),
             counts.open_trials.to_string(),
-            time(study.create_time),
+            // The day, so that the table is narrow.
+            time(study.create_time).chars().take(10).collect(),
             study.display_name.clone(),
         ]);
     }
@@ -93,7 +94,7 @@ pub(crate) fn study(study: &StudyRecord, found: &[Best]) -> String {
         ),
     );
     if !found.is_empty() {
-        text += &best_of_states(found, states);
+        text += &best_of_states(found, study);
     }
     match study.spec() {
         Ok(spec) => text.push_str(&specification(spec)),

@@ -38,7 +38,7 @@ Examples:
   treewright-render ablate --scene builtin:city --config-file best.json --report ablation.html
   treewright-render verify --scene bmw.ply --rays 10000
 
-The last four commands are those of the program treewright-lab, which must lie in the same folder.
+The commands from leave-out on are those of the program treewright-lab, which must lie in the same folder.
 
 Exit codes:
   0  done

@@ -46,7 +46,7 @@ impl Frame {
         self.top + self.height * (1.0 - share(value, self.y))
     }
 
-    /// Border and the ends of both axes.
+    /// Border, round numbers up the side, and the ends of what goes across.
     fn axes(&self, svg: &mut String, x_label: &str, y_label: &str) {
         let Frame { left, top, width, height, x, y } = self;
         put(
@@ -61,17 +61,47 @@ impl Frame {
                 format_args!(r#"<text x="{at_x:.0}" y="{at_y:.0}" text-anchor="{anchor}">{words}</text>"#),
             );
         };
-        text(left - 6.0, top + 10.0, "end", &figure(y.1));
-        text(left - 6.0, bottom, "end", &figure(y.0));
+        let marks = ticks(*y);
+        for mark in &marks {
+            text(left - 6.0, self.y(*mark) + 4.0, "end", &figure(*mark));
+        }
         text(*left, bottom + 16.0, "start", &figure(x.0));
         text(right, bottom + 16.0, "end", &figure(x.1));
         text(left + width / 2.0, bottom + 16.0, "middle", x_label);
         text(*left, top - 6.0, "start", y_label);
+        for mark in marks {
+            put(svg, format_args!(r#"<path class="grid" d="M{left} {:.1}H{right}"/>"#, self.y(mark)));
+        }
     }
 }
 
 fn share(value: f64, (low, high): (f64, f64)) -> f64 {
     if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 }
+}
+
+/// Three to six round numbers in a range: multiples of 1, 2 or 5 times a power of ten.
+fn ticks((low, high): (f64, f64)) -> Vec<f64> {
+    let step = (high - low) / 5.0;
+    if !(step.is_finite() && step > 0.0) {
+        return vec![low];
+    }
+    let power = 10_f64.powf(step.log10().floor());
+    let step = power * [1.0, 2.0, 5.0, 10.0].into_iter().find(|of| of * power >= step).unwrap_or(10.0);
+    let first = (low / step).ceil();
+    let marks = (0..12).map(|index| (first + f64::from(index)) * step);
+    marks.take_while(|mark| *mark <= high).collect()
+}
+
+/// Some room below what is positive, as far as it stays so.
+fn above_zero(low: f64, room: f64) -> f64 {
+    if low >= 0.0 { (low - room).max(0.0) } else { low - room }
+}
+
+/// The value below which 19 of 20 lie: few bad ones must not flatten the rest.
+fn most(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len().saturating_sub(1) * 19 / 20).copied()
 }
 
 /// Smallest and largest; `None` without any.
@@ -137,14 +167,16 @@ pub(super) fn curve(points: &[CurvePoint], levels: &[Level]) -> String {
     ) else {
         return nothing("Nothing was measured yet.");
     };
-    // Few bad ones must not flatten the rest.
-    let mut sorted: Vec<f64> = costs().collect();
-    sorted.sort_by(f64::total_cmp);
-    let most = sorted.get(sorted.len().saturating_sub(1) * 19 / 20).copied().unwrap_or(all.0);
-    let high = levels.iter().map(|level| level.cost).fold(most, f64::max);
+    let high = levels.iter().map(|level| level.cost).fold(most(costs()).unwrap_or(all.0), f64::max);
     let room = 0.06 * (high - all.0).max(1e-3 * high.abs());
-    let frame =
-        Frame { left: 70.0, top: 24.0, width: 815.0, height: 270.0, x, y: (all.0 - room, high + room) };
+    let frame = Frame {
+        left: 70.0,
+        top: 24.0,
+        width: 815.0,
+        height: 270.0,
+        x,
+        y: (above_zero(all.0, room), high + room),
+    };
     let mut svg = open(330.0, "Tuning curve");
     frame.axes(&mut svg, "trial", "cost");
     for point in points {
@@ -255,7 +287,9 @@ pub(super) fn parallel(axes: &[Axis], runs: &[(Vec<Option<f64>>, usize)]) -> Str
 
 /// Costs over one parameter's places.
 pub(super) fn slice(axis: &Axis, points: &[(f64, f64)]) -> String {
-    let Some(y) = range(points.iter().map(|point| point.1)) else { return nothing("It was never active.") };
+    let costs = || points.iter().map(|point| point.1);
+    let Some((low, high)) = range(costs()) else { return nothing("It was never active.") };
+    let y = (low, most(costs()).filter(|most| *most > low).unwrap_or(high));
     let frame = Frame { left: 56.0, top: 18.0, width: 234.0, height: 130.0, x: (0.0, 1.0), y };
     let mut svg = open_sized(300.0, 180.0, &format!("Cost over {}", axis.name));
     put(&mut svg, format_args!(r#"<rect class="axis" x="56" y="18" width="234" height="130"/>"#));

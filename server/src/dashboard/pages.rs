@@ -8,6 +8,8 @@ mod study;
 mod trial;
 mod trials;
 
+use std::collections::BTreeMap;
+
 use askama::Template;
 use treewright_proto::v1;
 
@@ -40,6 +42,7 @@ struct Head {
     id: String,
     what: String,
     tab: &'static str,
+    defaults: Defaults,
     /// What the links of tabs carry along.
     query: String,
     states: i64,
@@ -141,6 +144,7 @@ async fn head(visitor: &Visitor<'_>, id: &str, tab: &'static str) -> Result<(Hea
         id: id.to_owned(),
         what: study.display_name.clone(),
         tab,
+        defaults: Defaults::of(&study),
         query: String::new(),
         states: counts.states,
         trials: counts.trials,
@@ -182,7 +186,7 @@ fn number(trial: &v1::Trial) -> u64 {
     trial.name.rsplit_once('/').and_then(|(_, number)| number.parse().ok()).unwrap_or_default()
 }
 
-fn row(trial: &v1::Trial) -> TrialRow {
+fn row(trial: &v1::Trial, defaults: &Defaults) -> TrialRow {
     let (outcome, reason) = outcome(trial);
     TrialRow {
         number: number(trial),
@@ -194,7 +198,7 @@ fn row(trial: &v1::Trial) -> TrialRow {
         client: trial.client_id.clone(),
         begun: time(trial.create_time),
         until: time(trial.lease_expire_time),
-        configuration: configuration(trial.configuration.as_ref()),
+        configuration: defaults.beside(trial.configuration.as_ref()),
     }
 }
 
@@ -225,11 +229,23 @@ fn value(value: &v1::Value) -> String {
     }
 }
 
-fn configuration(configuration: Option<&v1::Configuration>) -> String {
-    let values = configuration.into_iter().flat_map(|configuration| &configuration.values);
-    let mut words: Vec<String> = values.map(|(name, of)| format!("{name}={}", value(of))).collect();
-    words.sort_unstable();
-    words.join(" ")
+/// The default of each parameter.
+struct Defaults(BTreeMap<String, v1::Value>);
+
+impl Defaults {
+    fn of(study: &v1::Study) -> Self {
+        let parameters = study.space.iter().flat_map(|space| &space.parameters);
+        Self(parameters.filter_map(|one| Some((one.name.clone(), one.default_value.clone()?))).collect())
+    }
+
+    /// What a configuration has other than the default: few of thirty parameters.
+    fn beside(&self, configuration: Option<&v1::Configuration>) -> String {
+        let Some(configuration) = configuration else { return String::new() };
+        let others = configuration.values.iter().filter(|(name, of)| self.0.get(*name) != Some(*of));
+        let mut words: Vec<String> = others.map(|(name, of)| format!("{name}={}", value(of))).collect();
+        words.sort_unstable();
+        if words.is_empty() { "the default".to_owned() } else { words.join(" ") }
+    }
 }
 
 fn machine(fingerprint: Option<&v1::Fingerprint>) -> String {

@@ -47,7 +47,7 @@ pub(super) fn headline(results: &TuningResults) -> String {
         format!("Here {} is as good as anything the search found.", the(&results.baseline))
     } else if !results.search_won() {
         format!(
-            "Nothing the search found is faster than {}, {speedup:.2}× as fast as {}.",
+            "Nothing the search found is faster than {}, which is {speedup:.2}× as fast as {}.",
             the(&results.best),
             the(&results.baseline)
         )
@@ -233,7 +233,10 @@ pub(super) fn configurations(results: &TuningResults) -> Vec<ConfigurationRow> {
         .filter(|one| matters(&one.parameter.name))
         .map(|Explained { parameter, about }| {
             let name = parameter.name.as_str();
-            let changed = |configuration: &Configuration| configuration.get(name) != default.get(name);
+            // What has no effect is not worth a mark.
+            let changed = |configuration: &Configuration| {
+                configuration.get(name).is_some_and(|value| Some(value) != default.get(name))
+            };
             ConfigurationRow {
                 name: name.to_owned(),
                 about,

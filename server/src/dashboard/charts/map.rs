@@ -1,6 +1,6 @@
 //! Maps of states and races of studies.
 
-use super::{Axis, Frame, WIDTH, escape, figure, nothing, open, open_sized, put, range};
+use super::{Axis, Frame, WIDTH, above_zero, escape, figure, nothing, open, open_sized, put, range};
 
 /// A state on a map.
 pub(in super::super) struct Place {
@@ -39,7 +39,7 @@ pub(in super::super) fn map(x_axis: &Axis, y_axis: &Axis, places: &[Place]) -> S
         let words = escape(words);
         put(&mut svg, format_args!(r#"<text x="{x}" y="{y}" text-anchor="{anchor}">{words}</text>"#));
     }
-    for place in places {
+    for (index, place) in places.iter().enumerate() {
         let class = ranks.partition_point(|other| *other < place.rank) * 5 / ranks.len();
         let (x, y) = (frame.x(place.x), frame.y(place.y));
         let (link, words) = (escape(&place.link), escape(&place.words));
@@ -50,9 +50,19 @@ pub(in super::super) fn map(x_axis: &Axis, y_axis: &Axis, places: &[Place]) -> S
                 r#"<a href="{link}" aria-label="state {state}: {words}"><circle class="c{class}" cx="{x:.1}" cy="{y:.1}" r="8"><title>state {state}: {words}</title></circle>"#
             ),
         );
+        // Numbers of states that lie upon each other stand around them.
+        let is_near =
+            |other: &&Place| (frame.x(other.x) - x).abs() < 24.0 && (frame.y(other.y) - y).abs() < 24.0;
+        let (right, down, anchor) = match places[..index].iter().filter(is_near).count() % 4 {
+            0 => (0.0, -11.0, "middle"),
+            1 => (0.0, 20.0, "middle"),
+            2 => (12.0, 4.0, "start"),
+            _ => (-12.0, 4.0, "end"),
+        };
+        let (x, y) = (x + right, y + down);
         put(
             &mut svg,
-            format_args!(r#"<text x="{x:.1}" y="{:.1}" text-anchor="middle">{state}</text></a>"#, y - 11.0),
+            format_args!(r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}">{state}</text></a>"#),
         );
     }
     svg + "</svg>"
@@ -88,7 +98,7 @@ pub(in super::super) fn race(runners: &[Runner]) -> String {
         width: 815.0,
         height: 270.0,
         x: (1.0, longest as f64),
-        y: (low.min(1.0) - room, 1.0 + room),
+        y: (above_zero(low.min(1.0), room), 1.0 + room),
     };
     let legend = 20.0 * best.len() as f64;
     let mut svg = open_sized(WIDTH, 326.0 + legend, "Best so far over the default, by study");

@@ -10,7 +10,9 @@ use super::{Head, PageFrame, TRIALS, head, read_trials, render};
 use crate::error::Error;
 
 /// Most parameters in pictures: the most important.
-const PARAMETERS: usize = 16;
+const PARAMETERS: usize = 12;
+/// Most axes of parallel coordinates: what can be read at the width of a screen.
+const AXES: usize = 10;
 
 #[derive(Template)]
 #[template(path = "parameters.html")]
@@ -74,7 +76,7 @@ pub(in super::super) async fn parameters(
         note,
         has_trials: !runs.is_empty(),
         importances: charts::bars(&importances[..importances.len().min(PARAMETERS)]),
-        parallel: parallel(all, &shown, &runs),
+        parallel: parallel(all, &shown[..shown.len().min(AXES)], &runs),
         slices: shown.iter().map(|&index| slice(&all[index], index, &runs)).collect(),
         contour: axes.map(|axes| contour(all, axes, &runs)).unwrap_or_default(),
     };

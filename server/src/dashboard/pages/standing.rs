@@ -22,9 +22,10 @@ pub(super) struct StateStands {
 }
 
 impl StateStands {
-    /// Over the default, with its interval; empty where that was not measured.
+    /// Over the default, with its interval; empty where that was not measured, or is itself the answer.
     pub(super) fn gain(&self) -> String {
-        self.standing.and_then(|standing| standing.gain).map(|gain| gain.to_string()).unwrap_or_default()
+        let gain = self.standing.and_then(|standing| standing.gain).filter(|gain| gain.share != 0.0);
+        gain.map(|gain| gain.to_string()).unwrap_or_default()
     }
 }
 

@@ -9,8 +9,7 @@ use super::super::charts::{self, CurvePoint, Level, Span, figure};
 use super::super::{Query, Visitor};
 use super::standing::{StateStands, benefits, read_state, roofline};
 use super::{
-    Head, PageFrame, TRIALS, TrialRow, configuration, head, machine, number, read_trials, render, row,
-    seconds,
+    Defaults, Head, PageFrame, TRIALS, TrialRow, head, machine, number, read_trials, render, row, seconds,
 };
 use crate::error::Error;
 
@@ -94,7 +93,7 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
     let unit_s = benefit::unit_s(metrics.map(|term| term.metric.as_str()));
     let saved = benefits(&states, &latest, latest.len() == TRIALS, unit_s, visitor.tuning.now_ms());
     let chosen = states.iter().find(|one| Some(one.state) == state);
-    let fixed = fixed(&states, &latest);
+    let fixed = fixed(&states, &latest, &head.defaults);
     let levels = match chosen {
         Some(chosen) => levels(visitor, id, chosen, fixed.as_ref()).await,
         None => Vec::new(),
@@ -104,6 +103,8 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
     if in_state.len() == TRIALS {
         curve_note += &format!("These are the latest {TRIALS}.");
     }
+    let leases = read_trials(visitor, id, "state = OPEN", "", ROWS).await?;
+    let failures = latest.iter().filter(|trial| is_failure(trial)).take(ROWS);
     let mut total = benefit::Benefit::default();
     saved.values().for_each(|one| total += *one);
     let page = Page {
@@ -113,14 +114,14 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
         curve_note,
         timeline: charts::timeline(&spans(&latest)),
         is_cut: head.states > STATES,
-        leases: read_trials(visitor, id, "state = OPEN", "", ROWS).await?.iter().map(row).collect(),
-        failures: latest.iter().filter(|trial| is_failure(trial)).take(ROWS).map(row).collect(),
+        leases: leases.iter().map(|trial| row(trial, &head.defaults)).collect(),
+        failures: failures.map(|trial| row(trial, &head.defaults)).collect(),
         saved: (!total.is_empty()).then(|| total.words()),
         states: states
             .iter()
             .map(|one| {
                 let saved = saved.get(&one.state).map(benefit::Benefit::words).unwrap_or_default();
-                state_row(one, Some(one.state) == state, saved)
+                state_row(one, Some(one.state) == state, saved, &head.defaults)
             })
             .collect(),
         head,
@@ -130,11 +131,11 @@ pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Que
 }
 
 /// The one configuration that serves all states best, of the latest trials.
-fn fixed(states: &[StateStands], latest: &[v1::Trial]) -> Option<Fixed> {
+fn fixed(states: &[StateStands], latest: &[v1::Trial], beside: &Defaults) -> Option<Fixed> {
     let defaults =
         states.iter().filter_map(|one| Some((one.state, one.best.as_ref()?.default_cost?))).collect();
     let run =
-        |trial: &v1::Trial| Some((trial.state_id, configuration(trial.configuration.as_ref()), trial.cost?));
+        |trial: &v1::Trial| Some((trial.state_id, beside.beside(trial.configuration.as_ref()), trial.cost?));
     let runs: Vec<_> = latest.iter().filter_map(run).collect();
     benefit::best_fixed(&runs, &defaults)
 }
@@ -159,13 +160,13 @@ fn card(chosen: &StateStands) -> Option<BestCard> {
     Some(BestCard {
         cost: figure(standing.cost),
         interval: format!("{} to {}", figure(standing.cost_low), figure(standing.cost_high)),
-        gain: standing.gain.map(|gain| gain.to_string()).unwrap_or_default(),
+        gain: chosen.gain(),
         verdict: standing.verdict(),
         state: chosen.state,
     })
 }
 
-fn state_row(of: &StateStands, is_shown: bool, saved: String) -> StateRow {
+fn state_row(of: &StateStands, is_shown: bool, saved: String, beside: &Defaults) -> StateRow {
     let best = of.best.as_ref();
     StateRow {
         state: of.state,
@@ -176,7 +177,7 @@ fn state_row(of: &StateStands, is_shown: bool, saved: String) -> StateRow {
         saved,
         runs: best.map(|best| best.measurements.to_string()).unwrap_or_default(),
         machine: machine(of.trial.fingerprint.as_ref()),
-        configuration: configuration(best.and_then(|best| best.configuration.as_ref())),
+        configuration: beside.beside(best.and_then(|best| best.configuration.as_ref())),
     }
 }
 

@@ -30,7 +30,7 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
     let request = v1::GetTrialRequest { name: format!("studies/{id}/trials/{number}") };
     let trial = rpc::trials::get(visitor.tuning, visitor.caller, request).await?;
     let reason = trial.reason.clone().unwrap_or_default();
-    let row = row(&trial);
+    let row = row(&trial, &head.defaults);
     let given = |name: &str, value: String| (!value.is_empty()).then(|| (name.to_owned(), value));
     let facts = [
         given("State", row.state.to_string()),

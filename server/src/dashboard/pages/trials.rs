@@ -46,6 +46,6 @@ pub(in super::super) async fn trials(
     };
     let next = (!page.next_page_token.is_empty())
         .then(|| Query::written(&[("filter", &filter), ("order", &order), ("page", &page.next_page_token)]));
-    let rows = page.trials.iter().map(row).collect();
+    let rows = page.trials.iter().map(|trial| row(trial, &head.defaults)).collect();
     render(&Page { frame: visitor.frame, head, filter, order, problem, rows, next })
 }
