@@ -88,7 +88,7 @@ fn pages_show_what_is_known_and_nothing_that_is_written_there_becomes_markup() {
             &[
                 "Tuning curve",
                 "class=\"best\"",
-                "below its default",
+                "Below the default [95 %]",
                 "roofline",
                 "State 1: ",
                 "&#60;img src=x&#62;",

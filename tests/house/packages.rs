@@ -54,6 +54,34 @@ fn packages_hold_what_they_are_built_from() {
     }
 }
 
+/// What other programs are built with. The daemon is handed out as a program: its migrations lie outside of its package.
+#[test]
+fn libraries_can_be_packaged() {
+    let folder = std::env::temp_dir().join(format!("treewright-packages-{}", std::process::id()));
+    let target = folder.to_str().expect("text");
+    let mut arguments = vec![
+        "package",
+        "--no-verify",
+        "--allow-dirty",
+        "--offline",
+        "--locked",
+        "--quiet",
+        "--target-dir",
+        target,
+    ];
+    let libraries =
+        ["treewright-model", "treewright-proto", "treewright-client", "treewright-core", "treewright-cli"];
+    arguments.extend(libraries.iter().flat_map(|name| ["-p", name]));
+    cargo(&arguments);
+    let version = packages()[0]["version"].as_str().expect("a version").to_owned();
+    let missing: Vec<_> = libraries
+        .iter()
+        .filter(|name| !folder.join("package").join(format!("{name}-{version}.crate")).exists())
+        .collect();
+    std::fs::remove_dir_all(&folder).expect("it is removed");
+    assert!(missing.is_empty(), "{missing:?} are not there");
+}
+
 #[test]
 fn the_debian_package_finds_what_it_names() {
     let all = packages();
