@@ -2,8 +2,9 @@
 //! the programs know, and the reference of the API is the one that the contract's comments make.
 
 use std::collections::BTreeSet;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use treewright_tests::programs::{program, workspace};
 
@@ -95,6 +96,21 @@ fn every_link_leads_somewhere() {
         }
     }
     assert!(dead.is_empty(), "{dead:#?}");
+}
+
+#[test]
+fn links_out_of_the_book_become_names_of_files() {
+    let book = r#"[{}, {"items": [{"Chapter": {"content": "[a](../X.md#b), [`Y`](../Y), [c](d.md)", "sub_items": []}}]}]"#;
+    let mut script = Command::new("python3")
+        .arg(workspace().join("tools/book_links.py"))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("Python is installed");
+    script.stdin.take().expect("it is piped").write_all(book.as_bytes()).expect("it reads");
+    let output = script.wait_with_output().expect("it ends");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(text.contains(r#""a (`X.md`), `Y`, [c](d.md)""#), "{text}");
 }
 
 /// The lines of a page's shell blocks, continued ones joined.
