@@ -71,7 +71,7 @@ impl Findings {
         };
         line(format!("Embree: {}, device \"{}\"", self.embree, self.device));
         line(format!(
-            "asked for: {}{}, {} primitives in buffers, {} threads asked",
+            "asked for: {}{}, {} primitives in buffers, by {} thread(s)",
             self.quality_words(),
             if self.flags & ROBUST != 0 { ", robust" } else { "" },
             self.primitives,
