@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     fn words_are_not_broken() {
-        let words = vec!["first_shadow=sixteen_coherent"; 5].join(" ");
+        let words = ["first_shadow=sixteen_coherent"; 5].join(" ");
         let text = wrapped("   1  ", &words);
         assert!(text.lines().all(|line| line.len() <= usize::from(COLUMNS)), "{text}");
         assert_eq!(text.matches("first_shadow=sixteen_coherent").count(), 5);
