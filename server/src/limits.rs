@@ -162,6 +162,13 @@ pub const NAME_BYTES: usize = 256;
 /// How often leases that have run out are looked for.
 pub const SWEEP_PERIOD: Duration = Duration::from_secs(1);
 
+/// When leases were not looked after for so long, the daemon was away: stopped, asleep, or without its database.
+pub const ABSENCE_MIN: Duration = Duration::from_secs(10);
+
+/// How long clients are given, after the daemon was away, before a lease that ends counts as lost. Twice the SDK's
+/// longest pause between attempts.
+pub const RETURN_GRACE: Duration = Duration::from_secs(10);
+
 /// How often it is looked whether a checkpoint is due.
 pub const CHECKPOINT_PERIOD: Duration = Duration::from_secs(1);
 

@@ -130,12 +130,17 @@ pub(super) mod tests {
         }
     }
 
-    /// A frame of a client; what it got.
-    pub(in crate::tuning) async fn frame(tuning: &Tuning, client_id: &str, place: f64) -> Trial {
+    /// What a client is to run.
+    pub(in crate::tuning) async fn suggested(tuning: &Tuning, client_id: &str, place: f64) -> Trial {
         let indicators = BTreeMap::from([("x".to_owned(), place)]);
         let ask = Ask { client_id: client_id.to_owned(), indicators, ..Ask::default() };
         let suggest = Suggest { study: "hall".to_owned(), ask, wanted: None };
-        let trial = tuning.suggest(suggest).await.expect("a trial");
+        tuning.suggest(suggest).await.expect("a trial")
+    }
+
+    /// A frame of a client; what it got.
+    pub(in crate::tuning) async fn frame(tuning: &Tuning, client_id: &str, place: f64) -> Trial {
+        let trial = suggested(tuning, client_id, place).await;
         let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).expect("active");
         let cost = 1.0 + (number("a") - 9.0 * place).abs() + number("b");
         let report = Report {

@@ -97,10 +97,13 @@ pub(super) async fn compute<T: Send + 'static>(
 
 #[cfg(test)]
 mod tests {
+    use treewright_core::policy::Policy;
+    use treewright_core::study::StudySpec;
+    use treewright_core::trial::TrialState;
     use treewright_store::MemoryStore;
 
     use super::super::Tuning;
-    use super::super::checkpoints::tests::{frame, spec};
+    use super::super::checkpoints::tests::{frame, spec, suggested};
     use super::*;
     use crate::clock::ManualClock;
 
@@ -121,5 +124,54 @@ mod tests {
         let late = read(store.as_ref(), loaded, 1_000).await.expect("what was loaded fits together");
         assert_eq!(late.tuner.statistics(), before);
         assert!(!late.fence.holds(), "the other has the study");
+    }
+
+    /// What becomes of trials whose clients never come back, by whether the daemon was there when their leases ended.
+    async fn lost_leases(is_away: impl Fn(u64) -> bool, starts_anew: bool) -> Vec<TrialState> {
+        let (store, clock) = (Arc::new(MemoryStore::new()), Arc::new(ManualClock::at(1_000)));
+        let start = || Tuning::new(Arc::clone(&store) as _, Arc::clone(&clock) as _);
+        let mut tuning = start();
+        let policy = Policy { epsilon: 1.0, ..spec().policy };
+        tuning.create_study("hall", &StudySpec { policy, ..spec() }).await.expect("created");
+        for _ in 0..4 {
+            frame(&tuning, "one", 0.5).await;
+        }
+        tuning.sweep_leases().await.expect("swept");
+        let mut trials = Vec::new();
+        for number in 0..4 {
+            trials.push(suggested(&tuning, "one", 0.5).await.number);
+            if is_away(number) {
+                clock.advance_ms(60_001);
+                if starts_anew {
+                    tuning = start();
+                }
+            } else {
+                for _ in 0..61 {
+                    clock.advance_ms(1_000);
+                    tuning.sweep_leases().await.expect("swept");
+                }
+            }
+            tuning.sweep_leases().await.expect("swept");
+        }
+        let mut states = Vec::new();
+        for number in trials {
+            states.push(store.get_trial("hall", number).await.expect("it was handed out").state);
+        }
+        states
+    }
+
+    #[tokio::test]
+    async fn leases_that_end_while_the_daemon_is_away_do_not_count_against_their_configurations() {
+        use TrialState::{Completed, Expired};
+        for starts_anew in [true, false] {
+            assert_eq!(lost_leases(|_| true, starts_anew).await, [Expired; 4], "never given up");
+            assert_eq!(
+                lost_leases(|number| number == 1, starts_anew).await,
+                [Expired, Expired, Completed, Expired],
+                "the second lease that was lost while it was there is the last"
+            );
+        }
+        let present = lost_leases(|_| false, false).await;
+        assert_eq!(present, [Expired, Completed, Expired, Completed], "infeasible after two");
     }
 }

@@ -4,14 +4,15 @@
 //! change is durable, answer. Nothing is answered that is not on the disk. No model is fitted under the lock:
 //! `planning` does that before. `runtime` holds the tuners in memory, `loading` reads a study from the database,
 //! `checkpoints` saves what was learnt so that less has to be read, `retention` removes old trials, `frames` suggests
-//! and reports, `trials` does what concerns one trial, `studies` what concerns a study, `figures` collects what the
-//! metrics show.
+//! and reports, `trials` does what concerns one trial, `studies` what concerns a study, `presence` knows when the
+//! daemon was away, `figures` collects what the metrics show.
 
 mod checkpoints;
 mod figures;
 mod frames;
 mod loading;
 mod planning;
+mod presence;
 mod retention;
 mod runtime;
 mod studies;
@@ -28,6 +29,7 @@ use crate::clock::Clock;
 use crate::error::Error;
 use crate::limits;
 use crate::metrics::Metrics;
+use presence::Presence;
 use runtime::{Live, Runtime};
 
 pub use frames::{FrameAnswer, Reported};
@@ -42,12 +44,14 @@ pub struct Tuning {
     runtimes: Mutex<Runtimes>,
 }
 
-/// What a study in memory works with: the database, the time, and where everything is counted.
+/// What a study in memory works with: the database, the time, where everything is counted, and since when the daemon is
+/// there.
 #[derive(Clone)]
 struct Environment {
     store: Arc<dyn Store>,
     clock: Arc<dyn Clock>,
     metrics: Arc<Metrics>,
+    presence: Arc<Presence>,
 }
 
 /// The studies in memory, each with the time of its last use, counted in uses.
@@ -61,7 +65,7 @@ impl Tuning {
     /// The use cases on a store and a clock.
     #[must_use]
     pub fn new(store: Arc<dyn Store>, clock: Arc<dyn Clock>) -> Self {
-        let environment = Arc::new(Environment { store, clock, metrics: Arc::default() });
+        let environment = Arc::new(Environment { store, clock, metrics: Arc::default(), presence: Arc::default() });
         let (checkpoint_after, planning_permits) = (CHECKPOINT_TRIALS_MIN, planning::permits());
         Self { environment, checkpoint_after, planning_permits, runtimes: Mutex::default() }
     }
@@ -103,6 +107,7 @@ impl Tuning {
         let computed = runtime
             .with(|live| {
                 let now_ms = self.now_ms();
+                live.tuner.pardon_leases(self.environment.presence.pardoned_until_ms(now_ms));
                 live.expire(store, now_ms);
                 compute(live, store, now_ms)
             })

@@ -21,6 +21,7 @@ use super::Environment;
 use super::checkpoints::Saved;
 use super::loading::{self, Read};
 use super::planning::PlannedSearches;
+use super::presence::back_since;
 use crate::error::Error;
 use crate::limits::LOADING_WAIT;
 use crate::metrics::{FrameCounts, Metrics};
@@ -211,6 +212,7 @@ fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
         return;
     };
     tuner.defer_updates();
+    tuner.pardon_leases(back_since(runtime.environment.clock.now_ms()));
     let completed = tuner.statistics().completed_trials;
     tracing::info!(study, completed, from_checkpoint = saved.completion, "study loaded");
     let metrics = Arc::clone(&runtime.environment.metrics);

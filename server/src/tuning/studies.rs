@@ -77,7 +77,9 @@ impl Tuning {
     /// # Errors
     /// The first that occurred; the other studies are swept all the same.
     pub async fn sweep_leases(&self) -> Result<(), Error> {
-        let due = self.store().studies_with_due_leases(self.now_ms()).await?;
+        let now_ms = self.now_ms();
+        let due = self.store().studies_with_due_leases(now_ms).await?;
+        self.environment.presence.swept(now_ms);
         let mut result = Ok(());
         for study in due {
             let swept = self.with_tuner(&study, |live, store, _| live.commit(store, &[])).await;

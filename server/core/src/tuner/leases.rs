@@ -14,7 +14,8 @@ use crate::tuner::{Ask, Change, Tuner};
 impl Tuner {
     /// Ends an open trial whose lease was lost. The change has no states: they are the caller's to add.
     pub(super) fn lose(&mut self, number: TrialNumber, now_ms: i64) -> Change {
-        let lost_leases = self.note_lost(number);
+        let ended_ms = self.trials.get(number).map_or(i64::MAX, |trial| trial.lease_expire_ms);
+        let lost_leases = if ended_ms <= self.pardoned_until_ms { 0 } else { self.note_lost(number) };
         let infeasible = (lost_leases >= LEASES_LOST_MAX).then(|| self.give_up(number, lost_leases, now_ms));
         infeasible.flatten().unwrap_or_else(|| {
             let expired = self.take_back(number, TrialState::Expired);

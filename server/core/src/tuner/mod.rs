@@ -105,6 +105,8 @@ pub struct Tuner {
     /// How many trials were completed, and the place of the last in the order of completion.
     completed: u64,
     last_completion: u64,
+    /// Leases that end up to this time, in milliseconds, do not count as lost.
+    pardoned_until_ms: i64,
 }
 
 /// A client's question with its indicators normalised and its state recognised. Good until the tuner is changed.
@@ -133,6 +135,7 @@ impl Tuner {
             auxiliaries: Auxiliaries::default(),
             completed: 0,
             last_completion: 0,
+            pardoned_until_ms: i64::MIN,
             states,
             spec,
         })
@@ -261,7 +264,7 @@ impl Tuner {
 
     /// Ends every lease that has run out by `now_ms`: the trial is expired and its search point goes back. A configuration
     /// that loses its [last](crate::limits::LEASES_LOST_MAX) lease in the state without ever having been measured there
-    /// is completed as infeasible.
+    /// is completed as infeasible, unless the lease is [pardoned](Tuner::pardon_leases).
     pub fn expire(&mut self, now_ms: i64) -> Change {
         let mut change = Change::default();
         let mut states = BTreeSet::new();
@@ -279,6 +282,13 @@ impl Tuner {
         }
         change.states = states.into_iter().map(|state| self.state_record(state)).collect();
         change
+    }
+
+    /// Leases that end up to `until_ms` say nothing of their configurations, since nobody was there who could have taken a
+    /// report: they are ended as any other, and not counted as lost. An earlier time than one that was told before changes
+    /// nothing.
+    pub fn pardon_leases(&mut self, until_ms: i64) {
+        self.pardoned_until_ms = self.pardoned_until_ms.max(until_ms);
     }
 
     /// An open trial.

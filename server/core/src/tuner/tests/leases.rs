@@ -181,6 +181,25 @@ fn the_default_is_not_given_up_for_lost_leases() {
 }
 
 #[test]
+fn leases_that_ended_while_nobody_was_there_do_not_count_as_lost() {
+    let mut tuner = tuner(explore_always());
+    run(&mut tuner, "a", 0.5, 0.5, 2);
+    let mut now_ms = 1_000;
+    for client in ["a", "b", "c"] {
+        let ends_ms = now_ms + 60_000;
+        tuner.pardon_leases(ends_ms);
+        tuner.pardon_leases(0);
+        let (trial, change) = crash(&mut tuner, client, &mut now_ms);
+        assert_eq!(change.trials[0].state, TrialState::Expired);
+        assert_eq!(tuner.searches.lost(StateId(1), &trial.configuration), 0);
+    }
+    // One that ended later does.
+    tuner.pardon_leases(now_ms + 59_999);
+    let (first, _) = crash(&mut tuner, "a", &mut now_ms);
+    assert_eq!(tuner.searches.lost(StateId(1), &first.configuration), 1);
+}
+
+#[test]
 fn a_report_forgives_a_lost_lease() {
     let mut tuner = tuner(explore_always());
     run(&mut tuner, "a", 0.5, 0.5, 2);
