@@ -1,12 +1,17 @@
-"""One client of Vizier's or Optuna's service, as `client/examples/load.rs` is one of Treewright's: says `ready`, waits
+"""One client of Vizier's, Optuna's or Treewright's service in Python, as `client/examples/load.rs` is one of Treewright's: says `ready`, waits
 for a line, asks and tells for some seconds, and prints the time of each trial in microseconds as JSON.
 
 usage: peer_client.py SYSTEM ADDRESS CLIENT_ID SECONDS
+       peer_client.py --generate FOLDER      (Python code from Treewright's contract; its clients get it as ADDRESS,FOLDER)
 """
 
 import json
+import pathlib
+import queue
 import sys
 import time
+
+CONTRACT = pathlib.Path(__file__).resolve().parents[3] / "proto"
 
 PARAMETERS = [f"p{number}" for number in range(6)]
 
@@ -63,7 +68,61 @@ def optuna(storage, sampler):
     return trial
 
 
+def generate(folder):
+    import grpc_tools
+    from grpc_tools import protoc
+
+    well_known = pathlib.Path(grpc_tools.__file__).parent / "_proto"
+    files = [str(path) for path in sorted((CONTRACT / "treewright" / "v1").glob("*.proto"))]
+    ways = [f"-I{CONTRACT}", f"-I{well_known}", f"--python_out={folder}", f"--grpc_python_out={folder}"]
+    sys.exit(protoc.main(["protoc", *ways, *files]))
+
+
+def treewright(address, client_id, is_stream):
+    address, folder = address.split(",", 1)
+    sys.path.insert(0, folder)
+    import grpc
+    from treewright.v1 import study_pb2, trial_pb2, tuning_pb2, tuning_pb2_grpc
+
+    service = tuning_pb2_grpc.TuningServiceStub(grpc.insecure_channel(address.split("://", 1)[1]))
+    study = study_pb2.Study()
+    for name in PARAMETERS:
+        parameter = study.space.parameters.add(name=name)
+        parameter.float.max = 1.0
+        parameter.default_value.float = 0.5
+    study.objective.terms.add(metric="render_ms", weight=1.0)
+    study.policy.epsilon = 1.0
+    study.policy.search = study_pb2.SEARCH_METHOD_RANDOM
+    study.policy.trials_per_state = 100_000
+    service.CreateStudy(tuning_pb2.CreateStudyRequest(study_id="load", study=study), wait_for_ready=True, timeout=60)
+    ask = tuning_pb2.SuggestRequest(study="studies/load", client_id=client_id)
+
+    def report(trial):
+        values = trial.configuration.values
+        measured = {"render_ms": cost(getattr(values[name], "float") for name in PARAMETERS)}
+        outcome = trial_pb2.Outcome(ok=trial_pb2.Ok())
+        return tuning_pb2.ReportRequest(trial=trial.name, measurements=measured, outcome=outcome)
+
+    def calls():
+        service.Report(report(service.Suggest(ask)))
+
+    if not is_stream:
+        return calls
+    frames = queue.SimpleQueue()
+    answers = service.Tune(iter(frames.get, None))
+    frames.put(tuning_pb2.TuneRequest(suggest=ask))
+    held = [next(answers).trial]
+
+    def frame():
+        frames.put(tuning_pb2.TuneRequest(report=report(held[0]), suggest=ask))
+        held[0] = next(answers).trial
+
+    return frame
+
+
 def client(system, address, client_id):
+    if system.startswith("treewright-python-"):
+        return treewright(address, client_id, system.endswith("tune"))
     if system.startswith("vizier-"):
         return vizier(address, client_id, {"random": "RANDOM_SEARCH", "quasi": "QUASI_RANDOM_SEARCH"}[system[7:]])
     import optuna as package
@@ -84,6 +143,8 @@ def client(system, address, client_id):
 
 
 def main():
+    if sys.argv[1] == "--generate":
+        generate(sys.argv[2])
     system, address, client_id, seconds = sys.argv[1:]
     trial = client(system, address, client_id)
     print("ready", flush=True)

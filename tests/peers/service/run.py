@@ -3,7 +3,8 @@
     python3 tests/peers/service/run.py --peers target/peers/env --vizier target/peers/vizier --clients 1 8 32
 
 For each system and number of clients a fresh server is started on a fresh database; clients connect, wait for each
-other, and then ask and report as fast as they are answered. A trial is a suggestion and its report. Prints a table;
+other, and then ask and report as fast as they are answered. Clients of `treewright-python` are Python's as the others' are
+(gRPC's own package, code from the contract; wants grpcio-tools in the environment of --peers). A trial is a suggestion and its report. Prints a table;
 --out keeps it as JSON. Systems whose Python environment is not given are left out.
 """
 
@@ -19,7 +20,7 @@ import time
 
 HERE = pathlib.Path(__file__).resolve().parent
 SYSTEMS = [
-    "treewright-tune", "treewright-calls", "treewright-auto", "vizier-random", "vizier-quasi",
+    "treewright-tune", "treewright-calls", "treewright-auto", "treewright-python-calls", "treewright-python-tune", "vizier-random", "vizier-quasi",
     "optuna-grpc-random", "optuna-journal-random", "optuna-sqlite-random", "optuna-journal-tpe",
 ]
 
@@ -47,6 +48,7 @@ def resident_mb(process):
 
 def measure(system, clients, arguments, folder):
     server = None
+    is_python = "python" in system
     if system.startswith("treewright"):
         command = [arguments.bin / "treewrightd", "serve", "--listen", "127.0.0.1:0", "--database", folder / "t.db"]
         server = start(command + ["--log", "warn"])
@@ -55,6 +57,11 @@ def measure(system, clients, arguments, folder):
         search = "auto" if system.endswith("auto") else "random"
         program = [arguments.bin / "examples" / "load", address]
         commands = [program + [f"client-{n}", arguments.seconds, how, search] for n in range(clients)]
+        if is_python:
+            python = arguments.peers / "bin" / "python"
+            subprocess.run([python, HERE / "peer_client.py", "--generate", folder], check=True)
+            program = [python, HERE / "peer_client.py", system, f"{address},{folder}"]
+            commands = [program + [f"client-{n}", arguments.seconds] for n in range(clients)]
     else:
         python = (arguments.vizier if system.startswith("vizier") else arguments.peers) / "bin" / "python"
         if system.startswith("vizier") or system.startswith("optuna-grpc"):
@@ -109,7 +116,7 @@ def main():
         for clients in arguments.clients:
             for system in arguments.systems:
                 environment = arguments.vizier if system.startswith("vizier") else arguments.peers
-                if not system.startswith("treewright") and environment is None:
+                if environment is None and ("python" in system or not system.startswith("treewright")):
                     continue
                 with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
                     row = measure(system, clients, arguments, pathlib.Path(folder))
