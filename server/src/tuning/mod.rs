@@ -65,7 +65,8 @@ impl Tuning {
     /// The use cases on a store and a clock.
     #[must_use]
     pub fn new(store: Arc<dyn Store>, clock: Arc<dyn Clock>) -> Self {
-        let environment = Arc::new(Environment { store, clock, metrics: Arc::default(), presence: Arc::default() });
+        let environment =
+            Arc::new(Environment { store, clock, metrics: Arc::default(), presence: Arc::default() });
         let (checkpoint_after, planning_permits) = (CHECKPOINT_TRIALS_MIN, planning::permits());
         Self { environment, checkpoint_after, planning_permits, runtimes: Mutex::default() }
     }
