@@ -1,5 +1,7 @@
 //! The laboratory's program as a user meets it: what it finds out, and wrong input with its message and exit code.
 
+#[path = "command_line/evaluation.rs"]
+mod evaluation;
 #[path = "../../renderer/cli/tests/support/program.rs"]
 mod program;
 

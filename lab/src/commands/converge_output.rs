@@ -34,6 +34,7 @@ pub(super) fn print(results: &ComparisonResults) {
         "samples",
         "relative error",
         "similarity",
+        "FLIP",
         "slope",
         "the error",
     ]);
@@ -52,6 +53,7 @@ pub(super) fn print(results: &ComparisonResults) {
             format!("{:.0}", mean(found.samples)),
             format!("{:.2e}", mean(found.relative_mse)),
             format!("{:.4}", mean(found.ssim)),
+            format!("{:.4}", mean(found.flip)),
             text(found.convergence.slope, 3),
             verdict_in_words(found.convergence.verdict).to_owned(),
         ]);

@@ -15,6 +15,8 @@ use treewright_renderer::limits::{BOUNCES_MAX, ITERATIONS_MAX, ROUNDS_MAX, THREA
 use treewright_renderer::space::{Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::Objective;
 
+use super::evaluate_parameters as parameters;
+pub(super) use super::evaluate_parameters::ParametersArguments;
 use super::verify_answers as verify;
 pub(super) use super::verify_answers::{JudgeArguments, VerifyArguments};
 use crate::evaluation::fixed;
@@ -32,27 +34,22 @@ pub(super) enum Command {
     Record(RecordArguments),
     /// Render: measure what the predictors answer, beside what the searches found.
     Verify(VerifyArguments),
+    /// Render: what the parameters do (the paper's section 4): a few searched alone, splitting by frame size, and a
+    /// cylinder of needles that turns through each scene.
+    Parameters(ParametersArguments),
     /// Compute: hold every answer against search, roofline, default and best fixed configuration.
     Judge(JudgeArguments),
 }
 
 /// Where the record is, and under which conditions it is made.
 #[derive(Args, Clone, Debug)]
-pub(super) struct RecordArguments {
+pub(super) struct ConditionArguments {
     /// The record, as JSON Lines. A run goes on where the last one stopped, also after `kill -9`.
     #[arg(long, value_name = "FILE.jsonl")]
-    record: PathBuf,
+    pub(super) record: PathBuf,
 
     #[command(flatten)]
-    scenes: SceneArguments,
-
-    /// What searches minimise: render time alone, or build and render time.
-    #[arg(long, value_parser = objective(), value_delimiter = ',', default_values = ["render", "total"])]
-    objective: Vec<Objective>,
-
-    /// Searches: `nelder_mead` is the paper's, after Chang; the others are those of `treewright policy --search`.
-    #[arg(long, value_name = "NAME,…", value_parser = search_method, value_delimiter = ',', default_value = "nelder_mead")]
-    search: Vec<SearchMethod>,
+    pub(super) scenes: SceneArguments,
 
     /// Iterations of a search, each of which builds and renders.
     #[arg(long, value_name = "N", default_value_t = 80, value_parser = clap::value_parser!(u32).range(2..=i64::from(ITERATIONS_MAX)))]
@@ -61,10 +58,6 @@ pub(super) struct RecordArguments {
     /// Cameras along each scene's path.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(5..=1000))]
     cameras: u32,
-
-    /// Record only so many of them, spread over the path; the others can follow later. All when left out.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
-    first: Option<u32>,
 
     /// Render threads; 0 for one a core.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=THREADS_MAX as u64))]
@@ -90,13 +83,32 @@ pub(super) struct RecordArguments {
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
 
+    /// Begin no measurement after so many seconds.
+    #[arg(long, value_name = "S")]
+    pub(super) seconds: Option<u64>,
+}
+
+/// Arguments of `evaluate record`.
+#[derive(Args, Clone, Debug)]
+pub(super) struct RecordArguments {
+    #[command(flatten)]
+    under: ConditionArguments,
+
+    /// What searches minimise: render time alone, or build and render time.
+    #[arg(long, value_parser = objective(), value_delimiter = ',', default_values = ["render", "total"])]
+    objective: Vec<Objective>,
+
+    /// Searches: `nelder_mead` is the paper's, after Chang; the others are those of `treewright policy --search`.
+    #[arg(long, value_name = "NAME,…", value_parser = search_method, value_delimiter = ',', default_value = "nelder_mead")]
+    search: Vec<SearchMethod>,
+
+    /// Record only so many cameras, spread over the path; the others can follow later. All when left out.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    first: Option<u32>,
+
     /// Rounds in which fixed configurations are measured.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
-
-    /// Begin no measurement after so many seconds.
-    #[arg(long, value_name = "S")]
-    seconds: Option<u64>,
 }
 
 /// Which scenes.
@@ -140,6 +152,7 @@ pub(super) fn run(command: &Command) -> Result<(), CliError> {
     match command {
         Command::Record(arguments) => record(arguments),
         Command::Verify(arguments) => verify::run(arguments),
+        Command::Parameters(arguments) => parameters::run(arguments),
         Command::Judge(arguments) => verify::judge(arguments, false),
     }
 }
@@ -178,16 +191,14 @@ struct Missing {
 }
 
 fn record(arguments: &RecordArguments) -> Result<(), CliError> {
-    check_folder(&arguments.record)?;
-    let entries = arguments.scenes.entries()?;
-    let threads = usize::try_from(arguments.threads).unwrap_or(THREADS_MAX);
-    let conditions = conditions(arguments, threads)?;
-    let mut open = OpenRecord::open(&arguments.record, &conditions)?;
+    let under = &arguments.under;
+    let entries = under.scenes.entries()?;
+    let (conditions, mut open) = under.open()?;
     let space = Arc::new(space(&conditions));
     let mut missing = Vec::new();
     // Camera by camera over all scenes: whenever a run stops, all scenes are equally far.
     let places: Vec<u32> =
-        spread(arguments.cameras).into_iter().take(arguments.first.unwrap_or(u32::MAX) as usize).collect();
+        spread(under.cameras).into_iter().take(arguments.first.unwrap_or(u32::MAX) as usize).collect();
     for camera in &places {
         let searches = arguments
             .objective
@@ -205,9 +216,9 @@ fn record(arguments: &RecordArguments) -> Result<(), CliError> {
             None => !open.record.groups.contains_key(&(GroupKind::Fixed, place)),
         }
     });
-    eprintln!("{} measurements are missing in {}", missing.len(), arguments.record.display());
+    eprintln!("{} measurements are missing in {}", missing.len(), under.record.display());
     let interrupt = Interrupt::listen();
-    let mut progress = Progress::new(missing.len(), arguments.seconds);
+    let mut progress = Progress::new(missing.len(), under.seconds);
     let mut stages: Vec<Option<Stage>> = entries.iter().map(|_| None).collect();
     let fixed = fixed::candidates(&space)?;
     for one in missing {
@@ -265,21 +276,32 @@ pub(super) fn add_best(open: &OpenRecord, place: &Place, all: &mut Vec<Configura
     }
 }
 
-fn conditions(arguments: &RecordArguments, threads: usize) -> Result<Conditions, CliError> {
-    let (major, minor, patch) = Device::open(threads)?.version();
-    let machine = detect_fingerprint()
-        .software("treewright-lab", env!("CARGO_PKG_VERSION"))
-        .software("embree", format!("{major}.{minor}.{patch}"));
-    Ok(Conditions {
-        version: Conditions::VERSION,
-        machine,
-        threads,
-        size: [arguments.size.width, arguments.size.height],
-        bounces: arguments.bounces,
-        clock: arguments.clock,
-        iterations: arguments.iterations,
-        cameras: arguments.cameras,
-        seed: arguments.seed,
-        space: arguments.space.clone(),
-    })
+impl ConditionArguments {
+    /// The record and the conditions under which it is gone on with.
+    pub(super) fn open(&self) -> Result<(Conditions, OpenRecord), CliError> {
+        check_folder(&self.record)?;
+        let conditions = self.conditions()?;
+        let open = OpenRecord::open(&self.record, &conditions)?;
+        Ok((conditions, open))
+    }
+
+    fn conditions(&self) -> Result<Conditions, CliError> {
+        let threads = usize::try_from(self.threads).unwrap_or(THREADS_MAX);
+        let (major, minor, patch) = Device::open(threads)?.version();
+        let machine = detect_fingerprint()
+            .software("treewright-lab", env!("CARGO_PKG_VERSION"))
+            .software("embree", format!("{major}.{minor}.{patch}"));
+        Ok(Conditions {
+            version: Conditions::VERSION,
+            machine,
+            threads,
+            size: [self.size.width, self.size.height],
+            bounces: self.bounces,
+            clock: self.clock,
+            iterations: self.iterations,
+            cameras: self.cameras,
+            seed: self.seed,
+            space: self.space.clone(),
+        })
+    }
 }

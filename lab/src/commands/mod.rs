@@ -5,6 +5,7 @@ mod converge;
 mod converge_entrants;
 mod converge_output;
 mod evaluate;
+mod evaluate_parameters;
 mod leave_out;
 mod leave_scene_out;
 mod verify;
@@ -24,6 +25,7 @@ Examples:
   treewright-lab ablate --scene builtin:city --config-file best.json --report ablation.html
   treewright-lab evaluate record --record paper.jsonl --only gallery,voxels --cameras 20
   treewright-lab evaluate verify --record paper.jsonl --only gallery,voxels
+  treewright-lab evaluate parameters --record paper.jsonl --only gallery --cameras 20
   treewright-lab report --record paper.jsonl --out evaluation
   treewright-lab converge --scene builtin:hall --report converge.html
 

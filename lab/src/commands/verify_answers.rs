@@ -15,11 +15,13 @@ use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 
 use super::evaluate::{Progress, SceneArguments, add_best, space};
+use super::evaluate_parameters::strip_path;
 use crate::evaluation::answers::{Answers, School};
 use crate::evaluation::folds::{Fold, folds};
 use crate::evaluation::judge::{Verdict, judge as judged};
 use crate::evaluation::measure::Stage;
 use crate::evaluation::page::{Told, html, markdown, tables};
+use crate::evaluation::part_page::Strips;
 use crate::evaluation::record::{Clock, GroupKind, Line, OpenRecord, Place, Record, Search};
 use crate::evaluation::summary::standings;
 
@@ -74,6 +76,22 @@ pub(super) struct JudgeArguments {
     /// Write the numbers into this folder, and the page with `report`.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
+
+    /// Show the moving pictures that `evaluate parameters --pictures` wrote into this folder.
+    #[arg(long, value_name = "FOLDER")]
+    pictures: Option<PathBuf>,
+}
+
+impl JudgeArguments {
+    /// Moving pictures of the scenes that have one.
+    fn strips(&self, record: &Record) -> Strips {
+        let scenes: BTreeSet<&String> = record.pairs.keys().map(|(scene, _)| scene).collect();
+        let read = |scene: &String| {
+            let strip = std::fs::read(strip_path(self.pictures.as_ref()?, scene)).ok()?;
+            Some((scene.clone(), strip))
+        };
+        scenes.into_iter().filter_map(read).collect()
+    }
 }
 
 /// A record with everything that can be computed from it.
@@ -206,8 +224,14 @@ pub(super) fn judge(arguments: &JudgeArguments, page: bool) -> Result<(), CliErr
             .collect();
         verdicts.push(judged(&examined.record, *objective, clock, &searches, answered)?);
     }
-    let told =
-        Told { record: &examined.record, clock, complete: examined.complete.len(), verdicts: &verdicts };
+    let told = Told {
+        record: &examined.record,
+        space: &examined.space,
+        strips: arguments.strips(&examined.record),
+        clock,
+        complete: examined.complete.len(),
+        verdicts: &verdicts,
+    };
     let failed = |error: std::io::Error| CliError::Failed(format!("{}: {error}", arguments.out.display()));
     std::fs::create_dir_all(&arguments.out).map_err(failed)?;
     for (name, text) in tables(&told) {

@@ -49,6 +49,8 @@ pub struct Point {
     pub relative_mse: f64,
     /// Structural similarity to the reference, 1 at best.
     pub ssim: f64,
+    /// FLIP against the reference, 0 at best.
+    pub flip: f64,
 }
 
 /// One run of one contender.
@@ -248,6 +250,7 @@ impl Lane {
             render_ms: self.render_ms,
             relative_mse: setup.yardstick.relative_mse(&picture),
             ssim: setup.yardstick.ssim(&picture),
+            flip: setup.yardstick.flip(&picture),
         };
         if is_checkpoint(samples) {
             self.points.push(point);
@@ -329,6 +332,7 @@ mod tests {
             }
             assert!(tree.points[8].relative_mse < tree.points[0].relative_mse / 6.0);
             assert!(tree.points[8].ssim > tree.points[0].ssim);
+            assert!(tree.points[8].flip < tree.points[0].flip);
         }
         assert_ne!(curves[0].runs[0].points[0].relative_mse, curves[0].runs[1].points[0].relative_mse);
         let shot = |curve: usize| curves[curve].pictures.at_budget.as_ref().expect("there was time");

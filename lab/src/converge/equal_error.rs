@@ -156,6 +156,7 @@ mod tests {
             render_ms: frame_ms * f64::from(samples),
             relative_mse: variance / f64::from(samples),
             ssim: 0.5,
+            flip: 0.2,
         };
         let points = [1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64].map(point);
         Run { seed: 1, build_ms, points: points.into(), end: point(70) }

@@ -1,13 +1,14 @@
 //! How far a picture is from the reference.
 //!
-//! Two numbers. The relative mean squared error is computed on linear radiance and is what theory speaks
+//! Three numbers. The relative mean squared error is computed on linear radiance and is what theory speaks
 //! about: for an unbiased estimator it falls as one over the number of samples (Rousselle, Knaus, Zwicker:
 //! Adaptive Sampling and Reconstruction using Greedy Error Minimization, SIGGRAPH Asia 2011, with the small
-//! constant taken relative to the scene's brightness). Structural similarity (see `ssim`) is computed on
-//! pictures as people see them, all tone-mapped alike.
+//! constant taken relative to the scene's brightness). Structural similarity (see `ssim`) and the difference that people
+//! notice (see `flip`) are computed on pictures as people see them, all tone-mapped alike.
 
 use glam::Vec3;
 
+use super::flip::Flip;
 use super::ssim::Similarity;
 use treewright_renderer::film::Picture;
 use treewright_renderer::image_file::{Exposure, exposure_factor};
@@ -25,6 +26,7 @@ pub struct Yardstick {
     /// Factor on radiance before every picture is developed.
     exposure: f32,
     structure: Similarity,
+    appearance: Flip,
 }
 
 impl Yardstick {
@@ -37,8 +39,10 @@ impl Yardstick {
         let weights = reference.pixels.iter().map(|pixel| pixel.to_array().map(weight)).collect();
         let exposure = exposure_factor(&reference, Exposure::Auto);
         let shown = shown_luminance(&reference, exposure);
-        let structure = Similarity::new(reference.width as usize, shown);
-        Self { reference, weights, exposure, structure }
+        let width = reference.width as usize;
+        let structure = Similarity::new(width, shown);
+        let appearance = Flip::new(width, &shown_colours(&reference, exposure));
+        Self { reference, weights, exposure, structure, appearance }
     }
 
     /// The reference.
@@ -90,6 +94,15 @@ impl Yardstick {
         self.structure.to(&shown_luminance(picture, self.exposure))
     }
 
+    /// Mean FLIP of the colours as shown: 0 for the same picture, 1 at most.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn flip(&self, picture: &Picture) -> f64 {
+        self.check(picture);
+        self.appearance.to(&shown_colours(picture, self.exposure))
+    }
+
     /// The relative error of each pixel as a picture of colours that are shown as they are: black where there
     /// is none, over red and yellow to white where it is as large as `largest` times the reference.
     ///
@@ -122,6 +135,11 @@ impl Yardstick {
 fn glow(share: f64) -> [u8; 3] {
     let heat = share.clamp(0.0, 1.0) * 3.0;
     [heat, heat - 1.0, heat - 2.0].map(|channel| (channel.clamp(0.0, 1.0) * 255.0).round() as u8)
+}
+
+/// A picture as it is shown.
+fn shown_colours(picture: &Picture, exposure: f32) -> Vec<Vec3> {
+    picture.pixels.iter().map(|pixel| displayed(*pixel * exposure)).collect()
 }
 
 /// Luminance of a picture as it is shown, 0 to 1 (ITU-R BT.709, on encoded values as video does it).

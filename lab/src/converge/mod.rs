@@ -7,8 +7,8 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | `metrics` | error of a picture: relative squared error, structural similarity |
-//! | `ssim` | the latter |
+//! | `metrics` | error of a picture: relative squared error, structural similarity, FLIP |
+//! | `ssim`, `flip` | the latter two |
 //! | `reference` | the converged picture, and how far from the truth it still is |
 //! | `reference_key` | what a reference was rendered of |
 //! | `reference_file` | the same on disc, so that it is rendered once |
@@ -24,6 +24,7 @@ pub mod bias;
 pub mod bootstrap;
 pub mod curve;
 pub mod equal_error;
+mod flip;
 pub mod metrics;
 pub mod reference;
 pub mod reference_file;

@@ -69,6 +69,8 @@ pub struct ContenderResult {
     pub relative_mse: Option<Interval>,
     /// Structural similarity when the time was up; mean over runs.
     pub ssim: Option<Interval>,
+    /// FLIP when the time was up; mean over runs.
+    pub flip: Option<Interval>,
     /// Whether its error falls as it should.
     pub convergence: Convergence,
 }
@@ -97,6 +99,7 @@ impl ContenderResult {
             samples: mean(&|run| f64::from(run.end.samples)),
             relative_mse: mean(&|run| run.end.relative_mse),
             ssim: mean(&|run| run.end.ssim),
+            flip: mean(&|run| run.end.flip),
             convergence: judge(&paths, floor, squared_bias),
             curve,
             configuration,
@@ -131,7 +134,7 @@ impl ComparisonResults {
     /// Every point of every run as comma-separated values (RFC 4180) with a heading.
     pub fn csv(&self) -> String {
         let mut text = String::from(
-            "contender,run,seed,samples,setup_ms,build_ms,render_ms,wall_ms,relative_mse,ssim\n",
+            "contender,run,seed,samples,setup_ms,build_ms,render_ms,wall_ms,relative_mse,ssim,flip\n",
         );
         for found in &self.contenders {
             let curve = &found.curve;
@@ -142,7 +145,7 @@ impl ComparisonResults {
                     // Writing to a string cannot fail.
                     let _ = writeln!(
                         text,
-                        "\"{name}\",{},{},{},{:.3},{:.3},{:.3},{wall_ms:.3},{:e},{}",
+                        "\"{name}\",{},{},{},{:.3},{:.3},{:.3},{wall_ms:.3},{:e},{},{}",
                         number + 1,
                         run.seed,
                         point.samples,
@@ -151,6 +154,7 @@ impl ComparisonResults {
                         point.render_ms,
                         point.relative_mse,
                         point.ssim,
+                        point.flip,
                     );
                 }
             }

@@ -228,7 +228,7 @@ fn end(mut svg: String, y: f64, label: &str) -> String {
 }
 
 /// A step of 1, 2 or 5 times a power of ten that parts a length into about five.
-fn nice_step(length: f64) -> f64 {
+pub(crate) fn nice_step(length: f64) -> f64 {
     let power = 10_f64.powf((length / 5.0).log10().floor());
     let unit = match length / 5.0 / power {
         of if of < 1.5 => 1.0,

@@ -8,7 +8,7 @@ use treewright_core::policy::SearchMethod;
 use treewright_core::search::{AnySearch, Feedback, Layout, SearchSetup, Verdict, levels};
 use treewright_render_cli::error::CliError;
 use treewright_renderer::disturbance::Watch;
-use treewright_renderer::film::Film;
+use treewright_renderer::film::{Film, Picture};
 use treewright_renderer::frame::{FrameTimes, Renderer};
 use treewright_renderer::integrator::View;
 use treewright_renderer::space::TuningSpace;
@@ -60,6 +60,33 @@ impl Stage {
             conditions: conditions.clone(),
             film: Film::new(width, height),
         })
+    }
+
+    /// Changes what stands in the scene; cameras stay where they are.
+    pub(crate) fn set_scene(&mut self, scene: Scene) {
+        self.renderer.set_scene(Arc::new(scene));
+    }
+
+    /// Changes the size of frames, in pixels.
+    pub(crate) fn resize(&mut self, [width, height]: [u32; 2]) {
+        self.conditions.size = [width, height];
+        self.film = Film::new(width, height);
+    }
+
+    /// Changes what searches draw by.
+    pub(crate) fn set_seed(&mut self, seed: u64) {
+        self.conditions.seed = seed;
+    }
+
+    /// So many samples of a camera with the recommended structure, as a picture.
+    pub(crate) fn picture(&mut self, camera: u32, samples: u32) -> Result<Picture, CliError> {
+        let (setting, choice) = (self.setting(camera, Objective::Render), self.space.default_choice());
+        self.renderer.rebuild(&choice.build)?;
+        self.film.clear();
+        for _ in 0..samples {
+            self.renderer.render(&setting.view, &choice.render, &mut self.film);
+        }
+        Ok(self.film.picture())
     }
 
     /// One of its cameras by name.

@@ -1,4 +1,5 @@
-//! The paper's section 7: what searches and predictors are worth along a camera path of every scene.
+//! The paper's section 7: what searches and predictors are worth along a camera path of every scene; and its section 4:
+//! what the parameters do.
 //!
 //! Recording and judging are apart. Recording renders: searches of every camera, fixed configurations, and whatever the
 //! predictors answered. Judging computes, from the record alone and the same each time, so that predictors are
@@ -10,10 +11,14 @@
 //! | `measure` | a search, and groups of configurations in interleaved rounds |
 //! | `folds` | which cameras teach and which examine: random splits, and each scene left out |
 //! | `answers` | predictors of the core, taught a fold, asked about its other cameras |
+//! | `parts` | section 4: which parameters are searched alone, and pairs without and with splitting |
 //! | `fixed` | configurations by hand, the best of which is the fixed one |
 //! | `judge` | each answer against the search, its best, the default and the best fixed configuration |
 //! | `summary` | over all cameras: means, intervals, shares |
-//! | `figures`, `page` | the paper's figures, as SVG and as a report in words |
+//! | `progress` | how far searches have come after so many iterations and so much time |
+//! | `plot` | axes and curves |
+//! | `figures`, `part_figures`, `progress_figures` | the paper's figures, as SVG |
+//! | `page`, `part_page` | the report in words, tables and figures |
 
 pub(crate) mod answers;
 pub(crate) mod figures;
@@ -22,5 +27,11 @@ pub(crate) mod folds;
 pub(crate) mod judge;
 pub(crate) mod measure;
 pub(crate) mod page;
+pub(crate) mod part_figures;
+pub(crate) mod part_page;
+pub(crate) mod parts;
+pub(crate) mod plot;
+pub(crate) mod progress;
+pub(crate) mod progress_figures;
 pub(crate) mod record;
 pub(crate) mod summary;

@@ -3,12 +3,15 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 
 use super::answers::entrants;
 use super::figures::{boxes, break_even, curve, escaped, legend};
 use super::folds::Split;
 use super::judge::{BreakEven, Verdict};
+use super::part_page::{self, Strips};
+use super::progress_figures;
 use super::record::{Clock, Record};
 use super::summary::{Mean, Standing, mean_of, standings};
 
@@ -28,14 +31,26 @@ table{border-collapse:collapse;width:100%;font-size:.86rem;font-variant-numeric:
 th,td{padding:.25rem .35rem;text-align:right;border-bottom:1px solid var(--line)}th:first-child,td:first-child{text-align:left}\
 th{color:var(--soft);font-weight:600}svg{display:block;width:100%;height:auto}code{font-size:.88em;overflow-wrap:anywhere}\
 .legend{display:flex;flex-wrap:wrap;gap:.1rem 1.1rem;list-style:none;padding:0;margin:.4rem 0;font-size:.85rem;color:var(--soft)}\
-.legend i{display:inline-block;width:.8rem;height:.8rem;margin-right:.35rem;vertical-align:-.1rem}\
+.strip{aspect-ratio:4/3;max-width:30rem;margin:auto;background-position:0 0;animation:turn 5s infinite}@keyframes turn{to{background-position:0 100%}}\
+@media(prefers-reduced-motion:reduce){.strip{animation:none}}.legend i{display:inline-block;width:.8rem;height:.8rem;margin-right:.35rem;vertical-align:-.1rem}\
 @media(max-width:600px){svg{font-size:17px}table,tbody,tr,td{display:block}tr{border-bottom:1px solid var(--line);padding:.4rem 0}\
 tr:first-child{display:none}td{border:0;text-align:left;padding:.05rem 0}td:first-child{font-weight:650}td[data-l]::before{content:attr(data-l)\": \";color:var(--soft)}}";
+
+/// Of whom the first page speaks: the paper's two and what the service does by itself. They stood before anything was
+/// measured; whoever turns out best is in the tables.
+const TOLD: [(&str, &str); 3] = [
+    ("nearest_neighbour", "the paper's nearest neighbour"),
+    ("rbf_greedy_gq", "the paper's RBF model"),
+    ("auto", "the predictor that the service chooses by itself"),
+];
 
 /// Whatever is told of a record beside its verdicts.
 #[derive(Clone, Debug)]
 pub(crate) struct Told<'a> {
     pub(crate) record: &'a Record,
+    pub(crate) space: &'a TuningSpace,
+    /// The needles that turn, by scene.
+    pub(crate) strips: Strips,
     pub(crate) clock: Clock,
     /// Cameras that are complete.
     pub(crate) complete: usize,
@@ -90,20 +105,19 @@ impl Told<'_> {
                  {over_fixed} times as fast as the best fixed configuration of the other scenes.",
                 self.record.conditions.iterations
             ));
-            for split in [Split::Random, Split::Scene] {
-                let candidates = all_standings.iter().filter(|one| one.split == split && one.scene.is_none());
-                let Some(best) = candidates.max_by(|a, b| a.of_roofline.mean.total_cmp(&b.of_roofline.mean))
-                else {
-                    continue;
-                };
+            for (split, (entrant, who)) in
+                [Split::Random, Split::Scene].into_iter().flat_map(|split| TOLD.map(|told| (split, told)))
+            {
+                let of =
+                    |one: &&Standing| one.split == split && one.scene.is_none() && one.entrant == entrant;
+                let Some(one) = all_standings.iter().find(of) else { continue };
                 all.push(format!(
-                    "On {}, the best predictor ({}) reached {} of the speed of what a search finds there, saved {:.1} % of the search's \
+                    "On {}, {who} reached {} of the speed of what a search finds there, saved {:.1} % of the search's \
                      overhead, and was {} times as fast as the best fixed configuration.",
                     split.words(),
-                    best.entrant,
-                    percent(best.of_roofline),
-                    best.overhead_reduction * 100.0,
-                    best.over_fixed
+                    percent(one.of_roofline),
+                    one.overhead_reduction * 100.0,
+                    one.over_fixed
                 ));
             }
         }
@@ -154,7 +168,10 @@ pub(crate) fn html(told: &Told<'_>) -> String {
     );
     for verdict in told.verdicts {
         objective(&mut page, verdict);
+        page += &progress_figures::progress(told.record, verdict, told.clock);
     }
+    page += &progress_figures::two_objectives(told.record, told.clock).unwrap_or_default();
+    page += &part_page::html(told.record, told.space, told.clock, &told.strips);
     page + "<h2>How to read this</h2><p>The roofline is the best configuration that the search found at a camera, measured again in the \
             same rounds as the answers; the best of many single measurements is partly luck, and stands beside it as the paper has it. Overhead is \
             the time of as many frames as the search had iterations, less their time with the best known configuration. The search has broken even \
@@ -306,9 +323,13 @@ pub(crate) fn markdown(told: &Told<'_>) -> String {
 
 /// The numbers behind the figures: file names and contents.
 pub(crate) fn tables(told: &Told<'_>) -> BTreeMap<String, String> {
-    let mut files = BTreeMap::new();
+    let mut files = part_page::tables(told.record, told.clock);
     for verdict in told.verdicts {
         let name = verdict.objective.name();
+        files.insert(
+            format!("progress-{name}.csv"),
+            progress_figures::table(told.record, verdict, told.clock),
+        );
         let mut rows = String::from(
             "split,fold,entrant,scene,camera,predicted_ms,over_search,of_roofline,of_roofline_once,over_default,over_fixed,break_even,\
              search_overhead_ms,prediction_overhead_ms\n",

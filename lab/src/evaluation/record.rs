@@ -1,4 +1,4 @@
-//! What was measured, as JSON Lines: a first line that says under which conditions, then one line a search or group.
+//! What was measured, as JSON Lines: a first line that says under which conditions, then one line a search, group or pair.
 //!
 //! Lines are only added, each flushed to the disk before the next measurement begins. A line that a killed run left
 //! unfinished is cut off when the file is opened for more, and its work done again.
@@ -16,7 +16,7 @@ use treewright_renderer::frame::FrameTimes;
 use treewright_renderer::tuning::objective::Objective;
 
 /// Version of the form.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Which clock costs are read from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
@@ -116,6 +116,8 @@ pub(crate) enum GroupKind {
     Fixed,
     /// What predictors answered, beside the best of each search.
     Answers,
+    /// Without and with splitting.
+    Pair,
 }
 
 /// A configuration in rounds that are interleaved with those of the others in its group.
@@ -140,6 +142,39 @@ pub(crate) struct Group {
     pub(crate) other_cores: Option<f64>,
 }
 
+/// A search over a few parameters, the others at their recommended values (paper, section 4.2). Its configurations
+/// hold those few alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct PartSearch {
+    /// Which parameters, by the name of [`super::parts::Part`].
+    pub(crate) part: String,
+    /// From 0; each run draws points of its own.
+    pub(crate) run: u32,
+    pub(crate) search: Search,
+}
+
+/// Under what the recommended build and the one that also splits triangles were compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Versus {
+    /// Frames of so many pixels down, four across to three down (section 4.1).
+    Height(u32),
+    /// The cylinder of needles at one of so many angles of a round (section 4.3).
+    Needles {
+        /// From 0.
+        angle: u32,
+        angles: u32,
+    },
+}
+
+/// The recommended build without and with splitting, in interleaved rounds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Pair {
+    pub(crate) versus: Versus,
+    /// Without splitting, then with it.
+    pub(crate) group: Group,
+}
+
 /// A line of the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -147,6 +182,8 @@ pub(crate) enum Line {
     Conditions(Conditions),
     Search(Search),
     Group(Group),
+    Part(PartSearch),
+    Pair(Pair),
 }
 
 /// Everything in a file.
@@ -156,9 +193,22 @@ pub(crate) struct Record {
     pub(crate) searches: Vec<Search>,
     /// The latest of each kind and place.
     pub(crate) groups: BTreeMap<(GroupKind, Place), Group>,
+    pub(crate) parts: Vec<PartSearch>,
+    /// The latest of each scene.
+    pub(crate) pairs: BTreeMap<(String, Versus), Group>,
 }
 
 impl Record {
+    fn new(conditions: Conditions) -> Self {
+        Self {
+            conditions,
+            searches: Vec::new(),
+            groups: BTreeMap::new(),
+            parts: Vec::new(),
+            pairs: BTreeMap::new(),
+        }
+    }
+
     /// Reads a file; the line that a killed run left unfinished is passed over.
     pub(crate) fn read(path: &Path) -> Result<Self, CliError> {
         Ok(read(path)?.0)
@@ -178,6 +228,10 @@ impl Record {
             Line::Group(group) => {
                 self.groups.insert((group.kind, group.place.clone()), group);
             }
+            Line::Part(part) => self.parts.push(part),
+            Line::Pair(pair) => {
+                self.pairs.insert((pair.group.place.scene.clone(), pair.versus), pair.group);
+            }
         }
     }
 }
@@ -195,15 +249,14 @@ impl OpenRecord {
     pub(crate) fn open(path: &Path, conditions: &Conditions) -> Result<Self, CliError> {
         if !path.exists() {
             let file = File::create(path).map_err(|error| wrong(path, &error.to_string()))?;
-            let record =
-                Record { conditions: conditions.clone(), searches: Vec::new(), groups: BTreeMap::new() };
-            let mut open = Self { path: path.to_owned(), file, record };
+            let mut open = Self { path: path.to_owned(), file, record: Record::new(conditions.clone()) };
             open.write(&Line::Conditions(conditions.clone()))?;
             return Ok(open);
         }
         let (record, whole) = read(path)?;
         let (found, asked) = (&record.conditions, conditions);
-        if (Conditions { machine: asked.machine.clone(), ..found.clone() }) != *asked {
+        if (Conditions { machine: asked.machine.clone(), version: asked.version, ..found.clone() }) != *asked
+        {
             return Err(CliError::Usage(format!(
                 "{} was begun under other conditions ({}; asked for are {}); use another file",
                 path.display(),
@@ -257,7 +310,7 @@ fn read(path: &Path) -> Result<(Record, u64), CliError> {
         let found = conditions.version;
         return Err(wrong(path, &format!("it is of version {found}, and this program knows {VERSION}")));
     }
-    let mut record = Record { conditions, searches: Vec::new(), groups: BTreeMap::new() };
+    let mut record = Record::new(conditions);
     for (number, line) in lines.enumerate() {
         let line = serde_json::from_slice(line)
             .map_err(|error| wrong(path, &format!("line {}: {error}", number + 2)))?;

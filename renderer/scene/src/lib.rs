@@ -23,6 +23,7 @@ mod load;
 mod load_tests;
 #[cfg(test)]
 mod load_texture_tests;
+mod needles;
 mod obj_file;
 mod obj_maps;
 mod obj_text;

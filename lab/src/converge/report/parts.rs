@@ -26,6 +26,7 @@ pub(super) struct ContenderRow {
     pub(super) samples: String,
     pub(super) relative_mse: String,
     pub(super) ssim: String,
+    pub(super) flip: String,
     pub(super) slope: String,
     pub(super) plateau: String,
     pub(super) verdict: &'static str,
@@ -136,8 +137,8 @@ pub(super) fn explanation(results: &ComparisonResults) -> String {
 
 pub(super) fn caption(point: &Point, from: &str) -> String {
     format!(
-        "{} samples, {from}; relative error {:.2e}, similarity {:.3}",
-        point.samples, point.relative_mse, point.ssim
+        "{} samples, {from}; relative error {:.2e}, similarity {:.3}, FLIP {:.3}",
+        point.samples, point.relative_mse, point.ssim, point.flip
     )
 }
 
@@ -188,6 +189,7 @@ pub(super) fn contenders(results: &ComparisonResults) -> Vec<ContenderRow> {
         samples: or_dash(found.samples, |samples| format!("{:.0}", samples.estimate)),
         relative_mse: or_dash(found.relative_mse, with_range_scientific),
         ssim: or_dash(found.ssim, |ssim| with_range(ssim, 4)),
+        flip: or_dash(found.flip, |flip| with_range(flip, 4)),
         slope: or_dash(found.convergence.slope, |slope| with_range(slope, 3)),
         plateau: or_dash(found.convergence.squared_bias, with_range_scientific),
         verdict: verdict_in_words(found.convergence.verdict),

@@ -27,6 +27,7 @@ fn curve(name: &str, setup_ms: f64, frame_ms: f64, plateau: f64) -> Curve {
             render_ms: frame_ms * f64::from(samples),
             relative_mse: (0.2 + 0.01 * number as f64) / f64::from(samples) + plateau,
             ssim: 0.8,
+            flip: 0.1,
         };
         let points: Vec<Point> = [1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128].map(point).into();
         Run { seed: number, build_ms: 10.0, end: point(150), points }

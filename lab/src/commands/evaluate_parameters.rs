@@ -1,0 +1,238 @@
+//! `evaluate parameters`: the paper's section 4, measured into the record of section 7.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use treewright_core::policy::SearchMethod;
+use treewright_render_cli::arguments::objective;
+use treewright_render_cli::error::{CliError, write_file};
+use treewright_render_cli::interrupt::Interrupt;
+use treewright_renderer::film::Picture;
+use treewright_renderer::image_file::{Exposure, png_bytes};
+use treewright_renderer::limits::ROUNDS_MAX;
+use treewright_renderer::space::TuningSpace;
+use treewright_renderer::tuning::objective::Objective;
+use treewright_scene::Scene;
+
+use super::evaluate::{ConditionArguments, Progress, space};
+use crate::evaluation::measure::Stage;
+use crate::evaluation::parts::{PARTS, Part, pair};
+use crate::evaluation::record::{Conditions, GroupKind, Line, OpenRecord, Pair, PartSearch, Versus};
+
+/// Needles of the cylinder, two triangles each: as many as in the built-in scene of that name.
+const NEEDLES: usize = 3_000;
+
+/// The camera of a path from which everything here is seen: the first.
+const CAMERA: u32 = 0;
+
+/// Samples a pixel of the moving picture.
+const PICTURE_SPP: u32 = 8;
+
+/// Pixels across and down a frame of the moving picture.
+const PICTURE_SIZE: [u32; 2] = [160, 120];
+
+/// What is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Experiment {
+    /// Searches over a few parameters, the others at their recommended values (4.2, Figures 6 to 8).
+    Parts,
+    /// Without and with splitting at several frame sizes (4.1).
+    Splitting,
+    /// Without and with splitting while a cylinder of needles turns through the scene (4.3, Figure 9).
+    Needles,
+}
+
+/// Arguments of `evaluate parameters`.
+#[derive(Args, Clone, Debug)]
+pub(super) struct ParametersArguments {
+    #[command(flatten)]
+    under: ConditionArguments,
+
+    /// What to measure.
+    #[arg(long, value_enum, value_delimiter = ',', default_values = ["parts", "splitting", "needles"])]
+    experiment: Vec<Experiment>,
+
+    /// What the searches over a few parameters minimise.
+    #[arg(long, value_parser = objective(), default_value = "render")]
+    objective: Objective,
+
+    /// Searches over each few parameters, each with points of its own.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    runs: u32,
+
+    /// Rounds in which builds without and with splitting are compared.
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(3..=i64::from(ROUNDS_MAX)))]
+    rounds: u32,
+
+    /// Heights of frames at which splitting is compared, in pixels; four across to three down.
+    #[arg(long, value_name = "N,…", value_delimiter = ',', default_values_t = [120, 240, 480, 720, 1080], value_parser = clap::value_parser!(u32).range(24..=4320))]
+    heights: Vec<u32>,
+
+    /// Angles of a round at which the cylinder stands.
+    #[arg(long, value_name = "N", default_value_t = 36, value_parser = clap::value_parser!(u32).range(4..=720))]
+    angles: u32,
+
+    /// Also render the turning cylinder into this folder: a strip of frames as PNG, one a scene, which `report` shows moving.
+    #[arg(long, value_name = "FOLDER")]
+    pictures: Option<PathBuf>,
+}
+
+/// One thing to measure in a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Task {
+    Part(Part, u32),
+    Pair(Versus),
+}
+
+/// Measures what is missing.
+pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
+    let entries = arguments.under.scenes.entries()?;
+    let (conditions, mut open) = arguments.under.open()?;
+    let whole = Arc::new(space(&conditions));
+    let bench = Bench { arguments, conditions, whole };
+    let tasks = tasks(arguments);
+    // Task by task over all scenes: whenever a run stops, all scenes are equally far.
+    let mut missing: Vec<(usize, Task)> =
+        tasks.iter().flat_map(|task| (0..entries.len()).map(move |scene| (scene, *task))).collect();
+    missing.retain(|(scene, task)| !is_there(&open, &entries[*scene].name, *task, arguments.objective));
+    eprintln!("{} measurements are missing in {}", missing.len(), arguments.under.record.display());
+    let (interrupt, mut progress) =
+        (Interrupt::listen(), Progress::new(missing.len(), arguments.under.seconds));
+    let go_on = || !interrupt.requested();
+    let mut scenes: Vec<Option<Arc<Scene>>> = vec![None; entries.len()];
+    for (scene, task) in missing {
+        if progress.is_over() {
+            eprintln!("the time is up; the same command goes on from here");
+            return Ok(());
+        }
+        let (name, loaded) = (&entries[scene].name, &mut scenes[scene]);
+        let scene = match loaded {
+            Some(scene) => scene,
+            empty => empty.insert(entries[scene].load()?),
+        };
+        let line = match task {
+            Task::Part(part, run) => bench.search(name, scene, part, run, go_on)?,
+            Task::Pair(versus) => bench.compare(name, scene, versus, go_on)?,
+        };
+        open.add(line.ok_or(CliError::Interrupted)?)?;
+        progress.step(&format!("{name}: {}", told(task)));
+    }
+    let Some(folder) = &arguments.pictures else { return Ok(()) };
+    std::fs::create_dir_all(folder)
+        .map_err(|error| CliError::Failed(format!("{}: {error}", folder.display())))?;
+    for entry in &entries {
+        let path = strip_path(folder, &entry.name);
+        if !path.exists() {
+            write_file(&path, &bench.strip(&entry.name, &entry.load()?, go_on)?)?;
+        }
+    }
+    Ok(())
+}
+
+/// Where the moving picture of a scene is.
+pub(super) fn strip_path(folder: &Path, scene: &str) -> PathBuf {
+    folder.join(format!("needles-{scene}.png"))
+}
+
+fn tasks(arguments: &ParametersArguments) -> Vec<Task> {
+    let asked = |experiment| arguments.experiment.contains(&experiment);
+    let mut all = Vec::new();
+    if asked(Experiment::Splitting) {
+        all.extend(arguments.heights.iter().map(|height| Task::Pair(Versus::Height(*height))));
+    }
+    if asked(Experiment::Parts) {
+        all.extend(
+            (0..arguments.runs).flat_map(|run| PARTS.into_iter().map(move |part| Task::Part(part, run))),
+        );
+    }
+    if asked(Experiment::Needles) {
+        let angles = arguments.angles;
+        all.extend((0..angles).map(|angle| Task::Pair(Versus::Needles { angle, angles })));
+    }
+    all
+}
+
+fn is_there(open: &OpenRecord, scene: &str, task: Task, objective: Objective) -> bool {
+    match task {
+        Task::Part(part, run) => open.record.parts.iter().any(|one| {
+            (one.part.as_str(), one.run, one.search.place.scene.as_str()) == (part.name, run, scene)
+                && one.search.objective == objective.name()
+        }),
+        Task::Pair(versus) => open.record.pairs.contains_key(&(scene.to_owned(), versus)),
+    }
+}
+
+fn told(task: Task) -> String {
+    match task {
+        Task::Part(part, run) => format!("{}, run {}", part.name, run + 1),
+        Task::Pair(Versus::Height(height)) => format!("without and with splitting at {height} pixels down"),
+        Task::Pair(Versus::Needles { angle, angles }) => {
+            format!("without and with splitting beside needles, angle {} of {angles}", angle + 1)
+        }
+    }
+}
+
+/// What all measurements share.
+struct Bench<'a> {
+    arguments: &'a ParametersArguments,
+    conditions: Conditions,
+    whole: Arc<TuningSpace>,
+}
+
+impl Bench<'_> {
+    fn search(
+        &self,
+        name: &str,
+        scene: &Arc<Scene>,
+        part: Part,
+        run: u32,
+        go_on: impl FnMut() -> bool,
+    ) -> Result<Option<Line>, CliError> {
+        let space = Arc::new(part.space(&self.whole)?);
+        let mut stage = Stage::new(name, scene, &space, &self.conditions)?;
+        stage.set_seed(self.conditions.seed.wrapping_add(u64::from(run)));
+        let found = stage.search(CAMERA, self.arguments.objective, SearchMethod::NelderMead, go_on)?;
+        Ok(found.map(|search| Line::Part(PartSearch { part: part.name.to_owned(), run, search })))
+    }
+
+    fn compare(
+        &self,
+        name: &str,
+        scene: &Arc<Scene>,
+        versus: Versus,
+        go_on: impl FnMut() -> bool,
+    ) -> Result<Option<Line>, CliError> {
+        let mut stage = Stage::new(name, scene, &self.whole, &self.conditions)?;
+        match versus {
+            Versus::Height(height) => stage.resize([height * 4 / 3, height]),
+            Versus::Needles { angle, angles } => {
+                stage.set_scene(scene.with_needles(angle as f32 / angles as f32, NEEDLES)?);
+            }
+        }
+        let group = stage.group(GroupKind::Pair, CAMERA, &pair(&self.whole)?, self.arguments.rounds, go_on);
+        Ok(group.map(|group| Line::Pair(Pair { versus, group })))
+    }
+
+    /// The frames of the turning cylinder, one below the other, all exposed alike.
+    fn strip(
+        &self,
+        name: &str,
+        scene: &Arc<Scene>,
+        mut go_on: impl FnMut() -> bool,
+    ) -> Result<Vec<u8>, CliError> {
+        let mut stage = Stage::new(name, scene, &self.whole, &self.conditions)?;
+        stage.resize(PICTURE_SIZE);
+        let [width, height] = PICTURE_SIZE;
+        let angles = self.arguments.angles;
+        let mut all = Picture { width, height: height * angles, pixels: Vec::new() };
+        for angle in 0..angles {
+            if !go_on() {
+                return Err(CliError::Interrupted);
+            }
+            stage.set_scene(scene.with_needles(angle as f32 / angles as f32, NEEDLES)?);
+            all.pixels.extend(stage.picture(CAMERA, PICTURE_SPP)?.pixels);
+        }
+        Ok(png_bytes(&all, Exposure::Auto)?)
+    }
+}

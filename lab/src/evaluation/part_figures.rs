@@ -1,0 +1,263 @@
+//! Numbers and figures of the paper's section 4: parts of the space searched alone (Figures 6 to 8), splitting by frame
+//! size (4.1), and the turning cylinder of needles (Figure 9).
+
+use statrs::distribution::{ContinuousCDF as _, StudentsT};
+use treewright_client::{Configuration, Value};
+use treewright_renderer::statistics::{Ratio, Summary};
+use treewright_renderer::tuning::objective::Objective;
+
+use super::parts::Part;
+use super::plot::{Axis, Plot};
+use super::record::{Clock, Group, PartSearch, Record, Versus};
+
+/// Confidence of the bands in Figure 9.
+const BAND: f64 = 0.9999;
+
+/// The value of a parameter as a number.
+pub(super) fn number(configuration: &Configuration, name: &str) -> Option<f64> {
+    match configuration.get(name)? {
+        Value::Integer(value) => Some(*value as f64),
+        Value::Float(value) => Some(*value),
+        _ => None,
+    }
+}
+
+/// One search over a part: costs of its iterations with their configurations, failed ones left out.
+pub(super) struct Run<'a> {
+    pub(super) run: u32,
+    pub(super) objective: Objective,
+    /// Number of the iteration from 1, cost in milliseconds, configuration.
+    pub(super) points: Vec<(usize, f64, &'a Configuration)>,
+}
+
+impl<'a> Run<'a> {
+    pub(super) fn of(part: &'a PartSearch, clock: Clock) -> Option<Self> {
+        let objective = Objective::ALL.into_iter().find(|one| one.name() == part.search.objective)?;
+        let points = part.search.iterations.iter().enumerate().filter_map(|(number, one)| {
+            Some((number + 1, clock.cost(objective, one.times.as_ref()?)?, &one.configuration))
+        });
+        Some(Self { run: part.run, objective, points: points.collect() })
+    }
+
+    /// The last quarter of its iterations: where it has come to, by more than one measurement.
+    pub(super) fn end(&self) -> &[(usize, f64, &'a Configuration)] {
+        &self.points[self.points.len() - self.points.len().div_ceil(4)..]
+    }
+}
+
+const RUN_COLOURS: [&str; 8] = ["c0", "c1", "c3", "c4", "c6", "c7", "c5", "c2"];
+
+/// The points that the searches tried (later ones darker), and the evolution of the cost of each run.
+pub(super) fn part(part: &Part, runs: &[Run<'_>], default_ms: Option<f64>) -> [String; 2] {
+    let [x_name, y_name] = [part.parameters[0], part.parameters[1]];
+    let place = |configuration: &Configuration| {
+        Some([number(configuration, x_name)?, number(configuration, y_name)?])
+    };
+    let all: Vec<[f64; 2]> =
+        runs.iter().flat_map(|run| &run.points).filter_map(|(_, _, one)| place(one)).collect();
+    let mut points = Plot::new(
+        Axis::linear(all.iter().map(|[x, _]| *x)),
+        Axis::linear(all.iter().map(|[_, y]| *y)),
+        x_name,
+        y_name,
+        340.0,
+    );
+    let mut costs: Vec<f64> = runs.iter().flat_map(|run| &run.points).map(|point| point.1).collect();
+    costs.sort_by(f64::total_cmp);
+    // The few slowest iterations end at the edge.
+    let shown = costs.len() - costs.len() / 50;
+    let mut evolution = Plot::new(
+        Axis::linear(runs.iter().flat_map(|run| &run.points).map(|point| point.0 as f64)),
+        Axis::linear(costs[..shown].iter().copied().chain(default_ms)),
+        "iteration",
+        "ms",
+        260.0,
+    );
+    for (run, colour) in runs.iter().zip(RUN_COLOURS.iter().cycle()) {
+        let count = run.points.last().map_or(1, |point| point.0) as f64;
+        for (iteration, _, configuration) in &run.points {
+            if let Some(at) = place(configuration) {
+                points.dot(at, colour, 0.15 + 0.6 * (*iteration as f64 / count).powi(2));
+            }
+        }
+        let curve: Vec<[f64; 2]> = run.points.iter().map(|point| [point.0 as f64, point.1]).collect();
+        evolution.line(&curve, colour, false, &format!("run {}", run.run + 1));
+    }
+    if let Some(default_ms) = default_ms {
+        evolution.level(default_ms, "ink", "recommended default");
+    }
+    [points.finish(), evolution.finish()]
+}
+
+/// What a frame is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Share {
+    Build,
+    Render,
+    Total,
+}
+
+impl Share {
+    pub(super) const ALL: [Self; 3] = [Self::Build, Self::Render, Self::Total];
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Build => "build",
+            Self::Render => "render",
+            Self::Total => "total",
+        }
+    }
+}
+
+/// Milliseconds of each round without and with splitting; nothing where either could not be built.
+pub(super) fn rounds(group: &Group, share: Share, clock: Clock) -> Option<[Vec<f64>; 2]> {
+    let of = |member: &super::record::Member| -> Option<Vec<f64>> {
+        let times = member.rounds.iter().map(|times| {
+            let [build_ms, render_ms] = clock.read(times)?;
+            Some(match share {
+                Share::Build => build_ms,
+                Share::Render => render_ms,
+                Share::Total => build_ms + render_ms,
+            })
+        });
+        times.collect::<Option<Vec<f64>>>().filter(|all| !all.is_empty() && member.failure.is_none())
+    };
+    let [without, with] = group.members.as_slice() else { return None };
+    Some([of(without)?, of(with)?])
+}
+
+/// Mean, and how far to either side of it the true one lies with 99.99 %, by Student's distribution; none for fewer than three.
+pub(super) fn mean_and_band(values: &[f64]) -> (f64, Option<f64>) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    if values.len() < 3 {
+        return (mean, None);
+    }
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    let band = StudentsT::new(0.0, 1.0, count - 1.0)
+        .ok()
+        .map(|student| student.inverse_cdf(0.5 + BAND / 2.0) * (variance / count).sqrt());
+    (mean, band)
+}
+
+/// A frame height, the medians of total time without and with splitting, and how many times as fast the latter is.
+pub(super) type AtHeight = (u32, [f64; 2], Ratio);
+
+/// Frame heights of a scene with what splitting gains in total time there.
+pub(super) fn heights(record: &Record, scene: &str, clock: Clock) -> Vec<AtHeight> {
+    let own = record.pairs.iter().filter(|((name, _), _)| name == scene);
+    own.filter_map(|((_, versus), group)| {
+        let Versus::Height(height) = versus else { return None };
+        let [without, with] = rounds(group, Share::Total, clock)?;
+        let medians = [Summary::of(&without).median, Summary::of(&with).median];
+        Some((*height, medians, Ratio::of(&without, &with)))
+    })
+    .collect()
+}
+
+/// The height at which splitting begins to pay, by interpolation between pixels on logarithmic axes.
+pub(super) fn turning_height(heights: &[AtHeight]) -> Option<f64> {
+    heights.windows(2).find_map(|pair| {
+        let [(low, _, before), (high, _, after)] = pair else { return None };
+        let (a, b) = (before.median.ln(), after.median.ln());
+        (a < 0.0 && b >= 0.0).then(|| {
+            let share = a / (a - b);
+            (f64::from(*low).ln() * (1.0 - share) + f64::from(*high).ln() * share).exp()
+        })
+    })
+}
+
+/// Speed of a frame with splitting over one without it, by frame height, a curve a scene.
+pub(super) fn splitting(scenes: &[(&str, Vec<AtHeight>)], colours: &[&str]) -> String {
+    let all = || scenes.iter().flat_map(|(_, heights)| heights);
+    let ends = |(_, _, ratio): &AtHeight| ratio.interval.unwrap_or([ratio.median; 2]);
+    let mut plot = Plot::new(
+        Axis::logarithmic(all().map(|one| f64::from(one.0))),
+        Axis::linear(all().flat_map(ends).chain([1.0])),
+        "frame height, pixels",
+        "speed with over without",
+        300.0,
+    );
+    plot.level(1.0, "ink", "as fast with splitting as without");
+    for ((scene, heights), colour) in scenes.iter().zip(colours.iter().cycle()) {
+        let points: Vec<[f64; 2]> =
+            heights.iter().map(|(height, _, ratio)| [f64::from(*height), ratio.median]).collect();
+        plot.line(&points, colour, false, scene);
+        let band: Vec<[f64; 3]> = heights
+            .iter()
+            .map(|one| {
+                let [low, high] = ends(one);
+                [f64::from(one.0), low, high]
+            })
+            .collect();
+        plot.band(&band, colour);
+    }
+    plot.finish()
+}
+
+/// Angles of a scene in degrees, with the rounds without and with splitting.
+pub(super) fn angles(record: &Record, scene: &str, share: Share, clock: Clock) -> Vec<(f64, [Vec<f64>; 2])> {
+    let own = record.pairs.iter().filter(|((name, _), _)| name == scene);
+    let mut all: Vec<(f64, [Vec<f64>; 2])> = own
+        .filter_map(|((_, versus), group)| {
+            let Versus::Needles { angle, angles } = versus else { return None };
+            Some((f64::from(*angle) * 360.0 / f64::from(*angles), rounds(group, share, clock)?))
+        })
+        .collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    all
+}
+
+/// Mean time by angle without and with splitting, each with its band.
+pub(super) fn needles(angles: &[(f64, [Vec<f64>; 2])], share: Share) -> String {
+    let told: Vec<_> = angles
+        .iter()
+        .map(|(angle, [without, with])| (*angle, [mean_and_band(without), mean_and_band(with)]))
+        .collect();
+    let means = || told.iter().flat_map(|(_, both)| both).map(|(mean, _)| *mean);
+    // Bands of few rounds may be wide; they end at the edge.
+    let most = means().fold(0.0_f64, f64::max) * 1.25;
+    let least = means().fold(f64::INFINITY, f64::min) * 0.8;
+    let mut plot = Plot::new(
+        Axis::linear(told.iter().map(|(angle, _)| *angle)),
+        Axis::linear([least, most]),
+        "angle of the cylinder, degrees",
+        &format!("{} time, ms", share.name()),
+        260.0,
+    );
+    for (which, colour, name) in [(0, "c3", "without splitting"), (1, "c4", "with splitting")] {
+        let band: Vec<[f64; 3]> = told
+            .iter()
+            .filter_map(|(angle, both)| {
+                let (mean, band) = both[which];
+                Some([*angle, mean - band?, mean + band?])
+            })
+            .collect();
+        plot.band(&band, colour);
+        let line: Vec<[f64; 2]> = told.iter().map(|(angle, both)| [*angle, both[which].0]).collect();
+        plot.line(&line, colour, false, name);
+    }
+    plot.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_are_students() {
+        // 1, 2, 3: mean 2, standard error 1/sqrt(3), t of 99.99 % with two degrees of freedom 99.99.
+        let (mean, band) = mean_and_band(&[1.0, 2.0, 3.0]);
+        let band = band.expect("three are enough");
+        assert!((mean - 2.0).abs() < 1e-12 && (band * 3.0_f64.sqrt() - 99.992).abs() < 0.05, "{band}");
+        assert_eq!(mean_and_band(&[1.0, 2.0]).1, None);
+    }
+
+    #[test]
+    fn splitting_pays_where_the_curve_crosses_one() {
+        let ratio = |median: f64| Ratio { median, interval: None, count: 3 };
+        let heights = [(100, [1.0; 2], ratio(0.5)), (400, [1.0; 2], ratio(2.0))];
+        assert!((turning_height(&heights).expect("it crosses") - 200.0).abs() < 1e-9);
+        assert_eq!(turning_height(&heights[1..]), None);
+    }
+}

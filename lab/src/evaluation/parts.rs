@@ -1,0 +1,74 @@
+//! The paper's section 4: a few parameters searched alone (4.2), and the recommended build without and with splitting
+//! under frames of several sizes (4.1) and under needles that turn (4.3).
+
+use treewright_client::Configuration;
+use treewright_render_cli::error::CliError;
+use treewright_renderer::space::{Narrowing, TuningSpace, parse};
+
+/// A few parameters, and what the others are held to besides their recommended values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Part {
+    /// What it goes by.
+    pub(crate) name: &'static str,
+    /// The parameters; the first two are the axes of its figure.
+    pub(crate) parameters: &'static [&'static str],
+    /// For people.
+    pub(crate) title: &'static str,
+}
+
+/// Figures 6 to 8.
+pub(crate) const PARTS: [Part; 3] = [
+    Part {
+        name: "leaves",
+        parameters: &["min_leaf_size", "max_leaf_size"],
+        title: "Leaf sizes alone (Figure 6)",
+    },
+    Part {
+        name: "costs",
+        parameters: &["traversal_cost", "intersection_cost"],
+        title: "SAH costs alone (Figure 7)",
+    },
+    Part {
+        name: "costs_and_block",
+        parameters: &["traversal_cost", "intersection_cost", "sah_block_size"],
+        title: "SAH costs with the block size (Figure 8)",
+    },
+];
+
+impl Part {
+    /// Its space: all other parameters of the paper's space at their recommended values.
+    pub(crate) fn space(&self, whole: &TuningSpace) -> Result<TuningSpace, CliError> {
+        let default = whole.default_configuration();
+        let others = default.as_raw().iter().filter(|(name, _)| !self.parameters.contains(&name.as_str()));
+        let held: Vec<Narrowing> =
+            others.map(|(name, value)| Narrowing::Fix { name: name.clone(), value: value.clone() }).collect();
+        Ok(whole.narrowed(&held)?)
+    }
+}
+
+/// The recommended build without splitting, and with it.
+pub(crate) fn pair(space: &TuningSpace) -> Result<[Configuration; 2], CliError> {
+    Ok([space.complete(&parse("quality=2")?)?, space.complete(&parse("quality=3")?)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_leaves_its_own_parameters_and_holds_the_others_to_the_default() {
+        let whole = TuningSpace::paper();
+        for part in PARTS {
+            let space = part.space(&whole).expect("it is sound");
+            let names: Vec<&str> =
+                space.space().parameters().iter().map(|parameter| parameter.name.as_str()).collect();
+            let mut expected = part.parameters.to_vec();
+            expected.sort_unstable_by_key(|name| names.iter().position(|other| other == name));
+            assert_eq!(names, expected, "{}", part.name);
+            assert_eq!(space.with_held(&space.default_configuration()), whole.default_configuration());
+        }
+        let [without, with] = pair(&whole).expect("both are sound");
+        assert_eq!(without, whole.default_configuration());
+        assert_ne!(without, with);
+    }
+}
