@@ -159,3 +159,31 @@ fn a_run_that_is_killed_leaves_the_policy_alone() {
     assert!(explored() > all.len(), "its own epsilon is 1");
     assert_eq!(policy(), before);
 }
+
+#[test]
+fn a_tuning_that_is_stopped_keeps_its_trials_and_tells_no_figures() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    let json = folder.path().join("stopped.json");
+    let stopped = tune(daemon.url(), &json, "4000").spawn().expect("treewright-render starts");
+    let count = || {
+        let there = run("treewright", &["--server", daemon.url(), "--json", "study", "show", "quick"]);
+        if there.status.success() { trials(daemon.url(), "state = COMPLETED").len() } else { 0 }
+    };
+    let patience = std::time::Instant::now() + Duration::from_secs(180);
+    while count() < 3 {
+        assert!(std::time::Instant::now() < patience, "no three trials in three minutes");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let told = Command::new("kill").args(["-INT", &stopped.id().to_string()]).status();
+    assert!(told.expect("kill starts").success());
+    let output = stopped.wait_with_output().expect("it can be waited for");
+    assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
+    let text = stdout(&output);
+    assert!(text.contains("there are no results yet") && text.contains("the study quick holds"), "{text}");
+    for made_up in ["break-even", "gain", "0.00"] {
+        assert!(!text.contains(made_up), "{made_up}: {text}");
+    }
+    assert!(!json.exists(), "what was not measured is not written either");
+    assert!(count() >= 3);
+}

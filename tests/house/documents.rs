@@ -295,8 +295,11 @@ fn the_reference_is_what_the_contract_says() {
 }
 
 #[test]
-fn the_figures_of_the_readme_are_those_of_its_record() {
-    let script = workspace().join("tools/record_tables.py");
-    let checked = Command::new("python3").arg(script).arg("--check").output().expect("Python is installed");
-    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
+fn the_figures_of_the_documents_are_those_of_their_records() {
+    for name in ["record_tables.py", "evaluation_tables.py"] {
+        let script = workspace().join("tools").join(name);
+        let checked =
+            Command::new("python3").arg(script).arg("--check").output().expect("Python is installed");
+        assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
+    }
 }

@@ -211,6 +211,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         None
     });
     spinner.finish_and_clear();
+    if interrupt.requested() {
+        // Whoever was not measured has no figures, and none are made up.
+        println!(
+            "stopped after {} trials, which the study {id} holds; the same command goes on from there. Nobody was measured to the end, \
+             so there are no results yet",
+            found.trials.len()
+        );
+        return Err(CliError::Interrupted);
+    }
 
     let frames = arguments.frames;
     let break_even =
@@ -252,13 +261,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         write_file(path, output::to_json(&results)?.as_bytes())?;
         println!("wrote {}", path.display());
     }
-    if let Some(path) = arguments.report.as_ref().filter(|_| !interrupt.requested()) {
+    if let Some(path) = &arguments.report {
         let html = report::html(&renderer, &setting, &results)
             .map_err(|error| CliError::Failed(error.to_string()))?;
         write_file(path, html.as_bytes())?;
         println!("wrote {}", path.display());
     }
-    if interrupt.requested() { Err(CliError::Interrupted) } else { Ok(()) }
+    Ok(())
 }
 
 /// Creates or finds the study and explores this scene and view in this session: their search gets room for the trials
