@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn a_scene_gets_needles_of_half_its_diagonal_that_turn_and_keeps_the_rest() {
-        let options = Options { detail: 0.1, ..Options::default() };
+        let options = Options { detail: 0.02, ..Options::default() };
         for name in ["gallery", "forest"] {
             let scene = build(name, &options).expect("it is built in");
             let whole = scene.flattened().expect("it is small");
