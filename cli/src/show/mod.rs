@@ -264,7 +264,8 @@ fn stands(standing: &Standing, best: &Best) -> String {
             best.measurements
         ),
     );
-    if let Some(gain) = &standing.gain {
+    // The default itself is not compared with the default.
+    if let Some(gain) = standing.gain.as_ref().filter(|gain| gain.share != 0.0 || gain.low != gain.high) {
         let chance = gain
             .probability_better
             .map(|chance| format!(", better with probability {chance:.2}"))

@@ -51,11 +51,22 @@ pub(super) fn headline(results: &TuningResults) -> String {
             the(&results.best),
             the(&results.baseline)
         )
+    } else if speedup >= WORTH_TELLING && is_open(results) {
+        format!(
+            "Too noisy to tell whether the tuned structure is faster than {}: {speedup:.2}× in the median.",
+            the(&results.baseline)
+        )
     } else if speedup >= WORTH_TELLING {
         format!("The tuned structure {verb} {speedup:.2}× faster than {}.", the(&results.baseline))
     } else {
         format!("The tuned structure is as fast as {}.", the(&results.baseline))
     }
+}
+
+/// Whether the interval of the gain over the baseline holds no gain, too.
+fn is_open(results: &TuningResults) -> bool {
+    let over = results.gains.over_native_default.filter(|_| results.baseline == NATIVE_DEFAULT);
+    over.and_then(|ratio| ratio.interval).is_some_and(|[low, _]| low <= 1.0)
 }
 
 /// The gain and what it is made of.

@@ -8,7 +8,7 @@ use treewright_renderer::disturbance::Disturbance;
 use treewright_renderer::frame::FrameTimes;
 use treewright_renderer::measure::{Measured, standings};
 use treewright_renderer::space::{Preset, TuningSpace};
-use treewright_renderer::statistics::BreakEven;
+use treewright_renderer::statistics::{BreakEven, Ratio};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::results::{Overhead, Prediction, SceneFacts};
 use treewright_renderer::tuning::search::Iteration;
@@ -119,6 +119,18 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
 
 fn grey() -> Picture {
     Picture { width: 4, height: 3, pixels: vec![Vec3::splat(0.3); 12] }
+}
+
+#[test]
+fn a_gain_whose_interval_holds_none_is_not_told_as_one() {
+    let mut results = results(50.0, "hall");
+    results.baseline = NATIVE_DEFAULT.into();
+    let over = |low| Some(Ratio { median: 2.0, interval: Some([low, 2.2]), count: 21 });
+    results.gains.over_native_default = over(0.9);
+    let told = |results| page(results, &grey(), &grey()).expect("the page is made");
+    assert!(told(&results).contains("Too noisy to tell whether the tuned structure is faster"));
+    results.gains.over_native_default = over(1.1);
+    assert!(told(&results).contains("faster than native Embree"));
 }
 
 #[test]
