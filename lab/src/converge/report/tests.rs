@@ -143,6 +143,6 @@ fn the_table_of_points_can_be_read_back() {
     let lines: Vec<&str> = csv.lines().collect();
     assert_eq!(lines.len(), 1 + 3 * 5 * 15);
     assert!(lines[1].starts_with("\"paper default\",1,0,1,0.000,10.000,20.000,30.000,"), "{}", lines[1]);
-    assert!(lines.iter().all(|line| line.split(',').count() == 10));
+    assert!(lines.iter().all(|line| line.split(',').count() == 11));
     assert!(lines.iter().any(|line| line.starts_with("\"tuned\"") && line.contains(",5000.000,")));
 }
