@@ -10,6 +10,7 @@ mod instances;
 mod layout;
 pub mod limits;
 mod masks;
+mod memory;
 mod native_options;
 pub mod parameters;
 mod prefetch;
@@ -25,11 +26,12 @@ pub use error::BuildError;
 pub use geometry::{GeometryError, Hit, Intersector, NO_INSTANCE, Packets, Ray, Triangles};
 pub use instances::{Instance, InstanceError, Instances};
 pub use masks::{Card, Mask, Wrap};
+pub use memory::{keep_freed_memory, wish_for_huge_pages};
 pub use parameters::{
     BuildChoice, Builder, Collapse, NativeAcceleration, NativeOptions, NativeQuality, NodeFormat, NodeOrder,
     Quality, TreeParameters, Update,
 };
-pub use prefetch::{prefetch, wish_for_huge_pages};
+pub use prefetch::prefetch;
 pub use structure::{Statistics, Structure, Visitor, build, build_instanced};
 pub use traverse::{Isa, Work};
 pub use tree::{Tree, TreeFault, TreeStatistics, TwoLevel};

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::geometry::Triangles;
 use crate::layout::Bounds;
 use crate::limits::TRIANGLES_MAX;
-use crate::prefetch::wish_for_huge_pages;
+use crate::memory::wish_for_huge_pages;
 
 /// Bits of a triangle's number.
 const NUMBER_BITS: u32 = TRIANGLES_MAX.ilog2();

@@ -14,8 +14,8 @@ use super::binary::{BinaryTree, Source};
 use super::morton::{self, Key};
 use crate::geometry::Triangles;
 use crate::layout::Bounds;
+use crate::memory::wish_for_huge_pages;
 use crate::parameters::TreeParameters;
-use crate::prefetch::wish_for_huge_pages;
 use crate::traverse::Isa;
 
 /// Fewest triangles that are worth a task of their own.

@@ -8,20 +8,31 @@
 //! 2010; Kadioglu, Malitsky, Sellmann and Tierney, "ISAC", ECAI 2010; as the beginning of a search: Feurer et al.,
 //! "Auto-sklearn 2.0", JMLR 23, 2022.
 //!
-//! The first member is the best fixed configuration: the one that is best on average over all states, so nobody who begins
-//! with the portfolio does worse than it. Not everything was measured everywhere. What is missing is completed by a sum of
+//! The first member is the best fixed configuration: of those known in many states the one that is best on average, so nobody
+//! who begins with the portfolio does worse than it. Not everything was measured everywhere. What is missing is completed by a sum of
 //! a level of the state and an effect of the configuration, the effect drawn towards that of a mediocre configuration by
 //! how few states it was seen in, so that one lucky scene makes nobody a member.
+//!
+//! Effects differ in size from state to state: where a build costs most of a frame, all good configurations are far below
+//! the mediocre ones. Who was measured in such a state alone would look better than whoever did well everywhere. So every
+//! configuration is compared, in the states that both know, with one good configuration that is known in many: the
+//! anchor. What good configurations have in common in a state drops out of the difference. How much a state adds to an
+//! effect is estimated from those that are known in many states, and the best fixed configuration is one of these: the
+//! luckiest of hundreds that were measured once each is a member, if it helps, but never the first.
 
 /// How many members a portfolio has.
 pub const MEMBERS: usize = 8;
-/// Variance of what a state adds to a configuration's effect, in squares of logarithms, and of the effects.
+/// Variance of what a state adds to a configuration's effect, in squares of logarithms, before it is estimated and at the
+/// least, and of the effects.
 const INTERACTION: f64 = 0.1 * 0.1;
 const EFFECT: f64 = 0.2 * 0.2;
 /// A configuration that cannot be run in a state counts as so much dearer there, as a logarithm.
 const INFEASIBLE: f64 = 1.0;
 /// A member that lowers the mean logarithm of costs by less is not worth a measurement.
 const HELP_LEAST: f64 = 1e-4;
+
+/// The median of squares of normal numbers, in variances.
+const MEDIAN_SQUARE: f64 = 0.455;
 
 /// In fewer states nothing is proven for a further one.
 const PROVING_STATES: usize = 4;
@@ -77,48 +88,40 @@ impl CostTable {
         mean < -T_OF_MEAN * of_mean && mean < -T_OF_NEXT * of_next
     }
 
+    /// The rows in which anything was measured.
+    fn measured(&self) -> Vec<&[CostEntry]> {
+        let known = |row: &&Vec<CostEntry>| row.iter().any(|known| matches!(known, CostEntry::LogCost(..)));
+        self.rows.iter().filter(known).map(Vec::as_slice).collect()
+    }
+
     /// What each configuration is expected to cost above the best of its state: logarithms of ratios, 0 for the
     /// best. Rows without anything measured are left out.
     fn completed(&self) -> Vec<Vec<f64>> {
-        let known = |row: &&Vec<CostEntry>| row.iter().any(|known| matches!(known, CostEntry::LogCost(..)));
-        let rows: Vec<&Vec<CostEntry>> = self.rows.iter().filter(known).collect();
-        let count = rows.first().map_or(0, |row| row.len());
-        let mut effects = vec![0.0; count];
-        let mut levels = vec![0.0; rows.len()];
+        let rows = self.measured();
+        let mut fit = Fit::new(&rows);
         // Levels and effects in turn, until they fit each other.
         for _ in 0..30 {
-            for (level, row) in levels.iter_mut().zip(&rows) {
-                let (mut sum, mut weight) = (0.0, 0.0);
-                for (known, effect) in row.iter().zip(&effects) {
-                    if let CostEntry::LogCost(log_cost, variance) = known {
-                        let own = 1.0 / (INTERACTION + variance);
-                        sum += own * (log_cost - effect);
-                        weight += own;
-                    }
+            fit.levels = rows.iter().map(|row| fit.level_of(row)).collect();
+            fit.effects = fit.effects_over(&rows);
+        }
+        // Then by what each costs beside the anchor, where that is known.
+        let well_known = well_known(&rows);
+        let by_effect = |a: &&usize, b: &&usize| fit.effects[**a].total_cmp(&fit.effects[**b]);
+        if let Some(&anchor) = well_known.iter().min_by(by_effect) {
+            for (level, row) in fit.levels.iter_mut().zip(&rows) {
+                if let CostEntry::LogCost(log_cost, _) = row[anchor] {
+                    *level = log_cost - fit.effects[anchor];
                 }
-                *level = sum / weight;
             }
-            for (place, effect) in effects.iter_mut().enumerate() {
-                let (mut sum, mut weight) = (0.0, 1.0 / EFFECT);
-                for (row, level) in rows.iter().zip(&levels) {
-                    let (above, variance) = match row[place] {
-                        CostEntry::LogCost(log_cost, variance) => (log_cost - level, variance),
-                        CostEntry::Infeasible => (INFEASIBLE, 0.0),
-                        CostEntry::Unknown => continue,
-                    };
-                    let own = 1.0 / (INTERACTION + variance);
-                    sum += own * above;
-                    weight += own;
-                }
-                *effect = sum / weight;
-            }
+            fit.interaction = fit.interaction_of(&rows, &well_known, anchor);
+            fit.effects = fit.effects_over(&rows);
         }
         let mut completed: Vec<Vec<f64>> = Vec::with_capacity(rows.len());
-        for (row, level) in rows.iter().zip(&levels) {
-            let expected = row.iter().zip(&effects).map(|(known, effect)| match known {
+        for (row, level) in rows.iter().zip(&fit.levels) {
+            let expected = row.iter().zip(&fit.effects).map(|(known, effect)| match known {
                 CostEntry::LogCost(log_cost, variance) => {
                     // What was measured, drawn towards what the others say by how noisy it is.
-                    let share = INTERACTION / (INTERACTION + variance);
+                    let share = fit.interaction / (fit.interaction + variance);
                     effect + share * (log_cost - level - effect)
                 }
                 CostEntry::Infeasible => INFEASIBLE,
@@ -155,6 +158,8 @@ impl CostTable {
             completed.iter().zip(paid).map(|(row, paid)| row[place].min(*paid)).sum::<f64>()
                 / paid.len() as f64
         };
+        let well_known = well_known(&self.measured());
+        let may_be_first = |place: usize| well_known.is_empty() || well_known.contains(&place);
         let mut chosen: Vec<usize> = Vec::new();
         let mut waiting = always.to_vec();
         while chosen.len() < members.min(count) {
@@ -162,7 +167,8 @@ impl CostTable {
             let place = if !first && !waiting.is_empty() {
                 waiting.remove(0)
             } else {
-                let others = (0..count).filter(|place| !chosen.contains(place));
+                let others = (0..count)
+                    .filter(|&place| if first { may_be_first(place) } else { !chosen.contains(&place) });
                 let priced = others.map(|place| (price(&paid, place), place));
                 let Some((cost, place)) = priced.min_by(|a, b| a.0.total_cmp(&b.0)) else {
                     break;
@@ -186,6 +192,86 @@ impl CostTable {
     pub fn best_fixed(&self) -> Option<usize> {
         self.portfolio(1, &[]).first().copied()
     }
+}
+
+/// Levels of states and effects of configurations whose sums are what was measured, as far as they go.
+struct Fit {
+    levels: Vec<f64>,
+    effects: Vec<f64>,
+    /// Variance of what a state adds to an effect.
+    interaction: f64,
+}
+
+impl Fit {
+    fn new(rows: &[&[CostEntry]]) -> Self {
+        let count = rows.first().map_or(0, |row| row.len());
+        Fit { levels: vec![0.0; rows.len()], effects: vec![0.0; count], interaction: INTERACTION }
+    }
+
+    /// The level of a state: the mean of what its measurements leave after their effects.
+    fn level_of(&self, row: &[CostEntry]) -> f64 {
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for (known, effect) in row.iter().zip(&self.effects) {
+            if let CostEntry::LogCost(log_cost, variance) = known {
+                let own = 1.0 / (self.interaction + variance);
+                sum += own * (log_cost - effect);
+                weight += own;
+            }
+        }
+        sum / weight
+    }
+
+    /// The effects of all configurations: what each costs above the levels of its states, drawn towards 0, a mediocre one.
+    fn effects_over(&self, rows: &[&[CostEntry]]) -> Vec<f64> {
+        let effect = |place: usize| {
+            let (mut sum, mut weight) = (0.0, 1.0 / EFFECT);
+            for (row, level) in rows.iter().zip(&self.levels) {
+                let (above, variance) = match row[place] {
+                    CostEntry::LogCost(log_cost, variance) => (log_cost - level, variance),
+                    CostEntry::Infeasible => (INFEASIBLE, 0.0),
+                    CostEntry::Unknown => continue,
+                };
+                let own = 1.0 / (self.interaction + variance);
+                sum += own * above;
+                weight += own;
+            }
+            sum / weight
+        };
+        (0..self.effects.len()).map(effect).collect()
+    }
+
+    /// The variance of what a state adds to an effect, by the well-known configurations beside the anchor: what the squares
+    /// of the residuals around the mean of each say beyond the noise, by their median.
+    fn interaction_of(&self, rows: &[&[CostEntry]], well_known: &[usize], anchor: usize) -> f64 {
+        let mut squares = Vec::new();
+        for &place in well_known.iter().filter(|&&place| place != anchor) {
+            let residual = |(row, level): (&&[CostEntry], &f64)| match row[place] {
+                CostEntry::LogCost(log_cost, variance) => Some((log_cost - level, variance)),
+                _ => None,
+            };
+            let residuals: Vec<(f64, f64)> = rows.iter().zip(&self.levels).filter_map(residual).collect();
+            let count = residuals.len() as f64;
+            let mean = residuals.iter().map(|(residual, _)| residual).sum::<f64>() / count;
+            // A mean of few follows them.
+            let widened = count / (count - 1.0).max(1.0);
+            let square = |(residual, variance): &(f64, f64)| {
+                widened * (residual - mean) * (residual - mean) / MEDIAN_SQUARE - variance
+            };
+            squares.extend(residuals.iter().map(square));
+        }
+        squares.sort_by(f64::total_cmp);
+        squares.get(squares.len() / 2).map_or(INTERACTION, |median| median.max(INTERACTION))
+    }
+}
+
+/// Configurations measured in at least two states and in at least half as many as any.
+fn well_known(rows: &[&[CostEntry]]) -> Vec<usize> {
+    let count = rows.first().map_or(0, |row| row.len());
+    let states_of =
+        |place: usize| rows.iter().filter(|row| matches!(row[place], CostEntry::LogCost(..))).count();
+    let counts: Vec<usize> = (0..count).map(states_of).collect();
+    let most = counts.iter().copied().max().unwrap_or(0);
+    (0..count).filter(|&place| counts[place] >= most.div_ceil(2).max(2)).collect()
 }
 
 #[cfg(test)]
@@ -244,6 +330,19 @@ mod tests {
         // What cannot be run in some states is not the best fixed one either.
         let costs = table(&[&[8.0, 7.0], &[8.0, 7.0], &[8.0, -1.0]]);
         assert_eq!(costs.best_fixed(), Some(0));
+    }
+
+    #[test]
+    fn a_state_where_everything_matters_more_makes_no_best_fixed_configuration() {
+        // The last was measured in one state, where good ones are far below mediocre ones, and did no better there than the
+        // third, which is good everywhere.
+        let costs = table(&[
+            &[10.0, 10.5, 8.0, 0.0],
+            &[20.0, 21.0, 16.0, 0.0],
+            &[5.0, 5.3, 4.0, 0.0],
+            &[40.0, 42.0, 10.0, 10.1],
+        ]);
+        assert_eq!(costs.best_fixed(), Some(2));
     }
 
     #[test]

@@ -31,7 +31,11 @@ pub(super) fn members(space: &Space, states: &[Arc<ResultTable>]) -> (Vec<Config
         candidates.iter().map(|candidate| known(results, candidate, noise)).collect()
     };
     let table = CostTable { rows: states.iter().map(known).collect() };
-    let branches = branches(space, &table, &candidates);
+    let mut branches = branches(space, &table, &candidates);
+    // A branch whose best is proven dearer in further states is left to the search's own model.
+    if let Some(best) = table.best_fixed() {
+        branches.retain(|&place| !table.is_proven(best, place));
+    }
     let places = table.portfolio(MEMBERS, &branches);
     let is_proven = places.first().is_some_and(|&best| best != DEFAULT && table.is_proven(best, DEFAULT));
     (places.into_iter().map(|place| candidates[place].clone()).collect(), is_proven)
