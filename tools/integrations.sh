@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Tries the integrations with the real packages: the Python wheel, built and installed into an environment, with Optuna; the CMake package;
-# the SDK for Node and three-mesh-bvh. Fetches from PyPI and npm. PROFILE=dev builds the wheel faster.
+# tinybvh-rs; the SDK for Node and three-mesh-bvh. Fetches from PyPI and npm. PROFILE=dev builds the wheel faster.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 step() { printf '\n== %s\n' "$*"; }
@@ -39,6 +39,13 @@ for kind in treewright static; do
     "$work/cmake/sdk_$kind" "$(sed 's/.* //' "$work/$kind.address")" || { kill $other; exit 1; }
     kill $other
 done
+
+step "Rust: tinybvh-rs"
+if grep -qw avx2 /proc/cpuinfo 2> /dev/null; then
+    cargo test --workspace --bin treewright-builders --features treewright-builders/tinybvh --locked --quiet
+else
+    echo "passed by: tinybvh-rs, because this processor has no AVX2"
+fi
 
 step "Node"
 if command -v npm > /dev/null; then

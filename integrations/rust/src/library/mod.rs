@@ -1,0 +1,188 @@
+//! The libraries whose builders are tuned, as one conditional space: which library, and the options of the one that is taken.
+
+mod bvh;
+mod obvhs;
+#[cfg(feature = "tinybvh")]
+mod tinybvh;
+
+use std::error::Error;
+
+use clap::ValueEnum;
+use glam::Vec3A;
+use treewright_client::{Condition, Configuration, Domain, Parameter, Space, SpaceError, Value};
+
+use crate::mesh::Mesh;
+
+/// A library that builds trees. The first is the default where several may be taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Library {
+    /// PLOC and reinsertion, binary or compressed eight-wide.
+    Obvhs,
+    /// Binary, with one shape in each leaf.
+    Bvh,
+    /// Binned or with spatial splits, binary or eight-wide for AVX2; C++ behind a Rust interface.
+    #[cfg(feature = "tinybvh")]
+    Tinybvh,
+}
+
+impl Library {
+    /// Every library of this build.
+    pub(crate) fn all() -> Vec<Self> {
+        Self::value_variants().to_vec()
+    }
+
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Obvhs => "obvhs",
+            Self::Bvh => "bvh",
+            #[cfg(feature = "tinybvh")]
+            Self::Tinybvh => "tinybvh",
+        }
+    }
+}
+
+/// The spaces of these libraries, joined below a parameter that says which is taken; the default is the first as its documentation uses it.
+pub(crate) fn space(libraries: &[Library]) -> Result<Space, SpaceError> {
+    let names: Vec<Value> = libraries.iter().map(|library| library.name().into()).collect();
+    let default = names.first().cloned().unwrap_or_else(|| "".into());
+    let domain = Domain::Categorical { values: names };
+    let which = Parameter { name: "library".into(), domain, default, active_if: None };
+    let mut joined = Space::builder().with_parameter(which);
+    for library in libraries {
+        let own = match library {
+            Library::Obvhs => obvhs::space()?,
+            Library::Bvh => bvh::space()?,
+            #[cfg(feature = "tinybvh")]
+            Library::Tinybvh => tinybvh::space()?,
+        };
+        for parameter in own.parameters() {
+            let mine = Condition { parameter: "library".into(), any_of: vec![library.name().into()] };
+            let active_if = parameter.active_if.clone().or(Some(mine));
+            joined = joined.with_parameter(Parameter { active_if, ..parameter.clone() });
+        }
+    }
+    joined.build()
+}
+
+/// Settings to compare with, by name, the first library's default first: presets, or what stands for them in a library without.
+pub(crate) fn fixed(libraries: &[Library]) -> Vec<(String, Configuration)> {
+    let of = |library: &Library| {
+        let fixed = match library {
+            Library::Obvhs => obvhs::fixed(),
+            Library::Bvh => bvh::fixed(),
+            #[cfg(feature = "tinybvh")]
+            Library::Tinybvh => tinybvh::fixed(),
+        };
+        let library = library.name();
+        fixed
+            .into_iter()
+            .map(move |(name, settings)| (format!("{library} {name}"), settings.with("library", library)))
+    };
+    libraries.iter().flat_map(of).collect()
+}
+
+/// What one build and its rays took, and how many rays hit.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cost {
+    pub(crate) build_ms: f64,
+    pub(crate) rays_ms: f64,
+    pub(crate) hits: u32,
+}
+
+/// Builds a tree over the mesh and traces this many rays through it.
+///
+/// # Errors
+/// When the configuration lacks a value, or names one that no library of this build has.
+pub(crate) fn run(configuration: &Configuration, mesh: &Mesh, rays: u32) -> Result<Cost, Box<dyn Error>> {
+    match configuration.text("library")? {
+        "obvhs" => obvhs::run(configuration, mesh, rays),
+        "bvh" => bvh::run(configuration, mesh, rays),
+        #[cfg(feature = "tinybvh")]
+        "tinybvh" => tinybvh::run(configuration, mesh, rays),
+        other => Err(format!("this build has no library {other}").into()),
+    }
+}
+
+/// Processor time of all threads in milliseconds: what else the machine does is left out.
+fn processor_ms() -> f64 {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    now.tv_sec as f64 * 1e3 + now.tv_nsec as f64 / 1e6
+}
+
+/// Times the rays of a tree whose build began at `start_ms`. `closest` says how far along a direction of length 1 the nearest triangle is,
+/// infinity where there is none. Rays go from the middle of the mesh and on from where they hit, as a path does.
+fn trace(mesh: &Mesh, rays: u32, start_ms: f64, closest: impl Fn(Vec3A, Vec3A) -> f32) -> Cost {
+    let built_ms = processor_ms();
+    let (min, max) = mesh.bounds();
+    let (center, shortest) = ((min + max) * 0.5, (max - min).length() * 1e-3);
+    let (mut random, mut origin, mut hits) = (Random(1), center, 0);
+    for _ in 0..rays {
+        let direction = random.direction();
+        let distance = closest(origin, direction);
+        // From the immediate neighbourhood of a surface a path could not leave: rounding would decide what it hits.
+        let goes_on = distance.is_finite() && distance > shortest;
+        origin = if goes_on { origin + direction * (distance * 0.999) } else { center };
+        hits += u32::from(distance.is_finite());
+    }
+    Cost {
+        build_ms: built_ms - start_ms,
+        rays_ms: processor_ms() - built_ms,
+        hits: std::hint::black_box(hits),
+    }
+}
+
+/// Numerical Recipes' quick generator: enough to scatter rays, the same on every machine.
+struct Random(u32);
+
+impl Random {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (self.0 >> 8) as f32 / 8_388_608.0 - 1.0
+    }
+
+    fn direction(&mut self) -> Vec3A {
+        loop {
+            let point = Vec3A::new(self.next(), self.next(), self.next());
+            if (1e-4..=1.0).contains(&point.length_squared()) {
+                return point.normalize();
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fixed_setting_is_in_the_space_and_hits_alike() {
+        let (libraries, mesh) = (Library::all(), crate::mesh::field());
+        let space = space(&libraries).unwrap();
+        let mut hits = Vec::new();
+        for (name, settings) in fixed(&libraries) {
+            for (parameter, value) in settings.iter() {
+                let known = space.parameters().iter().find(|one| one.name == *parameter);
+                assert!(known.is_some(), "{name}: {parameter} = {value:?}");
+            }
+            hits.push((run(&settings, &mesh, 2000).unwrap().hits, name));
+        }
+        // Paths part where two triangles are met at one distance, so not every number is the same.
+        let (least, most) = (hits.iter().min().unwrap().0, hits.iter().max().unwrap().0);
+        assert!(least > 0 && most - least <= most / 20, "{hits:?}");
+    }
+
+    #[test]
+    fn the_first_fixed_setting_is_the_default_of_the_space() {
+        for libraries in Library::all().iter().map(|&one| vec![one]).chain([Library::all()]) {
+            let default = Configuration::from(space(&libraries).unwrap().default_configuration());
+            let (name, first) = fixed(&libraries).swap_remove(0);
+            assert_eq!(default.len(), first.len(), "{name}: {default:?} {first:?}");
+            for (parameter, value) in default.iter() {
+                let numbers =
+                    first.get(parameter).and_then(|other| Some((other.as_number()?, value.as_number()?)));
+                let same = numbers.map_or(first.get(parameter) == Some(value), |(a, b)| (a - b).abs() < 1e-6);
+                assert!(same, "{name}: {parameter}");
+            }
+        }
+    }
+}
