@@ -3,13 +3,17 @@
 //! No query is timed: a clock around it costs as much as the query, and a thread that waits for its turn inside one would be taken for a
 //! slow query. Each thread says in its shard whether it is within a query, and a thread of the library looks every [`LOOK`]: the processor time
 //! that a thread took since the last look is put down to what it is found at. Over thousands of looks that is its share.
+//!
+//! Even that costs a tracing program some percent. So only the first [`EXACT`] queries are counted one by one; from then on the library
+//! looks and counts in windows of some milliseconds, one part in [`SHARE`] of the time and of random lengths, so that they do not keep step with
+//! the host's frames, and what it finds there stands for the rest. Outside of them a query costs one more jump.
 
 use std::cell::Cell;
 use std::ffi::{CStr, c_char, c_int};
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, Once, OnceLock};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Kinds of queries.
 #[derive(Clone, Copy)]
@@ -21,7 +25,20 @@ pub(crate) enum Kind {
 /// Threads with a shard of their own; further ones share the last, where they are counted and not looked at.
 const SHARDS: usize = 128;
 /// Between two looks at what every thread is at.
-const LOOK: Duration = Duration::from_micros(1100);
+const LOOK: Duration = Duration::from_micros(350);
+/// Queries of all threads that are counted before the windows begin.
+const EXACT: u64 = 1 << 20;
+/// One part in this many of the time is within a window.
+const SHARE: u32 = 8;
+
+/// For how many queries one that is counted stands; 0 outside of a window.
+static WEIGHT: AtomicU64 = AtomicU64::new(1);
+
+/// For how many queries one that begins now stands; 0 where it is not to be counted.
+#[inline]
+pub(crate) fn weight() -> u64 {
+    WEIGHT.load(Relaxed)
+}
 
 /// Counts of one kind of query.
 #[derive(Default)]
@@ -105,14 +122,14 @@ fn add(number: &AtomicU64, more: u64) {
     number.store(number.load(Relaxed).wrapping_add(more), Relaxed);
 }
 
-/// Counts a query and runs it. What its callbacks ask for in turn is part of it.
+/// Counts a query with this weight and runs it. What its callbacks ask for in turn is part of it.
 #[inline]
-pub(crate) fn count(kind: Kind, rays: u64, run: impl FnOnce()) {
+pub(crate) fn count(kind: Kind, rays: u64, weight: u64, run: impl FnOnce()) {
     let shard = MINE.with(|mine| mine.get().unwrap_or_else(|| take_place(mine)));
     let numbers = &shard.queries[kind as usize];
-    add(&numbers.calls, 1);
+    add(&numbers.calls, weight);
     if rays > 1 {
-        add(&numbers.more_rays, rays - 1);
+        add(&numbers.more_rays, weight * (rays - 1));
     }
     if shard.within.load(Relaxed) != 0 {
         return run();
@@ -153,22 +170,46 @@ fn take_place(mine: &Cell<Option<&'static Shard>>) -> &'static Shard {
 /// Puts each thread's processor time down to what it is at, as long as the process lives.
 fn look() {
     let mut before = [0u64; SHARDS];
-    loop {
+    while counted() < EXACT {
         std::thread::sleep(LOOK);
-        let threads = ROOM.threads.load(Relaxed).min(SHARDS - 1);
-        for (shard, before) in ROOM.shards().iter().zip(&mut before).take(threads) {
-            let within = usize::from(shard.within.load(Relaxed));
-            let clock = shard.clock.load(Relaxed);
-            if clock == 0 {
-                continue;
-            }
-            // A thread that has ended has no clock any more: 0.
-            let now = clock_ns(clock);
-            let took = if *before == 0 { 0 } else { now.saturating_sub(*before) };
-            *before = now;
-            if let Some(numbers) = within.checked_sub(1).and_then(|kind| shard.queries.get(kind)) {
-                numbers.ns.fetch_add(took, Relaxed);
-            }
+        look_once(&mut before, 1);
+    }
+    let mut random = 1u32;
+    loop {
+        let window = Instant::now();
+        look_once(&mut before, 0);
+        WEIGHT.store(u64::from(SHARE), Relaxed);
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        for _look in 0..12 + (random >> 28) {
+            std::thread::sleep(LOOK);
+            look_once(&mut before, u64::from(SHARE));
+        }
+        WEIGHT.store(0, Relaxed);
+        std::thread::sleep(window.elapsed() * (SHARE - 1));
+    }
+}
+
+/// Queries that were counted so far.
+fn counted() -> u64 {
+    let calls = |shard: &Shard| shard.queries.iter().map(|one| one.calls.load(Relaxed)).sum::<u64>();
+    ROOM.shards().iter().map(calls).sum()
+}
+
+/// Takes the threads' processor clocks, and puts what they took since the last time, times `weight`, down to what they are at.
+fn look_once(before: &mut [u64; SHARDS], weight: u64) {
+    let threads = ROOM.threads.load(Relaxed).min(SHARDS - 1);
+    for (shard, before) in ROOM.shards().iter().zip(before).take(threads) {
+        let within = usize::from(shard.within.load(Relaxed));
+        let clock = shard.clock.load(Relaxed);
+        if clock == 0 {
+            continue;
+        }
+        // A thread that has ended has no clock any more: 0.
+        let now = clock_ns(clock);
+        let took = if *before == 0 { 0 } else { now.saturating_sub(*before) };
+        *before = now;
+        if let Some(numbers) = within.checked_sub(1).and_then(|kind| shard.queries.get(kind)) {
+            numbers.ns.fetch_add(took * weight, Relaxed);
         }
     }
 }

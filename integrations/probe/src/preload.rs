@@ -2,7 +2,7 @@
 //! unchanged, and writes what it found when a device is released and when the program ends.
 //!
 //! It never ends its host, and changes a result only where it was told what to set ([`told`]): what cannot be found, timed or written is
-//! left out. A query costs a few nanoseconds more, and a thread of the library looks what the others are at ([`counts`]). `TREEWRIGHT_PROBE`
+//! left out. A query costs a nanosecond or two more, and a thread of the library looks what the others are at ([`counts`]). `TREEWRIGHT_PROBE`
 //! names the file, to which the process's number is added, since programs start others.
 //!
 //! Embree 3 and 4 have these entry points with as many arguments of the same sizes; Mitsuba's own copy of Embree 3 has them in its
@@ -14,7 +14,7 @@ mod told;
 
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 
-use counts::{Kind, ROOM, count, note_device, note_flags, note_quality, note_triangles, timed};
+use counts::{Kind, ROOM, count, note_device, note_flags, note_quality, note_triangles, timed, weight};
 use real::{Address, real};
 use told::TOLD;
 
@@ -25,19 +25,31 @@ type Handle = *mut c_void;
 macro_rules! entry {
     ($name:expr, $type:ty) => {{
         static ADDRESS: Address = Address::new();
-        // SAFETY: Embree declares the entry point of this name with this type, as far as sizes and registers go.
-        real(&ADDRESS, $name).map(|found| unsafe { std::mem::transmute::<Handle, $type>(found) })
+        real(&ADDRESS, $name).map(|found| entry!(@of found, $type))
     }};
+    (@of $found:expr, $type:ty) => {
+        // SAFETY: Embree declares the entry point of this name with this type, as far as sizes and registers go.
+        unsafe { std::mem::transmute::<Handle, $type>($found) }
+    };
 }
 
-/// Defines entry points that are counted as a kind of query and handed on.
+/// Defines entry points that are counted as a kind of query and handed on. Where nothing is to be counted the way is as short as it can be: two
+/// loads and a jump, without a stack frame.
 macro_rules! queries {
     ($($export:literal $name:ident($($argument:ident),+) as $kind:ident x $rays:literal;)+) => {$(
         #[unsafe(export_name = $export)]
         extern "C" fn $name($($argument: Handle),+) {
             type Entry = extern "C" fn($(queries!(@type $argument)),+);
-            if let Some(entry) = entry!(concat!($export, "\0"), Entry) {
-                count(Kind::$kind, $rays, || entry($($argument),+));
+            static ADDRESS: Address = Address::new();
+            #[inline(never)]
+            extern "C" fn counted($($argument: Handle),+) {
+                if let Some(found) = real(&ADDRESS, concat!($export, "\0")) {
+                    count(Kind::$kind, $rays, weight(), move || entry!(@of found, Entry)($($argument),+));
+                }
+            }
+            match ADDRESS.known() {
+                Some(found) if weight() == 0 => entry!(@of found, Entry)($($argument),+),
+                _ => counted($($argument),+),
             }
         }
     )+};

@@ -11,13 +11,19 @@ impl Address {
     pub(crate) const fn new() -> Self {
         Self(AtomicPtr::new(std::ptr::null_mut()))
     }
+
+    /// What is there, if it was found before.
+    #[inline]
+    pub(crate) fn known(&self) -> Option<*mut c_void> {
+        let known = self.0.load(Ordering::Relaxed);
+        (!known.is_null()).then_some(known)
+    }
 }
 
 /// The real entry point of a name, which ends in a zero.
 #[inline]
 pub(crate) fn real(address: &Address, name: &'static str) -> Option<*mut c_void> {
-    let known = address.0.load(Ordering::Relaxed);
-    if !known.is_null() {
+    if let Some(known) = address.known() {
         return Some(known);
     }
     let found = find(name)?;
