@@ -1,0 +1,15 @@
+# The version stands in the installed header.
+file(STRINGS "${CMAKE_CURRENT_LIST_DIR}/../../../include/treewright.h" _treewright_lines REGEX "^#define TREEWRIGHT_VERSION_[A-Z]+ [0-9]+$")
+string(REGEX REPLACE "#define TREEWRIGHT_VERSION_[A-Z]+ " "" _treewright_numbers "${_treewright_lines}")
+string(REPLACE ";" "." PACKAGE_VERSION "${_treewright_numbers}")
+# While the major version is 0, versions with the same minor one fit each other.
+string(REGEX MATCH "^[0-9]+\\.[0-9]+" _treewright_series "${PACKAGE_VERSION}")
+if("${PACKAGE_FIND_VERSION}" MATCHES "^${_treewright_series}" AND NOT PACKAGE_VERSION VERSION_LESS PACKAGE_FIND_VERSION)
+  set(PACKAGE_VERSION_COMPATIBLE TRUE)
+  if(PACKAGE_VERSION VERSION_EQUAL PACKAGE_FIND_VERSION)
+    set(PACKAGE_VERSION_EXACT TRUE)
+  endif()
+endif()
+unset(_treewright_lines)
+unset(_treewright_numbers)
+unset(_treewright_series)
