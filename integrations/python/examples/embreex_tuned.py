@@ -11,9 +11,7 @@ and every fixed one, in turns within each round. Lines of JSON go to standard ou
 
 import argparse
 import ctypes
-import json
 import os
-import random
 import sys
 import time
 
@@ -22,23 +20,12 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 
+import measured
 import treewright
 
 LAYOUTS = ["auto", "compact", "bvh4.triangle4v"]
 # embreex's own way comes first.
 FIXED = [{"quality": "medium", "layout": layout} for layout in LAYOUTS] + [{"quality": "low"}]
-
-
-def read(path):
-    """The PLY that integrations/scenes.py writes."""
-    with open(path, "rb") as file:
-        counts = {}
-        while (line := file.readline()) != b"end_header\n":
-            if line.startswith(b"element"):
-                counts[line.split()[1]] = int(line.split()[2])
-        vertices = numpy.fromfile(file, "<f4", 3 * counts[b"vertex"]).reshape(-1, 3)
-        faces = numpy.fromfile(file, numpy.dtype([("count", "u1"), ("corners", "<i4", 3)]), counts[b"face"])
-    return vertices, numpy.ascontiguousarray(faces["corners"])
 
 
 class Caster:
@@ -74,19 +61,6 @@ def batch(mesh, count):
     return origins.astype("f4"), directions / numpy.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def compare(caster, mesh, rays, tuned, rounds):
-    turns = [{"configuration": each, "costs": []} for each in [tuned, *FIXED]]
-    hits, order = {}, random.Random(3)
-    for _ in range(rounds):
-        # In another order each time: what ran before leaves its mark on caches and memory.
-        for turn in order.sample(range(len(turns)), len(turns)):
-            cost, hits[turn] = caster.run(turns[turn]["configuration"], mesh, rays)
-            turns[turn]["costs"].append(sum(cost.values()))
-    for turn, one in enumerate(turns):
-        one["differs"] = int((hits[turn] != hits[0]).sum())
-    return {"tuned_costs": turns[0]["costs"], "fixed": turns[1:]}
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--url", default="http://127.0.0.1:50611")
@@ -107,21 +81,17 @@ def main():
     indicators = {"triangles": (0.0, 1e8, "log"), "rays": (0.0, 1e9, "log")}
     study = client.study("embreex-example", space, minimise={"build_ms": 1.0, "rays_ms": 1.0}, indicators=indicators)
     for path in options.scenes:
-        mesh = read(path)
+        mesh = measured.read(path)
         for count in map(int, options.rays.split(",")):
-            rays, costs = batch(mesh, count), []
+            rays = batch(mesh, count)
             known = {"triangles": len(mesh[1]), "rays": count}
-            for _ in range(options.trials):
-                with study.suggest(known) as trial:
-                    cost, _ = caster.run(trial.configuration, mesh, rays)
-                    trial.report(cost)
-                costs.append(sum(cost.values()))
-            client.flush(20000)
-            best, _ = study.best(known)
-            line = {"scene": os.path.basename(path), "triangles": len(mesh[1]), "use": f"{count} rays", "trial_costs": costs, "tuned": best}
-            if options.rounds:
-                line |= compare(caster, mesh, rays, best, options.rounds)
-            print(json.dumps(line), flush=True)
+
+            def run(configuration):
+                return caster.run(configuration, mesh, rays)
+
+            costs, best = measured.tune(client, study, known, run, FIXED, options.trials)
+            compared = measured.compare(run, best, FIXED, options.rounds) if options.rounds else {}
+            measured.show(path, len(mesh[1]), f"{count} rays", costs, best, compared)
 
 
 if __name__ == "__main__":
