@@ -5,8 +5,8 @@
 //! that a thread took since the last look is put down to what it is found at. Over thousands of looks that is its share.
 //!
 //! Even that costs a tracing program some percent. So only the first [`EXACT`] queries are counted one by one; from then on the library
-//! looks and counts in windows of some milliseconds, one part in [`SHARE`] of the time and of random lengths, so that they do not keep step with
-//! the host's frames, and what it finds there stands for the rest. Outside of them a query costs one more jump.
+//! looks and counts in windows of two milliseconds, one part in [`SHARE`] of the time and at random places in it, so that they do not keep step
+//! with the host's frames, and what it finds there stands for the rest. Outside of them a query costs one more jump.
 
 use std::cell::Cell;
 use std::ffi::{CStr, c_char, c_int};
@@ -29,7 +29,9 @@ const LOOK: Duration = Duration::from_micros(350);
 /// Queries of all threads that are counted before the windows begin.
 const EXACT: u64 = 1 << 20;
 /// One part in this many of the time is within a window.
-const SHARE: u32 = 8;
+const SHARE: u32 = 4;
+/// Looks in a window.
+const LOOKS: u32 = 5;
 
 /// For how many queries one that is counted stands; 0 outside of a window.
 static WEIGHT: AtomicU64 = AtomicU64::new(1);
@@ -59,6 +61,19 @@ struct Shard {
     within: AtomicU8,
     /// The thread's own processor clock; 0 until it has one.
     clock: AtomicI32,
+    /// Processor time that it took since it was first looked at.
+    cpu_ns: AtomicU64,
+    /// For how much of that the looks stand: about as much, as windows are a part of the wall clock's time.
+    seen_ns: AtomicU64,
+}
+
+impl Shard {
+    /// A count or time of this thread, as it is when its windows stand for exactly the processor time that it took.
+    fn scaled(&self, number: &AtomicU64) -> u64 {
+        let (number, cpu, seen) =
+            (number.load(Relaxed), self.cpu_ns.load(Relaxed), self.seen_ns.load(Relaxed));
+        if seen == 0 || seen == cpu { number } else { (number as f64 * cpu as f64 / seen as f64) as u64 }
+    }
 }
 
 /// Everything that is counted.
@@ -174,18 +189,24 @@ fn look() {
         std::thread::sleep(LOOK);
         look_once(&mut before, 1);
     }
-    let mut random = 1u32;
+    WEIGHT.store(0, Relaxed);
+    let (mut random, begun, mut looked) = (1u32, Instant::now(), Duration::ZERO);
     loop {
+        // Somewhere in its part of the time, wherever the host happened to be at the beginning.
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let ahead = (LOOK * LOOKS * (SHARE - 1)).mul_f64(f64::from(random >> 8) / f64::from(1 << 24));
+        std::thread::sleep(ahead);
         let window = Instant::now();
         look_once(&mut before, 0);
         WEIGHT.store(u64::from(SHARE), Relaxed);
-        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        for _look in 0..12 + (random >> 28) {
+        for _look in 0..LOOKS {
             std::thread::sleep(LOOK);
             look_once(&mut before, u64::from(SHARE));
         }
         WEIGHT.store(0, Relaxed);
-        std::thread::sleep(window.elapsed() * (SHARE - 1));
+        looked += window.elapsed();
+        // On a busy machine sleep takes longer than asked; what was too long is taken from the next.
+        std::thread::sleep((looked * SHARE).saturating_sub(begun.elapsed()));
     }
 }
 
@@ -208,6 +229,8 @@ fn look_once(before: &mut [u64; SHARDS], weight: u64) {
         let now = clock_ns(clock);
         let took = if *before == 0 { 0 } else { now.saturating_sub(*before) };
         *before = now;
+        add(&shard.cpu_ns, took);
+        add(&shard.seen_ns, took * weight);
         if let Some(numbers) = within.checked_sub(1).and_then(|kind| shard.queries.get(kind)) {
             numbers.ns.fetch_add(took * weight, Relaxed);
         }
@@ -267,7 +290,7 @@ pub(crate) fn write() {
     let mut text = String::from("{");
     for (kind, name) in [(Kind::Closest, "closest"), (Kind::Occluded, "occluded")] {
         let sum = |pick: fn(&Queries) -> &AtomicU64| -> u64 {
-            ROOM.shards().iter().map(|shard| pick(&shard.queries[kind as usize]).load(Relaxed)).sum()
+            ROOM.shards().iter().map(|shard| shard.scaled(pick(&shard.queries[kind as usize]))).sum()
         };
         let _ = write!(
             text,

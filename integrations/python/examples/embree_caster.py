@@ -151,7 +151,7 @@ def main():
     parser.add_argument("scenes", nargs="+")
     options = parser.parse_args()
     caster = Caster(options.embree)
-    client = treewright.Client(options.url, client_id="embree-caster", deadline_ms=1000)
+    client = treewright.Client(options.url, client_id="embree-caster", deadline_ms=60000)
     space = treewright.Space().choice("quality", list(QUALITY), default="medium")
     space.choice("rays", ["incoherent", "coherent"], default="incoherent")
     space.choice("layout", LAYOUTS, default="auto", active_if=("quality", "medium"))

@@ -75,7 +75,7 @@ def main():
         os.environ["LD_PRELOAD"] = library
         os.execv(sys.executable, [sys.executable, *sys.argv])
     caster = Caster(ctypes.CDLL(None))
-    client = treewright.Client(options.url, client_id="embreex-example", deadline_ms=1000)
+    client = treewright.Client(options.url, client_id="embreex-example", deadline_ms=60000)
     space = treewright.Space().choice("quality", ["low", "medium"], default="medium")
     space.choice("layout", LAYOUTS, default="auto", active_if=("quality", "medium"))
     indicators = {"triangles": (0.0, 1e8, "log"), "rays": (0.0, 1e9, "log")}
