@@ -3,7 +3,8 @@
 //! The lowest of many noisy costs is mostly luck. So what a state's own measurements answer is read from a
 //! [posterior](crate::statistics::estimate): the configuration that is expected to cost least among those that are better
 //! than the state's incumbent with a probability of at least [`PROVEN`]; where there is none, the incumbent. That is the
-//! study's default configuration, until a [confirmation](super::confirmation) has proven another one better.
+//! best of other states or the study's default configuration, until a [confirmation](super::confirmation) has proven another
+//! one better.
 //!
 //! An assessment takes a few milliseconds. It is made apart from the tuner, from a copy of the state's table, and kept until
 //! that changes; who cannot wait for one gets what the last one said.
@@ -43,7 +44,7 @@ pub struct AssessmentRequest {
     pub(super) state: StateId,
     pub(super) spec: Arc<StudySpec>,
     pub(super) results: Arc<ResultTable>,
-    /// What was proven better than the default, if anything.
+    /// The incumbent where that is not the default.
     pub(super) confirmed: Option<Configuration>,
     /// The verdict stands: the incumbent is the answer.
     pub(super) is_settled: bool,
@@ -101,7 +102,8 @@ impl AssessmentRequest {
         let posterior = posterior(&records, &layout, &self.spec.space)?;
         let means = posterior.means();
         let place = |of: &Configuration| records.iter().position(|record| record.configuration == *of);
-        let (default_at, incumbent_at) = (place(default), place(incumbent));
+        let default_at = place(default);
+        let incumbent_at = place(incumbent).or(default_at);
         let mut leaders: Vec<usize> = (0..records.len()).collect();
         leaders.sort_by(|&a, &b| means[a].total_cmp(&means[b]));
         leaders.truncate(LEADERS);

@@ -1,7 +1,7 @@
 //! The last stage of a state's search: its best few run against the incumbent, in rounds, until one is proven better.
 //!
-//! The incumbent of a state is the study's default configuration, until a race replaces it. Contenders are chosen by the
-//! state's [assessment](super::assessment), and measured by whichever clients explore there. What the
+//! The incumbent of a state is what did best in other states, else the study's default configuration, until a race replaces
+//! it. Contenders are chosen by the state's [assessment](super::assessment), and measured by whichever clients explore there. What the
 //! [race](crate::statistics::confirm) leaves open when its rounds are over is settled by one more assessment, which looks
 //! at all that was ever measured. From then on the verdict is what is exploited, and nothing has to be computed for it.
 
@@ -167,14 +167,16 @@ impl Tuner {
         self.searches.of(state)?.confirming.as_ref()
     }
 
-    /// What was proven better than the default in a state.
+    /// The incumbent of a state where that is not the default.
     fn confirmed(&self, state: StateId) -> Option<&Configuration> {
         Some(&self.searches.of(state)?.confirmed.as_ref()?.0)
     }
 
     /// What challengers are measured against in a state.
     pub(super) fn incumbent(&self, state: StateId) -> &Configuration {
-        self.confirmed(state).unwrap_or(self.spec.space.default_ref())
+        let results = self.states.results(state);
+        let confirmed = self.confirmed(state).filter(|confirmed| !results.is_infeasible(confirmed));
+        confirmed.unwrap_or(self.spec.space.default_ref())
     }
 
     /// Whether the verdict on a state's search stands.

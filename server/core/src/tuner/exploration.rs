@@ -32,7 +32,7 @@ pub struct Exploration {
     /// The race of the best few against the incumbent, once the search is over.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) confirming: Option<Confirming>,
-    /// What was proven better than the default configuration: here, or before the search began in other states.
+    /// The incumbent where that is not the default configuration: proven better here, or expected to be by other states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) confirmed: Option<Stored>,
     /// Leases that were lost in the state, of configurations that were never measured there; the latest last.

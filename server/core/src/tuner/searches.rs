@@ -69,7 +69,7 @@ impl Searches {
     }
 
     /// Begins a search in a state; one that was there before is dropped, and what it confirmed stays. Where it confirmed
-    /// nothing, what is proven in other states is the incumbent.
+    /// nothing, what other states expect to be best is the incumbent.
     pub(super) fn begin(&mut self, state: StateId, search: AnySearch, incumbent: Option<Configuration>) {
         let own = &mut self.0[place(state)];
         let exploration = own.exploration.get_or_insert_with(Exploration::unbegun);

@@ -22,9 +22,8 @@ const MEASUREMENTS_COUNTED: u64 = 16;
 /// Most members that only stand for a branch of the space.
 const BRANCHES_MAX: usize = 3;
 
-/// Configurations of other states, the most promising first, and whether that one is proven better than the default in
-/// them. Empty where nothing was measured.
-pub(super) fn members(space: &Space, states: &[Arc<ResultTable>]) -> (Vec<Configuration>, bool) {
+/// Configurations of other states, the most promising first. Empty where nothing was measured.
+pub(super) fn members(space: &Space, states: &[Arc<ResultTable>]) -> Vec<Configuration> {
     let candidates = candidates(space, states);
     let known = |results: &Arc<ResultTable>| {
         let noise = results.noise().unwrap_or(NOISE_PRIOR).max(NOISE_LEAST);
@@ -37,12 +36,8 @@ pub(super) fn members(space: &Space, states: &[Arc<ResultTable>]) -> (Vec<Config
         branches.retain(|&place| !table.is_proven(best, place));
     }
     let places = table.portfolio(MEMBERS, &branches);
-    let is_proven = places.first().is_some_and(|&best| best != DEFAULT && table.is_proven(best, DEFAULT));
-    (places.into_iter().map(|place| candidates[place].clone()).collect(), is_proven)
+    places.into_iter().map(|place| candidates[place].clone()).collect()
 }
-
-/// The place of the default among the candidates.
-const DEFAULT: usize = 0;
 
 /// What a state knows of a configuration.
 fn known(results: &ResultTable, configuration: &Configuration, noise: f64) -> CostEntry {

@@ -38,7 +38,7 @@ pub(in crate::tuner) struct WarmStart {
     pub(in crate::tuner) main_effects: MainEffects,
     /// Points in the order in which they are run.
     pub(in crate::tuner) first: Vec<Vec<f64>>,
-    /// What is proven better than the default in so many other states that it is the incumbent here, too.
+    /// The best fixed configuration of the other states, which is the incumbent here where it is not the default.
     pub(in crate::tuner) incumbent: Option<Configuration>,
 }
 
@@ -54,7 +54,7 @@ impl MeasuredElsewhere {
 
     /// The first of the portfolio: some milliseconds.
     pub(in crate::tuner) fn best(&self, space: &Space) -> Option<Configuration> {
-        portfolio::members(space, &self.0).0.into_iter().next()
+        portfolio::members(space, &self.0).into_iter().next()
     }
 
     /// Computes it: some milliseconds. `None` where nothing follows.
@@ -69,14 +69,16 @@ impl MeasuredElsewhere {
         }
         let layout = Layout::of(space);
         let main_effects = MainEffects::fit(&layout, &measured)?;
-        let (members, is_proven) = portfolio::members(space, &self.0);
+        let members = portfolio::members(space, &self.0);
         let mut first: Vec<Vec<f64>> = members.iter().map(|member| space.encode(member)).collect();
         let downhill = main_effects.descend(&layout, first.first()?);
         if !first.contains(&downhill) {
             first.insert(1, downhill);
         }
-        // As it will be run: a point says a number less exactly than whoever measured it.
-        let incumbent = is_proven.then(|| space.decode(&on_grid(&first[0])));
+        // What other states expect to be best is what is to be beaten here. That needs no proof: neither it nor the default
+        // is known here, and where it does badly the first few measurements say so. As it will be run: a point says a
+        // number less exactly than whoever measured it.
+        let incumbent = Some(space.decode(&on_grid(&first[0]))).filter(|first| first != space.default_ref());
         Some(WarmStart { main_effects, first, incumbent })
     }
 }
