@@ -19,6 +19,11 @@ use crate::tuner::{Exploration, Tuner};
 /// Most of the best configurations that a search is told which goes on where another one ended.
 const TOLD_MAX: usize = 128;
 
+/// An incumbent of other states that another configuration beats is measured again each time that so many more were tried,
+/// until it was measured so often.
+const DOUBTED_EVERY: u64 = 3;
+const DOUBTED_UNTIL: u64 = 3;
+
 /// What the walk along a search came to.
 enum NextPoint {
     /// A point to measure.
@@ -114,17 +119,24 @@ impl Tuner {
     }
 
     /// The incumbent, where it is to be measured again while others are explored: by it the speed of the client's machine
-    /// is told. Once the search is spent the confirmation measures it anyway.
+    /// is told. One that other states named and that does badly here is measured again soon, so that it gives way. Once the
+    /// search is spent the confirmation measures it anyway.
     fn incumbent_again(&self, client_id: &str, room: usize, state: StateId) -> Option<ProposedTrial> {
         let (results, incumbent) = (self.states.results(state), self.incumbent(state));
         let goes_on = results.tried() < room;
         let hurried = !self.spec.objective.auxiliary().is_empty() && !self.auxiliaries.explains(state);
-        if !(self.spec.policy.track_speed && goes_on && self.speeds.is_due(client_id, state, hurried)) {
-            return None;
-        }
         let record =
             results.record(incumbent).filter(|record| record.measurements > 0 && !record.infeasible)?;
         let is_default = incumbent == self.spec.space.default_ref();
+        let is_beaten = results.best().is_some_and(|best| best.mean_cost < record.mean_cost);
+        let is_doubtful = !is_default
+            && is_beaten
+            && record.measurements < DOUBTED_UNTIL
+            && results.tried() as u64 >= DOUBTED_EVERY * record.measurements;
+        let is_due = is_doubtful || self.speeds.is_due(client_id, state, hurried);
+        if !(self.spec.policy.track_speed && goes_on && is_due) {
+            return None;
+        }
         let point = decision::Point::Incumbent { is_default, round: None };
         let predicted_cost = Some(record.mean_cost);
         Some(ProposedTrial { configuration: incumbent.clone(), predicted_cost, point })

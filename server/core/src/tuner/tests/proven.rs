@@ -155,3 +155,34 @@ fn a_race_survives_a_restart_and_clients_that_never_come_back() {
     let best = tuner.best(None, None).expect("valid").expect("measured");
     assert_eq!(best.standing.confirmation.stage, ConfirmationStage::Better);
 }
+
+/// The first configuration of a state that is new to a study that knows two others, and what answers there after ten frames in
+/// which configurations cost what `cost_here` says, the first one being given.
+fn answer_in_a_new_state(
+    cost_here: impl Fn(&Trial, &Configuration) -> f64,
+) -> (Configuration, Configuration) {
+    let mut tuner = tuner(Policy { epsilon: 1.0, trials_per_state: 30, ..Policy::default() });
+    run(&mut tuner, "a", 0.1, 0.1, 20);
+    run(&mut tuner, "a", 0.3, 0.1, 20);
+    let first = suggest(&mut tuner, "a", 0.5, 0.1);
+    let mut trial = first.clone();
+    for _ in 0..10 {
+        let metrics = measured(cost_here(&trial, &first.configuration));
+        assert!(tuner.report(&trial, metrics, Outcome::Ok, 1).is_ok());
+        trial = suggest(&mut tuner, "a", 0.5, 0.1);
+    }
+    let indicators = ask("a", 0.5, 0.1).indicators;
+    let best = tuner.best(Some(&indicators), None).expect("valid").expect("measured");
+    (first.configuration, best.configuration)
+}
+
+#[test]
+fn what_did_best_elsewhere_is_what_is_to_be_beaten_in_a_new_state() {
+    let (first, answer) = answer_in_a_new_state(|_, _| 10.0);
+    assert_eq!(answer, first, "nothing is proven to be better");
+    let default = spec(Policy::default()).space.default_configuration();
+    assert_ne!(first, default, "two states know something better");
+    let (first, answer) =
+        answer_in_a_new_state(|trial, first| if trial.configuration == *first { 30.0 } else { 10.0 });
+    assert_ne!(answer, first, "it does badly here");
+}
