@@ -75,6 +75,48 @@ fn two_sites_are_merged_in_both_directions_and_nothing_is_there_twice() {
 }
 
 #[test]
+fn a_parquet_file_holds_the_study_its_trials_and_where_they_were_measured() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (a, b) = (Daemon::start(&folder.path().join("a.db")), Daemon::start(&folder.path().join("b.db")));
+    let more = "[[parameters]]\nname = \"mode\"\ntype = \"categorical\"\nvalues = [\"7\", \"fast\"]\n\
+                default = \"7\"\n[[parameters]]\nname = \"rate\"\ntype = \"float\"\nmin = 0.1\nmax = 1.0\n\
+                default = 0.3\nactive_if = { parameter = \"mode\", any_of = [\"fast\"] }\n";
+    say(&a, &["study", "create", &study(folder.path(), more), "--id", "toy"]);
+    measure(&a, 9..14, 10);
+    let fast = ["--wanted", "mode=fast", "--wanted", "rate=0.7", "--indicator", "megabytes=0.1"];
+    for ending in
+        [["loss=0.30000000000000004"].as_slice(), &["--infeasible", "no, \"memory\""], &["--abandon"]]
+    {
+        let trial = ask(&a, &[["suggest", "toy"].as_slice(), &fast].concat());
+        say(&a, &[&["report", trial["name"].as_str().expect("a name")], ending].concat());
+    }
+    let path = folder.path().join("a.parquet").to_str().expect("text").to_owned();
+    say(&a, &["export", "toy", "--format", "parquet", "--site", "a", "--out", &path]);
+    let said = ask(&b, &["import", &path, "--site", "b"]);
+    assert_eq!((&said["imported"], &said["misfits"]), (&Value::from(7), &Value::from(0)), "{said}");
+    assert_eq!(ask(&b, &["import", &path, "--site", "b"])["known"], 7, "it may be repeated");
+    // The study and every trial are the same as after the way over JSON Lines.
+    let lines = |daemon: &Daemon| -> Vec<Value> {
+        let text = say(daemon, &["export", "toy", "--site", "a"]);
+        let mut lines: Vec<Value> =
+            text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+        for line in &mut lines {
+            let line = line.as_object_mut().expect("an object");
+            // Who imported it, and when, is said as well.
+            line.remove("complete_time");
+            line.remove("client_id");
+        }
+        lines
+    };
+    assert_eq!(lines(&a), lines(&b));
+    // Cut short, it is refused with its name.
+    let whole = std::fs::read(&path).expect("a file");
+    std::fs::write(&path, &whole[..whole.len() / 2]).expect("a file");
+    let refused = run("treewright", &["--server", b.url(), "import", &path]);
+    assert!(!refused.status.success() && stderr(&refused).contains("a.parquet"), "{}", stderr(&refused));
+}
+
+#[test]
 fn a_parameter_and_an_indicator_are_added_and_what_was_learnt_stays() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::start(&folder.path().join("a.db"));

@@ -18,6 +18,8 @@ const LICENCES: &[&str] = &[
     "BSD-2-Clause",
     "BSD-3-Clause",
     "BSL-1.0",
+    // The public domain, or as near to it as a country lets.
+    "CC0-1.0",
     "ISC",
     "MIT",
     "Unicode-3.0",
@@ -50,6 +52,7 @@ const SEVERAL_VERSIONS: &[&str] = &[
     "itertools",
     "linux-raw-sys",
     "miniz_oxide",
+    "num-bigint",
     "r-efi",
     "rand",
     "rand_chacha",

@@ -28,6 +28,17 @@ impl Header {
     pub(crate) fn new(site: &str, study: StudyFile) -> Self {
         Self { treewright_export: VERSION, site: site.to_owned(), study }
     }
+
+    /// Reads what [`write_line`] wrote. The error says what is wrong.
+    pub(super) fn parse(text: &str) -> Result<Self, String> {
+        let header: Self = serde_json::from_str(text)
+            .map_err(|error| format!("it does not begin like an export of a study: {error}"))?;
+        if header.treewright_export > VERSION {
+            let found = header.treewright_export;
+            return Err(format!("it is of version {found}, and this program knows {VERSION}"));
+        }
+        Ok(header)
+    }
 }
 
 /// Writes a line.
@@ -52,12 +63,7 @@ pub(crate) fn read(
     let mut lines = BufReader::new(file).lines().enumerate();
     let (_, first) = lines.next().ok_or_else(|| Failure::file(path, "it is empty"))?;
     let first = first.map_err(|error| problem(1, error.to_string()))?;
-    let header: Header = serde_json::from_str(&first)
-        .map_err(|error| problem(1, format!("it does not begin like an export of a study: {error}")))?;
-    if header.treewright_export > VERSION {
-        let found = header.treewright_export;
-        return Err(problem(1, format!("it is of version {found}, and this program knows {VERSION}")));
-    }
+    let header = Header::parse(&first).map_err(|error| problem(1, error))?;
     let path = path.to_owned();
     let trials = lines.filter(|(_, line)| !line.as_ref().is_ok_and(|line| line.trim().is_empty()));
     let trials = trials.map(move |(index, line)| {

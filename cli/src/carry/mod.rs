@@ -5,10 +5,13 @@
 //! had elsewhere, its machine, and its origin: `SITE/studies/ID/trials/NUMBER`, by which it is known again. So an import
 //! can be repeated, and databases can be merged in any order.
 
+pub(crate) mod csv_table;
 pub(crate) mod foreign;
 pub(crate) mod jsonl;
 pub(crate) mod optuna;
-pub(crate) mod table;
+#[cfg(feature = "parquet")]
+pub(crate) mod parquet_table;
+mod table;
 pub(crate) mod vizier;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -60,7 +63,7 @@ impl CarriedTrial {
         }
         let time = |time| humantime::format_rfc3339_millis(time).to_string();
         Some(Self {
-            origin: trial.origin.clone().unwrap_or_else(|| format!("{site}/{}", trial.name)),
+            origin: origin(trial, site),
             client_id: trial.client_id.clone(),
             indicators: trial.indicators.iter().map(|(name, value)| (name.to_owned(), value)).collect(),
             configuration: trial.configuration.clone(),
@@ -71,6 +74,11 @@ impl CarriedTrial {
             complete_time: trial.complete_time.map(time),
         })
     }
+}
+
+/// Where a trial was measured: elsewhere, or in this database, which is called `site`.
+fn origin(trial: &TrialRecord, site: &str) -> String {
+    trial.origin.clone().unwrap_or_else(|| format!("{site}/{}", trial.name))
 }
 
 /// What became of the trials of an import.
@@ -95,7 +103,7 @@ impl Tally {
     pub(crate) fn words(&self) -> String {
         let would = if self.dry_run { "would be added" } else { "added" };
         let mut text =
-            format!("{}: {} trial(s) {would}, {} known already", self.study, self.imported, self.known);
+            format!("{}: {} trial(s) {would}, {} already known", self.study, self.imported, self.known);
         if self.misfits > 0 {
             let first = self.first_misfit.as_deref().unwrap_or_default();
             text += &format!(", {} do not fit (the first: {first})", self.misfits);
@@ -187,9 +195,8 @@ impl<'a> Importer<'a> {
         for indicator in self.spec.indicators.indicators() {
             let name = indicator.name.as_str();
             let value = trial.indicators.get(name).or_else(|| self.indicators.get(name));
-            let value = value.ok_or_else(|| {
-                format!("it has no indicator {name}; say what it was with --indicator {name}=NUMBER")
-            })?;
+            let value =
+                value.ok_or_else(|| format!("it has no indicator {name}; add --indicator {name}=NUMBER"))?;
             indicators = indicators.with(name, *value);
         }
         let whole = self.spec.space.complete(&trial.configuration).map_err(|error| error.to_string())?;

@@ -10,7 +10,9 @@ use treewright_client::blocking::Client;
 use super::either;
 use crate::arguments::data::{Export, ExportFormat, Import};
 use crate::carry::foreign::Foreign;
-use crate::carry::{CarriedTrial, Importer, Tally, jsonl, optuna, table, vizier};
+#[cfg(feature = "parquet")]
+use crate::carry::parquet_table;
+use crate::carry::{CarriedTrial, Importer, Tally, csv_table, jsonl, optuna, vizier};
 use crate::exec::progress;
 use crate::failure::Failure;
 use crate::files;
@@ -18,7 +20,11 @@ use crate::study_file::StudyFile;
 
 pub(super) fn export(client: &Client, export: &Export) -> Result<String, Failure> {
     match &export.out {
-        None => write(client, export, &mut std::io::stdout().lock())?,
+        None => {
+            let mut out = BufWriter::new(std::io::stdout());
+            write(client, export, &mut out)?;
+            out.flush().map_err(Failure::Output)?;
+        }
         Some(path) => {
             // Whole or not at all: beside it first, then in its place.
             let beside = path.with_extension("part");
@@ -32,13 +38,23 @@ pub(super) fn export(client: &Client, export: &Export) -> Result<String, Failure
     Ok(String::new())
 }
 
-fn write(client: &Client, export: &Export, out: &mut impl Write) -> Result<(), Failure> {
+fn write(client: &Client, export: &Export, out: &mut (impl Write + Send)) -> Result<(), Failure> {
     let site = export.site.clone().unwrap_or_else(files::host);
     let study = client.get_study(&export.study)?;
     let trials = client.trials(&export.study, TrialQuery::all().filter(&export.filter));
     match export.format {
         ExportFormat::Csv => {
-            table::write(out, study.spec()?, trials.map(|trial| trial.map_err(Failure::from)), &site)
+            csv_table::write(out, study.spec()?, trials.map(|trial| trial.map_err(Failure::from)), &site)
+        }
+        #[cfg(feature = "parquet")]
+        ExportFormat::Parquet => {
+            let header = jsonl::Header::new(&site, StudyFile::of(&study)?);
+            parquet_table::write(
+                out,
+                &header,
+                study.spec()?,
+                trials.map(|trial| trial.map_err(Failure::from)),
+            )
         }
         ExportFormat::Jsonl => {
             jsonl::write_line(out, &jsonl::Header::new(&site, StudyFile::of(&study)?))?;
@@ -58,10 +74,12 @@ pub(super) fn import(client: &Client, import: &Import, json: bool) -> Result<Str
     let tally = match (&import.optuna_study, &import.vizier_study, extension.as_str()) {
         (Some(name), _, _) => from_other(client, import, optuna::read(path, name)?)?,
         (_, Some(name), _) => from_other(client, import, vizier::read(path, name)?)?,
-        (_, _, "csv") => from_table(client, import, path)?,
+        (_, _, "csv") => into_named_study(client, import, csv_table::read(path)?)?,
+        #[cfg(feature = "parquet")]
+        (_, _, "parquet") => from_parquet(client, import, path)?,
         (_, _, "db" | "sqlite" | "sqlite3") => {
             return Err(Failure::Usage(
-                "which study of that database? Say --study ID, and --optuna-study NAME or --vizier-study NAME".into(),
+                "say which study to read and where to put it: --optuna-study NAME or --vizier-study NAME, and --study ID".into(),
             ));
         }
         _ => from_jsonl(client, import, path)?,
@@ -75,9 +93,27 @@ fn site(import: &Import) -> String {
 
 fn from_jsonl(client: &Client, import: &Import, path: &Path) -> Result<Tally, Failure> {
     let (header, trials) = jsonl::read(path)?;
+    into_its_study(client, import, &header, trials)
+}
+
+#[cfg(feature = "parquet")]
+fn from_parquet(client: &Client, import: &Import, path: &Path) -> Result<Tally, Failure> {
+    match parquet_table::read(path)? {
+        (Some(header), trials) => into_its_study(client, import, &header, trials.into_iter().map(Ok)),
+        (None, trials) => into_named_study(client, import, trials),
+    }
+}
+
+/// Adds trials that come with their study.
+fn into_its_study(
+    client: &Client,
+    import: &Import,
+    header: &jsonl::Header,
+    trials: impl Iterator<Item = Result<CarriedTrial, Failure>>,
+) -> Result<Tally, Failure> {
     let id = match import.study.clone().or_else(|| header.study.id.clone()) {
         Some(id) => id,
-        None => return Err(Failure::Usage("the file names no study; say --study ID".into())),
+        None => return Err(Failure::Usage("the file does not name a study; add --study ID".into())),
     };
     let study = match client.get_study(&id) {
         Err(problem) if problem.is_not_found() && !import.dry_run => {
@@ -88,13 +124,11 @@ fn from_jsonl(client: &Client, import: &Import, path: &Path) -> Result<Tally, Fa
     Importer::new(client, &study, &site(import), &import.indicators, import.dry_run)?.run(trials)
 }
 
-fn from_table(client: &Client, import: &Import, path: &Path) -> Result<Tally, Failure> {
+/// Adds trials of a table that does not say what was tuned.
+fn into_named_study(client: &Client, import: &Import, trials: Vec<CarriedTrial>) -> Result<Tally, Failure> {
     let Some(id) = &import.study else {
-        return Err(Failure::Usage(
-            "a table does not say what was tuned; name the study with --study ID".into(),
-        ));
+        return Err(Failure::Usage("the file does not contain a study; add --study ID".into()));
     };
-    let trials = table::read(path)?;
     let study = client.get_study(id)?;
     let importer = Importer::new(client, &study, &site(import), &import.indicators, import.dry_run)?;
     importer.run(trials.into_iter().map(Ok))
@@ -102,7 +136,7 @@ fn from_table(client: &Client, import: &Import, path: &Path) -> Result<Tally, Fa
 
 fn from_other(client: &Client, import: &Import, read: Foreign) -> Result<Tally, Failure> {
     if read.without_value > 0 {
-        progress::note(&format!("{} trial(s) have no finite value and are left out", read.without_value));
+        progress::note(&format!("{} trial(s) without a finite value were skipped", read.without_value));
     }
     // Clap sees that it is there.
     let id = import.study.clone().unwrap_or_default();

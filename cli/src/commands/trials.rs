@@ -6,7 +6,7 @@ use treewright_client::{Best, Indicators, StudyRecord, TrialQuery, TrialRecord};
 use super::either;
 use crate::arguments::State;
 use crate::arguments::data::{TrialFormat, Trials};
-use crate::carry::table;
+use crate::carry::csv_table;
 use crate::failure::Failure;
 use crate::{files, show};
 
@@ -26,7 +26,7 @@ pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String
         TrialFormat::Csv if !json => {
             let study = client.get_study(&which.study)?;
             let mut text = Vec::new();
-            table::write(&mut text, study.spec()?, trials.into_iter().map(Ok), &files::host())?;
+            csv_table::write(&mut text, study.spec()?, trials.into_iter().map(Ok), &files::host())?;
             Ok(String::from_utf8_lossy(&text).into_owned())
         }
         TrialFormat::Table if !json => Ok(show::trials(&trials, limit, which.order_by.is_empty())),
@@ -59,7 +59,7 @@ pub(super) fn best(client: &Client, state: &State, json: bool) -> Result<String,
     }
     if json {
         return Err(Failure::Usage(format!(
-            "{} has {} states, and what is best in one need not be in another: name one with --state NUMBER or \
+            "{} has {} states, each with its own best configuration: choose one with --state NUMBER or \
              --indicator NAME=NUMBER",
             study.name, study.statistics.states
         )));
@@ -71,7 +71,7 @@ pub(super) fn best(client: &Client, state: &State, json: bool) -> Result<String,
 fn best_in(client: &Client, study: &str, state: i64) -> Result<Best, Failure> {
     client
         .best_of_state(study, state)?
-        .ok_or_else(|| Failure::Data(format!("nothing was measured in state {state} of {study}")))
+        .ok_or_else(|| Failure::Data(format!("nothing measured in state {state} of {study}")))
 }
 
 fn show_best(best: &Best, study: &StudyRecord, json: bool) -> Result<String, Failure> {
