@@ -165,7 +165,7 @@ pub(super) fn curve(points: &[CurvePoint], levels: &[Level]) -> String {
         range(points.iter().map(|point| point.number)),
         range(costs().chain(levels.iter().map(|level| level.cost))),
     ) else {
-        return nothing("Nothing was measured yet.");
+        return nothing("Nothing has been measured yet.");
     };
     let high = levels.iter().map(|level| level.cost).fold(most(costs()).unwrap_or(all.0), f64::max);
     let room = 0.06 * (high - all.0).max(1e-3 * high.abs());
@@ -231,7 +231,7 @@ fn nothing(words: &str) -> String {
 /// A bar for each name, of 0 to 1.
 pub(super) fn bars(rows: &[(String, f64)]) -> String {
     if rows.is_empty() {
-        return nothing("Too few trials to say.");
+        return nothing("Too few trials to tell.");
     }
     let mut svg = open(24.0 * rows.len() as f64 + 8.0, "Importances");
     for (index, (name, value)) in rows.iter().enumerate() {
@@ -288,7 +288,7 @@ pub(super) fn parallel(axes: &[Axis], runs: &[(Vec<Option<f64>>, usize)]) -> Str
 /// Costs over one parameter's places.
 pub(super) fn slice(axis: &Axis, points: &[(f64, f64)]) -> String {
     let costs = || points.iter().map(|point| point.1);
-    let Some((low, high)) = range(costs()) else { return nothing("It was never active.") };
+    let Some((low, high)) = range(costs()) else { return nothing("Never active.") };
     let y = (low, most(costs()).filter(|most| *most > low).unwrap_or(high));
     let frame = Frame { left: 56.0, top: 18.0, width: 234.0, height: 130.0, x: (0.0, 1.0), y };
     let mut svg = open_sized(300.0, 180.0, &format!("Cost over {}", axis.name));
@@ -361,7 +361,7 @@ pub(super) struct Span {
 /// A row for each client, a bar for each trial.
 pub(super) fn timeline(spans: &[Span]) -> String {
     let ends = spans.iter().flat_map(|span| [span.begin_s, span.end_s]);
-    let Some((begin, end)) = range(ends) else { return nothing("There is no trial yet.") };
+    let Some((begin, end)) = range(ends) else { return nothing("No trials yet.") };
     let mut rows: Vec<&str> = spans.iter().map(|span| span.row.as_str()).collect();
     rows.sort_unstable();
     rows.dedup();

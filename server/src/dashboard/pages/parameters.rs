@@ -57,7 +57,7 @@ pub(in super::super) async fn parameters(
     };
     head.query = state.map(|state| format!("?state={state}")).unwrap_or_default();
     let note = match (state, runs.len()) {
-        (None, _) => Some("There is no trial yet.".to_owned()),
+        (None, _) => Some("No trials yet.".to_owned()),
         (Some(state), 0) => Some(format!("Nothing was measured in state {state}.")),
         (Some(state), count) => Some(format!("{count} measurements in state {state}.")),
     };

@@ -5,12 +5,16 @@ use std::collections::BTreeMap;
 use treewright_core::standing::Standing;
 use treewright_proto::convert::standing_from_wire;
 use treewright_proto::v1;
+use treewright_store::StoreError;
 
 use super::super::Visitor;
 use super::super::benefit::{Benefit, DAY_S, DefaultCost};
 use super::{read_trials, seconds};
 use crate::error::Error;
 use crate::rpc;
+
+/// How often a page waits for a study that is being read into memory; each time is up to a second.
+const LOADING_WAITS: u32 = 20;
 
 /// A state with one of its trials, and what is best there as that trial's machine sees it.
 pub(super) struct StateStands {
@@ -42,9 +46,25 @@ pub(super) async fn read_state(
         indicators: trial.indicators.clone(),
         fingerprint: trial.fingerprint.clone(),
     };
-    let best = rpc::trials::best(visitor.tuning, visitor.caller, request).await.ok();
+    let best = read_best(visitor, request).await?;
     let standing = best.as_ref().and_then(|best| best.standing).map(standing_from_wire);
     Ok(Some(StateStands { state, trial, best, standing }))
+}
+
+/// What is best; `None` where nothing was measured, or where another replica has the study. A study that is being read
+/// into memory is waited for.
+async fn read_best(visitor: &Visitor<'_>, request: v1::GetBestRequest) -> Result<Option<v1::Best>, Error> {
+    let mut waits = 0;
+    loop {
+        match rpc::trials::best(visitor.tuning, visitor.caller, request.clone()).await {
+            Ok(best) => return Ok(Some(best)),
+            Err(Error::NothingMeasured { .. } | Error::Store(StoreError::Elsewhere { .. })) => {
+                return Ok(None);
+            }
+            Err(Error::Loading { .. } | Error::Reloading { .. }) if waits < LOADING_WAITS => waits += 1,
+            Err(problem) => return Err(problem),
+        }
+    }
 }
 
 /// The cost that a search which goes on is expected to reach in the end: the answer's, lowered by the gain that is still

@@ -36,16 +36,16 @@ pub(in super::super) async fn trial(visitor: &Visitor<'_>, id: &str, number: &st
         given("State", row.state.to_string()),
         given("Mode", row.mode.clone()),
         given("Outcome", row.outcome.clone()),
-        given("Outcome's reason", row.reason.clone()),
+        given("Reason for the outcome", row.reason.clone()),
         given("Cost", row.cost.clone()),
         given("Predicted cost", trial.predicted_cost.map(figure).unwrap_or_default()),
-        given("Stopped above", trial.abort_above.map(figure).unwrap_or_default()),
+        given("Stop above cost", trial.abort_above.map(figure).unwrap_or_default()),
         given("Client", row.client.clone()),
         given("Machine", machine(trial.fingerprint.as_ref())),
-        given("Handed out", row.begun.clone()),
+        given("Started", row.begun.clone()),
         given("Reported", time(trial.complete_time)),
         given("Late", if trial.late { "yes".to_owned() } else { String::new() }),
-        given("Measured elsewhere as", trial.origin.clone()),
+        given("Imported from", trial.origin.clone()),
     ];
     let neighbours = reason.neighbours.iter();
     let neighbours = neighbours.map(|near| (near.state_id, figure(near.distance), figure(near.best_cost)));
@@ -83,12 +83,12 @@ fn reasons(reason: &v1::Reason) -> Pairs {
         text("Rule", &rule),
         given("Probability of exploring", told.epsilon),
         given("Budget left", told.budget_left),
-        given("Set aside", told.set_aside),
+        given("Budget reserved", told.set_aside),
         given("Reference cost", told.reference_cost),
-        given("Expected gain, share", told.expected_gain),
+        given("Expected gain (share)", told.expected_gain),
         given("Expected frames", told.expected_frames),
-        given("Cost of exploring, frames", told.exploring_cost),
-        text("Held", &told.held.join(", ")),
+        given("Cost of exploring (frames)", told.exploring_cost),
+        text("Held parameters", &told.held.join(", ")),
     ]
     .into_iter()
     .flatten()
