@@ -12,7 +12,7 @@ const TOKEN_VARIABLE: &str = "TREEWRIGHT_TOKEN";
 /// lists after them.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct CredentialArguments {
-    /// File that holds the token to show; without it the variable TREEWRIGHT_TOKEN is looked at
+    /// File with the token. Default: the variable TREEWRIGHT_TOKEN
     #[arg(
         long,
         global = true,
@@ -22,11 +22,11 @@ pub struct CredentialArguments {
     )]
     pub token_file: Option<PathBuf>,
 
-    /// Authority that the daemon's certificate must come from, in PEM; the system's when left out
+    /// CA certificate for checking the daemon's certificate, in PEM. Default: the system's
     #[arg(long, global = true, help_heading = "Security", env = "TREEWRIGHT_TLS_CA", value_name = "FILE")]
     pub tls_ca: Option<PathBuf>,
 
-    /// Certificate to show to a daemon that asks for one, in PEM
+    /// Client certificate, in PEM, for daemons that require one
     #[arg(
         long,
         global = true,
@@ -37,7 +37,7 @@ pub struct CredentialArguments {
     )]
     pub tls_cert: Option<PathBuf>,
 
-    /// Private key of that certificate, in PEM
+    /// Private key of the client certificate, in PEM
     #[arg(
         long,
         global = true,

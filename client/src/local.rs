@@ -20,7 +20,7 @@ use crate::{ClientError, Options};
 
 /// It ends when nobody has asked it anything for so long, unless [`IDLE_VARIABLE`] says otherwise.
 const IDLE_S: u32 = 600;
-/// Seconds of silence after which it ends.
+/// Seconds without a request after which it ends.
 const IDLE_VARIABLE: &str = "TREEWRIGHT_LOCAL_IDLE_S";
 /// One that is just ending still holds the database; so long is waited for that.
 const PATIENCE: Duration = Duration::from_secs(15);
@@ -104,7 +104,7 @@ impl LocalDaemon {
                     let file = self.address_file();
                     std::fs::write(&file, &url).map_err(|error| of_file(&file, &error))?;
                     note(&format!(
-                        "started a local daemon on {url}; its database is {}, and it ends after {} s of silence",
+                        "started a local daemon on {url}; its database is {}, and it exits after {} s without a request",
                         self.database().display(),
                         idle_s()
                     ));

@@ -26,8 +26,8 @@ pub use token::{CreateConfig, ScopeWord, TokenCommand};
 
 /// A tuning service for ray-tracing acceleration structures.
 ///
-/// Clients ask it over gRPC what to run next and tell how long it took; it keeps everything in one
-/// database, and what it has acknowledged survives a crash.
+/// Clients ask over gRPC what to run next and report how long it took. The daemon keeps everything in one
+/// database. What it has acknowledged survives a crash.
 #[derive(Debug, Parser)]
 #[command(name = "treewrightd", version, max_term_width = 100)]
 pub struct Cli {
@@ -41,43 +41,47 @@ pub struct Cli {
 pub enum Command {
     /// Serve until SIGTERM or Ctrl-C.
     ///
-    /// Prints one line on standard output when it is ready, "treewrightd listening on http://ADDRESS" (https with
-    /// TLS), and logs to standard error. Exit codes: 0 stopped as asked, 1 failed, 2 wrong usage, 3 the address
-    /// cannot be listened on, 4 the database cannot be opened.
+    /// When ready, prints "treewrightd listening on http://ADDRESS" (https with TLS) on standard output. Logs
+    /// to standard error. Exit codes: 0 stopped as requested, 1 failed, 2 wrong usage, 3 cannot listen on the
+    /// address, 4 cannot open the database.
     Serve(Box<ServeConfig>),
 
-    /// Make, list and revoke tokens. Whoever may write the database may do it, also while daemons run, which follow
-    /// at once.
+    /// Create, list and revoke tokens. Needs write access to the database; running daemons notice changes at
+    /// once.
     #[command(subcommand)]
     Token(TokenCommand),
 
-    /// Copy a database file while the daemon runs: all that was acknowledged before is in the copy. Exit codes: 0
-    /// done, 1 the copy cannot be written, 2 wrong usage, 4 the database cannot be read.
+    /// Back up a database file while the daemon runs. The copy contains everything acknowledged before. Exit
+    /// codes: 0 done, 1 cannot write the copy, 2 wrong usage, 4 cannot read the database.
     Backup(BackupConfig),
 
-    /// Put a backup in the place of a database file, while no daemon runs on it. What was there before is kept under
-    /// another name. Exit codes: 0 done, 1 the file cannot be written, 2 wrong usage, 4 the database or the backup
-    /// cannot be used.
+    /// Restore a backup while no daemon runs on the database. The old file is kept under another name. Exit
+    /// codes: 0 done, 1 cannot write the file, 2 wrong usage, 4 cannot use the database or the backup.
     Restore(RestoreConfig),
 
-    /// Look at all of a database file, also while the daemon runs. Exit codes: 0 sound, 1 it cannot be read, 2 wrong
-    /// usage, 4 damaged or not a database.
+    /// Check a database file for damage; works while the daemon runs. Exit codes: 0 sound, 1 cannot read it, 2
+    /// wrong usage, 4 damaged, or not a database.
     Check(FileDatabase),
 }
+
+/// Heading of the options by which a daemon is observed.
+const MONITORING: &str = "Monitoring";
+/// Heading of the options by which it is run.
+const OPERATION: &str = "Operation";
 
 /// How to serve.
 #[derive(Clone, Debug, clap::Args)]
 pub struct ServeConfig {
-    /// Address and port to listen on; port 0 takes a free one.
+    /// Address and port to listen on; port 0 picks a free one.
     #[arg(long, env = "TREEWRIGHT_LISTEN", default_value = "127.0.0.1:50611", value_name = "ADDRESS", value_parser = address)]
     pub listen: SocketAddr,
 
-    /// Unix socket to listen on as well; only the daemon's own user can reach it, which clients write as unix:PATH.
-    /// Sockets that systemd passes on take the place of this and of --listen.
+    /// Also listen on this Unix socket, which only the daemon's own user can reach. Clients write it as
+    /// unix:PATH. Sockets passed on by systemd replace this option and --listen.
     #[arg(long, env = "TREEWRIGHT_SOCKET", value_name = "PATH")]
     pub socket: Option<PathBuf>,
 
-    /// Listen on the Unix socket alone, and on no port.
+    /// Listen on the Unix socket only, on no port.
     #[arg(long, env = "TREEWRIGHT_SOCKET_ONLY", requires = "socket")]
     pub socket_only: bool,
 
@@ -97,45 +101,45 @@ pub struct ServeConfig {
     #[command(flatten)]
     pub peers: PeersConfig,
 
-    /// Address and port for those who watch: /metrics for Prometheus, /livez and /readyz. It asks for no token and
-    /// encrypts nothing, so beyond this machine it needs --insecure. None when left out.
-    #[arg(long, env = "TREEWRIGHT_METRICS", value_name = "ADDRESS", value_parser = address)]
+    /// Serve /metrics for Prometheus, /livez and /readyz on this address and port, without tokens or
+    /// encryption. Addresses beyond this machine need --insecure. Off by default.
+    #[arg(long, env = "TREEWRIGHT_METRICS", value_name = "ADDRESS", value_parser = address, help_heading = MONITORING)]
     pub metrics: Option<SocketAddr>,
 
-    /// Address and port of the dashboard: studies, tuning curves, trials and reasons in a browser. It asks for the same
-    /// tokens as the daemon and encrypts nothing, so beyond this machine it needs --insecure. None when left out.
-    #[arg(long, env = "TREEWRIGHT_DASHBOARD", value_name = "ADDRESS", value_parser = address)]
+    /// Serve the dashboard on this address and port. It requires the same tokens as the daemon and does not
+    /// encrypt: addresses beyond this machine need --insecure. Off by default.
+    #[arg(long, env = "TREEWRIGHT_DASHBOARD", value_name = "ADDRESS", value_parser = address, help_heading = MONITORING)]
     pub dashboard: Option<SocketAddr>,
 
-    /// Of how many studies /metrics shows figures with their names: those used last. With 0 it names none.
-    #[arg(long, env = "TREEWRIGHT_METRICS_STUDIES", default_value_t = 16, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(..=i64::from(STUDIES_SHOWN)))]
+    /// How many studies, the most recently used, /metrics shows by name; 0 for none.
+    #[arg(long, env = "TREEWRIGHT_METRICS_STUDIES", default_value_t = 16, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(..=i64::from(STUDIES_SHOWN)), help_heading = MONITORING)]
     pub metrics_studies: u16,
 
-    /// Collector of OpenTelemetry to send spans of requests to, over OTLP and gRPC, e.g. http://127.0.0.1:4317. None
-    /// when left out.
-    #[arg(long, env = "TREEWRIGHT_OTLP", value_name = "URL", value_parser = collector)]
+    /// Send traces of requests to this OpenTelemetry collector, over OTLP and gRPC, e.g. http://127.0.0.1:4317.
+    /// Off by default.
+    #[arg(long, env = "TREEWRIGHT_OTLP", value_name = "URL", value_parser = collector, help_heading = MONITORING)]
     pub otlp: Option<String>,
 
-    /// Keep at least so many of the latest trials of each study, and beyond these only what the study rests on: the
-    /// trials that last measured what its states remember. Older ones are removed in the background once a checkpoint
-    /// covers what they taught. All are kept when left out.
-    #[arg(long, env = "TREEWRIGHT_KEEP_TRIALS", value_name = "COUNT", value_parser = clap::value_parser!(u64).range(KEEP_TRIALS_MIN..))]
+    /// Keep at least this many of the latest trials of each study. Older ones are removed in the background,
+    /// except those that last measured a configuration its states remember, and only once a checkpoint covers
+    /// what they taught. Default: keep all.
+    #[arg(long, env = "TREEWRIGHT_KEEP_TRIALS", value_name = "COUNT", value_parser = clap::value_parser!(u64).range(KEEP_TRIALS_MIN..), help_heading = OPERATION)]
     pub keep_trials: Option<u64>,
 
-    /// How long requests may take to finish after SIGTERM, in seconds.
-    #[arg(long, env = "TREEWRIGHT_DRAIN_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=DRAIN_S))]
+    /// How long running requests may take to finish after SIGTERM, in seconds.
+    #[arg(long, env = "TREEWRIGHT_DRAIN_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=DRAIN_S), help_heading = OPERATION)]
     pub drain_s: u64,
 
-    /// End by itself once nobody has asked anything for so many seconds. Never when left out.
-    #[arg(long, env = "TREEWRIGHT_IDLE_EXIT_S", value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..))]
+    /// Exit after this many seconds without a request. Default: never.
+    #[arg(long, env = "TREEWRIGHT_IDLE_EXIT_S", value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..), help_heading = OPERATION)]
     pub idle_exit_s: Option<u64>,
 
-    /// What to log: error, warn, info, debug, trace, or a list such as "info,treewright_server=debug".
-    #[arg(long, env = "TREEWRIGHT_LOG", default_value = "info", value_name = "FILTER")]
+    /// Log level: error, warn, info, debug, trace, or a list such as "info,treewright_server=debug".
+    #[arg(long, env = "TREEWRIGHT_LOG", default_value = "info", value_name = "FILTER", help_heading = MONITORING)]
     pub log: String,
 
-    /// How to write the log.
-    #[arg(long, env = "TREEWRIGHT_LOG_FORMAT", default_value = "text", value_name = "FORMAT")]
+    /// Log format.
+    #[arg(long, env = "TREEWRIGHT_LOG_FORMAT", default_value = "text", value_name = "FORMAT", help_heading = MONITORING)]
     pub log_format: LogFormat,
 }
 
@@ -145,7 +149,7 @@ impl ServeConfig {
         let database = self.database.read()?;
         if self.socket_only && database.is_shared() && self.peers.advertise.is_none() {
             return Err(
-                "other daemons on the same database cannot reach a Unix socket; leave --socket-only out"
+                "other daemons on the same database cannot reach a Unix socket; leave out --socket-only"
                     .to_owned(),
             );
         }
@@ -164,7 +168,7 @@ impl ServeConfig {
         match address.filter(|own| !is_listen(own)) {
             None => Ok(()),
             Some(own) => Err(format!(
-                "a socket at {own} was handed over; let --listen and the socket unit name the same"
+                "systemd passed on a socket at {own}, but --listen names another address; make them the same"
             )),
         }
     }
@@ -172,14 +176,14 @@ impl ServeConfig {
     /// Checks that nobody beyond this machine sees the figures or the dashboard by mistake.
     fn check_watchers(&self) -> Result<(), String> {
         let far = |address: &Option<SocketAddr>| address.filter(|address| !address.ip().is_loopback());
-        let remedy = "choose 127.0.0.1, or say --insecure if the network is trusted";
+        let remedy = "use 127.0.0.1, or add --insecure if you trust the network";
         match (far(&self.metrics), far(&self.dashboard)) {
             _ if self.guard.insecure => Ok(()),
             (Some(address), _) => Err(format!(
-                "--metrics {address} can be reached from other machines, without encryption or tokens; {remedy}"
+                "--metrics {address} can be reached from other machines without encryption or tokens; {remedy}"
             )),
             (_, Some(address)) => Err(format!(
-                "--dashboard {address} can be reached from other machines, without encryption; {remedy}"
+                "--dashboard {address} can be reached from other machines without encryption; {remedy}"
             )),
             _ => Ok(()),
         }
@@ -344,5 +348,15 @@ mod tests {
             ["--database", "postgres://u@h/d", "--listen", "0.0.0.0:1", "--advertise", "https://a:1"];
         let replica = read(&[&replica[..], &["--tls-cert", "c", "--tls-key", "k"]].concat()).unwrap();
         assert!(replica.guard.asks_for_tokens(replica.listen));
+    }
+
+    #[test]
+    fn options_about_other_daemons_stand_under_their_own_heading() {
+        let command = Cli::command();
+        let serve = command.find_subcommand("serve").expect("serve");
+        let peers =
+            serve.get_arguments().filter(|one| one.get_help_heading().is_some_and(|h| h.contains("daemons")));
+        let names: Vec<_> = peers.map(|one| one.get_id().as_str()).collect();
+        assert_eq!(names, ["advertise", "peer_ca", "peer_name"]);
     }
 }

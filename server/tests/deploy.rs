@@ -150,7 +150,10 @@ fn the_image_is_built_from_what_there_is() {
     has("EXPOSE 50611 9464");
     let version = |text: &str| -> Vec<u32> { text.split('.').map_while(|part| part.parse().ok()).collect() };
     let image = dockerfile.split("FROM rust:").nth(1).and_then(|rest| rest.split('-').next());
-    let image = version(image.expect("an image with a compiler"));
+    let image = image.expect("an image with a compiler");
+    // Else rustup would fetch what rust-toolchain.toml names.
+    has(&format!("\nENV RUSTUP_TOOLCHAIN={image}\n"));
+    let image = version(image);
     assert!(image >= version(env!("CARGO_PKG_RUST_VERSION")), "the image's compiler is too old");
     for ignored in read("deploy/Dockerfile.dockerignore").lines() {
         assert!(!["Cargo.lock", "migrations", "proto", "server"].contains(&ignored), "{ignored} is needed");

@@ -71,7 +71,7 @@ fn a_socket_that_systemd_hands_over_is_served() {
 
     let other = start_on(&socket, &database, "127.0.0.1:1").output().expect("it runs");
     assert!(!other.status.success(), "another address than the one that was checked");
-    assert!(stderr(&other).contains("was handed over"), "{}", stderr(&other));
+    assert!(stderr(&other).contains("systemd passed on a socket"), "{}", stderr(&other));
 }
 
 #[test]

@@ -30,21 +30,21 @@ pub(crate) fn html(analysis: &Analysis) -> String {
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
          <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
          <title>{study}: what its parameters do</title><style>{STYLE}</style></head><body><main>\n\
-         <h1>{study}: what its parameters do</h1>\n<p>{}</p>\n<p class=\"soft\">{trials} trials in {states} states; {infeasible} more \
-         cannot be run. {} Every cost is divided by the geometric mean of its state.</p>\n",
+         <h1>{study}: what its parameters do</h1>\n<p>{}</p>\n<p class=\"soft\">{trials} trials in {states} state(s); {infeasible} infeasible ones left out. \
+         {} Every cost is divided by the geometric mean of its state.</p>\n",
         escaped(&headline(analysis)),
         if *random {
-            "Configurations were drawn at random, so parameters do not go together with each other."
+            "Configurations were drawn at random, so parameters do not depend on each other."
         } else {
-            "Configurations are those that a search tried: they crowd where it looked, and parameters may seem to matter that \
-             only changed together with others."
+            "Configurations come from a search, which tries some regions more than others. Parameters may seem to matter \
+             because they changed together with others."
         }
     );
     for objective in &analysis.objectives {
         narrowed(&mut page, objective);
     }
     if !analysis.maps.is_empty() {
-        page += "<h2>Maps</h2><p class=\"soft\">Median cost of each pair of values over the mean of its state.</p><div class=\"grid\">";
+        page += "<h2>Maps</h2><p class=\"soft\">Median cost of each pair of values, divided by the mean of its state.</p><div class=\"grid\">";
         for map in &analysis.maps {
             page += &drawn(map);
         }
@@ -53,10 +53,10 @@ pub(crate) fn html(analysis: &Analysis) -> String {
     for condition in &analysis.conditions {
         section(&mut page, condition);
     }
-    page += "<h2>How to read this</h2><p>Pearson's r and Spearman's rank correlation go from −1 (more of the parameter costs \
-             less) to 1 (more costs more); bars are r, pale where the 95 % interval holds nought. Mutual information counts in \
-             bits any pattern at all. The share is that of the variance of the cost's logarithm which the parameter explains \
-             alone; pairs explain what they name beyond both halves. Parameters count where they are active.</p>\n</main></body></html>\n";
+    page += "<h2>How to read this</h2><p>Pearson's r and Spearman's rank correlation range from −1 (higher values cost less) to 1 (higher values cost more). \
+             Bars show r, and are pale where its 95 % interval contains 0. Mutual information, in bits, measures any kind of \
+             dependence. The share is the part of the variance of log(cost) that a parameter explains on its own; for pairs, \
+             the part beyond that of both alone. Only trials in which a parameter is active count.</p>\n</main></body></html>\n";
     page
 }
 
@@ -70,7 +70,7 @@ pub(crate) fn headline(analysis: &Analysis) -> String {
     });
     let told: Vec<String> = strongest.collect();
     if told.is_empty() {
-        "No parameter alone explains as much as 1 % of any measurement.".into()
+        "No single parameter explains 1 % or more of any measurement.".into()
     } else {
         told.join("; ") + "."
     }
@@ -97,7 +97,7 @@ fn card(page: &mut String, metric: &Metric) {
     let [low, high] = metric.relative_quartiles;
     let _ = write!(
         page,
-        "<div class=\"card\"><h3>{}</h3><p class=\"soft\">median {}, half of all trials between {low:.2} and {high:.2} times the mean of its state</p>{}\
+        "<div class=\"card\"><h3>{}</h3><p class=\"soft\">median {}, middle 50 % between {low:.2} and {high:.2} times the mean of its state</p>{}\
          <table><tr><th></th><th>r</th><th>rank</th><th>bits</th><th>share</th></tr>",
         escaped(&metric.name),
         rounded(metric.median),
@@ -174,14 +174,14 @@ fn bars(parameters: &[Influence]) -> String {
 
 fn narrowed(page: &mut String, narrowed: &Narrowed) {
     let Narrowed { metric, narrowed, arguments, whole, part } = narrowed;
-    let _ = write!(page, "<h2>To search for less {}</h2>", escaped(metric));
+    let _ = write!(page, "<h2>Recommended ranges for {}</h2>", escaped(metric));
     if narrowed.is_empty() {
-        *page += "<p>No parameter can be held to a part of its range: the best trials are spread over all of it.</p>\n";
+        *page += "<p>None: the best trials are spread over the whole range of every parameter.</p>\n";
         return;
     }
     let _ = write!(
         page,
-        "<p>hold parameters with <code>{}</code>.</p><p class=\"soft\">Told by trials on which this was not chosen:</p>\
+        "<p>Search with <code>{}</code>.</p><p class=\"soft\">Effect on trials that were not used to choose this:</p>\
          <div class=\"card\"><table><tr><th></th><th>trials</th><th>best</th><th>median</th><th>1 in 10 above</th><th>worst</th></tr>",
         escaped(arguments)
     );
@@ -241,7 +241,7 @@ fn drawn(map: &Map) -> String {
     let [x, y] = &map.parameters;
     let _ = write!(
         svg,
-        "<text x=\"180\" y=\"238\" text-anchor=\"middle\">{} across, {} up</text>\
+        "<text x=\"180\" y=\"238\" text-anchor=\"middle\">x: {}, y: {}</text>\
          <text x=\"180\" y=\"255\" text-anchor=\"middle\">from {low:.2} (blue) to {high:.2} (red)</text></svg>",
         escaped(x),
         escaped(y)

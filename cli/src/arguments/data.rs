@@ -19,36 +19,41 @@ Examples:
   treewright trials sponza --format csv --all > trials.csv";
 
 pub(crate) const EXPORT_HELP: &str = "\
-JSON Lines hold all: the first line is the study, as `study show --format json` has it, every further one
-a trial. CSV has a column for each parameter, indicator and measurement. Every trial carries its origin,
-SITE/studies/ID/trials/NUMBER, by which an import knows it again.
+JSON Lines contain everything: the first line is the study, as written by `study show --format json`,
+and each further line is a trial. Parquet contains the same as a table with typed columns. CSV has a
+column for each parameter, indicator and measurement, but no machines. Every trial carries its origin,
+SITE/studies/ID/trials/NUMBER, by which an import recognises it.
 
 Examples:
   treewright export sponza --out sponza.jsonl
+  treewright export sponza --format parquet --out sponza.parquet
   treewright export sponza --format csv --filter 'outcome = OK' > sponza.csv";
 
 pub(crate) const IMPORT_HELP: &str = "\
-Trials are added with the result that they had elsewhere: nothing is run. Each keeps its machine, its
-client and its origin; one that came from this study, or was imported before, is passed over, so that
-databases of several sites can be merged in any order and as often as wished. Only trials with a result
-are taken: OK, INFEASIBLE and ABORTED.
+Trials are added with the results they had elsewhere; nothing is run. Each keeps its machine, client and
+origin. Trials that came from this study, or were imported before, are skipped, so databases of several
+sites can be merged in any order and as often as you like. Only trials with a result are imported: OK,
+INFEASIBLE and ABORTED.
 
-A CSV file needs a header: config.NAME, indicator.NAME, measurement.NAME, and if wished outcome (OK,
-INFEASIBLE, ABORTED), lower_bound, client_id, origin. A database of Optuna (RDB storage in SQLite) is read with
---optuna-study, one of OSS Vizier with --vizier-study; the objective becomes the study's first metric,
-and a study that does not exist is created after the other one's parameters.
+A CSV or Parquet file needs columns config.NAME, indicator.NAME and measurement.NAME. Optional columns
+are outcome (OK, INFEASIBLE, ABORTED), lower_bound, client_id and origin. An exported Parquet file also
+contains the study; for other tables, name it with --study.
+
+--optuna-study reads a database of Optuna (RDB storage in SQLite), and --vizier-study one of OSS Vizier.
+The objective becomes the study's first metric. If the study does not exist, it is created with the
+other one's parameters.
 
 Examples:
   treewright import sponza.jsonl
-  treewright import farm-b.jsonl --study sponza
+  treewright import farm-b.parquet --study sponza
   treewright import measured.csv --study zstd
   treewright import optuna.db --optuna-study no-name-1 --study mine
   treewright import vizier.db --vizier-study owners/me/studies/mine --study mine";
 
 pub(crate) const ANALYZE_HELP: &str = "\
-Correlation, rank correlation, mutual information and variance-based sensitivity of every parameter with every
-measurement, maps of pairs, and ranges that keep the best trials. Costs are compared within their state.
-Trials drawn at random say most: treewright-render sample records them.
+For every parameter and measurement: correlation, rank correlation, mutual information and
+variance-based sensitivity; maps of pairs; and ranges that keep the best trials. Costs are compared
+within their state. Random trials work best: record them with treewright-render sample.
 
 Examples:
   treewright analyze sample-paper --condition 'config.compact = false' --out analysis
@@ -58,28 +63,28 @@ Examples:
 /// What to analyse.
 #[derive(Debug, Args)]
 pub(crate) struct Analyze {
-    /// The study's id, e.g. `sample-paper`
+    /// The study's id, e.g. `sponza`
     pub(crate) study: String,
-    /// Only trials for which this holds, as for `trials`
+    /// Only trials that match, as for `trials`
     #[arg(long, default_value = "")]
     pub(crate) filter: String,
-    /// Look once more at only those trials for which this holds, e.g. `config.compact = false`; may be given several times
+    /// Repeat the analysis for only the trials that match, e.g. `config.compact = false`; can be repeated
     #[arg(long = "condition", value_name = "FILTER")]
     pub(crate) conditions: Vec<String>,
-    /// A measurement, or a sum written A+B; may be given several times. All that there are when left out
+    /// A measurement, or a sum written A+B; can be repeated. Default: all
     #[arg(long = "metric", value_name = "NAME")]
     pub(crate) metrics: Vec<String>,
-    /// Two parameters to draw a map of; may be given several times. Those that the study orders when left out
+    /// Two parameters to map against each other; can be repeated. Default: those that the study orders
     #[arg(long = "map", value_name = "NAME,NAME", value_parser = names)]
     pub(crate) maps: Vec<(String, String)>,
-    /// Write analysis.json and analysis.html into this folder
+    /// Write analysis.json and analysis.html to this folder
     #[arg(long, value_name = "FOLDER")]
     pub(crate) out: Option<PathBuf>,
 }
 
 /// `NAME,NAME`.
 fn names(text: &str) -> Result<(String, String), String> {
-    let (a, b) = text.split_once(',').ok_or("it must be written NAME,NAME")?;
+    let (a, b) = text.split_once(',').ok_or("write it as NAME,NAME")?;
     Ok((a.trim().to_owned(), b.trim().to_owned()))
 }
 
@@ -88,22 +93,22 @@ fn names(text: &str) -> Result<(String, String), String> {
 pub(crate) struct Trials {
     /// The study's id, e.g. `sponza`
     pub(crate) study: String,
-    /// Only trials for which this holds
+    /// Only trials that match
     #[arg(long, default_value = "")]
     pub(crate) filter: String,
-    /// `number`, `cost` or `measurement.NAME`, each with an optional ` desc`
+    /// `number`, `cost` or `measurement.NAME`, optionally followed by ` desc`
     #[arg(long, default_value = "", value_name = "FIELD")]
     pub(crate) order_by: String,
-    /// Only trials with a higher number: the next page of a list by number
+    /// Only trials with a higher number, for the next page
     #[arg(long, value_name = "NUMBER")]
     pub(crate) after: Option<u64>,
-    /// At most so many
+    /// Maximum number of trials
     #[arg(long, default_value_t = 50, value_name = "COUNT")]
     pub(crate) limit: usize,
-    /// All that there are
+    /// Show all trials
     #[arg(long, conflicts_with = "limit")]
     pub(crate) all: bool,
-    /// How to write them; --json is --format json
+    /// Output format; --json is the same as --format json
     #[arg(long, value_enum, default_value = "table")]
     pub(crate) format: TrialFormat,
 }
@@ -113,7 +118,7 @@ pub(crate) struct Trials {
 pub(crate) enum TrialFormat {
     /// For people
     Table,
-    /// One list
+    /// A JSON list
     Json,
     /// A column for each parameter, indicator and measurement
     Csv,
@@ -124,16 +129,16 @@ pub(crate) enum TrialFormat {
 pub(crate) struct Export {
     /// The study's id
     pub(crate) study: String,
-    /// In which form
+    /// File format
     #[arg(long, value_enum, default_value = "jsonl")]
     pub(crate) format: ExportFormat,
-    /// Into this file; else to standard output
+    /// File to write. Default: standard output
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
     /// Only trials for which this holds, as for `trials`
     #[arg(long, default_value = "")]
     pub(crate) filter: String,
-    /// What this database is called in origins; the machine's name when left out
+    /// Name of this database in the trials' origins. Default: the machine's name
     #[arg(long, value_name = "NAME")]
     pub(crate) site: Option<String>,
 }
@@ -143,22 +148,25 @@ pub(crate) struct Export {
 pub(crate) enum ExportFormat {
     /// JSON Lines, with everything
     Jsonl,
-    /// Comma-separated values, for tables
+    /// Comma-separated values: a table, without the machines
     Csv,
+    /// Apache Parquet: a table with types, with everything
+    #[cfg(feature = "parquet")]
+    Parquet,
 }
 
 /// What to read.
 #[derive(Debug, Args)]
 pub(crate) struct Import {
-    /// JSON Lines, CSV, or a SQLite database of Optuna or Vizier
+    /// File to read: JSON Lines, Parquet (.parquet), CSV (.csv), or an SQLite database of Optuna or Vizier
     pub(crate) file: PathBuf,
-    /// The study to import into; that of the file when left out
+    /// Study to import into. Default: the study in the file
     #[arg(long, value_name = "ID")]
     pub(crate) study: Option<String>,
     /// What this database is called in origins; the machine's name when left out
     #[arg(long, value_name = "NAME")]
     pub(crate) site: Option<String>,
-    /// An indicator that the file does not have; once for each
+    /// Value of an indicator that the file lacks; can be repeated
     #[arg(long = "indicator", value_name = "NAME=NUMBER", value_parser = indicator)]
     pub(crate) indicators: Vec<(String, f64)>,
     /// The study in Optuna's database
@@ -167,7 +175,7 @@ pub(crate) struct Import {
     /// The study in Vizier's database
     #[arg(long, value_name = "NAME", requires = "study", conflicts_with = "optuna_study")]
     pub(crate) vizier_study: Option<String>,
-    /// Read and check everything, and import nothing
+    /// Check the file without importing anything
     #[arg(long)]
     pub(crate) dry_run: bool,
 }
@@ -175,12 +183,12 @@ pub(crate) struct Import {
 /// What to watch.
 #[derive(Debug, Args)]
 pub(crate) struct Watch {
-    /// The study's id; all studies when left out
+    /// The study's id. Default: all studies
     pub(crate) study: Option<String>,
-    /// Look so often
+    /// Time between updates
     #[arg(long, default_value = "1s", value_name = "TIME", value_parser = humantime::parse_duration)]
     pub(crate) every: Duration,
-    /// Look once, and end
+    /// Show the current state once and exit
     #[arg(long)]
     pub(crate) once: bool,
 }

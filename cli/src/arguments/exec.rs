@@ -11,13 +11,13 @@ use crate::failure::Failure;
 use crate::study_file::{ParameterEntry, StudyFile, TermEntry};
 
 pub(crate) const EXEC_EXAMPLES: &str = "\
-Places for parameters: {level} is the value, {long?--long} is --long where the switch is on,
-{long?yes:no} one or the other. An argument whose parameter is inactive is left out. The program
-finds each value in its environment, too, as TREEWRIGHT_PARAM_LEVEL.
+In the command, {level} is replaced by the value, {long?--long} by --long if the switch is on, and
+{long?yes:no} by one or the other. An argument whose parameter is inactive is left out. Each value is
+also in the environment, as TREEWRIGHT_PARAM_LEVEL.
 
-Metrics: wall_ms and cpu_ms are always taken; with --metric json also every number of the last
-line that is a JSON object, and {\"infeasible\": \"reason\"} says that it cannot work so. A program
-that ends with an error is reported as infeasible.
+Metrics: wall_ms and cpu_ms are always measured. With --metric json, so is every number in the last
+output line that is a JSON object; {\"infeasible\": \"reason\"} says that the configuration cannot be
+used. If the program exits with an error, the configuration counts as infeasible.
 
 Examples:
   treewright exec zstd --tune 'level=1..19:3' --tune 'threads=1..4:1' \\
@@ -29,25 +29,25 @@ Examples:
 /// How to tune a program.
 #[derive(Debug, Args)]
 pub(crate) struct Exec {
-    /// A study's id, or a study file, from which the study is created where there is none
+    /// The study's id, or a study file; the study is created if it does not exist
     pub(crate) study: String,
-    /// A parameter of a study that is made up here: NAME=LOW..HIGH:DEFAULT, NAME=ONE|OTHER:DEFAULT or NAME=bool:DEFAULT,
-    /// numbers with :log where equal ratios are to be equal steps
+    /// Parameter of a new study: NAME=LOW..HIGH:DEFAULT, NAME=ONE|OTHER:DEFAULT or NAME=bool:DEFAULT; append
+    /// :log to numbers for a logarithmic scale
     #[arg(long, value_name = "NAME=VALUES:DEFAULT", value_parser = ParameterEntry::inline)]
     pub(crate) tune: Vec<ParameterEntry>,
-    /// What such a study minimises
+    /// Metric to minimise in a new study
     #[arg(long, value_name = "METRIC", default_value = "wall_ms", requires = "tune")]
     pub(crate) minimise: String,
-    /// Run the program at most so often
+    /// Maximum number of runs
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub(crate) trials: Option<u32>,
-    /// Where the numbers come from
+    /// Where measurements come from
     #[arg(long, value_enum, default_value = "time")]
     pub(crate) metric: Metric,
-    /// End a run that takes longer, e.g. 30s; its configuration counts as infeasible
+    /// Kill runs that take longer, e.g. 30s; such a configuration counts as infeasible
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     pub(crate) run_timeout: Option<Duration>,
-    /// Let the winner run against the default at the end, in so many interleaved pairs
+    /// Finally run the winner against the default in this many interleaved pairs
     #[arg(
         long,
         value_name = "PAIRS",
@@ -57,16 +57,16 @@ pub(crate) struct Exec {
         value_parser = clap::value_parser!(u32).range(1..=10_000)
     )]
     pub(crate) confirm: Option<u32>,
-    /// Pass on what the program writes, to standard error
+    /// Show the program's output on standard error
     #[arg(long)]
     pub(crate) show_output: bool,
-    /// An indicator of the input; once for each indicator of the study
+    /// Value of an indicator; repeat for each indicator of the study
     #[arg(long = "indicator", value_name = "NAME=NUMBER", value_parser = indicator)]
     pub(crate) indicators: Vec<(String, f64)>,
-    /// Who measures; two that tune at once need different names. Default: this machine and process
+    /// Name of this client; clients that run at once need different names. Default: this machine and process
     #[arg(long, value_name = "NAME")]
     pub(crate) client: Option<String>,
-    /// The program and its arguments, with places for parameters
+    /// The program and its arguments, with {name} in place of values
     #[arg(last = true, required = true, value_name = "COMMAND")]
     pub(crate) command: Vec<String>,
 }
@@ -89,11 +89,11 @@ impl Exec {
 /// How a suggestion is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum SuggestFormat {
-    /// Lines for a shell: eval "$(treewright suggest STUDY)"
+    /// Shell variables: eval "$(treewright suggest STUDY)"
     Env,
-    /// One JSON object
+    /// A JSON object
     Json,
-    /// --name=value for each parameter, on one line; the trial's name is on standard error
+    /// --name=value for each parameter on one line; the trial's name goes to standard error
     Args,
 }
 
@@ -102,19 +102,19 @@ pub(crate) enum SuggestFormat {
 pub(crate) struct Suggest {
     /// The study's id
     pub(crate) study: String,
-    /// How to write it
+    /// Output format
     #[arg(long, value_enum, default_value = "env")]
     pub(crate) format: SuggestFormat,
-    /// What stands before the names of variables
+    /// Prefix of the variables' names
     #[arg(long, default_value = "TREEWRIGHT_PARAM_", value_name = "TEXT", value_parser = prefix)]
     pub(crate) prefix: String,
     /// An indicator of the input; once for each indicator of the study
     #[arg(long = "indicator", value_name = "NAME=NUMBER", value_parser = indicator)]
     pub(crate) indicators: Vec<(String, f64)>,
-    /// Measure this configuration; parameters that are not named take their defaults
+    /// Ask for this configuration; parameters you do not name take their defaults
     #[arg(long, value_name = "NAME=VALUE,…", value_delimiter = ',', value_parser = parameter)]
     pub(crate) wanted: Vec<(String, Value)>,
-    /// Who asks. The same client gets the same trial again until it has reported it
+    /// Name of this client. A client gets the same trial until it has reported it
     #[arg(long, value_name = "NAME")]
     pub(crate) client: Option<String>,
 }
@@ -125,28 +125,28 @@ fn prefix(text: &str) -> Result<String, String> {
     if starts && text.chars().all(|each| each.is_ascii_alphanumeric() || each == '_') {
         Ok(text.to_owned())
     } else {
-        Err("a variable's name has letters, digits and _, and begins with no digit".to_owned())
+        Err("use letters, digits and _, and do not start with a digit".to_owned())
     }
 }
 
 /// Tell what came of it.
 #[derive(Debug, Args)]
 pub(crate) struct Report {
-    /// The trial's name, as `suggest` gave it
+    /// The trial's name, from `suggest`
     pub(crate) trial: String,
-    /// What was measured
+    /// The measurements
     #[arg(value_name = "METRIC=NUMBER", value_parser = indicator)]
     pub(crate) measurements: Vec<(String, f64)>,
-    /// The configuration cannot work here
+    /// The configuration cannot be used
     #[arg(long, value_name = "REASON", group = "bad")]
     pub(crate) infeasible: Option<String>,
-    /// It failed for a reason that says nothing of the configuration; it may be tried again
+    /// The run failed for another reason; the configuration may be tried again
     #[arg(long, value_name = "REASON", group = "bad")]
     pub(crate) failed: Option<String>,
-    /// It was stopped; the objective would have been at least this
+    /// The run was stopped early; the cost would have been at least this
     #[arg(long, value_name = "COST", group = "bad")]
     pub(crate) aborted: Option<f64>,
-    /// Give it back unmeasured
+    /// Give the trial back unmeasured
     #[arg(long, group = "bad", conflicts_with = "measurements")]
     pub(crate) abandon: bool,
 }

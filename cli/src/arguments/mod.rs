@@ -26,21 +26,22 @@ Examples:
 
 Exit codes:
   0  done
-  1  the operation failed, e.g. there is no such study
-  2  the command line makes no sense
+  1  the operation failed, e.g. the study does not exist
+  2  wrong usage
   3  the daemon cannot be reached
 ";
 
-/// Tunes programs, and looks at and steers a tuning daemon: studies, trials, the best configurations, the policy.
+/// Tunes programs, and inspects and controls a tuning daemon: studies, trials, best configurations, policies
 #[derive(Debug, Parser)]
 #[command(name = "treewright", version, after_help = EXAMPLES, max_term_width = 100)]
 pub(crate) struct Arguments {
-    /// Where the daemon listens, e.g. http://127.0.0.1:50611; several on one database are parted by commas. `local` is one
-    /// of your own, which is started when it is needed. When left out: the one on port 50611 of this machine, else `local`
+    /// Address of the daemon, e.g. http://127.0.0.1:50611; separate several that share a database by commas.
+    /// `local` is a daemon of your own, started when needed. Default: the daemon on port 50611 of this machine,
+    /// or else `local`
     #[arg(long, global = true, env = "TREEWRIGHT_SERVER", value_name = "URLS", help_heading = "Connection")]
     pub(crate) server: Option<String>,
 
-    /// Print the answer as JSON, for scripts
+    /// Print JSON, for scripts
     #[arg(long, global = true, help_heading = "Output")]
     pub(crate) json: bool,
 
@@ -65,55 +66,55 @@ pub(crate) struct Arguments {
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Tunes any program: runs it with one configuration after the other
+    /// Tunes any program by running it with different configurations
     #[command(after_help = EXEC_EXAMPLES)]
     Exec(Exec),
-    /// Asks for the next configuration of a study, for scripts
+    /// Asks for the next configuration of a study
     #[command(after_help = "\
 Example:
   eval \"$(treewright suggest zstd)\"
   zstd -$TREEWRIGHT_PARAM_LEVEL -kf data.tar
   treewright report \"$TREEWRIGHT_TRIAL\" wall_ms=812.5")]
     Suggest(Suggest),
-    /// Tells what came of a trial
+    /// Reports the result of a trial
     #[command(after_help = "\
 Examples:
   treewright report studies/zstd/trials/12 wall_ms=812.5 bytes=4711
   treewright report studies/zstd/trials/12 --infeasible 'out of memory'
   treewright report studies/zstd/trials/12 --abandon")]
     Report(Report),
-    /// Lists the studies
+    /// Lists all studies
     Studies {
-        /// How each stands: in how many states something better than the default is proven, and the median gain
+        /// Also show in how many states something better than the default is proven, and the median gain
         #[arg(long)]
         standing: bool,
     },
-    /// Creates, shows, copies or deletes one study
+    /// Creates, shows, copies, renames or deletes a study
     #[command(subcommand)]
     Study(StudyCommand),
-    /// Lists a study's trials
+    /// Lists the trials of a study
     #[command(after_help = data::TRIALS_HELP)]
     Trials(Trials),
-    /// Tells what each parameter does to each measurement, and to which part of its range a search may be held
+    /// Shows how each parameter affects each measurement, and which ranges keep the best trials
     #[command(after_help = data::ANALYZE_HELP)]
     Analyze(Analyze),
-    /// Shows the best known configuration of each state: never one state's for another
+    /// Shows the best known configuration of each state
     #[command(after_help = "\
 Examples:
   treewright best sponza --indicator triangles=262267
   treewright best sponza --state 3")]
     Best(State),
-    /// Shows what would be exploited for a state; writes nothing
+    /// Predicts the best configuration of a state, without recording anything
     #[command(after_help = "Example:\n  treewright predict sponza --indicator triangles=262267")]
     Predict(State),
-    /// Tells why a state, or a trial, is answered as it is: the rule, the gain to expect, noise, and what is left out
+    /// Explains the answer for a state, or a trial: the rule, the expected gain, the noise, what is left out
     #[command(after_help = "\
 Examples:
   treewright explain sponza --indicator triangles=262267
   treewright explain sponza --state 3
   treewright explain studies/sponza/trials/12")]
     Explain(State),
-    /// Shows how a study decides, or changes it; fields that are not named stay as they are
+    /// Shows or changes the policy of a study; fields that you do not name stay as they are
     #[command(after_help = "\
 Examples:
   treewright policy sponza
@@ -121,52 +122,52 @@ Examples:
   treewright policy sponza --regret-budget 0.05 --abort-above 1.5
   treewright policy sponza --clear regret_budget,operation")]
     Policy(Policy),
-    /// Gives every client one configuration: the one named, or the best that is known
+    /// Gives every client the same configuration: the one you name, or the best known
     #[command(
         after_help = "Examples:\n  treewright pin sponza max_depth=32 compact=true\n  treewright pin sponza"
     )]
     Pin(Pin),
-    /// Gives no fixed configuration any more
+    /// Ends `pin`
     Unpin {
         /// The study's id
         study: String,
     },
-    /// Keeps the answers of a study as they are: it neither explores nor learns
+    /// Freezes a study: it answers from what it knows, without exploring or learning
     Freeze {
         /// The study's id
         study: String,
     },
-    /// Lets a frozen study explore and learn again
+    /// Ends `freeze`
     Thaw {
         /// The study's id
         study: String,
     },
-    /// Writes a study with its trials into a file
+    /// Writes a study and its trials to a file
     #[command(after_help = data::EXPORT_HELP)]
     Export(Export),
-    /// Reads trials from a file into a study; what is there already is passed over
+    /// Adds trials from a file to a study; trials that are already there are skipped
     #[command(after_help = data::IMPORT_HELP)]
     Import(Import),
-    /// Shows a study live: the best, gains, trials per second, clients and leases
+    /// Shows a study live: best configuration, gain, trials per second, clients, leases
     Watch(Watch),
-    /// Looks at this machine, its programs and the daemon, and says what is wrong
+    /// Checks this machine, the programs and the daemon, and says what is wrong
     Doctor,
-    /// Asks whether the daemon serves
+    /// Checks whether the daemon answers
     Ping,
     /// Shows or checks the settings
     #[command(subcommand)]
     Config(ConfigCommand),
-    /// Prints what a shell needs to complete commands
+    /// Prints the completion script for a shell
     #[command(
         after_help = "Example:\n  treewright completions bash > ~/.local/share/bash-completion/completions/treewright"
     )]
     Completions {
-        /// Which shell
+        /// The shell
         shell: clap_complete::Shell,
     },
     /// Writes the manual pages
     Man {
-        /// Into this folder
+        /// Folder to write them to
         folder: PathBuf,
     },
 }
@@ -176,7 +177,7 @@ Examples:
 pub(crate) enum ConfigCommand {
     /// Shows each setting and where it comes from
     Show,
-    /// Says whether the file is right
+    /// Checks the configuration file
     Check,
 }
 
@@ -185,10 +186,10 @@ pub(crate) enum ConfigCommand {
 pub(crate) struct State {
     /// The study's id, e.g. `sponza`
     pub(crate) study: String,
-    /// An indicator's raw value; once for each indicator of the study
+    /// Value of an indicator; repeat for each indicator of the study
     #[arg(long = "indicator", value_name = "NAME=NUMBER", value_parser = indicator)]
     pub(crate) indicators: Vec<(String, f64)>,
-    /// The state's number, as trials show it
+    /// Number of the state, as shown by `trials`
     #[arg(long, value_name = "NUMBER", conflicts_with = "indicators")]
     pub(crate) state: Option<i64>,
 }
@@ -209,7 +210,7 @@ pub(crate) fn parameter(text: &str) -> Result<(String, Value), String> {
 }
 
 fn pair(text: &str) -> Result<(String, &str), String> {
-    let (name, value) = text.split_once('=').ok_or("it must be written NAME=VALUE")?;
+    let (name, value) = text.split_once('=').ok_or("write it as NAME=VALUE")?;
     Ok((name.trim().to_owned(), value.trim()))
 }
 

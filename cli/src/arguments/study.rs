@@ -29,49 +29,49 @@ Examples:
 /// What to do with one study.
 #[derive(Debug, Subcommand)]
 pub(crate) enum StudyCommand {
-    /// Creates one from a file in TOML or JSON
+    /// Creates a study from a file in TOML or JSON
     #[command(after_help = CREATE_EXAMPLE)]
     Create {
-        /// The file; - is standard input
+        /// The file; - for standard input
         file: PathBuf,
-        /// Its id, instead of the one in the file or the file's name
+        /// The study's id. Default: the id in the file, or else the file's name
         #[arg(long, value_name = "ID")]
         id: Option<String>,
     },
-    /// Shows its space, indicators, objective and policy
+    /// Shows the parameters, indicators, objective and policy of a study
     Show {
         /// Its id, e.g. `sponza`
         name: String,
-        /// As a study file, which `study create` reads
+        /// Print a study file that `study create` can read
         #[arg(long, value_enum)]
         format: Option<Language>,
     },
     /// Prints the JSON schema of study files
     Schema,
-    /// Copies it with what was learnt, if wished with a changed specification
+    /// Copies a study and what it learnt, optionally with a changed specification
     #[command(after_help = "\
-With --spec the copy is of another specification: parameters that are new there take their default in
-what was measured before, and each new indicator needs the value that it had then. Trials that do not
-fit any more are left out and counted. A search counts what was carried over among its trials; give it
-room with `treewright policy COPY --trials-per-state COUNT`.
+With --spec the copy gets another specification. Old trials get the default of each new parameter, and
+the value that you give for each new indicator. Trials that no longer fit are skipped and counted.
+Copied trials count towards the search's limit; raise it with
+`treewright policy COPY --trials-per-state COUNT` if needed.
 
 Examples:
   treewright study clone sponza sponza-copy
   treewright study clone sponza sponza-2 --spec with-lights.toml --indicator lights=4
   treewright study clone sponza sponza-empty --no-trials")]
     Clone(CloneStudy),
-    /// Gives it another id: copies it with its trials, and deletes the old one
+    /// Renames a study: copies it with its trials, and deletes the old one
     Rename {
         /// Its id
         name: String,
         /// The new id
         to: String,
     },
-    /// Deletes it, with its trials and models
+    /// Deletes a study with its trials and models
     Delete {
         /// Its id, e.g. `sponza`
         name: String,
-        /// Really do it
+        /// Confirm the deletion
         #[arg(long)]
         yes: bool,
     },
@@ -84,13 +84,13 @@ pub(crate) struct CloneStudy {
     pub(crate) name: String,
     /// The id of the copy
     pub(crate) to: String,
-    /// The specification of the copy, from a study file
+    /// Specification of the copy: a study file
     #[arg(long, value_name = "FILE")]
     pub(crate) spec: Option<PathBuf>,
-    /// What a new indicator was when the trials were measured; once for each
+    /// Value of a new indicator for the old trials; repeat for each
     #[arg(long = "indicator", value_name = "NAME=NUMBER", value_parser = indicator)]
     pub(crate) indicators: Vec<(String, f64)>,
-    /// Only the specification
+    /// Copy only the specification
     #[arg(long)]
     pub(crate) no_trials: bool,
 }
@@ -103,13 +103,13 @@ pub(crate) struct Policy {
     pub(crate) study: String,
     #[command(flatten)]
     pub(crate) settings: SettingFlags,
-    /// Give every client this configuration; parameters that are not named take their defaults
+    /// Give every client this configuration; parameters you do not name take their defaults
     #[arg(long, value_name = "NAME=VALUE,…", value_delimiter = ',', value_parser = parameter)]
     pub(crate) pin: Vec<(String, Value)>,
-    /// Give no fixed configuration any more
+    /// End `--pin`
     #[arg(long, conflicts_with = "pin")]
     pub(crate) unpin: bool,
-    /// Set fields back to their defaults, e.g. regret_budget
+    /// Reset fields to their defaults, e.g. regret_budget
     #[arg(long, value_name = "FIELD,…", value_delimiter = ',')]
     pub(crate) clear: Vec<String>,
 }
@@ -119,10 +119,10 @@ pub(crate) struct Policy {
 pub(crate) struct Pin {
     /// The study's id
     pub(crate) study: String,
-    /// The values; parameters that are not named take their defaults. Without any: the best that is known
+    /// The values; parameters you do not name take their defaults. Default: the best known configuration
     #[arg(value_name = "NAME=VALUE", value_parser = parameter)]
     pub(crate) values: Vec<(String, Value)>,
-    /// The best of this state, where the study has several
+    /// Use the best configuration of this state, if the study has several
     #[arg(long, value_name = "NUMBER", conflicts_with = "values")]
     pub(crate) state: Option<i64>,
 }

@@ -20,7 +20,7 @@ pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<Strin
     let all = trials("")?;
     if all.len() < TRIALS_MIN {
         return Err(Failure::Data(format!(
-            "{} has {} such trial(s), and fewer than {TRIALS_MIN} say nothing; `treewright-render sample` records more",
+            "{} has {} such trial(s), but the analysis needs {TRIALS_MIN}; record more with `treewright-render sample`",
             wanted.study,
             all.len()
         )));

@@ -64,7 +64,7 @@ fn load() -> Finding {
     let text = read("/proc/loadavg").unwrap_or_default();
     match text.split(' ').next().and_then(|first| first.parse::<f64>().ok()) {
         Some(load) if load > 0.5 * threads => {
-            bad("load", format!("{load}: other programs run, and times will be noisy"))
+            bad("load", format!("{load}: other programs are running, so timings will be noisy"))
         }
         Some(load) => good("load", load.to_string()),
         None => good("load", "unknown"),
@@ -73,25 +73,26 @@ fn load() -> Finding {
 
 fn governor() -> Finding {
     match read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").as_deref() {
-        Some(word @ ("powersave" | "ondemand" | "schedutil")) => {
-            bad("frequency", format!("the governor is {word}: times vary; `performance` measures better"))
-        }
+        Some(word @ ("powersave" | "ondemand" | "schedutil")) => bad(
+            "frequency",
+            format!("the governor is {word}, so timings vary; use `performance` for measurements"),
+        ),
         Some(word) => good("frequency", word),
-        None => good("frequency", "not in the system's hands"),
+        None => good("frequency", "not controlled by this system"),
     }
 }
 
 fn clock() -> Finding {
     match read("/sys/devices/system/clocksource/clocksource0/current_clocksource").as_deref() {
         Some("tsc") => good("clock", "tsc"),
-        Some(other) => good("clock", format!("{other}; reading it costs more than with tsc")),
+        Some(other) => good("clock", format!("{other}; slower to read than tsc")),
         None => good("clock", "unknown"),
     }
 }
 
 fn program(name: &'static str) -> Finding {
     let Some(path) = local::program(name) else {
-        return bad(name, "neither beside this program nor in PATH");
+        return bad(name, "found neither next to this program nor in PATH");
     };
     let ours = env!("CARGO_PKG_VERSION");
     match Command::new(&path).arg("--version").output() {
@@ -101,7 +102,7 @@ fn program(name: &'static str) -> Finding {
             if version.ends_with(ours) {
                 good(name, found)
             } else {
-                bad(name, format!("{found}, and this program is {ours}: install both from one place"))
+                bad(name, format!("{found}, but this program is {ours}: install both from the same place"))
             }
         }
         Err(error) => bad(name, format!("{} cannot be started: {error}", path.display())),
@@ -123,7 +124,7 @@ fn local_database() -> Finding {
             let size = std::fs::metadata(&database).map(|metadata| metadata.len() >> 10);
             let size = size.map_or_else(|_| "none yet".to_owned(), |kb| format!("{kb} kB"));
             let running =
-                local.running().map_or_else(|| "not running".to_owned(), |url| format!("serves on {url}"));
+                local.running().map_or_else(|| "not running".to_owned(), |url| format!("running at {url}"));
             good("local daemon", format!("{running}; database {} ({size})", database.display()))
         }
     }
@@ -149,10 +150,7 @@ fn daemon(arguments: &Arguments) -> Vec<Finding> {
     // The first answer includes connecting.
     match client.ping().and_then(|_| client.ping()) {
         Err(problem) if arguments.server.is_none() => {
-            vec![good(
-                "daemon",
-                format!("none on {url}; commands that need one start a local one ({problem})"),
-            )]
+            vec![good("daemon", format!("none at {url}; commands start a local one when needed ({problem})"))]
         }
         Err(problem) => vec![bad("daemon", problem.to_string())],
         Ok(round_trip) => vec![answered(&url, round_trip), studies(&client), encryption(&url)],
@@ -182,6 +180,6 @@ fn encryption(url: &str) -> Finding {
     match (url.starts_with("https://"), is_here) {
         (true, _) => good("encryption", "TLS"),
         (false, true) => good("encryption", "none, on this machine"),
-        (false, false) => bad("encryption", "none: whoever is on the way reads and changes everything"),
+        (false, false) => bad("encryption", "none: anyone on the network can read and change everything"),
     }
 }

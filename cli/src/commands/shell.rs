@@ -29,7 +29,7 @@ pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<Stri
     match ask.format {
         SuggestFormat::Env if !json => Ok(environment(&trial, &ask.prefix)),
         SuggestFormat::Args if !json => {
-            progress::note(&format!("this is {}", trial.name));
+            progress::note(&format!("trial: {}", trial.name));
             let words: Vec<_> = trial
                 .configuration
                 .iter()
@@ -53,7 +53,7 @@ fn environment(trial: &TrialRecord, prefix: &str) -> String {
 pub(super) fn report(client: &Client, report: &Report, json: bool) -> Result<String, Failure> {
     if report.abandon {
         let trial = client.give_back(&report.trial)?;
-        return either(json, &trial, || format!("{} is given back", trial.name));
+        return either(json, &trial, || format!("gave back {}", trial.name));
     }
     let outcome = match (&report.infeasible, &report.failed, report.aborted) {
         (Some(reason), _, _) => Outcome::infeasible(reason),
@@ -65,7 +65,7 @@ pub(super) fn report(client: &Client, report: &Report, json: bool) -> Result<Str
     let (trial, duplicate) = client.tell(&report.trial, &measured, &outcome)?;
     either(json, &trial, || {
         let cost = trial.cost.map(|cost| format!(", cost {}", crate::show::figure(cost))).unwrap_or_default();
-        let known = if duplicate { " already, and stays as it was" } else { "" };
-        format!("{} is reported{known}{cost}", trial.name)
+        let known = if duplicate { " (already reported before; unchanged)" } else { "" };
+        format!("reported {}{known}{cost}", trial.name)
     })
 }

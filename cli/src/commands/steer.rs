@@ -38,26 +38,28 @@ pub(super) fn pin(client: &Client, pin: &Pin, json: bool) -> Result<String, Fail
         let best = match pin.state {
             None if states > 1 => {
                 return Err(Failure::Usage(format!(
-                    "{} has {states} states, and one pinned configuration holds for all of them: say which, or the \
-                     best of which state with --state NUMBER",
+                    "{} has {states} states, and a pinned configuration applies to all of them: name the \
+                     configuration, or use the best of one state with --state NUMBER",
                     pin.study
                 )));
             }
             state => client.best_of_state(&pin.study, state.unwrap_or(1))?,
         };
-        best.ok_or_else(|| Failure::Data(format!("nothing was measured there in {}", pin.study)))?
-            .configuration
+        best.ok_or_else(|| Failure::Data(format!("nothing measured there in {}", pin.study)))?.configuration
     };
     let change = PolicyChange::set(Policy::new().pinned(configuration.clone()));
     let study = client.update_policy(&pin.study, &change)?;
     either(json, &study.policy, || {
-        format!("every client of {} gets {configuration} until `treewright unpin {}`", pin.study, pin.study)
+        format!(
+            "every client of {} gets {configuration}; undo this with `treewright unpin {}`",
+            pin.study, pin.study
+        )
     })
 }
 
 pub(super) fn unpin(client: &Client, study: &str, json: bool) -> Result<String, Failure> {
     let stored = client.update_policy(study, &PolicyChange::unpin())?;
-    either(json, &stored.policy, || format!("{study} decides by its policy again"))
+    either(json, &stored.policy, || format!("{study} follows its policy again"))
 }
 
 pub(super) fn freeze(client: &Client, study: &str, freezes: bool, json: bool) -> Result<String, Failure> {
@@ -69,9 +71,9 @@ pub(super) fn freeze(client: &Client, study: &str, freezes: bool, json: bool) ->
     let stored = client.update_policy(study, &change)?;
     either(json, &stored.policy, || {
         if freezes {
-            format!("{study} neither explores nor learns until `treewright thaw {study}`")
+            format!("{study} is frozen; undo this with `treewright thaw {study}`")
         } else {
-            format!("{study} explores and learns")
+            format!("{study} explores and learns again")
         }
     })
 }

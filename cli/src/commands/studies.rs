@@ -74,7 +74,7 @@ pub(super) fn id_of(file: &StudyFile, path: &Path, said: Option<&str>) -> Result
     let stem = || path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
     let id = said.map(str::to_owned).or_else(|| file.id.clone()).or_else(stem).unwrap_or_default();
     if path == Path::new("-") && said.is_none() && file.id.is_none() {
-        return Err(Failure::Usage("the study has no id; give it one with --id".into()));
+        return Err(Failure::Usage("the study has no id; add --id ID".into()));
     }
     Ok(id)
 }
@@ -83,13 +83,13 @@ fn create(client: &Client, path: &Path, id: Option<&str>, json: bool) -> Result<
     let file = StudyFile::read(path)?;
     let study = client.create_study(&id_of(&file, path, id)?, &file.spec()?)?;
     either(json, &study, || {
-        let mut text = format!("{} is there", study.name);
+        let mut text = format!("{} exists", study.name);
         if study.statistics.trials > 0 {
             text += &format!(", with {} trial(s)", study.statistics.trials);
         }
         if !study.policy_differs.is_empty() {
             text += &format!(
-                "; its stored policy stays and differs in {} (change it with `treewright policy`)",
+                "; its stored policy differs in {} and stays (change it with `treewright policy`)",
                 study.policy_differs.join(", ")
             );
         }
@@ -100,7 +100,7 @@ fn create(client: &Client, path: &Path, id: Option<&str>, json: bool) -> Result<
 fn clone(client: &Client, copy: &CloneStudy) -> Result<Tally, Failure> {
     let original = client.get_study(&copy.name)?;
     if let Ok(there) = client.get_study(&copy.to) {
-        return Err(Failure::Data(format!("{} is there already; choose another id", there.name)));
+        return Err(Failure::Data(format!("{} already exists; choose another id", there.name)));
     }
     let mut file = match &copy.spec {
         Some(path) => StudyFile::read(path)?,
@@ -131,12 +131,12 @@ fn rename(client: &Client, name: &str, to: &str, json: bool) -> Result<String, F
     let tally = clone(client, &copy)?;
     if tally.misfits > 0 {
         return Err(Failure::Data(format!(
-            "{name} stays, because not all of it could be copied: {}",
+            "{name} was kept, because not all of it could be copied: {}",
             tally.words()
         )));
     }
     client.delete_study(name)?;
-    either(json, &tally, || format!("{name} is {to} now, with {} trial(s)", tally.imported))
+    either(json, &tally, || format!("renamed {name} to {to}, with {} trial(s)", tally.imported))
 }
 
 fn delete(client: &Client, name: &str, yes: bool, json: bool) -> Result<String, Failure> {
@@ -144,7 +144,7 @@ fn delete(client: &Client, name: &str, yes: bool, json: bool) -> Result<String, 
         let study = client.get_study(name)?;
         let trials = study.statistics.trials;
         let message =
-            format!("this deletes {} with its {trials} trial(s) for ever; say --yes to do it", study.name);
+            format!("this deletes {} and its {trials} trial(s) for ever; add --yes to confirm", study.name);
         return Err(Failure::Usage(message));
     }
     client.delete_study(name)?;

@@ -83,7 +83,7 @@ pub(crate) fn run(client: &Client, exec: &Exec, json: bool) -> Result<String, Fa
     let unused = template.unused(&spec);
     if !unused.is_empty() {
         progress::note(&format!(
-            "the command does not mention {}; the program finds every value in its environment, as {}…",
+            "the command does not use {}; every value is also in the program's environment, as {}…",
             unused.join(", "),
             program::variable("TREEWRIGHT_PARAM_", "name")
         ));
@@ -125,7 +125,7 @@ impl Job<'_> {
         };
         loop {
             if exec.trials.is_some_and(|most| summary.trials >= u64::from(most)) {
-                summary.end = "as many trials as asked for";
+                summary.end = "the requested number of trials is reached";
                 break;
             }
             let trial = self.client.ask(self.id(), &self.question(None))?;
@@ -194,7 +194,7 @@ impl Job<'_> {
                 if is_first && is_default {
                     self.client.give_back(&trial.name)?;
                     return Err(Failure::Program(format!(
-                        "it already fails with the default parameters: {reason}\n{}\n{said}",
+                        "the program fails even with the default parameters: {reason}\n{}\n{said}",
                         shell_words(&command)
                     )));
                 }
@@ -221,14 +221,12 @@ impl Job<'_> {
             let metric = &term.metric;
             let hint = match self.runner.metric {
                 program::Metric::Time => {
-                    format!(
-                        "with --metric json it is read from what the program prints: {{\"{metric}\": 1.5}}"
-                    )
+                    format!("with --metric json, the program can print it: {{\"{metric}\": 1.5}}")
                 }
-                program::Metric::Json => "the last line that is a JSON object counts".to_owned(),
+                program::Metric::Json => "the last output line that is a JSON object counts".to_owned(),
             };
             return Err(Failure::Program(format!(
-                "the study minimises {metric}, but there is only {}; {hint}",
+                "the study minimises {metric}, but only {} was measured; {hint}",
                 found.join(", ")
             )));
         }
@@ -267,7 +265,7 @@ impl Job<'_> {
     fn confirm(&self, winner: &Configuration, pairs: u32) -> Result<Option<Gain>, Failure> {
         let default: Configuration = self.spec.space.default_configuration().into();
         if *winner == default {
-            progress::note("nothing was found that is better than the default");
+            progress::note("nothing better than the default was found");
             return Ok(None);
         }
         let mut measured = Vec::new();
@@ -301,7 +299,7 @@ impl Job<'_> {
             text += &format!("; {} could not be used", summary.infeasible);
         }
         text.push('\n');
-        let Some(best) = &summary.best else { return text + "nothing was measured\n" };
+        let Some(best) = &summary.best else { return text + "nothing measured\n" };
         text += &format!("best: {}\n", best.configuration);
         let default = best.default_cost.map(|cost| format!(", default {}", figure(cost))).unwrap_or_default();
         text += &format!("cost {}{default}\n", figure(best.cost));
@@ -317,7 +315,7 @@ impl Job<'_> {
                 100.0 * confidence
             );
             if !summary.confirmation.is_some_and(|gain| gain.is_certain()) {
-                text += "that is within the noise: more pairs (--confirm=30) may tell\n";
+                text += "that is within the noise; more pairs (--confirm=30) may decide it\n";
             }
         }
         text

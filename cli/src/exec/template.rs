@@ -41,8 +41,8 @@ impl Template {
         for name in arguments.iter().flatten().filter_map(Piece::name) {
             if !names.contains(&name) {
                 return Err(format!(
-                    "the command asks for {{{name}}}, but the study tunes {}; write {{{{{name}}}}} for these very \
-                     characters",
+                    "the command uses {{{name}}}, but the study tunes {}; write {{{{{name}}}}} for the literal \
+                     text",
                     names.join(", ")
                 ));
             }

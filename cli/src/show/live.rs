@@ -23,12 +23,12 @@ fn gain(best: &Best) -> String {
 /// The best configuration of each state, each beside its own default.
 pub(crate) fn best_of_states(found: &[Best], study: &StudyRecord) -> String {
     if found.is_empty() {
-        return "nothing was measured yet\n".to_owned();
+        return "nothing measured yet\n".to_owned();
     }
     let mut text = rows(found, study);
     let states = study.statistics.states;
     if (found.len() as i64) < states {
-        line(&mut text, &format!("{} of {states} states; see another one with --state NUMBER", found.len()));
+        line(&mut text, &format!("{} of {states} states; use --state NUMBER to see others", found.len()));
     }
     text
 }
@@ -39,8 +39,8 @@ const SHORT: usize = 30;
 fn rows(found: &[Best], study: &StudyRecord) -> String {
     let others: Vec<String> = found.iter().map(|best| beside_default(&best.configuration, study)).collect();
     let is_short = others.iter().all(|words| words.chars().count() <= SHORT);
-    let mut header = vec!["state", "cost", "below the default", "stands", "runs"];
-    header.extend(is_short.then_some("other than the default"));
+    let mut header = vec!["state", "cost", "below the default", "status", "runs"];
+    header.extend(is_short.then_some("changed from the default"));
     let mut table = table(&header, &[0, 1, 2, 4]);
     let mut jumps = 0;
     for (best, other) in found.iter().zip(&others) {
@@ -58,13 +58,13 @@ fn rows(found: &[Best], study: &StudyRecord) -> String {
     }
     let mut text = table.trim_fmt() + "\n";
     if !is_short {
-        line(&mut text, "What is best is other than the default in:");
+        line(&mut text, "Values of the best configurations that differ from the default:");
         for (best, other) in found.iter().zip(&others) {
             text += &wrapped(&format!("{:>4}  ", best.state_id), other);
         }
     }
     if jumps > 0 {
-        line(&mut text, &format!("the speed of machines jumped {jumps} time(s) while this was measured"));
+        line(&mut text, &format!("the machine's speed jumped {jumps} time(s) during these measurements"));
     }
     text
 }
@@ -116,12 +116,12 @@ pub(crate) fn glance(glance: &Glance, now: SystemTime) -> String {
         text.push('\n');
         text += &rows(&glance.best, study);
         if (glance.best.len() as i64) < counts.states {
-            line(&mut text, &format!("the first {} of {} states", glance.best.len(), counts.states));
+            line(&mut text, &format!("first {} of {} states", glance.best.len(), counts.states));
         }
     }
     if !glance.open.is_empty() {
         text.push('\n');
-        let header = ["client", "trial", "state", "lease, s", "other than the default"];
+        let header = ["client", "trial", "state", "lease, s", "changed from the default"];
         let mut leases = table(&header, &[1, 2, 3]);
         for trial in &glance.open {
             let left =

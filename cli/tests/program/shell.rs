@@ -14,7 +14,7 @@ fn a_trial_is_asked_for_and_told() {
     let again = answer(&fake, &["suggest", "sponza", "--indicator", "triangles=1000", "--format", "args"]);
     assert!(again.contains("--compact=false --max-depth="), "{again}");
     let told = answer(&fake, &["report", "studies/sponza/trials/6", "render_ms=3.5"]);
-    assert_eq!(told, "studies/sponza/trials/6 is reported, cost 3.5000\n");
+    assert_eq!(told, "reported studies/sponza/trials/6, cost 3.5000\n");
     let twice = answer(&fake, &["report", "studies/sponza/trials/6", "render_ms=9"]);
     assert!(twice.contains("already") && twice.contains("3.5000"), "{twice}");
     let wrong = run(&fake, &["report", "studies/sponza/trials/7", "render_ms=9"]);
@@ -37,9 +37,9 @@ fn an_export_is_read_again_and_nothing_is_there_twice() {
     assert_eq!(lines[0]["study"]["id"], "sponza");
     assert_eq!(lines[1]["origin"], "here/studies/sponza/trials/1");
     let own = answer(&fake, &["import", file, "--site", "here"]);
-    assert_eq!(own, "sponza: 0 trial(s) added, 5 known already\n", "they came from there");
+    assert_eq!(own, "sponza: 0 trial(s) added, 5 already known\n", "they came from there");
     let other = answer(&fake, &["import", file, "--site", "there", "--dry-run"]);
-    assert_eq!(other, "sponza: 5 trial(s) would be added, 0 known already\n");
+    assert_eq!(other, "sponza: 5 trial(s) would be added, 0 already known\n");
     assert_eq!(fake.book().trials.len(), 5, "nothing was written");
     let problem = run(&fake, &["import", "/no/such.jsonl"]);
     assert!(String::from_utf8_lossy(&problem.stderr).contains("/no/such.jsonl"));

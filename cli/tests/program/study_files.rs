@@ -29,8 +29,8 @@ fn write(folder: &Path, name: &str, text: &str) -> String {
 fn what_is_shown_can_be_fed_back() {
     let (fake, folder) = (Fake::start(), tempfile::tempdir().expect("a folder"));
     let file = write(folder.path(), "zstd.toml", STUDY);
-    assert_eq!(answer(&fake, &["study", "create", &file]), "studies/zstd is there\n");
-    assert_eq!(answer(&fake, &["study", "create", &file]), "studies/zstd is there\n", "it may be repeated");
+    assert_eq!(answer(&fake, &["study", "create", &file]), "studies/zstd exists\n");
+    assert_eq!(answer(&fake, &["study", "create", &file]), "studies/zstd exists\n", "it may be repeated");
     for format in ["toml", "json"] {
         let shown = answer(&fake, &["study", "show", "zstd", "--format", format]);
         let again = write(folder.path(), &format!("again.{format}"), &shown);
@@ -65,10 +65,10 @@ fn mistakes_in_files_are_named() {
 fn a_copy_has_the_trials_and_the_rest_of_what_was_learnt() {
     let fake = with_trials();
     let told = answer(&fake, &["study", "clone", "sponza", "copy"]);
-    assert_eq!(told, "copy: 5 trial(s) added, 0 known already\n");
+    assert_eq!(told, "copy: 5 trial(s) added, 0 already known\n");
     assert_eq!(fake.book().studies.len(), 2);
     let there = run(&fake, &["study", "clone", "sponza", "copy"]);
-    assert!(String::from_utf8_lossy(&there.stderr).contains("is there already"));
+    assert!(String::from_utf8_lossy(&there.stderr).contains("already exists"));
     let spec = answer(&fake, &["study", "show", "sponza", "--format", "toml"]);
     let folder = tempfile::tempdir().expect("a folder");
     let more = spec.replacen(

@@ -23,28 +23,28 @@ pub(super) struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
 
-    /// The winner: a JSON file with an object of parameters of the full space, as `tune --json` and
-    /// `treewright best` write them.
+    /// The tuned configuration: a JSON file with parameters of the full space, as written by `tune --json` and
+    /// `treewright-render best`.
     #[arg(long, value_name = "FILE")]
     config_file: PathBuf,
 
-    /// Watertight intersection, for everybody.
+    /// Watertight intersection, for all configurations.
     #[arg(long)]
     robust: bool,
 
-    /// What a frame is: with a thousandth of its build (`render`), or with a whole one (`total`).
+    /// What to minimise.
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
 
-    /// How often each one is measured.
+    /// Number of measurements of each.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
-    /// Write the results to a file as JSON.
+    /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 
-    /// Write a page with a chart for the browser.
+    /// Write a web page with a chart.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
 }

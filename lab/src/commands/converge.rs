@@ -56,24 +56,24 @@ pub(super) struct Arguments {
     #[command(flatten)]
     entrants: EntrantArguments,
 
-    /// Independent runs. Intervals need at least two.
+    /// Independent runs; intervals need at least two.
     #[arg(long, value_name = "N", default_value_t = 5, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(RUNS_MAX)))]
     runs: u32,
 
-    /// Time for building and rendering that each contender gets in each run.
+    /// Seconds of building and rendering for each contender in each run.
     #[arg(long, value_name = "S", default_value_t = 10.0, allow_negative_numbers = true, value_parser = seconds)]
     seconds: f64,
 
-    /// Most samples a pixel; a run ends there even if time is left.
+    /// Maximum samples per pixel; a run ends there even if time is left.
     #[arg(long, value_name = "N", default_value_t = SAMPLES_MAX, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(SAMPLES_MAX)))]
     spp: u32,
 
-    /// An EXR file with the reference. What fits is used; what has too few samples gets more; where there is
-    /// none it is written. Without this the reference is rendered and forgotten.
+    /// EXR file with the reference. A fitting file is used, one with too few samples is refined, and a missing
+    /// one is created. Default: render a temporary reference.
     #[arg(long, value_name = "FILE.exr")]
     reference: Option<PathBuf>,
 
-    /// Samples a pixel that the reference must have.
+    /// Samples per pixel that the reference needs.
     #[arg(long, value_name = "N", default_value_t = 2048, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=i64::from(SAMPLES_MAX)))]
     reference_spp: u32,
 
@@ -81,7 +81,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE|-")]
     json: Option<PathBuf>,
 
-    /// Write every point of every run as comma-separated values.
+    /// Write every point of every run as CSV.
     #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
 
@@ -89,7 +89,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
 
-    /// Write a page for the browser: plot, pictures after equal time, tables.
+    /// Write a web page: plot, pictures after equal time, tables.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
 }

@@ -39,29 +39,29 @@ pub(super) struct EntrantArguments {
     #[command(flatten)]
     pub(super) space: SpaceArguments,
 
-    /// The configuration of the contender "tuned", as JSON: an object of parameters, what `treewright best`
-    /// prints, or what `tune --json` wrote, whose tuning time is then counted.
+    /// The configuration of the contender "tuned", as JSON: an object of parameters, the output of `treewright
+    /// best`, or that of `tune --json`, whose tuning time is then counted.
     #[arg(long, value_name = "FILE")]
     pub(super) tuned: Option<PathBuf>,
 
-    /// A further configuration, as for `image`; may be given several times.
+    /// Another configuration, as for `image`; can be repeated.
     #[arg(long, value_name = "NAME=VALUE,…")]
     pub(super) config: Vec<String>,
 
-    /// Ask this daemon for its prediction, and tune there and then unless --tuned is given. Both take part,
-    /// with the time they took counted.
+    /// Ask this daemon for its prediction, and tune on the spot unless --tuned is given. Both take part, and
+    /// the time they take counts.
     #[arg(long, value_name = "URL")]
     pub(super) server: Option<String>,
 
     #[command(flatten)]
     pub(super) credentials: treewright_client::CredentialArguments,
 
-    /// Id of the daemon's study; made of objective and space when left out. Its name is the one
-    /// that `tune --objective render` gives, so that the prediction can rest on what was tuned before.
+    /// Id of the daemon's study. Default: the one that `tune --objective render` uses, so that the prediction
+    /// can use what was tuned before.
     #[arg(long, value_name = "ID", requires = "server")]
     pub(super) study: Option<String>,
 
-    /// How many configurations are tried when tuning there and then; 0 asks for the prediction only.
+    /// Number of configurations to try when tuning; 0 only asks for the prediction.
     #[arg(long, value_name = "N", default_value_t = 80, requires = "server", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(0..=i64::from(ITERATIONS_MAX)))]
     pub(super) iterations: u32,
 }

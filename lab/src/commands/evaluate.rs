@@ -32,26 +32,26 @@ const BUILT_IN: [&str; 2] = ["gallery=builtin:gallery:1:7", "voxels=builtin:voxe
 pub(super) enum Command {
     /// Render: run searches at every camera, and measure fixed configurations.
     Record(RecordArguments),
-    /// Render: measure what the predictors answer, beside what the searches found.
+    /// Render: measure the predictors' answers next to the searches' results.
     Verify(VerifyArguments),
     /// Render: what the parameters do (the paper's section 4): a few searched alone, splitting by frame size, and a
     /// cylinder of needles that turns through each scene.
     Parameters(ParametersArguments),
-    /// Compute: hold every answer against search, roofline, default and best fixed configuration.
+    /// Compute: compare every answer with search, roofline, default and best fixed configuration.
     Judge(JudgeArguments),
 }
 
 /// Where the record is, and under which conditions it is made.
 #[derive(Args, Clone, Debug)]
 pub(super) struct ConditionArguments {
-    /// The record, as JSON Lines. A run goes on where the last one stopped, also after `kill -9`.
+    /// The record, as JSON Lines. A new run continues where the last one stopped, even after `kill -9`.
     #[arg(long, value_name = "FILE.jsonl")]
     pub(super) record: PathBuf,
 
     #[command(flatten)]
     pub(super) scenes: SceneArguments,
 
-    /// Iterations of a search, each of which builds and renders.
+    /// Iterations per search, each of which builds and renders.
     #[arg(long, value_name = "N", default_value_t = 80, value_parser = clap::value_parser!(u32).range(2..=i64::from(ITERATIONS_MAX)))]
     iterations: u32,
 
@@ -59,19 +59,19 @@ pub(super) struct ConditionArguments {
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(5..=1000))]
     cameras: u32,
 
-    /// Render threads; 0 for one a core.
+    /// Render threads; 0 for one per core.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=THREADS_MAX as u64))]
     threads: u64,
 
-    /// Pixels across and down.
+    /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
 
-    /// Most bounces of a path.
+    /// Maximum number of bounces of a path.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=i64::from(BOUNCES_MAX)))]
     bounces: u32,
 
-    /// Which clock searches go by: processor time hardly notices other work on the machine.
+    /// Clock for the searches.
     #[arg(long, value_enum, default_value = "wall")]
     clock: Clock,
 
@@ -79,11 +79,11 @@ pub(super) struct ConditionArguments {
     #[arg(long, value_name = "paper|full", value_parser = ["paper", "full"], default_value = "paper")]
     space: String,
 
-    /// Of the searches.
+    /// Seed of the searches.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
 
-    /// Begin no measurement after so many seconds.
+    /// Start no measurement after this many seconds.
     #[arg(long, value_name = "S")]
     pub(super) seconds: Option<u64>,
 }
@@ -94,19 +94,20 @@ pub(super) struct RecordArguments {
     #[command(flatten)]
     under: ConditionArguments,
 
-    /// What searches minimise: render time alone, or build and render time.
+    /// What searches minimise: render time, or build and render time.
     #[arg(long, value_parser = objective(), value_delimiter = ',', default_values = ["render", "total"])]
     objective: Vec<Objective>,
 
-    /// Searches: `nelder_mead` is the paper's, after Chang; the others are those of `treewright policy --search`.
+    /// Searches: `nelder_mead` is the paper's, after Chang; the others are those of `treewright policy
+    /// --search`.
     #[arg(long, value_name = "NAME,…", value_parser = search_method, value_delimiter = ',', default_value = "nelder_mead")]
     search: Vec<SearchMethod>,
 
-    /// Record only so many cameras, spread over the path; the others can follow later. All when left out.
+    /// Record only this many cameras, spread over the path; the others can follow later. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     first: Option<u32>,
 
-    /// Rounds in which fixed configurations are measured.
+    /// Rounds for measuring fixed configurations.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 }
@@ -114,11 +115,11 @@ pub(super) struct RecordArguments {
 /// Which scenes.
 #[derive(Args, Clone, Debug)]
 pub(super) struct SceneArguments {
-    /// A further scene, NAME=PATH or NAME=builtin:SCENE:DETAIL:SEED; may be given several times.
+    /// Another scene, NAME=PATH or NAME=builtin:SCENE:DETAIL:SEED; can be repeated.
     #[arg(long, value_name = "NAME=PATH")]
     scene: Vec<Entry>,
 
-    /// Only these scenes; the built-in ones and those of --scene when left out.
+    /// Only these scenes. Default: the built-in scenes and those of --scene.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     only: Vec<String>,
 }

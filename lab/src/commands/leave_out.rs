@@ -26,7 +26,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     structure: StructureArguments,
 
-    /// How often each variant is measured.
+    /// Number of measurements of each variant.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 

@@ -24,15 +24,15 @@ use crate::leave_scene_out::suite::{Context, Entry, built_in};
 /// Steps of the measurement, each of which needs those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 enum Step {
-    /// Configurations by hand, on every scene.
+    /// Hand-written configurations, on every scene.
     Candidates,
-    /// A search of its own on every scene.
+    /// A separate search on every scene.
     Alone,
-    /// What won on each scene, on every other.
+    /// The winner of each scene, on every other scene.
     Winners,
-    /// Searches by a service that knows all scenes but this one.
+    /// Searches by a service that knows all scenes except this one.
     LeftOut,
-    /// The answers of these against everybody, in fresh rounds.
+    /// Their answers against all others, in new rounds.
     Final,
 }
 
@@ -52,32 +52,32 @@ impl Step {
 /// Arguments of `leave-scene-out`.
 #[derive(Args, Clone, Debug)]
 pub(super) struct Arguments {
-    /// Where everything measured is kept, as JSON; the table goes beside it as .md. A run goes on where the last one
-    /// stopped.
+    /// File that keeps all measurements, as JSON; the table is written next to it as .md. A new run continues
+    /// where the last one stopped.
     #[arg(long, value_name = "FILE.json")]
     book: PathBuf,
 
-    /// A further scene, NAME=PATH or NAME=builtin:SCENE:DETAIL:SEED; may be given several times.
+    /// Another scene, NAME=PATH or NAME=builtin:SCENE:DETAIL:SEED; can be repeated.
     #[arg(long, value_name = "NAME=PATH")]
     scene: Vec<Entry>,
 
-    /// Only these scenes; all built-in ones and those of --scene when left out.
+    /// Only these scenes. Default: all built-in scenes and those of --scene.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     only: Vec<String>,
 
-    /// What is minimised.
+    /// What to minimise.
     #[arg(long, value_parser = objective(), value_delimiter = ',', default_values = ["render", "total"])]
     objective: Vec<Objective>,
 
-    /// Threads and sizes.
+    /// Thread counts and picture sizes.
     #[arg(long, value_name = "THREADS@WIDTHxHEIGHT,…", value_delimiter = ',', default_value = "2@320x240")]
     context: Vec<Context>,
 
-    /// Only these steps.
+    /// Run only these steps.
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Step::Candidates, Step::Alone, Step::Winners, Step::LeftOut, Step::Final])]
     steps: Vec<Step>,
 
-    /// Trials of a search.
+    /// Trials per search.
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(2..=1000))]
     iterations: u32,
 
@@ -89,11 +89,11 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     final_rounds: u32,
 
-    /// Begin no step after so many seconds.
+    /// Start no step after this many seconds.
     #[arg(long, value_name = "S")]
     seconds: Option<u64>,
 
-    /// Measure nothing; write the table from the book.
+    /// Only write the table, from existing measurements.
     #[arg(long)]
     table_only: bool,
 }

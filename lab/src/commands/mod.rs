@@ -32,11 +32,11 @@ Examples:
 Exit codes:
   0  done
   1  the operation failed
-  2  the command line makes no sense
+  2  wrong usage
   3  the daemon cannot be reached
   130  stopped by Ctrl-C";
 
-/// Measurements behind what Treewright claims. `treewright-render` hands these commands on to this program.
+/// Measurements behind Treewright's claims. `treewright-render` runs these commands through this program.
 #[derive(Debug, Parser)]
 #[command(name = "treewright-lab", version, after_help = EXAMPLES, arg_required_else_help = true)]
 struct Cli {
@@ -46,18 +46,18 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Measure what it saves to leave out what a scene does not need.
+    /// Measure the gain from leaving out shading features that a scene does not use.
     LeaveOut(leave_out::Arguments),
-    /// Measure what the service is worth on scenes it has never seen.
+    /// Measure the service on scenes it has never seen.
     LeaveSceneOut(leave_scene_out::Arguments),
-    /// Compare errors over time: whose picture is good enough first, builds and tuning included.
+    /// Compare error over time: which picture is good enough first, builds and tuning included.
     Converge(Box<converge::Arguments>),
     /// Repeat the paper's evaluation: record searches along camera paths, then judge predictors by the record.
     #[command(subcommand)]
     Evaluate(Box<evaluate::Command>),
-    /// Write what an evaluation says as one page, with every figure and the numbers behind it.
+    /// Write the results of an evaluation as one page, with figures and numbers.
     Report(evaluate::JudgeArguments),
-    /// Take a tuned configuration apart: which parameter brought what.
+    /// Show which parameters of a tuned configuration bring the gain.
     Ablate(ablate::Arguments),
     /// Check that all acceleration structures give the same hits and pictures.
     Verify(verify::Arguments),

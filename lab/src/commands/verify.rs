@@ -67,19 +67,19 @@ pub(super) struct Arguments {
     #[command(flatten)]
     space: SpaceArguments,
 
-    /// A further configuration, as for `image`; may be given several times.
+    /// Another configuration, as for `image`; can be repeated.
     #[arg(long, value_name = "NAME=VALUE,…")]
     config: Vec<String>,
 
-    /// How many rays are compared with the oracle.
+    /// Number of rays to compare with the oracle.
     #[arg(long, value_name = "N", default_value_t = 10_000, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(VERIFY_RAYS_MAX)))]
     rays: u32,
 
-    /// Pixels across and down of the pictures that are compared.
+    /// Size of the pictures that are compared, in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "160x120")]
     size: Size,
 
-    /// Samples a pixel of these pictures.
+    /// Samples per pixel of these pictures.
     #[arg(long, value_name = "N", default_value_t = 4, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1024))]
     spp: u32,
 

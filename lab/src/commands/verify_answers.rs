@@ -32,15 +32,15 @@ pub(super) struct FoldArguments {
     #[arg(long, value_name = "FILE.jsonl")]
     record: PathBuf,
 
-    /// Random partings of the cameras.
+    /// Random splits of the cameras into training and test sets.
     #[arg(long, value_name = "N", default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=1000))]
     folds: u32,
 
-    /// Of these partings.
+    /// Seed of these splits.
     #[arg(long, value_name = "N", default_value_t = 1)]
     fold_seed: u64,
 
-    /// The search that is taken for the baseline.
+    /// The search to use as the baseline.
     #[arg(long, value_name = "NAME", default_value = "nelder_mead")]
     search: String,
 }
@@ -54,11 +54,11 @@ pub(super) struct VerifyArguments {
     #[command(flatten)]
     scenes: SceneArguments,
 
-    /// Rounds in which answers are measured.
+    /// Rounds for measuring answers.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
-    /// Begin no measurement after so many seconds.
+    /// Start no measurement after this many seconds.
     #[arg(long, value_name = "S")]
     seconds: Option<u64>,
 }
@@ -69,11 +69,11 @@ pub(super) struct JudgeArguments {
     #[command(flatten)]
     folds: FoldArguments,
 
-    /// Read costs from this clock in place of the one that the searches went by.
+    /// Use costs from this clock instead of the one that the searches used.
     #[arg(long, value_enum)]
     clock: Option<Clock>,
 
-    /// Write the numbers into this folder, and the page with `report`.
+    /// Folder for the numbers, and for the page with `report`.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
 

@@ -22,9 +22,9 @@ const VERSION: u32 = 2;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Clock {
-    /// The clock on the wall: what a user waits for.
+    /// Wall time: what a user waits for.
     Wall,
-    /// Processor time of all threads, which hardly notices other work on the machine.
+    /// Processor time of all threads, which is hardly affected by other work on the machine.
     Cpu,
 }
 

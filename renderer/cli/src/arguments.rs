@@ -30,23 +30,23 @@ pub struct SceneArguments {
     #[arg(long, value_name = "PATH|builtin:NAME")]
     pub scene: String,
 
-    /// Scales the number of triangles of a built-in scene, 0.001 to 8.
+    /// Factor for the number of triangles of built-in scenes, 0.001 to 8.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub detail: f32,
 
-    /// Seed of a built-in scene: another one gives another scene of the same kind.
+    /// Seed of a built-in scene; each seed gives another scene of the same kind.
     #[arg(long, value_name = "N")]
     pub scene_seed: Option<u64>,
 
-    /// Moment of an animated built-in scene; 0 to 1 is one round.
+    /// Time in an animated built-in scene; 0 to 1 is one cycle.
     #[arg(long, value_name = "T", default_value_t = 0.0, allow_negative_numbers = true)]
     pub time: f32,
 
-    /// An equirectangular picture of the sky, .hdr or .exr, in place of the scene's own sky and sun.
+    /// Equirectangular environment map, .hdr or .exr; replaces the scene's own sky and sun.
     #[arg(long, value_name = "FILE")]
     pub environment: Option<PathBuf>,
 
-    /// Copy what instances place, instead of tracing rays through instances.
+    /// Copy instanced geometry instead of tracing rays through instances.
     #[arg(long)]
     pub flatten: bool,
 }
@@ -94,27 +94,27 @@ impl SceneArguments {
 /// Which camera of the scene, or one of one's own.
 #[derive(Args, Clone, Debug)]
 pub struct CameraArguments {
-    /// Number of a camera of the scene, from 0.
+    /// Number of the scene's camera, from 0.
     #[arg(long, value_name = "N", conflicts_with = "at")]
     pub camera: Option<usize>,
 
-    /// A point of the scene's camera path, 0 to 1.
+    /// Position on the scene's camera path, 0 to 1.
     #[arg(long, value_name = "T", value_parser = unit_interval)]
     pub at: Option<f32>,
 
-    /// Where the camera stands, in place of where the chosen one does.
+    /// Position of the camera, instead of the chosen camera's.
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
     pub eye: Option<Vec3>,
 
-    /// The point it looks at.
+    /// Point that the camera looks at.
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
     pub target: Option<Vec3>,
 
-    /// What is up in the picture.
+    /// Up direction of the picture.
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
     pub up: Option<Vec3>,
 
-    /// Vertical angle of view in degrees, 1 to 170.
+    /// Vertical field of view in degrees, 1 to 170.
     #[arg(long, value_name = "DEG", value_parser = fov)]
     pub fov: Option<f32>,
 }
@@ -162,19 +162,19 @@ impl CameraArguments {
 /// How a frame is rendered.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct FrameArguments {
-    /// Seed of every random number of the picture: the same seed gives the same picture.
+    /// Random seed; the same seed gives the same picture.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
 
-    /// Most bounces of a path.
+    /// Maximum number of bounces of a path.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=i64::from(BOUNCES_MAX)))]
     pub bounces: u32,
 
-    /// Threads for building and rendering; 0 is one a core.
+    /// Threads for building and rendering; 0 for one per core.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = threads)]
     pub threads: usize,
 
-    /// What shading leaves out: all that the scene does not need, or nothing. Pictures are the same.
+    /// Shading features to leave out. Pictures are the same.
     #[arg(long, value_enum, default_value_t = LeaveOut::All)]
     pub leave_out: LeaveOut,
 }
@@ -182,9 +182,9 @@ pub struct FrameArguments {
 /// What shading leaves out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum LeaveOut {
-    /// Everything that the scene does not need.
+    /// Everything the scene does not use.
     All,
-    /// Nothing: the kernel that renders any scene.
+    /// Nothing: use the kernel that renders any scene.
     None,
 }
 
@@ -249,7 +249,7 @@ pub struct ViewArguments {
     #[command(flatten)]
     pub frame: FrameArguments,
 
-    /// Pixels across and down.
+    /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     pub size: Size,
 }
@@ -279,13 +279,12 @@ impl Native {
 /// Which parameters configurations are of.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct SpaceArguments {
-    /// Parameters of configurations: `full` is native Embree, the tunable tree and how rays are grouped; `paper`
-    /// is the eleven of Table 1 (see `treewright-render spaces`).
+    /// Space of parameters (see `treewright-render spaces`).
     #[arg(long, value_parser = preset(), default_value = Preset::Full.name())]
     pub space: Preset,
 
-    /// Watertight intersection at edges, at some cost. It is never tuned: it decides which hits are found. (In
-    /// the paper's space it is one of the parameters.)
+    /// Watertight intersection at edges, at some cost. Never tuned, because it decides which hits are found.
+    /// (In the paper's space it is a parameter.)
     #[arg(long)]
     pub robust: bool,
 }
@@ -336,16 +335,16 @@ pub struct StructureArguments {
     #[command(flatten)]
     pub space: SpaceArguments,
 
-    /// Parameters, for example `quality=3,branching_factor=8`; what is left out keeps its recommended value
-    /// (see `treewright-render spaces`).
+    /// Parameters, for example `quality=3,branching_factor=8`; others keep their recommended values (see
+    /// `treewright-render spaces`).
     #[arg(long, value_name = "NAME=VALUE,…", conflicts_with_all = ["config_file", "native"])]
     pub config: Option<String>,
 
-    /// A JSON file with an object of parameters, as `tune --json` and `treewright best` write them.
+    /// JSON file with parameters, as written by `tune --json` and `treewright-render best`.
     #[arg(long, value_name = "FILE", conflicts_with = "native")]
     pub config_file: Option<PathBuf>,
 
-    /// Embree's own structure, path by path with single rays.
+    /// Use Embree's own structure, traced path by path with single rays.
     #[arg(long, value_enum)]
     pub native: Option<Native>,
 }
@@ -371,11 +370,11 @@ impl StructureArguments {
 /// How a structure follows a moving scene.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct UpdateArguments {
-    /// How the structure follows a moving scene; tuned when left out, where the space has it.
+    /// How the structure follows a moving scene. Default: tuned, if the space includes it.
     #[arg(long, value_enum)]
     pub update: Option<UpdateKind>,
 
-    /// With `--update partial`: how many times its last build's cost a subtree may have before it is built anew.
+    /// With `--update partial`: rebuild a subtree when its cost exceeds that of its last build by this factor.
     #[arg(long, value_name = "FACTOR", default_value_t = Update::REBUILD_THRESHOLD)]
     pub rebuild_threshold: f32,
 }
@@ -383,11 +382,11 @@ pub struct UpdateArguments {
 /// Ways to follow a moving scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum UpdateKind {
-    /// Build anew.
+    /// Rebuild.
     Rebuild,
-    /// Keep what is together and fit the boxes.
+    /// Keep the tree and refit its boxes.
     Refit,
-    /// Refit, and build anew what has decayed.
+    /// Refit, and rebuild subtrees that have degraded.
     Partial,
 }
 

@@ -43,11 +43,11 @@ The commands from leave-out on are those of the program treewright-lab, which mu
 Exit codes:
   0  done
   1  the operation failed
-  2  the command line makes no sense
+  2  wrong usage
   3  the daemon cannot be reached
   130  stopped by Ctrl-C";
 
-/// A path tracer whose acceleration structure is tuned by a service while it renders.
+/// A path tracer whose acceleration structure is tuned by a daemon while it renders.
 #[derive(Debug, Parser)]
 #[command(name = "treewright-render", version, after_help = EXAMPLES, arg_required_else_help = true)]
 struct Cli {
@@ -57,39 +57,39 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Render one picture.
+    /// Render a picture.
     Image(image::Arguments),
-    /// Tell what a scene consists of.
+    /// Show what a scene contains.
     Info(info::InfoArguments),
     /// List the built-in scenes.
     Scenes(info::ListArguments),
     /// Show the parameters that can be tuned.
     Spaces(info::SpacesArguments),
-    /// Tune the acceleration structure with the daemon's help while frames are rendered.
+    /// Tune the acceleration structure for a scene.
     Tune(Box<tune::Arguments>),
     /// Measure random configurations and record them as trials, for `treewright analyze`.
     Sample(Box<sample::Arguments>),
-    /// Tell what the service holds for the best in a scene and view, as JSON.
+    /// Print the best known configuration for a scene and view, as JSON.
     Best(Box<best::Arguments>),
-    /// Fly along the camera path with the daemon's answers, frame by frame.
+    /// Fly along the camera path, with a configuration from the daemon for each frame.
     Play(Box<play::Arguments>),
-    /// Measure ways to follow a moving scene against each other: rebuild, refit, rebuild in part.
+    /// Compare ways to follow a moving scene: rebuild, refit, partial rebuild.
     Animate(animate::Arguments),
-    /// Measure acceleration structures against each other.
+    /// Compare acceleration structures.
     Bench(bench::Arguments),
-    /// Record the rays of a frame for the benchmark of the acceleration structures.
+    /// Record the rays of a frame, for benchmarks of acceleration structures.
     Rays(rays::Arguments),
-    /// Measure what it saves to leave out what a scene does not need.
+    /// Measure the gain from leaving out shading features that a scene does not use.
     LeaveOut(laboratory::Arguments),
-    /// Measure what the service is worth on scenes it has never seen.
+    /// Measure the service on scenes it has never seen.
     LeaveSceneOut(laboratory::Arguments),
-    /// Compare errors over time: whose picture is good enough first, builds and tuning included.
+    /// Compare error over time: which picture is good enough first, builds and tuning included.
     Converge(laboratory::Arguments),
     /// Repeat the paper's evaluation: record searches along camera paths, then judge predictors by the record.
     Evaluate(laboratory::Arguments),
-    /// Write what an evaluation says as one page, with every figure and the numbers behind it.
+    /// Write the results of an evaluation as one page, with figures and numbers.
     Report(laboratory::Arguments),
-    /// Take a tuned configuration apart: which parameter brought what.
+    /// Show which parameters of a tuned configuration bring the gain.
     Ablate(laboratory::Arguments),
     /// Check that all acceleration structures give the same hits and pictures.
     Verify(laboratory::Arguments),

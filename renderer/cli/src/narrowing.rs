@@ -8,15 +8,17 @@ use treewright_renderer::space::{Narrowing, Recommendation, TuningSpace};
 /// Which part of the space.
 #[derive(Args, Clone, Debug, Default)]
 pub struct NarrowingArguments {
-    /// Fix a parameter to a value; may be given several times.
+    /// Fix a parameter to a value; can be repeated.
     #[arg(long, value_name = "NAME=VALUE", value_parser = Narrowing::fix)]
     pub fix: Vec<Narrowing>,
 
-    /// Hold a parameter to a part of its range; may be given several times. `treewright analyze` recommends such ranges.
+    /// Restrict a parameter to a part of its range; can be repeated. `treewright analyze` recommends such
+    /// ranges.
     #[arg(long, value_name = "NAME=LOW..HIGH", value_parser = Narrowing::range)]
     pub range: Vec<Narrowing>,
 
-    /// Hold parameters to what the paper recommends for an objective (section 4.4): paper-render or paper-total.
+    /// Restrict parameters to what the paper recommends for an objective (section 4.4): paper-render or
+    /// paper-total.
     #[arg(long, value_name = "NAME")]
     pub recommended: Option<Recommendation>,
 }

@@ -14,15 +14,16 @@ use treewright_renderer::tuning::objective::{Objective, study_id};
 /// Where the service is, and which study.
 #[derive(Args, Clone, Debug)]
 pub struct ServerArguments {
-    /// Address of the daemon; of several on one database, parted by commas.
+    /// Address of the daemon; separate several that share a database by commas.
     #[arg(long, value_name = "URLS", env = "TREEWRIGHT_SERVER", default_value = "http://127.0.0.1:50611")]
     pub server: String,
 
-    /// Id of the study; made of objective and space when left out, so that all scenes and sizes share what is learnt.
+    /// Id of the study. Default: one per objective and space, shared by all scenes and sizes.
     #[arg(long, value_name = "ID")]
     pub study: Option<String>,
 
-    /// How long a frame waits for the daemon at most, in milliseconds. Then it is rendered with the last good configuration.
+    /// Maximum time that a frame waits for the daemon, in milliseconds. After that it is rendered with the last
+    /// good configuration.
     #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..=60_000))]
     pub deadline_ms: u64,
 

@@ -13,20 +13,21 @@ use crate::limits::{
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Capacity")]
 pub struct CapacityConfig {
-    /// Connections at once. At most half of them may be such on which no request was authorised yet: of these the
-    /// oldest makes room for the next. Each needs a file descriptor: raise `ulimit -n` with it.
+    /// Maximum number of connections. At most half of them may be ones without an authorised request; the
+    /// oldest of these makes room for the next. Each connection needs a file descriptor: raise `ulimit -n` as
+    /// well.
     #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS", default_value_t = CONNECTIONS as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
     pub max_connections: u32,
 
-    /// Connections at once from one address. Clients behind one gateway have one address.
+    /// Maximum number of connections from one address. Clients behind one gateway share an address.
     #[arg(long, env = "TREEWRIGHT_MAX_CONNECTIONS_PER_ADDRESS", default_value_t = CONNECTIONS_PER_ADDRESS as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=CONNECTIONS_MAX as i64))]
     pub max_connections_per_address: u32,
 
-    /// Tune streams open at once.
+    /// Maximum number of open Tune streams.
     #[arg(long, env = "TREEWRIGHT_MAX_STREAMS", default_value_t = TUNE_STREAMS as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=TUNE_STREAMS_MAX as i64))]
     pub max_streams: u32,
 
-    /// Requests, and frames of Tune streams, worked on at once.
+    /// Maximum number of requests and Tune frames processed at once.
     #[arg(long, env = "TREEWRIGHT_MAX_REQUESTS", default_value_t = REQUESTS_IN_FLIGHT as u32, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=REQUESTS_IN_FLIGHT_MAX as i64))]
     pub max_requests: u32,
 }

@@ -12,17 +12,16 @@ use treewright_store::is_postgres_address;
 /// The options that say where everything is kept.
 #[derive(Clone, Debug, clap::Args)]
 pub struct DatabaseConfig {
-    /// Database file, created if it does not exist; or postgres://USER@HOST/DATABASE, which several daemons may
-    /// share.
+    /// Database file, created if missing; or postgres://USER@HOST/DATABASE, which several daemons can share.
     #[arg(long, env = "TREEWRIGHT_DATABASE", hide_env_values = true, value_name = "FILE or URL")]
     pub database: DatabaseArgument,
 
-    /// File with the password for PostgreSQL. Without it the password comes from PGPASSFILE, ~/.pgpass,
-    /// PGPASSWORD or the address.
+    /// File with the PostgreSQL password. Default: the password from PGPASSFILE, ~/.pgpass, PGPASSWORD or the
+    /// address.
     #[arg(long, env = "TREEWRIGHT_DATABASE_PASSWORD_FILE", value_name = "FILE")]
     pub database_password_file: Option<PathBuf>,
 
-    /// How long to wait for a PostgreSQL that is not there yet, in seconds.
+    /// How long to wait for PostgreSQL to become available, in seconds.
     #[arg(long, env = "TREEWRIGHT_DATABASE_WAIT_S", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(..=3600))]
     pub database_wait_s: u64,
 }

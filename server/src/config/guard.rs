@@ -9,23 +9,24 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Security")]
 pub struct GuardConfig {
-    /// Certificate to show, in PEM, followed by those between it and its authority. Read again when it changes.
+    /// Certificate of the daemon, in PEM, followed by its intermediate certificates. Reloaded when the file
+    /// changes.
     #[arg(long, env = "TREEWRIGHT_TLS_CERT", value_name = "FILE", requires = "tls_key")]
     pub tls_cert: Option<PathBuf>,
 
-    /// Private key of the certificate, in PEM. Read again when it changes.
+    /// Private key of the certificate, in PEM. Reloaded when the file changes.
     #[arg(long, env = "TREEWRIGHT_TLS_KEY", value_name = "FILE", requires = "tls_cert")]
     pub tls_key: Option<PathBuf>,
 
-    /// Let only clients in that show a certificate of one of these authorities, in PEM.
+    /// Accept only clients with a certificate from one of these CAs, in PEM.
     #[arg(long, env = "TREEWRIGHT_TLS_CLIENT_CA", value_name = "FILE", requires = "tls_cert")]
     pub tls_client_ca: Option<PathBuf>,
 
-    /// Ask for tokens on the loopback too. Make them with `treewrightd token create`.
+    /// Require tokens on the loopback too. Create them with `treewrightd token create`.
     #[arg(long, env = "TREEWRIGHT_TOKENS")]
     pub tokens: bool,
 
-    /// Listen beyond this machine without encryption, and without tokens unless --tokens asks for them: whoever
+    /// Listen beyond this machine without encryption, and without tokens unless --tokens is given. Anyone who
     /// reaches the port can read and change every study.
     #[arg(long, env = "TREEWRIGHT_INSECURE")]
     pub insecure: bool,

@@ -25,7 +25,7 @@ pub struct BackupConfig {
     #[command(flatten)]
     pub database: FileDatabase,
 
-    /// File to write. It gets its name when it is whole, checked and on the disk.
+    /// File to write. It appears under this name only when complete and checked.
     #[arg(long, value_name = "FILE")]
     pub to: PathBuf,
 
@@ -41,7 +41,7 @@ pub struct RestoreConfig {
     #[command(flatten)]
     pub database: FileDatabase,
 
-    /// The backup. It is only read.
+    /// The backup; it is not changed.
     #[arg(long, value_name = "FILE")]
     pub from: PathBuf,
 }

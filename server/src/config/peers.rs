@@ -11,17 +11,18 @@ use crate::tls::TlsFiles;
 #[derive(Clone, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Several daemons on one PostgreSQL")]
 pub struct PeersConfig {
-    /// Where the others reach this daemon, e.g. https://10.0.0.7:50611. Without it: where it listens.
+    /// Address at which the other daemons reach this one, e.g. https://10.0.0.7:50611. Default: the address it
+    /// listens on.
     #[arg(long, env = "TREEWRIGHT_ADVERTISE", value_name = "URL")]
     pub advertise: Option<String>,
 
-    /// Authorities by which the others' certificates are judged, in PEM. Without it: those of --tls-client-ca, and
-    /// without these the system's. Read again when it changes.
+    /// CA certificates for checking the other daemons' certificates, in PEM. Default: those of --tls-client-ca,
+    /// or else the system's. Reloaded when the file changes.
     #[arg(long, env = "TREEWRIGHT_PEER_CA", value_name = "FILE", requires = "tls_cert")]
     pub peer_ca: Option<PathBuf>,
 
-    /// The name to expect in the others' certificates, where it is not the one they are reached by: one certificate
-    /// can then serve them all.
+    /// Name to expect in the other daemons' certificates, if it differs from the name in their address. One
+    /// certificate can then serve all of them.
     #[arg(long, env = "TREEWRIGHT_PEER_NAME", value_name = "NAME", requires = "tls_cert")]
     pub peer_name: Option<String>,
 }

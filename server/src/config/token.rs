@@ -11,8 +11,7 @@ use crate::convert::names;
 /// What to do with tokens.
 #[derive(Debug, Subcommand)]
 pub enum TokenCommand {
-    /// Make a token and print it. It is shown this once: what is stored tells whether a token is right, not what
-    /// it is.
+    /// Create a token and print it. It cannot be shown again: only its hash is stored.
     #[command(after_help = "\
 Examples:
   treewrightd token create --database tuning.db --name operator --scope admin
@@ -30,14 +29,14 @@ Examples:
         #[arg(long)]
         json: bool,
     },
-    /// End a token, at once and for ever.
+    /// Revoke a token, at once and for good.
     Revoke {
         /// The database.
         #[command(flatten)]
         database: DatabaseConfig,
         /// The token's id, as `list` shows it.
         id: String,
-        /// Also remove what is known of it from the database.
+        /// Also delete its record from the database.
         #[arg(long)]
         forget: bool,
     },
@@ -50,39 +49,40 @@ pub struct CreateConfig {
     #[command(flatten)]
     pub database: DatabaseConfig,
 
-    /// Whom it is for, in words for people; at most 100 characters.
+    /// Description of its holder, at most 100 characters.
     #[arg(long, value_parser = token_name)]
     pub name: String,
 
-    /// What it lets its holder do.
+    /// What the token permits.
     #[arg(long)]
     pub scope: ScopeWord,
 
-    /// Only for this study, or with a `*` at the end for all whose id begins so. Once for each; all when left out.
+    /// Only for this study, or for all studies whose id starts with the text before a final `*`. Can be
+    /// repeated. Default: all studies.
     #[arg(long = "study", value_name = "ID", value_parser = pattern)]
     pub studies: Vec<String>,
 
-    /// After how long it ends, e.g. 12h or 90d; never when left out.
+    /// Lifetime, e.g. 12h or 90d. Default: unlimited.
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     pub expires: Option<Duration>,
 
-    /// Most requests and stream frames a second.
+    /// Maximum requests and stream frames per second.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub requests_per_s: Option<u32>,
 
-    /// Most studies that it may create.
+    /// Maximum number of studies it may create.
     #[arg(long, value_name = "COUNT")]
     pub max_studies: Option<u64>,
 
-    /// Most trials that it may be handed, in all.
+    /// Maximum number of trials in total.
     #[arg(long, value_name = "COUNT")]
     pub max_trials: Option<u64>,
 
-    /// Most trials that it may be handed in a day (UTC).
+    /// Maximum number of trials per day (UTC).
     #[arg(long, value_name = "COUNT")]
     pub trials_per_day: Option<u64>,
 
-    /// Most bytes of requests in a day (UTC).
+    /// Maximum bytes of requests per day (UTC).
     #[arg(long, value_name = "BYTES")]
     pub bytes_per_day: Option<u64>,
 }
@@ -110,11 +110,11 @@ impl CreateConfig {
 /// Scopes, as they are written on the command line.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum ScopeWord {
-    /// Look at studies and trials, and predict.
+    /// Read studies and trials, and predict.
     Read,
-    /// Also create studies, change policies, and tune.
+    /// Also create studies and tune.
     Tune,
-    /// Also delete studies.
+    /// Also change policies and delete studies.
     Admin,
 }
 

@@ -30,15 +30,15 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     structure: StructureArguments,
 
-    /// How many frames are measured.
+    /// Number of frames to measure.
     #[arg(long, value_name = "N", default_value_t = 48, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
     frames: u32,
 
-    /// How many rounds of the scene's time pass in them.
+    /// Number of cycles of the scene in that time.
     #[arg(long, value_name = "N", default_value_t = 1.0)]
     rounds: f32,
 
-    /// Write every frame to a file as JSON.
+    /// Write every frame as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }

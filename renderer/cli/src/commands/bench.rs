@@ -35,28 +35,28 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     space: SpaceArguments,
 
-    /// A further configuration, as for `image`; may be given several times.
+    /// Another configuration, as for `image`; can be repeated.
     #[arg(long, value_name = "NAME=VALUE,…")]
     config: Vec<String>,
 
-    /// A further configuration from a JSON file, with its name and space, for example
-    /// `tuned=full:best.json`; may be given several times.
+    /// Another configuration from a JSON file, with its name and space, e.g. `tuned=full:best.json`; can be
+    /// repeated.
     #[arg(long, value_name = "NAME=SPACE:FILE")]
     contender: Vec<NamedConfiguration>,
 
-    /// Measure only these, for example "native Embree default,native used well,tuned"; everybody when left out.
+    /// Measure only these, e.g. "native Embree default,native used well,tuned". Default: all.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     only: Vec<String>,
 
-    /// Pixels across and down.
+    /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
 
-    /// How often each one is measured.
+    /// Number of measurements of each.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
-    /// Write the results to a file as JSON.
+    /// Write the results as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }

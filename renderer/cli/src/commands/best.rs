@@ -27,11 +27,11 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     space: SpaceArguments,
 
-    /// What is minimised.
+    /// What to minimise.
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
 
-    /// Pixels across and down.
+    /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
 }

@@ -29,19 +29,19 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     frame: FrameArguments,
 
-    /// Pixels across and down.
+    /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "640x480")]
     size: Size,
 
-    /// Samples a pixel.
+    /// Samples per pixel.
     #[arg(long, value_name = "N", default_value_t = 64, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(SAMPLES_MAX)))]
     spp: u32,
 
-    /// Brightness of a PNG in stops; chosen from the picture when left out. EXR files are always linear.
+    /// Exposure of a PNG in stops. Default: chosen from the picture. EXR files are always linear.
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true)]
     exposure: Option<f32>,
 
-    /// Where the picture goes: .png or .exr.
+    /// Output file, .png or .exr.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
 

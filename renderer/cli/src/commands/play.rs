@@ -54,48 +54,48 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     space: SpaceArguments,
 
-    /// What to minimise; together with the space it names the study.
+    /// What to minimise; with the space, this selects the study.
     #[arg(long, value_enum, default_value_t = Aim::Render)]
     objective: Aim,
 
-    /// How many frames the flight along the camera path has.
+    /// Number of frames of the flight.
     #[arg(long, value_name = "N", default_value_t = 50, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
     frames: u32,
 
-    /// Pixels across and down.
+    /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
 
-    /// Where on the camera path, 0 to 1, the flight begins.
+    /// Start of the flight on the camera path, 0 to 1.
     #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = unit_interval)]
     from: f32,
 
-    /// Where it ends.
+    /// End of the flight on the camera path.
     #[arg(long, value_name = "T", default_value_t = 1.0, value_parser = unit_interval)]
     to: f32,
 
-    /// How many rounds of its time an animated scene runs through during the flight; each frame in which it moves has a
-    /// structure of its own moment.
+    /// Number of cycles of an animated scene during the flight; each frame in which it moves gets its own
+    /// structure.
     #[arg(long, value_name = "N", default_value_t = 0.0, allow_negative_numbers = true)]
     rounds: f32,
 
-    /// Share of the flight at its end, 0 to 1, in which an animated scene stands still.
+    /// Share of the flight, 0 to 1, at its end in which an animated scene stands still.
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = unit_interval)]
     rest: f32,
 
     #[command(flatten)]
     update: UpdateArguments,
 
-    /// Probability of exploring when the state changes; the study's own when left out.
+    /// Probability of exploring when the state changes. Default: the study's own.
     #[arg(long, value_name = "P", value_parser = unit_interval)]
     epsilon: Option<f32>,
 
-    /// Also render each frame with native Embree's default (in the paper's space: with its recommended default),
-    /// and tell the difference.
+    /// Also render each frame with native Embree's default (in the paper's space: with the paper's recommended
+    /// default), and show the difference.
     #[arg(long)]
     compare: bool,
 
-    /// Write every frame to a file as JSON.
+    /// Write every frame as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }

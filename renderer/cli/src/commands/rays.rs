@@ -25,19 +25,19 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     camera: CameraArguments,
 
-    /// Seed of every random number of the frame.
+    /// Random seed.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
 
-    /// Most bounces of a path.
+    /// Maximum number of bounces of a path.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=i64::from(BOUNCES_MAX)))]
     bounces: u32,
 
-    /// Pixels across and down.
+    /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
 
-    /// Where the recording goes, best with the ending `.rays`.
+    /// Output file, preferably ending in `.rays`.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
 

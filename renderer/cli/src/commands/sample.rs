@@ -51,7 +51,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "PATH|builtin:NAME", required = true)]
     scene: Vec<String>,
 
-    /// Scales the number of triangles of built-in scenes, 0.001 to 8.
+    /// Factor for the number of triangles of built-in scenes, 0.001 to 8.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     detail: f32,
 
@@ -59,15 +59,15 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N")]
     scene_seed: Option<u64>,
 
-    /// Cameras along each scene's path, in the middle of equal parts of it.
+    /// Cameras along each scene's path, at the centres of equal parts.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     cameras: u32,
 
-    /// Samples at each camera.
+    /// Samples per camera.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(SAMPLES_PER_PLACE_MAX)))]
     samples: u32,
 
-    /// Only these parameters are random; the others keep their recommended values. All when left out.
+    /// Randomise only these parameters; others keep their recommended values. Default: all.
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     parameters: Vec<String>,
 
@@ -80,7 +80,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     space: SpaceArguments,
 
-    /// Pixels across and down.
+    /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
 

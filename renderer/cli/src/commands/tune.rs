@@ -59,19 +59,20 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     narrowing: NarrowingArguments,
 
-    /// What to minimise: the render time with a thousandth of the build, or build and render time together.
+    /// What to minimise.
     #[arg(long, value_parser = objective(), default_value = Objective::Render.name())]
     objective: Objective,
 
-    /// How many configurations are tried.
+    /// Number of configurations to try.
     #[arg(long, value_name = "N", default_value_t = 80, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ITERATIONS_MAX)))]
     iterations: u32,
 
-    /// Frames rendered with each configuration; their median counts. More make the search surer and slower.
+    /// Frames rendered with each configuration; their median counts. More frames make the search slower but
+    /// more reliable.
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(FRAMES_PER_TRIAL_MAX)))]
     frames: u32,
 
-    /// Pixels across and down.
+    /// Size in pixels.
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
 
@@ -79,11 +80,11 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
-    /// A further configuration of the same space that runs against what was found, as JSON; may be given several times.
+    /// Another configuration of the same space to run against the winner, as JSON; can be repeated.
     #[arg(long, value_name = "FILE")]
     candidate: Vec<PathBuf>,
 
-    /// A configuration of the paper's space to be measured beside the winner, as JSON.
+    /// A configuration of the paper's space to measure next to the winner, as JSON.
     #[arg(long, value_name = "FILE")]
     paper_config_file: Option<PathBuf>,
 
@@ -91,25 +92,26 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "P", default_value_t = 1.0, value_parser = unit_interval)]
     epsilon: f32,
 
-    /// Stop a trial once it has cost so many times as much as the best so far, which bounds what a bad configuration can
-    /// cost; a build is finished all the same. Without it the study's policy decides.
+    /// Stop a trial once it has cost this many times as much as the best so far; its build is always finished.
+    /// Default: the study's policy.
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, value_parser = factor)]
     abort_above: Option<f64>,
 
-    /// The point of the camera path, 0 to 1, where the predictor is asked without a search; 0.2 further on when left out.
+    /// Position on the camera path, 0 to 1, at which to ask the predictor without a search. Default: 0.2
+    /// further on.
     #[arg(long, value_name = "T", value_parser = unit_interval)]
     fresh_at: Option<f32>,
 
-    /// Let the camera drift along its path while the search runs, over this share of it. The service takes
-    /// cameras that are close together for the same state.
+    /// Move the camera along its path during the search, over this share of the path. Cameras that are close
+    /// together count as the same state.
     #[arg(long, value_name = "SPAN", num_args = 0..=1, default_missing_value = "0.02", value_parser = unit_interval)]
     moving: Option<f32>,
 
-    /// Write everything that was found out, every trial included, as JSON.
+    /// Write all results, including every trial, as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 
-    /// Write a report for the browser.
+    /// Write a report as a web page.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
 }
