@@ -46,11 +46,14 @@ impl From<&Value> for Cell {
     }
 }
 
+/// Reads a trial's cell of a column.
+type Read = Box<dyn Fn(&TrialRecord) -> Option<Cell>>;
+
 /// A column of a table that is written.
 pub(super) struct Column {
     pub(super) title: String,
     pub(super) kind: Kind,
-    read: Box<dyn Fn(&TrialRecord) -> Option<Cell>>,
+    read: Read,
 }
 
 impl Column {
