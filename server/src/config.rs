@@ -352,7 +352,8 @@ mod tests {
 
     #[test]
     fn options_about_other_daemons_stand_under_their_own_heading() {
-        let command = Cli::command();
+        let mut command = Cli::command();
+        command.build();
         let serve = command.find_subcommand("serve").expect("serve");
         let peers =
             serve.get_arguments().filter(|one| one.get_help_heading().is_some_and(|h| h.contains("daemons")));
