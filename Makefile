@@ -14,7 +14,7 @@ build: setup ## release binaries: treewrightd, treewright, treewright-render, tr
 	$(CARGO) build --release --locked --bins -p treewright-server -p treewright-cli -p treewright-render-cli -p treewright-lab
 
 demo: setup ## tune a built-in scene, then open demo/report.html
-	$(CARGO) build --profile demo --locked --bins --no-default-features -p treewright-server -p treewright-render-cli
+	TREEWRIGHT_KERNELS=native $(CARGO) build --profile demo --locked --bins --no-default-features -p treewright-server -p treewright-render-cli
 	@tools/demo.sh
 
 dist: ## an archive to hand out, with its check sum (tools/dist.py)

@@ -11,6 +11,8 @@ mod commands;
 mod exec;
 mod failure;
 mod files;
+mod output;
+mod progress;
 mod setting_flags;
 mod settings;
 mod show;

@@ -147,7 +147,7 @@ impl Settings {
             (*name, serde_json::json!({ "value": value, "from": source }))
         };
         let record: BTreeMap<_, _> = values.iter().map(entry).collect();
-        crate::commands::either(json, &record, || {
+        crate::output::either(json, &record, || {
             let mut text = format!("# {}\n", self.place());
             for (name, value) in &values {
                 let source = self.sources.get(name).copied().unwrap_or("not set");
@@ -166,7 +166,7 @@ impl Settings {
             return Err(Failure::Data(problem.clone()));
         }
         let record = serde_json::json!({ "path": self.path, "exists": self.exists });
-        crate::commands::either(json, &record, || format!("{}: nothing is wrong", self.place()))
+        crate::output::either(json, &record, || format!("{}: nothing is wrong", self.place()))
     }
 }
 

@@ -8,9 +8,8 @@ use serde::de::{self, Deserializer, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
 use thiserror::Error;
 
-use crate::configuration::RawConfiguration;
 use crate::plain::Plain;
-use crate::value::Value;
+use crate::value::{RawConfiguration, Value};
 
 /// A value for some or all parameters, ordered by name. Serialised it is a plain map: `{"quality":2,"split":"sah"}`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]

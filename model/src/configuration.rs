@@ -1,7 +1,6 @@
 //! Configurations: a value for every active parameter of a space, in canonical form. What is not checked yet stands in
 //! `assignment`.
 
-use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Deref;
 use std::sync::Arc;
@@ -9,11 +8,7 @@ use std::sync::Arc;
 use serde::{Serialize, Serializer};
 
 use crate::assignment::Assignment;
-use crate::value::Value;
-
-/// A configuration that has not been checked against a space yet: what comes over the wire or out of a
-/// table. [`Space::configuration`](crate::space::Space::configuration) turns it into a [`Configuration`].
-pub type RawConfiguration = BTreeMap<String, Value>;
+pub use crate::value::RawConfiguration;
 
 /// A value for every active parameter of a space, and for no other; every value inside its domain, every
 /// constraint fulfilled.

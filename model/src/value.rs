@@ -1,6 +1,7 @@
 //! Values of parameters, with a total order so that configurations can be compared, sorted and hashed.
 
 use std::cmp::Ordering;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::hash::{Hash, Hasher};
 
@@ -23,6 +24,11 @@ pub enum Value {
     /// A switch.
     Boolean(bool),
 }
+
+/// A configuration that has not been checked against a space yet: what comes over the wire or out of a
+/// table. [`Space::configuration`](crate::space::Space::configuration) turns it into a
+/// [`Configuration`](crate::configuration::Configuration).
+pub type RawConfiguration = BTreeMap<String, Value>;
 
 impl Value {
     /// The kind of the value in one word, for messages.

@@ -4,11 +4,15 @@
 //! installation. The run path is that of the real file behind the link, since the loader asks for the
 //! library by its own name (SONAME), which lies beside the real file. A build script can set a run path
 //! only for its own package, so the folder is handed on as `DEP_TREEWRIGHT_EMBREE_LIB_DIR`.
+//!
+//! `TREEWRIGHT_KERNELS=native` compiles the queries for this machine's instruction set alone, which takes a third of the
+//! time (`make demo`); they are the greatest part of the crate. Without it, they are compiled for each.
 
 use std::env;
 use std::path::{Path, PathBuf};
 
 fn main() {
+    choose_kernels();
     println!("cargo::rerun-if-env-changed=EMBREE_DIR");
     let candidates = candidates();
     let Some(library) =
@@ -37,6 +41,43 @@ fn main() {
     println!("cargo::rustc-link-search=native={}", link_folder.display());
     println!("cargo::rustc-link-arg=-Wl,-rpath,{}", run_folder.display());
     println!("cargo::metadata=LIB_DIR={}", run_folder.display());
+}
+
+/// Sets `kernels_NAME` for each instruction set that queries are compiled for, and `native_kernels` where it is one alone.
+fn choose_kernels() {
+    println!("cargo::rerun-if-env-changed=TREEWRIGHT_KERNELS");
+    println!("cargo::rustc-check-cfg=cfg(native_kernels)");
+    let native = match env::var("TREEWRIGHT_KERNELS") {
+        Ok(text) if text == "native" => env::var_os("HOST") == env::var_os("TARGET"),
+        Ok(text) if !text.is_empty() && text != "all" => {
+            println!("cargo::error=TREEWRIGHT_KERNELS is {text:?}; it is `native` or `all`");
+            return;
+        }
+        _ => false,
+    };
+    if native {
+        println!("cargo::rustc-cfg=native_kernels");
+    }
+    for name in ["scalar", "avx2", "avx512"] {
+        println!("cargo::rustc-check-cfg=cfg(kernels_{name})");
+        if !native || name == best() {
+            println!("cargo::rustc-cfg=kernels_{name}");
+        }
+    }
+}
+
+/// The best instruction set of this machine, as `Isa::detect` finds it.
+fn best() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        macro_rules! has {
+            ($($feature:tt)*) => { true $(&& is_x86_feature_detected!($feature))* };
+        }
+        if has!("avx2" "fma" "bmi1" "bmi2" "lzcnt" "popcnt") {
+            return if has!("avx512f" "avx512vl" "avx512dq" "avx512bw") { "avx512" } else { "avx2" };
+        }
+    }
+    "scalar"
 }
 
 /// Folders that may hold the library, best first.

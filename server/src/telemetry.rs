@@ -7,10 +7,10 @@ pub mod traces;
 use std::io::{self, IsTerminal as _, Write};
 
 use clap::ValueEnum;
-use tracing_subscriber::filter::ParseError;
+use tracing_subscriber::Layer as _;
+use tracing_subscriber::filter::{ParseError, Targets};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
-use tracing_subscriber::{EnvFilter, Layer as _};
 
 use crate::access::token::{SECRET_CHARACTERS, TOKEN_MARK};
 use traces::Traces;
@@ -28,12 +28,12 @@ pub enum LogFormat {
 ///
 /// # Errors
 /// What is wrong with it.
-pub fn filter(text: &str) -> Result<EnvFilter, ParseError> {
-    EnvFilter::builder().parse(text)
+pub fn filter(text: &str) -> Result<Targets, ParseError> {
+    text.parse()
 }
 
 /// Begins to log, and to make spans where they are sent somewhere. Only the first call in a process counts.
-pub fn begin(format: LogFormat, filter: EnvFilter, traces: Option<&Traces>) {
+pub fn begin(format: LogFormat, filter: Targets, traces: Option<&Traces>) {
     let log = tracing_subscriber::fmt::layer().with_writer(|| Blotting(io::stderr()));
     let log = match format {
         LogFormat::Text => log.with_ansi(std::io::stderr().is_terminal()).with_target(false).boxed(),

@@ -62,7 +62,6 @@ const SEVERAL_VERSIONS: &[&str] = &[
     "sha2",
     "shlex",
     "syn",
-    "synstructure",
     "unicode-width",
     "windows-sys",
 ];

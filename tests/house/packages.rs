@@ -38,7 +38,10 @@ fn every_package_says_what_it_is() {
 fn packages_hold_what_they_are_built_from() {
     for (package, needed) in [
         ("treewright-model", &["Cargo.toml", "src/lib.rs"][..]),
-        ("treewright-proto", &["build.rs", "treewright/v1/tuning.proto", "treewright/v1/study.proto"]),
+        (
+            "treewright-proto",
+            &["src/generated/treewright.v1.rs", "treewright/v1/tuning.proto", "treewright/v1/study.proto"],
+        ),
         ("treewright-client", &["src/lib.rs", "examples/integrate.rs"]),
         ("treewright-cli", &["src/main.rs"]),
         ("treewright-core", &["src/lib.rs", "clippy.toml"]),

@@ -19,7 +19,7 @@ pub(crate) struct File {
     pub(crate) text: String,
 }
 
-/// Every Rust file of the workspace, build folders left out.
+/// Every Rust file of the workspace; build folders and generated code are left out.
 pub(crate) fn rust_files() -> impl Iterator<Item = File> {
     let mut found = Vec::new();
     let top = workspace();
@@ -34,7 +34,7 @@ fn collect(top: &Path, folder: &Path, found: &mut Vec<File>) {
     for entry in std::fs::read_dir(folder).expect("a source folder can be read") {
         let path = entry.expect("a source folder can be listed").path();
         if path.is_dir() {
-            if !path.ends_with("target") {
+            if !path.ends_with("target") && !path.ends_with("generated") {
                 collect(top, &path, found);
             }
         } else if path.extension().is_some_and(|extension| extension == "rs") {

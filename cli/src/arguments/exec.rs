@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use treewright_client::{Indicators, Value};
 
 use super::{indicator, parameter};
-use crate::exec::program::Metric;
+use crate::exec::program::MetricSource;
 use crate::failure::Failure;
 use crate::study_file::{ParameterEntry, StudyFile, TermEntry};
 
@@ -43,7 +43,7 @@ pub(crate) struct Exec {
     pub(crate) trials: Option<u32>,
     /// Where measurements come from
     #[arg(long, value_enum, default_value = "time")]
-    pub(crate) metric: Metric,
+    pub(crate) metric: MetricSource,
     /// Kill runs that take longer, e.g. 30s; such a configuration counts as infeasible
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     pub(crate) run_timeout: Option<Duration>,

@@ -23,8 +23,8 @@ use treewright_client::{
     StudySpec, TrialQuery, TrialRecord,
 };
 
-use crate::exec::progress;
 use crate::failure::Failure;
+use crate::progress;
 
 /// Longest name of a client, in characters.
 const CLIENT_CHARACTERS: usize = 128;

@@ -23,7 +23,7 @@ use treewright_client::{StudySpec, TrialRecord, Value};
 
 use super::CarriedTrial;
 use super::jsonl::Header;
-use super::table::{self, Cell, Column, Kind, MEASUREMENT, Role, Row};
+use super::table::{self, Kind, MEASUREMENT, Role, Row, TrialCell, TrialColumn};
 use crate::failure::Failure;
 
 /// Where the study stands in the file's metadata.
@@ -55,7 +55,7 @@ pub(crate) fn write(
 
 fn write_columns(
     out: impl Write + Send,
-    columns: &[Column],
+    columns: &[TrialColumn],
     trials: &[TrialRecord],
     properties: WriterProperties,
 ) -> Result<(), ParquetError> {
@@ -74,7 +74,7 @@ fn write_columns(
     file.close().map(drop)
 }
 
-fn field(column: &Column) -> Result<Type, ParquetError> {
+fn field(column: &TrialColumn) -> Result<Type, ParquetError> {
     let (physical, logical) = match column.kind {
         Kind::Boolean => (Physical::BOOLEAN, None),
         Kind::Integer => (Physical::INT64, None),
@@ -89,7 +89,7 @@ fn field(column: &Column) -> Result<Type, ParquetError> {
 fn write_cells(
     writer: &mut SerializedColumnWriter<'_>,
     kind: Kind,
-    cells: impl Iterator<Item = Option<Cell>>,
+    cells: impl Iterator<Item = Option<TrialCell>>,
 ) -> Result<(), ParquetError> {
     match kind {
         Kind::Boolean => put::<BoolType>(writer, cells.map(|cell| cell.and_then(boolean))),
@@ -110,29 +110,29 @@ fn put<T: DataType>(
     writer.typed::<T>().write_batch(&values, Some(&levels), None).map(drop)
 }
 
-fn boolean(cell: Cell) -> Option<bool> {
-    if let Cell::Boolean(value) = cell { Some(value) } else { None }
+fn boolean(cell: TrialCell) -> Option<bool> {
+    if let TrialCell::Boolean(value) = cell { Some(value) } else { None }
 }
 
 /// Times are milliseconds since 1970.
-fn integer(cell: Cell) -> Option<i64> {
+fn integer(cell: TrialCell) -> Option<i64> {
     match cell {
-        Cell::Integer(value) => Some(value),
-        Cell::Time(value) => value.duration_since(UNIX_EPOCH).ok()?.as_millis().try_into().ok(),
+        TrialCell::Integer(value) => Some(value),
+        TrialCell::Time(value) => value.duration_since(UNIX_EPOCH).ok()?.as_millis().try_into().ok(),
         _ => None,
     }
 }
 
-fn number(cell: Cell) -> Option<f64> {
+fn number(cell: TrialCell) -> Option<f64> {
     match cell {
-        Cell::Number(value) => Some(value),
-        Cell::Integer(value) => Some(value as f64),
+        TrialCell::Number(value) => Some(value),
+        TrialCell::Integer(value) => Some(value as f64),
         _ => None,
     }
 }
 
-fn text(cell: Cell) -> Option<ByteArray> {
-    if let Cell::Text(value) = cell { Some(value.into_bytes().into()) } else { None }
+fn text(cell: TrialCell) -> Option<ByteArray> {
+    if let TrialCell::Text(value) = cell { Some(value.into_bytes().into()) } else { None }
 }
 
 /// Reads trials, and the study where an export wrote it.

@@ -27,7 +27,7 @@ pub(super) enum Kind {
 
 /// What stands in one place of a table.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Cell {
+pub(super) enum TrialCell {
     Boolean(bool),
     Integer(i64),
     Number(f64),
@@ -35,7 +35,7 @@ pub(super) enum Cell {
     Time(SystemTime),
 }
 
-impl From<&Value> for Cell {
+impl From<&Value> for TrialCell {
     fn from(value: &Value) -> Self {
         match value {
             Value::Boolean(value) => Self::Boolean(*value),
@@ -47,43 +47,43 @@ impl From<&Value> for Cell {
 }
 
 /// Reads a trial's cell of a column.
-type Read = Box<dyn Fn(&TrialRecord) -> Option<Cell>>;
+type Read = Box<dyn Fn(&TrialRecord) -> Option<TrialCell>>;
 
 /// A column of a table that is written.
-pub(super) struct Column {
+pub(super) struct TrialColumn {
     pub(super) title: String,
     pub(super) kind: Kind,
     read: Read,
 }
 
-impl Column {
+impl TrialColumn {
     fn new(
         title: impl Into<String>,
         kind: Kind,
-        read: impl Fn(&TrialRecord) -> Option<Cell> + 'static,
+        read: impl Fn(&TrialRecord) -> Option<TrialCell> + 'static,
     ) -> Self {
         Self { title: title.into(), kind, read: Box::new(read) }
     }
 
     /// What it says of a trial.
-    pub(super) fn of(&self, trial: &TrialRecord) -> Option<Cell> {
+    pub(super) fn of(&self, trial: &TrialRecord) -> Option<TrialCell> {
         (self.read)(trial)
     }
 }
 
 /// The columns of a table of these trials.
-pub(super) fn columns(spec: &StudySpec, trials: &[TrialRecord], site: &str) -> Vec<Column> {
+pub(super) fn columns(spec: &StudySpec, trials: &[TrialRecord], site: &str) -> Vec<TrialColumn> {
     let mut columns = fixed(site.to_owned());
     columns.extend(spec.space.parameters().iter().map(|parameter| {
         let name = parameter.name.clone();
-        Column::new(format!("{CONFIGURATION}{name}"), kind(&parameter.domain), move |trial| {
-            trial.configuration.get(&name).map(Cell::from)
+        TrialColumn::new(format!("{CONFIGURATION}{name}"), kind(&parameter.domain), move |trial| {
+            trial.configuration.get(&name).map(TrialCell::from)
         })
     }));
     columns.extend(spec.indicators.indicators().iter().map(|indicator| {
         let name = indicator.name.clone();
-        Column::new(format!("{INDICATOR}{name}"), Kind::Number, move |trial| {
-            trial.indicators.get(&name).map(Cell::Number)
+        TrialColumn::new(format!("{INDICATOR}{name}"), Kind::Number, move |trial| {
+            trial.indicators.get(&name).map(TrialCell::Number)
         })
     }));
     let mut measured: Vec<&str> =
@@ -92,33 +92,33 @@ pub(super) fn columns(spec: &StudySpec, trials: &[TrialRecord], site: &str) -> V
     measured.dedup();
     columns.extend(measured.into_iter().map(|name| {
         let name = name.to_owned();
-        Column::new(format!("{MEASUREMENT}{name}"), Kind::Number, move |trial| {
-            trial.measurements.get(&name).map(Cell::Number)
+        TrialColumn::new(format!("{MEASUREMENT}{name}"), Kind::Number, move |trial| {
+            trial.measurements.get(&name).map(TrialCell::Number)
         })
     }));
     columns
 }
 
 /// The columns of every study.
-fn fixed(site: String) -> Vec<Column> {
+fn fixed(site: String) -> Vec<TrialColumn> {
     let outcome = |trial: &TrialRecord| show::outcome_parts(trial.outcome.as_ref());
-    let text = |text: String| (!text.is_empty()).then_some(Cell::Text(text));
+    let text = |text: String| (!text.is_empty()).then_some(TrialCell::Text(text));
     vec![
-        Column::new("number", Kind::Integer, |trial| {
-            Some(Cell::Integer(i64::try_from(trial.number()?).ok()?))
+        TrialColumn::new("number", Kind::Integer, |trial| {
+            Some(TrialCell::Integer(i64::try_from(trial.number()?).ok()?))
         }),
-        Column::new("state", Kind::Text, move |trial| text(trial.state.to_string())),
-        Column::new("mode", Kind::Text, move |trial| text(trial.mode.to_string())),
-        Column::new("outcome", Kind::Text, move |trial| text(outcome(trial).0)),
-        Column::new("reason", Kind::Text, move |trial| text(outcome(trial).1)),
-        Column::new("lower_bound", Kind::Number, move |trial| outcome(trial).2.map(Cell::Number)),
-        Column::new("cost", Kind::Number, |trial| trial.cost.map(Cell::Number)),
-        Column::new("state_id", Kind::Integer, |trial| Some(Cell::Integer(trial.state_id))),
-        Column::new("client_id", Kind::Text, move |trial| text(trial.client_id.clone())),
-        Column::new("complete_time", Kind::Time, |trial| trial.complete_time.map(Cell::Time)),
-        Column::new("origin", Kind::Text, move |trial| text(origin(trial, &site))),
-        Column::new(FINGERPRINT, Kind::Text, |trial| {
-            serde_json::to_string(trial.fingerprint.as_ref()?).ok().map(Cell::Text)
+        TrialColumn::new("state", Kind::Text, move |trial| text(trial.state.to_string())),
+        TrialColumn::new("mode", Kind::Text, move |trial| text(trial.mode.to_string())),
+        TrialColumn::new("outcome", Kind::Text, move |trial| text(outcome(trial).0)),
+        TrialColumn::new("reason", Kind::Text, move |trial| text(outcome(trial).1)),
+        TrialColumn::new("lower_bound", Kind::Number, move |trial| outcome(trial).2.map(TrialCell::Number)),
+        TrialColumn::new("cost", Kind::Number, |trial| trial.cost.map(TrialCell::Number)),
+        TrialColumn::new("state_id", Kind::Integer, |trial| Some(TrialCell::Integer(trial.state_id))),
+        TrialColumn::new("client_id", Kind::Text, move |trial| text(trial.client_id.clone())),
+        TrialColumn::new("complete_time", Kind::Time, |trial| trial.complete_time.map(TrialCell::Time)),
+        TrialColumn::new("origin", Kind::Text, move |trial| text(origin(trial, &site))),
+        TrialColumn::new(FINGERPRINT, Kind::Text, |trial| {
+            serde_json::to_string(trial.fingerprint.as_ref()?).ok().map(TrialCell::Text)
         }),
     ]
 }

@@ -3,10 +3,10 @@
 use treewright_client::TrialQuery;
 use treewright_client::blocking::Client;
 
-use super::either;
 use crate::analysis::{self, Request, TRIALS_MIN};
 use crate::arguments::data::Analyze;
 use crate::failure::Failure;
+use crate::output::either;
 
 pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<String, Failure> {
     let study = client.get_study(&wanted.study)?;

@@ -7,15 +7,15 @@ use std::path::Path;
 use treewright_client::TrialQuery;
 use treewright_client::blocking::Client;
 
-use super::either;
 use crate::arguments::data::{Export, ExportFormat, Import};
 use crate::carry::foreign::Foreign;
 #[cfg(feature = "parquet")]
 use crate::carry::parquet_table;
 use crate::carry::{CarriedTrial, Importer, Tally, csv_table, jsonl, optuna, vizier};
-use crate::exec::progress;
 use crate::failure::Failure;
 use crate::files;
+use crate::output::either;
+use crate::progress;
 use crate::study_file::StudyFile;
 
 pub(super) fn export(client: &Client, export: &Export) -> Result<String, Failure> {

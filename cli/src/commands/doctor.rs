@@ -7,9 +7,10 @@ use serde::Serialize;
 use treewright_client::blocking::Client;
 use treewright_client::{Options, detect_fingerprint};
 
-use super::{USUAL, either};
+use super::USUAL;
 use crate::arguments::Arguments;
 use crate::failure::Failure;
+use crate::output::either;
 use crate::settings::Settings;
 use treewright_client::local::{self, LocalDaemon};
 

@@ -9,20 +9,18 @@ mod shell;
 mod steer;
 mod studies;
 mod trials;
-pub(crate) mod watch;
+mod watch;
 
-use std::path::Path;
-
-use serde::Serialize;
+use treewright_client::Options;
 use treewright_client::blocking::Client;
-use treewright_client::{Options, StudyRecord};
 
 use crate::arguments::study::StudyCommand;
 use crate::arguments::{Arguments, Command, ConfigCommand};
 use crate::failure::Failure;
+use crate::output::either;
 use crate::settings::Settings;
-use crate::study_file::{self, StudyFile};
-use crate::{exec, show};
+use crate::study_file;
+use crate::{exec, progress, show};
 use treewright_client::local::{self, LocalDaemon};
 
 /// Where a daemon listens that was started without saying where.
@@ -84,14 +82,14 @@ fn connect(arguments: &Arguments) -> Result<Client, Failure> {
 /// Its address. Where none is said: the usual one if somebody answers there, else the local one.
 fn address(arguments: &Arguments) -> Result<String, Failure> {
     match arguments.server.as_deref() {
-        Some(LOCAL) => Ok(LocalDaemon::of_user()?.start(crate::exec::progress::note)?),
+        Some(LOCAL) => Ok(LocalDaemon::of_user()?.start(progress::note)?),
         Some(url) => Ok(url.to_owned()),
         None if local::answers(USUAL) => Ok(USUAL.to_owned()),
         None => {
             let local = LocalDaemon::of_user()?;
             // Who only looks needs no new one, unless there is something to look at.
             if needs_a_daemon(&arguments.command) || local.database().exists() {
-                Ok(local.start(crate::exec::progress::note)?)
+                Ok(local.start(progress::note)?)
             } else {
                 Ok(USUAL.to_owned())
             }
@@ -108,45 +106,6 @@ fn needs_a_daemon(command: &Command) -> bool {
             | Command::Import(_)
             | Command::Study(StudyCommand::Create { .. })
     )
-}
-
-/// JSON where it is wished, else the words for people.
-pub(crate) fn either(
-    json: bool,
-    record: &impl Serialize,
-    words: impl FnOnce() -> String,
-) -> Result<String, Failure> {
-    let mut text = if json { serde_json::to_string_pretty(record)? } else { words() };
-    if !text.ends_with('\n') {
-        text.push('\n');
-    }
-    Ok(text)
-}
-
-/// A study by its id, or by a file that describes it, from which it is created where there is none.
-pub(crate) fn find_or_create(
-    client: &Client,
-    study: &str,
-    inline: Option<StudyFile>,
-) -> Result<StudyRecord, Failure> {
-    if let Some(file) = inline {
-        return Ok(client.create_study(study, &file.spec()?)?);
-    }
-    let path = Path::new(study);
-    let is_file = path.extension().is_some_and(|extension| extension == "toml" || extension == "json");
-    if is_file {
-        let file = StudyFile::read(path)?;
-        return Ok(client.create_study(&studies::id_of(&file, path, None)?, &file.spec()?)?);
-    }
-    client.get_study(study).map_err(|problem| {
-        if problem.is_not_found() {
-            Failure::Data(format!(
-                "{problem}; name a study file to create it, or describe it with --tune NAME=LOW..HIGH:DEFAULT"
-            ))
-        } else {
-            problem.into()
-        }
-    })
 }
 
 fn ping(client: &Client, json: bool) -> Result<String, Failure> {

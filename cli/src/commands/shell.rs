@@ -3,12 +3,13 @@
 use treewright_client::blocking::Client;
 use treewright_client::{Configuration, Measurements, Outcome, Question, TrialRecord};
 
-use super::either;
 use crate::arguments::exec::{Report, Suggest, SuggestFormat};
 use crate::exec::program::variable;
-use crate::exec::{progress, quoted};
+use crate::exec::quoted;
 use crate::failure::Failure;
 use crate::files;
+use crate::output::either;
+use crate::progress;
 
 pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<String, Failure> {
     let wanted = if ask.wanted.is_empty() {

@@ -3,9 +3,9 @@
 use treewright_client::blocking::Client;
 use treewright_client::{Configuration, Operation, Policy, PolicyChange, StudyRecord};
 
-use super::either;
 use crate::arguments::study::{self, Pin};
 use crate::failure::Failure;
+use crate::output::either;
 use crate::show;
 
 pub(super) fn policy(client: &Client, change: &study::Policy, json: bool) -> Result<String, Failure> {

@@ -5,13 +5,14 @@ use std::path::Path;
 use treewright_client::blocking::Client;
 use treewright_client::{Best, StudyRecord, TrialQuery};
 
-use super::either;
 use crate::arguments::study::{CloneStudy, StudyCommand};
 use crate::carry::{CarriedTrial, Importer, Tally};
 use crate::failure::Failure;
 use crate::files;
+use crate::output::either;
 use crate::show;
 use crate::study_file::StudyFile;
+use crate::study_file::find::id_of;
 
 pub(super) fn list(client: &Client, json: bool) -> Result<String, Failure> {
     let studies = client.list_studies()?;
@@ -67,16 +68,6 @@ pub(super) fn run(client: &Client, command: &StudyCommand, json: bool) -> Result
         StudyCommand::Rename { name, to } => rename(client, name, to, json),
         StudyCommand::Delete { name, yes } => delete(client, name, *yes, json),
     }
-}
-
-/// The id of a study in a file: as said, as in the file, or as the file is called.
-pub(super) fn id_of(file: &StudyFile, path: &Path, said: Option<&str>) -> Result<String, Failure> {
-    let stem = || path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
-    let id = said.map(str::to_owned).or_else(|| file.id.clone()).or_else(stem).unwrap_or_default();
-    if path == Path::new("-") && said.is_none() && file.id.is_none() {
-        return Err(Failure::Usage("the study has no id; add --id ID".into()));
-    }
-    Ok(id)
 }
 
 fn create(client: &Client, path: &Path, id: Option<&str>, json: bool) -> Result<String, Failure> {

@@ -3,11 +3,11 @@
 use treewright_client::blocking::Client;
 use treewright_client::{Best, Indicators, StudyRecord, TrialQuery, TrialRecord};
 
-use super::either;
 use crate::arguments::State;
 use crate::arguments::data::{TrialFormat, Trials};
 use crate::carry::csv_table;
 use crate::failure::Failure;
+use crate::output::either;
 use crate::{files, show};
 
 /// Most states whose best configurations are listed.

@@ -3,29 +3,16 @@
 use std::io::{IsTerminal as _, Write as _};
 use std::time::{Duration, Instant, SystemTime};
 
-use serde::Serialize;
+use treewright_client::TrialQuery;
 use treewright_client::blocking::Client;
-use treewright_client::{Best, StudyRecord, TrialQuery, TrialRecord};
 
-use super::either;
 use crate::arguments::data::Watch;
 use crate::failure::Failure;
-use crate::show;
+use crate::output::either;
+use crate::show::{self, Glance};
 
 /// Most states that are shown, and most open trials.
 const ROWS: i64 = 12;
-
-/// What is seen at one moment.
-#[derive(Debug, Serialize)]
-pub(crate) struct Glance {
-    pub(crate) study: StudyRecord,
-    /// The best of each of the first states.
-    pub(crate) best: Vec<Best>,
-    /// Trials under a lease.
-    pub(crate) open: Vec<TrialRecord>,
-    /// Completed since the last look.
-    pub(crate) trials_per_s: Option<f64>,
-}
 
 pub(super) fn run(client: &Client, watch: &Watch, json: bool) -> Result<String, Failure> {
     let Some(study) = &watch.study else { return all(client, watch, json) };

@@ -4,7 +4,6 @@
 
 mod pairs;
 pub(crate) mod program;
-pub(crate) mod progress;
 pub(crate) mod template;
 
 use std::sync::atomic::AtomicBool;
@@ -18,12 +17,13 @@ use treewright_client::{
 };
 
 use crate::arguments::exec::Exec;
-use crate::commands::{either, find_or_create};
 use crate::failure::Failure;
+use crate::output::either;
+use crate::progress::{self, Progress};
 use crate::show::figure;
+use crate::study_file::find::find_or_create;
 use pairs::Gain;
 use program::{Run, Runner};
-use progress::Progress;
 use template::Template;
 
 /// Leases are renewed after this share of their time.
@@ -220,10 +220,10 @@ impl Job<'_> {
             let found: Vec<_> = measured.iter().map(|(name, _)| name).collect();
             let metric = &term.metric;
             let hint = match self.runner.metric {
-                program::Metric::Time => {
+                program::MetricSource::Time => {
                     format!("with --metric json, the program can print it: {{\"{metric}\": 1.5}}")
                 }
-                program::Metric::Json => "the last output line that is a JSON object counts".to_owned(),
+                program::MetricSource::Json => "the last output line that is a JSON object counts".to_owned(),
             };
             return Err(Failure::Program(format!(
                 "the study minimises {metric}, but only {} was measured; {hint}",

@@ -19,7 +19,7 @@ const VARIABLE: &str = "TREEWRIGHT_PARAM_";
 
 /// Which numbers count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum Metric {
+pub(crate) enum MetricSource {
     /// `wall_ms` and `cpu_ms`, which are always taken.
     Time,
     /// Also every number of the last JSON object that the program prints, each on a line of its own.
@@ -29,7 +29,7 @@ pub(crate) enum Metric {
 /// How programs are run.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Runner<'a> {
-    pub(crate) metric: Metric,
+    pub(crate) metric: MetricSource,
     /// Pass on what the program writes.
     pub(crate) show_output: bool,
     /// A program that takes longer is ended, and cannot be used so.
@@ -151,8 +151,8 @@ impl Runner<'_> {
 
     fn result(&self, status: ExitStatus, took: Duration, cpu_ms: f64, out: &str, said: String) -> Run {
         let found = match self.metric {
-            Metric::Time => serde_json::Map::new(),
-            Metric::Json => last_object(out),
+            MetricSource::Time => serde_json::Map::new(),
+            MetricSource::Json => last_object(out),
         };
         if let Some(reason) = found.get("infeasible").and_then(serde_json::Value::as_str) {
             return Run::Bad { reason: reason.to_owned(), said };
@@ -222,7 +222,7 @@ mod tests {
 
     static GO_ON: AtomicBool = AtomicBool::new(false);
 
-    fn run(script: &str, metric: Metric, abort_after: Option<Duration>) -> Run {
+    fn run(script: &str, metric: MetricSource, abort_after: Option<Duration>) -> Run {
         let runner = Runner { metric, show_output: false, limit: None, stop: &GO_ON };
         let command = ["sh", "-c", script].map(str::to_owned);
         let configuration = Configuration::new().with("level", 7);
@@ -231,36 +231,36 @@ mod tests {
 
     #[test]
     fn times_and_printed_numbers_are_taken() {
-        let Run::Done(times) = run("true", Metric::Time, None) else { panic!("it ends well") };
+        let Run::Done(times) = run("true", MetricSource::Time, None) else { panic!("it ends well") };
         assert!(times.get("wall_ms").is_some_and(|wall| wall > 0.0) && times.get("cpu_ms").is_some());
         let script = r#"echo '{"loss": 1}'; echo "{\"loss\": $TREEWRIGHT_PARAM_LEVEL.5}"; echo bye"#;
-        let Run::Done(printed) = run(script, Metric::Json, None) else { panic!("it ends well") };
+        let Run::Done(printed) = run(script, MetricSource::Json, None) else { panic!("it ends well") };
         assert_eq!(printed.get("loss"), Some(7.5), "the last object counts");
-        let Run::Done(plain) = run(script, Metric::Time, None) else { panic!("it ends well") };
+        let Run::Done(plain) = run(script, MetricSource::Time, None) else { panic!("it ends well") };
         assert_eq!(plain.get("loss"), None);
     }
 
     #[test]
     fn failures_are_told_in_the_programs_own_words() {
-        let Run::Bad { reason, said } = run("echo no >&2; echo memory >&2; exit 3", Metric::Time, None)
+        let Run::Bad { reason, said } = run("echo no >&2; echo memory >&2; exit 3", MetricSource::Time, None)
         else {
             panic!("it fails")
         };
         assert!(reason.contains("3") && reason.ends_with("memory"), "{reason}");
         assert_eq!(said, "no\nmemory\n");
-        let infeasible = run(r#"echo '{"infeasible": "too deep"}'"#, Metric::Json, None);
+        let infeasible = run(r#"echo '{"infeasible": "too deep"}'"#, MetricSource::Json, None);
         assert!(matches!(infeasible, Run::Bad { reason, .. } if reason == "too deep"));
     }
 
     #[test]
     fn what_takes_too_long_is_ended_with_its_children() {
-        let slow = run("sleep 60 & wait", Metric::Time, Some(Duration::from_millis(150)));
+        let slow = run("sleep 60 & wait", MetricSource::Time, Some(Duration::from_millis(150)));
         assert!(matches!(slow, Run::TooSlow(ms) if ms >= 150.0), "{slow:?}");
     }
 
     #[test]
     fn a_program_that_is_not_there_is_an_error() {
-        let runner = Runner { metric: Metric::Time, show_output: false, limit: None, stop: &GO_ON };
+        let runner = Runner { metric: MetricSource::Time, show_output: false, limit: None, stop: &GO_ON };
         assert!(runner.run(&["/no/such".to_owned()], &Configuration::new(), None, || {}).is_err());
         assert!(runner.run(&[], &Configuration::new(), None, || {}).is_err());
     }

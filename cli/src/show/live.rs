@@ -2,10 +2,22 @@
 
 use std::time::SystemTime;
 
-use treewright_client::{Best, Configuration, StudyRecord};
+use serde::Serialize;
+use treewright_client::{Best, Configuration, StudyRecord, TrialRecord};
 
 use super::{COLUMNS, figure, line, table};
-use crate::commands::watch::Glance;
+
+/// What is seen at one moment.
+#[derive(Debug, Serialize)]
+pub(crate) struct Glance {
+    pub(crate) study: StudyRecord,
+    /// The best of each of the first states.
+    pub(crate) best: Vec<Best>,
+    /// Trials under a lease.
+    pub(crate) open: Vec<TrialRecord>,
+    /// Completed since the last look.
+    pub(crate) trials_per_s: Option<f64>,
+}
 
 /// By how much the best of a state is below its default, with its 95 % interval; empty where the default was not
 /// measured.

@@ -10,7 +10,7 @@ use treewright_client::{
     TrialRecord,
 };
 
-pub(crate) use live::{best_of_states, glance};
+pub(crate) use live::{Glance, best_of_states, glance};
 
 /// Columns of a terminal that does not say how wide it is.
 const COLUMNS: u16 = 80;

@@ -4,6 +4,7 @@
 //! taken for float parameters, and what is left out takes the daemon's default. What is written by `study show
 //! --format toml` creates an equal study when it is read again; `schema` describes the same for editors.
 
+pub(crate) mod find;
 mod schema;
 
 use std::collections::BTreeMap;

@@ -1,6 +1,6 @@
 //! `evaluate parameters`: the paper's section 4, measured into the record of section 7.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
@@ -15,7 +15,7 @@ use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 use treewright_scene::Scene;
 
-use super::evaluate::{ConditionArguments, Progress, space};
+use super::evaluate_setup::{ConditionArguments, Progress, space, strip_path};
 use crate::evaluation::measure::Stage;
 use crate::evaluation::parts::{PARTS, Part, pair};
 use crate::evaluation::record::{Conditions, GroupKind, Line, OpenRecord, Pair, PartSearch, Versus};
@@ -128,11 +128,6 @@ pub(super) fn run(arguments: &ParametersArguments) -> Result<(), CliError> {
         }
     }
     Ok(())
-}
-
-/// Where the moving picture of a scene is.
-pub(super) fn strip_path(folder: &Path, scene: &str) -> PathBuf {
-    folder.join(format!("needles-{scene}.png"))
 }
 
 fn tasks(arguments: &ParametersArguments) -> Vec<Task> {

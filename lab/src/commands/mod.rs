@@ -6,6 +6,7 @@ mod converge_entrants;
 mod converge_output;
 mod evaluate;
 mod evaluate_parameters;
+mod evaluate_setup;
 mod leave_out;
 mod leave_scene_out;
 mod verify;

@@ -14,8 +14,7 @@ use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::objective::Objective;
 
-use super::evaluate::{Progress, SceneArguments, add_best, space};
-use super::evaluate_parameters::strip_path;
+use super::evaluate_setup::{Progress, SceneArguments, add_best, space, strip_path};
 use crate::evaluation::answers::{Answers, School};
 use crate::evaluation::folds::{Fold, folds};
 use crate::evaluation::judge::{Verdict, judge as judged};

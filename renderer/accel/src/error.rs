@@ -1,7 +1,60 @@
-//! Why a structure was not built.
+//! Why triangles were refused, or a structure was not built.
 
-use crate::embree::device::EmbreeFailure;
 use crate::embree::ffi;
+use crate::limits::{COORDINATE_MAX, MASK_EDGE_MAX, MASKS_MAX, TRIANGLES_MAX};
+
+/// Why triangles were refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GeometryError {
+    /// An index names a vertex that does not exist.
+    #[error("triangle {triangle} names vertex {vertex}, but there are only {vertices} vertices")]
+    IndexOutOfRange {
+        /// Number of the triangle.
+        triangle: usize,
+        /// The index it holds.
+        vertex: u32,
+        /// Number of vertices.
+        vertices: usize,
+    },
+    /// A coordinate is NaN, infinite or too large for single-precision intersection.
+    #[error("vertex {vertex} has a coordinate that is not finite or beyond ±{COORDINATE_MAX:e}")]
+    BadCoordinate {
+        /// Number of the vertex.
+        vertex: usize,
+    },
+    /// A mask without its pixels, or too large.
+    #[error(
+        "a mask of {width}x{height} pixels with {values} values: it takes one a pixel, at most {MASK_EDGE_MAX} an edge, and a cutoff from 0"
+    )]
+    BadMask {
+        /// Pixels across.
+        width: u32,
+        /// Pixels down.
+        height: u32,
+        /// How many values there are.
+        values: usize,
+    },
+    /// A card names a triangle or a mask that does not exist.
+    #[error("triangle {triangle} is to have mask {mask}, but one of them does not exist")]
+    NoSuchMask {
+        /// Number of the triangle.
+        triangle: u32,
+        /// Number of the mask.
+        mask: u32,
+    },
+    /// More masks than the limit.
+    #[error("{count} masks are more than the limit of {MASKS_MAX}")]
+    TooManyMasks {
+        /// How many there are.
+        count: usize,
+    },
+    /// More triangles than the limit.
+    #[error("{count} triangles are more than the limit of {TRIANGLES_MAX}")]
+    TooMany {
+        /// How many there are.
+        count: usize,
+    },
+}
 
 /// Why a structure was not built.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -67,5 +120,19 @@ impl From<EmbreeFailure> for BuildError {
             ffi::ERROR_OUT_OF_MEMORY => Self::OutOfMemory,
             code => Self::Embree { code, message: failure.message },
         }
+    }
+}
+
+/// An error of one Embree call.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct EmbreeFailure {
+    pub(crate) code: u32,
+    pub(crate) message: String,
+}
+
+impl EmbreeFailure {
+    /// Whether a builder ran into its depth limit, which has no code of its own.
+    pub(crate) fn is_depth_limit(&self) -> bool {
+        self.code == ffi::ERROR_UNKNOWN && self.message.contains("depth limit")
     }
 }

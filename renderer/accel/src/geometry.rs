@@ -1,4 +1,4 @@
-//! The triangles of a scene, flattened to world space, and the rays that meet them.
+//! The triangles of a scene, flattened to world space.
 //!
 //! One shared vertex array and one index array serve every back end: positions are 16 bytes apart
 //! because Embree reads 16 bytes a vertex from shared buffers.
@@ -6,11 +6,13 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use glam::{Vec3, Vec3A};
-use serde::{Deserialize, Serialize};
+use glam::Vec3A;
 
-use crate::limits::{COORDINATE_MAX, MASK_EDGE_MAX, MASKS_MAX, TRIANGLES_MAX};
+pub use crate::error::GeometryError;
+use crate::limits::{COORDINATE_MAX, TRIANGLES_MAX};
 use crate::masks::{Card, Mask, Masks};
+pub(crate) use crate::rays::{CARD, NO_TRIANGLE};
+pub use crate::rays::{Hit, Intersector, NO_INSTANCE, Packets, Ray};
 
 /// Indexed triangles in one space, checked once: indices in range, coordinates finite and at most
 /// [`COORDINATE_MAX`] in magnitude. A triangle's number is its index everywhere. The arrays are shared: clones and
@@ -23,59 +25,6 @@ pub struct Triangles {
     masks: Option<Arc<Masks>>,
     /// Which of `indices` are meant.
     range: Range<usize>,
-}
-
-/// Why triangles were refused.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum GeometryError {
-    /// An index names a vertex that does not exist.
-    #[error("triangle {triangle} names vertex {vertex}, but there are only {vertices} vertices")]
-    IndexOutOfRange {
-        /// Number of the triangle.
-        triangle: usize,
-        /// The index it holds.
-        vertex: u32,
-        /// Number of vertices.
-        vertices: usize,
-    },
-    /// A coordinate is NaN, infinite or too large for single-precision intersection.
-    #[error("vertex {vertex} has a coordinate that is not finite or beyond ±{COORDINATE_MAX:e}")]
-    BadCoordinate {
-        /// Number of the vertex.
-        vertex: usize,
-    },
-    /// A mask without its pixels, or too large.
-    #[error(
-        "a mask of {width}x{height} pixels with {values} values: it takes one a pixel, at most {MASK_EDGE_MAX} an edge, and a cutoff from 0"
-    )]
-    BadMask {
-        /// Pixels across.
-        width: u32,
-        /// Pixels down.
-        height: u32,
-        /// How many values there are.
-        values: usize,
-    },
-    /// A card names a triangle or a mask that does not exist.
-    #[error("triangle {triangle} is to have mask {mask}, but one of them does not exist")]
-    NoSuchMask {
-        /// Number of the triangle.
-        triangle: u32,
-        /// Number of the mask.
-        mask: u32,
-    },
-    /// More masks than the limit.
-    #[error("{count} masks are more than the limit of {MASKS_MAX}")]
-    TooManyMasks {
-        /// How many there are.
-        count: usize,
-    },
-    /// More triangles than the limit.
-    #[error("{count} triangles are more than the limit of {TRIANGLES_MAX}")]
-    TooMany {
-        /// How many there are.
-        count: usize,
-    },
 }
 
 impl Triangles {
@@ -221,119 +170,4 @@ fn check(positions: &[Vec3A], indices: &[[u32; 3]]) -> Result<(), GeometryError>
         }
     }
     Ok(())
-}
-
-/// A ray segment: `origin + t * direction` for `t_min < t < t_max`. The direction need not be normalised.
-/// Whether a hit at exactly `t_max` counts is left open: native Embree counts it, the others do not.
-#[derive(Clone, Copy, Debug)]
-pub struct Ray {
-    /// Where it starts.
-    pub origin: Vec3,
-    /// Where it goes.
-    pub direction: Vec3,
-    /// Begin of the segment, at least 0.
-    pub t_min: f32,
-    /// End of the segment; infinity for none.
-    pub t_max: f32,
-}
-
-impl Ray {
-    /// Whether origin and direction are finite and `0 <= t_min <= t_max` are numbers. Rays that are not valid
-    /// miss.
-    #[inline]
-    pub fn is_valid(&self) -> bool {
-        // Zero times a finite number is zero; times infinity or NaN it is NaN, which fails the comparison.
-        let zero = (self.origin * 0.0 + self.direction * 0.0).element_sum();
-        zero == 0.0 && 0.0 <= self.t_min && self.t_min <= self.t_max
-    }
-}
-
-/// Where a ray meets a triangle.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Hit {
-    /// Ray parameter.
-    pub t: f32,
-    /// Barycentric weight of the second corner.
-    pub u: f32,
-    /// Barycentric weight of the third corner.
-    pub v: f32,
-    /// Number of the triangle.
-    pub triangle: u32,
-    /// Number of the instance the triangle was met in; [`NO_INSTANCE`] in a scene without instances.
-    pub instance: u32,
-}
-
-impl Hit {
-    /// What a search for the nearest hit before `t_max` begins with.
-    #[inline(always)]
-    pub(crate) fn none(t_max: f32) -> Self {
-        Self { t: t_max, u: 0.0, v: 0.0, triangle: NO_TRIANGLE, instance: NO_INSTANCE }
-    }
-
-    /// Itself, if a triangle was found since [`Hit::none`].
-    #[inline(always)]
-    pub(crate) fn found(self) -> Option<Self> {
-        (self.triangle != NO_TRIANGLE).then_some(self)
-    }
-}
-
-/// A number no triangle has.
-pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
-
-/// Marks the number of a triangle with a mask, in the leaves of a tree.
-pub(crate) const CARD: u32 = 1 << 31;
-
-const _: () = assert!(TRIANGLES_MAX <= CARD as usize);
-
-/// What [`Hit::instance`] holds in a scene without instances.
-pub const NO_INSTANCE: u32 = u32::MAX;
-
-/// How the rays of a batch are traced.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Packets {
-    /// One by one.
-    #[default]
-    Single,
-    /// Eight at a time, each on its own way.
-    Eight,
-    /// Eight at a time that mostly go the same way.
-    EightCoherent,
-    /// Sixteen at a time, each on its own way.
-    Sixteen,
-    /// Sixteen at a time that mostly go the same way.
-    SixteenCoherent,
-}
-
-impl Packets {
-    /// All of them.
-    pub const ALL: [Self; 5] =
-        [Self::Single, Self::Eight, Self::EightCoherent, Self::Sixteen, Self::SixteenCoherent];
-}
-
-/// Anything that answers ray queries over [`Triangles`]. Queries never fail: rays with non-finite
-/// components miss.
-pub trait Intersector: Sync + Send {
-    /// The nearest hit inside the segment.
-    fn closest(&self, ray: &Ray) -> Option<Hit>;
-
-    /// Whether anything lies inside the segment.
-    fn occluded(&self, ray: &Ray) -> bool;
-
-    /// The nearest hit of each ray; `hits` is as long as `rays`. The answers are those of
-    /// [`Intersector::closest`] however the rays are packed.
-    fn closest_each(&self, _packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        assert_eq!(rays.len(), hits.len(), "one hit a ray");
-        for (ray, hit) in rays.iter().zip(hits) {
-            *hit = self.closest(ray);
-        }
-    }
-
-    /// Whether anything lies inside each segment; `occluded` is as long as `rays`.
-    fn occluded_each(&self, _packets: Packets, rays: &[Ray], occluded: &mut [bool]) {
-        assert_eq!(rays.len(), occluded.len(), "one answer a ray");
-        for (ray, occluded) in rays.iter().zip(occluded) {
-            *occluded = self.occluded(ray);
-        }
-    }
 }

@@ -1,5 +1,7 @@
 //! Acceleration structures: Embree's builders, our own tree layout and traversal, Embree's native
-//! scenes, and a brute-force oracle. Every `unsafe` line of the workspace lives in this crate.
+//! scenes, and a brute-force oracle. Every `unsafe` line of our programs lives in this crate.
+
+#![cfg_attr(native_kernels, allow(dead_code, reason = "vectors of other instruction sets"))]
 
 mod brute_force;
 mod denormals;
@@ -14,6 +16,7 @@ mod memory;
 mod native_options;
 pub mod parameters;
 mod prefetch;
+mod rays;
 pub mod recording;
 mod structure;
 mod traverse;

@@ -9,8 +9,9 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec3A};
 
-use crate::geometry::{GeometryError, Ray};
+use crate::error::GeometryError;
 use crate::limits::{MASK_EDGE_MAX, MASKS_MAX};
+use crate::rays::Ray;
 
 /// What lies beyond an image's edges. Texture coordinates 0 to 1 span the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

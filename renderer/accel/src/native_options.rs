@@ -23,8 +23,8 @@ use std::fmt::Write;
 use serde::{Deserialize, Serialize};
 
 use crate::error::BuildError;
-use crate::geometry::Packets;
 use crate::limits::{NATIVE_SPLIT_BUDGET_RANGE, SPLIT_BUDGET};
+use crate::rays::Packets;
 
 /// Build quality of a native Embree scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]

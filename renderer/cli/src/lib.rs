@@ -21,7 +21,11 @@ pub mod server;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use tracing_subscriber::EnvFilter;
+use tracing::level_filters::LevelFilter;
+use tracing_subscriber::Layer as _;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 use commands::{animate, bench, best, image, info, play, rays, sample, tune};
 use error::CliError;
@@ -105,8 +109,10 @@ pub fn main() -> ExitCode {
 pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> ExitCode {
     // Where the C library does not know how, builds are slower and nothing else changes.
     let _ = treewright_accel::keep_freed_memory();
-    let filter = EnvFilter::try_from_env("TREEWRIGHT_LOG").unwrap_or_else(|_| EnvFilter::new("error"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let filter = std::env::var("TREEWRIGHT_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let filter = filter.unwrap_or_else(|| Targets::new().with_default(LevelFilter::ERROR));
+    let log = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    tracing_subscriber::registry().with(log.with_filter(filter)).init();
     match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

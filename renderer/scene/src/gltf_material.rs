@@ -11,7 +11,6 @@ use gltf::material::AlphaMode;
 use gltf::texture::{Texture, WrappingMode};
 
 use super::assemble::Assembler;
-use super::gltf_geometry::Buffers;
 use super::images;
 use super::texture::{Encoding, Wrap};
 use super::{Material, Volume};
@@ -64,7 +63,7 @@ impl Materials {
 pub(super) fn read(
     document: &Document,
     base: Option<&Path>,
-    buffers: &Buffers,
+    buffers: &[gltf::buffer::Data],
     assembler: &mut Assembler,
 ) -> Materials {
     let mut reader = Reader { base, buffers, assembler, elsewhere: 0 };
@@ -80,7 +79,7 @@ pub(super) fn read(
 
 struct Reader<'a> {
     base: Option<&'a Path>,
-    buffers: &'a Buffers,
+    buffers: &'a [gltf::buffer::Data],
     assembler: &'a mut Assembler,
     /// Textures left out for their coordinates.
     elsewhere: usize,

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::lights::LightSample;
+use super::light_sample::LightSample;
 use super::sampling::{AliasTable, luminance};
 use crate::scene::Environment;
 

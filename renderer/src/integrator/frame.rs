@@ -1,27 +1,16 @@
-//! One sample of a picture: tiles are handed to threads, each works its tiles off in one of two ways.
+//! What all tiles of one sample of a picture share, and how paths begin.
 
-use std::cell::RefCell;
-use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
+use treewright_accel::Ray;
 
-use treewright_accel::{Intersector, Ray};
-
+use super::View;
 use super::lens::Lens;
 use super::morton::decode_2;
 use super::needs::Needs;
-use super::path;
 use super::prepared::Prepared;
 use super::random::PathRandom;
-use super::stages::{self, Buffers};
 use super::vertex::{Kernel, Path, Tracing};
-use super::{Counts, View};
 use crate::film::{Film, Tile};
 use crate::render_options::RenderOptions;
-
-thread_local! {
-    /// Kept from frame to frame.
-    static BUFFERS: RefCell<Buffers> = RefCell::default();
-}
 
 /// What all tiles of a frame share.
 pub(super) struct Frame<'a> {
@@ -36,88 +25,29 @@ pub(super) struct Frame<'a> {
     sample: u32,
 }
 
-/// Adds one sample to each pixel of the film. Runs on the rayon pool it is called in; the film's number of
-/// samples is the number of this one. `needs` are those of the scene, or more: pictures are the same.
-///
-/// # Panics
-/// If `needs` do not cover those of the scene.
-pub fn render_sample<I: Intersector>(
-    prepared: &Prepared,
-    intersector: &I,
-    view: &View,
-    options: &RenderOptions,
-    needs: Needs,
-    film: &mut Film,
-) -> Counts {
-    render_sample_until(prepared, intersector, view, options, needs, film, None).0
-}
-
-/// The same, but no tile is begun after `until`. Says whether there was time for all of them; where there was not,
-/// the film has a part of a sample and is of no use until it is cleared.
-///
-/// # Panics
-/// If `needs` do not cover those of the scene.
-pub fn render_sample_until<I: Intersector>(
-    prepared: &Prepared,
-    intersector: &I,
-    view: &View,
-    options: &RenderOptions,
-    needs: Needs,
-    film: &mut Film,
-    until: Option<Instant>,
-) -> (Counts, bool) {
-    assert!(needs.covers(prepared.needs), "the kernel must be able to do what the scene needs");
-    let lens = Lens::new(&view.camera, film.width(), film.height());
-    let frame = Frame {
-        prepared,
-        options,
-        kernel: Kernel::of(needs),
-        tracing: Tracing { bounces: view.bounces, pixel_angle: lens.pixel_angle() },
-        lens,
-        seed: view.seed,
-        width: film.width(),
-        height: film.height(),
-        sample: film.samples(),
-    };
-    // Tiles differ in cost by an order of magnitude, so each thread fetches the next when it is done with one.
-    // That is one uncontended lock a tile, none a ray.
-    let tiles = Mutex::new(film.tiles(options.tile, options.tile_order).into_iter());
-    let is_late = || until.is_some_and(|until| Instant::now() >= until);
-    let next = || tiles.lock().unwrap_or_else(PoisonError::into_inner).next();
-    let threads = match options.threads {
-        0 => usize::MAX,
-        threads => threads as usize,
-    };
-    let counts = rayon::broadcast(|context| {
-        let mut counts = Counts::default();
-        if context.index() < threads {
-            BUFFERS.with_borrow_mut(|buffers| {
-                while !is_late()
-                    && let Some(mut tile) = next()
-                {
-                    if options.staged {
-                        stages::render(&frame, intersector, buffers, &mut tile, &mut counts);
-                    } else {
-                        frame.path_by_path(intersector, &mut tile, &mut counts);
-                    }
-                }
-            });
+impl<'a> Frame<'a> {
+    /// The next sample of a film.
+    pub(super) fn new(
+        prepared: &'a Prepared,
+        view: &View,
+        options: &'a RenderOptions,
+        needs: Needs,
+        film: &Film,
+    ) -> Self {
+        let lens = Lens::new(&view.camera, film.width(), film.height());
+        Self {
+            prepared,
+            options,
+            kernel: Kernel::of(needs),
+            tracing: Tracing { bounces: view.bounces, pixel_angle: lens.pixel_angle() },
+            lens,
+            seed: view.seed,
+            width: film.width(),
+            height: film.height(),
+            sample: film.samples(),
         }
-        counts
-    });
-    let is_whole = next().is_none();
-    drop(tiles);
-    if is_whole {
-        film.count_sample();
     }
-    let counts = counts.into_iter().fold(Counts::default(), |mut sum, counts| {
-        sum += counts;
-        sum
-    });
-    (counts, is_whole)
-}
 
-impl Frame<'_> {
     /// The path of a pixel of a tile and its first ray. `None` outside the picture.
     #[inline(always)]
     pub(super) fn begin(&self, tile: &Tile<'_>, pixel: u32) -> Option<(Path, Ray)> {
@@ -135,14 +65,5 @@ impl Frame<'_> {
     #[inline(always)]
     pub(super) fn is_blind(&self, stage: u32) -> bool {
         stage == self.tracing.bounces && !self.kernel.needs.last_hits()
-    }
-
-    fn path_by_path<I: Intersector>(&self, intersector: &I, tile: &mut Tile<'_>, counts: &mut Counts) {
-        for pixel in 0..tile.sums.len() {
-            if let Some((path, ray)) = self.begin(tile, pixel as u32) {
-                let radiance = path::radiance(self, intersector, path, ray, counts);
-                counts.add_sample(&mut tile.sums[pixel], radiance);
-            }
-        }
     }
 }

@@ -15,7 +15,8 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3, Vec4Swizzles};
 
 use super::environment::SkyTable;
-use super::sampling::{AliasTable, Frame, luminance, uniform_cone, uniform_triangle};
+use super::light_sample::LightSample;
+use super::sampling::{AliasTable, Basis, luminance, uniform_cone, uniform_triangle};
 use crate::scene::{Material, Scene, Sky, Texture};
 
 /// The lights of a scene, ready to be sampled.
@@ -122,7 +123,7 @@ impl Lamp {
 /// The sun as a cone of constant radiance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SunDisc {
-    frame: Frame,
+    frame: Basis,
     direction: Vec3,
     cos_half_angle: f32,
     radiance: Vec3,
@@ -140,27 +141,6 @@ impl SunDisc {
             radiance: self.radiance,
             pdf: self.pdf,
         }
-    }
-}
-
-/// A direction in which light may arrive.
-#[derive(Clone, Copy, Debug)]
-pub struct LightSample {
-    /// Unit vector towards the light.
-    pub direction: Vec3,
-    /// How far it is; infinity for the sun.
-    pub distance: f32,
-    /// Radiance that arrives if nothing is in between.
-    pub radiance: Vec3,
-    /// Solid angle density.
-    pub pdf: f32,
-}
-
-impl LightSample {
-    /// Whether it can be used: not on a triangle that is seen edge on.
-    #[inline(always)]
-    pub(super) fn is_sound(&self) -> bool {
-        self.pdf > 0.0 && self.pdf.is_finite()
     }
 }
 
@@ -223,7 +203,7 @@ impl Lights {
             // 1 - cos, without cancellation.
             let solid_angle = 4.0 * PI * (half_angle * 0.5).sin().powi(2);
             SunDisc {
-                frame: Frame::new(direction),
+                frame: Basis::new(direction),
                 direction,
                 cos_half_angle: half_angle.cos(),
                 radiance: sun.irradiance / (PI * half_angle.sin().powi(2)),

@@ -15,13 +15,16 @@ mod chunk;
 mod environment;
 mod frame;
 mod lens;
+mod light_sample;
 mod lights;
 pub(crate) mod morton;
 mod needs;
 mod path;
 mod prepared;
 pub mod random;
+mod render;
 pub mod sampling;
+mod shadows;
 mod sheets;
 mod solid;
 mod sort;
@@ -36,11 +39,12 @@ use glam::Vec3;
 use serde::Serialize;
 
 pub use bsdf::{Bsdf, BsdfSample, Scatter, Seen};
-pub use frame::{render_sample, render_sample_until};
 pub use lens::Lens;
-pub use lights::{LightSample, Lights};
+pub use light_sample::LightSample;
+pub use lights::Lights;
 pub use needs::{Needs, Omission};
 pub use prepared::Prepared;
+pub use render::{render_sample, render_sample_until};
 
 use crate::scene::Camera;
 

@@ -6,7 +6,7 @@ use treewright_accel::{Intersector, Ray};
 
 use super::Counts;
 use super::frame::Frame;
-use super::sheets::through_sheets;
+use super::shadows::through_sheets;
 use super::vertex::{Path, Shadow, missed};
 
 /// Radiance that arrives along a camera ray.

@@ -12,9 +12,8 @@ use super::lights::Lights;
 use super::lights::mean_emission;
 use super::needs::Needs;
 use super::sheets::Sheets;
-use super::solid::is_solid;
 use super::surface::Facet;
-use crate::scene::{Mesh, Scene};
+use crate::scene::{Material, Mesh, Scene};
 
 /// A scene with the tables that shading needs. Independent of the acceleration structure and the camera.
 #[derive(Clone, Debug)]
@@ -111,6 +110,11 @@ fn surfaces(scene: &Scene, lights: &Lights) -> (Vec<Shading>, Vec<u32>) {
         })
         .collect();
     (surfaces, material_of_mesh)
+}
+
+/// Whether a material bounds a transmitting solid.
+fn is_solid(material: &Material) -> bool {
+    material.volume.is_some() && material.transmission > 0.0 && material.metallic < 1.0
 }
 
 fn facets(scene: &Scene, material_of_mesh: &[u32]) -> Vec<Facet> {

@@ -7,13 +7,13 @@ use glam::Vec3;
 /// An orthonormal frame around a normal, after Duff et al. (Building an Orthonormal Basis, Revisited,
 /// JCGT 2017). Local z is the normal.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame {
+pub struct Basis {
     tangent: Vec3,
     bitangent: Vec3,
     normal: Vec3,
 }
 
-impl Frame {
+impl Basis {
     /// The frame around a unit vector.
     #[inline(always)]
     pub fn new(normal: Vec3) -> Self {
@@ -157,7 +157,7 @@ mod tests {
             let normal = Vec3::new(x, y, z);
             prop_assume!(normal.length() > 1e-3);
             let normal = normal.normalize();
-            let frame = Frame::new(normal);
+            let frame = Basis::new(normal);
             prop_assert!((frame.to_world(Vec3::Z) - normal).length() < 1e-6);
             let direction = Vec3::new(0.3, -0.5, 0.8);
             prop_assert!((frame.to_world(frame.to_local(direction)) - direction).length() < 1e-5);

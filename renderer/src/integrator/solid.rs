@@ -15,19 +15,13 @@ use treewright_accel::Ray;
 
 use super::bsdf::{MIRROR_ROUGHNESS, masking, visible_normal};
 use super::prepared::Shading;
-use super::sampling::Frame;
-use super::surface::Standing;
+use super::sampling::Basis;
+use super::surface::WorldFacet;
 use super::vertex::{Context, END, Next, Path, Shadow};
 use crate::limits::SOLID_WAYS_MAX;
-use crate::scene::Material;
 
 /// Where the random numbers lie that choose between ways: beyond those that other surfaces take.
 const OWN_PLACES: u32 = 1 << 24;
-
-/// Whether a material bounds a transmitting solid.
-pub(super) fn is_solid(material: &Material) -> bool {
-    material.volume.is_some() && material.transmission > 0.0 && material.metallic < 1.0
-}
 
 /// Share of unpolarised light that a smooth surface reflects (Fresnel), and the cosine on the other side. `eta` is the
 /// index of refraction on the side light comes from over that on the other; nothing passes in total reflection.
@@ -48,7 +42,7 @@ impl Context<'_> {
     pub(super) fn solid<const NEEDS: usize>(
         &self,
         shading: &Shading,
-        standing: &Standing,
+        standing: &WorldFacet,
         path: &mut Path,
         ray: &mut Ray,
         shadow: &mut Shadow,
@@ -66,7 +60,7 @@ impl Context<'_> {
         if enters && choice >= share {
             return self.layered::<NEEDS, false>(&shading.bsdf, path, ray, shadow);
         }
-        let frame = Frame::new(self.surface.shading_normal);
+        let frame = Basis::new(self.surface.shading_normal);
         let view = frame.to_local(-ray.direction);
         if view.z <= 0.0 {
             return END;

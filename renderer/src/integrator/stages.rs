@@ -14,9 +14,9 @@ use super::Counts;
 use super::chunk::{Chunk, HITS};
 use super::frame::Frame;
 use super::random::PathRandom;
-use super::sheets::through_sheets;
+use super::shadows::through_sheets;
 use super::sort::Sorter;
-use super::surface::Standing;
+use super::surface::WorldFacet;
 use super::vertex::{Path, Shadow, missed};
 use crate::film::Tile;
 
@@ -161,9 +161,9 @@ impl Buffers {
             let instance = if needs.instances { prepared.scene.instance(hit.instance) } else { None };
             let (path, ray) = (&paths[index], &rays[index]);
             let mut standing = if needs.smooth {
-                Standing::new::<true>(facet, instance)
+                WorldFacet::new::<true>(facet, instance)
             } else {
-                Standing::new::<false>(facet, instance)
+                WorldFacet::new::<false>(facet, instance)
             };
             let looked_up;
             let shading = if needs.textures && shading.textured {

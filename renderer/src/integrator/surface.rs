@@ -94,7 +94,7 @@ impl Facet {
 
 /// A facet where it stands in the world.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Standing {
+pub(super) struct WorldFacet {
     pub(super) corner_and_edges: [Vec3; 3],
     /// Of the corners, of any length. Zero where no facet is smooth.
     pub(super) normals: [Vec3; 3],
@@ -108,7 +108,7 @@ pub(super) struct Standing {
     pub(super) is_mirrored: bool,
 }
 
-impl Standing {
+impl WorldFacet {
     /// `INTERPOLATE` is false where no facet is smooth.
     #[inline(always)]
     pub(super) fn new<const INTERPOLATE: bool>(facet: &Facet, instance: Option<&Instance>) -> Self {
@@ -171,8 +171,8 @@ impl Surface {
     /// The point where `ray` meets the facet of `hit`, as it stands in the world. `None` if the triangle has no area.
     /// `INTERPOLATE` is false where no facet is smooth.
     #[inline(always)]
-    pub(super) fn new<const INTERPOLATE: bool>(standing: &Standing, ray: &Ray, hit: &Hit) -> Option<Self> {
-        let Standing { corner_and_edges, normals, longest, place, is_smooth, .. } = *standing;
+    pub(super) fn new<const INTERPOLATE: bool>(standing: &WorldFacet, ray: &Ray, hit: &Hit) -> Option<Self> {
+        let WorldFacet { corner_and_edges, normals, longest, place, is_smooth, .. } = *standing;
         let [a, ab, ac] = corner_and_edges;
         let (u, v) = barycentric(ray.origin, ray.direction, corner_and_edges, (hit.u, hit.v));
         let across = ab.cross(ac);

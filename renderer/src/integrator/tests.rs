@@ -271,7 +271,7 @@ proptest! {
         let ray = Ray { origin, direction: (inside - origin).normalize(), t_min: 0.0, t_max: f32::INFINITY };
         let Some(hit) = brute_force.closest(&ray) else { return Ok(()) };
         let facet = surface::Facet::new(scene.triangles.corners(0), 0, None);
-        let standing = surface::Standing::new::<false>(&facet, None);
+        let standing = surface::WorldFacet::new::<false>(&facet, None);
         let surface = surface::Surface::new::<false>(&standing, &ray, &hit).expect("the triangle has area");
         let direction = Vec3::from_array(target).normalize_or(Vec3::X);
         let next = Ray { origin: surface.start(direction), direction, t_min: 0.0, t_max: f32::INFINITY };

@@ -9,7 +9,7 @@ use treewright_accel::{Hit, Ray};
 
 use super::bsdf::Bsdf;
 use super::prepared::{Prepared, Shading};
-use super::surface::{Standing, barycentric, interpolated};
+use super::surface::{WorldFacet, barycentric, interpolated};
 use super::vertex::{Path, Tracing};
 use crate::scene::Texture;
 
@@ -32,7 +32,7 @@ impl Prepared {
         ray: &Ray,
         hit: &Hit,
         shading: &Shading,
-        standing: &mut Standing,
+        standing: &mut WorldFacet,
     ) -> Shading {
         let scene = &*self.scene;
         let mut material = scene.materials[shading.material as usize];

@@ -16,8 +16,8 @@ use super::lights::solid_angle_pdf;
 use super::needs::Needs;
 use super::prepared::Prepared;
 use super::random::PathRandom;
-use super::sampling::{Frame, power_heuristic};
-use super::surface::{Standing, Surface};
+use super::sampling::{Basis, power_heuristic};
+use super::surface::{Surface, WorldFacet};
 use crate::limits::SHEETS_PER_SEGMENT_MAX;
 
 /// A shadow ray ends this share before the light, so that it does not meet the light itself.
@@ -171,9 +171,9 @@ fn vertex<const NEEDS: usize>(
         if needs.materials { prepared.surface::<true>(facet) } else { prepared.surface::<false>(facet) };
     let instance = if needs.instances { prepared.scene.instance(hit.instance) } else { None };
     let mut standing = if needs.smooth {
-        Standing::new::<true>(facet, instance)
+        WorldFacet::new::<true>(facet, instance)
     } else {
-        Standing::new::<false>(facet, instance)
+        WorldFacet::new::<false>(facet, instance)
     };
     let looked_up;
     let material = if needs.textures && material.textured {
@@ -335,7 +335,7 @@ impl Context<'_> {
             return Next { shadow, goes_on: false };
         }
         let local = super::sampling::cosine_hemisphere(path.random.pair(self.place + 3));
-        let direction = Frame::new(normal).to_world(local);
+        let direction = Basis::new(normal).to_world(local);
         // Value over density is the albedo.
         let pdf = local.z * std::f32::consts::FRAC_1_PI;
         Next { shadow, goes_on: pdf > 0.0 && self.turn(path, ray, direction, diffuse, pdf) }
@@ -350,7 +350,7 @@ impl Context<'_> {
         ray: &mut Ray,
         shadow: &mut Shadow,
     ) -> Next {
-        let frame = Frame::new(self.surface.shading_normal);
+        let frame = Basis::new(self.surface.shading_normal);
         let Some(seen) = bsdf.seen_from::<THIN>(frame.to_local(-ray.direction)) else {
             return END;
         };

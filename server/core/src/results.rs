@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::ids::{MachineId, StateId};
 use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX, RECORDS_PER_STATE_MAX};
-use crate::robust::{Evidence, Finding, MAD_TO_DEVIATION, median};
+use crate::robust::{Deviation, Evidence, MAD_TO_DEVIATION, median};
 use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::{Mode, Outcome, Trial};
@@ -140,9 +140,9 @@ impl ResultTable {
                 if let Some(cost) = trial.cost {
                     record.measurements += 1;
                     match record.evidence.push(cost) {
-                        Finding::Usual => {}
-                        Finding::Outlier => self.outliers += 1,
-                        Finding::Changed(factor) => changed = Some(factor),
+                        Deviation::Usual => {}
+                        Deviation::Outlier => self.outliers += 1,
+                        Deviation::Changed(factor) => changed = Some(factor),
                     }
                     record.mean_cost = record.evidence.location();
                     record.last_trial = trial.number;

@@ -70,7 +70,7 @@ pub struct Evidence {
 
 /// What a measurement told beside its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Finding {
+pub enum Deviation {
     /// Nothing out of the common.
     Usual,
     /// It is far from all before.
@@ -81,7 +81,7 @@ pub enum Finding {
 
 impl Evidence {
     /// Takes a measurement.
-    pub fn push(&mut self, cost: f64) -> Finding {
+    pub fn push(&mut self, cost: f64) -> Deviation {
         let outlier = self.recent.len() >= OUTLIER_AFTER && {
             let usual = location(&self.recent);
             let scale = deviation(&self.recent, usual).max(SHARE_LEAST * usual);
@@ -93,9 +93,9 @@ impl Evidence {
         self.recent.push(cost);
         if let Some(factor) = self.change() {
             self.recent.drain(..self.recent.len() - RECENT);
-            return Finding::Changed(factor);
+            return Deviation::Changed(factor);
         }
-        if outlier { Finding::Outlier } else { Finding::Usual }
+        if outlier { Deviation::Outlier } else { Deviation::Usual }
     }
 
     /// The factor by which the last measurements differ from those before, if they clearly do: no recent one lies
@@ -184,9 +184,9 @@ mod tests {
     fn one_wild_measurement_is_counted_and_does_not_move_the_location() {
         let mut evidence = Evidence::default();
         for step in 0..8 {
-            assert_eq!(evidence.push(10.0 + 0.05 * f64::from(step % 3)), Finding::Usual);
+            assert_eq!(evidence.push(10.0 + 0.05 * f64::from(step % 3)), Deviation::Usual);
         }
-        assert_eq!(evidence.push(10_000.0), Finding::Outlier);
+        assert_eq!(evidence.push(10_000.0), Deviation::Outlier);
         assert!((evidence.location() - 10.05).abs() < 0.05, "{}", evidence.location());
     }
 
@@ -199,7 +199,7 @@ mod tests {
                 evidence.push(10.0 * (0.05 * normal(&mut random)).exp());
             }
             let found = (0..7).find_map(|step| match evidence.push(10.0 * factor) {
-                Finding::Changed(by) => Some((step, by)),
+                Deviation::Changed(by) => Some((step, by)),
                 _ => None,
             });
             let (step, by) = found.expect("a change by half");
@@ -215,7 +215,7 @@ mod tests {
         let mut evidence = Evidence::default();
         for _ in 0..pushes {
             let cost = 10.0 * (0.07 * normal(&mut random)).exp();
-            alarms += u32::from(matches!(evidence.push(cost), Finding::Changed(_)));
+            alarms += u32::from(matches!(evidence.push(cost), Deviation::Changed(_)));
         }
 
         assert!(alarms <= 10, "{alarms} alarms in {pushes}");
@@ -226,7 +226,7 @@ mod tests {
         for costs in [[0.0, 0.0, 0.0], [f64::MAX, f64::MIN_POSITIVE, 5e-324], [f64::MAX, f64::MAX, 0.0]] {
             let mut evidence = Evidence::default();
             for index in 0..60 {
-                if let Finding::Changed(factor) = evidence.push(costs[(index / 5) % 3]) {
+                if let Deviation::Changed(factor) = evidence.push(costs[(index / 5) % 3]) {
                     assert!(factor.is_finite() && factor > 0.0);
                 }
                 assert!(evidence.location().is_finite());

@@ -5,32 +5,14 @@
 
 use std::sync::Arc;
 
-use treewright_core::limits::CHECKPOINT_BYTES_PER_TRIAL;
 use treewright_core::tuner::Learnt;
 use treewright_store::{Fence, Receipt, Store};
 
 use super::Tuning;
-use super::loading::compute;
+use super::compute::compute;
+use super::loading::Saved;
 use super::runtime::{Live, Runtime};
 use crate::error::Error;
-
-/// The last checkpoint of a study: what it covers, and its length.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Saved {
-    /// Up to where it was last tried.
-    pub(super) completion: u64,
-    /// Up to where it covers the trials for certain: it is on the disk, and this program can read it.
-    pub(super) stored: u64,
-    pub(super) bytes: u64,
-}
-
-impl Saved {
-    /// Whether so many trials were completed since that another one is worth its bytes.
-    fn is_due(self, completed: u64, after: u64) -> bool {
-        let after = after.max(self.bytes / CHECKPOINT_BYTES_PER_TRIAL);
-        completed.saturating_sub(self.completion) >= after
-    }
-}
 
 /// What is to be saved, and when it may be.
 struct DueCheckpoint {

@@ -2,15 +2,33 @@
 
 use std::sync::Arc;
 
-use tokio::runtime::{Handle, RuntimeFlavor};
+use treewright_core::limits::CHECKPOINT_BYTES_PER_TRIAL;
 use treewright_core::space::Space;
 use treewright_core::trial::{RawTrial, Trial};
 use treewright_core::tuner::{RestoreError, Restoring, Tuner};
 use treewright_store::{Fence, Loaded, Store, StoreError};
 
-use super::checkpoints::Saved;
+use super::compute::compute;
 use crate::error::Error;
 use crate::limits;
+
+/// The last checkpoint of a study: what it covers, and its length.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Saved {
+    /// Up to where it was last tried.
+    pub(super) completion: u64,
+    /// Up to where it covers the trials for certain: it is on the disk, and this program can read it.
+    pub(super) stored: u64,
+    pub(super) bytes: u64,
+}
+
+impl Saved {
+    /// Whether so many trials were completed since that another one is worth its bytes.
+    pub(super) fn is_due(self, completed: u64, after: u64) -> bool {
+        let after = after.max(self.bytes / CHECKPOINT_BYTES_PER_TRIAL);
+        completed.saturating_sub(self.completion) >= after
+    }
+}
 
 /// A study in memory.
 pub(super) struct Read {
@@ -80,19 +98,6 @@ fn check(trials: Vec<RawTrial>, space: &Space) -> Result<Vec<Trial>, Error> {
         let problem = format!("a configuration does not fit its study: {error}");
         Error::Store(StoreError::Inconsistent { problem })
     })
-}
-
-/// Learning and packing take a while, in which other studies go on. A runtime of one thread has no other place for it, and one that
-/// simulates time must not depend on how fast another thread is.
-pub(super) async fn compute<T: Send + 'static>(
-    work: impl FnOnce() -> T + Send + 'static,
-) -> Result<T, Error> {
-    match Handle::current().runtime_flavor() {
-        RuntimeFlavor::CurrentThread => Ok(work()),
-        _ => tokio::task::spawn_blocking(work)
-            .await
-            .map_err(|_| Error::Defect("rebuilding or packing a study panicked")),
-    }
 }
 
 #[cfg(test)]

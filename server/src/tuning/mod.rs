@@ -8,9 +8,11 @@
 //! daemon was away, `figures` collects what the metrics show.
 
 mod checkpoints;
+mod compute;
 mod figures;
 mod frames;
 mod loading;
+mod planned_searches;
 mod planning;
 mod presence;
 mod retention;

@@ -5,16 +5,14 @@
 //! search of a state. Who finds all of that taken gets what was thought of in reserve, or is answered from the tables: a client would
 //! rather run something good now than wait for something better.
 
-use std::collections::HashMap;
-use std::sync::{Arc, Weak};
+use std::sync::Arc;
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
-use treewright_core::ids::StateId;
 use treewright_core::tuner::{PlanRequest, SuggestionPlan};
 use treewright_store::{Receipt, Store, StoreError};
 
 use super::Tuning;
-use super::loading::compute;
+use super::compute::compute;
 use super::runtime::Live;
 use crate::error::Error;
 use crate::limits::PLANNING_WAIT;
@@ -22,23 +20,6 @@ use crate::limits::PLANNING_WAIT;
 /// How many plans are computed at once: as many as there are processors.
 pub(super) fn permits() -> Arc<Semaphore> {
     Arc::new(Semaphore::new(std::thread::available_parallelism().map_or(1, usize::from)))
-}
-
-/// The states of a study whose search is being planned for: each as long as somebody holds its token.
-#[derive(Debug, Default)]
-pub(super) struct PlannedSearches(HashMap<StateId, Weak<()>>);
-
-impl PlannedSearches {
-    pub(super) fn is_free(&self, state: StateId) -> bool {
-        self.0.get(&state).is_none_or(|token| token.strong_count() == 0)
-    }
-
-    fn take(&mut self, state: StateId) -> Arc<()> {
-        self.0.retain(|_, token| token.strong_count() > 0);
-        let token = Arc::new(());
-        self.0.insert(state, Arc::downgrade(&token));
-        token
-    }
 }
 
 /// What has to be computed without the lock before a question can be answered.
@@ -159,6 +140,7 @@ impl Tuning {
 
 #[cfg(test)]
 mod tests {
+    use treewright_core::ids::StateId;
     use treewright_core::policy::{Policy, PredictorMethod, SearchMethod};
     use treewright_core::study::StudySpec;
     use treewright_core::trial::{Mode, Trial};

@@ -14,7 +14,7 @@ use treewright_core::tuner::Learnt;
 use treewright_store::{ClosedTrial, Fence};
 
 use super::Tuning;
-use super::loading::compute;
+use super::compute::compute;
 use super::runtime::Live;
 use crate::error::Error;
 use crate::limits::{TRIALS_PER_READ, TRIALS_PER_REMOVAL};

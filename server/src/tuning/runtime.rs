@@ -18,9 +18,8 @@ use treewright_core::tuner::{Change, Tuner};
 use treewright_store::{Fence, Receipt, Store};
 
 use super::Environment;
-use super::checkpoints::Saved;
-use super::loading::{self, Read};
-use super::planning::PlannedSearches;
+use super::loading::{self, Read, Saved};
+use super::planned_searches::PlannedSearches;
 use super::presence::back_since;
 use crate::error::Error;
 use crate::limits::LOADING_WAIT;

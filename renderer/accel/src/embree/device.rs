@@ -16,9 +16,10 @@ use std::sync::atomic::{AtomicIsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::ffi;
-use crate::error::BuildError;
+use crate::error::{BuildError, EmbreeFailure};
 use crate::limits::{DEVICES_MAX, EMBREE_SERIES, THREADS_MAX};
 use crate::native_options::NativeOptions;
+use crate::traverse::Isa;
 
 /// Why there is no device.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -51,26 +52,17 @@ pub enum DeviceError {
         /// Threads asked for.
         asked: usize,
     },
+    /// The program was compiled for another processor's instruction set alone (`TREEWRIGHT_KERNELS=native`).
+    #[error(
+        "this program was compiled for the processor it was built on, and this one lacks its instructions: build it here"
+    )]
+    OtherProcessor,
     /// More threads than the limit.
     #[error("{asked} threads are more than the limit of {THREADS_MAX}")]
     TooManyThreads {
         /// Threads asked for.
         asked: usize,
     },
-}
-
-/// An error of one Embree call.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct EmbreeFailure {
-    pub(crate) code: u32,
-    pub(crate) message: String,
-}
-
-impl EmbreeFailure {
-    /// Whether a builder ran into its depth limit, which has no code of its own.
-    pub(crate) fn is_depth_limit(&self) -> bool {
-        self.code == ffi::ERROR_UNKNOWN && self.message.contains("depth limit")
-    }
 }
 
 /// The process's Embree device. Cloning shares it.
@@ -117,6 +109,9 @@ impl Device {
     pub fn open(threads: usize) -> Result<Self, DeviceError> {
         if threads > THREADS_MAX {
             return Err(DeviceError::TooManyThreads { asked: threads });
+        }
+        if !Isa::detect().is_available() {
+            return Err(DeviceError::OtherProcessor);
         }
         let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
         match &*open {

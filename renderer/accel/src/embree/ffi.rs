@@ -28,7 +28,7 @@ pub(crate) use embree4_sys::{
 pub(crate) const INVALID_GEOMETRY: u32 = embree4_sys::RTC_INVALID_GEOMETRY_ID;
 
 // A hit without an instance comes back with the same mark, and goes out as it is.
-const _: () = assert!(INVALID_GEOMETRY == crate::geometry::NO_INSTANCE);
+const _: () = assert!(INVALID_GEOMETRY == crate::rays::NO_INSTANCE);
 
 /// `RTCRay` (`rtcore_ray.h`): the same in 4.2 and 4.4, declared again to stand beside [`RayHit`].
 #[repr(C, align(16))]
@@ -104,7 +104,7 @@ pub(crate) struct RayHitPacket<const N: usize> {
 /// Which rays of a packet take part, -1 or 0 each, aligned as the wider packet wants it.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Mask<const N: usize>(pub(crate) [i32; N]);
+pub(crate) struct ActiveRays<const N: usize>(pub(crate) [i32; N]);
 
 const _: () = {
     assert!(size_of::<RayPacket<8>>() == 384 && size_of::<RayPacket<16>>() == 768);

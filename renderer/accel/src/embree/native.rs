@@ -6,11 +6,11 @@
 use std::ptr;
 use std::sync::Arc;
 
-use super::device::{Device, EmbreeFailure};
+use super::device::Device;
 use super::ffi;
 use super::filter::set_masks;
 use super::packets;
-use crate::error::BuildError;
+use crate::error::{BuildError, EmbreeFailure};
 use crate::geometry::{Hit, Intersector, Packets, Ray, Triangles};
 use crate::parameters::{NativeOptions, NativeQuality, Update};
 

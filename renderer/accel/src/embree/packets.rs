@@ -8,7 +8,7 @@
 use std::ffi::c_int;
 use std::ptr;
 
-use super::ffi::{self, HitPacket, Mask, RayHitPacket, RayPacket};
+use super::ffi::{self, ActiveRays, HitPacket, RayHitPacket, RayPacket};
 use crate::geometry::{Hit, Ray};
 
 impl<const N: usize> RayPacket<N> {
@@ -28,8 +28,8 @@ impl<const N: usize> RayPacket<N> {
     /// not valid are not. What an idle place holds is never read by the traversal, but a coherent packet's
     /// common bounds could be, so it keeps the finite ray that was there before.
     #[inline(always)]
-    fn fill(&mut self, rays: &[Ray]) -> Mask<N> {
-        let mut mask = Mask([0; N]);
+    fn fill(&mut self, rays: &[Ray]) -> ActiveRays<N> {
+        let mut mask = ActiveRays([0; N]);
         for (lane, ray) in rays.iter().enumerate().take(N) {
             if ray.is_valid() {
                 for axis in 0..3 {
@@ -141,7 +141,7 @@ fn occluded_arguments(coherent: bool) -> ffi::RTCOccludedArguments {
 #[inline(always)]
 unsafe fn intersect<const N: usize>(
     scene: ffi::RTCScene,
-    mask: &Mask<N>,
+    mask: &ActiveRays<N>,
     query: &mut RayHitPacket<N>,
     arguments: &mut ffi::RTCIntersectArguments,
 ) {
@@ -164,7 +164,7 @@ unsafe fn intersect<const N: usize>(
 #[inline(always)]
 unsafe fn occlude<const N: usize>(
     scene: ffi::RTCScene,
-    mask: &Mask<N>,
+    mask: &ActiveRays<N>,
     query: &mut RayPacket<N>,
     arguments: &mut ffi::RTCOccludedArguments,
 ) {
@@ -198,7 +198,7 @@ mod tests {
         closest.query.ray.fill(&[ray(); N]);
         closest.query.ray.fill(&[ray(), ray(), aside]);
         let mut any = Guarded { query: closest.query.ray, canary: CANARY };
-        let mask = Mask(std::array::from_fn(|lane| if lane % 2 == 0 { -1 } else { 0 }));
+        let mask = ActiveRays(std::array::from_fn(|lane| if lane % 2 == 0 { -1 } else { 0 }));
         // SAFETY: the scene is committed.
         unsafe {
             intersect(native.scene.0, &mask, &mut closest.query, &mut intersect_arguments(coherent));

@@ -265,8 +265,9 @@ macro_rules! compile {
     };
 }
 
+#[cfg(kernels_scalar)]
 compile!(scalar, lanes::Portable<2>, lanes::Portable<4>, lanes::Portable<8>, lanes::Portable<16>);
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", kernels_avx2))]
 compile!(
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     avx2,
@@ -275,7 +276,7 @@ compile!(
     lanes::avx2::Eight,
     lanes::avx2::Sixteen
 );
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", kernels_avx512))]
 compile!(
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
     avx512,
@@ -286,37 +287,45 @@ compile!(
 );
 
 impl Kernels {
-    /// The functions for trees of these parameters, or `None` where the processor lacks `isa` or there is no
+    /// The functions for trees of these parameters, or `None` where `isa` is not available or there is no
     /// such tree.
     pub(crate) fn select(isa: Isa, parameters: &TreeParameters) -> Option<Self> {
         if !isa.is_available() {
             return None;
         }
         match isa {
+            #[cfg(kernels_scalar)]
             Isa::Scalar => scalar::select(parameters),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", kernels_avx2))]
             Isa::Avx2 => avx2::select(parameters),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", kernels_avx512))]
             Isa::Avx512 => avx512::select(parameters),
-            #[cfg(not(target_arch = "x86_64"))]
+            #[allow(
+                unreachable_patterns,
+                reason = "some are left out on other processors or by the build script"
+            )]
             _ => None,
         }
     }
 }
 
 impl LevelKernels {
-    /// The functions for an upper level, or `None` where the processor lacks `isa`.
+    /// The functions for an upper level, or `None` where `isa` is not available.
     pub(crate) fn select(isa: Isa, robust: bool) -> Option<Self> {
         if !isa.is_available() {
             return None;
         }
         match isa {
+            #[cfg(kernels_scalar)]
             Isa::Scalar => Some(scalar::level(robust)),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", kernels_avx2))]
             Isa::Avx2 => Some(avx2::level(robust)),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", kernels_avx512))]
             Isa::Avx512 => Some(avx512::level(robust)),
-            #[cfg(not(target_arch = "x86_64"))]
+            #[allow(
+                unreachable_patterns,
+                reason = "some are left out on other processors or by the build script"
+            )]
             _ => None,
         }
     }

@@ -1,4 +1,5 @@
-//! Instruction sets the kernels are compiled for, and a way to compile a caller's loops for them as well.
+//! Instruction sets the kernels are compiled for, and a way to compile a caller's loops for them as well. The build script
+//! says which (`kernels_NAME`): each, or that of the machine alone.
 
 /// An instruction set with kernels of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -15,13 +16,23 @@ impl Isa {
     /// All of them, the plainest first.
     pub const ALL: [Self; 3] = [Self::Scalar, Self::Avx2, Self::Avx512];
 
-    /// The best one this processor has.
+    /// The best one that is available.
     pub fn detect() -> Self {
         Self::ALL.into_iter().rev().find(|isa| isa.is_available()).unwrap_or(Self::Scalar)
     }
 
-    /// Whether this processor has it.
+    /// Whether kernels are compiled for it and this processor has it.
     pub fn is_available(self) -> bool {
+        let is_compiled = match self {
+            Self::Scalar => cfg!(kernels_scalar),
+            Self::Avx2 => cfg!(kernels_avx2),
+            Self::Avx512 => cfg!(kernels_avx512),
+        };
+        is_compiled && self.is_there()
+    }
+
+    /// Whether this processor has it.
+    fn is_there(self) -> bool {
         match self {
             Self::Scalar => true,
             #[cfg(target_arch = "x86_64")]
@@ -35,7 +46,7 @@ impl Isa {
             }
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => {
-                Self::Avx2.is_available()
+                Self::Avx2.is_there()
                     && is_x86_feature_detected!("avx512f")
                     && is_x86_feature_detected!("avx512vl")
                     && is_x86_feature_detected!("avx512dq")
@@ -58,14 +69,14 @@ pub trait Work {
 }
 
 impl Isa {
-    /// Does some work with this instruction set, or with the baseline's where the processor lacks it.
+    /// Does some work with this instruction set, or with the baseline's where it is not available.
     #[inline]
     pub fn run<W: Work>(self, work: W) -> W::Output {
         match self {
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", kernels_avx512))]
             // SAFETY: the processor has what the function is compiled for.
             Self::Avx512 if self.is_available() => unsafe { run_with_avx512(work) },
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", kernels_avx2))]
             // SAFETY: the processor has what the function is compiled for.
             Self::Avx2 if self.is_available() => unsafe { run_with_avx2(work) },
             _ => work.run(),
@@ -73,13 +84,13 @@ impl Isa {
     }
 }
 
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", kernels_avx512))]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 fn run_with_avx512<W: Work>(work: W) -> W::Output {
     work.run()
 }
 
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", kernels_avx2))]
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 fn run_with_avx2<W: Work>(work: W) -> W::Output {
     work.run()

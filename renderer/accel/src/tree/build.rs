@@ -20,7 +20,7 @@ use super::plan::Plan;
 use super::ploc::Ploc;
 use super::reinsertion::optimise;
 use super::sketch::{self, SketchRef, Sketched};
-use super::write::{Blocks, write};
+use super::write::{TriangleBlocks, write};
 use super::{Memory, Tree};
 use crate::embree::Device;
 use crate::error::BuildError;
@@ -51,7 +51,7 @@ impl Tree {
                 return Err(BuildError::DepthLimit { max_depth: parameters.max_depth });
             }
             let (arena, node) = for_node!(parameters, N => for_block!(parameters, B => {
-                let blocks = Blocks::<B> { triangles, watertight: parameters.robust };
+                let blocks = TriangleBlocks::<B> { triangles, watertight: parameters.robust };
                 write::<N, _>(&plan, parameters.order, &blocks)
             }))?;
             (Memory::Own(arena), node)

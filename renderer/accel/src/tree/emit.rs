@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use rayon::prelude::*;
 
 use super::arena::Arena;
-use super::ploc::{Link, Ploc};
+use super::ploc::{ClusterLink, Ploc};
 use crate::error::BuildError;
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
@@ -55,7 +55,7 @@ struct Room {
 #[derive(Default)]
 struct Lists {
     numbers: Vec<u32>,
-    children: Vec<(Bounds, Link)>,
+    children: Vec<(Bounds, ClusterLink)>,
 }
 
 /// Writes the tree with nodes `N` and blocks of `B` triangles. Fails where it would be deeper than permitted.
@@ -106,7 +106,7 @@ impl Emitter<'_> {
     /// Writes what is below a node, and itself. Recursion is as deep as the wide tree may be.
     fn subtree<N: TreeNode, const B: usize>(
         &self,
-        link: Link,
+        link: ClusterLink,
         depth: u32,
         room: &mut Room,
         lists: &mut Lists,
@@ -146,7 +146,7 @@ impl Emitter<'_> {
 
     fn leaf<const B: usize>(
         &self,
-        link: Link,
+        link: ClusterLink,
         room: &mut Room,
         numbers: &mut Vec<u32>,
     ) -> Result<NodeRef, BuildError> {

@@ -26,9 +26,9 @@ const TRIANGLE: u32 = 1 << 31;
 
 /// A node of the tree, or a triangle of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Link(u32);
+pub(super) struct ClusterLink(u32);
 
-impl Link {
+impl ClusterLink {
     /// Its triangle, if it is one.
     pub(super) fn triangle(self) -> Option<u32> {
         (self.0 & TRIANGLE != 0).then_some(self.0 & !TRIANGLE)
@@ -39,7 +39,7 @@ impl Link {
 #[derive(Clone, Copy, Debug)]
 struct Joined {
     bounds: Bounds,
-    children: [Link; 2],
+    children: [ClusterLink; 2],
     /// Triangles below.
     triangles: u32,
     /// Whether those are best tested as one leaf.
@@ -48,14 +48,14 @@ struct Joined {
 
 impl Joined {
     const UNUSED: Self =
-        Self { bounds: Bounds::EMPTY, children: [Link(TRIANGLE); 2], triangles: 0, is_leaf: false };
+        Self { bounds: Bounds::EMPTY, children: [ClusterLink(TRIANGLE); 2], triangles: 0, is_leaf: false };
 }
 
 /// The tree.
 pub(super) struct Ploc {
     boxes: Vec<Bounds>,
     nodes: Vec<Joined>,
-    pub(super) root: Link,
+    pub(super) root: ClusterLink,
 }
 
 /// What leaves cost, as the collapse counts it.
@@ -72,7 +72,7 @@ struct Costs {
 struct Clusters<const P: usize> {
     lower: [[f32; P]; 3],
     upper: [[f32; P]; 3],
-    links: [Link; P],
+    links: [ClusterLink; P],
     /// A place among the nodes that nobody has used: there is one for each cluster.
     free: [u32; P],
     triangles: [u32; P],
@@ -87,7 +87,7 @@ impl<const P: usize> Clusters<P> {
             // The box of a free place makes none but infinite ones.
             lower: [[f32::NEG_INFINITY; P]; 3],
             upper: [[f32::INFINITY; P]; 3],
-            links: [Link(TRIANGLE); P],
+            links: [ClusterLink(TRIANGLE); P],
             free: [0; P],
             triangles: [0; P],
             costs: [0.0; P],
@@ -109,7 +109,7 @@ impl<const P: usize> Clusters<P> {
         }
     }
 
-    fn push(&mut self, bounds: &Bounds, link: Link, free: u32, triangles: u32, cost: f32) {
+    fn push(&mut self, bounds: &Bounds, link: ClusterLink, free: u32, triangles: u32, cost: f32) {
         let place = self.count;
         self.set(place, bounds);
         (self.links[place], self.free[place]) = (link, free);
@@ -183,7 +183,7 @@ unsafe fn nearest_plain<const R: usize, const P: usize>(clusters: &Clusters<P>, 
 
 /// # Safety
 /// The processor has AVX2.
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", kernels_avx2))]
 #[target_feature(enable = "avx2")]
 unsafe fn nearest_avx2<const R: usize, const P: usize>(clusters: &Clusters<P>, best: &mut [u32; P]) {
     nearest::<R, P>(clusters, best);
@@ -191,7 +191,7 @@ unsafe fn nearest_avx2<const R: usize, const P: usize>(clusters: &Clusters<P>, b
 
 /// # Safety
 /// The processor has these features.
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", kernels_avx512))]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2")]
 unsafe fn nearest_avx512<const R: usize, const P: usize>(clusters: &Clusters<P>, best: &mut [u32; P]) {
     nearest::<R, P>(clusters, best);
@@ -215,7 +215,7 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
                 let number = key.number();
                 let bounds = &self.boxes[number as usize];
                 let cost = self.costs.block * bounds.half_area() as f32;
-                clusters.push(bounds, Link(number | TRIANGLE), free, 1, cost);
+                clusters.push(bounds, ClusterLink(number | TRIANGLE), free, 1, cost);
             }
             return;
         }
@@ -292,7 +292,7 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
         let children = [clusters.links[place], clusters.links[other]];
         nodes[(number - first) as usize] = Joined { bounds, children, triangles, is_leaf };
         clusters.set(place, &bounds);
-        (clusters.links[place], clusters.free[place]) = (Link(number), clusters.free[other]);
+        (clusters.links[place], clusters.free[place]) = (ClusterLink(number), clusters.free[other]);
         clusters.triangles[place] = triangles;
         clusters.costs[place] = if is_leaf { together } else { apart };
     }
@@ -303,11 +303,11 @@ fn build<const R: usize, const P: usize>(
     keys: &[Key],
     costs: Costs,
     nodes: &mut [Joined],
-) -> Link {
+) -> ClusterLink {
     let nearest: Nearest<P> = match Isa::detect() {
-        #[cfg(target_arch = "x86_64")]
+        #[cfg(all(target_arch = "x86_64", kernels_avx512))]
         Isa::Avx512 => nearest_avx512::<R, P>,
-        #[cfg(target_arch = "x86_64")]
+        #[cfg(all(target_arch = "x86_64", kernels_avx2))]
         Isa::Avx2 => nearest_avx2::<R, P>,
         _ => nearest_plain::<R, P>,
     };
@@ -347,7 +347,7 @@ impl Ploc {
     }
 
     /// The box around a node or triangle.
-    pub(super) fn bounds(&self, link: Link) -> Bounds {
+    pub(super) fn bounds(&self, link: ClusterLink) -> Bounds {
         match link.triangle() {
             Some(triangle) => self.boxes[triangle as usize],
             None => self.nodes[link.0 as usize].bounds,
@@ -355,22 +355,22 @@ impl Ploc {
     }
 
     /// Triangles of a node, or 1.
-    pub(super) fn triangles(&self, link: Link) -> u32 {
+    pub(super) fn triangles(&self, link: ClusterLink) -> u32 {
         if link.triangle().is_some() { 1 } else { self.nodes[link.0 as usize].triangles }
     }
 
     /// Whether what is below is best tested as one leaf.
-    pub(super) fn is_leaf(&self, link: Link) -> bool {
+    pub(super) fn is_leaf(&self, link: ClusterLink) -> bool {
         link.triangle().is_some() || self.nodes[link.0 as usize].is_leaf
     }
 
     /// The two children of a node.
-    pub(super) fn halves(&self, link: Link) -> [Link; 2] {
+    pub(super) fn halves(&self, link: ClusterLink) -> [ClusterLink; 2] {
         self.nodes[link.0 as usize].children
     }
 
     /// Appends the numbers of all triangles below.
-    pub(super) fn gather(&self, link: Link, numbers: &mut Vec<u32>) {
+    pub(super) fn gather(&self, link: ClusterLink, numbers: &mut Vec<u32>) {
         match link.triangle() {
             Some(triangle) => numbers.push(triangle),
             None => self.halves(link).into_iter().for_each(|half| self.gather(half, numbers)),
@@ -379,12 +379,12 @@ impl Ploc {
 
     /// The children of a wide node made of `link`, which is no leaf: in place of the largest come its halves, as long
     /// as there is room for `width`. They stay in their order along the curve.
-    pub(super) fn children(&self, link: Link, width: usize, found: &mut Vec<(Bounds, Link)>) {
+    pub(super) fn children(&self, link: ClusterLink, width: usize, found: &mut Vec<(Bounds, ClusterLink)>) {
         found.clear();
         found.extend(self.halves(link).map(|half| (self.bounds(half), half)));
         while found.len() < width {
             let open = found.iter().enumerate().filter(|(_, (_, link))| !self.is_leaf(*link));
-            let by_area = |(place, (bounds, _)): (usize, &(Bounds, Link))| (bounds.half_area(), place);
+            let by_area = |(place, (bounds, _)): (usize, &(Bounds, ClusterLink))| (bounds.half_area(), place);
             let Some((_, place)) = open.map(by_area).max_by(|a, b| a.0.total_cmp(&b.0)) else {
                 break;
             };
@@ -401,17 +401,17 @@ impl Ploc {
 }
 
 impl Source for Ploc {
-    type Item = Link;
+    type Item = ClusterLink;
 
-    fn triangle(&self, item: Link) -> Option<u32> {
+    fn triangle(&self, item: ClusterLink) -> Option<u32> {
         item.triangle()
     }
 
-    fn halves(&self, item: Link) -> [(Bounds, Link); 2] {
+    fn halves(&self, item: ClusterLink) -> [(Bounds, ClusterLink); 2] {
         Self::halves(self, item).map(|half| (self.bounds(half), half))
     }
 
-    fn leaves(&self, item: Link) -> u32 {
+    fn leaves(&self, item: ClusterLink) -> u32 {
         self.triangles(item)
     }
 }
@@ -435,7 +435,7 @@ mod tests {
         Triangles::new(positions, indices.collect()).expect("they are finite")
     }
 
-    fn depth(ploc: &Ploc, link: Link) -> u32 {
+    fn depth(ploc: &Ploc, link: ClusterLink) -> u32 {
         match link.triangle() {
             Some(_) => 0,
             None => 1 + ploc.halves(link).map(|half| depth(ploc, half)).into_iter().max().unwrap_or(0),

@@ -1,4 +1,4 @@
-//! Is the tree right? Checked triangle by triangle, for tests and for doubt.
+//! Checks a finished tree, triangle by triangle: for tests and for doubt.
 
 use super::Tree;
 use super::walk::Met;

@@ -34,12 +34,12 @@ pub(super) trait Items: Sync {
 }
 
 /// Blocks of `B` triangles, with corners if `watertight`.
-pub(super) struct Blocks<'a, const B: usize> {
+pub(super) struct TriangleBlocks<'a, const B: usize> {
     pub(super) triangles: &'a Triangles,
     pub(super) watertight: bool,
 }
 
-impl<const B: usize> Items for Blocks<'_, B> {
+impl<const B: usize> Items for TriangleBlocks<'_, B> {
     type Item = Block<B>;
 
     fn count(&self, numbers: &[u32]) -> usize {

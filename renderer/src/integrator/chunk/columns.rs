@@ -8,7 +8,7 @@ use crate::integrator::LightSample;
 use crate::integrator::bsdf::Gloss;
 use crate::integrator::lights::Lamp;
 use crate::integrator::random::PathRandom;
-use crate::integrator::surface::{Standing, Surface};
+use crate::integrator::surface::{Surface, WorldFacet};
 
 /// Hits of a chunk: the columns stay in the first-level cache, and the cost of a pass is spread wide enough.
 pub(super) const LANES: usize = 64;
@@ -46,7 +46,7 @@ pub(super) struct Facets {
     corner: Vectors,
     edges: [Vectors; 2],
     pub(super) longest: Column,
-    /// See [`Standing::place`].
+    /// See [`WorldFacet::place`].
     pub(super) place: Column,
     normals: [Vectors; 3],
     /// 1 where normals are interpolated.
@@ -64,7 +64,7 @@ impl Facets {
     };
 
     #[inline(always)]
-    pub(super) fn set(&mut self, lane: usize, standing: &Standing) {
+    pub(super) fn set(&mut self, lane: usize, standing: &WorldFacet) {
         let [corner, ab, ac] = standing.corner_and_edges;
         self.corner.set(lane, corner);
         self.edges[0].set(lane, ab);
@@ -74,7 +74,7 @@ impl Facets {
     }
 
     #[inline(always)]
-    pub(super) fn set_normals(&mut self, lane: usize, standing: &Standing) {
+    pub(super) fn set_normals(&mut self, lane: usize, standing: &WorldFacet) {
         for (column, normal) in self.normals.iter_mut().zip(standing.normals) {
             column.set(lane, normal);
         }
@@ -211,14 +211,14 @@ impl Lamps {
 
 /// Sampled lights.
 #[derive(Clone, Debug)]
-pub(super) struct Lights {
+pub(super) struct LightSamples {
     direction: Vectors,
     distance: Column,
     radiance: Vectors,
     pdf: Column,
 }
 
-impl Lights {
+impl LightSamples {
     pub(super) const ZERO: Self =
         Self { direction: Vectors::ZERO, distance: [0.0; LANES], radiance: Vectors::ZERO, pdf: [0.0; LANES] };
 

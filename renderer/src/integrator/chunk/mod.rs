@@ -12,12 +12,14 @@ mod passes;
 
 use treewright_accel::{Hit, Isa, Ray};
 
-use columns::{Arrivals, Column, Departures, Facets, LANES, Lamps, Lights, Materials, Numbers, Surfaces};
+use columns::{
+    Arrivals, Column, Departures, Facets, LANES, Lamps, LightSamples, Materials, Numbers, Surfaces,
+};
 use passes::Passes;
 
 use super::Needs;
 use super::prepared::{Prepared, Shading};
-use super::surface::Standing;
+use super::surface::WorldFacet;
 use super::vertex::{Next, PLACES, Path, Shadow};
 
 /// Most hits of a chunk.
@@ -44,7 +46,7 @@ struct Columns {
     odd: Column<u32>,
     numbers: Numbers,
     lamps: Lamps,
-    sampled: Lights,
+    sampled: LightSamples,
     /// 1 where the sampled light can light the surface.
     lit: Column<u32>,
     departures: Departures,
@@ -60,7 +62,7 @@ impl Default for Chunk {
             odd: [0; LANES],
             numbers: Numbers::ZERO,
             lamps: Lamps::ZERO,
-            sampled: Lights::ZERO,
+            sampled: LightSamples::ZERO,
             lit: [0; LANES],
             departures: Departures::ZERO,
         };
@@ -81,7 +83,7 @@ impl Chunk {
         needs: Needs,
         bounces: u32,
         (path, ray, hit): (&Path, &Ray, &Hit),
-        (standing, shading): (&Standing, &Shading),
+        (standing, shading): (&WorldFacet, &Shading),
     ) -> Option<usize> {
         if shading.glows || shading.solid {
             return None;

@@ -11,7 +11,7 @@ use super::columns::LANES;
 use super::{Chunk, Columns};
 use crate::integrator::bsdf::Bsdf;
 use crate::integrator::lights::{Lamp, Lights};
-use crate::integrator::sampling::{Frame, cosine_hemisphere};
+use crate::integrator::sampling::{Basis, cosine_hemisphere};
 use crate::integrator::surface::{Surface, barycentric, facing, guarded, interpolated, offset, unit_normal};
 use crate::integrator::vertex::{SHADOW_SHARE, weight_over_density};
 use crate::integrator::{LightSample, Needs};
@@ -243,7 +243,7 @@ fn scatter_matt(columns: &mut Columns, lanes: Range<usize>) {
         shadow(columns, lane, &surface, &light, diffuse * light_pdf, light_pdf);
         let u = [columns.numbers.turn[0][lane], columns.numbers.turn[1][lane]];
         let local = cosine_hemisphere(u);
-        let direction = Frame::new(normal).to_world(local);
+        let direction = Basis::new(normal).to_world(local);
         let pdf = local.z * std::f32::consts::FRAC_1_PI;
         turn(columns, lane, &surface, direction, diffuse, pdf, pdf > 0.0);
     }
@@ -254,7 +254,7 @@ fn scatter_glossy(columns: &mut Columns, lanes: Range<usize>) {
     for lane in lanes {
         let surface = columns.surfaces.get(lane);
         let bsdf = Bsdf::from(columns.materials.get(lane));
-        let frame = Frame::new(surface.shading_normal);
+        let frame = Basis::new(surface.shading_normal);
         let view = frame.to_local(-columns.arrivals.direction.get(lane));
         let seen = bsdf.see::<false>(view);
         let above = view.z > 0.0;

@@ -8,7 +8,6 @@
 pub mod latin_hypercube;
 pub(crate) mod layout;
 mod levels;
-pub mod main_effects;
 pub mod model;
 pub mod nelder_mead;
 mod pending;
@@ -22,8 +21,8 @@ use serde::{Deserialize, Serialize};
 pub use crate::decision::Step;
 pub use latin_hypercube::LatinHypercubeSearch;
 pub use layout::Layout;
+pub use layout::main_effects::{MainEffects, SourceMeasurement};
 pub use levels::levels;
-pub use main_effects::{MainEffects, SourceMeasurement};
 pub(crate) use model::on_grid;
 pub use model::{ModelSearch, PlannedPoint};
 pub use nelder_mead::NelderMead;

@@ -21,8 +21,8 @@ use crate::statistics::confirm::{ERROR_MAX, Race, RaceResult};
 use crate::trial::{Outcome, Trial};
 use crate::tuner::Tuner;
 use crate::tuner::assessment::{Assessment, AssessmentRequest};
-use crate::tuner::explore::ProposedTrial;
 use crate::tuner::plan::Planned;
+use crate::tuner::proposal::ProposedTrial;
 
 /// How many of a search's best run against the incumbent.
 const CHALLENGERS_MAX: usize = 4;

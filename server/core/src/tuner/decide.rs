@@ -2,10 +2,7 @@
 
 use rand::RngExt;
 
-use crate::configuration::Configuration;
-use crate::decision::{
-    BudgetStatus, Choice, Exploit, ExploitRule, ExplorationEstimate, ExploreRule, Predicted, Source,
-};
+use crate::decision::{Choice, ExploitRule, ExplorationEstimate, ExploreRule, Predicted, Source};
 use crate::fnv;
 use crate::ids::StateId;
 use crate::policy::{Operation, PredictorMethod};
@@ -16,53 +13,13 @@ use crate::search::Verdict;
 use crate::trial::Neighbour;
 use crate::tuner::confirmation::Answered;
 use crate::tuner::plan::Planned;
+use crate::tuner::proposal::Exploitation;
 use crate::tuner::{Ask, Prediction, Prospect, Tuner, VisitDecision};
 
 /// Who stays in a state for so many frames, times epsilon, explores it whatever the dice say.
 const STAY_EXPLORES: f64 = 3.0;
 /// Dice of one visit differ in these bits by how long the stay is.
 const THROWS_SHIFT: u32 = 32;
-
-/// What would be exploited.
-#[derive(Clone, Debug)]
-pub(super) struct Exploitation {
-    pub(super) configuration: Configuration,
-    pub(super) predicted_cost: Option<f64>,
-    pub(super) source: Source,
-    /// It stands in for what was predicted, which did clearly worse here.
-    pub(super) rolled_back: bool,
-}
-
-impl Exploitation {
-    /// As an answer, by a rule.
-    pub(super) fn by(
-        self,
-        rule: ExploitRule,
-        estimate: ExplorationEstimate,
-        budget: BudgetStatus,
-    ) -> Prediction {
-        let Exploitation { configuration, predicted_cost, source, .. } = self;
-        let decision = Choice::Exploit(Exploit { source, rule, estimate, budget }).decided();
-        Prediction { configuration, predicted_cost, decision, insight: None }
-    }
-
-    /// As an answer to who only asked what it would be.
-    pub(super) fn asked(self) -> Prediction {
-        let rule = if self.rolled_back { ExploitRule::RolledBack } else { ExploitRule::Asked };
-        self.by(rule, ExplorationEstimate::default(), BudgetStatus::default())
-    }
-
-    /// As the decision for a visit; what was rolled back says so itself.
-    fn kept(self, rule: ExploitRule, estimate: ExplorationEstimate) -> VisitDecision {
-        let (rule, estimate) = match self.rolled_back {
-            true => (ExploitRule::RolledBack, ExplorationEstimate::default()),
-            false => (rule, estimate),
-        };
-        let Exploitation { configuration, predicted_cost, source, .. } = self;
-        let exploit = Box::new(Exploit { source, rule, estimate, budget: BudgetStatus::default() });
-        VisitDecision::Exploit { configuration, predicted_cost, exploit, said: None }
-    }
-}
 
 impl Tuner {
     /// The pinned configuration, if the policy has one.

@@ -10,8 +10,8 @@ use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
 use crate::results::ResultTable;
 use crate::search::{AnySearch, Feedback, Layout, Point, SearchSetup, Step, Verdict, levels};
-use crate::tuner::decide::Exploitation;
 use crate::tuner::plan::Planned;
+use crate::tuner::proposal::{Exploitation, ProposedTrial};
 use crate::tuner::screening::{CONTROL, HeldParameters};
 use crate::tuner::states::place;
 use crate::tuner::{Exploration, Tuner};
@@ -32,14 +32,6 @@ enum NextPoint {
     Wait,
     /// One point after the other fell on known configurations.
     OnlyKnown,
-}
-
-/// Something to measure, and why.
-#[derive(Clone, Debug)]
-pub(super) struct ProposedTrial {
-    pub(super) configuration: Configuration,
-    pub(super) predicted_cost: Option<f64>,
-    pub(super) point: decision::Point,
 }
 
 /// What exploring came to.

@@ -13,7 +13,8 @@
 //! `trials` (what is open, and who holds it), `visits` (where clients are, and their budgets), `searches`, `models`,
 //! `history`, `screening`, `assessment`s, `speeds` and `auxiliaries`. What it does with them is in the files of its steps:
 //! `decide` and `gain` take decisions, `explore` and `within_budget` walk a search, `confirmation` lets its best run against
-//! the incumbent, `transfer` is the door for what other states and machines say, `plan` computes apart what is slow,
+//! the incumbent, `transfer` is the door for what other states and machines say (`warm_start` and `portfolio` make of it what a search begins
+//! with), `planning` copies what is slow to compute and `plan` computes it apart,
 //! `suggest` and `report` are the two halves of a client's frame, `leases` is what happens where one never comes back, `restore` and
 //! `checkpoint` rebuild.
 
@@ -32,7 +33,10 @@ mod insight;
 mod leases;
 mod models;
 mod plan;
+mod planning;
+mod portfolio;
 mod progress;
+mod proposal;
 mod recorded;
 mod report;
 mod restore;
@@ -47,6 +51,7 @@ mod trials;
 mod types;
 mod views;
 mod visits;
+mod warm_start;
 mod within_budget;
 
 use std::collections::{BTreeMap, BTreeSet};

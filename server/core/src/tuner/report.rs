@@ -13,7 +13,7 @@ use crate::tuner::{Change, Exploration, Tuner, TunerError, Visit, models, progre
 
 /// What was learnt of a completed trial.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Learnt {
+pub(super) struct LearntCost {
     /// Its cost as the table has it.
     pub(super) cost: Option<f64>,
     /// The speed of its client's machine was found to have jumped.
@@ -82,7 +82,7 @@ impl Tuner {
     }
 
     /// Feeds a completed trial to the table and the models: now, and again when they are rebuilt. Tells what was learnt.
-    pub(super) fn complete(&mut self, completed: &Trial) -> Learnt {
+    pub(super) fn complete(&mut self, completed: &Trial) -> LearntCost {
         self.completed += 1;
         self.last_completion = completed.completion.unwrap_or(self.last_completion + 1);
         let state = StateId(completed.state_id);
@@ -136,8 +136,8 @@ impl Tuner {
 
     /// What a completed trial's cost is without what its auxiliary measurements explain, and without what the speed of
     /// its client's machine makes of it at the moment.
-    fn understood(&mut self, trial: &Trial) -> Learnt {
-        let unchanged = Learnt { cost: trial.cost, has_jumped: false };
+    fn understood(&mut self, trial: &Trial) -> LearntCost {
+        let unchanged = LearntCost { cost: trial.cost, has_jumped: false };
         let state = StateId(trial.state_id);
         // What was carried over from elsewhere says nothing of the speed of the machine here.
         let is_own = trial.outcome.is_some() && !is_silent(trial) && trial.decision.origin.is_none();
@@ -147,7 +147,7 @@ impl Tuner {
         if trial.outcome != Some(Outcome::Ok) {
             let factor =
                 if self.spec.policy.track_speed { self.speeds.factor(&trial.client_id) } else { 1.0 };
-            return Learnt { cost: Some((cost / factor).min(f64::MAX)), ..unchanged };
+            return LearntCost { cost: Some((cost / factor).min(f64::MAX)), ..unchanged };
         }
         let auxiliary = self.spec.objective.auxiliary_of(&trial.measurements);
         let denoised = auxiliary.as_ref().map_or(cost, |aux| self.auxiliaries.denoised(state, cost, aux));
@@ -181,7 +181,7 @@ impl Tuner {
                 self.states.amend(state, |results| results.withhold(&trial.configuration));
             }
         }
-        Learnt { cost: Some(learnt), has_jumped }
+        LearntCost { cost: Some(learnt), has_jumped }
     }
 
     /// Takes back what was learnt since the speed of a client's machine was last held, before it jumped.

@@ -5,9 +5,9 @@
 use crate::decision::{BudgetStatus, Choice, ExploitRule, ExplorationEstimate, Explore, ExploreRule, Source};
 use crate::ids::{StateId, TrialNumber};
 use crate::tuner::budget::{Denied, Terms};
-use crate::tuner::decide::Exploitation;
 use crate::tuner::explore::Explored;
 use crate::tuner::plan::Planned;
+use crate::tuner::proposal::Exploitation;
 use crate::tuner::{Ask, Prediction, Tuner};
 
 /// Why a client explores, and what was estimated when that was decided.

@@ -4,14 +4,13 @@
 //!   and [`Transfer::first`] to explore where nothing was measured yet.
 //! - What other machines found best that met the same input ([`other_machines`]): [`Transfer::best_by_machines`] to exploit,
 //!   [`Transfer::untried_by_machines`] to explore.
-//! - What a search that begins is told of the nearest states ([`warm_start`]).
+//! - What a search that begins is told of the nearest states (`evidence`, computed in `warm_start`).
 //!
 //! Which of them is asked in which case is decided by the callers, in `decide` and `explore`. What measurements say of
 //! all of these is learnt in `report`, and nowhere else.
 
+mod evidence;
 mod other_machines;
-mod portfolio;
-mod warm_start;
 
 use crate::configuration::Configuration;
 use crate::decision::Source;
@@ -26,9 +25,9 @@ use crate::tuner::plan::Planned;
 use crate::tuner::searches::Searches;
 use crate::tuner::states::{States, at};
 use crate::tuner::trials::OpenTrials;
+use crate::tuner::warm_start::MeasuredElsewhere;
 
 pub(super) use other_machines::compare;
-pub(super) use warm_start::{MeasuredElsewhere, WarmStart};
 
 /// So many of the nearest states say whether those near by were searched.
 const NEAR: usize = 8;

@@ -16,9 +16,8 @@ use crate::ids::StateId;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
 use crate::results::Record;
 use crate::trial::Neighbour;
-use crate::tuner::decide::Exploitation;
-use crate::tuner::explore::ProposedTrial;
 use crate::tuner::gain::{NOISE_LEAST, NOISE_PRIOR};
+use crate::tuner::proposal::{Exploitation, ProposedTrial};
 use crate::tuner::states::States;
 use crate::tuner::transfer::Transfer;
 

@@ -5,13 +5,15 @@
 //! the same thing again and again; a [`Layout`] gives it the configuration instead, without names and
 //! without text: [`Layout::canonical`] is `encode(decode(point))` of the space, some hundred times faster.
 
+pub(crate) mod main_effects;
+
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::gp::kernel::{FeatureKind, INACTIVE};
 use crate::gp::local_search::Neighbourhood;
-use crate::search::main_effects::MainEffects;
+use crate::search::layout::main_effects::MainEffects;
 use crate::space::{Domain, Space};
 use crate::value::Value;
 

@@ -1,0 +1,18 @@
+//! What a command prints: JSON, or words for people.
+
+use serde::Serialize;
+
+use crate::failure::Failure;
+
+/// JSON where it is wished, else the words for people.
+pub(crate) fn either(
+    json: bool,
+    record: &impl Serialize,
+    words: impl FnOnce() -> String,
+) -> Result<String, Failure> {
+    let mut text = if json { serde_json::to_string_pretty(record)? } else { words() };
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    Ok(text)
+}

@@ -1,0 +1,176 @@
+//! What the commands below `treewright-lab evaluate` have in common: scenes, conditions, the record, progress.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use treewright_accel::Device;
+use treewright_client::{Configuration, detect_fingerprint};
+use treewright_render_cli::arguments::Size;
+use treewright_render_cli::error::{CliError, check_folder};
+use treewright_renderer::limits::{BOUNCES_MAX, ITERATIONS_MAX, THREADS_MAX};
+use treewright_renderer::space::{Premises, Preset, TuningSpace};
+use treewright_renderer::tuning::objective::Objective;
+
+use crate::evaluation::measure::best;
+use crate::evaluation::record::{Clock, Conditions, OpenRecord, Place};
+use crate::leave_scene_out::suite::Entry;
+
+/// Scenes of this program that stand in for those of the paper that cannot be had, in about their sizes.
+const BUILT_IN: [&str; 2] = ["gallery=builtin:gallery:1:7", "voxels=builtin:voxels:0.6:7"];
+
+/// Where the record is, and under which conditions it is made.
+#[derive(Args, Clone, Debug)]
+pub(super) struct ConditionArguments {
+    /// The record, as JSON Lines. A new run continues where the last one stopped, even after `kill -9`.
+    #[arg(long, value_name = "FILE.jsonl")]
+    pub(super) record: PathBuf,
+
+    #[command(flatten)]
+    pub(super) scenes: SceneArguments,
+
+    /// Iterations per search, each of which builds and renders.
+    #[arg(long, value_name = "N", default_value_t = 80, value_parser = clap::value_parser!(u32).range(2..=i64::from(ITERATIONS_MAX)))]
+    iterations: u32,
+
+    /// Cameras along each scene's path.
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(5..=1000))]
+    pub(super) cameras: u32,
+
+    /// Render threads; 0 for one per core.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=THREADS_MAX as u64))]
+    threads: u64,
+
+    /// Size in pixels.
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
+    size: Size,
+
+    /// Maximum number of bounces of a path.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=i64::from(BOUNCES_MAX)))]
+    bounces: u32,
+
+    /// Clock for the searches.
+    #[arg(long, value_enum, default_value = "wall")]
+    clock: Clock,
+
+    /// Parameters: the paper's eleven, or all.
+    #[arg(long, value_name = "paper|full", value_parser = ["paper", "full"], default_value = "paper")]
+    space: String,
+
+    /// Seed of the searches.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+
+    /// Start no measurement after this many seconds.
+    #[arg(long, value_name = "S")]
+    pub(super) seconds: Option<u64>,
+}
+
+/// Which scenes.
+#[derive(Args, Clone, Debug)]
+pub(super) struct SceneArguments {
+    /// Another scene, NAME=PATH or NAME=builtin:SCENE:DETAIL:SEED; can be repeated.
+    #[arg(long, value_name = "NAME=PATH")]
+    scene: Vec<Entry>,
+
+    /// Only these scenes. Default: the built-in scenes and those of --scene.
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    only: Vec<String>,
+}
+
+impl SceneArguments {
+    pub(super) fn entries(&self) -> Result<Vec<Entry>, CliError> {
+        let mut all: Vec<Entry> = BUILT_IN
+            .iter()
+            .map(|text| text.parse())
+            .collect::<Result<_, String>>()
+            .map_err(CliError::Usage)?;
+        all.extend(self.scene.iter().cloned());
+        if let Some(unknown) = self.only.iter().find(|name| all.iter().all(|entry| entry.name != **name)) {
+            return Err(CliError::Usage(format!("no scene is called {unknown}; see --scene")));
+        }
+        all.retain(|entry| self.only.is_empty() || self.only.contains(&entry.name));
+        Ok(all)
+    }
+}
+
+/// How far a run is, and when it ends.
+pub(super) struct Progress {
+    begin: Instant,
+    limit: Option<Duration>,
+    done: usize,
+    all: usize,
+}
+
+impl Progress {
+    pub(super) fn new(all: usize, seconds: Option<u64>) -> Self {
+        Self { begin: Instant::now(), limit: seconds.map(Duration::from_secs), done: 0, all }
+    }
+
+    pub(super) fn is_over(&self) -> bool {
+        self.limit.is_some_and(|limit| self.begin.elapsed() >= limit)
+    }
+
+    pub(super) fn step(&mut self, what: &str) {
+        self.done += 1;
+        let spent = self.begin.elapsed().as_secs_f64();
+        let left = spent / self.done as f64 * (self.all - self.done) as f64;
+        eprintln!("{}/{} {what}; about {:.0} min left", self.done, self.all, left / 60.0);
+    }
+}
+
+/// Where the moving picture of a scene is.
+pub(super) fn strip_path(folder: &Path, scene: &str) -> PathBuf {
+    folder.join(format!("needles-{scene}.png"))
+}
+
+/// The space of a record.
+pub(super) fn space(conditions: &Conditions) -> TuningSpace {
+    let preset = if conditions.space == "paper" { Preset::Paper } else { Preset::Full };
+    let threads = conditions.threads;
+    let premises =
+        Premises { builds_each_frame: false, robust: false, animated: false, instanced: false, threads };
+    TuningSpace::new(preset, &premises)
+}
+
+/// Adds what each search at a place found, unless it is there.
+pub(super) fn add_best(open: &OpenRecord, place: &Place, all: &mut Vec<Configuration>) {
+    let clock = open.record.conditions.clock;
+    for search in open.record.searches.iter().filter(|search| search.place == *place) {
+        let objective = Objective::ALL.into_iter().find(|objective| objective.name() == search.objective);
+        let found = objective.and_then(|objective| best(search, objective, clock));
+        if let Some((found, _)) = found.filter(|(found, _)| !all.contains(&found.configuration)) {
+            all.push(found.configuration.clone());
+        }
+    }
+}
+
+impl ConditionArguments {
+    /// The record and the conditions under which it is gone on with.
+    pub(super) fn open(&self) -> Result<(Conditions, OpenRecord), CliError> {
+        check_folder(&self.record)?;
+        let conditions = self.conditions()?;
+        let open = OpenRecord::open(&self.record, &conditions)?;
+        Ok((conditions, open))
+    }
+
+    fn conditions(&self) -> Result<Conditions, CliError> {
+        let threads = usize::try_from(self.threads).unwrap_or(THREADS_MAX);
+        let (major, minor, patch) = Device::open(threads)?.version();
+        let machine = detect_fingerprint()
+            .software("treewright-lab", env!("CARGO_PKG_VERSION"))
+            .software("embree", format!("{major}.{minor}.{patch}"));
+        Ok(Conditions {
+            version: Conditions::VERSION,
+            machine,
+            threads,
+            size: [self.size.width, self.size.height],
+            bounces: self.bounces,
+            clock: self.clock,
+            iterations: self.iterations,
+            cameras: self.cameras,
+            seed: self.seed,
+            space: self.space.clone(),
+        })
+    }
+}

@@ -1,0 +1,46 @@
+//! Values and what holds them without the kinds of the values, as JSON for people and other programs has them:
+//! `{"quality":2}`, where stored rows have `{"quality":{"integer":2}}`.
+
+mod spec;
+
+use serde::{Serialize, Serializer};
+
+use crate::value::{RawConfiguration, Value};
+
+/// Serialises what it refers to, values as their bare numbers, words and switches.
+#[derive(Clone, Copy, Debug)]
+pub struct Plain<'a, T: ?Sized>(pub &'a T);
+
+impl Serialize for Plain<'_, Value> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self.0 {
+            Value::Integer(integer) => serializer.serialize_i64(*integer),
+            Value::Float(float) => serializer.serialize_f64(*float),
+            Value::Text(text) => serializer.serialize_str(text),
+            Value::Boolean(boolean) => serializer.serialize_bool(*boolean),
+        }
+    }
+}
+
+impl Serialize for Plain<'_, [Value]> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.0.iter().map(Plain))
+    }
+}
+
+impl Serialize for Plain<'_, RawConfiguration> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().map(|(name, value)| (name, Plain(value))))
+    }
+}
+
+/// For `#[serde(serialize_with = "…::plain")]`.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn plain<T, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error>
+where
+    for<'a> Plain<'a, T>: Serialize,
+{
+    Plain(value).serialize(serializer)
+}

@@ -1,0 +1,121 @@
+//! Rays, what they hit, and what answers them.
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use crate::limits::TRIANGLES_MAX;
+
+/// A ray segment: `origin + t * direction` for `t_min < t < t_max`. The direction need not be normalised.
+/// Whether a hit at exactly `t_max` counts is left open: native Embree counts it, the others do not.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Where it starts.
+    pub origin: Vec3,
+    /// Where it goes.
+    pub direction: Vec3,
+    /// Begin of the segment, at least 0.
+    pub t_min: f32,
+    /// End of the segment; infinity for none.
+    pub t_max: f32,
+}
+
+impl Ray {
+    /// Whether origin and direction are finite and `0 <= t_min <= t_max` are numbers. Rays that are not valid
+    /// miss.
+    #[inline]
+    pub fn is_valid(&self) -> bool {
+        // Zero times a finite number is zero; times infinity or NaN it is NaN, which fails the comparison.
+        let zero = (self.origin * 0.0 + self.direction * 0.0).element_sum();
+        zero == 0.0 && 0.0 <= self.t_min && self.t_min <= self.t_max
+    }
+}
+
+/// Where a ray meets a triangle.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Hit {
+    /// Ray parameter.
+    pub t: f32,
+    /// Barycentric weight of the second corner.
+    pub u: f32,
+    /// Barycentric weight of the third corner.
+    pub v: f32,
+    /// Number of the triangle.
+    pub triangle: u32,
+    /// Number of the instance the triangle was met in; [`NO_INSTANCE`] in a scene without instances.
+    pub instance: u32,
+}
+
+impl Hit {
+    /// What a search for the nearest hit before `t_max` begins with.
+    #[inline(always)]
+    pub(crate) fn none(t_max: f32) -> Self {
+        Self { t: t_max, u: 0.0, v: 0.0, triangle: NO_TRIANGLE, instance: NO_INSTANCE }
+    }
+
+    /// Itself, if a triangle was found since [`Hit::none`].
+    #[inline(always)]
+    pub(crate) fn found(self) -> Option<Self> {
+        (self.triangle != NO_TRIANGLE).then_some(self)
+    }
+}
+
+/// A number no triangle has.
+pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
+
+/// Marks the number of a triangle with a mask, in the leaves of a tree.
+pub(crate) const CARD: u32 = 1 << 31;
+
+const _: () = assert!(TRIANGLES_MAX <= CARD as usize);
+
+/// What [`Hit::instance`] holds in a scene without instances.
+pub const NO_INSTANCE: u32 = u32::MAX;
+
+/// How the rays of a batch are traced.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Packets {
+    /// One by one.
+    #[default]
+    Single,
+    /// Eight at a time, each on its own way.
+    Eight,
+    /// Eight at a time that mostly go the same way.
+    EightCoherent,
+    /// Sixteen at a time, each on its own way.
+    Sixteen,
+    /// Sixteen at a time that mostly go the same way.
+    SixteenCoherent,
+}
+
+impl Packets {
+    /// All of them.
+    pub const ALL: [Self; 5] =
+        [Self::Single, Self::Eight, Self::EightCoherent, Self::Sixteen, Self::SixteenCoherent];
+}
+
+/// Anything that answers ray queries over [`Triangles`]. Queries never fail: rays with non-finite
+/// components miss.
+pub trait Intersector: Sync + Send {
+    /// The nearest hit inside the segment.
+    fn closest(&self, ray: &Ray) -> Option<Hit>;
+
+    /// Whether anything lies inside the segment.
+    fn occluded(&self, ray: &Ray) -> bool;
+
+    /// The nearest hit of each ray; `hits` is as long as `rays`. The answers are those of
+    /// [`Intersector::closest`] however the rays are packed.
+    fn closest_each(&self, _packets: Packets, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        assert_eq!(rays.len(), hits.len(), "one hit a ray");
+        for (ray, hit) in rays.iter().zip(hits) {
+            *hit = self.closest(ray);
+        }
+    }
+
+    /// Whether anything lies inside each segment; `occluded` is as long as `rays`.
+    fn occluded_each(&self, _packets: Packets, rays: &[Ray], occluded: &mut [bool]) {
+        assert_eq!(rays.len(), occluded.len(), "one answer a ray");
+        for (ray, occluded) in rays.iter().zip(occluded) {
+            *occluded = self.occluded(ray);
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! One sample of a picture: tiles are handed to threads, each works its tiles off in one of two ways.
+
+use std::cell::RefCell;
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use treewright_accel::Intersector;
+
+use super::frame::Frame;
+use super::needs::Needs;
+use super::path;
+use super::prepared::Prepared;
+use super::stages::{self, Buffers};
+use super::{Counts, View};
+use crate::film::{Film, Tile};
+use crate::render_options::RenderOptions;
+
+thread_local! {
+    /// Kept from frame to frame.
+    static BUFFERS: RefCell<Buffers> = RefCell::default();
+}
+
+/// Adds one sample to each pixel of the film. Runs on the rayon pool it is called in; the film's number of
+/// samples is the number of this one. `needs` are those of the scene, or more: pictures are the same.
+///
+/// # Panics
+/// If `needs` do not cover those of the scene.
+pub fn render_sample<I: Intersector>(
+    prepared: &Prepared,
+    intersector: &I,
+    view: &View,
+    options: &RenderOptions,
+    needs: Needs,
+    film: &mut Film,
+) -> Counts {
+    render_sample_until(prepared, intersector, view, options, needs, film, None).0
+}
+
+/// The same, but no tile is begun after `until`. Says whether there was time for all of them; where there was not,
+/// the film has a part of a sample and is of no use until it is cleared.
+///
+/// # Panics
+/// If `needs` do not cover those of the scene.
+pub fn render_sample_until<I: Intersector>(
+    prepared: &Prepared,
+    intersector: &I,
+    view: &View,
+    options: &RenderOptions,
+    needs: Needs,
+    film: &mut Film,
+    until: Option<Instant>,
+) -> (Counts, bool) {
+    assert!(needs.covers(prepared.needs), "the kernel must be able to do what the scene needs");
+    let frame = Frame::new(prepared, view, options, needs, film);
+    // Tiles differ in cost by an order of magnitude, so each thread fetches the next when it is done with one.
+    // That is one uncontended lock a tile, none a ray.
+    let tiles = Mutex::new(film.tiles(options.tile, options.tile_order).into_iter());
+    let is_late = || until.is_some_and(|until| Instant::now() >= until);
+    let next = || tiles.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let threads = match options.threads {
+        0 => usize::MAX,
+        threads => threads as usize,
+    };
+    let counts = rayon::broadcast(|context| {
+        let mut counts = Counts::default();
+        if context.index() < threads {
+            BUFFERS.with_borrow_mut(|buffers| {
+                while !is_late()
+                    && let Some(mut tile) = next()
+                {
+                    if options.staged {
+                        stages::render(&frame, intersector, buffers, &mut tile, &mut counts);
+                    } else {
+                        path_by_path(&frame, intersector, &mut tile, &mut counts);
+                    }
+                }
+            });
+        }
+        counts
+    });
+    let is_whole = next().is_none();
+    drop(tiles);
+    if is_whole {
+        film.count_sample();
+    }
+    let counts = counts.into_iter().fold(Counts::default(), |mut sum, counts| {
+        sum += counts;
+        sum
+    });
+    (counts, is_whole)
+}
+
+fn path_by_path<I: Intersector>(
+    frame: &Frame<'_>,
+    intersector: &I,
+    tile: &mut Tile<'_>,
+    counts: &mut Counts,
+) {
+    for pixel in 0..tile.sums.len() {
+        if let Some((path, ray)) = frame.begin(tile, pixel as u32) {
+            let radiance = path::radiance(frame, intersector, path, ray, counts);
+            counts.add_sample(&mut tile.sums[pixel], radiance);
+        }
+    }
+}

@@ -1,0 +1,215 @@
+//! Which plan a question needs: the copies that are made of the tuner for a [`PlanRequest`].
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crate::ids::StateId;
+use crate::limits::POINTS_IN_RESERVE_MAX;
+use crate::policy::Operation;
+use crate::predict::nearest::Nearest;
+use crate::predict::{Predictor, Query};
+use crate::search::AnySearch;
+use crate::trial::Fingerprint;
+use crate::tuner::budget::Terms;
+use crate::tuner::explore::is_spent;
+use crate::tuner::plan::PlanRequest;
+use crate::tuner::{Ask, Question, Tuner, VisitDecision};
+
+impl Tuner {
+    /// What is to be computed before a question can be answered quickly; `None` where it can be already.
+    /// `may_plan` tells of which states' searches: where somebody else already plans for one, that is enough.
+    pub fn plan(&self, question: &Question<'_>, may_plan: impl Fn(StateId) -> bool) -> Option<PlanRequest> {
+        let Question { ask, normalised, state: here } = question;
+        let (policy, here, transfer) = (&self.spec.policy, *here, self.transfer());
+        if policy.pinned.is_some() {
+            return None;
+        }
+        let machines = self.states.machines();
+        let found = machines.find(ask.fingerprint.as_ref());
+        // A machine that is new is known by the time of the question.
+        let grown = found.is_none().then(|| {
+            let mut machines = machines.clone();
+            let (machine, _) = machines.note_founder(ask.fingerprint.as_ref());
+            (machines, machine)
+        });
+        let (machines, machine) = match &grown {
+            Some((machines, machine)) => (machines, *machine),
+            None => (machines, found.unwrap_or_default()),
+        };
+        let query = || Query { machines, machine, ..self.states.query(&self.spec.space, normalised, here) };
+        let (predictor, predictors) = (policy.predictor, self.models.predictors());
+        let answer =
+            || transfer.needs_predictor(here).then(|| predictors.request(predictor, &query())).flatten();
+        let first = || predictors.proposal(predictor, &query(), self.trials.last().0 + 1);
+        let mut request = PlanRequest {
+            spec: Arc::clone(&self.spec),
+            normalised: Vec::new(),
+            answer: None,
+            first: None,
+            portfolio: None,
+            search: None,
+            evidence: None,
+            assessment: None,
+        };
+        let explores = match self.decides(ask, here) {
+            _ if policy.operation == Operation::Shadow => false,
+            Some(number) => match here {
+                Some(here) => self.explores(ask, number, here),
+                None => policy.weigh_gain || self.draws(ask, number, None),
+            },
+            None => {
+                let visit = self.visits.of(&ask.client_id);
+                if visit.is_none_or(|visit| matches!(visit.decision, VisitDecision::Exploit { .. }))
+                    || self.holds(ask, here)
+                {
+                    return None;
+                }
+                true
+            }
+        };
+        let ends = |here: &StateId| {
+            let is_at_end = self.states.results(*here).tried() >= self.room_of(&ask.session_policy);
+            is_at_end && self.is_to_be_confirmed(*here)
+        };
+        let answers = if explores { here.filter(ends) } else { self.state_that_answers(&query(), here) };
+        request.assessment = answers.and_then(|state| self.assessment_to_plan(state));
+        match here {
+            Some(here) if explores && policy.operation == Operation::Tune => {
+                request.search = self.search_to_plan(ask, here).filter(|(state, ..)| may_plan(*state));
+                if transfer.is_untouched(here) && !transfer.begins_with_portfolio(normalised, Some(here)) {
+                    request.first = first();
+                }
+                let begins = request.first.is_none() && self.searches.of(here).is_none();
+                if begins
+                    && transfer.warms_up_searches()
+                    && transfer.untried_by_machines(here).is_none()
+                    && self.affords(ask, here)
+                {
+                    request.evidence = Some((Some(here), transfer.evidence(here)));
+                }
+            }
+            None if explores && policy.operation == Operation::Tune => {
+                if !transfer.begins_with_portfolio(normalised, None) {
+                    request.first = first();
+                }
+                if request.first.is_none() && transfer.warms_up_searches() {
+                    request.evidence = Some((None, transfer.evidence_for(&query())));
+                }
+                // Whether exploring pays is weighed once the state is known.
+                if policy.weigh_gain {
+                    request.portfolio = transfer.portfolio_evidence(normalised, None);
+                    request.answer = if request.portfolio.is_none() { answer() } else { None };
+                }
+            }
+            _ => {
+                request.portfolio = transfer.portfolio_evidence(normalised, here);
+                request.answer = if request.portfolio.is_none() { answer() } else { None };
+            }
+        }
+        request.evidence = request.evidence.filter(|(_, evidence)| !evidence.is_empty());
+        request.normalised.clone_from(normalised);
+        (!request.is_empty()).then_some(request)
+    }
+
+    /// The same for [`Tuner::predict_planned`].
+    pub fn plan_prediction(
+        &self,
+        indicators: &BTreeMap<String, f64>,
+        fingerprint: Option<&Fingerprint>,
+    ) -> Option<PlanRequest> {
+        let normalised = self.spec.indicators.normalise(indicators).ok()?;
+        let here = self.recognise_for(fingerprint, &normalised);
+        if self.spec.policy.pinned.is_some() {
+            return None;
+        }
+        let query = self.states.query(&self.spec.space, &normalised, here);
+        let asks = self.transfer().needs_predictor(here);
+        let predictors = self.models.predictors();
+        let portfolio = self.transfer().portfolio_evidence(&normalised, here);
+        let asks = asks && portfolio.is_none();
+        let answer = asks.then(|| predictors.request(self.spec.policy.predictor, &query)).flatten();
+        let answers = self.state_that_answers(&query, here);
+        let assessment = answers.and_then(|state| self.assessment_to_plan(state));
+        let spec = Arc::clone(&self.spec);
+        let request = PlanRequest {
+            spec,
+            answer,
+            first: None,
+            portfolio,
+            search: None,
+            evidence: None,
+            normalised,
+            assessment,
+        };
+        (!request.is_empty()).then_some(request)
+    }
+
+    /// The same for [`Tuner::best_planned`].
+    pub fn plan_best(
+        &self,
+        indicators: Option<&BTreeMap<String, f64>>,
+        fingerprint: Option<&Fingerprint>,
+    ) -> Option<PlanRequest> {
+        let state = self.best_state(indicators, fingerprint).ok()??;
+        let assessment = Some(self.assessment_to_plan(state)?);
+        let spec = Arc::clone(&self.spec);
+        let normalised = Vec::new();
+        Some(PlanRequest {
+            spec,
+            answer: None,
+            first: None,
+            portfolio: None,
+            search: None,
+            evidence: None,
+            normalised,
+            assessment,
+        })
+    }
+
+    /// The state whose own measurements answer a question, as far as can be told before it is answered: the one it is
+    /// about, else the nearest.
+    fn state_that_answers(&self, query: &Query<'_>, here: Option<StateId>) -> Option<StateId> {
+        let is_measured = |state: &StateId| self.states.results(*state).best().is_some();
+        let nearest = || {
+            let answer = Nearest.predict(query)?;
+            answer.neighbours.first().map(|nearest| StateId(nearest.state_id))
+        };
+        here.filter(is_measured).or_else(nearest)
+    }
+
+    /// Whether the client holds a trial of the state that it will get again.
+    fn holds(&self, ask: &Ask, here: Option<StateId>) -> bool {
+        let held = here.and_then(|here| self.trials.of_client(&ask.client_id, here));
+        held.is_some_and(|trial| self.still_fits(trial, None))
+    }
+
+    /// A copy of the state's search, if its next point takes a fit and will be asked for, and how many more points to think
+    /// of in reserve.
+    fn search_to_plan(&self, ask: &Ask, state: StateId) -> Option<(StateId, Box<AnySearch>, usize)> {
+        let (policy, results) = (&self.spec.policy, self.states.results(state));
+        let exploration = self.searches.of(state)?;
+        let search = exploration.search.as_ref()?;
+        let goes_on = search.is_of(policy.search)
+            && !search.is_ready()
+            && !is_spent(exploration, results, self.room_of(&ask.session_policy))
+            && self.transfer().untried_by_machines(state).is_none();
+        if !goes_on || !self.affords(ask, state) {
+            return None;
+        }
+        let held = self.held_axes(&mut exploration.held.clone(), state);
+        let mut search = search.clone();
+        search.hold(&held);
+        // Where others work on the state too, some of them will ask before anyone can think again.
+        let reserve = exploration.open.len().min(POINTS_IN_RESERVE_MAX);
+        Some((state, Box::new(search), reserve))
+    }
+
+    /// Whether the client's budget, if it has one, allows for exploring.
+    fn affords(&self, ask: &Ask, state: StateId) -> bool {
+        let account = self.visits.account(&ask.client_id);
+        let Some((terms, account)) = Terms::of(&self.spec.policy).zip(account) else {
+            return true;
+        };
+        account.leave(terms, ask.can_abort, self.default_runs(state)).is_ok()
+    }
+}

@@ -1,0 +1,54 @@
+//! What a part of the tuner proposes, before it is decided: a configuration to exploit, or one to measure, and why.
+
+use crate::configuration::Configuration;
+use crate::decision::{BudgetStatus, Choice, Exploit, ExploitRule, ExplorationEstimate, Point, Source};
+use crate::tuner::{Prediction, VisitDecision};
+
+/// Something to measure, and why.
+#[derive(Clone, Debug)]
+pub(super) struct ProposedTrial {
+    pub(super) configuration: Configuration,
+    pub(super) predicted_cost: Option<f64>,
+    pub(super) point: Point,
+}
+
+/// What would be exploited.
+#[derive(Clone, Debug)]
+pub(super) struct Exploitation {
+    pub(super) configuration: Configuration,
+    pub(super) predicted_cost: Option<f64>,
+    pub(super) source: Source,
+    /// It stands in for what was predicted, which did clearly worse here.
+    pub(super) rolled_back: bool,
+}
+
+impl Exploitation {
+    /// As an answer, by a rule.
+    pub(super) fn by(
+        self,
+        rule: ExploitRule,
+        estimate: ExplorationEstimate,
+        budget: BudgetStatus,
+    ) -> Prediction {
+        let Exploitation { configuration, predicted_cost, source, .. } = self;
+        let decision = Choice::Exploit(Exploit { source, rule, estimate, budget }).decided();
+        Prediction { configuration, predicted_cost, decision, insight: None }
+    }
+
+    /// As an answer to who only asked what it would be.
+    pub(super) fn asked(self) -> Prediction {
+        let rule = if self.rolled_back { ExploitRule::RolledBack } else { ExploitRule::Asked };
+        self.by(rule, ExplorationEstimate::default(), BudgetStatus::default())
+    }
+
+    /// As the decision for a visit; what was rolled back says so itself.
+    pub(super) fn kept(self, rule: ExploitRule, estimate: ExplorationEstimate) -> VisitDecision {
+        let (rule, estimate) = match self.rolled_back {
+            true => (ExploitRule::RolledBack, ExplorationEstimate::default()),
+            false => (rule, estimate),
+        };
+        let Exploitation { configuration, predicted_cost, source, .. } = self;
+        let exploit = Box::new(Exploit { source, rule, estimate, budget: BudgetStatus::default() });
+        VisitDecision::Exploit { configuration, predicted_cost, exploit, said: None }
+    }
+}

@@ -1,0 +1,69 @@
+//! One word, one meaning: in a crate, no two types that are seen beyond their files have one name.
+
+use std::collections::BTreeMap;
+
+use super::tidiness::rust_files;
+
+/// The sources of programs and libraries. Each experiment of the laboratory has words of its own.
+const CRATES: &[&str] = &[
+    "model/src",
+    "proto/src",
+    "server/core/src",
+    "server/store/src",
+    "server/src",
+    "client/src",
+    "cli/src",
+    "renderer/accel/src",
+    "renderer/indicators/src",
+    "renderer/scene/src",
+    "renderer/src",
+    "renderer/cli/src",
+];
+
+/// What is one thing in several forms: the blocking SDK beside the asynchronous one, vectors of each instruction set, what
+/// stands in for a feature that is left out, and the arguments of each command.
+const FORMS: &[(&str, &[&str])] = &[
+    ("client/src", &["Client", "Paired", "PrefetchingTuner", "Study", "Tuner"]),
+    ("renderer/accel/src", &["Eight", "Four", "Sixteen", "Two"]),
+    ("server/src", &["Traces"]),
+    ("renderer/cli/src", &["Arguments"]),
+];
+
+/// The types that a file declares for others to see: its items of the outermost level that are public in any way.
+fn declared(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().filter_map(|line| {
+        let rest = line.strip_prefix("pub")?;
+        let rest = rest.strip_prefix('(').map_or(Some(rest), |inner| Some(inner.split_once(')')?.1))?;
+        let rest = rest.strip_prefix(' ')?;
+        let (kind, name) = rest.split_once(' ')?;
+        ["struct", "enum", "trait", "type", "union"].contains(&kind).then(|| {
+            name.split(|character: char| !character.is_alphanumeric() && character != '_')
+                .next()
+                .unwrap_or(name)
+        })
+    })
+}
+
+#[test]
+fn a_name_means_one_type_in_a_crate() {
+    let all = "pub struct A;\npub(crate) enum B<T> {\npub(in crate::x) trait C: D {\nstruct E;\n    pub struct F;\npub fn g() {}\n";
+    assert_eq!(declared(all).collect::<Vec<_>>(), ["A", "B", "C"]);
+    let mut problems = Vec::new();
+    for root in CRATES {
+        let forms = FORMS.iter().find(|(of, _)| of == root).map_or(&[][..], |(_, names)| names);
+        let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        let is_of = |path: &str| {
+            let below = path.strip_prefix(root).is_some_and(|below| below.starts_with('/'));
+            below && !path.contains("/tests") && !path.ends_with("tests.rs") && !path.ends_with("testing.rs")
+        };
+        for file in rust_files().filter(|file| is_of(&file.path)) {
+            for name in declared(&file.text) {
+                places.entry(name.to_owned()).or_default().push(file.path.clone());
+            }
+        }
+        assert!(!places.is_empty(), "{root} declares nothing");
+        places.retain(|name, places| places.len() > 1 && !forms.contains(&name.as_str()));
+        problems.extend(places.into_iter().map(|(name, places)| format!("{name}: {}", places.join(", "))));
+    }
+    assert!(problems.is_empty(), "rename all but one, or say why not in FORMS: {problems:#?}");
+}
