@@ -6,7 +6,7 @@ use std::path::Path;
 use treewright_client::{StudySpec, TrialRecord, Value};
 
 use super::CarriedTrial;
-use super::table::{self, Cell, FINGERPRINT, MEASUREMENT, Role, Row};
+use super::table::{self, FINGERPRINT, MEASUREMENT, Role, Row, TrialCell};
 use crate::failure::Failure;
 use crate::show;
 
@@ -34,13 +34,13 @@ pub(crate) fn write(
     csv.flush().map_err(Failure::Output)
 }
 
-fn text(cell: Cell) -> String {
+fn text(cell: TrialCell) -> String {
     match cell {
-        Cell::Boolean(value) => value.to_string(),
-        Cell::Integer(value) => value.to_string(),
-        Cell::Number(value) => format!("{value:?}"),
-        Cell::Text(value) => value,
-        Cell::Time(value) => show::time(Some(value)),
+        TrialCell::Boolean(value) => value.to_string(),
+        TrialCell::Integer(value) => value.to_string(),
+        TrialCell::Number(value) => format!("{value:?}"),
+        TrialCell::Text(value) => value,
+        TrialCell::Time(value) => show::time(Some(value)),
     }
 }
 
