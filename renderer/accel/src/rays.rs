@@ -93,7 +93,7 @@ impl Packets {
         [Self::Single, Self::Eight, Self::EightCoherent, Self::Sixteen, Self::SixteenCoherent];
 }
 
-/// Anything that answers ray queries over [`Triangles`]. Queries never fail: rays with non-finite
+/// Anything that answers ray queries over [`Triangles`](crate::Triangles). Queries never fail: rays with non-finite
 /// components miss.
 pub trait Intersector: Sync + Send {
     /// The nearest hit inside the segment.
