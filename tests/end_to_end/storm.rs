@@ -1,8 +1,10 @@
-//! A storm of `kill -9` at random moments under 32 clients, on one daemon with SQLite and on three with PostgreSQL:
-//! nothing acknowledged is lost, no trial is handed to two clients, and every restart works by itself.
+//! A storm of `kill -9` at random moments under 32 clients, on one daemon with SQLite and on three with PostgreSQL, and one
+//! of SIGSTOP against whichever of three holds the study: nothing acknowledged is lost, no trial is handed to two clients,
+//! and every restart works by itself. The study has the default policy. Half of the clients make calls and begin a new
+//! session now and then, the other half keep a Tune stream open.
 //!
-//! A dozen kills in a usual run; `TREEWRIGHT_STORM_KILLS=1000 cargo test --release -p treewright-tests --test end_to_end
-//! storm -- --nocapture` shows more and prints what happened.
+//! A dozen kills and two stops in a usual run; `TREEWRIGHT_STORM_KILLS=1000 TREEWRIGHT_STORM_STOPS=100 cargo test --release
+//! -p treewright-tests --test end_to_end storm -- --nocapture` shows more and prints what happened.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,18 +12,25 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use tokio::sync::mpsc;
 use tokio::task::JoinSet;
+use tokio::time::timeout;
+use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
 use tonic::transport::{Channel, Endpoint};
 use treewright_proto::v1 as pb;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
-use treewright_test_postgres::{Database, Server};
+use treewright_test_postgres::{Database, Server, holder_of};
 use treewright_tests::daemon::Daemon;
 
 use crate::wire;
 
+const STUDY: &str = "storm";
 const CLIENTS: u32 = 32;
 const KILLS: u32 = 12;
+const STOPS: u32 = 2;
+/// Frames after which a client that makes calls begins another session.
+const SESSION_FRAMES: u32 = 40;
 /// No call takes longer; one that does is tried again.
 const DEADLINE: Duration = Duration::from_secs(5);
 
@@ -43,9 +52,35 @@ struct Storm {
     book: Mutex<Book>,
     is_over: AtomicBool,
     failed_calls: AtomicU64,
+    /// From the first time a client asks until it is answered, with all attempts.
+    longest_wait_ms: AtomicU64,
 }
 
 impl Storm {
+    fn new(daemons: &[Daemon], study: String) -> Arc<Self> {
+        Arc::new(Self {
+            urls: daemons.iter().map(|daemon| daemon.url().to_owned()).collect(),
+            study,
+            book: Mutex::default(),
+            is_over: AtomicBool::new(false),
+            failed_calls: AtomicU64::new(0),
+            longest_wait_ms: AtomicU64::new(0),
+        })
+    }
+
+    fn is_over(&self) -> bool {
+        self.is_over.load(Ordering::Relaxed)
+    }
+
+    fn answered(&self, since: Instant) {
+        let waited_ms = u64::try_from(since.elapsed().as_millis()).expect("no storm is that long");
+        self.longest_wait_ms.fetch_max(waited_ms, Ordering::Relaxed);
+    }
+
+    fn refused(&self, trial: &pb::Trial, code: Code, message: &str) {
+        self.note(|book| book.wrong.push(format!("{}: {code}: {message}", trial.name)));
+    }
+
     fn note(&self, note: impl FnOnce(&mut Book)) {
         note(&mut self.book.lock().expect("no client panics with the book open"));
     }
@@ -95,100 +130,243 @@ impl Connections {
     }
 }
 
-async fn client(storm: Arc<Storm>, number: u32) {
-    let client_id = format!("client-{number}");
+/// What a client asks in a frame. It moves among states that others visit, too.
+fn question(storm: &Storm, number: u32, step: u32) -> pb::SuggestRequest {
+    let near = f64::from(number % 8) / 8.0 + f64::from(step / 20 % 3) / 40.0;
+    let session = u64::from(step / SESSION_FRAMES + 1);
+    pb::SuggestRequest { session, ..wire::suggestion(&storm.study, &format!("client-{number}"), near) }
+}
+
+/// Whether a report was refused for good although it was of a trial that had been handed out.
+fn is_wrong(code: Code) -> bool {
+    matches!(code, Code::Internal | Code::NotFound)
+}
+
+/// A client that makes calls.
+async fn by_calls(storm: Arc<Storm>, number: u32) {
     let mut connections = Connections::to(&storm.urls, number);
-    let mut step = 0u32;
-    while !storm.is_over.load(Ordering::Relaxed) {
-        step += 1;
-        let near = f64::from(number % 8) / 8.0 + f64::from(step / 20 % 3) / 40.0;
-        let question = wire::suggestion(&storm.study, &client_id, near);
+    let (mut step, mut asked) = (0u32, Instant::now());
+    while !storm.is_over() {
+        let question = question(&storm, number, step);
+        let client_id = question.client_id.clone();
         let Ok(trial) = connections.current().suggest(question).await else {
             connections.failed(&storm).await;
             continue;
         };
+        storm.answered(asked);
         let trial = trial.into_inner();
         storm.handed(&trial, &client_id);
         // Told until somebody has heard it, also when the storm is over.
+        asked = Instant::now();
         loop {
             match connections.current().report(wire::report(&trial)).await {
                 Ok(answer) => {
                     storm.acknowledged(answer.into_inner().trial.as_ref().expect("the stored trial"));
                     break;
                 }
-                Err(status) if matches!(status.code(), Code::Internal | Code::NotFound) => {
-                    let problem = format!("{}: {status}", trial.name);
-                    storm.note(|book| book.wrong.push(problem));
+                Err(status) if is_wrong(status.code()) => {
+                    storm.refused(&trial, status.code(), status.message());
                     break;
                 }
                 Err(_) => connections.failed(&storm).await,
             }
         }
+        storm.answered(asked);
+        (step, asked) = (step + 1, Instant::now());
     }
 }
 
-/// Kills one daemon after the other, at moments without a pattern, under 32 clients; then compares what clients were
-/// told with what is stored.
-async fn rage(database: &Path, replicas: usize) {
-    let kills: u32 =
-        std::env::var("TREEWRIGHT_STORM_KILLS").map_or(KILLS, |kills| kills.parse().expect("a number"));
-    let mut daemons: Vec<Daemon> = (0..replicas).map(|_| Daemon::start(database)).collect();
-    let addresses: Vec<String> = daemons.iter().map(|daemon| daemon.address().to_owned()).collect();
-    let study = wire::create(&mut wire::connect(daemons[0].url()).await, "storm").await;
-    let storm = Arc::new(Storm {
-        urls: daemons.iter().map(|daemon| daemon.url().to_owned()).collect(),
-        study: study.clone(),
-        book: Mutex::default(),
-        is_over: AtomicBool::new(false),
-        failed_calls: AtomicU64::new(0),
-    });
-    let mut clients = JoinSet::new();
-    for number in 0..CLIENTS {
-        clients.spawn(client(Arc::clone(&storm), number));
+/// A client that keeps a Tune stream open, and opens another where it breaks.
+async fn by_stream(storm: Arc<Storm>, number: u32) {
+    let mut connections = Connections::to(&storm.urls, number);
+    let (mut step, mut asked) = (0u32, Instant::now());
+    // Until somebody has acknowledged it.
+    let mut unheard: Option<pb::Trial> = None;
+    while !storm.is_over() || unheard.is_some() {
+        let (say, frames) = mpsc::channel(1);
+        // There is room for one, and its receiver is still here.
+        say.send(frame(&storm, number, step, unheard.as_ref())).await.expect("room for one");
+        let opened = timeout(DEADLINE, connections.current().tune(ReceiverStream::new(frames))).await;
+        let Ok(Ok(opened)) = opened else {
+            connections.failed(&storm).await;
+            continue;
+        };
+        let mut answers = opened.into_inner();
+        while let Ok(Ok(Some(answer))) = timeout(DEADLINE, answers.message()).await {
+            let is_refused = answer.report_error.is_some() || answer.suggest_error.is_some();
+            hear(&storm, &mut unheard, &answer);
+            if let Some(trial) = answer.trial {
+                storm.handed(&trial, &format!("client-{number}"));
+                storm.answered(asked);
+                (step, asked) = (step + 1, Instant::now());
+                unheard = Some(trial);
+            }
+            if is_refused {
+                storm.failed_calls.fetch_add(1, Ordering::Relaxed);
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+            if storm.is_over() && unheard.is_none() {
+                return;
+            }
+            if say.send(frame(&storm, number, step, unheard.as_ref())).await.is_err() {
+                break;
+            }
+        }
+        connections.failed(&storm).await;
     }
-    let begin = Instant::now();
-    let mut longest_start = Duration::ZERO;
+}
+
+/// The last result, and, as long as the storm lasts, the next question.
+fn frame(storm: &Storm, number: u32, step: u32, unheard: Option<&pb::Trial>) -> pb::TuneRequest {
+    let suggest =
+        (!storm.is_over()).then(|| pb::SuggestRequest { session: 1, ..question(storm, number, step) });
+    pb::TuneRequest { report: unheard.map(wire::report), suggest }
+}
+
+/// What an answer says about the result that was sent along.
+fn hear(storm: &Storm, unheard: &mut Option<pb::Trial>, answer: &pb::TuneResponse) {
+    if let Some(reported) = &answer.reported {
+        storm.acknowledged(reported.trial.as_ref().expect("the stored trial"));
+        *unheard = None;
+    }
+    if let Some(error) = &answer.report_error
+        && is_wrong(error.code.into())
+        && let Some(trial) = unheard.take()
+    {
+        storm.refused(&trial, error.code.into(), &error.message);
+    }
+}
+
+fn number_of(variable: &str, or: u32) -> u32 {
+    std::env::var(variable).map_or(or, |text| text.parse().expect("a number"))
+}
+
+/// Daemons on one database with a study of the default policy, and clients that use it.
+struct Weather {
+    daemons: Vec<Daemon>,
+    storm: Arc<Storm>,
+    clients: JoinSet<()>,
+    begin: Instant,
+}
+
+impl Weather {
+    async fn begin(database: &Path, replicas: usize) -> Self {
+        let daemons: Vec<Daemon> = (0..replicas).map(|_| Daemon::start(database)).collect();
+        let mut first = wire::connect(daemons[0].url()).await;
+        let study = pb::Study { policy: None, ..wire::study() };
+        let request = pb::CreateStudyRequest { study_id: STUDY.into(), study: Some(study) };
+        let study = first.create_study(request).await.expect("the study is taken").into_inner().name;
+        let storm = Storm::new(&daemons, study);
+        let mut clients = JoinSet::new();
+        for number in 0..CLIENTS {
+            let storm = Arc::clone(&storm);
+            if number % 2 == 0 {
+                clients.spawn(by_calls(storm, number));
+            } else {
+                clients.spawn(by_stream(storm, number));
+            }
+        }
+        Self { daemons, storm, clients, begin: Instant::now() }
+    }
+
+    /// Lets everybody come to an end, then compares what clients were told with what is stored.
+    async fn end(mut self, what: &str, troubles: u32) {
+        self.storm.is_over.store(true, Ordering::Relaxed);
+        while let Some(ended) = self.clients.join_next().await {
+            ended.expect("a client ends");
+        }
+        let mut reader = wire::connect(self.daemons[0].url()).await;
+        let completed = wire::query(&mut reader, &self.storm.study, "state = COMPLETED").await;
+        let stored: BTreeMap<String, pb::Trial> =
+            completed.into_iter().map(|trial| (trial.name.clone(), trial)).collect();
+        let book = self.storm.book.lock().expect("nobody has it open");
+        let is_lost = |name: &str, cost: Option<f64>| stored.get(name).is_none_or(|trial| trial.cost != cost);
+        let lost = book.acknowledged.iter().filter(|(name, cost)| is_lost(name, **cost)).count();
+        println!(
+            "{} daemons, {troubles} {what} in {:.0} s: {} reports acknowledged, {lost} lost, {} trials handed out, {} wrong, \
+             {} calls failed and were tried again, longest wait of a client {} ms",
+            self.daemons.len(),
+            self.begin.elapsed().as_secs_f64(),
+            book.acknowledged.len(),
+            book.handed.len(),
+            book.wrong.len(),
+            self.storm.failed_calls.load(Ordering::Relaxed),
+            self.storm.longest_wait_ms.load(Ordering::Relaxed),
+        );
+        assert_eq!(lost, 0);
+        assert!(book.wrong.is_empty(), "{:?}", book.wrong);
+        let went_through = book.acknowledged.len();
+        assert!(went_through >= troubles as usize, "only {went_through} reports went through");
+    }
+}
+
+/// Waits until reports have gone through since the last trouble, so that a slow machine sees as much of a storm as a quick one.
+/// How many have by now.
+async fn progress(storm: &Storm, before: usize) -> usize {
+    let patience = Instant::now() + Duration::from_secs(300);
+    loop {
+        let now = storm.book.lock().expect("no client panics with the book open").acknowledged.len();
+        if now > before {
+            return now;
+        }
+        assert!(Instant::now() < patience, "no report goes through");
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+}
+
+/// Kills one daemon after the other, at moments without a pattern.
+async fn rage(database: &Path, replicas: usize) {
+    let kills = number_of("TREEWRIGHT_STORM_KILLS", KILLS);
+    let mut weather = Weather::begin(database, replicas).await;
+    let addresses: Vec<String> = weather.daemons.iter().map(|daemon| daemon.address().to_owned()).collect();
+    let (mut longest_start, mut reports) = (Duration::ZERO, 0);
     for kill in 0..kills {
+        reports = progress(&weather.storm, reports).await;
         // Multiples of the golden ratio spread evenly (Weyl, 1916).
         let share = (f64::from(kill + 1) * 0.618_033_988_749_895).fract();
         tokio::time::sleep(Duration::from_millis(5 + (share * 400.0) as u64)).await;
         let victim = kill as usize % replicas;
-        daemons.remove(victim).kill();
+        weather.daemons.remove(victim).kill();
         let started = Instant::now();
-        daemons.insert(victim, Daemon::start_at(database, &addresses[victim]));
+        weather.daemons.insert(victim, Daemon::start_at(database, &addresses[victim]));
         longest_start = longest_start.max(started.elapsed());
     }
-    storm.is_over.store(true, Ordering::Relaxed);
-    while let Some(ended) = clients.join_next().await {
-        ended.expect("a client ends");
+    println!("longest start {} ms", longest_start.as_millis());
+    weather.end("kills", kills).await;
+}
+
+/// Stops whichever daemon holds the study until another one answers in its place, then lets it go on.
+async fn freeze(database: &Database) {
+    let stops = number_of("TREEWRIGHT_STORM_STOPS", STOPS);
+    let weather = Weather::begin(Path::new(database.url()), 3).await;
+    let mut connection = database.connect().await;
+    let (mut longest_takeover, mut reports) = (Duration::ZERO, 0);
+    for _ in 0..stops {
+        reports = progress(&weather.storm, reports).await;
+        let victim = loop {
+            let holder = holder_of(&mut connection, STUDY).await;
+            let found = weather
+                .daemons
+                .iter()
+                .position(|one| holder.as_ref().is_some_and(|holder| holder.ends_with(one.address())));
+            if let Some(found) = found {
+                break found;
+            }
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        };
+        weather.daemons[victim].signal("STOP");
+        let stopped = Instant::now();
+        let mut other = wire::connect(weather.daemons[(victim + 1) % 3].url()).await;
+        while other.suggest(wire::suggestion(&weather.storm.study, "watcher", 0.9)).await.is_err() {
+            assert!(stopped.elapsed() < Duration::from_secs(120), "nobody takes the study over");
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+        longest_takeover = longest_takeover.max(stopped.elapsed());
+        weather.daemons[victim].signal("CONT");
+        tokio::time::sleep(Duration::from_millis(100)).await;
     }
-    let mut reader = wire::connect(daemons[0].url()).await;
-    let completed = wire::query(&mut reader, &study, "state = COMPLETED").await;
-    let stored: BTreeMap<String, pb::Trial> =
-        completed.into_iter().map(|trial| (trial.name.clone(), trial)).collect();
-    let book = storm.book.lock().expect("nobody has it open");
-    let lost = book
-        .acknowledged
-        .iter()
-        .filter(|(name, cost)| stored.get(*name).is_none_or(|trial| trial.cost != **cost))
-        .count();
-    println!(
-        "{replicas} daemons, {kills} kills in {:.0} s: {} reports acknowledged, {lost} lost, {} trials handed out, {} \
-         wrong, {} calls failed and were tried again, longest start {} ms",
-        begin.elapsed().as_secs_f64(),
-        book.acknowledged.len(),
-        book.handed.len(),
-        book.wrong.len(),
-        storm.failed_calls.load(Ordering::Relaxed),
-        longest_start.as_millis()
-    );
-    assert_eq!(lost, 0);
-    assert!(book.wrong.is_empty(), "{:?}", book.wrong);
-    assert!(
-        book.acknowledged.len() > kills as usize,
-        "only {} reports went through",
-        book.acknowledged.len()
-    );
+    println!("longest time until another daemon answered {} ms", longest_takeover.as_millis());
+    weather.end("stops of the study's holder", stops).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -202,4 +380,9 @@ async fn a_storm_over_three_replicas_loses_nothing() {
     let server = tokio::task::spawn_blocking(Server::start).await.expect("PostgreSQL starts");
     let database = Database::create_on(&server.url("postgres")).await;
     rage(Path::new(&database), 3).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_storm_of_frozen_holders_loses_nothing() {
+    freeze(&Database::create().await).await;
 }

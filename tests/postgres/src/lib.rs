@@ -87,6 +87,15 @@ impl Database {
     }
 }
 
+/// The address of the replica that holds a study, if one does.
+///
+/// # Panics
+/// When the server does not answer.
+pub async fn holder_of(connection: &mut PgConnection, study: &str) -> Option<String> {
+    let holder = "SELECT replicas.address FROM studies JOIN replicas ON replicas.id = studies.owner WHERE studies.name = $1";
+    sqlx::query_scalar(holder).bind(study).fetch_optional(connection).await.expect("the server answers")
+}
+
 impl Drop for Database {
     fn drop(&mut self) {
         let Some(through) = self.remove_through.clone() else { return };
