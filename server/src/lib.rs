@@ -21,6 +21,7 @@ mod dashboard;
 pub mod error;
 pub mod forward;
 mod idle;
+pub mod inherited;
 pub mod limits;
 pub mod listeners;
 pub mod maintenance;

@@ -9,7 +9,7 @@ use treewright_server::administration::CommandOutput;
 use treewright_server::config::{Cli, Command, ServeConfig};
 use treewright_server::metrics::Metrics;
 use treewright_server::telemetry::traces::Traces;
-use treewright_server::{administration, daemon, maintenance, telemetry};
+use treewright_server::{administration, daemon, inherited, maintenance, telemetry};
 use treewright_store::maintenance::MaintenanceError;
 
 fn main() -> ExitCode {
@@ -17,6 +17,11 @@ fn main() -> ExitCode {
         Ok(cli) => cli.command,
         Err(error) => error.exit(),
     };
+    if let Command::Serve(config) = &command
+        && config.idle_exit().is_some()
+    {
+        inherited::close_descriptors();
+    }
     let runtime = match tokio::runtime::Runtime::new() {
         Ok(runtime) => runtime,
         Err(error) => {

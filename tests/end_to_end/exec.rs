@@ -111,3 +111,23 @@ fn a_local_daemon_is_started_once_and_ends_by_itself() {
     let studies = at_home(home.path()).args(["--json", "studies"]).output().expect("the program starts");
     assert_eq!(json(&studies)[0]["statistics"]["completed_trials"], 3);
 }
+
+#[test]
+fn a_daemon_that_is_started_for_a_user_keeps_nothing_open_that_its_starter_left_open() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let left_open = folder.path().join("left-open");
+    let keeps_it = |idle_exit_s: Option<&str>| {
+        let mut command = Command::new("sh");
+        command.args(["-c", "exec 7>\"$LEFT_OPEN\"; exec \"$0\" \"$@\""]).arg(program("treewrightd"));
+        command.env("LEFT_OPEN", &left_open);
+        if let Some(seconds) = idle_exit_s {
+            command.env("TREEWRIGHT_IDLE_EXIT_S", seconds);
+        }
+        let daemon = Daemon::start_by(command, &folder.path().join("tuning.db"));
+        let keeps_it = daemon.open_files().contains(&left_open);
+        assert!(daemon.terminate().success());
+        keeps_it
+    };
+    assert!(!keeps_it(Some("600")));
+    assert!(keeps_it(None), "a service passes on what its supervisor means to pass on");
+}

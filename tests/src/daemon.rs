@@ -1,7 +1,7 @@
 //! A `treewrightd` process under test.
 
 use std::io::{BufRead, BufReader};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
@@ -101,6 +101,32 @@ impl Daemon {
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("Linux says it");
         let kb: u64 = line.trim().trim_end_matches(" kB").parse().expect("a number");
         kb * 1024
+    }
+
+    /// Processor time that it has used, user and system, in seconds, as Linux counts it.
+    ///
+    /// # Panics
+    /// When it is gone.
+    pub fn processor_s(&self) -> f64 {
+        /// What `sysconf(_SC_CLK_TCK)` says on every Linux.
+        const TICKS_PER_S: f64 = 100.0;
+        let file = format!("/proc/{}/stat", self.process.id());
+        let text = std::fs::read_to_string(file).expect("the daemon runs");
+        // The name, in brackets, may hold spaces; user and system time are the 12th and 13th words behind it.
+        let words = text.rsplit_once(')').map_or("", |(_, rest)| rest).split_whitespace();
+        let ticks = words.skip(11).take(2).map(|word| word.parse::<f64>().expect("a number"));
+        ticks.sum::<f64>() / TICKS_PER_S
+    }
+
+    /// What its descriptors lead to, as Linux names it.
+    ///
+    /// # Panics
+    /// When it is gone.
+    pub fn open_files(&self) -> Vec<PathBuf> {
+        let folder = format!("/proc/{}/fd", self.process.id());
+        let descriptors = std::fs::read_dir(folder).expect("the daemon runs");
+        // One may be closed while they are listed.
+        descriptors.flatten().filter_map(|one| std::fs::read_link(one.path()).ok()).collect()
     }
 
     /// `kill -9`, and waits until it is gone.
