@@ -55,6 +55,7 @@ impl Client {
             can_abort: question.can_abort,
             session_policy: session_policy_to_wire(question.session_policy),
             origin: question.origin.clone().unwrap_or_default(),
+            reports_waiting: core.outbox.queued(),
         };
         let mut rpc = core.rpc();
         let trial = core.admin("Suggest", rpc.suggest(request)).await?;

@@ -81,7 +81,8 @@ impl Outbox {
 
     /// Takes hold of a trial. False when it is being reported or given back, so that it is no longer ours.
     pub(crate) fn hold(&self, trial: &Arc<str>) -> bool {
-        self.change(|state| {
+        self.change_perhaps(|state| {
+            let queued = state.queue.len();
             state.queue.retain(|item| item.trial != *trial || item.message != Message::Abandon);
             let leaving = state.sending.as_ref().is_some_and(|(_, sent)| sent == trial)
                 || state.queue.iter().any(|item| item.trial == *trial)
@@ -89,36 +90,38 @@ impl Outbox {
             if !leaving {
                 state.held.entry(Arc::clone(trial)).or_default().handles += 1;
             }
-            !leaving
+            (!leaving, state.queue.len() != queued)
         })
     }
 
     /// The trial has its result, whichever way that goes to the daemon.
     pub(crate) fn mark_reported(&self, trial: &Arc<str>) {
-        self.change(|state| {
+        self.change_perhaps(|state| {
             if let Some(held) = state.held.get_mut(trial) {
                 held.reported = true;
             }
+            ((), false)
         });
     }
 
     /// Lets go of a trial; without a result it is given back.
     pub(crate) fn release(&self, study: &Arc<str>, trial: &Arc<str>) -> Lost {
-        self.change(|state| {
+        self.change_perhaps(|state| {
             let Some(held) = state.held.get_mut(trial) else {
-                return Lost::default();
+                return (Lost::default(), false);
             };
             held.handles -= 1;
             if held.handles > 0 {
-                return Lost::default();
+                return (Lost::default(), false);
             }
             let reported = held.reported;
             state.held.remove(trial);
             if reported {
-                return Lost::default();
+                return (Lost::default(), false);
             }
             let (study, trial) = (Arc::clone(study), Arc::clone(trial));
-            state.put(OutboxItem { study, trial, message: Message::Abandon, attempts: 0 }, self.capacity)
+            let item = OutboxItem { study, trial, message: Message::Abandon, attempts: 0 };
+            (state.put(item, self.capacity), true)
         })
     }
 
@@ -186,11 +189,18 @@ impl Outbox {
         self.state.borrow().waiting()
     }
 
+    /// Reports and abandoned trials that wait to be sent, other than with a frame.
+    pub(crate) fn queued(&self) -> u32 {
+        u32::try_from(self.state.borrow().queue.len()).unwrap_or(u32::MAX)
+    }
+
     /// Notes that an answer is due, until the guard is dropped.
     pub(crate) fn expect_answer(self: &Arc<Self>, with_report: bool) -> AnswerDue {
-        self.change(|state| {
+        // Nobody waits for more to be due.
+        self.change_perhaps(|state| {
             state.answers_due += 1;
             state.reports_on_streams += usize::from(with_report);
+            ((), false)
         });
         AnswerDue { outbox: Arc::clone(self), with_report }
     }
@@ -219,9 +229,19 @@ impl Outbox {
     }
 
     fn change<T>(&self, change: impl FnOnce(&mut OutboxState) -> T) -> T {
+        self.change_perhaps(|state| (change(state), true))
+    }
+
+    /// Changes the state, and wakes those who wait only where the second of what `change` returns says so. Waking a thread
+    /// is most of what a frame that does not wait for its answer costs its caller.
+    fn change_perhaps<T>(&self, change: impl FnOnce(&mut OutboxState) -> (T, bool)) -> T {
         let mut result = None;
-        self.state.send_modify(|state| result = Some(change(state)));
-        result.expect("send_modify calls the closure once")
+        self.state.send_if_modified(|state| {
+            let (done, concerns_others) = change(state);
+            result = Some(done);
+            concerns_others
+        });
+        result.expect("send_if_modified calls the closure once")
     }
 }
 

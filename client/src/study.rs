@@ -267,6 +267,7 @@ impl Shared {
             can_abort: self.core.options.can_abort,
             session_policy: session_policy_to_wire(*lock(&self.session_policy)),
             origin: String::new(),
+            reports_waiting: self.core.outbox.queued(),
         }
     }
 

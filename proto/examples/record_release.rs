@@ -158,6 +158,7 @@ fn suggest(wanted: Option<wire::Configuration>) -> wire::SuggestRequest {
         can_abort: true,
         session_policy: None,
         origin: String::new(),
+        reports_waiting: 3,
     }
 }
 

@@ -902,6 +902,10 @@ pub struct SuggestRequest {
     /// characters, e.g. `farm-b/studies/sponza/trials/12`. It stays with the trial. Only together with `wanted`. OPTIONAL.
     #[prost(string, tag = "9")]
     pub origin: ::prost::alloc::string::String,
+    /// How many results of this client wait on its side until the daemon takes them. Only counted in the daemon's metrics, where
+    /// it shows whether daemon and network keep up. OPTIONAL.
+    #[prost(uint32, tag = "10")]
+    pub reports_waiting: u32,
 }
 /// What replaces a study's policy for one session of one client. Unset is as the study has it. Pinned configurations, the
 /// operation and the regret budget are the operator's and cannot be replaced.

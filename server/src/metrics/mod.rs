@@ -79,6 +79,7 @@ pub struct Metrics {
     last_durable: Mutex<Instant>,
     expired_leases: Counter,
     late_reports: Counter,
+    client_outbox: Histogram,
     removed_trials: Counter,
     now: MomentGauges,
     studies: StudyFamilies,
@@ -124,6 +125,9 @@ pub(crate) struct Moment {
     pub(crate) studies: Vec<StudyFigures>,
 }
 
+/// Reports that wait at a client.
+const OUTBOX_STEPS: [f64; 9] = [0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 10_000.0];
+
 /// From 50 µs to 13 s, each twice the one before.
 fn seconds() -> Histogram {
     Histogram::new((0..19).map(|step| 50e-6 * f64::from(1_u32 << step)))
@@ -154,6 +158,7 @@ impl Metrics {
             last_durable: Mutex::new(Instant::now()),
             expired_leases: Counter::default(),
             late_reports: Counter::default(),
+            client_outbox: Histogram::new(OUTBOX_STEPS),
             removed_trials: Counter::default(),
             now: MomentGauges::default(),
             studies: StudyFamilies::default(),
@@ -214,6 +219,11 @@ impl Metrics {
         r.register("store_queue", "Decisions that wait for the disk", self.store_queue.clone());
         r.register("expired_leases", "Leases that ran out", self.expired_leases.clone());
         r.register("late_reports", "Reports that came after their lease", self.late_reports.clone());
+        r.register(
+            "client_outbox",
+            "Reports that wait at a client, as it says with each question that is answered",
+            self.client_outbox.clone(),
+        );
         r.register("removed_trials", "Old trials that retention removed", self.removed_trials.clone());
         let now = &self.now;
         r.register("connections", "Open connections", now.connections.clone());
@@ -294,6 +304,11 @@ impl Metrics {
     /// So many leases have run out.
     pub(crate) fn expired(&self, leases: usize) {
         self.expired_leases.inc_by(leases as u64);
+    }
+
+    /// A client whose question was answered has said how many of its reports wait to be sent.
+    pub(crate) fn outbox_told(&self, reports: u32) {
+        self.client_outbox.observe(f64::from(reports));
     }
 
     /// So many old trials were removed.

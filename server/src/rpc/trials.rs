@@ -18,11 +18,13 @@ pub(super) async fn suggest(
     caller: &Caller,
     request: wire::SuggestRequest,
 ) -> Result<wire::Trial, Error> {
+    let reports_waiting = request.reports_waiting;
     let suggest = from_proto::suggest(request)?;
     caller.reach(&suggest.study)?;
     let spent = caller.spend_trial()?;
     let study = suggest.study.clone();
     let trial = tuning.suggest(suggest).await?;
+    tuning.metrics().outbox_told(reports_waiting);
     spent.keep();
     Ok(to_proto::trial(&study, &trial))
 }

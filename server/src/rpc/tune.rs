@@ -151,6 +151,7 @@ impl Attempt for TuneStream {
             Err(error) => return Ok((self.refuse(&frame, &error), None)),
         };
         let wire::TuneRequest { report, suggest } = frame;
+        let reports_waiting = suggest.as_ref().map(|suggest| suggest.reports_waiting);
         let (report, report_error) = self.split(report.map(|report| self.report(report)));
         let (suggest, suggest_error) = self.split(suggest.map(|suggest| self.suggest(suggest)));
         let (suggest, spent) = suggest.unzip();
@@ -161,6 +162,7 @@ impl Attempt for TuneStream {
         let redirect = done.redirect();
         if let (Some(Ok(_)), Some(spent)) = (&done.suggested, spent) {
             spent.keep();
+            self.refusals.metrics().outbox_told(reports_waiting.unwrap_or(0));
         }
         let (reported, taking_error) = self.split(done.reported);
         let (trial, suggesting_error) = self.split(done.suggested);
