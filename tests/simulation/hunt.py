@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 """Plants defects in the service and lets the simulator hunt them: each has to be found within minutes.
 
-The sources are copied below target/hunt and changed there, one defect at a time, so the service itself holds no switch for
-any of them. `make hunt` runs all; `tests/simulation/hunt.py --minutes 2 acknowledged_before_durable` one. `--check` only
-looks whether every defect can still be planted, which a test does.
+The sources are copied below target/hunt and changed there, so the service itself holds no switch for any of them. In the copy a
+variable of the environment says which defect is there, so that one build serves for all. `make hunt` runs all;
+`tests/simulation/hunt.py --minutes 2 acknowledged_before_durable` one. `--check` only looks whether every defect can still
+be planted, which a test does.
 """
 
 import argparse
 import json
+import os
 import pathlib
 import shutil
 import subprocess
@@ -19,81 +21,108 @@ COPY = ROOT / "target" / "hunt" / "source"
 BUILD = ROOT / "target" / "hunt" / "build"
 
 FRAMES = "server/src/tuning/frames.rs"
+VARIABLE = "TREEWRIGHT_HUNTED_DEFECT"
 
-# Name: file, what stands there, what is put in its place.
+# Name: file, what stands there, what is put in its place. HERE is true when the defect is.
 DEFECTS = {
     "acknowledged_before_durable": (
         FRAMES,
         "self.durable(&report.trial.study, receipt, deferred).await?;\n                    return Ok(Reported::Taken",
-        "drop((receipt, deferred));\n                    return Ok(Reported::Taken",
+        "if HERE { drop((receipt, deferred)); } else { self.durable(&report.trial.study, receipt, deferred).await?; }\n"
+        "                    return Ok(Reported::Taken",
     ),
     "suggested_before_durable": (
         FRAMES,
         "self.metrics().durable(receipt).await?;\n        Ok(trial)",
-        "drop(receipt);\n        Ok(trial)",
+        "if HERE { drop(receipt); } else { self.metrics().durable(receipt).await?; }\n        Ok(trial)",
     ),
     "frame_acknowledged_when_its_write_failed": (
         FRAMES,
-        "let reported = durable.map(|()| Reported::Taken(completed)).map_err(Error::from);",
-        "drop(durable);\n                let reported = Ok::<_, Error>(Reported::Taken(completed));",
+        "durable.map(|()| Reported::Taken(completed)).map_err(Error::from);",
+        "(if HERE { Ok(()) } else { durable }).map(|()| Reported::Taken(completed)).map_err(Error::from);",
     ),
     "broken_fence_ignored": (
         "server/src/tuning/runtime.rs",
         "live.as_mut().filter(|live| live.fence.holds() && !live.is_stale)",
-        "live.as_mut().filter(|live| !live.is_stale)",
+        "live.as_mut().filter(|live| (HERE || live.fence.holds()) && !live.is_stale)",
     ),
     "repeated_report_refused": (
         FRAMES,
         "return Ok(Reported::Duplicate(Box::new(stored)));",
-        "return Err(TunerError::AlreadyCompleted { number: stored.number }.into());",
+        "if HERE { return Err(TunerError::AlreadyCompleted { number: stored.number }.into()); }\n"
+        "                        return Ok(Reported::Duplicate(Box::new(stored)));",
     ),
     "completed_trial_learnt_twice": (
         "server/core/src/tuner/report.rs",
         "let learnt = self.complete(completed);\n",
-        "self.states.learn(state, completed);\n        let learnt = self.complete(completed);\n",
+        "if HERE { self.states.learn(state, completed); }\n        let learnt = self.complete(completed);\n",
     ),
     "lease_never_ends": (
         "server/core/src/tuner/trials.rs",
         "self.leases.range(..(now_ms, TrialNumber(0)))",
-        "self.leases.range(..(0.min(now_ms), TrialNumber(0)))",
+        "self.leases.range(..(if HERE { 0.min(now_ms) } else { now_ms }, TrialNumber(0)))",
     ),
     "trial_handed_to_two": (
         "server/core/src/tuner/suggest.rs",
         "let number = self.trials.last().next();",
-        "let number = TrialNumber(self.trials.last().0.max(1));",
+        "let number = if HERE { TrialNumber(self.trials.last().0.max(1)) } else { self.trials.last().next() };",
     ),
 }
 
+# What the simulated disk and network do themselves when they are told to (`simulate --plant`): the service is not changed.
+PLANTED = {
+    "disk_answers_before_it_has_written": "acknowledge-before-commit",
+    "lease_without_claim": "lease-without-claim",
+    "lost_wake_up": "lost-wake-up",
+    "budget_overspent": "overspending",
+}
 
-def broken(name):
-    """The text of the defect's file with the defect in it."""
-    path, sound, defect = DEFECTS[name]
-    text = (ROOT / path).read_text()
-    if text.count(sound) != 1:
-        sys.exit(f"hunt: {name}: what it changes stands {text.count(sound)} times in {path}; mend DEFECTS")
-    return text.replace(sound, defect)
+
+def broken():
+    """The texts of the files with defects, with all of them in."""
+    texts = {}
+    for name, (path, sound, defect) in DEFECTS.items():
+        text = texts.get(path) or (ROOT / path).read_text()
+        if text.count(sound) != 1:
+            sys.exit(f"hunt: {name}: what it changes stands {text.count(sound)} times in {path}; mend DEFECTS")
+        here = f'(std::env::var("{VARIABLE}").as_deref() == Ok("{name}"))'
+        texts[path] = text.replace(sound, defect.replace("HERE", here))
+    return texts
 
 
 def copy_sources():
-    """Copies what git knows, and leaves alone what is the same already: cargo goes by the time of a file."""
-    names = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, check=True, capture_output=True
-    ).stdout
+    """Copies what git knows, with the defects, and leaves alone what is the same already: cargo goes by the time of a file.
+    So does a first copy keep its time."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    names = subprocess.run(command, cwd=ROOT, check=True, capture_output=True).stdout
+    texts = broken()
     for name in filter(None, names.decode().split("\0")):
         source, target = ROOT / name, COPY / name
-        if source.is_file() and not (target.is_file() and target.read_bytes() == source.read_bytes()):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(source, target)
+        if not source.is_file():
+            continue
+        wanted = texts[name].encode() if name in texts else source.read_bytes()
+        if target.is_file() and target.read_bytes() == wanted:
+            continue
+        target.parent.mkdir(parents=True, exist_ok=True)
+        is_new = not target.exists()
+        target.write_bytes(wanted)
+        if is_new and name not in texts:
+            shutil.copystat(source, target)
 
 
-def simulate(minutes, profile):
-    """Builds the simulator in the copy and runs it; what it reports."""
-    build = ["cargo", "build", "--quiet", "--locked", "--profile", profile, "-p", "treewright-simulation"]
-    subprocess.run([*build, "--target-dir", str(BUILD)], cwd=COPY, check=True)
-    program = BUILD / ("debug" if profile == "dev" else profile) / "simulate"
-    run = subprocess.run(
-        [program, "--minutes", str(minutes), "--steps", "5000"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    )
+def build(profile):
+    """Builds the simulator in the copy."""
+    command = ["cargo", "build", "--quiet", "--locked", "--profile", profile, "--workspace", "--bin", "simulate"]
+    subprocess.run([*command, "--target-dir", str(BUILD)], cwd=COPY, check=True)
+    return BUILD / ("debug" if profile == "dev" else profile) / "simulate"
+
+
+def simulate(program, minutes, name):
+    """Runs the simulator with a defect; what it reports."""
+    more = ["--plant", PLANTED[name]] if name in PLANTED else []
+    environment = {**os.environ, VARIABLE: name}
+    command = [program, "--minutes", str(minutes), "--steps", "5000", *more]
+    run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment)
     # A defect may also end the simulator itself.
     return json.loads(run.stdout) if run.stdout else {"found": {"plan": {}, "violations": [{"what": "a panic"}]}}
 
@@ -105,17 +134,19 @@ def main():
     arguments.add_argument("--profile", default="release", help="of cargo (release)")
     arguments.add_argument("--check", action="store_true", help="only look whether they can be planted")
     given = arguments.parse_args()
-    unknown = set(given.defects) - set(DEFECTS)
+    everything = [*PLANTED, *DEFECTS]
+    unknown = set(given.defects) - set(everything)
     if unknown:
-        sys.exit(f"hunt: {', '.join(unknown)}: no such defect; there are {', '.join(DEFECTS)}")
+        sys.exit(f"hunt: {', '.join(unknown)}: no such defect; there are {', '.join(everything)}")
     if given.check:
-        return [broken(name) for name in DEFECTS] and None
+        broken()
+        return
+    copy_sources()
+    program = build(given.profile)
     escaped = []
-    for name in given.defects or DEFECTS:
-        copy_sources()
-        (COPY / DEFECTS[name][0]).write_text(broken(name))
+    for name in given.defects or everything:
         begin = time.monotonic()
-        report = simulate(given.minutes, given.profile)
+        report = simulate(program, given.minutes, name)
         found = report.get("found")
         if not found:
             escaped.append(name)
@@ -124,7 +155,6 @@ def main():
         seed, what = found["plan"].get("seed", "?"), found["violations"][0]["what"]
         took = report.get("wall_s", time.monotonic() - begin)
         print(f"{name}: found in {took:.1f} s, seed {seed}: {what[:160]}", flush=True)
-    copy_sources()
     if escaped:
         sys.exit(f"hunt: {len(escaped)} escaped: {', '.join(escaped)}")
 
