@@ -2,7 +2,9 @@
 //! renders at 30 frames a second, notices of the others, who ask for a trial and report it now and then.
 //!
 //! `cargo run --release -p treewright-tests --example crowd -- [CLIENTS] [SECONDS BETWEEN A CLIENT'S FRAMES] [SECONDS]`
-//! (10000, 20 and 15 unless told). The crowd is a process of its own. Needs a descriptor for each client (`ulimit -n`).
+//! (10000, 20 and 15 unless told). The crowd is a process of its own, begun by the command in TREEWRIGHT_CROWD_BY if there is
+//! one: `taskset --cpu-list 0,1` gives it processors of its own, as on another machine. Needs a descriptor for each client
+//! (`ulimit -n`).
 //! Prints JSON: times in milliseconds, memory in MB.
 
 use std::collections::BTreeMap;
@@ -19,6 +21,8 @@ use treewright_tests::daemon::Daemon;
 
 /// Tells a process that it is the crowd, and of which daemon.
 const CROWD: &str = "TREEWRIGHT_CROWD_OF";
+/// A command that becomes the program whose words follow its own.
+const CROWD_BY: &str = "TREEWRIGHT_CROWD_BY";
 const FRAME: Duration = Duration::from_micros(33_333);
 
 fn spec() -> StudySpec {
@@ -159,7 +163,11 @@ fn main() {
     let (waits_ms, with_trial) = active(daemon.url(), Duration::from_secs_f64(time));
     let alone = row(waits_ms, with_trial, memory_mb());
 
-    let mut crowd = Command::new(std::env::current_exe().expect("this program"))
+    let begun_by = std::env::var(CROWD_BY).unwrap_or_else(|_| "env".to_owned());
+    let mut words = begun_by.split_whitespace();
+    let mut crowd = Command::new(words.next().expect("a command"))
+        .args(words)
+        .arg(std::env::current_exe().expect("this program"))
         .args([clients.to_string(), every.to_string(), time.to_string()])
         .env(CROWD, daemon.url())
         .stdout(Stdio::piped())

@@ -1,0 +1,153 @@
+//! A study that grows wide: as many states, or as many client ids, as one is told, each with one trial, and retention on. Shows
+//! what the daemon needs for them, and whether the last are served like the first.
+//!
+//! `cargo run --release -p treewright-tests --example breadth -- states|clients [COUNT] [STREAMS]` (a million states or 100,000
+//! clients over 32 streams unless told; the daemon keeps 20,000 trials). Prints a line of JSON for each tenth: times in
+//! milliseconds, memory and files in MB.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use tokio::sync::mpsc;
+use tokio::task::JoinSet;
+use tokio_stream::wrappers::ReceiverStream;
+use treewright_proto::v1 as wire;
+use treewright_proto::v1::tuning_service_client::TuningServiceClient;
+use treewright_tests::daemon::Daemon;
+
+/// Trials that the daemon keeps: the fewest that it takes.
+const KEPT: &str = "20000";
+/// Places of one indicator; three of them tell 1,000,000 states apart.
+const PLACES: u64 = 100;
+
+#[derive(Clone, Copy)]
+enum Width {
+    States,
+    Clients,
+}
+
+impl Width {
+    fn question(self, number: u64) -> wire::SuggestRequest {
+        let (client, place) = match self {
+            Width::States => ("wide".to_owned(), number),
+            Width::Clients => (format!("node-{number}"), number % PLACES),
+        };
+        let digit = |power| (place / PLACES.pow(power) % PLACES) as f64;
+        let indicators = (0..3).map(|axis| (format!("at_{axis}"), digit(axis))).collect();
+        wire::SuggestRequest {
+            study: "studies/wide".into(),
+            client_id: client,
+            indicators,
+            ..Default::default()
+        }
+    }
+}
+
+fn study() -> wire::Study {
+    let indicator = |axis: u32| wire::Indicator {
+        name: format!("at_{axis}"),
+        min: 0.0,
+        max: PLACES as f64,
+        scale: wire::Scale::Linear as i32,
+    };
+    let domain = wire::parameter::Domain::Integer(wire::IntegerDomain { min: 1, max: 32, scale: 0 });
+    let value = wire::Value { kind: Some(wire::value::Kind::Integer(8)) };
+    let leaf = wire::Parameter {
+        name: "leaf".into(),
+        domain: Some(domain),
+        default_value: Some(value),
+        active_if: None,
+    };
+    let term = wire::ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 };
+    wire::Study {
+        space: Some(wire::Space { parameters: vec![leaf], constraints: Vec::new() }),
+        indicators: (0..3).map(indicator).collect(),
+        objective: Some(wire::Objective { terms: vec![term], ..Default::default() }),
+        state_tolerance: Some(0.001),
+        ..Default::default()
+    }
+}
+
+fn report(trial: wire::Trial) -> wire::ReportRequest {
+    let ok = wire::outcome::Kind::Ok(wire::Ok {});
+    wire::ReportRequest {
+        trial: trial.name,
+        measurements: BTreeMap::from([("render_ms".to_owned(), 10.0)]),
+        outcome: Some(wire::Outcome { kind: Some(ok) }),
+    }
+}
+
+/// Takes numbers until there are none left. How long each frame took, in milliseconds.
+async fn frames(url: String, width: Width, next: Arc<AtomicU64>, end: u64) -> Vec<f64> {
+    let mut client = TuningServiceClient::connect(url).await.expect("a connection");
+    let (say, outgoing) = mpsc::channel(1);
+    let mut answers = client.tune(ReceiverStream::new(outgoing)).await.expect("a stream").into_inner();
+    let (mut times_ms, mut result) = (Vec::new(), None);
+    loop {
+        let number = next.fetch_add(1, Ordering::Relaxed);
+        if number >= end {
+            return times_ms;
+        }
+        let begin = Instant::now();
+        let mut question = width.question(number);
+        if matches!(width, Width::States) {
+            // Each stream is a client of its own, for which every frame is another state.
+            question.client_id = format!("wide-{:?}", tokio::task::id());
+        }
+        let frame = wire::TuneRequest { report: result.take(), suggest: Some(question) };
+        say.send(frame).await.expect("the stream is open");
+        let answer = answers.message().await.expect("an answer").expect("the stream goes on");
+        times_ms.push(begin.elapsed().as_secs_f64() * 1e3);
+        match (answer.trial, answer.suggest_error, answer.report_error) {
+            (Some(trial), _, None) => result = Some(report(trial)),
+            (_, refused, unreported) => panic!("frame {number}: {refused:?} {unreported:?}"),
+        }
+    }
+}
+
+fn file_mb(path: &Path) -> f64 {
+    std::fs::metadata(path).map_or(0.0, |file| file.len() as f64 / 1e6)
+}
+
+#[tokio::main]
+async fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let (width, count) = match arguments.first().map(String::as_str) {
+        Some("states") => (Width::States, 1_000_000),
+        Some("clients") => (Width::Clients, 100_000),
+        _ => panic!("say states or clients"),
+    };
+    let number =
+        |place: usize, or: u64| arguments.get(place).map_or(or, |text| text.parse().expect("a number"));
+    let (count, streams) = (number(1, count), number(2, 32));
+    let folder = tempfile::tempdir().expect("a folder");
+    let database = folder.path().join("wide.db");
+    let daemon = Daemon::start_with(&database, &["--keep-trials", KEPT], &folder.path().join("log"));
+    let mut first = TuningServiceClient::connect(daemon.url().to_owned()).await.expect("a connection");
+    let request = wire::CreateStudyRequest { study_id: "wide".into(), study: Some(study()) };
+    first.create_study(request).await.expect("the study is taken");
+    let next = Arc::new(AtomicU64::new(0));
+    for tenth in 1..=10 {
+        let (begin, end) = (Instant::now(), count * tenth / 10);
+        next.store(count * (tenth - 1) / 10, Ordering::Relaxed);
+        let mut all = JoinSet::new();
+        for _ in 0..streams {
+            all.spawn(frames(daemon.url().to_owned(), width, Arc::clone(&next), end));
+        }
+        let mut times_ms: Vec<f64> = all.join_all().await.into_iter().flatten().collect();
+        times_ms.sort_by(f64::total_cmp);
+        let at = |share: f64| times_ms[((times_ms.len() - 1) as f64 * share) as usize];
+        let record = wire::GetStudyRequest { name: "studies/wide".into() };
+        let statistics = first.get_study(record).await.expect("it is there").into_inner().statistics;
+        let line = serde_json::json!({
+            "done": end, "seconds": begin.elapsed().as_secs_f64(), "p50_ms": at(0.5), "p99_ms": at(0.99),
+            "longest_ms": at(1.0), "states": statistics.map(|all| all.states),
+            "daemon_mb": daemon.memory_bytes() as f64 / 1e6, "database_mb": file_mb(&database),
+        });
+        println!("{line}");
+    }
+    assert!(daemon.terminate().success());
+}
