@@ -85,7 +85,7 @@ def broken():
         text = texts.get(path) or (ROOT / path).read_text()
         if text.count(sound) != 1:
             sys.exit(f"hunt: {name}: what it changes stands {text.count(sound)} times in {path}; mend DEFECTS")
-        here = f'(std::env::var("{VARIABLE}").as_deref() == Ok("{name}"))'
+        here = f'std::env::var("{VARIABLE}").is_ok_and(|name| name == "{name}")'
         texts[path] = text.replace(sound, defect.replace("HERE", here))
     return texts
 
