@@ -67,8 +67,8 @@ pub(crate) async fn within_deadline(
         Ok(Ok(Ok(suggestion))) => shared.deliver(suggestion),
         Ok(Ok(Err(problem))) => shared.fall_back(Arc::new(problem)),
         Ok(Err(_closed)) => {
-            let reason = "the connection ended before the answer came".to_owned();
-            shared.fall_back(Arc::new(ClientError::Away { url: shared.core.url.clone(), reason }))
+            let reason = "the connection ended before the answer came";
+            shared.fall_back(Arc::new(ClientError::away(&shared.core.url, reason)))
         }
         Err(_elapsed) => {
             let problem = Arc::new(shared.core.late("Suggest", limit));

@@ -69,9 +69,9 @@ impl CircuitBreaker {
         hint.as_ref().map(|(_, problem)| Arc::clone(problem))
     }
 
-    /// Heeds what a refusal says about when to ask again.
+    /// Heeds what a refusal says about when to ask again. A daemon that cannot serve at all is looked for instead.
     pub(crate) fn note_hint(&self, problem: &ClientError) {
-        if let Some(wait) = problem.retry_after() {
+        if let Some(wait) = problem.retry_after().filter(|_| !problem.is_unreachable()) {
             let mut hint = self.hint.lock().unwrap_or_else(PoisonError::into_inner);
             *hint = Some((Instant::now() + wait, Arc::new(problem.clone())));
         }
@@ -141,7 +141,7 @@ mod tests {
     use crate::Options;
 
     fn away() -> ClientError {
-        ClientError::Away { url: "http://nowhere".into(), reason: "refused".into() }
+        ClientError::away("http://nowhere", "refused")
     }
 
     fn back_off() -> BackOff {

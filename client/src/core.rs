@@ -124,10 +124,7 @@ impl Core {
         let mut client = HealthClient::new(self.connection());
         match tokio::time::timeout(limit, client.check(request)).await {
             Ok(Ok(response)) if response.get_ref().status() == ServingStatus::Serving => Ok(()),
-            Ok(Ok(_)) => Err(ClientError::Away {
-                url: self.url.clone(),
-                reason: "it is not serving at the moment".into(),
-            }),
+            Ok(Ok(_)) => Err(ClientError::away(&self.url, "it is not serving at the moment")),
             Ok(Err(status)) => match ClientError::from_status(&self.url, "Check", &status) {
                 // Somebody answers, without a health service: that is good enough to ask the real thing.
                 ClientError::Refused { code: tonic::Code::Unimplemented, .. } => Ok(()),

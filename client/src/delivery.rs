@@ -107,7 +107,7 @@ mod tests {
     fn only_what_may_pass_is_repeated() {
         let refused =
             |code| ClientError::from_status("http://x", "Report", &tonic::Status::new(code, String::new()));
-        assert!(worth_repeating(&ClientError::Away { url: String::new(), reason: String::new() }, 1_000_000));
+        assert!(worth_repeating(&ClientError::away("", ""), 1_000_000));
         assert!(worth_repeating(&refused(Code::ResourceExhausted), 1_000_000));
         assert!(
             worth_repeating(&refused(Code::Internal), 7) && !worth_repeating(&refused(Code::Internal), 8)

@@ -43,6 +43,8 @@ pub enum ClientError {
         url: String,
         /// What the network said.
         reason: String,
+        /// When it may be asked again, if it answered that it cannot serve yet: while it loads a study, or drains.
+        retry_after: Option<Duration>,
     },
 
     /// The daemon took longer than the caller may wait.
@@ -165,11 +167,16 @@ impl ClientError {
     #[must_use]
     pub fn retry_after(&self) -> Option<Duration> {
         match self {
-            Self::Refused { retry_after, .. } => {
+            Self::Refused { retry_after, .. } | Self::Away { retry_after, .. } => {
                 retry_after.map(|wait| wait.min(crate::limits::LONGEST_HINT))
             }
             _ => None,
         }
+    }
+
+    /// Nobody answers, for this reason.
+    pub(crate) fn away(url: &str, reason: impl Into<String>) -> Self {
+        Self::Away { url: url.to_owned(), reason: reason.into(), retry_after: None }
     }
 
     pub(crate) fn invalid(what: impl Into<String>, problem: impl Into<String>) -> Self {
@@ -180,7 +187,8 @@ impl ClientError {
     pub(crate) fn from_status(url: &str, call: &'static str, status: &tonic::Status) -> Self {
         use tonic::Code;
         use tonic_types::StatusExt as _;
-        let away = |reason: String| Self::Away { url: url.to_owned(), reason };
+        let retry_after = status.get_details_retry_info().and_then(|info| info.retry_delay);
+        let away = |reason: String| Self::Away { url: url.to_owned(), reason, retry_after };
         // A status with a source was made on this side, out of a fault of the connection.
         if let Some(source) = std::error::Error::source(status) {
             return away(with_remedy(url, innermost(source)));
@@ -194,7 +202,7 @@ impl ClientError {
                 call,
                 code,
                 message: status.message().to_owned(),
-                retry_after: status.get_details_retry_info().and_then(|info| info.retry_delay),
+                retry_after,
                 request_id: status
                     .metadata()
                     .get(REQUEST_ID)
@@ -241,6 +249,7 @@ mod tests {
 
     #[test]
     fn statuses_are_sorted_by_what_can_be_done_about_them() {
+        use tonic_types::StatusExt as _;
         let error = |status: tonic::Status| ClientError::from_status("http://x", "Suggest", &status);
         assert!(error(tonic::Status::unavailable("draining")).is_unreachable());
         assert!(error(tonic::Status::not_found("studies/x")).is_not_found());
@@ -250,6 +259,12 @@ mod tests {
             refused.to_string(),
             "the daemon refused Suggest: indicator a is not finite (InvalidArgument)"
         );
+        assert_eq!(refused.retry_after(), None);
+        let wait = Duration::from_millis(100);
+        let details = tonic_types::ErrorDetails::with_retry_info(Some(wait));
+        let loading = tonic::Status::with_error_details(tonic::Code::Unavailable, "being loaded", details);
+        let loading = error(loading);
+        assert!(loading.is_unreachable() && loading.retry_after() == Some(wait), "{loading:?}");
         let mut named = tonic::Status::permission_denied("not yours");
         named.metadata_mut().insert("x-request-id", tonic::metadata::MetadataValue::from_static("7-a"));
         assert!(error(named).to_string().ends_with("(PermissionDenied, request 7-a)"));
@@ -258,8 +273,7 @@ mod tests {
     #[test]
     fn an_absent_daemon_is_named_with_the_remedy() {
         let text =
-            ClientError::Away { url: "http://127.0.0.1:1".into(), reason: "Connection refused".into() }
-                .to_string();
+            ClientError::away("http://127.0.0.1:1", "Connection refused").to_string();
         assert!(
             text.contains("http://127.0.0.1:1")
                 && text.contains("Connection refused")

@@ -165,7 +165,7 @@ impl Stream<'_> {
     }
 
     fn ended(&self) -> ClientError {
-        ClientError::Away { url: self.shared.core.url.clone(), reason: "the daemon ended the stream".into() }
+        ClientError::away(&self.shared.core.url, "the daemon ended the stream")
     }
 
     /// Answers a frame that cannot be sent; its result goes to the outbox.

@@ -134,7 +134,8 @@ impl Study {
     /// A trial of a configuration of the program's own choice, e.g. to measure a winner once more or to try what
     /// is known from elsewhere. What it finds is learnt like anything else; the search goes on as it was.
     ///
-    /// Unlike [`Study::suggest`] there is nothing to fall back on. Errors: [`ClientError::Refused`] when the
+    /// Unlike [`Study::suggest`] there is nothing to fall back on, so a daemon that answers that it cannot serve yet, because
+    /// it is still loading the study, is asked again until the client's deadline. Errors: [`ClientError::Refused`] when the
     /// configuration does not fit the study's space, [`ClientError::Away`], [`ClientError::Late`].
     pub async fn trial_of(
         &self,
@@ -143,10 +144,23 @@ impl Study {
     ) -> Result<Suggestion, ClientError> {
         checks::state(&self.shared.spec, indicators)?;
         let core = &self.shared.core;
-        let asked = self.shared.ask_once_told(indicators, Some(configuration));
+        let mut not_yet = None;
+        let asked = async {
+            loop {
+                let problem = match self.shared.ask_once_told(indicators, Some(configuration)).await {
+                    Ok(suggestion) => return Ok(suggestion),
+                    Err(problem) => problem,
+                };
+                let Some(wait) = problem.retry_after().filter(|_| problem.is_unreachable()) else {
+                    return Err(problem);
+                };
+                not_yet = Some(problem);
+                core.back_off().sleep_at_least(1, Some(wait)).await;
+            }
+        };
         match tokio::time::timeout(core.options.deadline, asked).await {
             Ok(suggestion) => Ok(self.shared.deliver(suggestion?)),
-            Err(_elapsed) => Err(core.late("Suggest", core.options.deadline)),
+            Err(_elapsed) => Err(not_yet.unwrap_or_else(|| core.late("Suggest", core.options.deadline))),
         }
     }
 
@@ -207,7 +221,7 @@ impl Shared {
         let reason = || format!("{} is not created there yet", self.name);
         match &*self.registration.borrow() {
             Registration::Pending => {
-                Some(Arc::new(ClientError::Away { url: self.core.url.clone(), reason: reason() }))
+                Some(Arc::new(ClientError::away(&self.core.url, reason())))
             }
             Registration::Done | Registration::Refused(_) => None,
         }

@@ -56,6 +56,30 @@ async fn a_program_measures_what_it_wants() {
 }
 
 #[tokio::test]
+async fn a_daemon_that_is_still_loading_the_study_is_asked_again() {
+    let fake = Fake::start();
+    let wanted = Configuration::from(spec().space.default_configuration());
+    let client = Client::connect(&fake.url(), patient()).unwrap();
+    let study = client.study("scene", spec()).await.unwrap();
+    fake.book().loading = 3;
+    study.trial_of(&state(3), &wanted).await.unwrap().report(measured(12.5), Outcome::Ok).unwrap();
+    client.flush(Duration::from_secs(20)).await.unwrap();
+    assert_eq!(fake.book().count("Suggest"), 4);
+    // Without an end to it the daemon's own words come back, not that it was late.
+    fake.book().loading = usize::MAX;
+    let client =
+        Client::connect(&fake.url(), patient().client_id("other").deadline(Duration::from_secs(2))).unwrap();
+    let study = client.study("scene", spec()).await.unwrap();
+    let problem = study.trial_of(&state(3), &wanted).await.err().map(|problem| problem.to_string());
+    assert!(problem.as_ref().is_some_and(|text| text.contains("is being loaded")), "{problem:?}");
+    // A daemon that is not there at all is said at once.
+    fake.book().refuse.insert("Suggest", Code::Unavailable);
+    let calls = fake.book().count("Suggest");
+    assert!(study.trial_of(&state(3), &wanted).await.is_err_and(|problem| problem.is_unreachable()));
+    assert_eq!(fake.book().count("Suggest"), calls + 1);
+}
+
+#[tokio::test]
 async fn pairs_begin_with_one_and_then_with_the_other() {
     let fake = Fake::start();
     let client = Client::connect(&fake.url(), patient()).unwrap();

@@ -26,6 +26,8 @@ pub struct Book {
     pub standing: Option<v1::Standing>,
     /// Answers to give instead of doing what is asked.
     pub refuse: BTreeMap<&'static str, Code>,
+    /// So many of the next suggestions are answered as by a daemon that is still loading the study.
+    pub loading: usize,
 }
 
 impl Book {

@@ -1,10 +1,12 @@
 //! The stand-in's network side.
 
 use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
-use tonic::{Request, Response, Status, Streaming};
+use tonic::{Code, Request, Response, Status, Streaming};
+use tonic_types::{ErrorDetails, StatusExt as _};
 use treewright_proto::v1::tuning_service_server::{TuningService, TuningServiceServer};
 use treewright_proto::v1::{self, TuneError};
 
@@ -98,6 +100,12 @@ impl TuningService for Service {
         self.wait(Hold::Suggestions).await;
         let mut book = self.book();
         book.enter("Suggest")?;
+        if let Some(left) = book.loading.checked_sub(1) {
+            book.loading = left;
+            let again = ErrorDetails::with_retry_info(Some(Duration::from_millis(1)));
+            let words = "study \"scene\" is being loaded; try again";
+            return Err(Status::with_error_details(Code::Unavailable, words, again));
+        }
         book.suggest(request.into_inner()).map(Response::new)
     }
 

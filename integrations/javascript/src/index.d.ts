@@ -55,6 +55,8 @@ export class TreewrightError extends Error {
   readonly kind: "invalid" | "unreachable" | "refused";
   /** The canonical gRPC code, where there was one. */
   readonly code?: number;
+  /** Whether the daemon is there and said itself that asking again will do, as while it loads a study. */
+  readonly passes: boolean;
 }
 
 export interface Stats {
@@ -84,6 +86,7 @@ export class Study {
   readonly name: string;
   /** Never rejects: without the daemon it is the last good configuration, or the default. */
   suggest(indicators?: Numbers): Promise<Suggestion>;
+  /** A trial of one's own choice. A daemon that is still loading the study is asked again until `callDeadlineMs` is over. */
   trialOf(configuration: Configuration, indicators?: Numbers): Promise<Suggestion>;
   predict(indicators?: Numbers): Promise<{ configuration: Configuration; cost?: number }>;
   best(indicators?: Numbers): Promise<{ configuration: Configuration; cost: number }>;

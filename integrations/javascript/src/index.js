@@ -24,9 +24,15 @@ const Service = grpc.loadPackageDefinition(
 /** A later answer to a question that missed its deadline is awaited for so long, to give its trial back. */
 const LATE_ANSWER_MS = 5000;
 
+/** A daemon that is still loading the study is asked again after so long. */
+const ASK_AGAIN_MS = 100;
+
 const isLocal = (host) => /^(localhost|127\.|\[::1\])/.test(host);
 
 export class Client {
+  /** The contract as @grpc/grpc-js reads it, for tests. */
+  static Service = Service;
+
   constructor(url = "http://127.0.0.1:50611", options = {}) {
     const found = /^(https?):\/\/([^/]+)\/?$/.exec(url);
     if (!found) throw new TreewrightError("invalid", `\`${url}\` is not an address of a daemon; write it like http://127.0.0.1:50611`);
@@ -140,8 +146,17 @@ export class Study {
     }
   }
 
-  trialOf(configuration, indicators = {}) {
-    return this.#ask(indicators, configurationToWire(configuration, this.spec), this.client.options.callDeadlineMs);
+  async trialOf(configuration, indicators = {}) {
+    const wanted = configurationToWire(configuration, this.spec);
+    const end = Date.now() + this.client.options.callDeadlineMs;
+    for (;;) {
+      try {
+        return await this.#ask(indicators, wanted, Math.max(end - Date.now(), 1));
+      } catch (error) {
+        if (!error.passes || Date.now() + ASK_AGAIN_MS >= end) throw error;
+        await new Promise((resolve) => setTimeout(resolve, ASK_AGAIN_MS));
+      }
+    }
   }
 
   async predict(indicators = {}) {

@@ -2,6 +2,8 @@
 
 import assert from "node:assert/strict";
 
+import * as grpc from "@grpc/grpc-js";
+
 import { Client, TreewrightError } from "../src/index.js";
 
 const url = process.argv[2] ?? "http://127.0.0.1:50611";
@@ -69,6 +71,43 @@ async function withoutDaemon() {
   assert.throws(() => new Client("http://example.com:1", { token: "x" }), /https/);
 }
 
+/** A daemon that answers as if it were still loading the study, so many times. */
+async function whileTheStudyIsLoaded(times) {
+  const details = Buffer.from("\n(type.googleapis.com/google.rpc.RetryInfo", "latin1");
+  let asked = 0;
+  const handlers = {
+    CreateStudy: (call, answer) => answer(null, { name: "studies/loading" }),
+    Suggest: (call, answer) => {
+      asked += 1;
+      const { wanted, study } = call.request;
+      if (asked > times) return answer(null, { name: `${study}/trials/1`, configuration: wanted });
+      const metadata = new grpc.Metadata();
+      metadata.set("grpc-status-details-bin", details);
+      answer({ code: grpc.status.UNAVAILABLE, details: "study \"loading\" is being loaded; try again", metadata });
+    },
+    AbandonTrial: (call, answer) => answer(null, {}),
+  };
+  const server = new grpc.Server();
+  server.addService(Client.Service.service, handlers);
+  const bind = (resolve, reject) => (error, port) => (error ? reject(error) : resolve(port));
+  const port = await new Promise((resolve, reject) =>
+    server.bindAsync("127.0.0.1:0", grpc.ServerCredentials.createInsecure(), bind(resolve, reject)),
+  );
+  const client = new Client(`http://127.0.0.1:${port}`, { callDeadlineMs: 20000 });
+  const study = await client.study("loading", spec);
+  const own = await study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false });
+  assert.deepEqual([own.configuration.leaf, asked], [3, times + 1]);
+  own.abandon();
+  await client.flush(20000);
+  client.options.callDeadlineMs = 300;
+  [asked, times] = [0, Infinity];
+  await rejects(study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false }), "unreachable", "is being loaded");
+  assert.ok(asked >= 1);
+  client.close();
+  server.forceShutdown();
+}
+
 await trials();
+await whileTheStudyIsLoaded(3);
 await withoutDaemon();
 console.log("ok");
