@@ -65,6 +65,7 @@ async fn a_daemon_that_is_still_loading_the_study_is_asked_again() {
     study.trial_of(&state(3), &wanted).await.unwrap().report(measured(12.5), Outcome::Ok).unwrap();
     client.flush(Duration::from_secs(20)).await.unwrap();
     assert_eq!(fake.book().count("Suggest"), 4);
+    assert_eq!(client.stats().fallbacks, 0);
     // Without an end to it the daemon's own words come back, not that it was late.
     fake.book().loading = usize::MAX;
     let client =

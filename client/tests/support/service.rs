@@ -1,12 +1,10 @@
 //! The stand-in's network side.
 
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
 use tonic::{Code, Request, Response, Status, Streaming};
-use tonic_types::{ErrorDetails, StatusExt as _};
 use treewright_proto::v1::tuning_service_server::{TuningService, TuningServiceServer};
 use treewright_proto::v1::{self, TuneError};
 
@@ -15,6 +13,15 @@ use super::{Book, Hold};
 pub struct Service {
     pub book: Arc<Mutex<Book>>,
     pub hold: watch::Sender<Hold>,
+}
+
+/// A `google.rpc.Status` with a `RetryInfo` of one millisecond in its details, as bytes.
+fn again_in_a_millisecond() -> Vec<u8> {
+    const URL: &[u8] = b"type.googleapis.com/google.rpc.RetryInfo";
+    const RETRY_INFO: [u8; 6] = [0x0a, 4, 0x10, 0xc0, 0x84, 0x3d];
+    let length = |bytes: &[u8]| u8::try_from(bytes.len()).expect("a short text");
+    let any = [&[0x0a, length(URL)][..], URL, &[0x12, length(&RETRY_INFO)], &RETRY_INFO].concat();
+    [&[0x1a, length(&any)][..], &any].concat()
 }
 
 type Answer<T> = Result<Response<T>, Status>;
@@ -102,9 +109,8 @@ impl TuningService for Service {
         book.enter("Suggest")?;
         if let Some(left) = book.loading.checked_sub(1) {
             book.loading = left;
-            let again = ErrorDetails::with_retry_info(Some(Duration::from_millis(1)));
             let words = "study \"scene\" is being loaded; try again";
-            return Err(Status::with_error_details(Code::Unavailable, words, again));
+            return Err(Status::with_details(Code::Unavailable, words, again_in_a_millisecond().into()));
         }
         book.suggest(request.into_inner()).map(Response::new)
     }
