@@ -272,8 +272,7 @@ mod tests {
 
     #[test]
     fn an_absent_daemon_is_named_with_the_remedy() {
-        let text =
-            ClientError::away("http://127.0.0.1:1", "Connection refused").to_string();
+        let text = ClientError::away("http://127.0.0.1:1", "Connection refused").to_string();
         assert!(
             text.contains("http://127.0.0.1:1")
                 && text.contains("Connection refused")

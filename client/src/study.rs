@@ -220,9 +220,7 @@ impl Shared {
         }
         let reason = || format!("{} is not created there yet", self.name);
         match &*self.registration.borrow() {
-            Registration::Pending => {
-                Some(Arc::new(ClientError::away(&self.core.url, reason())))
-            }
+            Registration::Pending => Some(Arc::new(ClientError::away(&self.core.url, reason()))),
             Registration::Done | Registration::Refused(_) => None,
         }
     }
