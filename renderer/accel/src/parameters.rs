@@ -86,6 +86,8 @@ pub struct TreeParameters {
     pub reinsertion_passes: u32,
     /// Order of the nodes in memory.
     pub order: NodeOrder,
+    /// In which order rays that look for any hit visit the children of a node.
+    pub child_order: ChildOrder,
     /// How a node keeps its children's bounds. Acts on nodes of 8 and 16.
     pub format: NodeFormat,
     /// Room for the references that spatial splits add, as a factor on the number of triangles, 1 to 2. Acts with
@@ -126,6 +128,20 @@ pub enum NodeOrder {
     Treelets,
 }
 
+/// In which order a ray that looks for any hit visits the children of a node. One that looks for the nearest hit visits
+/// the nearest child first, whatever the order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ChildOrder {
+    /// As the builder cut space, last to first.
+    #[default]
+    Builder,
+    /// By the chance of a hit over the cost of looking for it, both from the areas of triangles and boxes.
+    Likely,
+    /// The child whose middle has the greatest y first: most light comes from above.
+    Topmost,
+}
+
 /// How a node keeps its children's bounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -155,6 +171,7 @@ impl Default for TreeParameters {
             block_width: 4,
             builder: Builder::Embree,
             search_radius: 8,
+            child_order: ChildOrder::Builder,
             collapse: Collapse::Builder,
             reinsertion_passes: 0,
             order: NodeOrder::Builder,

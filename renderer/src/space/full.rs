@@ -98,6 +98,7 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
     let quality = if each_frame { 1 } else { 2 };
     let collapse = if each_frame { "builder" } else { "optimal" };
     let order = if each_frame { "builder" } else { "depth_first" };
+    let child_order = if each_frame { "builder" } else { "likely" };
     // Leaves of fewer triangles than a block leave lanes empty. A tree for one frame is sooner built with larger ones: of the
     // configurations of `treewright-lab leave-scene-out` the best over ten scenes that does not fall behind in any.
     let min_leaf_size = if each_frame { 16 } else { 8 };
@@ -161,6 +162,12 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
             ["builder", "depth_first", "van_emde_boas", "treelets"],
             order,
             "how boxes lie in memory",
+        )),
+        tunable(choice(
+            "child_order",
+            ["builder", "likely", "topmost"],
+            child_order,
+            "where shadow rays look first: as the tree was built, where a hit is likely and cheap, or at the top",
         )),
     ];
     if premises.instanced {

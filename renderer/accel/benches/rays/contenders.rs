@@ -1,32 +1,55 @@
 //! What is measured: native Embree, the tunable tree, and peers from the registry.
 
+use std::error::Error;
+use std::sync::Arc;
 use std::time::Instant;
 
 use obvhs::bvh2::Bvh2;
 use obvhs::cwbvh::CwBvh;
+use serde::Serialize;
 use treewright_accel::recording::Recording;
 use treewright_accel::{
-    BuildChoice, BuildError, Collapse, Device, Intersector, NativeOptions, NativeQuality, NodeFormat,
-    Quality, Structure, TreeParameters, build,
+    BuildChoice, BuildError, Builder, ChildOrder, Collapse, Device, Intersector, NativeOptions,
+    NativeQuality, NodeFormat, NodeOrder, Quality, Structure, TreeParameters, build,
 };
 
 use crate::peers::{Bvh, Obvhs};
+use crate::tinybvh::{Tinybvh, Tree};
 
 /// Name of the one that all others are compared with.
 pub(crate) const REFERENCE: &str = "native medium";
 
 /// How a structure comes about.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 enum Recipe {
     Ours(BuildChoice),
     Bvh,
     ObvhsBinary,
     ObvhsWide,
+    Tinybvh { library: Arc<Tinybvh>, splits: bool },
+}
+
+/// Name of the tree that the [overview](crate::overview) compares with others.
+pub(crate) const RECOMMENDED: &str = "recommended";
+
+/// Who made a structure.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Maker {
+    /// Embree as it comes.
+    Native,
+    /// The tunable tree.
+    Treewright,
+    /// Anybody else.
+    Peer,
 }
 
 /// A built structure.
 pub(crate) struct Built {
     pub(crate) name: &'static str,
+    pub(crate) maker: Maker,
+    /// Whether no ray slips through an edge.
+    pub(crate) robust: bool,
     pub(crate) intersector: Box<dyn Intersector>,
     /// Of each build.
     pub(crate) build_ms: Vec<f64>,
@@ -34,9 +57,28 @@ pub(crate) struct Built {
     pub(crate) packets: bool,
 }
 
-fn recipes() -> Vec<(&'static str, Recipe)> {
+impl Recipe {
+    fn maker(&self) -> Maker {
+        match self {
+            Self::Ours(BuildChoice::Native(_)) => Maker::Native,
+            Self::Ours(_) => Maker::Treewright,
+            Self::Bvh | Self::ObvhsBinary | Self::ObvhsWide | Self::Tinybvh { .. } => Maker::Peer,
+        }
+    }
+
+    fn is_robust(&self) -> bool {
+        match self {
+            Self::Ours(BuildChoice::Native(options)) => options.robust,
+            Self::Ours(BuildChoice::Tree(parameters)) => parameters.robust,
+            _ => false,
+        }
+    }
+}
+
+fn recipes(tinybvh: Option<Arc<Tinybvh>>) -> Vec<(&'static str, Recipe)> {
     let native =
         |quality| Recipe::Ours(BuildChoice::Native(NativeOptions { quality, ..NativeOptions::default() }));
+    let robust = NativeOptions { robust: true, ..NativeOptions::default() };
     let tree = |parameters| Recipe::Ours(BuildChoice::Tree(parameters));
     // What a laboratory found good on all of its scenes: close to what Embree does itself.
     let wide = TreeParameters {
@@ -48,7 +90,27 @@ fn recipes() -> Vec<(&'static str, Recipe)> {
         ..TreeParameters::default()
     };
     let optimal = TreeParameters { collapse: Collapse::Optimal, ..wide };
-    vec![
+    // Where searches in the full space begin when one tree serves many frames.
+    let recommended = TreeParameters {
+        branching_factor: 16,
+        min_leaf_size: 8,
+        max_leaf_size: 32,
+        block_width: 8,
+        reinsertion_passes: 4,
+        order: NodeOrder::DepthFirst,
+        child_order: ChildOrder::Likely,
+        ..optimal
+    };
+    let ploc = TreeParameters { builder: Builder::Ploc, ..recommended };
+    // For trees that serve one frame: written as it is joined.
+    let at_once = TreeParameters {
+        branching_factor: 8,
+        collapse: Collapse::Builder,
+        order: NodeOrder::Builder,
+        min_leaf_size: 16,
+        ..ploc
+    };
+    let mut all = vec![
         (REFERENCE, native(NativeQuality::Medium)),
         ("native low", native(NativeQuality::Low)),
         ("native high", native(NativeQuality::High)),
@@ -59,10 +121,46 @@ fn recipes() -> Vec<(&'static str, Recipe)> {
         ("tree, 8 wide, reinserted", tree(TreeParameters { reinsertion_passes: 8, ..optimal })),
         ("tree, 16 wide", tree(TreeParameters { branching_factor: 16, ..optimal })),
         ("tree, 8 wide, Morton", tree(TreeParameters { quality: Quality::Morton, ..wide })),
+        (RECOMMENDED, tree(recommended)),
+        (
+            "recommended, builder's order",
+            tree(TreeParameters { child_order: ChildOrder::Builder, ..recommended }),
+        ),
+        (
+            "recommended, topmost first",
+            tree(TreeParameters { child_order: ChildOrder::Topmost, ..recommended }),
+        ),
+        ("recommended, splits", tree(TreeParameters { quality: Quality::SahSplit, ..recommended })),
+        ("recommended, PLOC", tree(ploc)),
+        (
+            "Morton at once",
+            tree(TreeParameters { builder: Builder::Embree, quality: Quality::Morton, ..at_once }),
+        ),
+        (
+            "Morton at once, builder's order",
+            tree(TreeParameters {
+                builder: Builder::Embree,
+                quality: Quality::Morton,
+                child_order: ChildOrder::Builder,
+                ..at_once
+            }),
+        ),
+        ("PLOC at once", tree(at_once)),
+        (
+            "PLOC at once, builder's order",
+            tree(TreeParameters { child_order: ChildOrder::Builder, ..at_once }),
+        ),
+        ("native medium, robust", Recipe::Ours(BuildChoice::Native(robust))),
+        ("recommended, robust", tree(TreeParameters { robust: true, ..recommended })),
         ("bvh", Recipe::Bvh),
         ("obvhs, binary", Recipe::ObvhsBinary),
         ("obvhs, 8 wide", Recipe::ObvhsWide),
-    ]
+    ];
+    if let Some(library) = tinybvh {
+        all.push(("tinybvh, 8 wide", Recipe::Tinybvh { library: Arc::clone(&library), splits: false }));
+        all.push(("tinybvh, 8 wide, splits", Recipe::Tinybvh { library, splits: true }));
+    }
+    all
 }
 
 /// Builds every structure whose name contains `filter`, in interleaved rounds. One that cannot be built for
@@ -72,27 +170,29 @@ pub(crate) fn build_all(
     recording: &Recording,
     filter: &str,
     builds: u32,
-) -> Result<Vec<Built>, BuildError> {
+) -> Result<Vec<Built>, Box<dyn Error>> {
     let mut all: Vec<(Recipe, Built)> = Vec::new();
-    for (name, recipe) in recipes() {
+    for (name, recipe) in recipes(Tinybvh::load()?) {
         if name != REFERENCE && !name.contains(filter) {
             continue;
         }
-        match make(device, recording, recipe) {
+        match make(device, recording, &recipe) {
             Ok((intersector, packets)) => {
-                all.push((recipe, Built { name, intersector, build_ms: Vec::new(), packets }));
+                let (maker, robust) = (recipe.maker(), recipe.is_robust());
+                let built = Built { name, maker, robust, intersector, build_ms: Vec::new(), packets };
+                all.push((recipe, built));
             }
             Err(error) if error.is_infeasible() && name != REFERENCE => {
                 eprintln!("{name} is left out: {error}")
             }
-            Err(error) => return Err(error),
+            Err(error) => return Err(error.into()),
         }
     }
     // The builds above warmed everything up and are not counted.
     for _ in 0..builds {
         for (recipe, built) in &mut all {
             let begin = Instant::now();
-            let (intersector, _) = make(device, recording, *recipe)?;
+            let (intersector, _) = make(device, recording, recipe)?;
             built.build_ms.push(begin.elapsed().as_secs_f64() * 1e3);
             built.intersector = intersector;
         }
@@ -103,18 +203,19 @@ pub(crate) fn build_all(
 fn make(
     device: &Device,
     recording: &Recording,
-    recipe: Recipe,
+    recipe: &Recipe,
 ) -> Result<(Box<dyn Intersector>, bool), BuildError> {
     let triangles = &recording.triangles;
     Ok(match recipe {
-        Recipe::Ours(choice) => match build(device, triangles, &choice)? {
+        Recipe::Ours(choice) => match build(device, triangles, choice)? {
             // Without the choice between kinds in front of every batch.
-            Structure::Tree(tree) => (Box::new(tree), false),
+            Structure::Tree(tree) => (Box::new(tree), true),
             Structure::Native(native) => (Box::new(native), true),
             other => (Box::new(other), false),
         },
         Recipe::Bvh => (Box::new(Bvh::build(triangles)), false),
         Recipe::ObvhsBinary => (Box::new(Obvhs::<Bvh2>::build(triangles)), false),
         Recipe::ObvhsWide => (Box::new(Obvhs::<CwBvh>::build(triangles)), false),
+        Recipe::Tinybvh { library, splits } => (Box::new(Tree::build(library, triangles, *splits)), false),
     })
 }

@@ -6,16 +6,18 @@
 //! has made of real frames; without it, three procedural scenes with rays of their own serve. Every round runs
 //! every structure once on every set of rays, and a ratio is taken within a round, so that a slow spell of the
 //! machine hits both sides. Nothing is timed before its answers have been compared ray by ray with native
-//! Embree's, and those of native Embree with brute force.
+//! Embree's, and those of native Embree with brute force. `tools/tinybvh.sh` compiles one more peer.
 
 mod answers;
 mod contenders;
 mod measure;
+mod overview;
 mod peers;
 mod procedural;
 #[path = "../../tests/scenes/mod.rs"]
 mod scenes;
 mod summary;
+mod tinybvh;
 
 use std::error::Error;
 use std::ffi::OsStr;
@@ -91,6 +93,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             println!("{scene}\n");
             results.scenes.push(scene);
         }
+    }
+    for threads in arguments.threads.counts() {
+        println!("{}\n", overview::Overview::new(&results.scenes, threads));
     }
     if results.scenes.is_empty() {
         return Err(format!("no scene's name contains {:?}", arguments.scene).into());

@@ -95,6 +95,9 @@ pub(crate) fn measure(
         } else {
             entrant.built.name.into()
         },
+        maker: entrant.built.maker,
+        robust: entrant.built.robust,
+        packed: entrant.packed,
         build_ms: Spread::of(&entrant.built.build_ms),
         cells: recording
             .sets

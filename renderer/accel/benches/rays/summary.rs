@@ -8,6 +8,7 @@ use treewright_accel::Packets;
 use treewright_accel::recording::{RayClass, Recording};
 
 use crate::answers::Answers;
+use crate::contenders::Maker;
 
 /// Everything that was measured.
 #[derive(Debug, Serialize)]
@@ -26,9 +27,9 @@ pub(crate) struct Results {
 pub(crate) struct SceneResults {
     scene: String,
     triangles: usize,
-    threads: usize,
+    pub(crate) threads: usize,
     sets: Vec<SetResults>,
-    rows: Vec<Row>,
+    pub(crate) rows: Vec<Row>,
 }
 
 /// A set of rays and how many hits native medium finds.
@@ -43,6 +44,10 @@ struct SetResults {
 #[derive(Debug, Serialize)]
 pub(crate) struct Row {
     pub(crate) name: String,
+    pub(crate) maker: Maker,
+    pub(crate) robust: bool,
+    /// Whether the best packing of each class was chosen; otherwise every ray goes alone.
+    pub(crate) packed: bool,
     pub(crate) build_ms: Spread,
     pub(crate) cells: Vec<Cell>,
 }

@@ -18,6 +18,9 @@ pub(crate) trait TreeNode: Copy + Send + Sync + 'static {
     /// The same, to be set.
     fn children_mut(&mut self) -> &mut [NodeRef];
 
+    /// Puts the child of place `order[p]` into place `p`; of the order, the first [`TreeNode::WIDTH`] places count.
+    fn permute(&mut self, order: &[u8; WIDTH_MAX]);
+
     /// How many places are in use.
     fn count(&self) -> usize;
 
@@ -82,6 +85,17 @@ impl<const W: usize> TreeNode for Node<W> {
 
     fn children_mut(&mut self) -> &mut [NodeRef] {
         &mut self.children
+    }
+
+    fn permute(&mut self, order: &[u8; WIDTH_MAX]) {
+        let Self { bounds, children } = *self;
+        for (place, from) in order[..W].iter().enumerate() {
+            let from = usize::from(*from);
+            self.children[place] = children[from];
+            for (to, row) in self.bounds.as_flattened_mut().iter_mut().zip(bounds.as_flattened()) {
+                to[place] = row[from];
+            }
+        }
     }
 
     fn count(&self) -> usize {

@@ -6,7 +6,7 @@
 //! A step times a byte is then exact, so that `origin + step * byte` is rounded once however it is
 //! computed, and every instruction set decodes the same box.
 
-use super::{Bounds, NodeRef, TreeNode};
+use super::{Bounds, NodeRef, TreeNode, WIDTH_MAX};
 
 /// Byte bounds: the children's planes lie at `origin + 2^exponent * byte`, rounded outwards.
 #[derive(Clone, Copy, Debug)]
@@ -116,6 +116,17 @@ impl<const W: usize> TreeNode for QuantisedNode<W> {
 
     fn children_mut(&mut self) -> &mut [NodeRef] {
         &mut self.children
+    }
+
+    fn permute(&mut self, order: &[u8; WIDTH_MAX]) {
+        let Self { bounds, children, .. } = *self;
+        for (place, from) in order[..W].iter().enumerate() {
+            let from = usize::from(*from);
+            self.children[place] = children[from];
+            for (to, row) in self.bounds.as_flattened_mut().iter_mut().zip(bounds.as_flattened()) {
+                to[place] = row[from];
+            }
+        }
     }
 
     fn count(&self) -> usize {

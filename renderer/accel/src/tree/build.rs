@@ -16,6 +16,7 @@ use super::callbacks;
 use super::collapse::collapse;
 use super::emit::emit;
 use super::grow::{Callbacks, EmbreeMemory, grow};
+use super::occlusion::sort_children;
 use super::plan::Plan;
 use super::ploc::Ploc;
 use super::reinsertion::optimise;
@@ -57,6 +58,10 @@ impl Tree {
             (Memory::Own(arena), node)
         };
         let bounds = bounds_below(node, parameters, triangles);
+        // SAFETY: the tree was just made with these parameters, and nobody else knows of it yet.
+        for_node!(parameters, N => for_block!(parameters, B => unsafe {
+            sort_children::<N, B>(node, bounds, parameters);
+        }));
         let root = Root { node, bounds, triangles: Arc::clone(triangles) };
         Ok(Self { root, kernels, isa, parameters: *parameters, motion: None, _memory: memory })
     }

@@ -13,6 +13,7 @@ mod grow;
 mod level;
 mod morton;
 mod motion;
+mod occlusion;
 mod order;
 mod outline;
 mod plan;

@@ -1,0 +1,112 @@
+//! What all scenes say together: the recommended tree over each kind of others, by class of rays.
+//!
+//! A ratio is one of medians over the rounds. Where several structures or packings stand on one side, the fastest counts
+//! there, in each scene and class anew: the best that somebody could have had.
+
+use std::fmt;
+
+use comfy_table::{CellAlignment, LineStyle, Table, presets};
+use treewright_accel::recording::RayClass;
+
+use crate::contenders::{Maker, RECOMMENDED};
+use crate::summary::{Row, SceneResults, Spread};
+
+/// A comparison: what it says, and which rows stand on its two sides.
+type Comparison = (&'static str, fn(&Row) -> bool, fn(&Row) -> bool);
+
+const COMPARISONS: [Comparison; 7] = [
+    (
+        "single rays over native's best",
+        |row| is_recommended(row) && !row.packed,
+        |row| is_native(row) && !row.packed,
+    ),
+    ("any packing over native's best", is_recommended, is_native),
+    (
+        "single rays over tinybvh's best",
+        |row| is_recommended(row) && !row.packed,
+        |row| row.name.starts_with("tinybvh"),
+    ),
+    (
+        "single rays over obvhs's best",
+        |row| is_recommended(row) && !row.packed,
+        |row| row.name.starts_with("obvhs"),
+    ),
+    ("single rays over bvh", |row| is_recommended(row) && !row.packed, |row| row.name == "bvh"),
+    (
+        "robust over not robust, single rays",
+        |row| is_robust(row) && !row.packed,
+        |row| row.name == RECOMMENDED,
+    ),
+    ("robust over native robust, any packing", is_robust, |row| row.maker == Maker::Native && row.robust),
+];
+
+fn is_recommended(row: &Row) -> bool {
+    row.maker == Maker::Treewright && row.name.starts_with(RECOMMENDED) && !row.robust
+}
+
+fn is_robust(row: &Row) -> bool {
+    row.maker == Maker::Treewright && row.name.starts_with(RECOMMENDED) && row.robust
+}
+
+fn is_native(row: &Row) -> bool {
+    row.maker == Maker::Native && !row.robust
+}
+
+/// All scenes on one number of threads.
+pub(crate) struct Overview {
+    threads: usize,
+    scenes: usize,
+    /// By comparison and class, the ratio of each scene that has both sides.
+    ratios: Vec<[Vec<f64>; RayClass::ALL.len()]>,
+}
+
+impl Overview {
+    pub(crate) fn new(scenes: &[SceneResults], threads: usize) -> Self {
+        let scenes: Vec<&SceneResults> = scenes.iter().filter(|scene| scene.threads == threads).collect();
+        let ratios = COMPARISONS.iter().map(|(_, ours, theirs)| {
+            RayClass::ALL.map(|class| {
+                let ratio = |scene: &&SceneResults| {
+                    Some(fastest(&scene.rows, *ours, class)? / fastest(&scene.rows, *theirs, class)?)
+                };
+                scenes.iter().filter_map(ratio).collect()
+            })
+        });
+        Self { threads, scenes: scenes.len(), ratios: ratios.collect() }
+    }
+}
+
+/// Million rays a second of the fastest of some rows.
+fn fastest(rows: &[Row], of: impl Fn(&Row) -> bool, class: RayClass) -> Option<f64> {
+    let cells = rows.iter().filter(|row| of(row)).flat_map(|row| &row.cells);
+    cells.filter(|cell| cell.class == class).map(|cell| cell.million_rays_per_s.median).reduce(f64::max)
+}
+
+impl fmt::Display for Overview {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let threads =
+            if self.threads == 1 { "one thread".into() } else { format!("{} threads", self.threads) };
+        writeln!(
+            formatter,
+            "all {} scenes, {threads}: the recommended tree, median (least, most)",
+            self.scenes
+        )?;
+        let mut table = Table::new();
+        table.load_style(presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none()));
+        let heads = RayClass::ALL.iter().map(|class| class.name().to_owned());
+        table.set_header(std::iter::once(String::new()).chain(heads));
+        for ((name, ..), ratios) in COMPARISONS.iter().zip(&self.ratios) {
+            let cells = ratios.iter().map(|ratios| {
+                let range =
+                    ratios.iter().copied().reduce(f64::min).zip(ratios.iter().copied().reduce(f64::max));
+                range.map_or("–".to_owned(), |(least, most)| {
+                    format!("{:.2} ({least:.2}, {most:.2})", Spread::of(ratios).median)
+                })
+            });
+            table.add_row(std::iter::once((*name).to_owned()).chain(cells));
+        }
+        for column in table.column_iter_mut().skip(1) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+        write!(formatter, "{table}")
+    }
+}
