@@ -36,5 +36,5 @@ pub use parameters::{
 };
 pub use prefetch::prefetch;
 pub use structure::{Statistics, Structure, Visitor, build, build_instanced};
-pub use traverse::{Isa, Work};
+pub use traverse::{Isa, Visits, Work};
 pub use tree::{Tree, TreeFault, TreeStatistics, TwoLevel};

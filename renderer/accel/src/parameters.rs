@@ -129,7 +129,7 @@ pub enum NodeOrder {
 }
 
 /// In which order a ray that looks for any hit visits the children of a node. One that looks for the nearest hit visits
-/// the nearest child first, whatever the order.
+/// the nearest child first; there the order decides among boxes that contain its origin alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ChildOrder {

@@ -10,7 +10,7 @@ use serde::Serialize;
 use treewright_accel::recording::Recording;
 use treewright_accel::{
     BuildChoice, BuildError, Builder, ChildOrder, Collapse, Device, Intersector, NativeOptions,
-    NativeQuality, NodeFormat, NodeOrder, Quality, Structure, TreeParameters, build,
+    NativeQuality, NodeFormat, NodeOrder, Quality, Structure, TreeParameters, Visits, build,
 };
 
 use crate::peers::{Bvh, Obvhs};
@@ -198,6 +198,16 @@ pub(crate) fn build_all(
         }
     }
     Ok(all.into_iter().map(|(_, built)| built).collect())
+}
+
+/// What single rays of each set visit in the recommended tree.
+pub(crate) fn visits(device: &Device, recording: &Recording) -> Result<Vec<Visits>, BuildError> {
+    let recipe = recipes(None).into_iter().find(|(name, _)| *name == RECOMMENDED).map(|(_, recipe)| recipe);
+    let Some(Recipe::Ours(choice)) = recipe else { unreachable!("it is one of ours") };
+    let Structure::Tree(tree) = build(device, &recording.triangles, &choice)? else {
+        unreachable!("it is a tree")
+    };
+    Ok(recording.sets.iter().map(|set| tree.visits(&set.rays, set.class.is_shadow())).collect())
 }
 
 fn make(

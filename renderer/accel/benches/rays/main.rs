@@ -9,6 +9,7 @@
 //! Embree's, and those of native Embree with brute force. `tools/tinybvh.sh` compiles one more peer.
 
 mod answers;
+mod bandwidth;
 mod contenders;
 mod measure;
 mod overview;
@@ -29,6 +30,7 @@ use clap::Parser;
 use treewright_accel::recording::Recording;
 use treewright_accel::{Device, Isa, set_flush_denormals};
 
+use bandwidth::Bandwidth;
 use summary::{Results, SceneResults};
 
 /// Names the recordings.
@@ -81,20 +83,28 @@ fn main() -> Result<(), Box<dyn Error>> {
         build_threads: arguments.build_threads,
         rounds: arguments.rounds,
         builds: arguments.builds,
+        bandwidth: arguments
+            .threads
+            .counts()
+            .into_iter()
+            .map(Bandwidth::measure)
+            .collect::<Result<_, _>>()?,
         scenes: Vec::new(),
     };
     for (name, recording) in recordings(&arguments.scene, &device)? {
         let recording = recording()?;
         let contenders = contenders::build_all(&device, &recording, &arguments.structure, arguments.builds)?;
         let expected = answers::check(&name, &recording, &contenders)?;
+        let visits = contenders::visits(&device, &recording)?;
         for threads in arguments.threads.counts() {
             let rows = measure::measure(&recording, &contenders, &expected, threads, arguments.rounds)?;
-            let scene = SceneResults::new(&name, &recording, &expected, threads, rows);
+            let scene = SceneResults::new(&name, &recording, (&expected, &visits), threads, rows);
             println!("{scene}\n");
             results.scenes.push(scene);
         }
     }
-    for threads in arguments.threads.counts() {
+    for (threads, bandwidth) in arguments.threads.counts().into_iter().zip(&results.bandwidth) {
+        println!("{bandwidth}");
         println!("{}\n", overview::Overview::new(&results.scenes, threads));
     }
     if results.scenes.is_empty() {

@@ -9,7 +9,7 @@ use comfy_table::{CellAlignment, LineStyle, Table, presets};
 use treewright_accel::recording::RayClass;
 
 use crate::contenders::{Maker, RECOMMENDED};
-use crate::summary::{Row, SceneResults, Spread};
+use crate::summary::{Row, SceneResults, SetResults, Spread};
 
 /// A comparison: what it says, and which rows stand on its two sides.
 type Comparison = (&'static str, fn(&Row) -> bool, fn(&Row) -> bool);
@@ -57,8 +57,23 @@ pub(crate) struct Overview {
     threads: usize,
     scenes: usize,
     /// By comparison and class, the ratio of each scene that has both sides.
-    ratios: Vec<[Vec<f64>; RayClass::ALL.len()]>,
+    ratios: Vec<ByClass>,
+    /// By quantity and class, what a single ray visits in the recommended tree, in each scene.
+    visits: Vec<ByClass>,
 }
+
+/// A figure of each scene, by class of rays.
+type ByClass = [Vec<f64>; RayClass::ALL.len()];
+
+/// What a ray takes: its name, and the figure from a set and its speed in million rays a second.
+type Quantity = (&'static str, fn(&SetResults, f64) -> f64);
+
+const QUANTITIES: [Quantity; 4] = [
+    ("nodes a ray", |set, _| set.visits.nodes as f64 / set.rays as f64),
+    ("blocks of triangles a ray", |set, _| set.visits.blocks as f64 / set.rays as f64),
+    ("KiB a ray", |set, _| set.visits.bytes as f64 / set.rays as f64 / 1024.0),
+    ("GB/s of single rays", |set, speed| set.visits.bytes as f64 / set.rays as f64 * speed / 1e3),
+];
 
 impl Overview {
     pub(crate) fn new(scenes: &[SceneResults], threads: usize) -> Self {
@@ -71,7 +86,16 @@ impl Overview {
                 scenes.iter().filter_map(ratio).collect()
             })
         });
-        Self { threads, scenes: scenes.len(), ratios: ratios.collect() }
+        let visits = QUANTITIES.iter().map(|(_, quantity)| {
+            RayClass::ALL.map(|class| {
+                let figure = |scene: &&SceneResults| {
+                    let set = scene.sets.iter().find(|set| set.class == class && set.rays > 0)?;
+                    Some(quantity(set, fastest(&scene.rows, |row| row.name == RECOMMENDED, class)?))
+                };
+                scenes.iter().filter_map(figure).collect()
+            })
+        });
+        Self { threads, scenes: scenes.len(), ratios: ratios.collect(), visits: visits.collect() }
     }
 }
 
@@ -94,7 +118,9 @@ impl fmt::Display for Overview {
         table.load_style(presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none()));
         let heads = RayClass::ALL.iter().map(|class| class.name().to_owned());
         table.set_header(std::iter::once(String::new()).chain(heads));
-        for ((name, ..), ratios) in COMPARISONS.iter().zip(&self.ratios) {
+        let comparisons = COMPARISONS.iter().map(|(name, ..)| *name).zip(&self.ratios);
+        let quantities = QUANTITIES.iter().map(|(name, _)| *name).zip(&self.visits);
+        for (name, ratios) in comparisons.chain(quantities) {
             let cells = ratios.iter().map(|ratios| {
                 let range =
                     ratios.iter().copied().reduce(f64::min).zip(ratios.iter().copied().reduce(f64::max));
@@ -102,7 +128,7 @@ impl fmt::Display for Overview {
                     format!("{:.2} ({least:.2}, {most:.2})", Spread::of(ratios).median)
                 })
             });
-            table.add_row(std::iter::once((*name).to_owned()).chain(cells));
+            table.add_row(std::iter::once(name.to_owned()).chain(cells));
         }
         for column in table.column_iter_mut().skip(1) {
             column.set_cell_alignment(CellAlignment::Right);

@@ -4,10 +4,11 @@ use std::fmt;
 
 use comfy_table::{CellAlignment, LineStyle, Table, presets};
 use serde::Serialize;
-use treewright_accel::Packets;
 use treewright_accel::recording::{RayClass, Recording};
+use treewright_accel::{Packets, Visits};
 
 use crate::answers::Answers;
+use crate::bandwidth::Bandwidth;
 use crate::contenders::Maker;
 
 /// Everything that was measured.
@@ -19,6 +20,8 @@ pub(crate) struct Results {
     pub(crate) build_threads: usize,
     pub(crate) rounds: u32,
     pub(crate) builds: u32,
+    /// On as many threads as scenes were measured on.
+    pub(crate) bandwidth: Vec<Bandwidth>,
     pub(crate) scenes: Vec<SceneResults>,
 }
 
@@ -28,16 +31,18 @@ pub(crate) struct SceneResults {
     scene: String,
     triangles: usize,
     pub(crate) threads: usize,
-    sets: Vec<SetResults>,
+    pub(crate) sets: Vec<SetResults>,
     pub(crate) rows: Vec<Row>,
 }
 
-/// A set of rays and how many hits native medium finds.
+/// A set of rays, how many hits native medium finds, and what it takes to find them.
 #[derive(Debug, Serialize)]
-struct SetResults {
-    class: RayClass,
-    rays: usize,
+pub(crate) struct SetResults {
+    pub(crate) class: RayClass,
+    pub(crate) rays: usize,
     hits: usize,
+    /// What all its rays, one by one, visit in the recommended tree.
+    pub(crate) visits: Visits,
 }
 
 /// One structure.
@@ -92,14 +97,12 @@ impl SceneResults {
     pub(crate) fn new(
         scene: &str,
         recording: &Recording,
-        expected: &[Answers],
+        (expected, visits): (&[Answers], &[Visits]),
         threads: usize,
         rows: Vec<Row>,
     ) -> Self {
-        let sets = recording.sets.iter().zip(expected).map(|(set, expected)| SetResults {
-            class: set.class,
-            rays: set.rays.len(),
-            hits: expected.hits(),
+        let sets = recording.sets.iter().zip(expected).zip(visits).map(|((set, expected), visits)| {
+            SetResults { class: set.class, rays: set.rays.len(), hits: expected.hits(), visits: *visits }
         });
         Self {
             scene: scene.to_owned(),

@@ -7,6 +7,7 @@
 
 mod boxes;
 mod compile;
+pub(crate) mod count;
 mod isa;
 mod kernel;
 mod lanes;
@@ -16,6 +17,7 @@ mod stack;
 mod triangles;
 mod watertight;
 
+pub use count::Visits;
 pub use isa::{Isa, Work};
 
 use self::lanes::Stored;

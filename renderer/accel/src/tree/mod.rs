@@ -36,7 +36,7 @@ pub use validate::TreeFault;
 use crate::geometry::{Hit, Intersector, Packets, Ray};
 use crate::layout::{Bounds, Root};
 use crate::parameters::TreeParameters;
-use crate::traverse::{Isa, Kernels};
+use crate::traverse::{Isa, Kernels, Visits, count};
 use arena::Arena;
 use grow::EmbreeMemory;
 
@@ -86,6 +86,13 @@ impl Tree {
     /// The instruction set its kernels use.
     pub fn isa(&self) -> Isa {
         self.isa
+    }
+
+    /// What queries by these rays, one after the other, do in the tree: for any hit, or for the nearest. Takes some ten times
+    /// as long as the queries.
+    pub fn visits(&self, rays: &[Ray], any: bool) -> Visits {
+        // SAFETY: the parameters are those that the tree was built with.
+        unsafe { count::visits(&self.root, &self.parameters, &count::Queries { rays, any }) }
     }
 
     /// The same tree walked by another instruction set's kernels, or `None` if the processor lacks it.

@@ -16,8 +16,6 @@ mod x86;
 pub(crate) use order::Order;
 #[cfg(target_arch = "x86_64")]
 pub(crate) use pair::Pair;
-// Only tests name it where other kernels alone are compiled.
-#[cfg(any(kernels_scalar, test))]
 pub(crate) use portable::Portable;
 
 /// A vector of `COUNT` numbers.

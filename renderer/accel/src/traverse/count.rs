@@ -1,0 +1,160 @@
+//! Counts what queries do: nodes visited, blocks of triangles tested, bytes they lie in. For analyses; slow.
+//!
+//! The walk is that of the queries ([`super::kernel`]) with counters around its two tests, on portable vectors: what is
+//! visited does not depend on the instruction set. Such counts explain measured times (Aila, Karras and Laine, "On Quality
+//! Metrics of Bounding Volume Hierarchies", 2013) and, unlike these, repeat to the last digit.
+
+use std::cell::Cell;
+use std::marker::PhantomData;
+use std::ops::AddAssign;
+
+use serde::Serialize;
+
+use super::boxes::{Boxes, FastBoxes, PaddedBoxes, Planes};
+use super::kernel;
+use super::lanes::{Order, Portable};
+use super::triangles::{BlockLeaves, Blocks, FastBlocks};
+use super::watertight::WatertightBlocks;
+use crate::geometry::{Hit, Ray, Triangles};
+use crate::layout::{Block, Node, QuantisedNode, Root};
+use crate::parameters::{NodeFormat, TreeParameters};
+
+/// What some queries did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Visits {
+    /// Nodes whose children's boxes were tested.
+    pub nodes: u64,
+    /// Blocks whose triangles were tested.
+    pub blocks: u64,
+    /// Bytes of these nodes and blocks, each time they were visited.
+    pub bytes: u64,
+}
+
+impl AddAssign for Visits {
+    fn add_assign(&mut self, other: Self) {
+        self.nodes += other.nodes;
+        self.blocks += other.blocks;
+        self.bytes += other.bytes;
+    }
+}
+
+thread_local! {
+    /// What this thread's queries did since it was last taken.
+    static DONE: Cell<Visits> = const { Cell::new(Visits { nodes: 0, blocks: 0, bytes: 0 }) };
+}
+
+fn count(nodes: u64, blocks: u64, bytes: usize) {
+    let mut done = DONE.get();
+    done += Visits { nodes, blocks, bytes: bytes as u64 };
+    DONE.set(done);
+}
+
+/// Tests of boxes that are counted.
+#[derive(Clone, Copy)]
+struct CountedBoxes<X>(X);
+
+impl<N, X: Boxes<N>> Boxes<N> for CountedBoxes<X> {
+    type Times = X::Times;
+
+    unsafe fn new(root: &Root, ray: &Ray) -> Self {
+        // SAFETY: what the caller promises is what this asks for.
+        Self(unsafe { X::new(root, ray) })
+    }
+
+    unsafe fn test(&self, node: &N, t_max: f32) -> (u32, Self::Times) {
+        count(1, 0, size_of::<N>());
+        // SAFETY: as above.
+        unsafe { self.0.test(node, t_max) }
+    }
+}
+
+/// Tests of blocks that are counted.
+#[derive(Clone, Copy)]
+struct CountedBlocks<T>(T);
+
+impl<const B: usize, T: Blocks<B>> Blocks<B> for CountedBlocks<T> {
+    unsafe fn new(ray: &Ray) -> Self {
+        // SAFETY: what the caller promises is what this asks for.
+        Self(unsafe { T::new(ray) })
+    }
+
+    unsafe fn closest(&self, block: &Block<B>, ray: &Ray, all: &Triangles, hit: &mut Hit) {
+        count(0, 1, size_of::<Block<B>>());
+        // SAFETY: as above.
+        unsafe { self.0.closest(block, ray, all, hit) }
+    }
+
+    unsafe fn any(&self, block: &Block<B>, ray: &Ray, all: &Triangles) -> bool {
+        count(0, 1, size_of::<Block<B>>());
+        // SAFETY: as above.
+        unsafe { self.0.any(block, ray, all) }
+    }
+}
+
+/// Rays and whether any hit will do.
+pub(crate) struct Queries<'a> {
+    pub(crate) rays: &'a [Ray],
+    pub(crate) any: bool,
+}
+
+/// What the queries do in a tree of these parameters, one ray after the other.
+///
+/// # Safety
+/// The tree below `root` was built with these parameters and lives.
+pub(crate) unsafe fn visits(root: &Root, parameters: &TreeParameters, queries: &Queries<'_>) -> Visits {
+    // SAFETY: the kinds of nodes and blocks are those of the parameters, and portable vectors need no features.
+    unsafe {
+        match (parameters.active_format(), parameters.branching_factor) {
+            (NodeFormat::Full, 2) => of_nodes::<Node<2>, Portable<2>>(root, parameters, queries),
+            (NodeFormat::Full, 4) => of_nodes::<Node<4>, Portable<4>>(root, parameters, queries),
+            (NodeFormat::Full, 8) => of_nodes::<Node<8>, Portable<8>>(root, parameters, queries),
+            (NodeFormat::Full, _) => of_nodes::<Node<16>, Portable<16>>(root, parameters, queries),
+            (NodeFormat::Quantised, 8) => {
+                of_nodes::<QuantisedNode<8>, Portable<8>>(root, parameters, queries)
+            }
+            (NodeFormat::Quantised, _) => {
+                of_nodes::<QuantisedNode<16>, Portable<16>>(root, parameters, queries)
+            }
+        }
+    }
+}
+
+unsafe fn of_nodes<N: Planes, L: Order>(
+    root: &Root,
+    parameters: &TreeParameters,
+    queries: &Queries<'_>,
+) -> Visits {
+    // SAFETY: what the caller promises is what these ask for.
+    unsafe {
+        match (parameters.block_width, parameters.robust) {
+            (4, false) => Counting::<N, FastBoxes<L>, FastBlocks<Portable<4>>, 4>::run(root, queries),
+            (4, true) => Counting::<N, PaddedBoxes<L>, WatertightBlocks<Portable<4>>, 4>::run(root, queries),
+            (_, false) => Counting::<N, FastBoxes<L>, FastBlocks<Portable<8>>, 8>::run(root, queries),
+            (_, true) => Counting::<N, PaddedBoxes<L>, WatertightBlocks<Portable<8>>, 8>::run(root, queries),
+        }
+    }
+}
+
+struct Counting<N, X, T, const B: usize>(PhantomData<(N, X, T)>);
+
+impl<N: Planes, X: Boxes<N>, T: Blocks<B>, const B: usize> Counting<N, X, T, B> {
+    /// # Safety
+    /// As for [`visits`], with nodes `N` and blocks of `B`.
+    unsafe fn run(root: &Root, queries: &Queries<'_>) -> Visits {
+        DONE.set(Visits::default());
+        for ray in queries.rays {
+            // SAFETY: what the caller promises is what these ask for.
+            unsafe {
+                let blocks = CountedBlocks(T::new(ray));
+                let leaves = BlockLeaves::<'_, _, B> { blocks, ray, all: &root.triangles };
+                if queries.any {
+                    kernel::occluded::<N, CountedBoxes<X>, _>(root, root.node, ray, &leaves);
+                } else {
+                    let mut hit = Hit::none(ray.t_max);
+                    kernel::closest::<N, CountedBoxes<X>, _>(root, root.node, ray, &leaves, &mut hit);
+                }
+            }
+        }
+        DONE.take()
+    }
+}

@@ -1,0 +1,73 @@
+//! What queries visit can be counted, and the order of children decides how much that is for any hit.
+
+use std::sync::Arc;
+
+use treewright_accel::{
+    BuildChoice, ChildOrder, Collapse, Device, Intersector, Ray, Structure, Tree, TreeParameters, Triangles,
+    Visits, build,
+};
+
+mod scenes;
+
+fn tree(triangles: &Arc<Triangles>, parameters: TreeParameters) -> Tree {
+    let device = Device::open(0).expect("Embree is there");
+    match build(&device, triangles, &BuildChoice::Tree(parameters)).expect("it can be built") {
+        Structure::Tree(tree) => tree,
+        other => panic!("{other:?} is no tree"),
+    }
+}
+
+fn wide(child_order: ChildOrder) -> TreeParameters {
+    TreeParameters {
+        branching_factor: 8,
+        min_leaf_size: 4,
+        max_leaf_size: 8,
+        max_depth: 64,
+        collapse: Collapse::Optimal,
+        child_order,
+        ..TreeParameters::default()
+    }
+}
+
+#[test]
+fn counts_add_up_and_repeat() {
+    let triangles = scenes::city(12, 5);
+    let rays = scenes::rays(300, 7);
+    for robust in [false, true] {
+        for block_width in [4, 8] {
+            let tree = tree(&triangles, TreeParameters { robust, block_width, ..wide(ChildOrder::Builder) });
+            for any in [false, true] {
+                let together = tree.visits(&rays, any);
+                let mut one_by_one = Visits::default();
+                rays.iter().for_each(|ray| one_by_one += tree.visits(std::slice::from_ref(ray), any));
+                assert_eq!(together, one_by_one);
+                assert_eq!(together, tree.visits(&rays, any));
+                assert!(together.nodes >= rays.len() as u64, "each ray looks into the root");
+                assert!(together.blocks > 0 && together.bytes > 256 * together.nodes);
+            }
+        }
+    }
+}
+
+#[test]
+fn rays_that_are_none_visit_nothing() {
+    let tree = tree(&scenes::city(4, 5), wide(ChildOrder::Builder));
+    let none = Ray { t_min: f32::NAN, ..scenes::rays(1, 1)[0] };
+    assert_eq!(tree.visits(&[none], false), Visits::default());
+    assert_eq!(tree.visits(&[none], true), Visits::default());
+}
+
+/// The order changes no answer, and a hit is found sooner where it is likely.
+#[test]
+fn a_likely_child_first_saves_visits() {
+    let triangles = scenes::city(40, 5);
+    let rays = scenes::rays(4000, 11);
+    let [builder, likely, topmost] = [ChildOrder::Builder, ChildOrder::Likely, ChildOrder::Topmost]
+        .map(|child_order| tree(&triangles, wide(child_order)));
+    for ray in &rays {
+        let hit = builder.occluded(ray);
+        assert_eq!([likely.occluded(ray), topmost.occluded(ray)], [hit; 2]);
+    }
+    let [before, after] = [&builder, &likely].map(|tree| tree.visits(&rays, true));
+    assert!(after.nodes + after.blocks < before.nodes + before.blocks, "{after:?} for {before:?}");
+}
