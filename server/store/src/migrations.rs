@@ -22,6 +22,7 @@ const SQLITE: &[(&str, &str)] = files!("sqlite":
     "0004_tokens",
     "0005_states_fingerprint",
     "0006_visits_since",
+    "0007_trials_by_state",
 );
 
 #[cfg(feature = "postgres")]
@@ -30,6 +31,7 @@ const POSTGRES: &[(&str, &str)] = files!("postgres":
     "0002_tokens",
     "0003_states_fingerprint",
     "0004_visits_since",
+    "0005_trials_by_state",
 );
 
 /// The schema of a SQLite file.

@@ -5,6 +5,7 @@
 //! all databases share, and a [`Dialect`] adds what each says in its own way: how values are bound, and
 //! how a member of a JSON document is read and compared.
 
+use treewright_core::trial::TrialState;
 use treewright_core::words::Word as _;
 
 use crate::error::StoreError;
@@ -46,12 +47,13 @@ pub(crate) fn trial_page<D: Dialect>(
     }
     let direction = if query.order.descending { " DESC" } else { "" };
     if query.order.key == OrderKey::Number {
-        // Of its own, so that the primary key serves it.
+        // Of its own, so that a key serves it. Open trials are few: they are found by their index, and put in order.
+        let number = if query.filter.comparisons.iter().any(is_open) { "number + 0" } else { "number" };
         if let Some(after) = &query.after {
             let beyond = if query.order.descending { " < " } else { " > " };
-            sql.text(" AND number").text(beyond).integer(after.number);
+            sql.text(" AND ").text(number).text(beyond).integer(after.number);
         }
-        sql.text(" ORDER BY number").text(direction);
+        sql.text(" ORDER BY ").text(number).text(direction);
     } else {
         if let Some(after) = &query.after {
             push_behind(sql, query, after.value, after.number);
@@ -95,8 +97,17 @@ fn push_key<'d, D: Dialect>(sql: &'d mut D, key: &OrderKey) -> &'d mut D {
     }
 }
 
+/// Whether only trials under a lease are asked for.
+fn is_open(comparison: &Comparison) -> bool {
+    matches!(comparison, Comparison::State(Operator::Equal, TrialState::Open))
+}
+
 fn push_comparison<D: Dialect>(sql: &mut D, comparison: &Comparison) {
     match comparison {
+        // As text, because an index of a part is only used where the question is known to lie in it.
+        open if is_open(open) => {
+            sql.text("state = 'OPEN'");
+        }
         Comparison::State(operator, state) => {
             push(sql, "state", *operator).string(state.word());
         }

@@ -76,3 +76,42 @@ fn push_member<'q>(
 ) -> &'q mut QueryBuilder<Sqlite> {
     sql.push(function).push("(").push(column).push(", ").push_bind(format!("$.{name}")).push(")")
 }
+
+#[cfg(test)]
+mod tests {
+    use sqlx::sqlite::SqliteConnection;
+    use sqlx::{Connection as _, Row as _};
+
+    use super::*;
+    use crate::filter::{Filter, Order};
+
+    async fn plan(connection: &mut SqliteConnection, filter: &str, order: &str) -> Vec<String> {
+        let filter = Filter::parse(filter).expect("a filter");
+        let query =
+            TrialQuery { filter, order: Order::parse(order).expect("an order"), after: None, size: 50 };
+        let mut sql = QueryBuilder::new("EXPLAIN QUERY PLAN ");
+        question::trial_page(&mut sql, TRIAL_COLUMNS, 1, &query).expect("a question");
+        let rows = sql.build().fetch_all(connection).await.expect("a plan");
+        rows.iter().map(|row| row.get("detail")).collect()
+    }
+
+    /// What the pages of the dashboard ask: however many trials a study has, no more are read than are shown.
+    #[tokio::test]
+    async fn questions_of_pages_read_what_they_show() {
+        let mut connection = SqliteConnection::connect("sqlite::memory:").await.expect("a database");
+        crate::migrations::sqlite().run(&mut connection).await.expect("its schema");
+        let states = "trials_by_state (study=? AND state_id=?)";
+        for (filter, order, index) in [
+            ("", "number desc", "sqlite_autoindex_trials_1 (study=?)"),
+            ("state_id = 3", "", states),
+            ("state_id = 3", "number desc", states),
+            ("state_id = 3 AND outcome = OK", "number desc", states),
+        ] {
+            let plan = plan(&mut connection, filter, order).await;
+            assert!(plan.len() == 1 && plan[0].ends_with(index), "{filter} {order}: {plan:?}");
+        }
+        // The few open ones are put in order by themselves.
+        let plan = plan(&mut connection, "state = OPEN", "").await;
+        assert!(plan[0].contains("trials_open"), "{plan:?}");
+    }
+}
