@@ -29,6 +29,9 @@ use table::Table;
 
 /// Fewer trials than this say nothing.
 pub(crate) const TRIALS_MIN: usize = 30;
+/// Fewer different configurations for each parameter cannot tell the parameters apart (Loeppky, Sacks and Welch, "Choosing
+/// the sample size of a computer experiment", 2009).
+const CONFIGURATIONS_PER_PARAMETER: usize = 10;
 
 /// What is to be analysed.
 #[derive(Clone, Debug)]
@@ -50,6 +53,10 @@ pub(crate) struct Analysis {
     pub(crate) infeasible: usize,
     /// States, within which costs are compared.
     pub(crate) states: usize,
+    /// Different configurations, those of each state counted.
+    pub(crate) configurations: usize,
+    /// Parameters that took more than one value.
+    pub(crate) varied: usize,
     /// Whether configurations were drawn at random; else they crowd where a search looked.
     pub(crate) random: bool,
     /// All trials first, then those for which a condition holds.
@@ -93,8 +100,8 @@ pub(crate) struct Influence {
     pub(crate) rank_correlation: Option<dependence::Correlation>,
     /// In bits, of at most three.
     pub(crate) mutual_information_bits: f64,
-    /// Share of the variance that it explains alone, 0 to 1.
-    pub(crate) first_order: f64,
+    /// Share of the variance that it explains alone, 0 to 1; absent with too few configurations to say.
+    pub(crate) first_order: Option<f64>,
 }
 
 /// Analyses trials: all of them, and for each further condition those for which it holds.
@@ -114,6 +121,8 @@ pub(crate) fn analyse(
         trials: table.trials(),
         infeasible: table.infeasible,
         states: table.states(),
+        configurations: table.distinct(),
+        varied: table.varied().count(),
         random: table.random,
         conditions: found,
         objectives: table.metrics.iter().map(|metric| narrow::narrow(&table, metric)).collect(),
@@ -125,7 +134,19 @@ pub(crate) fn analyse(
     }
 }
 
+impl Influence {
+    /// The share as text.
+    fn share(&self) -> String {
+        self.first_order.map_or("-".to_owned(), |share| format!("{:.1} %", share * 100.0))
+    }
+}
+
 impl Analysis {
+    /// Whether there are too few configurations to tell the parameters' shares apart.
+    fn has_few(&self) -> bool {
+        self.configurations < CONFIGURATIONS_PER_PARAMETER * self.varied
+    }
+
     /// For a terminal.
     pub(crate) fn words(&self) -> String {
         let mut text = format!(
@@ -142,12 +163,12 @@ impl Analysis {
                     of.map_or("-".to_owned(), |of| format!("{:.2}", of.r))
                 };
                 text += &format!(
-                    "  {:22} {:>6} {:>6} {:>6.3} {:>5.1} %\n",
+                    "  {:22} {:>6} {:>6} {:>6.3} {:>7}\n",
                     one.parameter,
                     r(one.correlation),
                     r(one.rank_correlation),
                     one.mutual_information_bits,
-                    one.first_order * 100.0
+                    one.share()
                 );
             }
         }
@@ -166,20 +187,19 @@ impl Analysis {
 fn condition(filter: String, table: &Table) -> Condition {
     let metrics = table.metrics.iter().map(|metric| {
         let mut parameters: Vec<Influence> = table
-            .parameters
-            .iter()
-            .filter(|parameter| parameter.varies())
+            .varied()
             .map(|parameter| Influence {
                 parameter: parameter.name.clone(),
                 trials: parameter.values.iter().flatten().count(),
                 correlation: dependence::correlation(parameter, &metric.relative),
                 rank_correlation: dependence::rank_correlation(parameter, &metric.relative),
                 mutual_information_bits: dependence::mutual_information(parameter, &metric.relative),
-                first_order: variance::first_order(parameter, &metric.relative),
+                first_order: variance::first_order(table, parameter, &metric.relative),
             })
             .collect();
         parameters.sort_by(|a, b| {
-            b.first_order.total_cmp(&a.first_order).then_with(|| a.parameter.cmp(&b.parameter))
+            let share = |of: &Influence| of.first_order.unwrap_or(0.0);
+            share(b).total_cmp(&share(a)).then_with(|| a.parameter.cmp(&b.parameter))
         });
         Metric {
             name: metric.name.clone(),

@@ -6,7 +6,7 @@ use super::dependence::Correlation;
 use super::map::Map;
 use super::narrow::{Narrowed, Spread};
 use super::table::rounded;
-use super::{Analysis, Condition, Influence, Metric};
+use super::{Analysis, CONFIGURATIONS_PER_PARAMETER, Condition, Influence, Metric};
 
 const STYLE: &str = "\
 :root{color-scheme:light dark;--paper:#fbfaf7;--card:#fff;--ink:#1d1f24;--soft:#5c616b;--line:#dcdad4;--more:#b4552d;--less:#2167b0}\
@@ -55,18 +55,28 @@ pub(crate) fn html(analysis: &Analysis) -> String {
     }
     page += "<h2>How to read this</h2><p>Pearson's r and Spearman's rank correlation range from −1 (higher values cost less) to 1 (higher values cost more). \
              Bars show r, and are pale where its 95 % interval contains 0. Mutual information, in bits, measures any kind of \
-             dependence. The share is the part of the variance of log(cost) that a parameter explains on its own; for pairs, \
-             the part beyond that of both alone. Only trials in which a parameter is active count.</p>\n</main></body></html>\n";
+             dependence. The share is the part of the variance of log(cost) that a parameter explains on its own, in \
+             configurations that were left out of the estimate; for pairs, the part beyond that of both alone. Only trials in \
+             which a parameter is active count; with fewer than 20 configurations there is no share.</p>\n</main></body></html>\n";
     page
 }
 
 /// What matters most, in words.
 pub(crate) fn headline(analysis: &Analysis) -> String {
     let all = analysis.conditions.first().map(|all| all.metrics.as_slice()).unwrap_or_default();
+    if analysis.has_few() {
+        let (configurations, varied) = (analysis.configurations, analysis.varied);
+        return format!(
+            "Too few trials: {configurations} different configurations do not tell {varied} parameters apart, so shares are \
+             uncertain. Record {} or more, best at random.",
+            CONFIGURATIONS_PER_PARAMETER * varied
+        );
+    }
     let strongest = all.iter().take(3).filter_map(|metric| {
-        let first = metric.parameters.first().filter(|first| first.first_order >= 0.01)?;
+        let first = metric.parameters.first()?;
+        let share = first.first_order.filter(|share| *share >= 0.01)?;
         let name = &metric.name;
-        Some(format!("{} explains {:.0} % of {name}'s variance", first.parameter, first.first_order * 100.0))
+        Some(format!("{} explains {:.0} % of {name}'s variance", first.parameter, share * 100.0))
     });
     let told: Vec<String> = strongest.collect();
     if told.is_empty() {
@@ -107,12 +117,12 @@ fn card(page: &mut String, metric: &Metric) {
         let r = |of: &Option<Correlation>| of.map_or("–".to_owned(), |of| format!("{:.2}", of.r));
         let _ = write!(
             page,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{:.3}</td><td>{:.1} %</td></tr>",
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{:.3}</td><td>{}</td></tr>",
             escaped(&one.parameter),
             r(&one.correlation),
             r(&one.rank_correlation),
             one.mutual_information_bits,
-            one.first_order * 100.0
+            one.share()
         );
     }
     *page += "</table>";

@@ -140,6 +140,8 @@ pub(super) struct Table {
     pub(super) infeasible: usize,
     pub(super) random: bool,
     state_ids: Vec<i64>,
+    /// A number for each trial, the same for runs of one configuration in one state.
+    pub(super) configurations: Vec<usize>,
 }
 
 impl Table {
@@ -159,7 +161,18 @@ impl Table {
             infeasible: trials.iter().filter(|trial| ended(trial, false)).count(),
             random: measured.iter().all(|trial| trial.measurements.get("sample").is_some()),
             state_ids: measured.iter().map(|trial| trial.state_id).collect(),
+            configurations: numbered(&measured),
         }
+    }
+
+    /// Parameters that took more than one value.
+    pub(super) fn varied(&self) -> impl Iterator<Item = &Column> {
+        self.parameters.iter().filter(|parameter| parameter.varies())
+    }
+
+    /// Different configurations, those of each state counted.
+    pub(super) fn distinct(&self) -> usize {
+        self.configurations.iter().max().map_or(0, |last| last + 1)
     }
 
     pub(super) fn trials(&self) -> usize {
@@ -174,6 +187,16 @@ impl Table {
     pub(super) fn parameter(&self, name: &str) -> Option<&Column> {
         self.parameters.iter().find(|parameter| parameter.name == name)
     }
+}
+
+/// Numbers from 0 for what was run: a configuration in a state.
+fn numbered(trials: &[&TrialRecord]) -> Vec<usize> {
+    let mut known: BTreeMap<(i64, String), usize> = BTreeMap::new();
+    let number = |trial: &&TrialRecord| {
+        let next = known.len();
+        *known.entry((trial.state_id, trial.configuration.to_string())).or_insert(next)
+    };
+    trials.iter().map(number).collect()
 }
 
 /// The measurements there are. Where a build and a render time are among them, these two and their sum come first.

@@ -112,9 +112,10 @@ fn each_measure_sees_what_it_should() {
         r(bowl),
         r(idle)
     );
-    assert!(bowl.first_order > 0.3, "variance sees the bowl that no line fits: {}", bowl.first_order);
+    let share = |one: &Influence| one.first_order.expect("enough configurations");
+    assert!(share(bowl) > 0.3, "variance sees the bowl that no line fits: {}", share(bowl));
     assert!(bowl.mutual_information_bits > 0.1 && idle.mutual_information_bits < 0.02);
-    assert!(idle.first_order < 0.01 && steep.first_order + bowl.first_order > 0.85);
+    assert!(share(idle) < 0.01 && share(steep) + share(bowl) > 0.85);
     assert_eq!(influence(&analysis, "kind").correlation, None, "it has no order");
     let interval = steep.correlation.expect("it has an order").interval;
     assert!(interval[0] < r(steep) && r(steep) < interval[1] && interval[1] - interval[0] < 0.1);
@@ -177,4 +178,27 @@ fn few_or_equal_trials_say_nothing_and_break_nothing() {
     assert!(
         analysis.conditions[0].metrics[0].parameters.is_empty() && analysis.objectives[0].narrowed.is_empty()
     );
+}
+
+#[test]
+fn few_trials_of_one_state_do_not_explain_each_other() {
+    // Costs that depend on nothing, but for one configuration that is run again and again and always dear.
+    let few: Vec<TrialRecord> = trials().into_iter().filter(|trial| trial.state_id == 1).take(24).collect();
+    let mut all: Vec<TrialRecord> = Vec::new();
+    for (index, mut one) in few.into_iter().enumerate() {
+        let repeats = if index == 5 { 12 } else { 1 };
+        let ms = if index == 5 { 900.0 } else { 1.0 + 0.01 * ((index * 7) % 5) as f64 };
+        one.measurements = Measurements::new().with("ms", ms);
+        one.cost = Some(ms);
+        all.extend(std::iter::repeat_n(one, repeats));
+    }
+    let analysis = analysed(&all);
+    assert_eq!((analysis.trials, analysis.configurations), (35, 24));
+    for one in &analysis.conditions[0].metrics[0].parameters {
+        assert!(one.first_order.is_some_and(|share| share < 0.2), "{one:?}");
+    }
+    assert!(analysis.words().contains("Too few trials: 24 different"), "{}", analysis.words());
+    let fewer = analysed(&all[..19]);
+    let parameters = &fewer.conditions[0].metrics[0].parameters;
+    assert!(parameters.iter().all(|one| one.first_order.is_none()), "{parameters:?}");
 }

@@ -1,10 +1,14 @@
 //! Variance-based sensitivity from given data: how much of a measurement's variance a parameter explains, alone and
 //! together with another.
 //!
-//! Sobol's indices ("Sensitivity estimates for nonlinear mathematical models", 1993), estimated from the trials there are:
-//! the variance between the means of bins over that of all (Plischke, Borgonovo and Smith, "Global sensitivity measures
-//! from given data", 2013), less what bins show by chance, as the adjusted coefficient of determination has it. Costs count
-//! by their logarithm, so that factors add up and a few very dear configurations are not all there is.
+//! Sobol's indices ("Sensitivity estimates for nonlinear mathematical models", 1993), estimated from the trials there are by
+//! the means of bins (Plischke, Borgonovo and Smith, "Global sensitivity measures from given data", 2013). So that few trials
+//! do not seem to explain each other, each is predicted by the others of its bin (Allen, "The relationship between variable
+//! selection and data augmentation and a method for prediction", 1974), and repeated runs of one configuration in one
+//! state count as one. Costs count by their logarithm, so that factors add up and a few very dear configurations are not
+//! all there is.
+
+use std::collections::BTreeMap;
 
 use serde::Serialize;
 
@@ -24,9 +28,13 @@ pub(crate) struct Pair {
     pub(crate) interaction: f64,
 }
 
-/// Share of the variance that a parameter explains alone, 0 to 1, among the trials in which it is active.
-pub(super) fn first_order(column: &Column, target: &[Option<f64>]) -> f64 {
-    explained(&column.bins().0, target)
+/// Fewer different configurations say nothing of a share.
+const CONFIGURATIONS_MIN: usize = 20;
+
+/// Share of the variance that a parameter explains alone, 0 to 1, among the trials in which it is active; `None` with too
+/// few configurations to say.
+pub(super) fn first_order(table: &Table, column: &Column, target: &[Option<f64>]) -> Option<f64> {
+    explained(table, &column.bins().0, target)
 }
 
 /// The pairs of the most influential parameters that matter together, strongest first.
@@ -43,9 +51,8 @@ pub(super) fn pairs(table: &Table, metric: &Measured, influences: &[Influence]) 
             let only = |bins: &[Option<usize>]| -> Vec<Option<usize>> {
                 bins.iter().zip(&both).map(|(bin, both)| both.and(*bin)).collect()
             };
-            let target = &metric.relative;
-            let interaction =
-                explained(&both, target) - explained(&only(&in_a), target) - explained(&only(&in_b), target);
+            let share = |bins: &[Option<usize>]| explained(table, bins, &metric.relative).unwrap_or(0.0);
+            let interaction = share(&both) - share(&only(&in_a)) - share(&only(&in_b));
             if interaction >= PAIR_MIN {
                 pairs.push(Pair { parameters: [a.name.clone(), b.name.clone()], interaction });
             }
@@ -57,31 +64,36 @@ pub(super) fn pairs(table: &Table, metric: &Measured, influences: &[Influence]) 
     pairs
 }
 
-/// Share of the variance of a target's logarithm between bins, adjusted for their number.
-fn explained(bins: &[Option<usize>], target: &[Option<f64>]) -> f64 {
-    let pairs =
-        || bins.iter().zip(target).filter_map(|(bin, y)| Some(((*bin)?, y.filter(|y| *y > 0.0)?.ln())));
-    let count = pairs().count() as f64;
-    let most = pairs().map(|(bin, _)| bin).max().unwrap_or(0);
+/// Share of the variance of a target's logarithm that bins predict in configurations left out.
+fn explained(table: &Table, bins: &[Option<usize>], target: &[Option<f64>]) -> Option<f64> {
+    // Of each configuration its bin, and the sum and the number of its logarithms.
+    let mut configurations: BTreeMap<usize, (usize, f64, f64)> = BTreeMap::new();
+    for ((bin, y), configuration) in bins.iter().zip(target).zip(&table.configurations) {
+        let (Some(bin), Some(y)) = (bin, y.filter(|y| *y > 0.0)) else { continue };
+        let sum = configurations.entry(*configuration).or_insert((*bin, 0.0, 0.0));
+        (sum.1, sum.2) = (sum.1 + y.ln(), sum.2 + 1.0);
+    }
+    let means: Vec<(usize, f64)> =
+        configurations.into_values().map(|(bin, sum, count)| (bin, sum / count)).collect();
+    if means.len() < CONFIGURATIONS_MIN {
+        return None;
+    }
+    let most = means.iter().map(|(bin, _)| *bin).max().unwrap_or(0);
     let mut sums = vec![(0.0_f64, 0.0_f64); most + 1];
-    for (bin, y) in pairs() {
-        sums[bin].0 += 1.0;
-        sums[bin].1 += y;
+    for (bin, y) in &means {
+        (sums[*bin].0, sums[*bin].1) = (sums[*bin].0 + 1.0, sums[*bin].1 + y);
     }
-    let used = sums.iter().filter(|(count, _)| *count > 0.0).count() as f64;
-    if count <= used + 1.0 {
-        return 0.0;
-    }
-    let mean = pairs().map(|(_, y)| y).sum::<f64>() / count;
-    let all: f64 = pairs().map(|(_, y)| (y - mean) * (y - mean)).sum();
-    let within: f64 = pairs()
-        .map(|(bin, y)| {
-            let own = sums[bin].1 / sums[bin].0;
-            (y - own) * (y - own)
+    let count = means.len() as f64;
+    let mean = means.iter().map(|(_, y)| y).sum::<f64>() / count;
+    // How far off the mean of the others is.
+    let without = |y: f64, mean: f64, count: f64| ((y - mean) * count / (count - 1.0)).powi(2);
+    let all: f64 = means.iter().map(|(_, y)| without(*y, mean, count)).sum();
+    let within: f64 = means
+        .iter()
+        .map(|(bin, y)| match sums[*bin] {
+            (own, sum) if own > 1.0 => without(*y, sum / own, own),
+            _ => without(*y, mean, count),
         })
         .sum();
-    if all <= 0.0 {
-        return 0.0;
-    }
-    (1.0 - within / (count - used) * ((count - 1.0) / all)).clamp(0.0, 1.0)
+    Some(if all > 0.0 { (1.0 - within / all).clamp(0.0, 1.0) } else { 0.0 })
 }

@@ -231,7 +231,7 @@ fn nothing(words: &str) -> String {
 /// A bar for each name, of 0 to 1.
 pub(super) fn bars(rows: &[(String, f64)]) -> String {
     if rows.is_empty() {
-        return nothing("Too few trials to tell.");
+        return nothing("Too few trials to tell: 20 different configurations are needed.");
     }
     let mut svg = open(24.0 * rows.len() as f64 + 8.0, "Importances");
     for (index, (name, value)) in rows.iter().enumerate() {

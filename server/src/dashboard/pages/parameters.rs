@@ -5,7 +5,8 @@ use treewright_core::space::Parameter;
 use treewright_proto::convert::configuration_from_wire;
 use treewright_proto::v1;
 
-use super::super::{Query, Visitor, charts, stats};
+use super::super::stats::{self, Run};
+use super::super::{Query, Visitor, charts};
 use super::{Head, PageFrame, TRIALS, head, read_trials, render};
 use crate::error::Error;
 
@@ -31,9 +32,6 @@ struct Page {
     contour: String,
     leaf_sizes: String,
 }
-
-/// Where each parameter of a trial lies, and what the trial cost.
-type Run = (Vec<Option<f64>>, f64);
 
 pub(in super::super) async fn parameters(
     visitor: &Visitor<'_>,
