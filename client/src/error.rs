@@ -47,6 +47,15 @@ pub enum ClientError {
         retry_after: Option<Duration>,
     },
 
+    /// The daemon answers, but cannot do it now: it is reading the study into memory, or about to stop.
+    #[error("the daemon at {url} cannot answer now: {reason}")]
+    NotNow {
+        /// Where the daemon was asked.
+        url: String,
+        /// The daemon's words.
+        reason: String,
+    },
+
     /// The daemon took longer than the caller may wait.
     #[error(
         "the daemon at {url} did not answer {call} within {} ms; allow a longer deadline, or look at the daemon's load",
@@ -78,7 +87,7 @@ pub enum ClientError {
 
     /// The daemon's answer does not follow the wire contract.
     #[error(
-        "the daemon's answer to {call} makes no sense: {problem}; client and daemon may be of different versions"
+        "the daemon's answer to {call} cannot be understood: {problem}; client and daemon may be of different versions"
     )]
     Malformed {
         /// What was asked.
@@ -101,7 +110,7 @@ pub enum ClientError {
     NoSuchValue(#[from] NoSuchValue),
 
     /// Reports were still waiting when the time for sending them was up.
-    #[error("{waiting} report(s) are not acknowledged after {} ms; the last problem was: {last}", deadline.as_millis())]
+    #[error("{waiting} report(s) were not acknowledged within {} ms; the last problem was: {last}", deadline.as_millis())]
     Unflushed {
         /// Reports and abandoned trials not yet acknowledged.
         waiting: usize,
@@ -112,14 +121,14 @@ pub enum ClientError {
     },
 
     /// A suggestion that was to be there before it is needed is not there yet.
-    #[error("no suggestion is there yet: {why}")]
+    #[error("there is no suggestion yet: {why}")]
     NotYet {
         /// Why not.
         why: &'static str,
     },
 
     /// Too much is under way already.
-    #[error("{what}: the limit of {limit} is reached; try again when some of it is done")]
+    #[error("{what}: the limit of {limit} is reached; try again when some are done")]
     Busy {
         /// What there is too much of.
         what: &'static str,
@@ -153,13 +162,19 @@ impl ClientError {
     /// Whether the daemon could not be reached in time, so that trying again later makes sense.
     #[must_use]
     pub fn is_unreachable(&self) -> bool {
-        matches!(self, Self::Away { .. } | Self::Late { .. })
+        matches!(self, Self::Away { .. } | Self::NotNow { .. } | Self::Late { .. })
     }
 
     /// Whether the daemon said that the thing does not exist.
     #[must_use]
     pub fn is_not_found(&self) -> bool {
         matches!(self, Self::Refused { code: tonic::Code::NotFound, .. })
+    }
+
+    /// Whether the daemon said that it cannot read what it was asked, e.g. a filter.
+    #[must_use]
+    pub fn is_invalid_argument(&self) -> bool {
+        matches!(self, Self::Refused { code: tonic::Code::InvalidArgument, .. })
     }
 
     /// How long to leave the daemon in peace, if it said so; at most
@@ -194,7 +209,7 @@ impl ClientError {
             return away(with_remedy(url, innermost(source)));
         }
         match status.code() {
-            Code::Unavailable => away(status.message().to_owned()),
+            Code::Unavailable => Self::NotNow { url: url.to_owned(), reason: status.message().to_owned() },
             Code::DeadlineExceeded | Code::Cancelled => {
                 away(format!("{:?}: {}", status.code(), status.message()))
             }
@@ -251,7 +266,9 @@ mod tests {
     fn statuses_are_sorted_by_what_can_be_done_about_them() {
         use tonic_types::StatusExt as _;
         let error = |status: tonic::Status| ClientError::from_status("http://x", "Suggest", &status);
-        assert!(error(tonic::Status::unavailable("draining")).is_unreachable());
+        let draining = error(tonic::Status::unavailable("draining"));
+        assert!(draining.is_unreachable());
+        assert_eq!(draining.to_string(), "the daemon at http://x cannot answer now: draining");
         assert!(error(tonic::Status::not_found("studies/x")).is_not_found());
         let refused = error(tonic::Status::invalid_argument("indicator a is not finite"));
         assert!(!refused.is_unreachable());

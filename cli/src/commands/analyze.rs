@@ -1,7 +1,7 @@
 //! What a study's parameters do, from its trials.
 
-use treewright_client::TrialQuery;
 use treewright_client::blocking::Client;
+use treewright_client::{ClientError, TrialQuery};
 
 use crate::analysis::{self, Request, TRIALS_MIN};
 use crate::arguments::data::Analyze;
@@ -17,6 +17,9 @@ pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<Strin
         let query = TrialQuery::all().filter(filter.join(" AND "));
         Ok(client.trials(&wanted.study, query).collect::<Result<_, _>>()?)
     };
+    // Each by itself first, so that an error points into the user's own words and not into the joined ones.
+    check(client, wanted, "--filter", &wanted.filter)?;
+    wanted.conditions.iter().try_for_each(|one| check(client, wanted, "--condition", one))?;
     let all = trials("")?;
     if all.len() < TRIALS_MIN {
         return Err(Failure::Data(format!(
@@ -44,4 +47,17 @@ pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<Strin
     std::fs::write(folder.join("analysis.json"), text).map_err(failed)?;
     std::fs::write(folder.join("analysis.html"), analysis::html(&analysis)).map_err(failed)?;
     either(json, &analysis, || analysis.words())
+}
+
+/// Whether the daemon understands a filter.
+fn check(client: &Client, wanted: &Analyze, option: &str, filter: &str) -> Result<(), Failure> {
+    let query = TrialQuery::all().filter(filter);
+    match client.trials(&wanted.study, query).next() {
+        Some(Err(problem)) if problem.is_invalid_argument() => {
+            let ClientError::Refused { message, .. } = &problem else { return Err(problem.into()) };
+            Err(Failure::Usage(format!("{option} '{filter}': {message}")))
+        }
+        Some(Err(problem)) => Err(problem.into()),
+        _ => Ok(()),
+    }
 }

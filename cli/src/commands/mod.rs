@@ -11,8 +11,10 @@ mod studies;
 mod trials;
 mod watch;
 
-use treewright_client::Options;
+use std::time::{Duration, Instant};
+
 use treewright_client::blocking::Client;
+use treewright_client::{ClientError, Options};
 
 use crate::arguments::study::StudyCommand;
 use crate::arguments::{Arguments, Command, ConfigCommand};
@@ -23,6 +25,8 @@ use crate::study_file;
 use crate::{exec, progress, show};
 use treewright_client::local::{self, LocalDaemon};
 
+/// Time between two questions to a daemon that is not ready.
+const PATIENCE: Duration = Duration::from_millis(200);
 /// Where a daemon listens that was started without saying where.
 const USUAL: &str = "http://127.0.0.1:50611";
 /// The word for a daemon of one's own.
@@ -42,7 +46,44 @@ pub(crate) fn run(arguments: &Arguments, settings: &Settings) -> Result<String, 
         _ => {}
     }
     let client = connect(arguments)?;
-    let client = &client;
+    let begun = Instant::now();
+    loop {
+        match ask(&client, arguments) {
+            // A daemon that was just started reads a long study into memory first.
+            Err(Failure::Client(ClientError::NotNow { .. }))
+                if is_repeatable(&arguments.command) && begun.elapsed() < arguments.timeout =>
+            {
+                std::thread::sleep(PATIENCE);
+            }
+            done => return done,
+        }
+    }
+}
+
+/// Whether a command may be done again after a part of it was done.
+fn is_repeatable(command: &Command) -> bool {
+    matches!(
+        command,
+        Command::Suggest(_)
+            | Command::Report(_)
+            | Command::Studies { .. }
+            | Command::Trials(_)
+            | Command::Analyze(_)
+            | Command::Best(_)
+            | Command::Predict(_)
+            | Command::Explain(_)
+            | Command::Policy(_)
+            | Command::Pin(_)
+            | Command::Unpin { .. }
+            | Command::Freeze { .. }
+            | Command::Thaw { .. }
+            | Command::Import(_)
+    )
+}
+
+/// Does what needs a daemon.
+fn ask(client: &Client, arguments: &Arguments) -> Result<String, Failure> {
+    let json = arguments.json;
     match &arguments.command {
         Command::Exec(exec) => exec::run(client, exec, json),
         Command::Suggest(ask) => shell::suggest(client, ask, json),
@@ -64,7 +105,7 @@ pub(crate) fn run(arguments: &Arguments, settings: &Settings) -> Result<String, 
         Command::Import(import) => carry::import(client, import, json),
         Command::Watch(watch) => watch::run(client, watch, json),
         Command::Ping => ping(client, json),
-        // Answered above.
+        // These need none.
         Command::Config(_) | Command::Completions { .. } | Command::Man { .. } | Command::Doctor => {
             Ok(String::new())
         }

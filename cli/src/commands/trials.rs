@@ -29,7 +29,9 @@ pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String
             csv_table::write(&mut text, study.spec()?, trials.into_iter().map(Ok), &files::host())?;
             Ok(String::from_utf8_lossy(&text).into_owned())
         }
-        TrialFormat::Table if !json => Ok(show::trials(&trials, limit, which.order_by.is_empty())),
+        TrialFormat::Table if !json => {
+            either(false, &trials, || show::trials(&trials, limit, which.order_by.is_empty()))
+        }
         _ => either(true, &trials, String::new),
     }
 }

@@ -58,7 +58,9 @@ impl From<ClientError> for Failure {
         let code = match &error {
             ClientError::BadUrl { .. } | ClientError::Invalid { .. } => Code::Invalid,
             ClientError::NoRuntime { .. } => Code::NoThread,
-            ClientError::Away { .. } | ClientError::NoLocalDaemon { .. } => Code::Away,
+            ClientError::Away { .. } | ClientError::NotNow { .. } | ClientError::NoLocalDaemon { .. } => {
+                Code::Away
+            }
             ClientError::Late { .. } => Code::Late,
             ClientError::Refused { .. } => Code::Refused,
             ClientError::Malformed { .. } => Code::Malformed,

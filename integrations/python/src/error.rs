@@ -23,6 +23,7 @@ pub(crate) fn raised(error: ClientError) -> PyErr {
             Invalid::new_err(words)
         }
         ClientError::Away { .. }
+        | ClientError::NotNow { .. }
         | ClientError::NoLocalDaemon { .. }
         | ClientError::Late { .. }
         | ClientError::Unflushed { .. } => Unreachable::new_err(words),
