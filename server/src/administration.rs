@@ -25,7 +25,7 @@ pub enum TokenCommandError {
     #[error(transparent)]
     Token(#[from] TokenError),
     /// The system has no randomness.
-    #[error("the system has no randomness: {0}")]
+    #[error("the system gives no random numbers: {0}")]
     Randomness(#[from] getrandom::Error),
     /// The list cannot be written.
     #[error("the list cannot be put into JSON: {0}")]

@@ -45,7 +45,7 @@ pub enum DaemonError {
         problem: std::io::Error,
     },
     /// A socket that the system has opened must not be served.
-    #[error("the socket that the system passed on: {0}")]
+    #[error("the socket passed on by the system cannot be used: {0}")]
     Inherited(String),
     /// The address for metrics cannot be had.
     #[error("cannot listen on {address} for metrics: {problem}; choose another address with --metrics")]
@@ -78,7 +78,7 @@ pub enum DaemonError {
     #[error(transparent)]
     Serve(#[from] ServeError),
     /// Something that the system should provide is missing.
-    #[error("the system refuses: {0}")]
+    #[error("the operating system refuses: {0}")]
     System(#[from] std::io::Error),
 }
 

@@ -53,7 +53,7 @@ pub enum Error {
         study: String,
     },
     /// Too much at once.
-    #[error("the daemon is working on {limit} {what}, the most it takes; try again later")]
+    #[error("the daemon is working on {limit} {what}, which is its limit; try again later")]
     Busy {
         /// What is counted.
         what: &'static str,

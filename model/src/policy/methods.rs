@@ -25,7 +25,7 @@ words! {
     /// Predictors across states; see `treewright_core::predict`.
     #[derive(Default, PartialOrd, Ord)]
     pub enum PredictorMethod {
-        /// Whichever of the others errs least in this study, tested on every trial before it learns from it.
+        /// Whichever of the others has the smallest error in this study, tested on every trial before learning from it.
         #[default]
         Auto = "auto",
         /// Best configuration of the nearest known state (paper section 6.1).

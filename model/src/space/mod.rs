@@ -223,7 +223,7 @@ pub enum SpaceError {
     },
     /// A configuration breaks a constraint.
     #[error(
-        "{lesser} = {lesser_value} is greater than {greater} = {greater_value}; the space demands {lesser} <= {greater}"
+        "{lesser} = {lesser_value} is greater than {greater} = {greater_value}; the space requires {lesser} <= {greater}"
     )]
     Violated {
         /// The lesser parameter.

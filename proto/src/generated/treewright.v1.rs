@@ -228,19 +228,19 @@ pub struct Policy {
     /// was created with: version 0.1 took NEAREST_NEIGHBOUR for it.
     #[prost(enumeration = "PredictorMethod", tag = "3")]
     pub predictor: i32,
-    /// A state's search ends after so many measured configurations. OPTIONAL, 1 to 100000; 0 means 80 (paper 7.1.1).
+    /// Measured configurations after which a state's search ends. OPTIONAL, 1 to 100000; 0 means 80 (paper 7.1.1).
     #[prost(int32, tag = "4")]
     pub trials_per_state: i32,
     /// How often one configuration is measured in one state before the search goes on. OPTIONAL, 1 to 100; 0 means 1.
     #[prost(int32, tag = "5")]
     pub replicates: i32,
-    /// A lease lasts so long unless it is extended. OPTIONAL, 1 to 86400 seconds; 0 means 60.
+    /// Duration of a lease, unless it is extended. OPTIONAL, 1 to 86400 seconds; 0 means 60.
     #[prost(int32, tag = "6")]
     pub lease_s: i32,
     /// Every client gets this configuration, in mode PINNED, until it is cleared. OPTIONAL.
     #[prost(message, optional, tag = "7")]
     pub pinned: ::core::option::Option<Configuration>,
-    /// After so many visits to a state epsilon is halved there. OPTIONAL, 0 to 1000000; 0 leaves it constant.
+    /// Visits to a state after which epsilon is halved there. OPTIONAL, 0 to 1000000; 0 leaves it constant.
     #[prost(int32, tag = "8")]
     pub epsilon_halves_after: i32,
     /// Exploring may cost each client at most this share of its frame time in each session. OPTIONAL, 0 to 1; unset
@@ -248,21 +248,21 @@ pub struct Policy {
     #[prost(double, optional, tag = "9")]
     pub regret_budget: ::core::option::Option<f64>,
     /// Exploring trials are told to stop when their cost exceeds that of the reference by this factor
-    /// (`Trial.abort_above`). OPTIONAL, above 1, at most 1000000; unset means 2 where a budget is kept, else never.
+    /// (`Trial.abort_above`). OPTIONAL, above 1, at most 1000000; unset means 2 with a regret budget, else never.
     #[prost(double, optional, tag = "10")]
     pub abort_above: ::core::option::Option<f64>,
-    /// What a trial of a client that cannot stop is taken to cost at worst, in multiples of the reference. Only counts
-    /// where a budget is kept. OPTIONAL, above 1, at most 1000000; unset means 100.
+    /// The highest cost assumed for a trial of a client that cannot stop it, as a multiple of the reference. Only used with
+    /// a regret budget. OPTIONAL, above 1, at most 1000000; unset means 100.
     #[prost(double, optional, tag = "11")]
     pub worst_factor: ::core::option::Option<f64>,
-    /// What the study does with what it knows. OPTIONAL; unset means TUNE.
+    /// Whether the study explores and learns. OPTIONAL; unset means TUNE.
     #[prost(enumeration = "Operation", tag = "12")]
     pub operation: i32,
     /// Explore only where the expected gain pays for it within the expected stay. OPTIONAL.
     #[prost(bool, tag = "13")]
     pub weigh_gain: bool,
     /// Every client explores until the state's search has ended, and exploits then: for programs that are tuned before they
-    /// are used. The dice are not thrown, but an epsilon of 0 still means never. Studies without indicators are explored in
+    /// are used. Epsilon is not used, except that 0 still means never. Studies without indicators are explored in
     /// this way whatever this field says. OPTIONAL.
     #[prost(bool, tag = "24")]
     pub offline: bool,
@@ -270,16 +270,16 @@ pub struct Policy {
     /// wrong with this probability. OPTIONAL, above 0, at most 0.5; unset means that nothing is held.
     #[prost(double, optional, tag = "14")]
     pub freeze_risk: ::core::option::Option<f64>,
-    /// The first so many trials of each session of a client are not learnt. OPTIONAL, 0 to 10000.
+    /// How many of the first trials of each session of a client are ignored. OPTIONAL, 0 to 10000.
     #[prost(int32, tag = "15")]
     pub warm_up: i32,
-    /// A configuration that does clearly worse where it is exploited than another that was measured there gives way to
-    /// it at once. OPTIONAL; unset means true.
+    /// A configuration that is exploited in a state and does clearly worse there than another that was measured is replaced
+    /// by it at once. OPTIONAL; unset means true.
     #[prost(bool, optional, tag = "16")]
     pub roll_back: ::core::option::Option<bool>,
     /// Once a state's search has ended, its best few configurations run against the default in at most so many rounds, as
     /// ordinary trials of the rule CONFIRMING. They add no configuration and do not count among `trials_per_state`; the
-    /// race ends as soon as one is proven better, or none can gain anything worth telling any more. OPTIONAL, 0 to 100; 0
+    /// race ends as soon as one is proven better, or none can be better by more than a negligible amount. OPTIONAL, 0 to 100; 0
     /// leaves it out, unset means 10.
     #[prost(uint32, optional, tag = "20")]
     pub confirm_rounds: ::core::option::Option<u32>,
@@ -320,7 +320,7 @@ impl Scale {
         }
     }
 }
-/// What a study does with what it knows.
+/// Whether a study explores and learns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
 pub enum Operation {
@@ -329,8 +329,8 @@ pub enum Operation {
     Tune = 1,
     /// Neither explores nor learns: answers stay what they are.
     Freeze = 2,
-    /// Every client gets the default configuration; what would have been answered stands in the reason. Reports are
-    /// learnt.
+    /// Every client gets the default configuration; the reason says what the answer would have been. Reports are learnt
+    /// from.
     Shadow = 3,
 }
 impl Operation {
@@ -411,7 +411,7 @@ pub enum PredictorMethod {
     NearestNeighbour = 1,
     /// Radial basis functions trained by Greedy-GQ with gamma = 0 (paper section 6.2, as printed).
     RbfGreedyGq = 2,
-    /// Whichever of the others errs least in this study, tested on every trial before it learns from it.
+    /// Whichever of the others has the smallest error in this study, tested on every trial before learning from it.
     Auto = 3,
     /// Best configuration over the eight nearest known states, weighted by distance.
     WeightedNeighbours = 4,
@@ -419,9 +419,9 @@ pub enum PredictorMethod {
     /// square.
     GaussianGreedyGq = 5,
     /// Radial basis functions fitted by recursive least squares, with models of their own for each kind of machine and
-    /// each client; answers are weighted by what each is worth.
+    /// each client; their answers are weighted by their accuracy.
     LeastSquares = 6,
-    /// A Gaussian process over indicators and parameters together, which also proposes what to explore; that counts where
+    /// A Gaussian process over indicators and parameters together, which also proposes what to explore; useful where
     /// every input is met only once.
     Contextual = 7,
 }
@@ -907,21 +907,21 @@ pub struct SuggestRequest {
     #[prost(uint32, tag = "10")]
     pub reports_waiting: u32,
 }
-/// What replaces a study's policy for one session of one client. Unset is as the study has it. Pinned configurations, the
+/// What replaces a study's policy for one session of one client. Unset fields are as in the study. Pinned configurations, the
 /// operation and the regret budget are the operator's and cannot be replaced.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
 pub struct SessionPolicy {
     /// Probability of exploring when the client's state changes. OPTIONAL, 0 to 1.
     #[prost(double, optional, tag = "1")]
     pub epsilon: ::core::option::Option<f64>,
-    /// For this session a state's search ends after so many measured configurations. OPTIONAL, 1 to 100000.
+    /// Measured configurations after which a state's search ends, for this session. OPTIONAL, 1 to 100000.
     #[prost(int32, optional, tag = "2")]
     pub trials_per_state: ::core::option::Option<i32>,
     /// Exploring trials are told to stop when their cost exceeds that of the reference by this factor. Where the study keeps
     /// a regret budget, its own factor holds. OPTIONAL, above 1, at most 1000000.
     #[prost(double, optional, tag = "3")]
     pub abort_above: ::core::option::Option<f64>,
-    /// From then on, by the daemon's clock, nothing is explored: what is known to be good is run. OPTIONAL.
+    /// From then on, by the daemon's clock, nothing is explored any more. OPTIONAL.
     #[prost(message, optional, tag = "4")]
     pub explore_until: ::core::option::Option<::prost_types::Timestamp>,
 }
@@ -946,7 +946,7 @@ pub struct ReportResponse {
     /// The trial as stored.
     #[prost(message, optional, tag = "1")]
     pub trial: ::core::option::Option<Trial>,
-    /// It was complete before this call, and this call changed nothing.
+    /// It was completed before this call, which changed nothing.
     #[prost(bool, tag = "2")]
     pub duplicate: bool,
 }
@@ -982,7 +982,7 @@ pub struct TuneError {
     pub code: i32,
     #[prost(string, tag = "2")]
     pub message: ::prost::alloc::string::String,
-    /// When to try again. Unset where time alone mends nothing.
+    /// When to try again. Unset if waiting does not help.
     #[prost(int64, optional, tag = "3")]
     pub retry_after_ms: ::core::option::Option<i64>,
 }
@@ -997,7 +997,7 @@ pub struct PredictRequest {
         ::prost::alloc::string::String,
         f64,
     >,
-    /// Who asks: costs are those to expect on this machine, as far as it is known. OPTIONAL; as for GetBest.
+    /// The machine that asks: costs are those expected on it, as far as it is known. OPTIONAL; as for GetBest.
     #[prost(message, optional, tag = "3")]
     pub fingerprint: ::core::option::Option<Fingerprint>,
 }
@@ -1037,21 +1037,21 @@ pub struct StateInsight {
     /// Measurements that were set aside as outliers.
     #[prost(int64, tag = "6")]
     pub outliers: i64,
-    /// How often costs were found to have changed for good, upon which older evidence was aged.
+    /// How often costs were found to have changed for good, so that older evidence counts less.
     #[prost(int64, tag = "7")]
     pub drifts: i64,
-    /// By how much going on with the search is expected to lower the cost of each later frame (as a share), how many
-    /// frames are expected to profit, and what the search is expected to cost (in frames). Unset once it is over.
+    /// How much continuing the search is expected to lower the cost of each later frame (as a share), how many frames
+    /// are expected to benefit, and what the search is expected to cost (in frames). Unset once it is over.
     #[prost(double, optional, tag = "8")]
     pub expected_gain: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "9")]
     pub expected_frames: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "10")]
     pub exploring_cost: ::core::option::Option<f64>,
-    /// What is left out of the search here, and of what predictors see, and why.
+    /// What the search here and the predictors leave out, and why.
     #[prost(message, repeated, tag = "11")]
     pub omissions: ::prost::alloc::vec::Vec<Omission>,
-    /// What is proven of what is exploited here. Unset before anything that can be run was measured.
+    /// What is proven of the configuration that is exploited here. Unset until one that can be run was measured.
     #[prost(message, optional, tag = "12")]
     pub standing: ::core::option::Option<Standing>,
 }
@@ -1066,10 +1066,10 @@ pub struct Omission {
     /// For people.
     #[prost(string, tag = "3")]
     pub summary: ::prost::alloc::string::String,
-    /// How many trials were or will be saved by it, estimated.
+    /// Estimated number of trials that this saves.
     #[prost(double, tag = "4")]
     pub saved_trials: f64,
-    /// With which probability leaving it out is wrong. Unset where it is certain.
+    /// Probability that leaving it out is wrong. Unset if it is certain to be right.
     #[prost(double, optional, tag = "5")]
     pub risk: ::core::option::Option<f64>,
 }
@@ -1139,15 +1139,15 @@ pub struct GetBestRequest {
 /// By how much the cost of one configuration lies below that of another.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
 pub struct Gain {
-    /// As a share of the other's cost; negative where it is dearer.
+    /// As a share of the other's cost; negative if it costs more.
     #[prost(double, tag = "1")]
     pub share: f64,
-    /// Its 95 % interval; an end of which nothing is known is unset.
+    /// Its 95 % interval; an end is unset if nothing is known of it.
     #[prost(double, optional, tag = "2")]
     pub low: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "3")]
     pub high: ::core::option::Option<f64>,
-    /// The probability that it is cheaper at all. Unset where it cannot be told.
+    /// Probability that it costs less at all. Unset if unknown.
     #[prost(double, optional, tag = "4")]
     pub probability_better: ::core::option::Option<f64>,
 }
@@ -1158,7 +1158,7 @@ pub struct Gain {
 pub struct Confirmation {
     #[prost(enumeration = "ConfirmationStage", tag = "1")]
     pub stage: i32,
-    /// How many rounds the incumbent has run, and the most that it may.
+    /// Rounds that the incumbent has run, and their maximum.
     #[prost(int64, tag = "2")]
     pub rounds: i64,
     #[prost(int64, tag = "3")]
@@ -1166,36 +1166,36 @@ pub struct Confirmation {
     /// How many measurements there were in all.
     #[prost(int64, tag = "4")]
     pub measurements: i64,
-    /// Of the winner over the incumbent, by these rounds alone; its interval holds at whichever moment one looks. Unset
+    /// Of the winner over the incumbent, from these rounds alone; its interval is valid whenever it is looked at. Unset
     /// without a winner.
     #[prost(message, optional, tag = "5")]
     pub gain: ::core::option::Option<Gain>,
 }
-/// How the answer of a state stands: the configuration that is exploited there.
+/// What is proven of a state's answer, which is the configuration that is exploited there.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
 pub struct Standing {
-    /// Its cost by all that was measured in the state, never the luckiest of many measurements, and the 95 % interval.
+    /// Its cost, estimated from everything measured in the state and never the luckiest measurement, and the 95 % interval.
     #[prost(double, tag = "1")]
     pub cost: f64,
     #[prost(double, tag = "2")]
     pub cost_low: f64,
     #[prost(double, tag = "3")]
     pub cost_high: f64,
-    /// Its gain over the study's default configuration, by the same. Unset where that was not measured in the state.
+    /// Its gain over the study's default configuration, estimated likewise. Unset if that was not measured in the state.
     #[prost(message, optional, tag = "4")]
     pub gain: ::core::option::Option<Gain>,
-    /// Nothing is proven to be better than the incumbent (the default, until another is proven better), which therefore is
-    /// the answer.
+    /// Nothing is proven better than the incumbent, so the incumbent is the answer. The incumbent is what was last proven
+    /// better in this state; before that, the best fixed configuration of the other states; without one, the default.
     #[prost(bool, tag = "5")]
     pub nothing_better: bool,
     #[prost(message, optional, tag = "6")]
     pub confirmation: ::core::option::Option<Confirmation>,
-    /// How often the speed of a client's machine was found to have jumped while the state was measured. Costs are told for
-    /// the speed at which the state was first measured.
+    /// How often the speed of a client's machine jumped while the state was measured. Costs are stated for the speed at
+    /// which the state was first measured.
     #[prost(int64, tag = "7")]
     pub disturbances: i64,
 }
-/// The best known configuration: what is exploited in the state. That is the incumbent where nothing better is proven.
+/// The best known configuration: what is exploited in the state. It is the incumbent if nothing better is proven.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Best {
     #[prost(message, optional, tag = "1")]
@@ -1225,13 +1225,13 @@ pub struct Best {
 #[repr(i32)]
 pub enum OmissionReason {
     Unspecified = 0,
-    /// The parameter means nothing beside the best known values of others.
+    /// The parameter has no effect with the best known values of the others.
     Inactive = 1,
     /// The parameter was shown not to matter.
     Insensitive = 2,
-    /// The most that can be gained is below the noise.
+    /// The largest possible gain is below the noise.
     BelowNoise = 3,
-    /// The gain to expect does not pay for the search.
+    /// The expected gain does not pay for the search.
     BelowCost = 4,
     /// The indicator is the same in all states: left out of distances and features.
     Constant = 5,
@@ -1268,7 +1268,7 @@ impl OmissionReason {
         }
     }
 }
-/// How far the confirmation of a state's best configurations is.
+/// Progress of the confirmation of a state's best configurations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
 pub enum ConfirmationStage {

@@ -22,7 +22,7 @@ pub enum StoreError {
         difference: String,
     },
     /// The database is full of studies.
-    #[error("the database holds {limit} studies, the most it may; delete some")]
+    #[error("the database holds {limit} studies, which is its limit; delete some")]
     TooManyStudies {
         /// The limit.
         limit: u32,
@@ -50,7 +50,7 @@ pub enum StoreError {
         address: String,
     },
     /// Too many writes wait.
-    #[error("{limit} writes are waiting for the disk, the most that may; try again later")]
+    #[error("{limit} writes are waiting for the disk, which is the limit; try again later")]
     QueueFull {
         /// The limit.
         limit: usize,

@@ -271,12 +271,12 @@ pub enum TunerError {
     TooManyStates,
     /// The study is full of clients.
     #[error(
-        "{CLIENTS_MAX} clients hold trials of the study, the most that may; let some report theirs, or spread them over studies"
+        "{CLIENTS_MAX} clients hold trials of the study, which is the limit; let some report theirs, or spread them over studies"
     )]
     TooManyClients,
     /// The client holds too many trials.
     #[error(
-        "client {client_id:?} holds {OPEN_TRIALS_PER_CLIENT_MAX} open trials, the most it may; report or abandon some"
+        "client {client_id:?} holds {OPEN_TRIALS_PER_CLIENT_MAX} open trials, which is the limit; report or abandon some"
     )]
     TooManyOpenTrials {
         /// The client.

@@ -32,7 +32,7 @@ pub enum MaintenanceError {
         path: PathBuf,
     },
     /// The place of the copy is taken.
-    #[error("{} exists already; choose another name or say --replace", path.display())]
+    #[error("{} exists already; choose another name or pass --replace", path.display())]
     Exists {
         /// The path.
         path: PathBuf,

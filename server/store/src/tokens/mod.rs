@@ -131,7 +131,7 @@ pub enum TokenError {
         id: String,
     },
     /// The database is full of tokens.
-    #[error("the database holds {limit} tokens, the most it may; forget some that were revoked")]
+    #[error("the database holds {limit} tokens, which is its limit; remove revoked ones")]
     TooMany {
         /// The limit.
         limit: u32,
