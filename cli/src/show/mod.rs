@@ -330,7 +330,7 @@ pub(crate) fn explanation(prediction: &Prediction) -> String {
     line(
         &mut text,
         &format!(
-            "state {}: {} configuration(s) tried, {} visit(s), {} frame(s), {} outlier(s), {} drift(s)",
+            "state {}: {} configurations tried, {} visits, {} frames, {} outliers, {} drifts",
             state.state_id, state.tried, state.visits, state.frames, state.outliers, state.drifts
         ),
     );
