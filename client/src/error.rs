@@ -54,6 +54,8 @@ pub enum ClientError {
         url: String,
         /// The daemon's words.
         reason: String,
+        /// When it may be asked again, if it said so.
+        retry_after: Option<Duration>,
     },
 
     /// The daemon took longer than the caller may wait.
@@ -182,7 +184,9 @@ impl ClientError {
     #[must_use]
     pub fn retry_after(&self) -> Option<Duration> {
         match self {
-            Self::Refused { retry_after, .. } | Self::Away { retry_after, .. } => {
+            Self::Refused { retry_after, .. }
+            | Self::Away { retry_after, .. }
+            | Self::NotNow { retry_after, .. } => {
                 retry_after.map(|wait| wait.min(crate::limits::LONGEST_HINT))
             }
             _ => None,
@@ -209,7 +213,9 @@ impl ClientError {
             return away(with_remedy(url, innermost(source)));
         }
         match status.code() {
-            Code::Unavailable => Self::NotNow { url: url.to_owned(), reason: status.message().to_owned() },
+            Code::Unavailable => {
+                Self::NotNow { url: url.to_owned(), reason: status.message().to_owned(), retry_after }
+            }
             Code::DeadlineExceeded | Code::Cancelled => {
                 away(format!("{:?}: {}", status.code(), status.message()))
             }
