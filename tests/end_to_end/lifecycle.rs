@@ -60,8 +60,7 @@ fn a_socket_that_systemd_hands_over_is_served() {
     let address = socket.local_addr().expect("an address").to_string();
     // Who connects before the daemon is there waits until it is.
     let url = format!("http://{address}");
-    let early =
-        std::thread::spawn(move || run("treewright", &["--server", &url, "--timeout", "30s", "ping"]));
+    let early = std::thread::spawn(move || run("treewright", &["--server", &url, "--timeout", "2m", "ping"]));
     let mut daemon =
         start_on(&socket, &database, &address).stdout(Stdio::piped()).spawn().expect("it starts");
     let pinged = early.join().expect("it ends");

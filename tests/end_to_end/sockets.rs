@@ -22,7 +22,7 @@ fn spec() -> StudySpec {
 }
 
 async fn study(url: &str, options: Options) -> (Client, Study) {
-    let client = Client::connect(url, options.deadline(Duration::from_secs(5))).expect("a good address");
+    let client = Client::connect(url, options.deadline(Duration::from_secs(60))).expect("a good address");
     let study = client.study("hall", spec()).await.expect("a study");
     (client, study)
 }
@@ -33,7 +33,7 @@ async fn frame(url: &str) {
     let suggestion = study.suggest(&Indicators::from([("triangles", 3.0)])).await;
     assert!(suggestion.trial().is_some(), "{suggestion:?}");
     suggestion.report([("render_ms", 2.0)].into(), Outcome::Ok).expect("measured");
-    client.flush(Duration::from_secs(5)).await.expect("acknowledged");
+    client.flush(Duration::from_secs(60)).await.expect("acknowledged");
 }
 
 #[tokio::test]

@@ -144,7 +144,7 @@ impl Daemon {
     /// When it has not ended after half a minute.
     pub fn terminate(mut self) -> ExitStatus {
         self.signal("TERM");
-        let patience = Instant::now() + Duration::from_secs(30);
+        let patience = Instant::now() + Duration::from_secs(120);
         loop {
             if let Some(status) = self.process.try_wait().expect("the daemon can be waited for") {
                 return status;

@@ -163,17 +163,17 @@ fn recipes(tinybvh: Option<Arc<Tinybvh>>) -> Vec<(&'static str, Recipe)> {
     all
 }
 
-/// Builds every structure whose name contains `filter`, in interleaved rounds. One that cannot be built for
+/// Builds every structure whose name contains one of `filters`, in interleaved rounds. One that cannot be built for
 /// this scene is left out with a word on standard error.
 pub(crate) fn build_all(
     device: &Device,
     recording: &Recording,
-    filter: &str,
+    filters: &[String],
     builds: u32,
 ) -> Result<Vec<Built>, Box<dyn Error>> {
     let mut all: Vec<(Recipe, Built)> = Vec::new();
     for (name, recipe) in recipes(Tinybvh::load()?) {
-        if name != REFERENCE && !name.contains(filter) {
+        if name != REFERENCE && !filters.iter().any(|filter| name.contains(filter.as_str())) {
             continue;
         }
         match make(device, recording, &recipe) {

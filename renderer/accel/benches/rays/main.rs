@@ -52,9 +52,9 @@ struct Arguments {
     #[arg(long, value_name = "TEXT", default_value = "")]
     scene: String,
 
-    /// Only structures whose name contains this; native medium is always there.
-    #[arg(long, value_name = "TEXT", default_value = "")]
-    structure: String,
+    /// Only structures whose name contains one of these; native medium is always there.
+    #[arg(long, value_name = "TEXT,…", value_delimiter = ',', default_value = "")]
+    structure: Vec<String>,
 
     /// Threads that trace: one, all cores, or first one and then all.
     #[arg(long, value_name = "N", value_enum, default_value = "both")]
