@@ -12,17 +12,14 @@ use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 use tokio::time::Instant;
 
-use crate::study::Shared;
+use crate::shared::{Shared, SuggestAnswer};
 use crate::{ClientError, Indicators, Suggestion, checks};
-
-/// What comes back for one question.
-pub(crate) type Answer = Result<Suggestion, ClientError>;
 
 /// A question that was asked and not answered in time.
 #[derive(Debug)]
 pub(crate) struct Outstanding {
     pub(crate) indicators: Indicators,
-    pub(crate) answer: oneshot::Receiver<Answer>,
+    pub(crate) answer: oneshot::Receiver<SuggestAnswer>,
 }
 
 /// Answers within the deadline: with the late answer to an earlier question about the same state, with
@@ -33,16 +30,16 @@ pub(crate) async fn within_deadline(
     shared: &Arc<Shared>,
     outstanding: &mut Option<Outstanding>,
     indicators: &Indicators,
-    ask: impl FnOnce() -> oneshot::Receiver<Answer>,
+    ask: impl FnOnce() -> oneshot::Receiver<SuggestAnswer>,
 ) -> Suggestion {
-    let limit = shared.core.options.deadline;
+    let limit = shared.context.core.options.deadline;
     let deadline = Instant::now() + limit;
-    if let Err(problem) = checks::state(&shared.spec, indicators) {
+    if let Err(problem) = checks::state(&shared.context.spec, indicators) {
         return shared.fall_back(Arc::new(problem));
     }
     let mut earlier = outstanding
         .take()
-        .filter(|earlier| checks::are_one_state(&shared.spec, &earlier.indicators, indicators));
+        .filter(|earlier| checks::are_one_state(&shared.context.spec, &earlier.indicators, indicators));
     if let Some(one) = &mut earlier {
         match one.answer.try_recv() {
             Ok(Ok(suggestion)) if suggestion.lease_is_live(SystemTime::now()) => {
@@ -68,11 +65,11 @@ pub(crate) async fn within_deadline(
         Ok(Ok(Err(problem))) => shared.fall_back(Arc::new(problem)),
         Ok(Err(_closed)) => {
             let reason = "the connection ended before the answer came";
-            shared.fall_back(Arc::new(ClientError::away(&shared.core.url, reason)))
+            shared.fall_back(Arc::new(ClientError::away(&shared.context.core.url, reason)))
         }
         Err(_elapsed) => {
-            let problem = Arc::new(shared.core.late("Suggest", limit));
-            shared.core.circuit_breaker.failure(Arc::clone(&problem));
+            let problem = Arc::new(shared.context.core.late("Suggest", limit));
+            shared.context.core.circuit_breaker.failure(Arc::clone(&problem));
             *outstanding = Some(question);
             shared.fall_back(problem)
         }

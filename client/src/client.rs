@@ -8,7 +8,6 @@ use treewright_proto::v1;
 
 use crate::circuit_breaker::Status;
 use crate::core::Core;
-use crate::local::LocalDaemon;
 use crate::pages::{TrialPages, TrialQuery};
 use crate::{
     Best, ClientError, Indicators, Options, PolicyChange, Prediction, Stats, Study, StudyRecord, StudySpec,
@@ -65,16 +64,6 @@ impl Client {
         });
         let last_handle = Arc::new(LastHandle { core: Arc::clone(&core) });
         Ok(Self { core, last_handle })
-    }
-
-    /// Makes a client of the user's own daemon, which is started where it is not running and ends by itself when nobody
-    /// has asked it anything for a while; see [`LocalDaemon`](crate::local::LocalDaemon).
-    ///
-    /// Errors: [`ClientError::NoLocalDaemon`] when there is none to be had; else as [`Client::connect`].
-    pub async fn local(options: Options) -> Result<Self, ClientError> {
-        let started = tokio::task::spawn_blocking(|| LocalDaemon::of_user()?.start(|_| {})).await;
-        let url = started.map_err(|error| ClientError::NoLocalDaemon { problem: error.to_string() })??;
-        Self::connect(&url, options)
     }
 
     /// Creates the study, or finds the equal one that is stored under this id.

@@ -19,6 +19,7 @@
 //! | `circuit_breaker`, `back_off` | whether the daemon is there, and when to ask again |
 //! | `by_name` | ask and tell apart, for shells and for what carries measurements over |
 //! | `outbox`, `delivery`, `stats` | reports on their way, and counts of what became of them |
+//! | `study_context`, `shared` | what suggestions keep of their study, and what its handles share |
 //! | `answer`, `memory`, `stream` | answers within a deadline, and what to do without one |
 
 mod answer;
@@ -50,9 +51,11 @@ mod pages;
 mod paired;
 mod prefetching;
 mod records;
+mod shared;
 mod stats;
 mod stream;
 mod study;
+mod study_context;
 mod suggestion;
 mod tuner;
 mod wire;

@@ -169,6 +169,25 @@ impl LocalDaemon {
     }
 }
 
+impl crate::Client {
+    /// Makes a client of the user's own daemon, which is started where it is not running and ends by itself when nobody
+    /// has asked it anything for a while; see [`LocalDaemon`].
+    ///
+    /// Errors: [`ClientError::NoLocalDaemon`] when there is none to be had; else as [`crate::Client::connect`].
+    pub async fn local(options: Options) -> Result<Self, ClientError> {
+        let started = tokio::task::spawn_blocking(|| LocalDaemon::of_user()?.start(|_| {})).await;
+        let url = started.map_err(|error| ClientError::NoLocalDaemon { problem: error.to_string() })??;
+        Self::connect(&url, options)
+    }
+}
+
+impl Client {
+    /// See [`crate::Client::local`]. Errors: as there.
+    pub fn local(options: Options) -> Result<Self, ClientError> {
+        Self::connect(&LocalDaemon::of_user()?.start(|_| {})?, options)
+    }
+}
+
 fn idle_s() -> u32 {
     std::env::var(IDLE_VARIABLE).ok().and_then(|text| text.parse().ok()).filter(|&s| s > 0).unwrap_or(IDLE_S)
 }

@@ -51,7 +51,7 @@ pub struct PrefetchingTuner {
 
 impl PrefetchingTuner {
     pub(crate) fn new(study: &Study) -> Result<Self, ClientError> {
-        let first = Arc::clone(&study.shared.core.client_id);
+        let first = Arc::clone(&study.shared.context.core.client_id);
         let second: Arc<str> = format!("{first}{SECOND}").into();
         if second.chars().count() > CLIENT_ID_CHARACTERS_MAX {
             let problem = format!(
@@ -99,7 +99,7 @@ impl PrefetchingTuner {
     /// The answer to the question before, if it is there and about this state. One that is about another is given back,
     /// as soon as it comes.
     fn answered(&mut self, indicators: &Indicators) -> Result<Suggestion, SharedError> {
-        let spec = &self.study.shared.spec;
+        let spec = &self.study.shared.context.spec;
         checks::state(spec, indicators)?;
         let not_yet = |why| Arc::new(ClientError::NotYet { why });
         let Some(mut question) = self.outstanding.take() else {
@@ -125,12 +125,12 @@ impl PrefetchingTuner {
         let shared = &self.study.shared;
         if self.outstanding.is_some()
             || shared.problem().is_some()
-            || checks::state(&shared.spec, upcoming).is_err()
+            || checks::state(&shared.context.spec, upcoming).is_err()
         {
             return;
         }
         let (reply, answer) = oneshot::channel();
-        let due = shared.core.outbox.expect_answer(previous.is_some());
+        let due = shared.context.core.outbox.expect_answer(previous.is_some());
         self.clients.swap(0, 1);
         let client_id = Arc::clone(&self.clients[0]);
         let frame = Frame { finished: previous, indicators: upcoming.clone(), client_id, reply, due };

@@ -10,10 +10,9 @@ use tokio::time::{Instant, timeout, timeout_at};
 use tokio_stream::wrappers::ReceiverStream;
 use treewright_proto::v1;
 
-use crate::answer::Answer;
 use crate::delivery::worth_repeating;
 use crate::outbox::AnswerDue;
-use crate::study::Shared;
+use crate::shared::{Shared, SuggestAnswer};
 use crate::{ClientError, Finished, Indicators, limits};
 
 /// One question of a tuner, with the result of the frame before.
@@ -22,7 +21,7 @@ pub(crate) struct Frame {
     pub(crate) finished: Option<Finished>,
     pub(crate) indicators: Indicators,
     pub(crate) client_id: Arc<str>,
-    pub(crate) reply: oneshot::Sender<Answer>,
+    pub(crate) reply: oneshot::Sender<SuggestAnswer>,
     /// Lets a flush wait for this frame. The last field, so that a result that is dropped with the frame
     /// is in the outbox before the frame is no longer waited for.
     pub(crate) due: AnswerDue,
@@ -34,9 +33,9 @@ pub(crate) async fn run(shared: Arc<Shared>, mut frames: mpsc::Receiver<Frame>) 
         let mut stream = Stream { shared: &shared, waiting: VecDeque::new() };
         if let Err(problem) = stream.serve(first, &mut frames).await {
             tracing::debug!(%problem, "the stream broke");
-            stream.shared.core.counters.note(&problem);
+            stream.shared.context.core.counters.note(&problem);
             if problem.is_unreachable() {
-                stream.shared.core.circuit_breaker.failure(Arc::new(problem.clone()));
+                stream.shared.context.core.circuit_breaker.failure(Arc::new(problem.clone()));
             }
             stream.fail(&problem);
         }
@@ -52,7 +51,7 @@ struct Stream<'a> {
 impl Stream<'_> {
     /// Opens the stream with the first frame and serves it until the tuner is gone or the stream breaks.
     async fn serve(&mut self, first: Frame, frames: &mut mpsc::Receiver<Frame>) -> Result<(), ClientError> {
-        let core = &self.shared.core;
+        let core = &self.shared.context.core;
         let (requests, outgoing) = mpsc::channel(limits::UNANSWERED_FRAMES);
         self.send(first, &requests).await?;
         if self.waiting.is_empty() {
@@ -99,8 +98,9 @@ impl Stream<'_> {
         mut frame: Frame,
         requests: &mpsc::Sender<v1::TuneRequest>,
     ) -> Result<(), ClientError> {
-        let core = &self.shared.core;
-        let told = timeout(core.options.deadline, core.outbox.wait_until_told(&self.shared.name)).await;
+        let core = &self.shared.context.core;
+        let told =
+            timeout(core.options.deadline, core.outbox.wait_until_told(&self.shared.context.name)).await;
         if told.is_err() {
             self.turn_away(frame, core.late("Report", core.options.deadline));
             return Ok(());
@@ -121,7 +121,7 @@ impl Stream<'_> {
 
     /// The answer to the oldest frame.
     fn answered(&mut self, response: v1::TuneResponse) -> Result<(), ClientError> {
-        let core = &self.shared.core;
+        let core = &self.shared.context.core;
         let Some((mut frame, _)) = self.waiting.pop_front() else {
             return Err(core.malformed("Tune", "an answer without a request".into()));
         };
@@ -159,13 +159,13 @@ impl Stream<'_> {
         let wait = error.retry_after_ms.and_then(|ms| u64::try_from(ms).ok()).map(Duration::from_millis);
         let details = tonic_types::ErrorDetails::with_retry_info(wait);
         let status = tonic::Status::with_error_details(error.code.into(), error.message.clone(), details);
-        let problem = ClientError::from_status(&self.shared.core.url, call, &status);
-        self.shared.core.circuit_breaker.note_hint(&problem);
+        let problem = ClientError::from_status(&self.shared.context.core.url, call, &status);
+        self.shared.context.core.circuit_breaker.note_hint(&problem);
         problem
     }
 
     fn ended(&self) -> ClientError {
-        ClientError::away(&self.shared.core.url, "the daemon ended the stream")
+        ClientError::away(&self.shared.context.core.url, "the daemon ended the stream")
     }
 
     /// Answers a frame that cannot be sent; its result goes to the outbox.

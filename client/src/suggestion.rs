@@ -5,7 +5,7 @@ use std::time::SystemTime;
 
 use crate::delivery::report_request;
 use crate::outbox::{Message, OutboxItem};
-use crate::study::Shared;
+use crate::study_context::StudyContext;
 use crate::{
     ClientError, Configuration, Measurements, Mode, OpenEnum, Outcome, Reason, SharedError, TrialRecord,
     checks,
@@ -31,7 +31,7 @@ pub enum Source {
 #[derive(Debug)]
 #[must_use = "a dropped suggestion gives its trial back"]
 pub struct Suggestion {
-    shared: Arc<Shared>,
+    study: Arc<StudyContext>,
     configuration: Configuration,
     source: Source,
     mode: OpenEnum<Mode>,
@@ -44,9 +44,9 @@ pub struct Suggestion {
 }
 
 impl Suggestion {
-    pub(crate) fn of_trial(shared: Arc<Shared>, trial: TrialRecord, lease: Lease) -> Self {
+    pub(crate) fn of_trial(study: Arc<StudyContext>, trial: TrialRecord, lease: Lease) -> Self {
         Self {
-            shared,
+            study,
             configuration: trial.configuration,
             source: Source::Daemon,
             mode: trial.mode,
@@ -59,16 +59,13 @@ impl Suggestion {
         }
     }
 
-    pub(crate) fn fallback(
-        shared: Arc<Shared>,
-        last_good: Option<Configuration>,
-        problem: SharedError,
-    ) -> Self {
+    pub(crate) fn fallback(study: Arc<StudyContext>, problem: SharedError) -> Self {
+        let last_good = study.last_good();
         let (source, mode) = match last_good {
             Some(_) => (Source::LastGood, Mode::Exploit),
             None => (Source::Default, Mode::Default),
         };
-        let configuration = last_good.unwrap_or_else(|| shared.spec.space.default_configuration().into());
+        let configuration = last_good.unwrap_or_else(|| study.spec.space.default_configuration().into());
         let what = match source {
             Source::LastGood => "the last good configuration",
             Source::Daemon | Source::Default => "the recommended values",
@@ -77,7 +74,7 @@ impl Suggestion {
         let reason = Reason { summary, source: "fallback".into(), ..Reason::default() };
         let problem = Some(problem);
         Self {
-            shared,
+            study,
             configuration,
             source,
             mode: mode.into(),
@@ -151,12 +148,12 @@ impl Suggestion {
     /// Errors: [`ClientError::Invalid`] when the service would refuse the result, e.g. a measurement
     /// that is not finite; the trial is then given back.
     pub fn finished(mut self, measurements: Measurements, outcome: Outcome) -> Result<Finished, ClientError> {
-        checks::result(&self.shared.spec, &outcome, &measurements)?;
-        self.shared.learn(&self.configuration, &outcome);
+        checks::result(&self.study.spec, &outcome, &measurements)?;
+        self.study.learn(&self.configuration, &outcome);
         let lease = self.lease.take();
         match &lease {
-            Some(lease) => self.shared.core.outbox.mark_reported(&lease.trial),
-            None => self.shared.core.counters.unreported.add(1),
+            Some(lease) => self.study.core.outbox.mark_reported(&lease.trial),
+            None => self.study.core.counters.unreported.add(1),
         }
         Ok(Finished { lease, measurements, outcome, attempts: 0 })
     }
@@ -176,7 +173,7 @@ impl Suggestion {
     /// Errors: [`ClientError::Refused`] when the trial is no longer open; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn extend_lease(&mut self) -> Result<(), ClientError> {
         if let Some(lease) = &self.lease {
-            self.lease_expire_time = self.shared.core.extend_lease(&lease.trial).await?.lease_expire_time;
+            self.lease_expire_time = self.study.core.extend_lease(&lease.trial).await?.lease_expire_time;
         }
         Ok(())
     }
@@ -204,7 +201,7 @@ impl Finished {
     /// It is being sent outside the outbox.
     pub(crate) fn note_attempt(&mut self) {
         if let Some(lease) = &self.lease {
-            let counters = &lease.shared.core.counters;
+            let counters = &lease.study.core.counters;
             counters.sent.add(1);
             counters.resent.add(usize::from(self.attempts > 0));
             self.attempts += 1;
@@ -214,8 +211,8 @@ impl Finished {
     /// The daemon has it.
     pub(crate) fn acknowledged(mut self, duplicate: bool) {
         if let Some(lease) = self.lease.take() {
-            lease.shared.core.counters.acknowledged.add(1);
-            lease.shared.core.counters.duplicates.add(usize::from(duplicate));
+            lease.study.core.counters.acknowledged.add(1);
+            lease.study.core.counters.duplicates.add(usize::from(duplicate));
         }
     }
 
@@ -223,8 +220,8 @@ impl Finished {
     pub(crate) fn refused(mut self, problem: &ClientError) {
         if let Some(lease) = self.lease.take() {
             tracing::warn!(trial = %lease.trial, %problem, "a report is given up");
-            lease.shared.core.counters.refused.add(1);
-            lease.shared.core.counters.note(problem);
+            lease.study.core.counters.refused.add(1);
+            lease.study.core.counters.note(problem);
         }
     }
 }
@@ -233,10 +230,10 @@ impl Drop for Finished {
     fn drop(&mut self) {
         if let Some(lease) = self.lease.take() {
             let message = Message::Report(std::mem::take(&mut self.measurements), self.outcome.clone());
-            let (study, trial) = (Arc::clone(&lease.shared.name), Arc::clone(&lease.trial));
-            let core = &lease.shared.core;
+            let (name, trial) = (Arc::clone(&lease.study.name), Arc::clone(&lease.trial));
+            let core = &lease.study.core;
             core.count_lost(core.outbox.report(OutboxItem {
-                study,
+                study: name,
                 trial,
                 message,
                 attempts: self.attempts,
@@ -248,21 +245,21 @@ impl Drop for Finished {
 /// Our hold on a trial. The last one dropped without a result gives the trial back.
 #[derive(Debug)]
 pub(crate) struct Lease {
-    shared: Arc<Shared>,
+    study: Arc<StudyContext>,
     trial: Arc<str>,
 }
 
 impl Lease {
     /// Takes hold; `None` when this client is just reporting that trial or giving it back.
-    pub(crate) fn take(shared: &Arc<Shared>, trial: &str) -> Option<Self> {
+    pub(crate) fn take(study: &Arc<StudyContext>, trial: &str) -> Option<Self> {
         let trial: Arc<str> = Arc::from(trial);
-        shared.core.outbox.hold(&trial).then(|| Self { shared: Arc::clone(shared), trial })
+        study.core.outbox.hold(&trial).then(|| Self { study: Arc::clone(study), trial })
     }
 }
 
 impl Drop for Lease {
     fn drop(&mut self) {
-        let core = &self.shared.core;
-        core.count_lost(core.outbox.release(&self.shared.name, &self.trial));
+        let core = &self.study.core;
+        core.count_lost(core.outbox.release(&self.study.name, &self.trial));
     }
 }

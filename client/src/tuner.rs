@@ -54,8 +54,8 @@ impl Tuner {
         let frames = &self.frames;
         let ask = move || {
             let (reply, answer) = oneshot::channel();
-            let due = shared.core.outbox.expect_answer(previous.is_some());
-            let client_id = Arc::clone(&shared.core.client_id);
+            let due = shared.context.core.outbox.expect_answer(previous.is_some());
+            let client_id = Arc::clone(&shared.context.core.client_id);
             let frame = Frame { finished: previous, indicators: indicators.clone(), client_id, reply, due };
             // A frame that finds no room is dropped here: its result goes to the outbox, and the closed
             // reply makes the caller fall back.

@@ -5,7 +5,6 @@ mod circles;
 mod dependencies;
 mod documents;
 mod layering;
-mod methods;
 mod packages;
 mod tidiness;
 mod words;

@@ -12,7 +12,6 @@ use std::time::Duration;
 
 use runtime::RuntimeThread;
 
-use crate::local::LocalDaemon;
 use crate::{
     Best, ClientError, Configuration, Finished, Indicators, Measurements, Options, Outcome, PolicyChange,
     Prediction, Question, SessionPolicy, Side, Stats, Status, StudyRecord, StudySpec, Suggestion, TrialQuery,
@@ -36,11 +35,6 @@ impl Client {
         let client = thread.run(async || crate::Client::connect(url, options))?;
         thread.flush_at_the_end(&client);
         Ok(Self { client, thread: Arc::new(thread) })
-    }
-
-    /// See [`crate::Client::local`]. Errors: as there.
-    pub fn local(options: Options) -> Result<Self, ClientError> {
-        Self::connect(&LocalDaemon::of_user()?.start(|_| {})?, options)
     }
 
     /// See [`crate::Client::study`]. Errors: as there.

@@ -16,6 +16,7 @@ mod roofline;
 mod trees;
 
 use treewright_core::policy::SearchMethod;
+use treewright_core::words::Word as _;
 
 use problem::{Kind, Problem, Run};
 pub(crate) use roofline::best_of;
@@ -32,13 +33,7 @@ fn method(name: &str) -> (SearchMethod, usize) {
 }
 
 fn search(name: &str) -> SearchMethod {
-    match name {
-        "nelder_mead" => SearchMethod::NelderMead,
-        "latin_hypercube" => SearchMethod::LatinHypercube,
-        "random" => SearchMethod::Random,
-        "model" => SearchMethod::Model,
-        other => panic!("{other} is no search"),
-    }
+    SearchMethod::from_word(name).unwrap_or_else(|| panic!("{name} is no search"))
 }
 
 fn suite(name: &str, seed: u64) -> Vec<Problem> {

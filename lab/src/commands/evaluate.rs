@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use clap::{Args, Subcommand};
 use treewright_core::policy::SearchMethod;
+use treewright_core::words::Word as _;
 use treewright_render_cli::arguments::objective;
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::interrupt::Interrupt;
@@ -58,11 +59,12 @@ pub(super) struct RecordArguments {
 }
 
 fn search_method(text: &str) -> Result<SearchMethod, String> {
-    let known =
-        [SearchMethod::NelderMead, SearchMethod::LatinHypercube, SearchMethod::Random, SearchMethod::Model];
-    known.into_iter().find(|method| method.name() == text.replace('-', "_")).ok_or_else(|| {
-        format!("there is no search {text}; there are {}", known.map(SearchMethod::name).join(", "))
-    })
+    let known = SearchMethod::WORDS.iter().filter(|(method, _)| *method != SearchMethod::Auto);
+    let names = || known.clone().map(|(_, name)| *name).collect::<Vec<_>>().join(", ");
+    let found = known.clone().find(|(_, name)| *name == text.replace('-', "_"));
+    found
+        .map(|(method, _)| *method)
+        .ok_or_else(|| format!("there is no search {text}; there are {}", names()))
 }
 
 /// Does what is asked for.

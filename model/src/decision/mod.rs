@@ -73,7 +73,7 @@ pub enum Choice {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Explore {
     /// What.
-    pub point: Point,
+    pub point: ExploredPoint,
     /// Why the client explores.
     pub rule: ExploreRule,
     /// What exploring was expected to bring and to cost when that was decided.
@@ -93,7 +93,7 @@ pub struct Explore {
 /// What is explored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Point {
+pub enum ExploredPoint {
     /// The default configuration, with which a search begins.
     Baseline(SearchMethod),
     /// The default configuration, by which a machine is compared with others.
@@ -138,7 +138,7 @@ pub enum Point {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exploit {
     /// Who says that it is good.
-    pub source: Source,
+    pub source: ExploitSource,
     /// Why the client does not explore.
     pub rule: ExploitRule,
     /// What exploring was expected to bring and to cost when that was decided.
@@ -152,7 +152,7 @@ pub struct Exploit {
 /// Who says that a configuration is good.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Source {
+pub enum ExploitSource {
     /// Nobody: it is the default configuration.
     Default,
     /// The state's own measurements.
@@ -202,7 +202,7 @@ pub struct Predicted {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ByMachines {
     /// Whose measurements count most.
-    pub level: Level,
+    pub level: MachineLevel,
     /// How many machines measured it, and how often together.
     pub machines: u64,
     /// How often they did together.
@@ -352,7 +352,7 @@ impl Step {
 /// Whose evidence it is, seen from one machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Level {
+pub enum MachineLevel {
     /// Its own: processor, instruction set, threads and software are the same.
     Machine,
     /// That of machines with the same processor and software.
@@ -361,13 +361,13 @@ pub enum Level {
     Fleet,
 }
 
-impl Level {
+impl MachineLevel {
     /// The name that reasons carry.
     pub fn name(self) -> &'static str {
         match self {
-            Level::Machine => "machine",
-            Level::Group => "group",
-            Level::Fleet => "fleet",
+            MachineLevel::Machine => "machine",
+            MachineLevel::Group => "group",
+            MachineLevel::Fleet => "fleet",
         }
     }
 }
@@ -385,10 +385,11 @@ impl Decision {
         match &self.choice {
             Choice::Pinned | Choice::Wanted => Mode::Pinned,
             Choice::Shadow { .. } => Mode::Default,
-            Choice::Explore(Explore { point: Point::Baseline(_) | Point::BaselineOfMachine, .. }) => {
-                Mode::Default
-            }
-            Choice::Explore(Explore { point: Point::Incumbent { is_default, .. }, .. }) => {
+            Choice::Explore(Explore {
+                point: ExploredPoint::Baseline(_) | ExploredPoint::BaselineOfMachine,
+                ..
+            }) => Mode::Default,
+            Choice::Explore(Explore { point: ExploredPoint::Incumbent { is_default, .. }, .. }) => {
                 if *is_default {
                     Mode::Default
                 } else {
@@ -396,9 +397,10 @@ impl Decision {
                 }
             }
             Choice::Explore(_) => Mode::Explore,
-            Choice::Exploit(Exploit { source: Source::Default | Source::Incumbent { .. }, .. }) => {
-                Mode::Default
-            }
+            Choice::Exploit(Exploit {
+                source: ExploitSource::Default | ExploitSource::Incumbent { .. },
+                ..
+            }) => Mode::Default,
             Choice::Exploit(_) => Mode::Exploit,
         }
     }
@@ -410,10 +412,12 @@ impl Decision {
             Choice::Wanted => Rule::Wanted,
             Choice::Shadow { .. } => Rule::Shadow,
             Choice::Explore(Explore {
-                point: Point::Confirming { .. } | Point::Incumbent { round: Some(_), .. },
+                point: ExploredPoint::Confirming { .. } | ExploredPoint::Incumbent { round: Some(_), .. },
                 ..
             }) => Rule::Confirming,
-            Choice::Explore(Explore { point: Point::Incumbent { round: None, .. }, .. }) => Rule::Incumbent,
+            Choice::Explore(Explore { point: ExploredPoint::Incumbent { round: None, .. }, .. }) => {
+                Rule::Incumbent
+            }
             Choice::Explore(Explore { rule, .. }) => match rule {
                 ExploreRule::Dice => Rule::Explore,
                 ExploreRule::NothingKnown => Rule::NothingKnown,
@@ -439,8 +443,8 @@ impl Decision {
     /// The step of the state's search that the trial is a point of, if it is one.
     pub fn search_step(&self) -> Option<Step> {
         match &self.choice {
-            Choice::Explore(Explore { point: Point::Search { step, .. }, .. }) => Some(*step),
-            Choice::Explore(Explore { point: Point::Baseline(_), .. }) => Some(Step::Default),
+            Choice::Explore(Explore { point: ExploredPoint::Search { step, .. }, .. }) => Some(*step),
+            Choice::Explore(Explore { point: ExploredPoint::Baseline(_), .. }) => Some(Step::Default),
             _ => None,
         }
     }
@@ -448,7 +452,7 @@ impl Decision {
     /// Whether it was taken over from other machines to be measured here, or carried over with what was measured elsewhere.
     pub fn is_from_elsewhere(&self) -> bool {
         self.origin.is_some()
-            || matches!(&self.choice, Choice::Explore(Explore { point: Point::ByMachines(_), .. }))
+            || matches!(&self.choice, Choice::Explore(Explore { point: ExploredPoint::ByMachines(_), .. }))
     }
 
     /// The client is to stop the trial as soon as its cost exceeds this, in the objective's units.

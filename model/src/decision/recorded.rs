@@ -9,8 +9,8 @@ use serde_json::Value;
 
 use super::words::{BEST_KNOWN, DEFAULT, SHADOW, TRANSFER, WANTED};
 use super::{
-    BudgetStatus, ByMachines, Choice, Decision, Exploit, ExploitRule, ExplorationEstimate, Explore,
-    ExploreRule, Level, Point, Predicted, Source, Step,
+    BudgetStatus, ByMachines, Choice, Decision, Exploit, ExploitRule, ExploitSource, ExplorationEstimate,
+    Explore, ExploreRule, ExploredPoint, MachineLevel, Predicted, Step,
 };
 use crate::policy::{PredictorMethod, SearchMethod};
 use crate::reason::{Explanation, Mode, Neighbour, Reason, Rule};
@@ -86,7 +86,7 @@ fn budget(explanation: &Explanation) -> BudgetStatus {
     BudgetStatus { budget_left, set_aside, reference_cost }
 }
 
-fn by_machines(level: Level, neighbours: Vec<Neighbour>) -> ByMachines {
+fn by_machines(level: MachineLevel, neighbours: Vec<Neighbour>) -> ByMachines {
     let machines = neighbours.len() as u64;
     ByMachines { level, machines, measurements: 0, software_change: None, neighbours }
 }
@@ -96,19 +96,21 @@ fn explore(source: &str, step: &str, neighbours: Vec<Neighbour>, explanation: &E
     let proposed = named::<PredictorMethod>(source).filter(|_| search.is_none());
     let point = match (named::<Step>(step), search) {
         _ if step == TRANSFER => {
-            Point::ByMachines(by_machines(named(source).unwrap_or(Level::Fleet), neighbours))
+            ExploredPoint::ByMachines(by_machines(named(source).unwrap_or(MachineLevel::Fleet), neighbours))
         }
-        (Some(Step::Default), Some(search)) => Point::Baseline(search),
-        (Some(Step::Default), None) => Point::BaselineOfMachine,
+        (Some(Step::Default), Some(search)) => ExploredPoint::Baseline(search),
+        (Some(Step::Default), None) => ExploredPoint::BaselineOfMachine,
         (Some(step), search) => match proposed {
-            Some(predictor) => Point::Proposal(Predicted { predictor, expected: (0.0, 0.0), neighbours }),
+            Some(predictor) => {
+                ExploredPoint::Proposal(Predicted { predictor, expected: (0.0, 0.0), neighbours })
+            }
             None => {
                 let search = search.unwrap_or_default();
                 let measurements = u64::from(step == Step::Replicate);
-                Point::Search { search, step, measurements, neighbours }
+                ExploredPoint::Search { search, step, measurements, neighbours }
             }
         },
-        (None, _) => Point::Random,
+        (None, _) => ExploredPoint::Random,
     };
     Explore {
         point,
@@ -122,14 +124,14 @@ fn explore(source: &str, step: &str, neighbours: Vec<Neighbour>, explanation: &E
 
 fn exploit(mode: Mode, source: &str, neighbours: Vec<Neighbour>, explanation: &Explanation) -> Exploit {
     let known = |neighbours: &[Neighbour]| neighbours.first().cloned();
-    let source = match (source, named::<Level>(source), named::<PredictorMethod>(source)) {
-        (DEFAULT, ..) => Source::Default,
-        _ if mode == Mode::Default => Source::Default,
-        (_, Some(level), _) => Source::Machines(by_machines(level, neighbours)),
+    let source = match (source, named::<MachineLevel>(source), named::<PredictorMethod>(source)) {
+        (DEFAULT, ..) => ExploitSource::Default,
+        _ if mode == Mode::Default => ExploitSource::Default,
+        (_, Some(level), _) => ExploitSource::Machines(by_machines(level, neighbours)),
         (_, _, Some(predictor)) => {
-            Source::Predictor(Predicted { predictor, expected: (0.0, 0.0), neighbours })
+            ExploitSource::Predictor(Predicted { predictor, expected: (0.0, 0.0), neighbours })
         }
-        (BEST_KNOWN, ..) | (_, None, None) => Source::BestKnown {
+        (BEST_KNOWN, ..) | (_, None, None) => ExploitSource::BestKnown {
             tried: 0,
             measurements: 0,
             state: known(&neighbours).unwrap_or(Neighbour { state_id: 0, distance: 0.0, best_cost: 0.0 }),

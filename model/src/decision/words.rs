@@ -1,7 +1,8 @@
 //! Decisions in words: every sentence that people read of an answer is made here, and nowhere else.
 
 use super::{
-    ByMachines, Choice, Decision, Exploit, ExploitRule, Explore, Level, Point, Predicted, Source, Step,
+    ByMachines, Choice, Decision, Exploit, ExploitRule, ExploitSource, Explore, ExploredPoint, MachineLevel,
+    Predicted, Step,
 };
 use crate::policy::PredictorMethod;
 use crate::reason::{Explanation, Neighbour, Reason};
@@ -41,23 +42,23 @@ fn source(choice: &Choice) -> (&'static str, &'static str) {
         Choice::Wanted => (WANTED, ""),
         Choice::Shadow { .. } => (SHADOW, ""),
         Choice::Explore(Explore { point, .. }) => match point {
-            Point::Baseline(search) => (search.name(), Step::Default.name()),
-            Point::BaselineOfMachine => (DEFAULT, Step::Default.name()),
-            Point::Search { search, step, .. } => (search.name(), step.name()),
-            Point::Proposal(predicted) => (predicted.predictor.name(), Step::Model.name()),
-            Point::ByMachines(by) => (by.level.name(), TRANSFER),
-            Point::Random => (RANDOM, Step::RandomSearch.name()),
-            Point::Confirming { .. } => (CONFIRMATION, Step::Replicate.name()),
-            Point::Incumbent { round: Some(_), .. } => (CONFIRMATION, Step::Replicate.name()),
-            Point::Incumbent { round: None, .. } => (INCUMBENT, Step::Replicate.name()),
+            ExploredPoint::Baseline(search) => (search.name(), Step::Default.name()),
+            ExploredPoint::BaselineOfMachine => (DEFAULT, Step::Default.name()),
+            ExploredPoint::Search { search, step, .. } => (search.name(), step.name()),
+            ExploredPoint::Proposal(predicted) => (predicted.predictor.name(), Step::Model.name()),
+            ExploredPoint::ByMachines(by) => (by.level.name(), TRANSFER),
+            ExploredPoint::Random => (RANDOM, Step::RandomSearch.name()),
+            ExploredPoint::Confirming { .. } => (CONFIRMATION, Step::Replicate.name()),
+            ExploredPoint::Incumbent { round: Some(_), .. } => (CONFIRMATION, Step::Replicate.name()),
+            ExploredPoint::Incumbent { round: None, .. } => (INCUMBENT, Step::Replicate.name()),
         },
         Choice::Exploit(Exploit { source, .. }) => match source {
-            Source::Default => (DEFAULT, ""),
-            Source::BestKnown { .. } => (BEST_KNOWN, ""),
-            Source::Incumbent { .. } => (INCUMBENT, ""),
-            Source::Portfolio { .. } => (PORTFOLIO, ""),
-            Source::Predictor(predicted) => (predicted.predictor.name(), ""),
-            Source::Machines(by) => (by.level.name(), ""),
+            ExploitSource::Default => (DEFAULT, ""),
+            ExploitSource::BestKnown { .. } => (BEST_KNOWN, ""),
+            ExploitSource::Incumbent { .. } => (INCUMBENT, ""),
+            ExploitSource::Portfolio { .. } => (PORTFOLIO, ""),
+            ExploitSource::Predictor(predicted) => (predicted.predictor.name(), ""),
+            ExploitSource::Machines(by) => (by.level.name(), ""),
         },
     }
 }
@@ -65,21 +66,21 @@ fn source(choice: &Choice) -> (&'static str, &'static str) {
 fn neighbours(choice: &Choice) -> Vec<Neighbour> {
     match choice {
         Choice::Explore(Explore { point, .. }) => match point {
-            Point::Search { neighbours, .. } => neighbours.clone(),
-            Point::Proposal(predicted) => predicted.neighbours.clone(),
-            Point::ByMachines(by) => by.neighbours.clone(),
-            Point::Baseline(_)
-            | Point::BaselineOfMachine
-            | Point::Random
-            | Point::Confirming { .. }
-            | Point::Incumbent { .. } => Vec::new(),
+            ExploredPoint::Search { neighbours, .. } => neighbours.clone(),
+            ExploredPoint::Proposal(predicted) => predicted.neighbours.clone(),
+            ExploredPoint::ByMachines(by) => by.neighbours.clone(),
+            ExploredPoint::Baseline(_)
+            | ExploredPoint::BaselineOfMachine
+            | ExploredPoint::Random
+            | ExploredPoint::Confirming { .. }
+            | ExploredPoint::Incumbent { .. } => Vec::new(),
         },
         Choice::Exploit(Exploit { source, .. }) => match source {
-            Source::Default | Source::Incumbent { .. } => Vec::new(),
-            Source::BestKnown { state, .. } => vec![state.clone()],
-            Source::Portfolio { neighbours, .. } => neighbours.clone(),
-            Source::Predictor(predicted) => predicted.neighbours.clone(),
-            Source::Machines(by) => by.neighbours.clone(),
+            ExploitSource::Default | ExploitSource::Incumbent { .. } => Vec::new(),
+            ExploitSource::BestKnown { state, .. } => vec![state.clone()],
+            ExploitSource::Portfolio { neighbours, .. } => neighbours.clone(),
+            ExploitSource::Predictor(predicted) => predicted.neighbours.clone(),
+            ExploitSource::Machines(by) => by.neighbours.clone(),
         },
         Choice::Pinned | Choice::Wanted | Choice::Shadow { .. } => Vec::new(),
     }
@@ -134,44 +135,46 @@ fn of_lost(leases: u32) -> &'static str {
     }
 }
 
-fn of_point(point: &Point) -> String {
+fn of_point(point: &ExploredPoint) -> String {
     match point {
-        Point::Baseline(_) => "The baseline comes first in a state that is explored.".into(),
-        Point::BaselineOfMachine => {
+        ExploredPoint::Baseline(_) => "The baseline comes first in a state that is explored.".into(),
+        ExploredPoint::BaselineOfMachine => {
             "The baseline comes first: by it this machine is compared with the others.".into()
         }
-        Point::Search { measurements: 0, step: Step::Elsewhere, .. } => {
+        ExploredPoint::Search { measurements: 0, step: Step::Elsewhere, .. } => {
             "It did well in other states; here it was not measured yet.".into()
         }
-        Point::Search { measurements: 0, .. } => "The next point of the state's search.".into(),
-        Point::Search { measurements, .. } => {
+        ExploredPoint::Search { measurements: 0, .. } => "The next point of the state's search.".into(),
+        ExploredPoint::Search { measurements, .. } => {
             format!("Another replicate, after {measurements} measurements.")
         }
-        Point::Proposal(Predicted { expected: (cost, deviation), .. }) => format!(
+        ExploredPoint::Proposal(Predicted { expected: (cost, deviation), .. }) => format!(
             "Nothing was measured in this state; by what is known of others this may do better than the rest: \
              {cost:.4} ± {deviation:.4}."
         ),
-        Point::ByMachines(by) => of_machines(by),
-        Point::Confirming { round, rounds_max } => format!(
+        ExploredPoint::ByMachines(by) => of_machines(by),
+        ExploredPoint::Confirming { round, rounds_max } => format!(
             "One of the best few of the search runs against the incumbent: round {round} of at most {rounds_max}."
         ),
-        Point::Incumbent { round: Some(round), .. } => {
+        ExploredPoint::Incumbent { round: Some(round), .. } => {
             format!("The incumbent runs against the best few of the search: round {round}.")
         }
-        Point::Incumbent { round: None, .. } => {
+        ExploredPoint::Incumbent { round: None, .. } => {
             "The incumbent is measured again: by it the speed of the machine is told.".into()
         }
-        Point::Random => "The search only met known configurations; this one was drawn at random.".into(),
+        ExploredPoint::Random => {
+            "The search only met known configurations; this one was drawn at random.".into()
+        }
     }
 }
 
 fn of_exploit(exploit: &Exploit) -> String {
     let said = match (&exploit.source, exploit.rule) {
-        (Source::Default, ExploitRule::Budget) => {
+        (ExploitSource::Default, ExploitRule::Budget) => {
             return "The baseline must be measured before anything is explored within a budget.".into();
         }
-        (Source::Default, _) => "Nothing better is known yet.".to_owned(),
-        (Source::BestKnown { tried, measurements, gain, .. }, _) => {
+        (ExploitSource::Default, _) => "Nothing better is known yet.".to_owned(),
+        (ExploitSource::BestKnown { tried, measurements, gain, .. }, _) => {
             let mut said = format!(
                 "Best of {tried} configurations tried in this state; its cost rests on {measurements} measurements."
             );
@@ -183,16 +186,16 @@ fn of_exploit(exploit: &Exploit) -> String {
             }
             said
         }
-        (Source::Incumbent { tried, gain_at_most }, _) => format!(
+        (ExploitSource::Incumbent { tried, gain_at_most }, _) => format!(
             "Nothing better is proven: of {tried} configurations tried in this state none is likely to gain more than \
              {:.1} % over the default.",
             100.0 * gain_at_most
         ),
-        (Source::Portfolio { states, .. }, _) => {
+        (ExploitSource::Portfolio { states, .. }, _) => {
             format!("Nothing was measured here yet; this serves {states} known states best on average.")
         }
-        (Source::Predictor(predicted), _) => of_predictor(predicted),
-        (Source::Machines(by), _) => of_machines(by),
+        (ExploitSource::Predictor(predicted), _) => of_predictor(predicted),
+        (ExploitSource::Machines(by), _) => of_machines(by),
     };
     match exploit.rule {
         ExploitRule::RolledBack => said + " What was predicted did clearly worse here.",
@@ -219,8 +222,8 @@ fn of_predictor(predicted: &Predicted) -> String {
 fn of_machines(by: &ByMachines) -> String {
     let ByMachines { level, machines, measurements, software_change, .. } = by;
     let who = match level {
-        Level::Group => "with the same processor and software",
-        Level::Machine | Level::Fleet => "of the fleet",
+        MachineLevel::Group => "with the same processor and software",
+        MachineLevel::Machine | MachineLevel::Fleet => "of the fleet",
     };
     let mut said = format!(
         "Best by what {machines} other machines {who} measured in this state, {measurements} times; this one has less \

@@ -1,48 +1,91 @@
-//! The searches, predictors and operations that a policy can name.
+//! The searches, predictors and operations that a policy can name. The first two are those of `registry`, and `auto`.
 
 use crate::words::{Word, words};
 
-words! {
-    /// Searches inside one state.
-    #[derive(Default)]
-    pub enum SearchMethod {
-        /// The search that the daemon's version recommends, the same for every study; today [`SearchMethod::Model`].
-        #[default]
-        Auto = "auto",
-        /// Latin hypercube start, then a stochastic Nelder-Mead after Chang (2012) (paper section 6).
-        NelderMead = "nelder_mead",
-        /// Latin hypercube designs, one after the other.
-        LatinHypercube = "latin_hypercube",
-        /// Independent uniform samples.
-        Random = "random",
-        /// Gaussian processes and expected improvement: strong at 20 to 80 trials, in mixed and conditional spaces; see
-        /// `treewright_core::search::model`.
-        Model = "model",
+/// A method of the registry, or `auto`.
+#[derive(Clone, Copy, Debug)]
+pub struct RegisteredMethod<T> {
+    /// Which.
+    pub method: T,
+    /// Its number on the wire, never 0.
+    pub number: i32,
+    about: &'static [&'static str],
+}
+
+impl<T> RegisteredMethod<T> {
+    /// What it is, in a sentence or two of plain text.
+    pub fn about(&self) -> String {
+        self.about.iter().map(|line| line.trim()).collect::<Vec<_>>().join(" ")
     }
 }
 
-words! {
-    /// Predictors across states; see `treewright_core::predict`.
-    #[derive(Default, PartialOrd, Ord)]
-    pub enum PredictorMethod {
-        /// Whichever of the others has the smallest error in this study, tested on every trial before learning from it.
-        #[default]
-        Auto = "auto",
-        /// Best configuration of the nearest known state (paper section 6.1).
-        NearestNeighbour = "nearest_neighbour",
-        /// Best configuration over the eight nearest known states, weighted by distance.
-        WeightedNeighbours = "weighted_neighbours",
-        /// Radial basis functions trained by Greedy-GQ with gamma = 0 (paper section 6.2, as printed).
-        RbfGreedyGq = "rbf_greedy_gq",
-        /// Radial basis functions trained by Greedy-GQ that are Gaussians, as the paper's words have it.
-        GaussianGreedyGq = "gaussian_greedy_gq",
-        /// Radial basis functions fitted by recursive least squares, with models of their own for each kind of machine and
-        /// each client.
-        LeastSquares = "least_squares",
-        /// A Gaussian process over indicators and parameters together, which also proposes what to explore.
-        Contextual = "contextual",
-    }
+/// What the registry knows: [`SearchMethod`] and [`PredictorMethod`].
+pub trait Method: Word {
+    /// Every method: `auto`, then the rows of the registry in their order.
+    const REGISTERED: &'static [RegisteredMethod<Self>];
 }
+
+/// Makes an enum from the rows of the registry, with `auto` before them.
+macro_rules! define_methods {
+    (
+        $(#[$meta:meta])*
+        $name:ident, $(#[doc = $auto_about:literal])+ auto = $auto_number:literal,
+        $($(#[doc = $about:literal])+ $method:ident = $number:literal, $word:literal, $module:ident::$type:ident::$make:ident;)+
+    ) => {
+        words! {
+            $(#[$meta])*
+            #[derive(Default)]
+            pub enum $name {
+                $(#[doc = $auto_about])+
+                #[default]
+                Auto = "auto",
+                $($(#[doc = $about])+ $method = $word,)+
+            }
+        }
+
+        impl Method for $name {
+            const REGISTERED: &'static [RegisteredMethod<Self>] = &[
+                RegisteredMethod { method: $name::Auto, number: $auto_number, about: &[$($auto_about),+] },
+                $(RegisteredMethod { method: $name::$method, number: $number, about: &[$($about),+] },)+
+            ];
+        }
+
+        impl $name {
+            /// The name that reasons carry.
+            pub fn name(self) -> &'static str {
+                self.word()
+            }
+        }
+    };
+}
+
+macro_rules! define_searches {
+    ($($rows:tt)+) => {
+        define_methods! {
+            /// Searches inside one state.
+            SearchMethod,
+            /// The search that the daemon's version recommends, the same for every study; today `model`.
+            auto = 5,
+            $($rows)+
+        }
+    };
+}
+
+macro_rules! define_predictors {
+    ($($rows:tt)+) => {
+        define_methods! {
+            /// Predictors across states.
+            #[derive(PartialOrd, Ord)]
+            PredictorMethod,
+            /// Whichever of the others has the smallest error in this study, tested on every trial before learning from it.
+            auto = 3,
+            $($rows)+
+        }
+    };
+}
+
+crate::search_methods!(define_searches);
+crate::predictor_methods!(define_predictors);
 
 words! {
     /// What a study does with what it knows.
@@ -57,19 +100,5 @@ words! {
         /// Every client gets the default configuration; what would have been answered stands in the reason. Reports
         /// are learnt.
         Shadow = "shadow",
-    }
-}
-
-impl SearchMethod {
-    /// The name that reasons carry.
-    pub fn name(self) -> &'static str {
-        self.word()
-    }
-}
-
-impl PredictorMethod {
-    /// The name that reasons carry.
-    pub fn name(self) -> &'static str {
-        self.word()
     }
 }

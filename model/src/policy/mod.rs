@@ -2,12 +2,13 @@
 //! to it ([`PolicyChange`]).
 //!
 //! `table` lists the fields once, `define` makes the structs and their checks of it, `field` holds what a field can be,
-//! `methods` the searches, predictors and operations, `change` what replaces which fields.
+//! `registry` lists the searches and predictors, `methods` makes enums of them, `change` says what replaces which fields.
 
 mod change;
 mod define;
 mod field;
 mod methods;
+mod registry;
 mod table;
 
 use thiserror::Error;
@@ -15,7 +16,7 @@ use thiserror::Error;
 pub use change::PolicyChange;
 pub use define::{Policy, PolicySettings};
 pub use field::{PolicyField, Range, Setting, SettingValue};
-pub use methods::{Operation, PredictorMethod, SearchMethod};
+pub use methods::{Method, Operation, PredictorMethod, RegisteredMethod, SearchMethod};
 
 use crate::configuration::RawConfiguration;
 use crate::space::{Space, SpaceError};

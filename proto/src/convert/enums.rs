@@ -1,6 +1,6 @@
 //! Enums, by number. 0 is what was not said.
 
-use treewright_model::policy::{Operation, PredictorMethod, SearchMethod};
+use treewright_model::policy::{Method, Operation, PredictorMethod, SearchMethod};
 use treewright_model::space::Scale;
 use treewright_model::standing::ConfirmationStage;
 use treewright_model::trial::{Mode, OmissionReason, Rule, TrialState};
@@ -42,10 +42,6 @@ macro_rules! wire_enums {
 
 wire_enums! {
     Scale { Linear, Log }
-    SearchMethod { NelderMead, LatinHypercube, Random, Model, Auto }
-    PredictorMethod {
-        NearestNeighbour, RbfGreedyGq, Auto, WeightedNeighbours, GaussianGreedyGq, LeastSquares, Contextual,
-    }
     Operation { Tune, Freeze, Shadow }
     Mode { Default, Explore, Exploit, Pinned }
     TrialState { Open, Completed, Abandoned, Expired }
@@ -56,6 +52,29 @@ wire_enums! {
     ConfirmationStage { Off, Searching, Racing, Better, NothingBetter }
     OmissionReason { Inactive, Insensitive, BelowNoise, BelowCost, Constant, Redundant }
 }
+
+/// Searches and predictors have the numbers of their registry. That the contract gives these numbers to the same names is
+/// held by a test here, and written by another (`tests/generated.rs`).
+macro_rules! registered_enums {
+    ($($name:ident)+) => {
+        $(
+            impl WireEnum for $name {
+                fn number(self) -> i32 {
+                    let row = Self::REGISTERED.iter().find(|row| row.method == self);
+                    row.expect("the enum is made from the registry").number
+                }
+
+                fn from_number(number: i32) -> Option<OpenEnum<Self>> {
+                    let row = Self::REGISTERED.iter().find(|row| row.number == number);
+                    let value = row.map_or(OpenEnum::Unrecognised(number), |row| OpenEnum::Known(row.method));
+                    (number != 0).then_some(value)
+                }
+            }
+        )+
+    };
+}
+
+registered_enums! { SearchMethod PredictorMethod }
 
 #[cfg(test)]
 mod tests {

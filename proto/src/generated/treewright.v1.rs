@@ -368,10 +368,10 @@ pub enum SearchMethod {
     LatinHypercube = 2,
     /// Independent uniform samples.
     Random = 3,
-    /// Gaussian processes and expected improvement: strong at 20 to 80 trials, in mixed and conditional spaces;
-    /// also under noise and where many configurations cannot be run.
+    /// Gaussian processes and expected improvement: strong at 20 to 80 trials, in mixed and conditional spaces; also under
+    /// noise and where many configurations cannot be run.
     Model = 4,
-    /// The search that the daemon's version recommends, the same for every study; today MODEL.
+    /// The search that the daemon's version recommends, the same for every study; today `model`.
     Auto = 5,
 }
 impl SearchMethod {

@@ -12,15 +12,9 @@ use treewright_core::policy::SearchMethod;
 use treewright_core::search::{AnySearch, Feedback, Layout, SearchSetup, Verdict, levels};
 use treewright_core::space::{Condition, Domain, Parameter, Scale, Space};
 use treewright_core::value::Value;
+use treewright_core::words::Word as _;
 
 const MARKS: [usize; 3] = [80, 200, 1000];
-const METHODS: [SearchMethod; 5] = [
-    SearchMethod::Auto,
-    SearchMethod::Model,
-    SearchMethod::NelderMead,
-    SearchMethod::LatinHypercube,
-    SearchMethod::Random,
-];
 
 fn parameter(name: String, domain: Domain, default: Value, active_if: Option<Condition>) -> Parameter {
     Parameter { name, domain, default, active_if }
@@ -95,7 +89,7 @@ fn times(space: &Space, method: SearchMethod) -> Vec<f64> {
 fn main() {
     println!("{:16}{:16}{:>8}{:>10}{:>10}", "space", "search", "trials", "p50 µs", "p99 µs");
     for (name, space) in [("mixed 28", mixed()), ("choices 7", choices()), ("continuous 10", continuous())] {
-        for method in METHODS {
+        for &(method, _) in SearchMethod::WORDS {
             let times = times(&space, method);
             for mark in MARKS {
                 let mut last = times[mark - 40..mark].to_vec();

@@ -3,7 +3,7 @@
 //! The same frame costs more on one machine than on another, by a factor above all; but the best configuration may differ
 //! as well. So a measurement belongs to the machine that took it, which is processor, instruction set, threads and
 //! software together (the client's [`Fingerprint`]). Machines of the same processor and software make a group, and all
-//! machines of the study make the fleet ([`Level`]). How much a machine relies on its group and on the fleet is
+//! machines of the study make the fleet ([`MachineLevel`]). How much a machine relies on its group and on the fleet is
 //! learnt: each of its measurements is compared with what the others' measurements predicted. The paper leaves this to
 //! future work ("hierarchical optimization or per node optimization is promising", its section 9); the method is partial
 //! pooling (Gelman et al., "Bayesian Data Analysis", chapter 5).
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-pub use crate::decision::Level;
+pub use crate::decision::MachineLevel;
 use crate::fnv;
 use crate::ids::MachineId;
 use crate::limits::MACHINES_MAX;
@@ -39,7 +39,7 @@ const EFFECT_MEMORY: f64 = 64.0;
 const DISTANCE: [f64; 3] = [0.0, 0.05, 0.1];
 
 /// The square of the distance that a state of that level is further away by.
-pub(crate) fn distance_2(level: Level) -> f64 {
+pub(crate) fn distance_2(level: MachineLevel) -> f64 {
     let distance = DISTANCE[level as usize];
     distance * distance
 }
@@ -156,12 +156,12 @@ impl Machines {
     }
 
     /// Whose evidence `other`'s is, seen from a machine.
-    pub fn level(&self, machine: MachineId, other: MachineId) -> Level {
+    pub fn level(&self, machine: MachineId, other: MachineId) -> MachineLevel {
         let group = |place: MachineId| self.machines.get(index(place)).map(|machine| machine.group);
         match machine == other {
-            true => Level::Machine,
-            false if group(machine) == group(other) => Level::Group,
-            false => Level::Fleet,
+            true => MachineLevel::Machine,
+            false if group(machine) == group(other) => MachineLevel::Group,
+            false => MachineLevel::Fleet,
         }
     }
 
@@ -185,10 +185,10 @@ impl Machines {
     }
 
     /// The variance of what a level says of a machine's configurations.
-    pub(crate) fn miss_2(&self, machine: MachineId, level: Level) -> f64 {
+    pub(crate) fn miss_2(&self, machine: MachineId, level: MachineLevel) -> f64 {
         match level {
-            Level::Machine => 0.0,
-            Level::Group | Level::Fleet => {
+            MachineLevel::Machine => 0.0,
+            MachineLevel::Group | MachineLevel::Fleet => {
                 let (sum, weight) = self.machines[index(machine)].pooling.misses[level as usize - 1];
                 sum / weight
             }
@@ -209,10 +209,10 @@ impl Machines {
 
     /// Which share of a configuration's difference to the default carries over to a machine, 0 to 1: least squares
     /// through the origin, beginning at 1. It is 0 where others' favourites do worse than the default here.
-    pub(crate) fn share(&self, machine: MachineId, level: Level) -> f64 {
+    pub(crate) fn share(&self, machine: MachineId, level: MachineLevel) -> f64 {
         match level {
-            Level::Machine => 1.0,
-            Level::Group | Level::Fleet => {
+            MachineLevel::Machine => 1.0,
+            MachineLevel::Group | MachineLevel::Fleet => {
                 let (product, square) = self.machines[index(machine)].pooling.carried[level as usize - 1];
                 (product / square).clamp(0.0, 1.0)
             }
@@ -220,8 +220,8 @@ impl Machines {
     }
 
     /// Notes that a configuration which a level has at `theirs` from the default was measured at `own`.
-    pub(crate) fn carry(&mut self, machine: MachineId, level: Level, theirs: f64, own: f64) {
-        if level == Level::Machine {
+    pub(crate) fn carry(&mut self, machine: MachineId, level: MachineLevel, theirs: f64, own: f64) {
+        if level == MachineLevel::Machine {
             return;
         }
         let [theirs, own] = [theirs, own].map(|difference| difference.clamp(-MISS_MAX, MISS_MAX));
@@ -320,8 +320,14 @@ mod tests {
         assert_eq!(machines.find(None), None);
         let levels =
             |from: usize| places.iter().map(|&to| machines.level(places[from], to)).collect::<Vec<_>>();
-        assert_eq!(levels(0), [Level::Machine, Level::Group, Level::Fleet, Level::Fleet]);
-        assert_eq!(levels(2), [Level::Fleet, Level::Fleet, Level::Machine, Level::Fleet]);
+        assert_eq!(
+            levels(0),
+            [MachineLevel::Machine, MachineLevel::Group, MachineLevel::Fleet, MachineLevel::Fleet]
+        );
+        assert_eq!(
+            levels(2),
+            [MachineLevel::Fleet, MachineLevel::Fleet, MachineLevel::Machine, MachineLevel::Fleet]
+        );
         assert_eq!(machines.change_of_software(MachineId(2)).as_deref(), Some("embree 4.3 -> 4.4"));
         assert_eq!(
             (machines.change_of_software(MachineId(0)), machines.change_of_software(MachineId(3))),
@@ -335,24 +341,24 @@ mod tests {
         for threads in 0..2 {
             machines.note_founder(Some(&machine("a", threads, "4")));
         }
-        let before = machines.miss_2(MachineId(1), Level::Group);
+        let before = machines.miss_2(MachineId(1), MachineLevel::Group);
         assert!(
             (before - 0.0025).abs() < 1e-12
-                && (machines.miss_2(MachineId(1), Level::Fleet) - 0.0225).abs() < 1e-12
+                && (machines.miss_2(MachineId(1), MachineLevel::Fleet) - 0.0225).abs() < 1e-12
         );
-        (0..50).for_each(|_| machines.carry(MachineId(1), Level::Group, -0.3, -0.3));
-        assert!(machines.miss_2(MachineId(1), Level::Group) < before / 5.0);
-        assert!((machines.share(MachineId(1), Level::Group) - 1.0).abs() < 1e-9);
+        (0..50).for_each(|_| machines.carry(MachineId(1), MachineLevel::Group, -0.3, -0.3));
+        assert!(machines.miss_2(MachineId(1), MachineLevel::Group) < before / 5.0);
+        assert!((machines.share(MachineId(1), MachineLevel::Group) - 1.0).abs() < 1e-9);
         // What the group gains half of is lost here.
-        (0..3).for_each(|_| machines.carry(MachineId(1), Level::Fleet, -0.7, 0.7));
-        assert_eq!(machines.share(MachineId(1), Level::Fleet), 0.0);
-        (0..3).for_each(|_| machines.carry(MachineId(1), Level::Group, 1.0, f64::INFINITY));
+        (0..3).for_each(|_| machines.carry(MachineId(1), MachineLevel::Fleet, -0.7, 0.7));
+        assert_eq!(machines.share(MachineId(1), MachineLevel::Fleet), 0.0);
+        (0..3).for_each(|_| machines.carry(MachineId(1), MachineLevel::Group, 1.0, f64::INFINITY));
         assert!(
-            machines.miss_2(MachineId(1), Level::Group) > 0.1
-                && machines.miss_2(MachineId(1), Level::Group) <= 9.0
+            machines.miss_2(MachineId(1), MachineLevel::Group) > 0.1
+                && machines.miss_2(MachineId(1), MachineLevel::Group) <= 9.0
         );
-        (0..500).for_each(|_| machines.carry(MachineId(1), Level::Fleet, 0.0, 0.0));
-        assert!(machines.share(MachineId(1), Level::Fleet) > 0.9, "it is asked again in time");
+        (0..500).for_each(|_| machines.carry(MachineId(1), MachineLevel::Fleet, 0.0, 0.0));
+        assert!(machines.share(MachineId(1), MachineLevel::Fleet) > 0.9, "it is asked again in time");
         assert_eq!(machines.factor(MachineId(0), MachineId(1)), 1.0);
         (0..9).for_each(|_| machines.compare(MachineId(1), libm::log(2.0) - machines.effect(MachineId(1))));
         assert!(
@@ -383,6 +389,6 @@ mod tests {
             machines.note_founder(Some(&of(1))),
             (MachineId(MACHINES_MAX as u64 + 1), Some(MachineId(2)))
         );
-        assert_eq!(machines.level(MachineId(MACHINES_MAX as u64 + 1), MachineId(1)), Level::Group);
+        assert_eq!(machines.level(MachineId(MACHINES_MAX as u64 + 1), MachineId(1)), MachineLevel::Group);
     }
 }

@@ -424,7 +424,7 @@ fn resident_bytes() -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
-    use treewright_core::tuner::Statistics;
+    use treewright_core::tuner::StudyCounts;
 
     use super::*;
 
@@ -466,7 +466,7 @@ mod tests {
         let shown = |studies: &[&str]| {
             let figures = |study: &&str| StudyFigures {
                 study: (*study).to_owned(),
-                statistics: Statistics { trials: 7, ..Statistics::default() },
+                statistics: StudyCounts { trials: 7, ..StudyCounts::default() },
                 tally: FrameCounts {
                     frames: [1, 2, 3, 0],
                     cost: [1.0, 5.5, 2.0, 0.0],

@@ -1,7 +1,7 @@
 //! The figures of one study: what its frames cost, how much of that is regret, how wrong its models are and how old.
 
 use treewright_core::trial::{Mode, Trial, TrialState};
-use treewright_core::tuner::{Change, Statistics, Tuner};
+use treewright_core::tuner::{Change, StudyCounts, Tuner};
 
 /// The modes of trials, in the order of [`FrameCounts`]'s sums.
 pub(crate) const MODES: [(Mode, &str); 4] = [
@@ -57,7 +57,7 @@ pub(crate) struct StudyFigures {
     /// Its id.
     pub(crate) study: String,
     /// Counts of the whole study.
-    pub(crate) statistics: Statistics,
+    pub(crate) statistics: StudyCounts,
     /// What happened since it came into memory.
     pub(crate) tally: FrameCounts,
     /// Mean relative error of each predictor, as the absolute logarithm, on trials it had not learnt.

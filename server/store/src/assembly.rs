@@ -1,7 +1,7 @@
 //! From rows to answers: what both databases do alike once the rows are read.
 
 use treewright_core::trial::{RawTrial, Trial};
-use treewright_core::tuner::{Checkpoint, Snapshot, StateRecord, Statistics};
+use treewright_core::tuner::{Checkpoint, Snapshot, StateRecord, StudyCounts};
 
 use crate::error::StoreError;
 use crate::fence::Fence;
@@ -30,7 +30,7 @@ impl StudyRow {
             id: self.name,
             spec: into_specification(&self.specification, &self.policy)?,
             create_ms: self.create_ms,
-            statistics: Statistics {
+            statistics: StudyCounts {
                 states: unsigned(self.states)?,
                 trials: unsigned(self.trials)?,
                 completed_trials: unsigned(self.completed_trials)?,

@@ -7,7 +7,7 @@ use async_trait::async_trait;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, Checkpoint, Snapshot, StateRecord, Statistics, Visit};
+use treewright_core::tuner::{Change, Checkpoint, Snapshot, StateRecord, StudyCounts, Visit};
 
 use crate::error::StoreError;
 use crate::fence::{Fence, Receipt};
@@ -83,7 +83,7 @@ impl MemoryStudy {
             id: id.to_owned(),
             spec: self.spec.clone(),
             create_ms: self.create_ms,
-            statistics: Statistics {
+            statistics: StudyCounts {
                 states: self.states.len() as u64,
                 // Numbers and completions rise by one, and the last of each is never removed.
                 trials: self.trials.keys().last().copied().unwrap_or(0),

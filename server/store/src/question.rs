@@ -9,7 +9,7 @@ use treewright_core::trial::TrialState;
 use treewright_core::words::Word as _;
 
 use crate::error::StoreError;
-use crate::filter::{Comparison, Literal, Operator, OrderKey};
+use crate::filter::{FieldComparison, Literal, Operator, OrderKey};
 use crate::rows::signed;
 use crate::store::TrialQuery;
 
@@ -98,47 +98,47 @@ fn push_key<'d, D: Dialect>(sql: &'d mut D, key: &OrderKey) -> &'d mut D {
 }
 
 /// Whether only trials under a lease are asked for.
-fn is_open(comparison: &Comparison) -> bool {
-    matches!(comparison, Comparison::State(Operator::Equal, TrialState::Open))
+fn is_open(comparison: &FieldComparison) -> bool {
+    matches!(comparison, FieldComparison::State(Operator::Equal, TrialState::Open))
 }
 
-fn push_comparison<D: Dialect>(sql: &mut D, comparison: &Comparison) {
+fn push_comparison<D: Dialect>(sql: &mut D, comparison: &FieldComparison) {
     match comparison {
         // As text, because an index of a part is only used where the question is known to lie in it.
         open if is_open(open) => {
             sql.text("state = 'OPEN'");
         }
-        Comparison::State(operator, state) => {
+        FieldComparison::State(operator, state) => {
             push(sql, "state", *operator).string(state.word());
         }
-        Comparison::Mode(operator, mode) => {
+        FieldComparison::Mode(operator, mode) => {
             push(sql, "mode", *operator).string(mode.word());
         }
-        Comparison::Outcome(operator, kind) => {
+        FieldComparison::Outcome(operator, kind) => {
             push(sql, "outcome", *operator).string(kind.word());
         }
-        Comparison::Late(operator, late) => {
+        FieldComparison::Late(operator, late) => {
             push(sql, "late", *operator).flag(*late);
         }
-        Comparison::ClientId(operator, text) => {
+        FieldComparison::ClientId(operator, text) => {
             push(sql, "client_id", *operator).string(text);
         }
-        Comparison::StateId(operator, id) => {
+        FieldComparison::StateId(operator, id) => {
             push(sql, "state_id", *operator).integer(*id);
         }
-        Comparison::Number(operator, number) => {
+        FieldComparison::Number(operator, number) => {
             push(sql, "number", *operator).integer(*number);
         }
-        Comparison::Cost(operator, cost) => {
+        FieldComparison::Cost(operator, cost) => {
             push(sql, "cost", *operator).real(*cost);
         }
-        Comparison::Measurement(name, operator, value) => {
+        FieldComparison::Measurement(name, operator, value) => {
             push_operator(sql.member("measurements", name), *operator).member_value(*value);
         }
-        Comparison::Indicator(name, operator, value) => {
+        FieldComparison::Indicator(name, operator, value) => {
             push_operator(sql.member("indicators", name), *operator).member_value(*value);
         }
-        Comparison::Configuration(name, operator, literal) => {
+        FieldComparison::Configuration(name, operator, literal) => {
             sql.parameter(name, *operator, literal);
         }
     }

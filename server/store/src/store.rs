@@ -4,7 +4,7 @@ use async_trait::async_trait;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial};
-use treewright_core::tuner::{Change, Checkpoint, Snapshot, Statistics};
+use treewright_core::tuner::{Change, Checkpoint, Snapshot, StudyCounts};
 
 use crate::cursor::Cursor;
 use crate::error::StoreError;
@@ -21,7 +21,7 @@ pub struct StudyRecord {
     /// When it was created, in milliseconds since 1970.
     pub create_ms: i64,
     /// Counts.
-    pub statistics: Statistics,
+    pub statistics: StudyCounts,
 }
 
 /// How much a store takes up, in bytes.

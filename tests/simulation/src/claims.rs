@@ -12,8 +12,6 @@ use tokio::time::Instant;
 use treewright_store::Fence;
 use treewright_store::limits::OWNER_REMEMBERED;
 
-use crate::world::World;
-
 /// A study that is held.
 struct Claim {
     /// The durable store's fence.
@@ -32,11 +30,16 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Claims {
-    /// The machine that holds a study, where it is another one and lives.
-    pub(crate) fn other_holder(&self, world: &World, study: &str, me: usize) -> Option<usize> {
+    /// The machine that holds a study, where it is another one, lives, and is not among those whose claims have lapsed.
+    pub(crate) fn other_holder(
+        &self,
+        study: &str,
+        me: usize,
+        has_lapsed: impl Fn(usize) -> bool,
+    ) -> Option<usize> {
         let claims = lock(&self.0);
         let claim = claims.get(study)?;
-        let lives = claim.alive.load(Ordering::SeqCst) && !world.has_lapsed(claim.replica);
+        let lives = claim.alive.load(Ordering::SeqCst) && !has_lapsed(claim.replica);
         (claim.replica != me && lives).then_some(claim.replica)
     }
 

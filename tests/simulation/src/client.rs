@@ -8,7 +8,7 @@ use tokio::time::sleep;
 use treewright_proto::v1::{self as wire, value};
 
 use crate::network::{Failure, call};
-use crate::requests::{self, Answer, Request, STUDY};
+use crate::requests::{self, Answer, Request, STUDY, client_name};
 use crate::world::World;
 
 /// What the default costs everywhere, in milliseconds.
@@ -17,11 +17,6 @@ const DEFAULT_MS: f64 = 10.0;
 const TRIES: u32 = 6;
 /// How much frames vary.
 const NOISE: f64 = 0.05;
-
-/// The name of a client.
-pub(crate) fn name(client: u32) -> String {
-    format!("client-{client}")
-}
 
 struct Client {
     world: Arc<World>,
@@ -75,7 +70,7 @@ impl Client {
     fn question(&self) -> wire::SuggestRequest {
         wire::SuggestRequest {
             study: STUDY.into(),
-            client_id: name(self.number),
+            client_id: client_name(self.number),
             indicators: BTreeMap::from([("place".to_owned(), self.place)]),
             session: self.session,
             can_abort: true,

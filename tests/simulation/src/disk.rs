@@ -1,29 +1,28 @@
 //! The simulated disk: a store whose writes take time, fail, and are lost when the machine crashes before they end.
 //!
-//! Behind it lies one [`MemoryStore`], which holds what is durable and outlives every machine. In front of it each machine
+//! Behind it lies one [`MemoryStore`](treewright_store::MemoryStore), which holds what is durable and outlives every machine. In front of it each machine
 //! has a queue and a writer that puts waiting writes into one transaction, as the real stores do. A crash at a random
 //! moment of a write loses the whole transaction or keeps it whole: that is what a checksummed log makes of a torn
 //! write. Each machine has fences of its own; whether the study was taken over by another shows when the transaction is
 //! applied, as with an epoch in a shared database. Who may take a study is for [`claims`](crate::claims) to say.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use async_trait::async_trait;
 use tokio::sync::{mpsc, oneshot};
-use tokio::task::unconstrained;
 use tokio::time::sleep;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
 use treewright_core::tuner::{Change, Checkpoint};
 use treewright_store::{
-    ClosedTrial, Created, Fence, Loaded, MemoryStore, Receipt, Store, StoreError, StudyRecord, TrialPage,
-    TrialQuery,
+    ClosedTrial, Created, Fence, Loaded, Receipt, Store, StoreError, StudyRecord, TrialPage, TrialQuery,
 };
 
-use crate::claims::{Claims, Known};
+use crate::claims::Known;
+use crate::durable::{Durable, now};
 use crate::plan::Bug;
 use crate::world::World;
 
@@ -51,17 +50,6 @@ enum Job {
     Barrier {
         answer: Answer,
     },
-}
-
-/// What outlives every machine.
-#[derive(Default)]
-pub(crate) struct Durable {
-    /// What is on the disk.
-    pub(crate) store: Arc<MemoryStore>,
-    /// Who holds which study.
-    pub(crate) claims: Claims,
-    /// Up to which completion a checkpoint on the disk covers the trials.
-    covered: AtomicU64,
 }
 
 /// The last fence of each study that a machine was given: its own, and the durable store's behind it.
@@ -307,17 +295,6 @@ fn acknowledge_early(group: Vec<Job>) -> Vec<Job> {
     held
 }
 
-/// The result of a future that never waits: those of the memory store. Not under the runtime's budget, by which a task
-/// that has polled many futures in a row is made to wait for no other reason.
-pub(crate) fn now<T>(future: impl Future<Output = T>) -> T {
-    let mut future = std::pin::pin!(unconstrained(future));
-    let mut context = std::task::Context::from_waker(std::task::Waker::noop());
-    match future.as_mut().poll(&mut context) {
-        std::task::Poll::Ready(value) => value,
-        std::task::Poll::Pending => panic!("the memory store does not wait"),
-    }
-}
-
 #[async_trait]
 impl Store for SimulatedDisk {
     async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError> {
@@ -348,7 +325,7 @@ impl Store for SimulatedDisk {
         }
         self.barrier().await?;
         self.read().await?;
-        if let Some(holder) = self.durable.claims.other_holder(&self.world, study, self.replica) {
+        if let Some(holder) = self.world.other_holder(study, self.replica) {
             self.known.remember(study, holder);
             return Err(elsewhere(holder));
         }

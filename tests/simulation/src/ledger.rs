@@ -8,8 +8,8 @@ use treewright_core::trial::{RawTrial, TrialState};
 use treewright_proto::v1 as wire;
 use treewright_store::Store as _;
 
-use crate::disk::{Durable, now};
-use crate::requests::{Answer, Request};
+use crate::durable::{Durable, now};
+use crate::requests::{Answer, Request, client_name};
 
 /// How much happened.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -217,7 +217,7 @@ impl Ledger {
     fn suggested(&mut self, at_ms: i64, client: u32, trial: &wire::Trial, durable: &Durable) {
         self.counts.suggestions += 1;
         let number = number(&trial.name);
-        if trial.client_id != crate::client::name(client) {
+        if trial.client_id != client_name(client) {
             self.wrong(at_ms, format!("{} of {} went to client {client}", trial.name, trial.client_id));
         }
         let configuration = trial.configuration.clone().unwrap_or_default();

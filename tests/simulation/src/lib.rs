@@ -8,24 +8,27 @@
 //! gives the same world, told by a fingerprint over all that happened. The method is that of FoundationDB (Zhou et al.,
 //! "FoundationDB: a distributed unbundled transactional key value store", SIGMOD 2021, section 4).
 //!
-//! [`plan`] draws what goes wrong in a world, [`world`] runs it, `network`, `forward`, `disk`, `claims` and `machine` are its
-//! parts, `client`
-//! is who uses the service, and `ledger` knows what must hold and checks it at every step: nothing that was acknowledged
+//! [`plan`] draws what goes wrong in a world, `run` lets it take its course, [`world`] is what everything in it shares; `network`,
+//! `forward`, `disk`, `durable`, `claims`, `machine` and `machine_life` are its parts, `client` is who uses the service, and `ledger` knows what must hold and checks it at every step: nothing that was acknowledged
 //! is lost or changed, no trial is handed to two clients, the regret budget is kept, no call goes unanswered, and the
 //! service comes back from every crash by itself.
 
 mod claims;
 mod client;
 mod disk;
+mod durable;
 mod forward;
 mod ledger;
 mod machine;
+mod machine_life;
 mod network;
 pub mod plan;
 mod replay;
 mod requests;
+mod run;
 pub mod world;
 
 pub use ledger::{Counts, Violation};
 pub use plan::{Bug, Plan};
-pub use world::{Outcome, run};
+pub use run::run;
+pub use world::Outcome;

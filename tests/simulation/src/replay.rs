@@ -26,7 +26,7 @@ async fn answers(tuning: &Tuning, places: u32) -> Vec<Option<Prediction>> {
 pub(crate) async fn check(world: &World) {
     let durable = &world.durable;
     // Nobody's own number.
-    let holder = durable.claims.other_holder(world, "world", usize::MAX);
+    let holder = world.other_holder("world", usize::MAX);
     let Some(machine) = holder.and_then(|holder| world.machine(holder)) else {
         return;
     };

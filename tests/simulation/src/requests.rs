@@ -55,6 +55,11 @@ pub(crate) enum Answer {
     Other,
 }
 
+/// The name of a client.
+pub(crate) fn client_name(client: u32) -> String {
+    format!("client-{client}")
+}
+
 /// Answers a request, and says where to try again what could not be done.
 pub(crate) async fn answer(
     service: &impl TuningService,

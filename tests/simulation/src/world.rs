@@ -1,4 +1,4 @@
-//! A world: its time, its chance, its machines and clients, from the first event to the last check.
+//! A world: its time, its chance, its troubles, its machines and its books, shared by everything that lives in it.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -9,22 +9,18 @@ use serde::Serialize;
 use tokio::sync::{Notify, oneshot};
 use tokio::time::{Instant, sleep, sleep_until};
 use treewright_core::fnv;
-use treewright_server::convert::from_proto;
+use treewright_store::StoreError;
 use treewright_store::limits::REPLICA_LAPSE;
-use treewright_store::{Store as _, StoreError};
 
-use crate::disk::Durable;
+use crate::durable::Durable;
 use crate::ledger::{Counts, Ledger, Violation};
-use crate::machine::{self, Machine};
+use crate::machine::Machine;
 use crate::plan::Plan;
-use crate::{client, replay, requests};
 
 /// Where simulated time begins, in milliseconds since 1970.
 pub(crate) const START_MS: i64 = 1_750_000_000_000;
 /// A call that a living machine has not answered after this time never will be.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// How long the quiet after the last event lasts, in which everybody finishes what they are at.
-const QUIET: Duration = Duration::from_secs(900);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
 /// No wait is longer.
 const WAIT_MS_MAX: f64 = 1e7;
 
@@ -75,128 +71,8 @@ struct Inner {
     forgotten: Vec<oneshot::Sender<Result<(), StoreError>>>,
 }
 
-/// Runs a world to its end.
-///
-/// # Panics
-/// When the runtime cannot be built, or the simulator itself has a defect.
-#[must_use]
-pub fn run(plan: Plan) -> Outcome {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_time()
-        .start_paused(true)
-        .build()
-        .expect("a runtime without input and output");
-    let outcome = runtime.block_on(live(plan));
-    // Whatever still waits is of no interest.
-    runtime.shutdown_background();
-    outcome
-}
-
-async fn live(plan: Plan) -> Outcome {
-    let world = Arc::new(World::new(plan));
-    let spec = from_proto::study(requests::study(&world.plan)).expect("a valid study");
-    world.durable.store.create_study("world", &spec, START_MS).await.expect("an empty store");
-    for index in 0..world.plan.replicas {
-        tokio::spawn(machine::live(Arc::clone(&world), index));
-    }
-    tokio::spawn(fill_the_disk(Arc::clone(&world)));
-    tokio::spawn(cut_clients_off(Arc::clone(&world)));
-    tokio::spawn(cut_machines_off(Arc::clone(&world)));
-    tokio::spawn(put_machines_to_sleep(Arc::clone(&world)));
-    tokio::spawn(watch(Arc::clone(&world)));
-    let clients: Vec<_> = (0..world.plan.clients)
-        .map(|number| tokio::spawn(client::live(Arc::clone(&world), number)))
-        .collect();
-    world.over.notified().await;
-
-    // From here on all goes well, so that everybody must come to an end.
-    world.lock().is_calm = true;
-    let begin = Instant::now();
-    for client in clients {
-        let left = QUIET.saturating_sub(begin.elapsed());
-        if tokio::time::timeout(left, client).await.is_err() {
-            world.violation(
-                "a client does not come to an end although nothing goes wrong any more".to_owned(),
-            );
-        }
-    }
-    sleep(PATIENCE + Duration::from_secs(1)).await;
-    world.look_for_stuck_calls();
-    replay::check(&world).await;
-    let durable = Arc::clone(&world.durable);
-    world.lock().ledger.check_all(&durable);
-    let mut inner = world.lock();
-    // They know the world, and the world knows them.
-    inner.machines.clear();
-    inner.forgotten.clear();
-    Outcome {
-        plan: world.plan.clone(),
-        counts: inner.ledger.counts.clone(),
-        steps: inner.steps,
-        simulated_ms: u64::try_from(world.begin.elapsed().as_millis()).unwrap_or(u64::MAX),
-        fingerprint: inner.fingerprint,
-        violations: std::mem::take(&mut inner.ledger.violations),
-    }
-}
-
-/// Fills the disk now and then; a while later there is room again.
-async fn fill_the_disk(world: Arc<World>) {
-    while world.wait_for_trouble(world.plan.full_every_ms).await {
-        let until = Instant::now() + world.time_ms(3_000.0);
-        world.lock().full_until = Some(until);
-        world.count(|counts| counts.full_disks += 1);
-        world.step("disk full");
-    }
-}
-
-/// Cuts a client off now and then.
-async fn cut_clients_off(world: Arc<World>) {
-    while world.wait_for_trouble(world.plan.partition_every_ms).await {
-        let until = Instant::now() + world.time_ms(world.plan.partition_ms);
-        let client = world.below(u64::from(world.plan.clients)) as usize;
-        world.lock().cut_until[client] = Some(until);
-        world.count(|counts| counts.partitions += 1);
-        world.step("partition");
-    }
-}
-
-/// Cuts a machine off from a shared database now and then.
-async fn cut_machines_off(world: Arc<World>) {
-    while world.plan.replicas > 1 && world.wait_for_trouble(world.plan.away_every_ms).await {
-        let now = Instant::now();
-        let until = now + world.time_ms(world.plan.away_ms);
-        let replica = world.below(world.plan.replicas as u64) as usize;
-        world.lock().away[replica] = Some((now, until));
-        world.count(|counts| counts.absences += 1);
-        world.step("database away");
-    }
-}
-
-/// Stops a machine in its tracks now and then, as a hypervisor does; it goes on as if no time had passed.
-async fn put_machines_to_sleep(world: Arc<World>) {
-    while world.wait_for_trouble(world.plan.sleep_every_ms).await {
-        let now = Instant::now();
-        let until = now + world.time_ms(world.plan.sleep_ms).min(PATIENCE / 3);
-        let replica = world.below(world.plan.replicas as u64) as usize;
-        world.lock().asleep[replica] = Some((now, until));
-        world.count(|counts| counts.sleeps += 1);
-        world.step("asleep");
-    }
-}
-
-/// Looks for calls that are never answered.
-async fn watch(world: Arc<World>) {
-    loop {
-        sleep(Duration::from_secs(10)).await;
-        if world.is_over() {
-            return;
-        }
-        world.look_for_stuck_calls();
-    }
-}
-
 impl World {
-    fn new(plan: Plan) -> Self {
+    pub(crate) fn new(plan: Plan) -> Self {
         let inner = Inner {
             machines: (0..plan.replicas).map(|_| None).collect(),
             cut_until: vec![None; plan.clients as usize],
@@ -213,6 +89,60 @@ impl World {
             over: Notify::new(),
             plan,
         }
+    }
+
+    /// Waits until the last event, or something that should not be.
+    pub(crate) async fn over(&self) {
+        self.over.notified().await;
+    }
+
+    /// From here on nothing goes wrong any more.
+    pub(crate) fn calm_down(&self) {
+        self.lock().is_calm = true;
+    }
+
+    /// The last check, and what came of the world; it ends with this.
+    pub(crate) fn end(&self) -> Outcome {
+        let mut inner = self.lock();
+        inner.ledger.check_all(&self.durable);
+        // They know the world, and the world knows them.
+        inner.machines.clear();
+        inner.forgotten.clear();
+        Outcome {
+            plan: self.plan.clone(),
+            counts: inner.ledger.counts.clone(),
+            steps: inner.steps,
+            simulated_ms: u64::try_from(self.begin.elapsed().as_millis()).unwrap_or(u64::MAX),
+            fingerprint: inner.fingerprint,
+            violations: std::mem::take(&mut inner.ledger.violations),
+        }
+    }
+
+    /// Fills the disk for a time.
+    pub(crate) fn fill_disk(&self, time: Duration) {
+        self.lock().full_until = Some(Instant::now() + time);
+    }
+
+    /// Cuts a client off for a time.
+    pub(crate) fn cut_off(&self, client: usize, time: Duration) {
+        self.lock().cut_until[client] = Some(Instant::now() + time);
+    }
+
+    /// Cuts a machine off from the database for a time.
+    pub(crate) fn take_database_away(&self, replica: usize, time: Duration) {
+        let now = Instant::now();
+        self.lock().away[replica] = Some((now, now + time));
+    }
+
+    /// Stops a machine in its tracks for a time.
+    pub(crate) fn put_to_sleep(&self, replica: usize, time: Duration) {
+        let now = Instant::now();
+        self.lock().asleep[replica] = Some((now, now + time));
+    }
+
+    /// The machine that holds a study, where it is another one and lives.
+    pub(crate) fn other_holder(&self, study: &str, me: usize) -> Option<usize> {
+        self.durable.claims.other_holder(study, me, |replica| self.has_lapsed(replica))
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
@@ -295,7 +225,7 @@ impl World {
     }
 
     /// A living machine answers every call.
-    fn look_for_stuck_calls(&self) {
+    pub(crate) fn look_for_stuck_calls(&self) {
         let now = Instant::now();
         let slept = |inner: &Inner| inner.asleep.iter().flatten().any(|(_, until)| *until + PATIENCE > now);
         // Who sleeps answers nobody, and who asked it waits; the last look comes when all have long been awake.
@@ -356,7 +286,7 @@ impl World {
     }
 
     /// Whether the database takes it for dead.
-    pub(crate) fn has_lapsed(&self, replica: usize) -> bool {
+    fn has_lapsed(&self, replica: usize) -> bool {
         let away = self.troubled(|inner| inner.away[replica]);
         let asleep = self.troubled(|inner| inner.asleep[replica]);
         away.max(asleep).is_some_and(|time| time > REPLICA_LAPSE)

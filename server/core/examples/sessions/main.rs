@@ -113,13 +113,7 @@ fn policies() -> Vec<(String, Policy)> {
         ("never".to_owned(), Policy { epsilon: 0.0, ..base.clone() }),
         ("no roll back".to_owned(), Policy { roll_back: false, ..base.clone() }),
     ];
-    for search in [
-        SearchMethod::Auto,
-        SearchMethod::NelderMead,
-        SearchMethod::LatinHypercube,
-        SearchMethod::Random,
-        SearchMethod::Model,
-    ] {
+    for &(search, _) in SearchMethod::WORDS {
         all.push((search.name().to_owned(), Policy { search, epsilon: 0.9, ..base.clone() }));
     }
     for &(predictor, _) in PredictorMethod::WORDS {

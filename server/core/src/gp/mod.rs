@@ -26,7 +26,7 @@ pub(crate) mod sample;
 pub(crate) mod warping;
 
 pub(crate) use hyper::{Hyperparameters, Prior};
-pub(crate) use regression::{Context, Covariances, Posterior, Process, Schedule};
+pub(crate) use regression::{Covariances, Posterior, Process, Schedule, SharedFeatures};
 pub(crate) use sample::Sample;
 
 #[cfg(test)]

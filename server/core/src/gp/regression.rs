@@ -57,7 +57,7 @@ pub(crate) struct Covariances {
 
 /// The first features of points that share them, and their part of the distances to the sample.
 #[derive(Clone, Debug)]
-pub(crate) struct Context {
+pub(crate) struct SharedFeatures {
     features: Vec<f64>,
     distances: Vec<f64>,
 }
@@ -143,16 +143,16 @@ impl Process {
     }
 
     /// Distances that many points share: of the first features, which are the same for all of them.
-    pub(crate) fn context(&self, features: &[f64]) -> Context {
+    pub(crate) fn context(&self, features: &[f64]) -> SharedFeatures {
         let (width, mut distances) = (features.len(), vec![0.0; self.sample.len()]);
         let (kinds, weights, columns) =
             (&self.sample.kinds[..width], &self.weights[..width], &self.sample.columns[..width]);
         add_squared_distances(kinds, weights, features, columns, &mut distances);
-        Context { features: features.to_vec(), distances }
+        SharedFeatures { features: features.to_vec(), distances }
     }
 
     /// The covariances of the point with the features of the context and these.
-    pub(crate) fn covariances(&self, context: &Context, features: &[f64], into: &mut Covariances) {
+    pub(crate) fn covariances(&self, context: &SharedFeatures, features: &[f64], into: &mut Covariances) {
         let (sample, from) = (&self.sample, context.features.len());
         into.own = 1.0;
         into.others.clear();
@@ -202,7 +202,7 @@ impl Process {
     }
 
     /// What the process says of a point in a context.
-    pub(crate) fn at(&self, context: &Context, features: &[f64]) -> Posterior {
+    pub(crate) fn at(&self, context: &SharedFeatures, features: &[f64]) -> Posterior {
         let mut covariances = Covariances::default();
         self.covariances(context, features, &mut covariances);
         Posterior { mean: self.mean(&covariances), deviation: self.deviation(&mut covariances) }

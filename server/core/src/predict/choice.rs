@@ -8,11 +8,11 @@ use crate::configuration::Configuration;
 use crate::machines::FIRST;
 use crate::policy::PredictorMethod;
 use crate::predict::blend::PredictorErrors;
-use crate::predict::contextual::Request;
+use crate::predict::contextual::FitRequest;
 use crate::predict::deferred::{ComputedUpdates, DeferredUpdate, DeferredUpdates};
 use crate::predict::prequential::ErrorInterval;
-use crate::predict::registry::{AnyPredictor, METHODS, PredictorSetup, learns};
-use crate::predict::{Answer, Contextual, Estimate, Lesson, Nearest, Predictor, Query};
+use crate::predict::registry::{AnyPredictor, METHODS, learns};
+use crate::predict::{Answer, Contextual, Estimate, Lesson, Nearest, Predictor, PredictorSetup, Query};
 use crate::space::Space;
 
 /// Every trial is a test until there were so many.
@@ -303,7 +303,7 @@ impl Predictors {
     }
 
     /// What has to be answered before [`Predictors::predict`] is a matter of microseconds; `None` if it is already.
-    pub(crate) fn request(&self, method: PredictorMethod, query: &Query<'_>) -> Option<Request> {
+    pub(crate) fn request(&self, method: PredictorMethod, query: &Query<'_>) -> Option<FitRequest> {
         self.thinker(method).map(|model| model.request(query))
     }
 
@@ -313,7 +313,7 @@ impl Predictors {
         method: PredictorMethod,
         query: &Query<'_>,
         number: u64,
-    ) -> Option<Request> {
+    ) -> Option<FitRequest> {
         self.thinker(method).map(|model| model.proposal(query, number))
     }
 

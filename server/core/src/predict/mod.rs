@@ -1,4 +1,6 @@
 //! Predictors: from what is known of other states to a configuration for this one.
+//!
+//! A predictor is a file here and a row of the registry (`model/src/policy/registry.rs`).
 
 mod blend;
 mod choice;
@@ -25,6 +27,19 @@ pub use rbf::{LeastSquares, Rbf, Shape};
 pub use registry::METHODS;
 use state_index::IndexEntry;
 pub use state_index::StateIndex;
+
+/// What a predictor is made from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PredictorSetup<'a> {
+    /// The study's parameters.
+    pub(crate) space: &'a Space,
+    /// How many indicators a state has.
+    pub(crate) indicators: usize,
+    /// The study's seed, from which centres and choices are drawn.
+    pub(crate) seed: u64,
+    /// The places of indicators that are left out of features.
+    pub(crate) omitted: &'a [usize],
+}
 
 /// One completed trial, as a predictor sees it.
 #[derive(Clone, Debug)]

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::configuration::Configuration;
 use crate::limits::NEIGHBOURS_MAX;
 use crate::predict::state_index::IndexEntry;
-use crate::predict::{Answer, Estimate, Predictor, Query};
+use crate::predict::{Answer, Estimate, Predictor, PredictorSetup, Query};
 use crate::results::{KnownState, Record};
 use crate::trial::Neighbour;
 
@@ -141,6 +141,13 @@ fn first_word(costs: &[f64]) -> Option<Estimate> {
     Some(Estimate::new(first, scale * (squares / others.len() as f64).sqrt()))
 }
 
+impl Nearest {
+    /// There is nothing to set up: the tables come with each query.
+    pub(crate) fn new(_setup: PredictorSetup<'_>) -> Self {
+        Nearest
+    }
+}
+
 impl Predictor for Nearest {
     fn learns() -> bool {
         false
@@ -200,6 +207,11 @@ fn weighted_word(costs: &[(f64, f64)]) -> Option<Estimate> {
 }
 
 impl Weighted {
+    /// There is nothing to set up: the tables come with each query.
+    pub(crate) fn new(_setup: PredictorSetup<'_>) -> Self {
+        Weighted
+    }
+
     fn word(
         tables: &[(f64, StateCosts<'_>)],
         configuration: &Configuration,

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use proptest::prelude::*;
 
 use super::*;
-use crate::policy::SearchMethod;
+use crate::policy::{Method as _, SearchMethod};
 
 /// Every search, and `auto`.
 fn methods() -> impl Iterator<Item = SearchMethod> + Clone {
@@ -150,6 +150,8 @@ fn a_search_that_was_stored_as_auto_is_the_one_it_stood_for() {
     run(&mut search, 12, 1.0);
     assert_eq!(search.method(), resolved(SearchMethod::Auto));
     assert_ne!(search.method(), SearchMethod::Auto);
+    let auto = &SearchMethod::REGISTERED[0];
+    assert!(auto.about().ends_with(&format!("today `{}`.", search.method())), "{}", auto.about());
     let AnySearch::Model(model) = &search else { panic!("{search:?}") };
     let stored = format!("{{\"auto\":{{\"model\":{}}}}}", serde_json::to_string(model).expect("plain data"));
     let mut read: AnySearch = serde_json::from_str(&stored).expect("a row of an earlier version");

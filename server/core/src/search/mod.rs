@@ -3,7 +3,8 @@
 //! A search is a small value: its state goes through serde exactly, and its randomness is derived from
 //! `(seed, state, step)` (see [`SearchSetup`]), so a search that is stored and read back goes on with the
 //! same points. Pending points (asked and not told) are part of the state; a point whose client went away is
-//! withdrawn and asked again. To add a search, see `registry`.
+//! withdrawn and asked again. A search is a file here and a row of the registry
+//! (`model/src/policy/registry.rs`).
 
 pub mod latin_hypercube;
 pub(crate) mod layout;

@@ -1,18 +1,13 @@
-//! Every search, in one table.
+//! The searches of the registry (`model/src/policy/registry.rs`) as one type.
 //!
-//! A search is a file with a type that implements [`Search`] and is plain data through serde, and one row here. What it
-//! is called on the command line, on the wire and in stored rows is the name of its method
-//! (`treewright_model::policy::SearchMethod`), which the row names; the compiler points at a method without a row.
+//! A row there names a type of a module here, which implements [`Search`] and is plain data through serde, and its
+//! constructor. All else follows.
 
 use std::ops::{Deref, DerefMut};
 
 use serde::{Deserialize, Serialize};
 
-use super::latin_hypercube::LatinHypercubeSearch;
-use super::model::ModelSearch;
-use super::nelder_mead::NelderMead;
-use super::random::RandomSearch;
-use super::{Search, SearchSetup};
+use super::{ModelSearch, Search, SearchSetup};
 use crate::policy::SearchMethod;
 
 /// What `auto` stands for in this version.
@@ -30,20 +25,20 @@ pub fn resolved(method: SearchMethod) -> SearchMethod {
 }
 
 macro_rules! searches {
-    ($($(#[doc = $about:literal])+ $method:ident($search:ty),)+) => {
+    ($($(#[doc = $about:literal])+ $method:ident = $number:literal, $word:literal, $module:ident::$search:ident::$make:ident;)+) => {
         /// One of the searches, as it is stored. All that can be done with it are the methods of [`Search`].
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(rename_all = "snake_case", from = "Stored")]
         #[expect(clippy::large_enum_variant, reason = "nearly all searches are of the largest kind")]
         pub enum AnySearch {
-            $($(#[doc = $about])+ $method($search),)+
+            $($(#[doc = $about])+ $method(super::$module::$search),)+
         }
 
         /// A search as any version stored it.
         #[derive(Deserialize)]
         #[serde(rename_all = "snake_case")]
         enum Stored {
-            $($method($search),)+
+            $($method(super::$module::$search),)+
             /// `auto` was a search of its own that held the one it stood for.
             Auto { model: ModelSearch },
         }
@@ -61,7 +56,9 @@ macro_rules! searches {
             /// A fresh search.
             pub fn new(method: SearchMethod, setup: SearchSetup) -> Self {
                 match method {
-                    $(SearchMethod::$method => AnySearch::$method(<$search>::new(setup)),)+
+                    $(SearchMethod::$method => {
+                        AnySearch::$method(super::$module::$search::$make(setup))
+                    })+
                     SearchMethod::Auto => AnySearch::new(RECOMMENDED, setup),
                 }
             }
@@ -100,7 +97,7 @@ macro_rules! searches {
         /// Whether searches of a method [follow](Search::follow) what other states know.
         pub fn hears_others(method: SearchMethod) -> bool {
             match method {
-                $(SearchMethod::$method => <$search as Search>::hears_others(),)+
+                $(SearchMethod::$method => <super::$module::$search as Search>::hears_others(),)+
                 SearchMethod::Auto => hears_others(RECOMMENDED),
             }
         }
@@ -111,13 +108,4 @@ macro_rules! searches {
     };
 }
 
-searches! {
-    /// A stochastic simplex after Chang (2012); see `nelder_mead`.
-    NelderMead(NelderMead),
-    /// Latin hypercube designs, one after the other; see `latin_hypercube`.
-    LatinHypercube(LatinHypercubeSearch),
-    /// Independent uniform points; see `random`.
-    Random(RandomSearch),
-    /// Gaussian processes and expected improvement; see `model`.
-    Model(ModelSearch),
-}
+treewright_model::search_methods!(searches);

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::{Configuration, unchecked};
-use crate::decision::Point;
+use crate::decision::ExploredPoint;
 use crate::ids::{StateId, TrialNumber};
 use crate::limits::FAILURES_PER_CONFIGURATION_MAX;
 use crate::policy::Operation;
@@ -290,8 +290,8 @@ impl Tuner {
         race.open.insert(number.0, place);
         let (configuration, rounds_max) = (race.contenders[place].0.clone(), race.rounds_max);
         let point = match place {
-            0 => Point::Incumbent { is_default: configuration == default, round: Some(round) },
-            _ => Point::Confirming { round, rounds_max },
+            0 => ExploredPoint::Incumbent { is_default: configuration == default, round: Some(round) },
+            _ => ExploredPoint::Confirming { round, rounds_max },
         };
         let record = self.states.results(state).record(&configuration);
         let predicted_cost = record.filter(|record| record.measurements > 0).map(|record| record.mean_cost);

@@ -2,7 +2,7 @@
 
 use rand::RngExt;
 
-use crate::decision::{Choice, ExploitRule, ExplorationEstimate, ExploreRule, Predicted, Source};
+use crate::decision::{Choice, ExploitRule, ExploitSource, ExplorationEstimate, ExploreRule, Predicted};
 use crate::fnv;
 use crate::ids::StateId;
 use crate::policy::{Operation, PredictorMethod};
@@ -133,7 +133,7 @@ impl Tuner {
             return VisitDecision::Explore { rule: ExploreRule::Dice, estimate };
         }
         let would = exploit();
-        if would.source != Source::Default || epsilon == 0.0 && !fails(&would) {
+        if would.source != ExploitSource::Default || epsilon == 0.0 && !fails(&would) {
             // What is still to be confirmed waits for those on whom the dice fall.
             let rule =
                 if self.is_spent_for(session, state) { ExploitRule::Finished } else { ExploitRule::Dice };
@@ -225,13 +225,13 @@ impl Tuner {
                 self.proven(answer, predictor, here, planned);
             let predicted_cost = Some(expected.cost);
             let expected = (expected.cost, expected.deviation);
-            let source = Source::Predictor(Predicted { predictor, expected, neighbours });
+            let source = ExploitSource::Predictor(Predicted { predictor, expected, neighbours });
             return Exploitation { configuration, predicted_cost, source, rolled_back: false };
         }
         Exploitation {
             configuration: self.spec.space.default_configuration(),
             predicted_cost: here.and_then(|state| self.states.default_cost(state)),
-            source: Source::Default,
+            source: ExploitSource::Default,
             rolled_back: false,
         }
     }
@@ -272,10 +272,10 @@ impl Tuner {
         let (tried, measurements) =
             (results.tried() as u64, results.record(&configuration).map_or(0, |record| record.measurements));
         let source = match nothing_better {
-            Some(gain_at_most) => Source::Incumbent { tried, gain_at_most },
+            Some(gain_at_most) => ExploitSource::Incumbent { tried, gain_at_most },
             None => {
                 let state = Neighbour { state_id: id.get(), distance: 0.0, best_cost: cost };
-                Source::BestKnown { tried, measurements, state, gain }
+                ExploitSource::BestKnown { tried, measurements, state, gain }
             }
         };
         Some(Exploitation { configuration, predicted_cost: Some(cost), source, rolled_back: false })

@@ -45,8 +45,8 @@ pub(super) enum Explored {
 impl Explored {
     /// Whether something else than the default or the incumbent is measured.
     pub(super) fn explores(&self) -> bool {
-        let is_baseline = |point: &decision::Point| {
-            use decision::Point::{Baseline, BaselineOfMachine, Incumbent};
+        let is_baseline = |point: &decision::ExploredPoint| {
+            use decision::ExploredPoint::{Baseline, BaselineOfMachine, Incumbent};
             matches!(point, Baseline(_) | BaselineOfMachine | Incumbent { .. })
         };
         matches!(self, Explored::Candidate { candidate, .. } if !is_baseline(&candidate.point))
@@ -80,14 +80,14 @@ impl Tuner {
         let rule = match self.walk(room, state, &held, planned) {
             NextPoint::Measure(point, configuration) => {
                 let candidate = self.measure(state, number, point, configuration);
-                let is_baseline = matches!(candidate.point, decision::Point::Baseline(_));
+                let is_baseline = matches!(candidate.point, decision::ExploredPoint::Baseline(_));
                 let held =
                     if is_baseline { Vec::new() } else { self.names_of(&held, &candidate.configuration) };
                 return Explored::Candidate { candidate, held };
             }
             NextPoint::OnlyKnown => match self.unseen(state, number) {
                 Some(configuration) => {
-                    let point = decision::Point::Random;
+                    let point = decision::ExploredPoint::Random;
                     let candidate = ProposedTrial { configuration, predicted_cost: None, point };
                     return Explored::Candidate { candidate, held: Vec::new() };
                 }
@@ -129,7 +129,7 @@ impl Tuner {
         if !(self.spec.policy.track_speed && goes_on && is_due) {
             return None;
         }
-        let point = decision::Point::Incumbent { is_default, round: None };
+        let point = decision::ExploredPoint::Incumbent { is_default, round: None };
         let predicted_cost = Some(record.mean_cost);
         Some(ProposedTrial { configuration: incumbent.clone(), predicted_cost, point })
     }
@@ -155,7 +155,7 @@ impl Tuner {
         let Answer { configuration, expected, neighbours } = answer;
         let predicted_cost = Some(expected.cost);
         let expected = (expected.cost, expected.deviation);
-        let point = decision::Point::Proposal(Predicted { predictor, expected, neighbours });
+        let point = decision::ExploredPoint::Proposal(Predicted { predictor, expected, neighbours });
         Some(ProposedTrial { configuration, predicted_cost, point })
     }
 
@@ -342,11 +342,11 @@ impl Tuner {
         let measurements = known.map_or(0, |record| record.measurements);
         let search = self.spec.policy.search;
         let decided = match point.step {
-            Step::Default => decision::Point::Baseline(search),
+            Step::Default => decision::ExploredPoint::Baseline(search),
             step => {
                 let told = step == Step::Elsewhere;
                 let neighbours = if told { self.transfer().neighbours(state) } else { Vec::new() };
-                decision::Point::Search { search, step, measurements, neighbours }
+                decision::ExploredPoint::Search { search, step, measurements, neighbours }
             }
         };
         if let Some(exploration) = self.searches.change(state) {

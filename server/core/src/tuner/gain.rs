@@ -20,13 +20,13 @@ const MEASUREMENTS_COUNTED: u64 = 16;
 
 /// What the rules rest on.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Gain<'a> {
+pub(super) struct GainEvidence<'a> {
     pub(super) policy: &'a Policy,
     pub(super) states: &'a States,
     pub(super) history: &'a History,
 }
 
-impl Gain<'_> {
+impl GainEvidence<'_> {
     /// The probability of exploring a state, after the visits that it has had.
     pub(super) fn epsilon(&self, state: StateId) -> f64 {
         if self.policy.epsilon_halves_after == 0 {

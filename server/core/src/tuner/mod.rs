@@ -66,7 +66,7 @@ pub use plan::{PlanRequest, SuggestionPlan};
 pub use recorded::{RecordedVisitDecision, VisitDecisionBefore};
 pub use restore::Restoring;
 pub use types::{
-    Ask, Best, Change, Checkpoint, Prediction, RawVisit, RestoreError, Snapshot, StateRecord, Statistics,
+    Ask, Best, Change, Checkpoint, Prediction, RawVisit, RestoreError, Snapshot, StateRecord, StudyCounts,
     TunerError, Visit, VisitDecision,
 };
 
@@ -395,8 +395,8 @@ impl Tuner {
     }
 
     /// Counts.
-    pub fn statistics(&self) -> Statistics {
-        Statistics {
+    pub fn statistics(&self) -> StudyCounts {
+        StudyCounts {
             states: self.states.len() as u64,
             trials: self.trials.last().0,
             completed_trials: self.completed,

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use crate::configuration::Configuration;
 use crate::ids::StateId;
 use crate::predict::Answer;
-use crate::predict::contextual::Request;
+use crate::predict::contextual::FitRequest;
 use crate::search::{AnySearch, PlannedPoint};
 use crate::study::StudySpec;
 use crate::tuner::assessment::{Assessment, AssessmentRequest};
@@ -25,8 +25,8 @@ use crate::tuner::warm_start::{MeasuredElsewhere, WarmStart};
 pub struct PlanRequest {
     pub(super) spec: Arc<StudySpec>,
     pub(super) normalised: Vec<f64>,
-    pub(super) answer: Option<Request>,
-    pub(super) first: Option<Request>,
+    pub(super) answer: Option<FitRequest>,
+    pub(super) first: Option<FitRequest>,
     /// What a portfolio is made from whose best is exploited.
     pub(super) portfolio: Option<MeasuredElsewhere>,
     pub(super) search: Option<(StateId, Box<AnySearch>, usize)>,
@@ -63,7 +63,7 @@ impl PlanRequest {
     /// Computes it: up to some milliseconds.
     pub fn compute(self) -> SuggestionPlan {
         let space = &self.spec.space;
-        let answer = |request: Option<Request>| request.and_then(|request| request.answer(space));
+        let answer = |request: Option<FitRequest>| request.and_then(|request| request.answer(space));
         let (answer, first) = (answer(self.answer), answer(self.first));
         let point = self.search.and_then(|(state, search, reserve)| Some((state, search.plan(reserve)?)));
         let portfolio = self.portfolio.and_then(|evidence| evidence.best(space));

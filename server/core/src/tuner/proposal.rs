@@ -1,7 +1,9 @@
 //! What a part of the tuner proposes, before it is decided: a configuration to exploit, or one to measure, and why.
 
 use crate::configuration::Configuration;
-use crate::decision::{BudgetStatus, Choice, Exploit, ExploitRule, ExplorationEstimate, Point, Source};
+use crate::decision::{
+    BudgetStatus, Choice, Exploit, ExploitRule, ExploitSource, ExplorationEstimate, ExploredPoint,
+};
 use crate::tuner::{Prediction, VisitDecision};
 
 /// Something to measure, and why.
@@ -9,7 +11,7 @@ use crate::tuner::{Prediction, VisitDecision};
 pub(super) struct ProposedTrial {
     pub(super) configuration: Configuration,
     pub(super) predicted_cost: Option<f64>,
-    pub(super) point: Point,
+    pub(super) point: ExploredPoint,
 }
 
 /// What would be exploited.
@@ -17,7 +19,7 @@ pub(super) struct ProposedTrial {
 pub(super) struct Exploitation {
     pub(super) configuration: Configuration,
     pub(super) predicted_cost: Option<f64>,
-    pub(super) source: Source,
+    pub(super) source: ExploitSource,
     /// It stands in for what was predicted, which did clearly worse here.
     pub(super) rolled_back: bool,
 }

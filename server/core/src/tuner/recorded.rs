@@ -58,7 +58,7 @@ impl RecordedVisitDecision {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::decision::{ExploitRule, Source};
+    use crate::decision::{ExploitRule, ExploitSource};
 
     #[test]
     fn what_earlier_versions_stored_is_read_and_written_anew() {
@@ -77,7 +77,7 @@ mod tests {
         };
         assert_eq!(
             (&kept.source, kept.rule, said.as_deref()),
-            (&Source::Default, ExploitRule::Gain, Some("Nothing."))
+            (&ExploitSource::Default, ExploitRule::Gain, Some("Nothing."))
         );
         assert_eq!(kept.estimate.expected_gain, Some(0.01));
         for decision in [explore, exploit] {

@@ -235,7 +235,7 @@ pub struct Best {
 
 /// Counts that tell how far a study is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Statistics {
+pub struct StudyCounts {
     /// Distinct states met.
     pub states: u64,
     /// Trials handed out.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::ids::StateId;
 use crate::trial::Fingerprint;
-use crate::tuner::gain::Gain;
+use crate::tuner::gain::GainEvidence;
 use crate::tuner::plan::Planned;
 use crate::tuner::transfer::Transfer;
 use crate::tuner::{Ask, Best, Prediction, Question, StateRecord, Tuner, TunerError, checks};
@@ -38,9 +38,9 @@ impl Tuner {
         Ok(Prediction { insight: here.map(|here| self.insight(here, planned)), ..prediction })
     }
 
-    pub(super) fn gain(&self) -> Gain<'_> {
+    pub(super) fn gain(&self) -> GainEvidence<'_> {
         let Tuner { spec, states, history, .. } = self;
-        Gain { policy: &spec.policy, states, history }
+        GainEvidence { policy: &spec.policy, states, history }
     }
 
     pub(super) fn transfer(&self) -> Transfer<'_> {

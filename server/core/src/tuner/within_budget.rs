@@ -2,7 +2,9 @@
 //!
 //! [`budget`](super::budget) keeps the account; here it is asked before, and what it says decides the answer.
 
-use crate::decision::{BudgetStatus, Choice, ExploitRule, ExplorationEstimate, Explore, ExploreRule, Source};
+use crate::decision::{
+    BudgetStatus, Choice, ExploitRule, ExploitSource, ExplorationEstimate, Explore, ExploreRule,
+};
 use crate::ids::{StateId, TrialNumber};
 use crate::tuner::budget::{Denied, Terms};
 use crate::tuner::explore::Explored;
@@ -85,7 +87,7 @@ impl Tuner {
             return Some(Exploitation {
                 configuration: self.spec.space.default_configuration(),
                 predicted_cost: self.states.default_cost(state),
-                source: Source::Default,
+                source: ExploitSource::Default,
                 rolled_back: false,
             });
         }

@@ -3,7 +3,7 @@
 use treewright_core::trial::RawTrial;
 use treewright_core::value::Value;
 
-use super::{Comparison, Filter, Literal, Operator};
+use super::{FieldComparison, Filter, Literal, Operator};
 
 impl Filter {
     /// Whether every comparison holds for `trial`.
@@ -13,7 +13,7 @@ impl Filter {
     }
 }
 
-impl Comparison {
+impl FieldComparison {
     fn holds(&self, trial: &RawTrial) -> bool {
         match self {
             Self::State(operator, state) => operator.equality(trial.state == *state),

@@ -22,7 +22,7 @@ use treewright_core::trial::{Mode, OutcomeKind, TrialState};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Filter {
     /// At most [`FILTER_COMPARISONS`](crate::limits::FILTER_COMPARISONS).
-    pub(crate) comparisons: Vec<Comparison>,
+    pub(crate) comparisons: Vec<FieldComparison>,
 }
 
 impl Filter {
@@ -100,7 +100,7 @@ pub(crate) enum Literal {
 
 /// One comparison. Equality-only kinds carry an operator that is `=` or `!=`; the parser sees to it.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Comparison {
+pub(crate) enum FieldComparison {
     State(Operator, TrialState),
     Mode(Operator, Mode),
     Outcome(Operator, OutcomeKind),

@@ -5,14 +5,15 @@
 
 use treewright_core::study::StudySpec;
 
-use super::{Comparison, Filter, FilterError};
+use super::{FieldComparison, Filter, FilterError};
 
 impl Filter {
     /// Whether there are names to check with [`check_names`](Self::check_names).
     #[must_use]
     pub fn has_names(&self) -> bool {
-        let is_named =
-            |one: &Comparison| matches!(one, Comparison::Configuration(..) | Comparison::Indicator(..));
+        let is_named = |one: &FieldComparison| {
+            matches!(one, FieldComparison::Configuration(..) | FieldComparison::Indicator(..))
+        };
         self.comparisons.iter().any(is_named)
     }
 
@@ -26,8 +27,8 @@ impl Filter {
             spec.indicators.indicators().iter().map(|one| one.name.as_str()).collect();
         for comparison in &self.comparisons {
             let (prefix, name, kind, names) = match comparison {
-                Comparison::Configuration(name, ..) => ("config", name, "parameter", &parameters),
-                Comparison::Indicator(name, ..) => ("indicator", name, "indicator", &indicators),
+                FieldComparison::Configuration(name, ..) => ("config", name, "parameter", &parameters),
+                FieldComparison::Indicator(name, ..) => ("indicator", name, "indicator", &indicators),
                 _ => continue,
             };
             if !names.contains(&name.as_str()) {

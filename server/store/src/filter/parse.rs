@@ -4,7 +4,7 @@ use treewright_core::trial::{Mode, OutcomeKind, TrialState};
 use treewright_core::words::Word as _;
 
 use super::token::{FilterToken, PlacedToken, tokens};
-use super::{Comparison, Filter, FilterError, Literal, Operator};
+use super::{FieldComparison, Filter, FilterError, Literal, Operator};
 use crate::limits;
 
 const FIELDS: &str = "a field: state, mode, outcome, client_id, state_id, number, cost, late, \
@@ -82,7 +82,7 @@ impl Parser {
         }
     }
 
-    fn comparison(&mut self) -> Result<Comparison, FilterError> {
+    fn comparison(&mut self) -> Result<FieldComparison, FilterError> {
         let field = self.take(FIELDS)?;
         let FilterToken::Word(word) = &field.token else {
             return Err(unexpected(field.position, &field.token, FIELDS));
@@ -106,26 +106,28 @@ impl Parser {
         let operator = self.operator()?;
         Ok(match prefixed.map_or(word.as_str(), |(prefix, _)| prefix) {
             "state" => {
-                Comparison::State(operator.equality("state")?, self.word(TrialState::WORDS, "a state")?)
+                FieldComparison::State(operator.equality("state")?, self.word(TrialState::WORDS, "a state")?)
             }
-            "mode" => Comparison::Mode(operator.equality("mode")?, self.word(Mode::WORDS, "a mode")?),
-            "outcome" => Comparison::Outcome(
+            "mode" => FieldComparison::Mode(operator.equality("mode")?, self.word(Mode::WORDS, "a mode")?),
+            "outcome" => FieldComparison::Outcome(
                 operator.equality("outcome")?,
                 self.word(OutcomeKind::WORDS, "an outcome")?,
             ),
-            "late" => Comparison::Late(operator.equality("late")?, self.word(BOOLEANS, "a truth value")?),
-            "client_id" => Comparison::ClientId(operator.operator, self.text()?),
-            "state_id" => Comparison::StateId(operator.operator, self.whole_number()?),
-            "number" => Comparison::Number(operator.operator, self.whole_number()?),
-            "cost" => Comparison::Cost(operator.operator, self.number()?),
-            "measurement" => Comparison::Measurement(named, operator.operator, self.number()?),
-            "indicator" => Comparison::Indicator(named, operator.operator, self.number()?),
+            "late" => {
+                FieldComparison::Late(operator.equality("late")?, self.word(BOOLEANS, "a truth value")?)
+            }
+            "client_id" => FieldComparison::ClientId(operator.operator, self.text()?),
+            "state_id" => FieldComparison::StateId(operator.operator, self.whole_number()?),
+            "number" => FieldComparison::Number(operator.operator, self.whole_number()?),
+            "cost" => FieldComparison::Cost(operator.operator, self.number()?),
+            "measurement" => FieldComparison::Measurement(named, operator.operator, self.number()?),
+            "indicator" => FieldComparison::Indicator(named, operator.operator, self.number()?),
             _ => {
                 let literal = self.literal()?;
                 if matches!(literal, Literal::Boolean(_)) {
                     operator.equality("a boolean parameter")?;
                 }
-                Comparison::Configuration(named, operator.operator, literal)
+                FieldComparison::Configuration(named, operator.operator, literal)
             }
         })
     }

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use treewright_core::configuration::RawConfiguration;
 use treewright_core::decision::{
-    BudgetStatus, Choice, Decision, Exploit, ExploitRule, ExplorationEstimate, Explore, ExploreRule, Point,
-    Source, Step,
+    BudgetStatus, Choice, Decision, Exploit, ExploitRule, ExploitSource, ExplorationEstimate, Explore,
+    ExploreRule, ExploredPoint, Step,
 };
 use treewright_core::indicator::{Indicator, IndicatorSchema};
 use treewright_core::objective::{Objective, ObjectiveTerm};
@@ -106,7 +106,7 @@ pub(crate) fn open(number: u64) -> Trial {
 
 fn exploited() -> Exploit {
     Exploit {
-        source: Source::BestKnown {
+        source: ExploitSource::BestKnown {
             tried: 3,
             measurements: 2,
             state: Neighbour { state_id: 1, distance: 0.0, best_cost: 12.5 },
@@ -123,9 +123,9 @@ pub(crate) fn decided(mode: Mode) -> Decision {
     let choice = match mode {
         Mode::Pinned => Choice::Pinned,
         Mode::Exploit => Choice::Exploit(exploited()),
-        Mode::Default => Choice::Exploit(Exploit { source: Source::Default, ..exploited() }),
+        Mode::Default => Choice::Exploit(Exploit { source: ExploitSource::Default, ..exploited() }),
         Mode::Explore => Choice::Explore(Explore {
-            point: Point::Search {
+            point: ExploredPoint::Search {
                 search: SearchMethod::NelderMead,
                 step: Step::Reflect,
                 measurements: 0,

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::gp::acquisition::confidence_bound;
 use crate::gp::local_search::{Leaders, Radii, RandomAxes, ScoredPoint, best, climb};
-use crate::gp::{Context, Covariances, Posterior, Process};
+use crate::gp::{Covariances, Posterior, Process, SharedFeatures};
 use crate::search::layout::Layout;
 
 /// Random points to begin with.
@@ -22,7 +22,7 @@ pub(super) struct LowestBound<'a> {
     pub(super) process: &'a Process,
     pub(super) layout: &'a Layout,
     /// The asked state.
-    pub(super) context: &'a Context,
+    pub(super) context: &'a SharedFeatures,
     pub(super) optimism: f64,
 }
 

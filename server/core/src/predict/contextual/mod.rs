@@ -20,7 +20,7 @@ use crate::gp::kernel::FeatureKind;
 use crate::gp::warping::RobustLog;
 use crate::gp::{Hyperparameters, Prior, Process, Sample, Schedule};
 use crate::predict::nearest::neighbours;
-use crate::predict::{Answer, Estimate, Lesson, Predictor, Query, draw_in};
+use crate::predict::{Answer, Estimate, Lesson, Predictor, PredictorSetup, Query, draw_in};
 use crate::randomness::{Purpose, stream};
 use crate::search::Verdict;
 use crate::search::layout::Layout;
@@ -125,7 +125,7 @@ impl HyperparameterUpdate {
 
 /// What [`Predictor::predict`] and [`Predictor::propose`] need to compute an answer apart from the study.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Request {
+pub(crate) struct FitRequest {
     data: LocalData,
     hyper: Hyperparameters,
     optimism: f64,
@@ -134,7 +134,7 @@ pub(crate) struct Request {
     random: (u64, u64, u64),
 }
 
-impl Request {
+impl FitRequest {
     /// The answer, if there is enough to say something.
     pub(crate) fn answer(&self, space: &Space) -> Option<Answer> {
         let (seed, kind, number) = self.random;
@@ -144,8 +144,9 @@ impl Request {
 }
 
 impl Contextual {
-    /// A predictor that has seen nothing yet, for studies of `space` and so many indicators.
-    pub fn new(space: &Space, indicators: usize, seed: u64) -> Self {
+    /// A predictor that has seen nothing yet.
+    pub(crate) fn new(setup: PredictorSetup<'_>) -> Self {
+        let PredictorSetup { space, indicators, seed, .. } = setup;
         let features = FeatureMap::of(space, indicators);
         let hyper = Hyperparameters::new(&features.kinds, &PRIOR);
         Contextual { hyper, features, indicators, seed, examples: Vec::new(), lessons: 0 }
@@ -187,14 +188,14 @@ impl Contextual {
     }
 
     /// What to exploit.
-    pub(super) fn request(&self, query: &Query<'_>) -> Request {
+    pub(super) fn request(&self, query: &Query<'_>) -> FitRequest {
         let data = self.local_data(query);
         let optimism = if data.is_mostly_searched() { EXPLOIT_SEARCHED } else { EXPLOIT };
         self.requested(query, data, optimism, (self.seed, 0, self.lessons))
     }
 
     /// What to explore.
-    pub(super) fn proposal(&self, query: &Query<'_>, number: u64) -> Request {
+    pub(super) fn proposal(&self, query: &Query<'_>, number: u64) -> FitRequest {
         self.requested(query, self.local_data(query), EXPLORE, (self.seed, 1, number))
     }
 
@@ -204,8 +205,8 @@ impl Contextual {
         data: LocalData,
         optimism: f64,
         random: (u64, u64, u64),
-    ) -> Request {
-        Request { data, hyper: self.hyper.clone(), optimism, neighbours: neighbours(query), random }
+    ) -> FitRequest {
+        FitRequest { data, hyper: self.hyper.clone(), optimism, neighbours: neighbours(query), random }
     }
 }
 

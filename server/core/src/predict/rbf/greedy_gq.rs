@@ -14,7 +14,7 @@ use crate::matrix::dot;
 use crate::predict::nearest::neighbours;
 use crate::predict::rbf::candidates::{CandidateConfiguration, Candidates};
 use crate::predict::rbf::{Basis, Shape};
-use crate::predict::{Answer, Estimate, Lesson, Predictor, Query};
+use crate::predict::{Answer, Estimate, Lesson, Predictor, PredictorSetup, Query};
 use crate::search::Verdict;
 use crate::space::Space;
 
@@ -46,6 +46,20 @@ impl Rbf {
         let basis = Basis::new(shape, parameters, indicators, seed, omitted);
         let theta = vec![0.0; basis.len()];
         Rbf { basis, theta, candidates: Candidates::default(), tested: 0, miss_2: 0.0 }
+    }
+
+    /// An untrained model of a study, with the paper's formula as it is printed.
+    pub(crate) fn printed(setup: PredictorSetup<'_>) -> Self {
+        Self::for_study(Shape::Printed, setup)
+    }
+
+    /// An untrained model of a study, with Gaussians.
+    pub(crate) fn gaussian(setup: PredictorSetup<'_>) -> Self {
+        Self::for_study(Shape::Gaussian, setup)
+    }
+
+    fn for_study(shape: Shape, setup: PredictorSetup<'_>) -> Self {
+        Self::new(shape, setup.space.dimension(), setup.indicators, setup.seed, setup.omitted)
     }
 
     /// The value of a state and an action: the inverse of the cost to expect.

@@ -18,7 +18,7 @@ use crate::predict::nearest::neighbours;
 use crate::predict::rbf::candidates::{CandidateConfiguration, Candidates};
 use crate::predict::rbf::solver::Solver;
 use crate::predict::rbf::{Basis, Shape};
-use crate::predict::{Answer, Estimate, Lesson, Predictor, Query};
+use crate::predict::{Answer, Estimate, Lesson, Predictor, PredictorSetup, Query};
 use crate::search::Verdict;
 use crate::space::Space;
 
@@ -108,6 +108,11 @@ impl LeastSquares {
             alone: None,
             candidates: Candidates::default(),
         }
+    }
+
+    /// An untrained model of a study.
+    pub(crate) fn for_study(setup: PredictorSetup<'_>) -> Self {
+        Self::new(setup.space.dimension(), setup.indicators, setup.seed, setup.omitted)
     }
 
     fn features(&self, state_2: &[f64], action_2: &[f64], phi: &mut Vec<f64>) {

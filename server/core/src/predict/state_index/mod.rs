@@ -11,18 +11,18 @@ use std::collections::BTreeMap;
 use crate::ids::MachineId;
 use crate::results::KnownState;
 pub(crate) use indicator_statistics::{IndicatorStatistics, OmittedIndicator};
-use tree::Tree;
+use tree::KdTree;
 pub(crate) use tree::{IndexEntry, match_distance_2};
 
 /// An index over the anchors of the known states. States are named by their places in the tuner's list.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StateIndex {
     /// All states of each machine that may be met again, in which states are recognised.
-    all: BTreeMap<MachineId, Tree>,
+    all: BTreeMap<MachineId, KdTree>,
     /// States in which something was measured.
-    measured: Tree,
+    measured: KdTree,
     /// Those of them in which a search was begun.
-    explored: Tree,
+    explored: KdTree,
     /// Which trees hold each state: measured, explored.
     held: Vec<(bool, bool)>,
     /// Over the measured states.
@@ -34,7 +34,7 @@ pub struct StateIndex {
 impl StateIndex {
     /// An empty index over states of so many indicators.
     pub fn new(indicators: usize) -> Self {
-        let tree = Tree::new(indicators);
+        let tree = KdTree::new(indicators);
         StateIndex {
             all: BTreeMap::new(),
             measured: tree.clone(),
@@ -50,7 +50,7 @@ impl StateIndex {
     pub fn note(&mut self, state: &KnownState) {
         let place = state.id.0 as u32 - 1;
         if self.held.len() == place as usize {
-            let tree = self.all.entry(state.machine).or_insert_with(|| Tree::new(self.weights.len()));
+            let tree = self.all.entry(state.machine).or_insert_with(|| KdTree::new(self.weights.len()));
             tree.insert(place, &state.anchor);
             self.held.push((false, false));
         }

@@ -13,7 +13,7 @@ const SHARE_MAX: f64 = 0.7;
 
 /// The tree. Points are numbered in the order in which they came.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Tree {
+pub(super) struct KdTree {
     width: usize,
     /// Coordinates of point `i` at `i * width`.
     points: Vec<f64>,
@@ -50,12 +50,12 @@ impl IndexEntry {
     }
 }
 
-impl Tree {
+impl KdTree {
     /// An empty tree for points of `width` coordinates.
     pub(super) fn new(width: usize) -> Self {
         let root = TreeNode { count: 0, kind: NodeKind::Leaf(Vec::new()) };
         let mut tree =
-            Tree { width, points: vec![], names: vec![], nodes: vec![root], boxes: vec![], free: vec![] };
+            KdTree { width, points: vec![], names: vec![], nodes: vec![root], boxes: vec![], free: vec![] };
         tree.boxes.extend(tree.empty_box());
         tree
     }
@@ -321,7 +321,7 @@ mod tests {
         best
     }
 
-    fn depth(tree: &Tree, node: u32) -> usize {
+    fn depth(tree: &KdTree, node: u32) -> usize {
         match tree.nodes[node as usize].kind {
             NodeKind::Leaf(_) => 1,
             NodeKind::Branch { below, above, .. } => 1 + depth(tree, below).max(depth(tree, above)),
@@ -330,7 +330,7 @@ mod tests {
 
     #[test]
     fn points_in_rising_order_make_no_deep_tree() {
-        let mut tree = Tree::new(1);
+        let mut tree = KdTree::new(1);
         (0..20_000u32).for_each(|index| tree.insert(index, &[f64::from(index)]));
         assert!(depth(&tree, 0) < 30, "{}", depth(&tree, 0));
         assert_eq!(tree.names.len(), 20_000);
@@ -339,11 +339,11 @@ mod tests {
 
     #[test]
     fn a_filter_and_no_coordinates_at_all_are_no_trouble() {
-        let mut tree = Tree::new(2);
+        let mut tree = KdTree::new(2);
         (0..500u32).for_each(|index| tree.insert(index, &[f64::from(index % 20), f64::from(index / 20)]));
         let even = tree.nearest(&[3.0, 3.0], &[1.0, 1.0], 1, &mut |name| (name % 2 == 0).then_some(0.0));
         assert_eq!(even, vec![IndexEntry { name: 62, distance_2: 1.0 }], "(2, 3), first named of four");
-        let mut tree = Tree::new(0);
+        let mut tree = KdTree::new(0);
         (0..100).for_each(|index| tree.insert(index, &[]));
         assert_eq!(tree.nearest(&[], &[], 2, &mut |_| Some(0.0)).len(), 2);
         assert_eq!(tree.within(&[], 0.0), Some(IndexEntry { name: 0, distance_2: 0.0 }));
@@ -370,7 +370,7 @@ mod tests {
             if dropped {
                 weights[0] = 0.0;
             }
-            let mut tree = Tree::new(width);
+            let mut tree = KdTree::new(width);
             for (index, point) in all.iter().enumerate() {
                 tree.insert(index as u32, point);
             }

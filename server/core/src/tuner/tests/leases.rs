@@ -83,7 +83,7 @@ fn malformed_questions_and_reports_change_nothing() {
     }
     let refused = tuner.suggest(&ask("a", f64::NAN, 0.5), 0).expect_err("NaN");
     assert!(refused.to_string().contains("\"x\" is NaN"));
-    assert_eq!(tuner.statistics(), Statistics::default());
+    assert_eq!(tuner.statistics(), StudyCounts::default());
     let trial = suggest(&mut tuner, "a", 0.5, 0.5);
     let long = "r".repeat(1001);
     let bad: [(BTreeMap<String, f64>, Outcome); 7] = [

@@ -13,7 +13,7 @@ mod evidence;
 mod other_machines;
 
 use crate::configuration::Configuration;
-use crate::decision::Source;
+use crate::decision::ExploitSource;
 use crate::ids::StateId;
 use crate::policy::PredictorMethod;
 use crate::predict::state_index::IndexEntry;
@@ -123,7 +123,7 @@ impl<'a> Transfer<'a> {
         normalised: &'a [f64],
         here: Option<StateId>,
         planned: &Planned,
-    ) -> Option<(Configuration, Source)> {
+    ) -> Option<(Configuration, ExploitSource)> {
         if !self.exploits_portfolio(normalised, here) {
             return None;
         }
@@ -134,7 +134,7 @@ impl<'a> Transfer<'a> {
             Some(best) => best.cloned(),
         };
         let states = evidence.states() as u64;
-        Some((best?, Source::Portfolio { states, neighbours: self.neighbours_of(&query) }))
+        Some((best?, ExploitSource::Portfolio { states, neighbours: self.neighbours_of(&query) }))
     }
 
     /// Whether nothing was begun in a state.

@@ -11,7 +11,7 @@
 //! found best; whatever it measures itself soon counts for more, and where it disagrees, the others count less.
 
 use crate::configuration::Configuration;
-use crate::decision::{ByMachines, Level, Point, Source};
+use crate::decision::{ByMachines, ExploitSource, ExploredPoint, MachineLevel};
 use crate::ids::StateId;
 use crate::limits::{NEIGHBOURS_MAX, REWARD_COST_MIN};
 use crate::results::Record;
@@ -36,7 +36,7 @@ const ASK_EVERY: usize = 8;
 #[derive(Clone, Copy, Debug)]
 struct OtherMachine {
     state: StateId,
-    level: Level,
+    level: MachineLevel,
     /// What to add to the logarithm of a cost there.
     shift: f64,
     /// Both have measured something, so that the shift rests on this very state.
@@ -56,7 +56,7 @@ struct LevelEstimate {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct PooledEstimate {
     mean: f64,
-    level: Level,
+    level: MachineLevel,
     machines: usize,
     measurements: u64,
 }
@@ -129,7 +129,7 @@ impl<'a> OtherMachines<'a> {
     }
 
     /// What the peers of a level measured of a configuration, as it would be here.
-    fn by_level(&self, level: Level, configuration: &Configuration) -> Option<LevelEstimate> {
+    fn by_level(&self, level: MachineLevel, configuration: &Configuration) -> Option<LevelEstimate> {
         let (mut sum, mut precision, mut machines, mut measurements) = (0.0, 0.0, 0, 0);
         for peer in self.peers.iter().filter(|peer| peer.level == level) {
             if let Some(record) = measured(self.states, peer.state, configuration) {
@@ -144,8 +144,8 @@ impl<'a> OtherMachines<'a> {
         (machines > 0).then_some(LevelEstimate { mean, variance, machines, measurements })
     }
 
-    fn by_levels(&self, configuration: &Configuration) -> [(Level, Option<LevelEstimate>); 2] {
-        [Level::Group, Level::Fleet].map(|level| (level, self.by_level(level, configuration)))
+    fn by_levels(&self, configuration: &Configuration) -> [(MachineLevel, Option<LevelEstimate>); 2] {
+        [MachineLevel::Group, MachineLevel::Fleet].map(|level| (level, self.by_level(level, configuration)))
     }
 
     /// The estimate of a configuration's cost here by all that was measured of it; `None` where nobody did.
@@ -155,7 +155,8 @@ impl<'a> OtherMachines<'a> {
         if let Some(own) = measured(self.states, self.state, configuration) {
             let (mean, measurements) = (log(own.mean_cost), own.measurements);
             let variance = noise_2(self.states, self.state) / measurements as f64;
-            sources.push((Level::Machine, LevelEstimate { mean, variance, machines: 1, measurements }));
+            sources
+                .push((MachineLevel::Machine, LevelEstimate { mean, variance, machines: 1, measurements }));
         }
         for (level, estimate) in self.by_levels(configuration) {
             if let Some(estimate) = estimate {
@@ -204,10 +205,10 @@ impl Transfer<'_> {
             return None;
         }
         let (configuration, estimate) = peers.best(|_| true)?;
-        (estimate.level != Level::Machine).then(|| Exploitation {
+        (estimate.level != MachineLevel::Machine).then(|| Exploitation {
             configuration: configuration.clone(),
             predicted_cost: Some(estimate.cost()),
-            source: Source::Machines(by_machines(&peers, &estimate)),
+            source: ExploitSource::Machines(by_machines(&peers, &estimate)),
             rolled_back: false,
         })
     }
@@ -231,7 +232,7 @@ impl Transfer<'_> {
             return None;
         }
         if !results.is_tried(default) && !self.trials.runs(state, default) && !searches {
-            let (configuration, point) = (default.clone(), Point::BaselineOfMachine);
+            let (configuration, point) = (default.clone(), ExploredPoint::BaselineOfMachine);
             return Some(ProposedTrial { configuration, predicted_cost: None, point });
         }
         let is_new =
@@ -241,7 +242,7 @@ impl Transfer<'_> {
         promising.then(|| ProposedTrial {
             configuration: configuration.clone(),
             predicted_cost: Some(estimate.cost()),
-            point: Point::ByMachines(by_machines(&peers, &estimate)),
+            point: ExploredPoint::ByMachines(by_machines(&peers, &estimate)),
         })
     }
 }

@@ -21,9 +21,9 @@ fn the_example_of_the_contract_parses() {
     assert_eq!(
         filter.comparisons,
         [
-            Comparison::State(Operator::Equal, TrialState::Completed),
-            Comparison::Cost(Operator::Less, 12.5),
-            Comparison::Configuration("quality".into(), Operator::Equal, Literal::Number(2.0)),
+            FieldComparison::State(Operator::Equal, TrialState::Completed),
+            FieldComparison::Cost(Operator::Less, 12.5),
+            FieldComparison::Configuration("quality".into(), Operator::Equal, Literal::Number(2.0)),
         ]
     );
 }
@@ -39,16 +39,16 @@ fn every_field_and_operator_parses() {
     assert_eq!(
         filter.comparisons,
         [
-            Comparison::Mode(Operator::NotEqual, Mode::Pinned),
-            Comparison::Outcome(Operator::Equal, OutcomeKind::Aborted),
-            Comparison::Late(Operator::Equal, false),
-            Comparison::ClientId(Operator::GreaterOrEqual, "a\"b\\".into()),
-            Comparison::StateId(Operator::LessOrEqual, -3),
-            Comparison::Number(Operator::Greater, 7),
-            Comparison::Measurement("build_ms".into(), Operator::Less, 1000.0),
-            Comparison::Indicator("x".into(), Operator::NotEqual, -0.5),
-            Comparison::Configuration("flag".into(), Operator::Equal, Literal::Boolean(true)),
-            Comparison::Configuration("kind".into(), Operator::Equal, Literal::Text("sah".into())),
+            FieldComparison::Mode(Operator::NotEqual, Mode::Pinned),
+            FieldComparison::Outcome(Operator::Equal, OutcomeKind::Aborted),
+            FieldComparison::Late(Operator::Equal, false),
+            FieldComparison::ClientId(Operator::GreaterOrEqual, "a\"b\\".into()),
+            FieldComparison::StateId(Operator::LessOrEqual, -3),
+            FieldComparison::Number(Operator::Greater, 7),
+            FieldComparison::Measurement("build_ms".into(), Operator::Less, 1000.0),
+            FieldComparison::Indicator("x".into(), Operator::NotEqual, -0.5),
+            FieldComparison::Configuration("flag".into(), Operator::Equal, Literal::Boolean(true)),
+            FieldComparison::Configuration("kind".into(), Operator::Equal, Literal::Text("sah".into())),
         ]
     );
 }
