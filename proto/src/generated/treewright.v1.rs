@@ -421,8 +421,8 @@ pub enum PredictorMethod {
     /// Radial basis functions fitted by recursive least squares, with models of their own for each kind of machine and
     /// each client; their answers are weighted by their accuracy.
     LeastSquares = 6,
-    /// A Gaussian process over indicators and parameters together, which also proposes what to explore; useful where
-    /// every input is met only once.
+    /// A Gaussian process over indicators and parameters together, which also proposes what to explore; useful where every
+    /// input is met only once.
     Contextual = 7,
 }
 impl PredictorMethod {
