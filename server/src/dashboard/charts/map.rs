@@ -114,7 +114,8 @@ pub(in super::super) fn race(runners: &[Runner]) -> String {
                 false => put(&mut path, format_args!("H{x:.1}V{y:.1}")),
             }
         }
-        let (class, y) = (index % 5, 330.0 + 20.0 * index as f64);
+        // Neighbours on the scale of colours are hard to tell apart.
+        let (class, y) = ([0, 4, 2, 3, 1][index % 5], 330.0 + 20.0 * index as f64);
         put(&mut svg, format_args!(r#"<path class="run runner c{class}" d="{path}"/>"#));
         put(&mut svg, format_args!(r#"<path class="run runner c{class}" d="M70 {:.1}h28"/>"#, y - 4.0));
         let reached = line.last().map(|ratio| figure(*ratio)).unwrap_or_default();

@@ -98,17 +98,29 @@ fn position(indicator: &Indicator, trial: &v1::Trial) -> f64 {
     indicator.normalise(value).clamp(0.0, 1.0)
 }
 
-/// The two indicators by which the states differ most.
+/// Two indicators that set the states apart: the one by which they differ most, and the one that differs most beside it,
+/// since what follows the first in a straight line would place all states on one line.
 fn widest(indicators: &[Indicator], states: &[StateStands]) -> (usize, usize) {
-    let spread = |indicator: &Indicator| {
-        let places: Vec<f64> = states.iter().map(|of| position(indicator, &of.trial)).collect();
-        let mean = places.iter().sum::<f64>() / places.len().max(1) as f64;
-        places.iter().map(|place| (place - mean).powi(2)).sum::<f64>()
+    let columns: Vec<Vec<f64>> = indicators
+        .iter()
+        .map(|indicator| {
+            let places: Vec<f64> = states.iter().map(|of| position(indicator, &of.trial)).collect();
+            let mean = places.iter().sum::<f64>() / places.len().max(1) as f64;
+            places.into_iter().map(|place| place - mean).collect()
+        })
+        .collect();
+    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let spread = |column: &[f64]| product(column, column);
+    let most = |of: &dyn Fn(&[f64]) -> f64| {
+        let spreads = columns.iter().map(|column| of(column)).enumerate();
+        spreads.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map_or(0, |(index, _)| index)
     };
-    let mut order: Vec<(usize, f64)> = indicators.iter().map(spread).enumerate().collect();
-    order.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let of = |rank: usize| order.get(rank).map_or(0, |(index, _)| *index);
-    (of(0), of(if order.len() > 1 { 1 } else { 0 }))
+    let first = most(&spread);
+    let Some(along) = columns.get(first).filter(|along| spread(along) > 0.0) else {
+        return (0, usize::from(indicators.len() > 1));
+    };
+    let second = most(&|column| spread(column) - product(column, along).powi(2) / spread(along));
+    if second == first { (first, usize::from(first == 0 && indicators.len() > 1)) } else { (first, second) }
 }
 
 fn axis(indicator: &Indicator) -> Axis {
