@@ -41,7 +41,7 @@ pub struct Neighbour {
 pub struct TrialRecord {
     /// `studies/{study}/trials/{trial}`.
     pub name: String,
-    /// Who holds it.
+    /// The client that the trial was handed to.
     pub client_id: String,
     /// Equal for equal states of the study.
     pub state_id: i64,

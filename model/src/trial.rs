@@ -82,7 +82,7 @@ impl Outcome {
         Self::Failed { reason: cut(reason.into()) }
     }
 
-    /// What it is.
+    /// Which kind of outcome this is, without its details.
     pub fn kind(&self) -> OutcomeKind {
         match self {
             Outcome::Ok => OutcomeKind::Ok,

@@ -27,7 +27,7 @@ pub enum LogFormat {
 /// Reads a filter such as `info,treewright_server=debug`.
 ///
 /// # Errors
-/// What is wrong with it.
+/// When it is no such filter, with the part that is not understood.
 pub fn filter(text: &str) -> Result<Targets, ParseError> {
     text.parse()
 }

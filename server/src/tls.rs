@@ -75,7 +75,7 @@ struct Contents {
     peer_authority: Option<Vec<u8>>,
 }
 
-/// What is made of one state of the files.
+/// TLS settings made from the certificate files as they were when they were last read.
 struct Made {
     server: Arc<ServerConfig>,
     /// For connections to other replicas. The daemon shows its own certificate there.

@@ -74,7 +74,7 @@ pub(super) struct Chosen {
     pub(super) origin: String,
 }
 
-/// What is tuned for.
+/// The view, picture size and threads that entrants are tuned for.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EntrantSetting {
     pub(super) view: View,

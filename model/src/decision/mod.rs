@@ -201,7 +201,7 @@ pub struct Predicted {
 /// What other machines measured in a state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ByMachines {
-    /// Whose measurements count most.
+    /// How near the machines are whose measurements count most.
     pub level: MachineLevel,
     /// How many machines measured it, and how often together.
     pub machines: u64,
@@ -278,7 +278,7 @@ impl ExplorationEstimate {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct BudgetStatus {
-    /// What was left of it.
+    /// What was left of the client's budget, in the objective's units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget_left: Option<f64>,
     /// What was set aside of it for this trial, or would have had to be: the most that it can cost above the reference.
@@ -349,7 +349,7 @@ impl Step {
     }
 }
 
-/// Whose evidence it is, seen from one machine.
+/// How near to one machine the machine is that a measurement comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MachineLevel {
@@ -463,7 +463,7 @@ impl Decision {
         }
     }
 
-    /// What it is for people and for logs.
+    /// The decision in words, for people, clients and logs.
     pub fn reason(&self) -> Reason {
         words::reason(self)
     }

@@ -35,7 +35,7 @@ pub(super) fn reason(decision: &Decision) -> Reason {
     }
 }
 
-/// Who chose, and by which step.
+/// The names of what chose the configuration and of the step that asked for it, as reasons carry them.
 fn source(choice: &Choice) -> (&'static str, &'static str) {
     match choice {
         Choice::Pinned => (PINNED, ""),

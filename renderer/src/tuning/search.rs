@@ -46,7 +46,7 @@ pub struct Iteration {
     pub configuration: Configuration,
     /// What the service expected.
     pub predicted_cost: Option<f64>,
-    /// How it ended.
+    /// Whether the trial was measured, stopped early, or could not be built.
     pub outcome: Outcome,
     /// The frame's times; absent when the structure could not be built, or the trial was stopped.
     pub times: Option<FrameTimes>,

@@ -155,7 +155,7 @@ impl Machines {
         self.machines.is_empty()
     }
 
-    /// Whose evidence `other`'s is, seen from a machine.
+    /// How near `other` is to `machine`: the same, of its group, or of the fleet only.
     pub fn level(&self, machine: MachineId, other: MachineId) -> MachineLevel {
         let group = |place: MachineId| self.machines.get(index(place)).map(|machine| machine.group);
         match machine == other {

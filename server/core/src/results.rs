@@ -86,7 +86,7 @@ impl PartialOrd for Rank {
     }
 }
 
-/// What is known of one state.
+/// Every configuration that ran in one state, with what was measured of it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ResultTable {
     records: Vec<Record>,

@@ -57,7 +57,7 @@ pub struct Assessment {
     version: u64,
     confirmed: Option<Configuration>,
     is_settled: bool,
-    /// What is exploited.
+    /// The configuration to exploit.
     pub(super) answer: Configuration,
     /// Its cost, with the ends of the 95 % interval.
     pub(super) cost: f64,

@@ -30,7 +30,7 @@ struct Seen {
     log_factor: f64,
 }
 
-/// What is known of one state.
+/// The measurements of one state with their auxiliary metrics.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct OfState {
     seen: Vec<Seen>,

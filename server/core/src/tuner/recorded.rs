@@ -32,7 +32,7 @@ pub enum VisitDecisionBefore {
         mode: Mode,
         /// Predicted objective, where something is known.
         predicted_cost: Option<f64>,
-        /// How it came about.
+        /// Why the configuration was chosen, as that version said it.
         reason: Box<Reason>,
     },
 }

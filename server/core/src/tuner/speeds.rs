@@ -51,7 +51,7 @@ impl Unheld {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Client {
     speed: Speed,
-    /// What its costs are divided by.
+    /// The client's costs are divided by this, so that they are those of a machine at its usual speed.
     factor: f64,
     /// The noise of a measurement when nothing was suspected.
     noise: f64,

@@ -27,7 +27,7 @@ pub(crate) struct States {
     siblings: Vec<Vec<StateId>>,
     /// Where the states lie.
     index: StateIndex,
-    /// Whose measurements they are.
+    /// The machines that measured in these states.
     machines: Machines,
     /// No indicator of a recognised state differs from its anchor by more; of the indicator's range.
     tolerance: f64,
@@ -85,7 +85,7 @@ impl States {
         (1..=self.known.len() as u64).contains(&id.0)
     }
 
-    /// What is known of each, oldest first.
+    /// All states with their measurements, oldest first.
     pub(super) fn known(&self) -> &[KnownState] {
         &self.known
     }

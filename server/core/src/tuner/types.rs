@@ -194,7 +194,7 @@ pub struct Prediction {
     pub configuration: Configuration,
     /// In the objective's units, where something is known.
     pub predicted_cost: Option<f64>,
-    /// How it came about.
+    /// Why this configuration was chosen.
     pub decision: Decision,
     /// What is known of the state, where [`crate::tuner::Tuner::predict`] was asked about one that was met before.
     pub insight: Option<Insight>,

@@ -152,7 +152,7 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(), Open
     connection.close().await.map_err(explained)
 }
 
-/// Whose a file is.
+/// Which program a database file belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FileOwner {
     Ours,

@@ -110,7 +110,7 @@ pub struct ModelSearch {
     setup: SearchSetup,
     #[serde(rename = "flight")]
     pending: PendingPoints,
-    /// What is left of the design.
+    /// Points of the initial design that were not asked yet.
     queue: VecDeque<Vec<f64>>,
     /// What did well in other states, and comes before the design.
     #[serde(default, skip_serializing_if = "VecDeque::is_empty")]
@@ -549,7 +549,7 @@ impl Search for ModelSearch {
         self.queue.clear();
     }
 
-    /// What is left of the design is still asked.
+    /// The rest of the initial design is still asked.
     fn hear(&mut self, x: Vec<f64>, verdict: Verdict) {
         let point = self.make_pending(x, Step::Restart);
         self.tell(point.id, Feedback { verdict, fresh: true });

@@ -247,7 +247,7 @@ impl Transfer<'_> {
     }
 }
 
-/// Who measured what an estimate rests on.
+/// The machines whose measurements an estimate rests on, for the decision.
 fn by_machines(peers: &OtherMachines<'_>, estimate: &PooledEstimate) -> ByMachines {
     let states = peers.states;
     let of_level = peers.peers.iter().filter(|peer| peer.level == estimate.level);
