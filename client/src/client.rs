@@ -227,6 +227,15 @@ impl Core {
         self.call(name, self.options.call_deadline, rpc).await
     }
 
+    /// A call that only reads, and is repeated while the daemon is still loading the study. `rpc` begins it anew.
+    async fn read<T, F>(&self, name: &'static str, mut rpc: impl FnMut() -> F) -> Result<T, ClientError>
+    where
+        F: Future<Output = Result<tonic::Response<T>, tonic::Status>>,
+    {
+        let limit = self.options.call_deadline;
+        self.until_ready(name, limit, || self.call(name, limit, rpc())).await
+    }
+
     fn read_study(&self, call: &'static str, study: v1::Study) -> Result<StudyRecord, ClientError> {
         wire::study_from_wire(study).map_err(|problem| self.malformed(call, problem))
     }
@@ -248,9 +257,11 @@ impl Core {
     }
 
     pub(crate) async fn study_record(&self, name: &str) -> Result<StudyRecord, ClientError> {
-        let mut rpc = self.rpc();
-        let study =
-            self.admin("GetStudy", rpc.get_study(v1::GetStudyRequest { name: name.to_owned() })).await?;
+        let rpc = || {
+            let (mut rpc, request) = (self.rpc(), v1::GetStudyRequest { name: name.to_owned() });
+            async move { rpc.get_study(request).await }
+        };
+        let study = self.read("GetStudy", rpc).await?;
         self.read_study("GetStudy", study)
     }
 
@@ -264,8 +275,11 @@ impl Core {
             indicators: indicators.0.clone(),
             fingerprint: Some(fingerprint_to_wire(&self.options.fingerprint)),
         };
-        let mut rpc = self.rpc();
-        let prediction = self.admin("Predict", rpc.predict(request)).await?;
+        let rpc = || {
+            let (mut rpc, request) = (self.rpc(), request.clone());
+            async move { rpc.predict(request).await }
+        };
+        let prediction = self.read("Predict", rpc).await?;
         wire::prediction_from_wire(prediction).map_err(|problem| self.malformed("Predict", problem))
     }
 
@@ -275,8 +289,11 @@ impl Core {
             indicators: indicators.0.clone(),
             fingerprint: Some(fingerprint_to_wire(&self.options.fingerprint)),
         };
-        let mut rpc = self.rpc();
-        let best = self.admin("GetBest", rpc.get_best(request)).await?;
+        let rpc = || {
+            let (mut rpc, request) = (self.rpc(), request.clone());
+            async move { rpc.get_best(request).await }
+        };
+        let best = self.read("GetBest", rpc).await?;
         wire::best_from_wire(best).map_err(|problem| self.malformed("GetBest", problem))
     }
 

@@ -118,6 +118,41 @@ impl Core {
         result
     }
 
+    /// What `ask` brings; while the daemon says that it cannot serve yet and when it may, because it is still loading the study,
+    /// it is asked again within the time limit. At its end the daemon's own words come back.
+    pub(crate) async fn until_ready<T, F>(
+        &self,
+        name: &'static str,
+        limit: Duration,
+        mut ask: impl FnMut() -> F,
+    ) -> Result<T, ClientError>
+    where
+        F: Future<Output = Result<T, ClientError>>,
+    {
+        let mut not_yet = None;
+        let asked = async {
+            loop {
+                let problem = match ask().await {
+                    Ok(answer) => return Ok(answer),
+                    Err(problem) => problem,
+                };
+                let Some(wait) = problem.retry_after().filter(|_| problem.is_unreachable()) else {
+                    return Err(problem);
+                };
+                not_yet = Some(problem);
+                self.back_off().sleep_at_least(1, Some(wait)).await;
+            }
+        };
+        match tokio::time::timeout(limit, asked).await {
+            Ok(result) => result,
+            Err(_elapsed) => Err(not_yet.unwrap_or_else(|| {
+                let late = self.late(name, limit);
+                self.circuit_breaker.failure(Arc::new(late.clone()));
+                late
+            })),
+        }
+    }
+
     /// Asks the daemon's health service whether it serves.
     pub(crate) async fn probe(&self, limit: Duration) -> Result<(), ClientError> {
         let request = HealthCheckRequest { service: String::new() };

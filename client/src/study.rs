@@ -96,24 +96,9 @@ impl Study {
     ) -> Result<Suggestion, ClientError> {
         checks::state(&self.shared.context.spec, indicators)?;
         let core = &self.shared.context.core;
-        let mut not_yet = None;
-        let asked = async {
-            loop {
-                let problem = match self.shared.ask_once_told(indicators, Some(configuration)).await {
-                    Ok(suggestion) => return Ok(suggestion),
-                    Err(problem) => problem,
-                };
-                let Some(wait) = problem.retry_after().filter(|_| problem.is_unreachable()) else {
-                    return Err(problem);
-                };
-                not_yet = Some(problem);
-                core.back_off().sleep_at_least(1, Some(wait)).await;
-            }
-        };
-        match tokio::time::timeout(core.options.deadline, asked).await {
-            Ok(suggestion) => Ok(self.shared.deliver(suggestion?)),
-            Err(_elapsed) => Err(not_yet.unwrap_or_else(|| core.late("Suggest", core.options.deadline))),
-        }
+        let ask = || self.shared.ask_once_told(indicators, Some(configuration));
+        let suggestion = core.until_ready("Suggest", core.options.deadline, ask).await?;
+        Ok(self.shared.deliver(suggestion))
     }
 
     /// Trials of two configurations in turn, for a comparison that drift and other load disturb least.
@@ -139,7 +124,8 @@ impl Study {
         PrefetchingTuner::new(self)
     }
 
-    /// What would be exploited for these indicators. Writes nothing.
+    /// What would be exploited for these indicators. Writes nothing. Here and in what follows, a daemon that is still loading
+    /// the study is asked again until [`crate::Options::call_deadline`] is over.
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {

@@ -66,6 +66,18 @@ async fn a_daemon_that_is_still_loading_the_study_is_asked_again() {
     client.flush(Duration::from_secs(20)).await.unwrap();
     assert_eq!(fake.book().count("Suggest"), 4);
     assert_eq!(client.stats().fallbacks, 0);
+    // What only reads waits as well.
+    for call in ["Predict", "GetBest", "GetStudy"] {
+        let before = fake.book().count(call);
+        fake.book().loading = 2;
+        let answered = match call {
+            "Predict" => study.predict(&state(3)).await.map(drop),
+            "GetBest" => study.best(&state(3)).await.map(drop),
+            _ => study.record().await.map(drop),
+        };
+        assert!(answered.is_ok(), "{call}: {answered:?}");
+        assert_eq!(fake.book().count(call) - before, 3, "{call}");
+    }
     // Without an end to it the daemon's own words come back, not that it was late.
     fake.book().loading = usize::MAX;
     let client =

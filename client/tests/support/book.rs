@@ -26,7 +26,7 @@ pub struct Book {
     pub standing: Option<v1::Standing>,
     /// Answers to give instead of doing what is asked.
     pub refuse: BTreeMap<&'static str, Code>,
-    /// So many of the next suggestions are answered as by a daemon that is still loading the study.
+    /// So many of the next questions about the study are answered as by a daemon that is still loading it.
     pub loading: usize,
 }
 

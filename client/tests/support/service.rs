@@ -24,6 +24,14 @@ fn again_in_a_millisecond() -> Vec<u8> {
     [&[0x1a, length(&any)][..], &any].concat()
 }
 
+/// Refuses as long as the study counts as being loaded.
+fn loaded(book: &mut Book) -> Result<(), Status> {
+    let Some(left) = book.loading.checked_sub(1) else { return Ok(()) };
+    book.loading = left;
+    let words = "study \"scene\" is being loaded; try again";
+    Err(Status::with_details(Code::Unavailable, words, again_in_a_millisecond().into()))
+}
+
 type Answer<T> = Result<Response<T>, Status>;
 
 impl Service {
@@ -65,7 +73,10 @@ impl TuningService for Service {
 
     async fn get_study(&self, request: Request<v1::GetStudyRequest>) -> Answer<v1::Study> {
         self.wait(Hold::Everything).await;
-        self.book().study(&request.into_inner().name).cloned().map(Response::new)
+        let mut book = self.book();
+        book.enter("GetStudy")?;
+        loaded(&mut book)?;
+        book.study(&request.into_inner().name).cloned().map(Response::new)
     }
 
     async fn list_studies(&self, _: Request<v1::ListStudiesRequest>) -> Answer<v1::ListStudiesResponse> {
@@ -107,11 +118,7 @@ impl TuningService for Service {
         self.wait(Hold::Suggestions).await;
         let mut book = self.book();
         book.enter("Suggest")?;
-        if let Some(left) = book.loading.checked_sub(1) {
-            book.loading = left;
-            let words = "study \"scene\" is being loaded; try again";
-            return Err(Status::with_details(Code::Unavailable, words, again_in_a_millisecond().into()));
-        }
+        loaded(&mut book)?;
         book.suggest(request.into_inner()).map(Response::new)
     }
 
@@ -153,11 +160,14 @@ impl TuningService for Service {
         if request.indicators.is_empty() {
             return Err(Status::invalid_argument("indicators: `triangles` is missing"));
         }
-        if let Some(predicted) = self.book().predicted.clone() {
+        let mut book = self.book();
+        book.enter("Predict")?;
+        loaded(&mut book)?;
+        if let Some(predicted) = book.predicted.clone() {
             return Ok(Response::new(predicted));
         }
         let v1::PredictRequest { study, indicators, fingerprint } = request;
-        let best = self.book().best(&v1::GetBestRequest { study, indicators, fingerprint })?;
+        let best = book.best(&v1::GetBestRequest { study, indicators, fingerprint })?;
         let reason = v1::Reason {
             summary: "The nearest known state is 0.25 away.".into(),
             source: "nearest_neighbour".into(),
@@ -214,7 +224,10 @@ impl TuningService for Service {
     }
 
     async fn get_best(&self, request: Request<v1::GetBestRequest>) -> Answer<v1::Best> {
-        self.book().best(&request.into_inner()).map(Response::new)
+        let mut book = self.book();
+        book.enter("GetBest")?;
+        loaded(&mut book)?;
+        book.best(&request.into_inner()).map(Response::new)
     }
 }
 

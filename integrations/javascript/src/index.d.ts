@@ -86,7 +86,7 @@ export class Study {
   readonly name: string;
   /** Never rejects: without the daemon it is the last good configuration, or the default. */
   suggest(indicators?: Numbers): Promise<Suggestion>;
-  /** A trial of one's own choice. A daemon that is still loading the study is asked again until `callDeadlineMs` is over. */
+  /** A trial of one's own choice. Here and below, a daemon that is still loading the study is asked again until `callDeadlineMs` is over. */
   trialOf(configuration: Configuration, indicators?: Numbers): Promise<Suggestion>;
   predict(indicators?: Numbers): Promise<{ configuration: Configuration; cost?: number }>;
   best(indicators?: Numbers): Promise<{ configuration: Configuration; cost: number }>;

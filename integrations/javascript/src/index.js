@@ -61,6 +61,19 @@ export class Client {
     });
   }
 
+  /** What `ask(deadlineMs)` brings; while the daemon says that it is still loading the study it is asked again, within the deadline of a call. */
+  async untilReady(ask) {
+    const end = Date.now() + this.options.callDeadlineMs;
+    for (;;) {
+      try {
+        return await ask(Math.max(end - Date.now(), 1));
+      } catch (error) {
+        if (!error.passes || Date.now() + ASK_AGAIN_MS >= end) throw error;
+        await new Promise((resolve) => setTimeout(resolve, ASK_AGAIN_MS));
+      }
+    }
+  }
+
   async study(id, spec) {
     const request = { studyId: id, study: specToWire(spec) };
     const study = new Study(this, `studies/${id}`, spec, request);
@@ -148,26 +161,18 @@ export class Study {
 
   async trialOf(configuration, indicators = {}) {
     const wanted = configurationToWire(configuration, this.spec);
-    const end = Date.now() + this.client.options.callDeadlineMs;
-    for (;;) {
-      try {
-        return await this.#ask(indicators, wanted, Math.max(end - Date.now(), 1));
-      } catch (error) {
-        if (!error.passes || Date.now() + ASK_AGAIN_MS >= end) throw error;
-        await new Promise((resolve) => setTimeout(resolve, ASK_AGAIN_MS));
-      }
-    }
+    return this.client.untilReady((deadlineMs) => this.#ask(indicators, wanted, deadlineMs));
   }
 
   async predict(indicators = {}) {
     const request = { study: this.name, indicators, fingerprint: this.client.fingerprint };
-    const known = await this.client.call("predict", request);
+    const known = await this.client.untilReady((deadlineMs) => this.client.call("predict", request, deadlineMs));
     return { configuration: configurationFromWire(known.configuration), cost: known.predictedCost };
   }
 
   async best(indicators = {}) {
     const request = { study: this.name, indicators, fingerprint: this.client.fingerprint };
-    const best = await this.client.call("getBest", request);
+    const best = await this.client.untilReady((deadlineMs) => this.client.call("getBest", request, deadlineMs));
     return { configuration: configurationFromWire(best.configuration), cost: best.cost };
   }
 

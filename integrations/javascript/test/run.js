@@ -75,16 +75,18 @@ async function withoutDaemon() {
 async function whileTheStudyIsLoaded(times) {
   const details = Buffer.from("\n(type.googleapis.com/google.rpc.RetryInfo", "latin1");
   let asked = 0;
+  const onceLoaded = (reply) => (call, answer) => {
+    asked += 1;
+    if (asked > times) return answer(null, reply(call.request));
+    const metadata = new grpc.Metadata();
+    metadata.set("grpc-status-details-bin", details);
+    answer({ code: grpc.status.UNAVAILABLE, details: "study \"loading\" is being loaded; try again", metadata });
+  };
   const handlers = {
     CreateStudy: (call, answer) => answer(null, { name: "studies/loading" }),
-    Suggest: (call, answer) => {
-      asked += 1;
-      const { wanted, study } = call.request;
-      if (asked > times) return answer(null, { name: `${study}/trials/1`, configuration: wanted });
-      const metadata = new grpc.Metadata();
-      metadata.set("grpc-status-details-bin", details);
-      answer({ code: grpc.status.UNAVAILABLE, details: "study \"loading\" is being loaded; try again", metadata });
-    },
+    Suggest: onceLoaded(({ wanted, study }) => ({ name: `${study}/trials/1`, configuration: wanted })),
+    Predict: onceLoaded(() => ({ configuration: { values: { leaf: { integer: "5" } } }, predictedCost: 2.5 })),
+    GetBest: onceLoaded(() => ({ configuration: { values: { leaf: { integer: "6" } } }, cost: 1.5 })),
     AbandonTrial: (call, answer) => answer(null, {}),
   };
   const server = new grpc.Server();
@@ -99,6 +101,11 @@ async function whileTheStudyIsLoaded(times) {
   assert.deepEqual([own.configuration.leaf, asked], [3, times + 1]);
   own.abandon();
   await client.flush(20000);
+  for (const [ask, leaf, cost] of [[() => study.predict(), 5, 2.5], [() => study.best(), 6, 1.5]]) {
+    asked = 0;
+    const known = await ask();
+    assert.deepEqual([known.configuration.leaf, known.cost, asked], [leaf, cost, times + 1]);
+  }
   client.options.callDeadlineMs = 300;
   [asked, times] = [0, Infinity];
   await rejects(study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false }), "unreachable", "is being loaded");
