@@ -16,6 +16,7 @@
 pub mod assignment;
 pub mod configuration;
 pub mod decision;
+pub mod fnv;
 pub mod ids;
 pub mod indicator;
 pub mod limits;

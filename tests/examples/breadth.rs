@@ -5,12 +5,14 @@
 //! clients over 32 streams unless told; the daemon keeps 20,000 trials). Prints a line of JSON for each tenth: times in
 //! milliseconds, memory and files in MB.
 
-use std::collections::BTreeMap;
+mod leaf_study;
+
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
+use leaf_study::report;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio_stream::wrappers::ReceiverStream;
@@ -46,6 +48,7 @@ impl Width {
     }
 }
 
+/// The study of one integer with the indicators that tell states apart.
 fn study() -> wire::Study {
     let indicator = |axis: u32| wire::Indicator {
         name: format!("at_{axis}"),
@@ -53,30 +56,10 @@ fn study() -> wire::Study {
         max: PLACES as f64,
         scale: wire::Scale::Linear as i32,
     };
-    let domain = wire::parameter::Domain::Integer(wire::IntegerDomain { min: 1, max: 32, scale: 0 });
-    let value = wire::Value { kind: Some(wire::value::Kind::Integer(8)) };
-    let leaf = wire::Parameter {
-        name: "leaf".into(),
-        domain: Some(domain),
-        default_value: Some(value),
-        active_if: None,
-    };
-    let term = wire::ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 };
     wire::Study {
-        space: Some(wire::Space { parameters: vec![leaf], constraints: Vec::new() }),
         indicators: (0..3).map(indicator).collect(),
-        objective: Some(wire::Objective { terms: vec![term], ..Default::default() }),
         state_tolerance: Some(0.001),
-        ..Default::default()
-    }
-}
-
-fn report(trial: wire::Trial) -> wire::ReportRequest {
-    let ok = wire::outcome::Kind::Ok(wire::Ok {});
-    wire::ReportRequest {
-        trial: trial.name,
-        measurements: BTreeMap::from([("render_ms".to_owned(), 10.0)]),
-        outcome: Some(wire::Outcome { kind: Some(ok) }),
+        ..leaf_study::study()
     }
 }
 

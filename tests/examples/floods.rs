@@ -5,11 +5,13 @@
 //! reports 30 times a second, and a newcomer that connects twice a second for one request. Prints a table in Markdown. Needs
 //! two descriptors for each connection (`ulimit -n`).
 
-use std::collections::BTreeMap;
+mod leaf_study;
+
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use leaf_study::{report, study};
 use tokio::io::AsyncWriteExt as _;
 use tokio::net::{TcpSocket, TcpStream};
 use tokio::task::JoinSet;
@@ -56,23 +58,6 @@ fn with<T>(token: Option<&str>, message: T) -> Request<T> {
         request.metadata_mut().insert("authorization", value);
     }
     request
-}
-
-fn study() -> wire::Study {
-    let domain = wire::parameter::Domain::Integer(wire::IntegerDomain { min: 1, max: 32, scale: 0 });
-    let value = wire::Value { kind: Some(wire::value::Kind::Integer(8)) };
-    let leaf = wire::Parameter {
-        name: "leaf".into(),
-        domain: Some(domain),
-        default_value: Some(value),
-        active_if: None,
-    };
-    let term = wire::ObjectiveTerm { metric: "render_ms".into(), weight: 1.0 };
-    wire::Study {
-        space: Some(wire::Space { parameters: vec![leaf], constraints: Vec::new() }),
-        objective: Some(wire::Objective { terms: vec![term], ..Default::default() }),
-        ..Default::default()
-    }
 }
 
 async fn hold(address: SocketAddr, says: &[u8]) -> Option<TcpStream> {
@@ -144,14 +129,7 @@ async fn renderer(
             ..Default::default()
         };
         let served = match client.suggest(with(Some(&token), question)).await {
-            Ok(trial) => {
-                let report = wire::ReportRequest {
-                    trial: trial.into_inner().name,
-                    measurements: BTreeMap::from([("render_ms".to_owned(), 33.0)]),
-                    outcome: Some(wire::Outcome { kind: Some(wire::outcome::Kind::Ok(wire::Ok {})) }),
-                };
-                client.report(with(Some(&token), report)).await.is_ok()
-            }
+            Ok(trial) => client.report(with(Some(&token), report(trial.into_inner()))).await.is_ok(),
             Err(_) => false,
         };
         if served {

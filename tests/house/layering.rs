@@ -17,7 +17,10 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("treewright-cli", &["treewright-client"]),
     ("treewright-indicators", &[]),
     ("treewright-scene", &["treewright-accel", "treewright-indicators"]),
-    ("treewright-renderer", &["treewright-accel", "treewright-client", "treewright-scene"]),
+    (
+        "treewright-renderer",
+        &["treewright-accel", "treewright-client", "treewright-model", "treewright-scene"],
+    ),
     (
         "treewright-render-cli",
         &["treewright-accel", "treewright-client", "treewright-renderer", "treewright-scene"],

@@ -46,7 +46,7 @@ class Caster:
     """Embree's entry points, and devices by their text: a layout by name needs one of its own."""
 
     def __init__(self, path):
-        self.library, self.devices = ctypes.CDLL(path), {}
+        self.embree, self.devices = ctypes.CDLL(path), {}
         pointer, number, size = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
         for name, result, arguments in [
             ("rtcNewDevice", pointer, [ctypes.c_char_p]), ("rtcNewScene", pointer, [pointer]), ("rtcReleaseScene", None, [pointer]),
@@ -57,12 +57,12 @@ class Caster:
             ("rtcAttachGeometry", number, [pointer, pointer]), ("rtcCommitScene", None, [pointer]),
             ("rtcIntersect16", None, [pointer, pointer, pointer, pointer]),
         ]:
-            entry = getattr(self.library, name)
+            entry = getattr(self.embree, name)
             entry.restype, entry.argtypes = result, arguments
         self.valid = numpy.full(32, -1, "i4")
 
     def run(self, configuration, mesh, batch):
-        embree, layout, quality = self.library, configuration.get("layout", "auto"), QUALITY[configuration["quality"]]
+        embree, layout, quality = self.embree, configuration.get("layout", "auto"), QUALITY[configuration["quality"]]
         text = "threads=1" + (f",tri_accel={layout}" if layout not in ("auto", "compact") else "")
         if text not in self.devices:
             self.devices[text] = embree.rtcNewDevice(text.encode())

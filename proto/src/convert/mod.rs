@@ -12,11 +12,15 @@
 //! | `study` | specifications of studies |
 //! | `policy` | policies, field by field as the model's table lists them |
 //! | `session` | what a session wants for itself |
+//! | `standing` | what is proven of answers |
 //! | `time` | points in time |
-//! | `trial` | outcomes and machines |
+//! | `trial` | trials, outcomes and machines |
+//! | `reason` | why an answer was given |
 
 mod enums;
+mod numbers;
 mod policy;
+mod reason;
 mod session;
 mod space;
 mod standing;
@@ -26,15 +30,20 @@ mod trial;
 mod values;
 
 pub use enums::WireEnum;
+pub use numbers::{signed, unsigned};
 pub use policy::{policy_from_wire, policy_to_wire};
+pub use reason::reason_to_wire;
 pub use session::{session_policy_from_wire, session_policy_to_wire};
 pub use space::{space_from_wire, space_to_wire};
 pub use standing::{standing_from_wire, standing_to_wire};
 pub use study::{spec_from_wire, spec_to_wire};
 pub use time::{timestamp_from_wire, timestamp_to_wire};
-pub use trial::{fingerprint_from_wire, fingerprint_to_wire, outcome_from_wire, outcome_to_wire};
+pub use trial::{
+    fingerprint_from_wire, fingerprint_to_wire, outcome_from_wire, outcome_to_wire, trial_to_wire,
+};
 pub use values::{
-    configuration_from_wire, configuration_to_wire, readable_configuration, value_from_wire, value_to_wire,
+    Values, configuration_from_wire, configuration_to_wire, readable_configuration, value_from_wire,
+    value_to_wire,
 };
 
 /// A field of a message is missing or makes no sense.

@@ -3,7 +3,7 @@
 use treewright_model::standing::{Confirmation, ConfirmationStage, Gain, Standing};
 use treewright_model::words::OpenEnum;
 
-use super::WireEnum;
+use super::{WireEnum, signed, unsigned};
 use crate::v1;
 
 /// How the answer of a state stands.
@@ -57,15 +57,6 @@ fn gain_to_wire(gain: Gain) -> v1::Gain {
 fn gain_from_wire(gain: v1::Gain) -> Gain {
     let v1::Gain { share, low, high, probability_better } = gain;
     Gain { share, low, high, probability_better }
-}
-
-/// Counts never come near the end of the range.
-fn signed(count: u64) -> i64 {
-    i64::try_from(count).unwrap_or(i64::MAX)
-}
-
-fn unsigned(count: i64) -> u64 {
-    u64::try_from(count).unwrap_or(0)
 }
 
 #[cfg(test)]

@@ -1,9 +1,35 @@
-//! Outcomes and machines.
+//! Trials, outcomes and machines.
 
-use treewright_model::trial::{Fingerprint, Outcome};
+use treewright_model::trial::{Fingerprint, Outcome, Trial};
 
-use super::Malformed;
+use super::{Malformed, Values, WireEnum, configuration_to_wire, reason_to_wire, signed, timestamp_to_wire};
 use crate::v1;
+
+/// A trial under its resource name.
+#[must_use]
+pub fn trial_to_wire<C: Values>(name: String, trial: &Trial<C>) -> v1::Trial {
+    v1::Trial {
+        name,
+        client_id: trial.client_id.clone(),
+        state_id: signed(trial.state_id),
+        indicators: trial.indicators.clone(),
+        configuration: Some(configuration_to_wire(&trial.configuration)),
+        mode: trial.mode().number(),
+        predicted_cost: trial.predicted_cost,
+        reason: Some(reason_to_wire(&trial.reason())),
+        lease_expire_time: Some(timestamp_to_wire(trial.lease_expire_ms)),
+        state: trial.state.number(),
+        measurements: trial.measurements.clone(),
+        cost: trial.cost,
+        outcome: trial.outcome.as_ref().map(outcome_to_wire),
+        late: trial.late,
+        create_time: Some(timestamp_to_wire(trial.create_ms)),
+        complete_time: trial.complete_ms.map(timestamp_to_wire),
+        fingerprint: trial.fingerprint.as_ref().map(fingerprint_to_wire),
+        abort_above: trial.decision.abort_above(),
+        origin: trial.decision.origin.clone().unwrap_or_default(),
+    }
+}
 
 /// How a trial ended.
 #[must_use]

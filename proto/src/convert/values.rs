@@ -1,6 +1,6 @@
 //! Values and configurations.
 
-use treewright_model::configuration::RawConfiguration;
+use treewright_model::configuration::{Configuration, RawConfiguration};
 use treewright_model::value::Value;
 
 use super::Malformed;
@@ -41,10 +41,28 @@ pub(super) fn values_from_wire(field: &str, wire: Vec<v1::Value>) -> Result<Vec<
     wire.into_iter().map(|value| value_from_wire(field, value)).collect()
 }
 
+/// The values of a configuration, checked or not.
+pub trait Values {
+    /// The values by parameter.
+    fn values(&self) -> &RawConfiguration;
+}
+
+impl Values for Configuration {
+    fn values(&self) -> &RawConfiguration {
+        Configuration::values(self)
+    }
+}
+
+impl Values for RawConfiguration {
+    fn values(&self) -> &RawConfiguration {
+        self
+    }
+}
+
 /// A configuration.
 #[must_use]
-pub fn configuration_to_wire(values: &RawConfiguration) -> v1::Configuration {
-    let values = values.iter().map(|(name, value)| (name.clone(), value_to_wire(value)));
+pub fn configuration_to_wire(configuration: &impl Values) -> v1::Configuration {
+    let values = configuration.values().iter().map(|(name, value)| (name.clone(), value_to_wire(value)));
     v1::Configuration { values: values.collect() }
 }
 

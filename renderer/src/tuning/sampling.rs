@@ -7,6 +7,7 @@
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use treewright_client::{Configuration, Indicators};
+use treewright_model::fnv;
 
 use crate::space::TuningSpace;
 
@@ -28,17 +29,17 @@ impl Sequence {
     /// The sequence of a space at the place that the indicators describe. Another seed, part of the space or place makes
     /// another sequence.
     pub fn new(space: &TuningSpace, state: &Indicators, seed: u64) -> Self {
-        let mut hash = Fnv::new();
-        hash.take(&seed.to_le_bytes());
+        let mut described = seed.to_le_bytes().to_vec();
         for one in space.explained() {
-            hash.take(format!("{:?}", one.parameter).as_bytes());
+            described.extend(format!("{:?}", one.parameter).bytes());
         }
-        hash.take(space.with_held(&space.default_configuration()).to_string().as_bytes());
+        described.extend(space.with_held(&space.default_configuration()).to_string().bytes());
         for (name, value) in state.iter() {
-            hash.take(name.as_bytes());
-            hash.take(&value.to_bits().to_le_bytes());
+            described.extend(name.bytes());
+            described.extend(value.to_bits().to_le_bytes());
         }
-        Self { space: space.clone(), seed: hash.0, identity: (hash.0 >> 32) as u32 ^ hash.0 as u32 }
+        let seed = fnv::hash(described);
+        Self { space: space.clone(), seed, identity: (seed >> 32) as u32 ^ seed as u32 }
     }
 
     /// Tells it apart from others in a study; whole, so that a measurement can hold it.
@@ -53,21 +54,6 @@ impl Sequence {
         random.set_stream(u64::from(number));
         let point: Vec<f64> = (0..space.dimension()).map(|_| random.random()).collect();
         self.space.with_held(&space.decode(&point).to_raw().into())
-    }
-}
-
-/// Fowler, Noll and Vo's hash of 64 bits (FNV-1a): the same on every machine and in every version.
-struct Fnv(u64);
-
-impl Fnv {
-    fn new() -> Self {
-        Self(0xcbf2_9ce4_8422_2325)
-    }
-
-    fn take(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
-        }
     }
 }
 

@@ -15,11 +15,10 @@
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub use treewright_model::{
-    configuration, decision, ids, indicator, names, objective, policy, session, space, standing, study,
+    configuration, decision, fnv, ids, indicator, names, objective, policy, session, space, standing, study,
     trial, value, words,
 };
 
-pub mod fnv;
 mod gp;
 pub mod limits;
 pub mod machines;

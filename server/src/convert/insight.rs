@@ -1,28 +1,8 @@
-//! Domain to wire: why a policy answers as it does, and what it leaves out.
+//! What the policy knows of a state, and what it leaves out.
 
-use treewright_core::trial::Explanation;
 use treewright_core::tuner::{Insight, Omission};
-use treewright_proto::convert::{WireEnum, configuration_to_wire, standing_to_wire};
+use treewright_proto::convert::{WireEnum, signed, standing_to_wire};
 use treewright_proto::v1;
-
-use super::numbers::signed;
-
-/// What the policy weighed.
-pub(super) fn explanation(explanation: &Explanation) -> v1::Explanation {
-    v1::Explanation {
-        rule: explanation.rule.map_or(0, WireEnum::number),
-        epsilon: explanation.epsilon,
-        budget_left: explanation.budget_left,
-        set_aside: explanation.set_aside,
-        reference_cost: explanation.reference_cost,
-        expected_gain: explanation.expected_gain,
-        expected_frames: explanation.expected_frames,
-        exploring_cost: explanation.exploring_cost,
-        held: explanation.held.clone(),
-        instead_of: explanation.instead_of.as_ref().map(configuration_to_wire),
-        silent: explanation.silent,
-    }
-}
 
 /// What the policy knows of a state.
 pub(super) fn state(insight: &Insight) -> v1::StateInsight {

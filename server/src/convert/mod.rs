@@ -1,11 +1,10 @@
 //! Between the wire and the tuner. `from_proto` reads requests and names the field that is wrong, `to_proto` and `insight`
-//! write answers, `names` reads and writes resource names, `policy` reads update masks. What clients convert too is in
+//! write answers, `names` reads and writes resource names, `policy` reads update masks. Types of the model become messages in
 //! `treewright_proto::convert`.
 
 pub mod from_proto;
 mod insight;
 pub mod names;
-mod numbers;
 pub mod policy;
 pub mod policy_differences;
 pub mod to_proto;

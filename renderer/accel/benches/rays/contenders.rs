@@ -26,7 +26,7 @@ enum Recipe {
     Bvh,
     ObvhsBinary,
     ObvhsWide,
-    Tinybvh { library: Arc<Tinybvh>, splits: bool },
+    Tinybvh { functions: Arc<Tinybvh>, splits: bool },
 }
 
 /// Name of the tree that the [overview](crate::overview) compares with others.
@@ -156,9 +156,9 @@ fn recipes(tinybvh: Option<Arc<Tinybvh>>) -> Vec<(&'static str, Recipe)> {
         ("obvhs, binary", Recipe::ObvhsBinary),
         ("obvhs, 8 wide", Recipe::ObvhsWide),
     ];
-    if let Some(library) = tinybvh {
-        all.push(("tinybvh, 8 wide", Recipe::Tinybvh { library: Arc::clone(&library), splits: false }));
-        all.push(("tinybvh, 8 wide, splits", Recipe::Tinybvh { library, splits: true }));
+    if let Some(functions) = tinybvh {
+        all.push(("tinybvh, 8 wide", Recipe::Tinybvh { functions: Arc::clone(&functions), splits: false }));
+        all.push(("tinybvh, 8 wide, splits", Recipe::Tinybvh { functions, splits: true }));
     }
     all
 }
@@ -226,6 +226,8 @@ fn make(
         Recipe::Bvh => (Box::new(Bvh::build(triangles)), false),
         Recipe::ObvhsBinary => (Box::new(Obvhs::<Bvh2>::build(triangles)), false),
         Recipe::ObvhsWide => (Box::new(Obvhs::<CwBvh>::build(triangles)), false),
-        Recipe::Tinybvh { library, splits } => (Box::new(Tree::build(library, triangles, *splits)), false),
+        Recipe::Tinybvh { functions, splits } => {
+            (Box::new(Tree::build(functions, triangles, *splits)), false)
+        }
     })
 }

@@ -36,7 +36,7 @@ struct FlatHit {
     triangle: u32,
 }
 
-/// The loaded library.
+/// The functions of the loaded library.
 pub(crate) struct Tinybvh {
     build: unsafe extern "C" fn(*const f32, u32, c_int) -> *mut c_void,
     free: unsafe extern "C" fn(*mut c_void),
@@ -70,7 +70,7 @@ impl Tinybvh {
 
 /// A tree of tinybvh.
 pub(crate) struct Tree {
-    library: Arc<Tinybvh>,
+    functions: Arc<Tinybvh>,
     tree: *mut c_void,
 }
 
@@ -81,22 +81,22 @@ unsafe impl Sync for Tree {}
 
 impl Tree {
     /// Builds one; `splits` asks for its careful builder.
-    pub(crate) fn build(library: &Arc<Tinybvh>, triangles: &Triangles, splits: bool) -> Self {
+    pub(crate) fn build(functions: &Arc<Tinybvh>, triangles: &Triangles, splits: bool) -> Self {
         let corners: Vec<[f32; 4]> = (0..triangles.len())
             .flat_map(|number| triangles.corners(number))
             .map(|corner| [corner.x, corner.y, corner.z, 0.0])
             .collect();
         let count = u32::try_from(triangles.len()).expect("limited to less");
         // SAFETY: there are three corners of four floats a triangle; they are copied.
-        let tree = unsafe { (library.build)(corners.as_ptr().cast(), count, c_int::from(splits)) };
-        Self { library: Arc::clone(library), tree }
+        let tree = unsafe { (functions.build)(corners.as_ptr().cast(), count, c_int::from(splits)) };
+        Self { functions: Arc::clone(functions), tree }
     }
 }
 
 impl Drop for Tree {
     fn drop(&mut self) {
-        // SAFETY: it is one of this library's trees, and nothing uses it any more.
-        unsafe { (self.library.free)(self.tree) }
+        // SAFETY: it is a tree of the same library, and nothing uses it any more.
+        unsafe { (self.functions.free)(self.tree) }
     }
 }
 
@@ -120,7 +120,7 @@ impl Intersector for Tree {
             let mut found = [FlatHit::default(); BATCH];
             // SAFETY: both arrays have room for as many as are told.
             unsafe {
-                (self.library.closest)(self.tree, flat.as_ptr(), found.as_mut_ptr(), rays.len() as u32)
+                (self.functions.closest)(self.tree, flat.as_ptr(), found.as_mut_ptr(), rays.len() as u32)
             };
             for (hit, found) in hits.iter_mut().zip(&found) {
                 let FlatHit { t, u, v, triangle } = *found;
@@ -136,7 +136,7 @@ impl Intersector for Tree {
             let mut found = [0_u8; BATCH];
             // SAFETY: both arrays have room for as many as are told.
             unsafe {
-                (self.library.occluded)(self.tree, flat.as_ptr(), found.as_mut_ptr(), rays.len() as u32)
+                (self.functions.occluded)(self.tree, flat.as_ptr(), found.as_mut_ptr(), rays.len() as u32)
             };
             for (any, found) in occluded.iter_mut().zip(found) {
                 *any = found != 0;

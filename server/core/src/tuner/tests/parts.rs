@@ -2,7 +2,9 @@
 //! its questions to other states.
 
 use super::*;
+use crate::limits::DEFERRED_UPDATES_MAX;
 use crate::search::{AnySearch, Layout, SearchSetup};
+use crate::trial::Fingerprint;
 use crate::tuner::plan::Planned;
 use crate::tuner::searches::Searches;
 
@@ -82,4 +84,76 @@ fn exploiting_asks_a_predictor_until_the_states_own_search_is_over() {
     run(&mut tuner, "a", 0.1, 0.5, 12);
     assert!(tuner.states.results(StateId(1)).tried() >= 6);
     assert!(!tuner.transfer().needs_predictor(Some(StateId(1))));
+}
+
+#[test]
+fn lost_leases_are_remembered_through_a_new_search_until_something_is_known() {
+    let space = spec(Policy::default()).space;
+    let (here, lost, other) = (StateId(1), space.default_configuration(), space.decode(&[0.9; 4]));
+    let mut searches = Searches::default();
+    searches.found(None);
+    assert_eq!((searches.note_lost(here, &lost), searches.note_lost(here, &lost)), (1, 2));
+    assert!(searches.of(here).is_none() && searches.record(here).is_some(), "no search was begun by that");
+    searches.begin(here, search(1), Some(other.clone()));
+    assert_eq!((searches.lost(here, &lost), searches.lost(here, &other), searches.changes(here)), (2, 0, 3));
+    assert_eq!(searches.of(here).and_then(|own| own.confirmed.as_ref()).map(|own| &own.0), Some(&other));
+    searches.begin(here, search(1), Some(lost.clone()));
+    let incumbent = searches.of(here).and_then(|own| own.confirmed.as_ref()).map(|own| &own.0);
+    assert_eq!(incumbent, Some(&other), "what was there first stays");
+    searches.forgive(here, &other);
+    assert_eq!(searches.changes(here), 4, "there was nothing to forgive");
+    searches.forgive(here, &lost);
+    assert_eq!((searches.lost(here, &lost), searches.changes(here)), (0, 5));
+}
+
+#[test]
+fn updates_that_nobody_computes_are_not_put_off_without_end() {
+    let mut tuner = tuner(Policy { predictor: PredictorMethod::Contextual, ..explore_always() });
+    tuner.defer_updates();
+    let mut put_off = Vec::new();
+    for number in 0..4 * DEFERRED_UPDATES_MAX {
+        run(&mut tuner, "a", 0.01 * (number % 97) as f64, 0.5, 1);
+        put_off.push(tuner.models.predictors().deferred_count());
+    }
+    let most = put_off.iter().copied().max();
+    assert!(most.is_some_and(|most| most > 1 && most <= DEFERRED_UPDATES_MAX), "{put_off:?}");
+    assert!(put_off.windows(2).any(|pair| pair[1] < pair[0]), "they were never caught up: {put_off:?}");
+}
+
+#[test]
+fn models_learn_what_a_trial_would_have_cost_on_the_first_machine() {
+    let machine = |threads| Fingerprint { cpu_model: "cpu".into(), threads, ..Fingerprint::default() };
+    let mut tuner = tuner(Policy { predictor: PredictorMethod::Contextual, ..explore_always() });
+    let mut frame = |threads: u32, factor: f64, x: f64| {
+        let client = format!("client {threads}");
+        let ask = Ask { fingerprint: Some(machine(threads)), ..ask(&client, x, 0.5) };
+        let trial = tuner.suggest(&ask, 0).expect("a valid question").0;
+        let taken = tuner.report(&trial, measured(10.0 * factor), Outcome::Ok, 1);
+        assert!(taken.is_ok(), "{taken:?}");
+    };
+    // Both measure the same input, by which the machines' factor is known; the second alone goes on.
+    (0..3).for_each(|_| frame(1, 1.0, 0.1));
+    (0..3).for_each(|_| frame(2, 3.0, 0.1));
+    for step in 0..12 {
+        frame(2, 3.0, 0.3 + 0.05 * f64::from(step));
+    }
+    let (answer, _) = tuner.transfer().answer(&[0.6, 0.5], None, &Planned::AtOnce).expect("states are known");
+    let cost = answer.expected.cost;
+    assert!((8.0..13.0).contains(&cost), "{cost}, where the second machine measured 30");
+}
+
+#[test]
+fn a_portfolio_begins_where_most_states_near_by_were_searched() {
+    let mut tuner = tuner(Policy { search: SearchMethod::Model, ..explore_always() });
+    assert!(!tuner.transfer().begins_with_portfolio(&[0.5, 0.5], None), "nothing is near by");
+    run(&mut tuner, "a", 0.1, 0.5, 8);
+    assert!(tuner.transfer().begins_with_portfolio(&[0.5, 0.5], None));
+    assert!(!tuner.transfer().begins_with_portfolio(&[0.1, 0.5], Some(StateId(1))), "itself does not count");
+    run(&mut tuner, "b", 0.6, 0.5, 1);
+    assert!(!tuner.transfer().begins_with_portfolio(&[0.5, 0.5], None), "one of two is no majority");
+    let neighbours = tuner.transfer().neighbours(StateId(2));
+    assert_eq!(neighbours.iter().map(|near| near.state_id).collect::<Vec<_>>(), [1], "not its own neighbour");
+    let mut deaf = super::tuner(Policy { search: SearchMethod::Random, ..explore_always() });
+    run(&mut deaf, "a", 0.1, 0.5, 8);
+    assert!(!deaf.transfer().begins_with_portfolio(&[0.5, 0.5], None), "a search that hears nobody");
 }
