@@ -187,4 +187,12 @@ mod tests {
             assert_eq!(spec.name, name.to_str().unwrap());
         }
     }
+
+    /// With a smaller count callers would have less room than is written.
+    #[test]
+    fn the_header_has_room_for_all() {
+        let header = include_str!("../include/treewright.h");
+        let count = format!("enum {{ TW_SCENE_INDICATORS = {} }};", SCHEMA.len());
+        assert!(header.contains(&count), "{count}");
+    }
 }

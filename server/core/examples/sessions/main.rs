@@ -1,7 +1,8 @@
 //! Sessions of several clients under every policy, search and predictor, and every answer they get.
 //!
 //! The tuner is deterministic, so the output of two versions that should behave alike can be compared line by line:
-//! `cargo run -p treewright-core --example sessions > before.txt`, the same after a change, and `diff`. The last column
+//! `cargo run -p treewright-core --example sessions > before.txt`, the same after a change, and `diff`. A section does not
+//! depend on the place of its policy, search or predictor among the others. The last column
 //! is what is said to people; the others are what clients act on and what is learnt.
 
 use std::collections::BTreeMap;
@@ -114,11 +115,11 @@ fn policies() -> Vec<(String, Policy)> {
         ("no roll back".to_owned(), Policy { roll_back: false, ..base.clone() }),
     ];
     for &(search, _) in SearchMethod::WORDS {
-        all.push((search.name().to_owned(), Policy { search, epsilon: 0.9, ..base.clone() }));
+        all.push((format!("search {}", search.name()), Policy { search, epsilon: 0.9, ..base.clone() }));
     }
     for &(predictor, _) in PredictorMethod::WORDS {
         let policy = Policy { predictor, epsilon: 0.4, ..base.clone() };
-        all.push((predictor.name().to_owned(), policy));
+        all.push((format!("predictor {}", predictor.name()), policy));
     }
     all
 }
@@ -278,7 +279,7 @@ fn main() {
             if apart {
                 tuner.defer_updates();
             }
-            let random = ChaCha8Rng::seed_from_u64(place as u64);
+            let random = ChaCha8Rng::seed_from_u64(fnv::hash(name.bytes()));
             let mut session = Session { tuner, random, now_ms: 0, trials: BTreeMap::new(), apart };
             for event in 0..EVENTS {
                 // Policies of no models, so that nothing has to be restored.
@@ -301,7 +302,9 @@ fn main() {
                 );
                 println!("best {x}: {:?}", session.tuner.best(Some(&indicators), None));
             }
-            println!("{:?} {:?}", session.tuner.statistics(), session.tuner.predictor_errors());
+            let mut errors = session.tuner.predictor_errors();
+            errors.sort_by_key(|(predictor, _)| predictor.name());
+            println!("{:?} {errors:?}", session.tuner.statistics());
             println!("learnt {:016x}", fnv::hash(session.tuner.learnt().checkpoint().bytes));
         }
     }
