@@ -99,10 +99,8 @@ mod tests {
         let error = PolicyUpdate::read(negative, None).unwrap_err();
         assert_eq!(error.to_string(), "study.policy.lease_s: -1 must not be negative");
         let odd = v1::Policy { search: 99, ..v1::Policy::default() };
-        let error = PolicyUpdate::read(odd, None).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "study: policy.search: 99 is not a known value; known are auto, nelder_mead, latin_hypercube, random, model"
-        );
+        let error = PolicyUpdate::read(odd, None).unwrap_err().to_string();
+        let words = "study: policy.search: 99 is not a known value; known are auto, nelder_mead, ";
+        assert!(error.starts_with(words), "{error}");
     }
 }
