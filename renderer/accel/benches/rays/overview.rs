@@ -111,7 +111,7 @@ impl fmt::Display for Overview {
             if self.threads == 1 { "one thread".into() } else { format!("{} threads", self.threads) };
         writeln!(
             formatter,
-            "all {} scenes, {threads}: the recommended tree, median (least, most)",
+            "all {} scenes, {threads}: the best of the recommended trees over the best of the others, class by class: median (least, most)",
             self.scenes
         )?;
         let mut table = Table::new();
