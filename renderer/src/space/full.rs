@@ -98,7 +98,6 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
     let quality = if each_frame { 1 } else { 2 };
     let collapse = if each_frame { "builder" } else { "optimal" };
     let order = if each_frame { "builder" } else { "depth_first" };
-    let child_order = if each_frame { "builder" } else { "likely" };
     // Leaves of fewer triangles than a block leave lanes empty. A tree for one frame is sooner built with larger ones: of the
     // configurations of `treewright-lab leave-scene-out` the best over ten scenes that does not fall behind in any.
     let min_leaf_size = if each_frame { 16 } else { 8 };
@@ -166,7 +165,7 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
         tunable(choice(
             "child_order",
             ["builder", "likely", "topmost"],
-            child_order,
+            "likely",
             "where shadow rays look first: as the tree was built, where a hit is likely and cheap, or at the top",
         )),
     ];
