@@ -26,7 +26,7 @@ use crate::statistics::estimate::{Comparison, ConfigurationSample, CostPosterior
 use crate::study::StudySpec;
 
 /// The probability of being better that counts as a proof.
-pub(super) const PROVEN: f64 = 0.975;
+pub(super) const PROVEN: f64 = 0.95;
 /// How many configurations with the lowest expected costs are looked at more closely.
 const LEADERS: usize = 8;
 /// So many measurements of one configuration must there be before any can be called wild.

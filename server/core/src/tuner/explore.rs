@@ -8,7 +8,7 @@ use crate::ids::{StateId, TrialNumber};
 use crate::limits::{KNOWN_POINTS_PER_SUGGESTION_MAX, UNSEEN_DRAWS_MAX};
 use crate::predict::Answer;
 use crate::randomness::{Purpose, stream};
-use crate::results::ResultTable;
+use crate::results::{Record, ResultTable};
 use crate::search::{AnySearch, Feedback, Layout, Point, SearchSetup, Step, Verdict, levels};
 use crate::tuner::plan::Planned;
 use crate::tuner::proposal::{Exploitation, ProposedTrial};
@@ -23,6 +23,21 @@ const TOLD_MAX: usize = 128;
 /// until it was measured so often.
 const DOUBTED_EVERY: u64 = 3;
 const DOUBTED_UNTIL: u64 = 3;
+
+/// Once so many configurations were tried, those of so many leaders that are not clearly better than the incumbent by that
+/// are measured again,
+const LEADERS_FROM: usize = 8;
+const LEADERS: usize = 3;
+/// beside which so many deviations of their difference are clear once they were measured so often at the least,
+const LEADERS_CLEAR: f64 = 2.5;
+const LEADERS_MEASURED_LEAST: u64 = 3;
+/// until they were so often at the most, and as long as that is no more than this share of what was tried.
+const LEADERS_MEASURED_MAX: u64 = 8;
+const LEADERS_SHARE: f64 = 0.3;
+/// The noise that is assumed before anything was measured twice, and the bounds of what is believed of it.
+const NOISE_PRIOR: f64 = 0.05;
+const NOISE_LEAST: f64 = 0.01;
+const NOISE_MAX: f64 = 0.2;
 
 /// What the walk along a search came to.
 enum NextPoint {
@@ -73,6 +88,9 @@ impl Tuner {
             return Explored::Candidate { candidate, held: Vec::new() };
         }
         if let Some(candidate) = self.incumbent_again(client_id, room, state) {
+            return Explored::Candidate { candidate, held: Vec::new() };
+        }
+        if let Some(candidate) = self.leader_again(room, state) {
             return Explored::Candidate { candidate, held: Vec::new() };
         }
         self.ensure_exploration(room, state, planned);
@@ -132,6 +150,45 @@ impl Tuner {
         let point = decision::ExploredPoint::Incumbent { is_default, round: None };
         let predicted_cost = Some(record.mean_cost);
         Some(ProposedTrial { configuration: incumbent.clone(), predicted_cost, point })
+    }
+
+    /// One of the few that look better than the incumbent, where it is not clear yet whether they are. The incumbent is
+    /// measured again and again, and a challenger that ran once is not proven by whatever else is tried: so a part of the
+    /// search's measurements goes to the leaders, as in the racing of Maron and Moore ("Hoeffding races", NIPS 1993). The
+    /// lucky ones fall back behind others, which are measured again next. Where the policy wants nothing confirmed, and in the
+    /// searches that are followed as they were published, nothing is.
+    fn leader_again(&self, room: usize, state: StateId) -> Option<ProposedTrial> {
+        let (results, incumbent) = (self.states.results(state), self.incumbent(state));
+        let tried = results.tried();
+        let is_confirmed = self.spec.policy.confirm_rounds > 0 && self.transfer().warms_up_searches();
+        let usable = |record: &&Record| record.measurements > 0 && !record.infeasible;
+        let beside = results.record(incumbent).filter(usable)?;
+        if !is_confirmed || !(LEADERS_FROM..room).contains(&tried) {
+            return None;
+        }
+        let others = results.ranked().filter(|record| record.configuration != *incumbent);
+        let repeats: u64 = others.map(|record| record.measurements - 1).sum();
+        if repeats as f64 >= LEADERS_SHARE * tried as f64 {
+            return None;
+        }
+        let noise = results.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);
+        let is_open = |leader: &&Record| {
+            let parts = 1.0 / leader.measurements as f64 + 1.0 / beside.measurements as f64;
+            let deviations = libm::log(beside.mean_cost / leader.mean_cost) / (noise * parts.sqrt());
+            let is_clear = deviations >= LEADERS_CLEAR && leader.measurements >= LEADERS_MEASURED_LEAST;
+            leader.configuration != *incumbent
+                && deviations > 0.0
+                && !is_clear
+                && leader.measurements < LEADERS_MEASURED_MAX
+                && !self.trials.runs(state, &leader.configuration)
+        };
+        let leader = results.ranked().take(LEADERS).find(is_open)?;
+        let (search, measurements) = (self.spec.policy.search, leader.measurements);
+        let neighbours = Vec::new();
+        let point =
+            decision::ExploredPoint::Search { search, step: Step::Replicate, measurements, neighbours };
+        let predicted_cost = Some(leader.mean_cost);
+        Some(ProposedTrial { configuration: leader.configuration.clone(), predicted_cost, point })
     }
 
     /// Whether the state's search has come to its end, and nobody measures anything for it any more.
