@@ -45,6 +45,17 @@ fn a_program_is_tuned_and_its_winner_confirmed() {
 }
 
 #[test]
+fn where_nothing_is_proven_yet_the_best_run_is_confirmed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("tuning.db"));
+    // Three runs are too few for a proof.
+    let done = json(&exec(daemon.url(), &["--trials", "3", "--confirm=8"], TOY));
+    let confirmation = &done["confirmation"];
+    assert_ne!(confirmation["configuration"]["level"], 3, "{done}");
+    assert_eq!(confirmation["pairs"], 8, "{done}");
+}
+
+#[test]
 fn what_fails_is_infeasible_and_what_cannot_work_at_all_is_an_error() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::start(&folder.path().join("tuning.db"));

@@ -107,7 +107,7 @@ Examples:
     /// Predicts the best configuration of a state, without recording anything
     #[command(after_help = "Example:\n  treewright predict sponza --indicator triangles=262267")]
     Predict(State),
-    /// Explains the answer for a state, or a trial: the rule, the expected gain, the noise, what is left out
+    /// Explains the answer for a state, or a trial (STUDY/trials/NUMBER): the rule, the expected gain, the noise, what is left out
     #[command(after_help = "\
 Examples:
   treewright explain sponza --indicator triangles=262267

@@ -23,7 +23,7 @@ pub(super) fn run(client: &Client, wanted: &Analyze, json: bool) -> Result<Strin
     let all = trials("")?;
     if all.len() < TRIALS_MIN {
         return Err(Failure::Data(format!(
-            "{} has {} such trial(s), but the analysis needs {TRIALS_MIN}; record more with `treewright-render sample`",
+            "{} has {} such trial(s), but the analysis needs {TRIALS_MIN}; record more, for instance with `treewright exec` or `treewright-render sample`",
             wanted.study,
             all.len()
         )));

@@ -74,7 +74,7 @@ fn create(client: &Client, path: &Path, id: Option<&str>, json: bool) -> Result<
     let file = StudyFile::read(path)?;
     let study = client.create_study(&id_of(&file, path, id)?, &file.spec()?)?;
     either(json, &study, || {
-        let mut text = format!("{} exists", study.name);
+        let mut text = format!("{} is ready", study.name);
         if study.statistics.trials > 0 {
             text += &format!(", with {} trial(s)", study.statistics.trials);
         }

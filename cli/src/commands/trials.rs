@@ -94,7 +94,9 @@ pub(super) fn predict(client: &Client, state: &State, json: bool) -> Result<Stri
 
 pub(super) fn explain(client: &Client, state: &State, json: bool) -> Result<String, Failure> {
     if state.study.contains("/trials/") {
-        let trial = client.trial(&state.study)?;
+        // With or without `studies/`, as studies are named everywhere here.
+        let name = format!("studies/{}", state.study.trim_start_matches("studies/"));
+        let trial = client.trial(&name)?;
         return either(json, &trial, || show::trial(&trial));
     }
     let prediction = client.predict(&state.study, &indicators(client, state)?)?;

@@ -42,7 +42,15 @@ struct Summary {
     #[serde(skip_serializing_if = "Option::is_none")]
     best: Option<Winner>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    confirmation: Option<Gain>,
+    confirmation: Option<Confirmation>,
+}
+
+/// What ran against the default in pairs, and what came out.
+#[derive(Debug, Serialize)]
+struct Confirmation {
+    configuration: Configuration,
+    #[serde(flatten)]
+    gain: Gain,
 }
 
 #[derive(Debug, Serialize)]
@@ -123,6 +131,8 @@ impl Job<'_> {
             best: None,
             confirmation: None,
         };
+        let default: Configuration = self.spec.space.default_configuration().into();
+        let mut lowest: Option<(f64, Configuration)> = None;
         loop {
             if exec.trials.is_some_and(|most| summary.trials >= u64::from(most)) {
                 summary.end = "the requested number of trials is reached";
@@ -140,17 +150,30 @@ impl Job<'_> {
                     break;
                 }
                 Step::Bad => summary.infeasible += 1,
-                Step::Measured(_) | Step::Aborted => {}
+                Step::Measured(cost) => {
+                    let is_lower = lowest.as_ref().is_none_or(|(least, _)| cost < *least);
+                    if is_lower && trial.configuration != default {
+                        lowest = Some((cost, trial.configuration.clone()));
+                    }
+                }
+                Step::Aborted => {}
             }
             summary.trials += 1;
             progress.trial(&trial, step.cost());
         }
         progress.end();
         summary.best = self.winner()?;
-        if let (Some(pairs), Some(best)) = (exec.confirm, &summary.best)
-            && summary.end != "interrupted"
-        {
-            summary.confirmation = self.confirm(&best.configuration, pairs)?;
+        // Where nothing is proven yet, the pairs may prove it.
+        let proven = summary.best.as_ref().map(|best| &best.configuration).filter(|best| **best != default);
+        let candidate = proven.cloned().or(lowest.map(|(_, configuration)| configuration));
+        if let Some(pairs) = exec.confirm.filter(|_| summary.end != "interrupted") {
+            if let Some(candidate) = candidate {
+                let gain = self.confirm(&default, &candidate, pairs)?;
+                summary.confirmation = gain.map(|gain| Confirmation { configuration: candidate, gain });
+                summary.best = self.winner()?;
+            } else {
+                progress::note("nothing better than the default was found, so there is nothing to confirm");
+            }
         }
         Ok(summary)
     }
@@ -262,17 +285,17 @@ impl Job<'_> {
     }
 
     /// Lets the winner run against the default, in turns; each run is reported.
-    fn confirm(&self, winner: &Configuration, pairs: u32) -> Result<Option<Gain>, Failure> {
-        let default: Configuration = self.spec.space.default_configuration().into();
-        if *winner == default {
-            progress::note("nothing better than the default was found");
-            return Ok(None);
-        }
+    fn confirm(
+        &self,
+        default: &Configuration,
+        winner: &Configuration,
+        pairs: u32,
+    ) -> Result<Option<Gain>, Failure> {
         let mut measured = Vec::new();
         for pair in 0..pairs {
             progress::status(&format!("confirming: pair {} of {pairs}", pair + 1));
             // Who goes first changes, so that neither always profits from the other's caches.
-            let order = if pair % 2 == 0 { [&default, winner] } else { [winner, &default] };
+            let order = if pair % 2 == 0 { [default, winner] } else { [winner, default] };
             let mut costs = [None, None];
             for configuration in order {
                 let trial = self.client.ask(self.id(), &self.question(Some(configuration)))?;
@@ -304,17 +327,23 @@ impl Job<'_> {
         let default = best.default_cost.map(|cost| format!(", default {}", figure(cost))).unwrap_or_default();
         text += &format!("cost {}{default}\n", figure(best.cost));
         text += &format!("  {}\n", shell_words(&best.command));
-        if let Some(Gain { pairs, gain, low, high, confidence }) = summary.confirmation {
+        if let Some(Confirmation { configuration, gain: found }) = &summary.confirmation {
             let percent = |share: f64| format!("{:.1}", 100.0 * share);
+            let who = if *configuration == best.configuration {
+                String::new()
+            } else {
+                format!("{configuration}, the best of the runs, ")
+            };
             text += &format!(
-                "confirmed in {pairs} interleaved pairs: {} % below the default, {} to {} % ({:.0} % interval of the \
+                "{who}confirmed in {} interleaved pairs: {} % below the default, {} to {} % ({:.0} % interval of the \
                  median)\n",
-                percent(gain),
-                percent(low),
-                percent(high),
-                100.0 * confidence
+                found.pairs,
+                percent(found.gain),
+                percent(found.low),
+                percent(found.high),
+                100.0 * found.confidence
             );
-            if !summary.confirmation.is_some_and(|gain| gain.is_certain()) {
+            if !found.is_certain() {
                 text += "that is within the noise; more pairs (--confirm=30) may decide it\n";
             }
         }

@@ -318,7 +318,8 @@ pub(crate) fn prediction(prediction: &Prediction, spec: &StudySpec) -> String {
 pub(crate) fn explanation(prediction: &Prediction) -> String {
     let mut text = String::new();
     let source = if prediction.reason.source.is_empty() { "?" } else { &prediction.reason.source };
-    line(&mut text, &format!("answered by {source}: {}", prediction.reason.summary));
+    line(&mut text, &format!("answer: {}", prediction.configuration));
+    line(&mut text, &format!("by {source}: {}", prediction.reason.summary));
     let weighed = &prediction.reason.explanation;
     if let Some(rule) = &weighed.rule {
         line(&mut text, &format!("by the rule {}", rule));

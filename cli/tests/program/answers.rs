@@ -95,7 +95,7 @@ fn an_explanation() {
     let fake = with_trials();
     let shown = answer(&fake, &["explain", "sponza", "--indicator", "triangles=1000"]);
     for words in [
-        "answered by nearest_neighbour: The nearest known state is 0.25 away.",
+        "by nearest_neighbour: The nearest known state is 0.25 away.",
         "by the rule EXPLOIT",
         "state 1: 3 configurations tried",
         "repeated measurements differ by 4.0 %",

@@ -29,8 +29,8 @@ fn write(folder: &Path, name: &str, text: &str) -> String {
 fn what_is_shown_can_be_fed_back() {
     let (fake, folder) = (Fake::start(), tempfile::tempdir().expect("a folder"));
     let file = write(folder.path(), "zstd.toml", STUDY);
-    assert_eq!(answer(&fake, &["study", "create", &file]), "studies/zstd exists\n");
-    assert_eq!(answer(&fake, &["study", "create", &file]), "studies/zstd exists\n", "it may be repeated");
+    assert_eq!(answer(&fake, &["study", "create", &file]), "studies/zstd is ready\n");
+    assert_eq!(answer(&fake, &["study", "create", &file]), "studies/zstd is ready\n", "it may be repeated");
     for format in ["toml", "json"] {
         let shown = answer(&fake, &["study", "show", "zstd", "--format", format]);
         let again = write(folder.path(), &format!("again.{format}"), &shown);

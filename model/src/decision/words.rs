@@ -212,9 +212,7 @@ fn of_predictor(predicted: &Predicted) -> String {
             "Best known configuration of state {state_id}, the nearest known one, at distance {distance:.4}."
         ),
         _ => format!(
-            "The model learnt from all trials expects the most of it: {cost:.4} ± {deviation:.4}; the {} nearest known \
-             states are listed.",
-            neighbours.len()
+            "The model learnt from all trials expects the lowest cost of it: {cost:.4} ± {deviation:.4}."
         ),
     }
 }

@@ -145,6 +145,11 @@ impl Tuning {
         runtime
     }
 
+    /// Begins to read a study into memory, where it is not there yet: who will ask for it soon need not wait as long then.
+    pub(crate) fn begin_loading(&self, study: &str) {
+        self.runtime(study).begin_loading();
+    }
+
     /// Studies in memory, and the trials of theirs that are under a lease.
     pub(crate) fn in_use(&self) -> (usize, u64) {
         let studies = self.in_memory();

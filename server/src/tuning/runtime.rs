@@ -165,6 +165,13 @@ impl Runtime {
         Err(Error::Reloading { study: self.study.clone() })
     }
 
+    /// Begins to load the tuner where it is not current.
+    pub(super) fn begin_loading(self: &Arc<Self>) {
+        if self.peek(|_| ()).is_none() {
+            self.load();
+        }
+    }
+
     /// Looks at the tuner, if there is one and it is current.
     pub(super) fn peek<T>(&self, look: impl FnOnce(&mut Live) -> T) -> Option<T> {
         current(&mut self.lock()).map(look)

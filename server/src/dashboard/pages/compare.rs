@@ -41,9 +41,13 @@ pub(in super::super) async fn compare(visitor: &Visitor<'_>, query: &Query) -> R
     ids.dedup();
     let is_cut = ids.len() > STUDIES;
     ids.truncate(STUDIES);
-    let (mut rows, mut runners, mut spaces) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut rows, mut runners, mut spaces, mut heads) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for id in &ids {
-        let (head, study) = head(visitor, id, "compare").await?;
+        heads.push(head(visitor, id, "compare").await?);
+        // All of them at once, while the first is being shown.
+        visitor.tuning.begin_loading(id);
+    }
+    for (id, (head, study)) in ids.iter().zip(heads) {
         let latest = read_trials(visitor, id, "", "number desc", TRIALS).await?;
         let mut states = Vec::new();
         for number in 1..=head.states.min(STATES) {

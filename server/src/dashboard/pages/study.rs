@@ -72,6 +72,7 @@ struct PolicyPage {
 
 pub(in super::super) async fn study(visitor: &Visitor<'_>, id: &str, query: &Query) -> Result<String, Error> {
     let (mut head, study) = head(visitor, id, "overview").await?;
+    visitor.tuning.begin_loading(id);
     let latest = read_trials(visitor, id, "", "number desc", TRIALS).await?;
     // Without a wish the state that was met last.
     let state = query.number("state").or_else(|| latest.first().map(|trial| trial.state_id));
