@@ -73,9 +73,8 @@ pub use types::{
 use crate::configuration::RawConfiguration;
 use crate::decision::{Choice, Decision};
 use crate::ids::{StateId, TrialNumber};
-use crate::policy::{Policy, PredictorMethod};
-use crate::predict::prequential::ErrorInterval;
-use crate::predict::{ComputedUpdates, DeferredUpdates, Predictors};
+use crate::policy::Policy;
+use crate::predict::Predictors;
 use crate::study::{StudyError, StudySpec};
 use crate::trial::{Fingerprint, Outcome, Trial, TrialState};
 use crate::tuner::assessment::Assessments;
@@ -387,50 +386,6 @@ impl Tuner {
         }
         self.models.begin(&self.spec, now, &self.states, self.last_completion);
         Ok(Predictors::are_needed(now) && self.last_completion > 0)
-    }
-
-    /// The place in the order of completion at which the models in use were begun; to be stored with the policy.
-    pub fn models_since(&self) -> u64 {
-        self.models.since()
-    }
-
-    /// Counts.
-    pub fn statistics(&self) -> StudyCounts {
-        StudyCounts {
-            states: self.states.len() as u64,
-            trials: self.trials.last().0,
-            completed_trials: self.completed,
-            open_trials: self.trials.len() as u64,
-        }
-    }
-
-    /// How wrong each predictor was in this study: mean error with a 95 % interval, see
-    /// [`prequential`](crate::predict::prequential). `Auto` stands for the choice among them.
-    pub fn predictor_errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
-        self.models.errors()
-    }
-
-    // Deferred updates of the models.
-
-    /// From now on reports defer what takes the models long: see [`Tuner::deferred_updates`].
-    pub fn defer_updates(&mut self) {
-        self.models.defer();
-    }
-
-    /// The updates that reports have deferred, to be computed apart; `None` where there are none. What is not computed
-    /// in time is computed by a later report.
-    pub fn deferred_updates(&self) -> Option<DeferredUpdates> {
-        self.models.deferred()
-    }
-
-    /// Whether reports have deferred anything.
-    pub fn has_deferred_updates(&self) -> bool {
-        self.models.has_deferred()
-    }
-
-    /// Takes over updates that were computed apart, unless somebody was faster.
-    pub fn apply_updates(&mut self, updates: ComputedUpdates) {
-        self.models.apply(updates);
     }
 }
 

@@ -1,4 +1,4 @@
-//! Which plan a question needs: the copies that are made of the tuner for a [`PlanRequest`].
+//! Which plan a question needs, the copies that are made of the tuner for a [`PlanRequest`], and the models' updates that are computed apart.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use crate::ids::StateId;
 use crate::limits::POINTS_IN_RESERVE_MAX;
 use crate::policy::Operation;
 use crate::predict::nearest::Nearest;
-use crate::predict::{Predictor, Query};
+use crate::predict::{ComputedUpdates, DeferredUpdates, Predictor, Query};
 use crate::search::AnySearch;
 use crate::trial::Fingerprint;
 use crate::tuner::budget::Terms;
@@ -16,6 +16,27 @@ use crate::tuner::plan::PlanRequest;
 use crate::tuner::{Ask, Question, Tuner, VisitDecision};
 
 impl Tuner {
+    /// From now on reports defer what takes the models long: see [`Tuner::deferred_updates`].
+    pub fn defer_updates(&mut self) {
+        self.models.defer();
+    }
+
+    /// The updates that reports have deferred, to be computed apart; `None` where there are none. What is not computed
+    /// in time is computed by a later report.
+    pub fn deferred_updates(&self) -> Option<DeferredUpdates> {
+        self.models.deferred()
+    }
+
+    /// Whether reports have deferred anything.
+    pub fn has_deferred_updates(&self) -> bool {
+        self.models.has_deferred()
+    }
+
+    /// Takes over updates that were computed apart, unless somebody was faster.
+    pub fn apply_updates(&mut self, updates: ComputedUpdates) {
+        self.models.apply(updates);
+    }
+
     /// What is to be computed before a question can be answered quickly; `None` where it can be already.
     /// `may_plan` tells of which states' searches: where somebody else already plans for one, that is enough.
     pub fn plan(&self, question: &Question<'_>, may_plan: impl Fn(StateId) -> bool) -> Option<PlanRequest> {

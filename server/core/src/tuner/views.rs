@@ -1,15 +1,38 @@
-//! What the steps of the tuner look at: its parts, joined for one purpose.
+//! What the steps of the tuner look at, its parts joined for one purpose, and what its caller sees of them.
 
 use std::collections::BTreeMap;
 
 use crate::ids::StateId;
+use crate::policy::PredictorMethod;
+use crate::predict::prequential::ErrorInterval;
 use crate::trial::Fingerprint;
 use crate::tuner::gain::GainEvidence;
 use crate::tuner::plan::Planned;
 use crate::tuner::transfer::Transfer;
-use crate::tuner::{Ask, Best, Prediction, Question, StateRecord, Tuner, TunerError, checks};
+use crate::tuner::{Ask, Best, Prediction, Question, StateRecord, StudyCounts, Tuner, TunerError, checks};
 
 impl Tuner {
+    /// Counts.
+    pub fn statistics(&self) -> StudyCounts {
+        StudyCounts {
+            states: self.states.len() as u64,
+            trials: self.trials.last().0,
+            completed_trials: self.completed,
+            open_trials: self.trials.len() as u64,
+        }
+    }
+
+    /// The place in the order of completion at which the models in use were begun; to be stored with the policy.
+    pub fn models_since(&self) -> u64 {
+        self.models.since()
+    }
+
+    /// How wrong each predictor was in this study: mean error with a 95 % interval, see
+    /// [`prequential`](crate::predict::prequential). `Auto` stands for the choice among them.
+    pub fn predictor_errors(&self) -> Vec<(PredictorMethod, ErrorInterval)> {
+        self.models.errors()
+    }
+
     pub(super) fn recognised<'a>(&self, ask: &'a Ask, normalised: Vec<f64>) -> Question<'a> {
         let current = self.visits.state_of(&ask.client_id);
         let state = self.states.recognise(current, ask.fingerprint.as_ref(), &normalised);
