@@ -41,7 +41,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("treewright-probe", &[]),
     ("treewright-python", &["treewright-client"]),
     ("treewright-builders", &["treewright-client", "treewright-indicators"]),
-    ("treewright-test-postgres", &[]),
+    // For ports that stay free while the server is away.
+    ("treewright-test-postgres", &["treewright-tests"]),
     (
         "treewright-fuzz",
         &[

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
+use crate::ports::lasting_address;
 use crate::programs::program;
 
 /// A running daemon. Killed when dropped.
@@ -19,7 +20,7 @@ impl Daemon {
     /// # Panics
     /// When it does not say where it listens.
     pub fn start(database: &Path) -> Self {
-        Self::start_at(database, "127.0.0.1:0")
+        Self::start_at(database, &lasting_address())
     }
 
     /// Starts a daemon at an address, e.g. the one that an earlier daemon had.
@@ -36,7 +37,8 @@ impl Daemon {
     /// When it does not say where it listens.
     pub fn start_with(database: &Path, arguments: &[&str], log: &Path) -> Self {
         let log = std::fs::File::create(log).expect("a file for the log");
-        let mut all = vec!["--listen", "127.0.0.1:0"];
+        let address = lasting_address();
+        let mut all = vec!["--listen", &*address];
         all.extend(arguments);
         Self::spawn(Command::new(program("treewrightd")), database, &all, log.into())
     }
@@ -47,7 +49,7 @@ impl Daemon {
     /// # Panics
     /// When it does not say where it listens.
     pub fn start_by(command: Command, database: &Path) -> Self {
-        Self::spawn(command, database, &["--listen", "127.0.0.1:0"], Stdio::inherit())
+        Self::spawn(command, database, &["--listen", &lasting_address()], Stdio::inherit())
     }
 
     fn spawn(mut command: Command, database: &Path, arguments: &[&str], log: Stdio) -> Self {

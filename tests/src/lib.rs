@@ -4,5 +4,6 @@
 //! them: separate processes, a real database file, real sockets on the loopback.
 
 pub mod daemon;
+pub mod ports;
 pub mod programs;
 pub mod sandbox;

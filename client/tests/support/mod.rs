@@ -5,10 +5,11 @@
 mod book;
 mod service;
 
-use std::net::{SocketAddr, TcpListener};
+use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
+use tokio::net::TcpSocket;
 use tokio::sync::watch;
 use treewright_client::{Indicators, Measurements, Options, Scale, Space, StudySpec};
 
@@ -30,6 +31,8 @@ pub enum Hold {
 /// The stand-in.
 pub struct Fake {
     address: SocketAddr,
+    /// Bound but not listened on: keeps the port while nobody serves it, so that no other program is given it.
+    _kept: TcpSocket,
     book: Arc<Mutex<Book>>,
     hold: watch::Sender<Hold>,
     runtime: Option<tokio::runtime::Runtime>,
@@ -45,9 +48,10 @@ impl Fake {
 
     /// One that has a port but does not listen on it yet.
     pub fn absent() -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-        let address = listener.local_addr().expect("the port is known");
-        Self { address, book: Arc::default(), hold: watch::Sender::new(Hold::Nothing), runtime: None }
+        let kept = socket_at("127.0.0.1:0".parse().expect("an address"));
+        let address = kept.local_addr().expect("the port is known");
+        let hold = watch::Sender::new(Hold::Nothing);
+        Self { address, _kept: kept, book: Arc::default(), hold, runtime: None }
     }
 
     pub fn url(&self) -> String {
@@ -79,12 +83,22 @@ impl Fake {
             .enable_all()
             .build()
             .expect("a runtime for the stand-in");
-        let listener = TcpListener::bind(self.address).expect("the port is still free");
-        listener.set_nonblocking(true).expect("a listener can be made non-blocking");
+        let listener = {
+            let _within = runtime.enter();
+            socket_at(self.address).listen(1024).expect("it can be listened on")
+        };
         let service = service::Service { book: Arc::clone(&self.book), hold: self.hold.clone() };
         runtime.spawn(service.serve(listener));
         self.runtime = Some(runtime);
     }
+}
+
+/// A socket on a port that others of this process may share, which those of other programs may not.
+fn socket_at(address: SocketAddr) -> TcpSocket {
+    let socket = TcpSocket::new_v4().expect("a socket");
+    socket.set_reuseport(true).expect("a port can be shared");
+    socket.bind(address).expect("a free port");
+    socket
 }
 
 impl Drop for Fake {

@@ -35,8 +35,7 @@ fn loaded(book: &mut Book) -> Result<(), Status> {
 type Answer<T> = Result<Response<T>, Status>;
 
 impl Service {
-    pub async fn serve(self, listener: std::net::TcpListener) {
-        let listener = tokio::net::TcpListener::from_std(listener).expect("it is non-blocking");
+    pub async fn serve(self, listener: tokio::net::TcpListener) {
         let (health, health_service) = tonic_health::server::health_reporter();
         health.set_service_status("", tonic_health::ServingStatus::Serving).await;
         let served = tonic::transport::Server::builder()

@@ -1,8 +1,9 @@
 //! A PostgreSQL server of the tests' own.
 
-use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+
+use treewright_tests::ports::lasting_port;
 
 use crate::user::User;
 
@@ -50,7 +51,7 @@ impl Server {
         let mut server = Self { programs, folder, port: 0, user, watch };
         // Another process may take the port between the question and the start.
         for _ in 0..5 {
-            server.port = free_port();
+            server.port = lasting_port();
             if server.try_start() {
                 return server;
             }
@@ -140,9 +141,4 @@ fn programs() -> PathBuf {
     std::env::split_paths(&path).chain(debian.into_iter().rev()).find(|folder| has_all(folder)).expect(
         "PostgreSQL is installed (Debian: apt-get install postgresql), or DATABASE_URL names a server",
     )
-}
-
-fn free_port() -> u16 {
-    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
-    listener.local_addr().expect("a bound port").port()
 }
