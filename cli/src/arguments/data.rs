@@ -8,8 +8,8 @@ use clap::{Args, ValueEnum};
 use super::indicator;
 
 pub(crate) const TRIALS_HELP: &str = "\
-Filter: comparisons joined by AND, with = != < <= > >=, text in double quotes. Fields: state (OPEN,
-COMPLETED, ABANDONED, EXPIRED), mode (DEFAULT, EXPLORE, EXPLOIT, PINNED), outcome (OK, INFEASIBLE,
+Filter: comparisons joined by AND, with = != < <= > >=, text in double quotes. Fields: state (OPEN, \
+COMPLETED, ABANDONED, EXPIRED), mode (DEFAULT, EXPLORE, EXPLOIT, PINNED), outcome (OK, INFEASIBLE, \
 ABORTED, FAILED), client_id, state_id, number, cost, late, measurement.NAME, config.NAME, indicator.NAME.
 
 Examples:
@@ -19,9 +19,9 @@ Examples:
   treewright trials sponza --format csv --all > trials.csv";
 
 pub(crate) const EXPORT_HELP: &str = "\
-JSON Lines contain everything: the first line is the study, as written by `study show --format json`,
-and each further line is a trial. Parquet contains the same as a table with typed columns. CSV has a
-column for each parameter, indicator and measurement, but no machines. Every trial carries its origin,
+JSON Lines contain everything: the first line is the study, as written by `study show --format json`, \
+and each further line is a trial. Parquet contains the same as a table with typed columns. CSV has a \
+column for each parameter, indicator and measurement, but no machines. Every trial carries its origin, \
 SITE/studies/ID/trials/NUMBER, by which an import recognises it.
 
 Examples:
@@ -30,18 +30,18 @@ Examples:
   treewright export sponza --format csv --filter 'outcome = OK' > sponza.csv";
 
 pub(crate) const IMPORT_HELP: &str = "\
-Trials are added with the results they had elsewhere; nothing is run. Each keeps its machine, client and
-origin. Trials that came from this study, or were imported before, are skipped, so databases of several
-sites can be merged in any order and as often as you like. Only trials with a result are imported: OK,
+Trials are added with the results they had elsewhere; nothing is run. Each keeps its machine, client and \
+origin. Trials that came from this study, or were imported before, are skipped, so databases of several \
+sites can be merged in any order and as often as you like. Only trials with a result are imported: OK, \
 INFEASIBLE and ABORTED.
 
-A CSV or Parquet file needs columns config.NAME, indicator.NAME and measurement.NAME. Optional columns
-are outcome (OK, INFEASIBLE, ABORTED), lower_bound, client_id and origin. An exported Parquet file also
+A CSV or Parquet file needs columns config.NAME, indicator.NAME and measurement.NAME. Optional columns \
+are outcome (OK, INFEASIBLE, ABORTED), lower_bound, client_id and origin. An exported Parquet file also \
 contains the study; for other tables, name it with --study.
 
---optuna-study reads a database of Optuna (RDB storage in SQLite), and --vizier-study one of OSS Vizier.
-The objective becomes the study's first metric. If the study does not exist, it is created with the
-other one's parameters.
+--optuna-study reads a database of Optuna (RDB storage in SQLite), and --vizier-study one of OSS Vizier. \
+If the study does not exist, it is created with the other one's parameters; else its first metric gets the \
+objective's values.
 
 Examples:
   treewright import sponza.jsonl
@@ -51,8 +51,8 @@ Examples:
   treewright import vizier.db --vizier-study owners/me/studies/mine --study mine";
 
 pub(crate) const ANALYZE_HELP: &str = "\
-For every parameter and measurement: correlation, rank correlation, mutual information and
-variance-based sensitivity; maps of pairs; and ranges that keep the best trials. Costs are compared
+For every parameter and measurement: correlation, rank correlation, mutual information and \
+variance-based sensitivity; maps of pairs; and ranges that keep the best trials. Costs are compared \
 within their state. Random trials work best: record them with treewright-render sample.
 
 Examples:

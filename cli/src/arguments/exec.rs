@@ -11,12 +11,12 @@ use crate::failure::Failure;
 use crate::study_file::{ParameterEntry, StudyFile, TermEntry};
 
 pub(crate) const EXEC_EXAMPLES: &str = "\
-In the command, {level} is replaced by the value, {long?--long} by --long if the switch is on, and
-{long?yes:no} by one or the other. An argument whose parameter is inactive is left out. Each value is
+In the command, {level} is replaced by the value, {long?--long} by --long if the switch is on, and \
+{long?yes:no} by one or the other. An argument whose parameter is inactive is left out. Each value is \
 also in the environment, as TREEWRIGHT_PARAM_LEVEL.
 
-Metrics: wall_ms and cpu_ms are always measured. With --metric json, so is every number in the last
-output line that is a JSON object; {\"infeasible\": \"reason\"} says that the configuration cannot be
+Metrics: wall_ms and cpu_ms are always measured. With --metric json, so is every number in the last \
+output line that is a JSON object; {\"infeasible\": \"reason\"} says that the configuration cannot be \
 used. If the program exits with an error, the configuration counts as infeasible.
 
 Examples:

@@ -50,9 +50,9 @@ pub(crate) enum StudyCommand {
     Schema,
     /// Copies a study and what it learnt, optionally with a changed specification
     #[command(after_help = "\
-With --spec the copy gets another specification. Old trials get the default of each new parameter, and
-the value that you give for each new indicator. Trials that no longer fit are skipped and counted.
-Copied trials count towards the search's limit; raise it with
+With --spec the copy gets another specification. Old trials get the default of each new parameter, and \
+the value that you give for each new indicator. Trials that no longer fit are skipped and counted. \
+Copied trials count towards the search's limit; raise it with \
 `treewright policy COPY --trials-per-state COUNT` if needed.
 
 Examples:

@@ -28,24 +28,24 @@ use treewright_renderer::tuning::results::SceneFacts;
 use treewright_renderer::tuning::verdict::{NATIVE_DEFAULT, PAPER_DEFAULT};
 
 const MORE_HELP: &str = "\
-What happens:
-  First a reference is rendered with very many samples, or read from --reference; it stands for the truth.
-  Then all contenders render the same view progressively, taking turns frame by frame. Their clocks count
-  builds and frames, and for tuned configurations also the tuning; they stand still while pictures are
-  compared with the reference. Each of --runs begins anew with other random numbers.
+A reference is rendered first, with very many samples, or read from --reference; it stands for the truth. \
+Then all contenders render the same view progressively, taking turns frame by frame. Their clocks count \
+builds and frames, and for tuned configurations also the tuning; they stand still while pictures are \
+compared with the reference. Each of --runs begins anew with other random numbers.
 
 How to read the result:
-  slope     of the error over rendering time, both logarithmic. Theory says -1 for an unbiased estimator.
-  plateau   how far above the reference's own error the curve would end. Clearly above it, it is bias.
-  sooner    a baseline's time to the same error over the contender's. Above 1 is better.
-  [ , ]     95 % interval over the runs. More runs make it narrower; five are a good start.
-  A curve is worth reading down to twice the reference's own error: more --reference-spp move that down.
+  slope     of the error over rendering time, both logarithmic; in theory -1
+  plateau   how far above the reference's own error the curve would end: bias
+  sooner    a baseline's time to the same error over the contender's
+  [ , ]     95 % interval over the runs; five runs are a good start
+
+Read a curve down to twice the reference's own error: more --reference-spp lower that.
 
 Examples:
   treewright-render converge --scene builtin:hall --report hall.html
   treewright-render tune --scene builtin:city --json tuned.json
-  treewright-render converge --scene builtin:city --tuned tuned.json --reference city.exr --plot city.svg
-  treewright-render converge --scene sponza.glb --server http://127.0.0.1:50611 --seconds 30 --json -";
+  treewright-render converge --scene builtin:city --tuned tuned.json --plot city.svg
+  treewright-render converge --scene sponza.glb --server http://127.0.0.1:50611 --json -";
 
 /// Arguments of `converge`.
 #[derive(Args, Clone, Debug)]

@@ -36,7 +36,7 @@ Examples:
   treewright-render image --scene builtin:hall --spp 64 -o hall.png
   treewright-render image --scene sponza.glb --config quality=3,branching_factor=8 -o sponza.exr
   treewright-render tune --scene builtin:hall --iterations 80 --report hall.html
-  treewright-render sample --scene builtin:hall --scene sponza.glb --cameras 10 --samples 1000 --space paper
+  treewright-render sample --scene builtin:hall --cameras 10 --samples 1000 --space paper
   treewright-render play --scene builtin:hall --frames 50 --compare
   treewright-render bench --scene builtin:city --rounds 15
   treewright-render ablate --scene builtin:city --config-file best.json --report ablation.html

@@ -17,8 +17,8 @@ Examples:
   treewrightd token create --database tuning.db --name operator --scope admin
   treewrightd token create --database tuning.db --name farm-3 --scope tune --study 'farm-3-*' \\
       --expires 90d --requests-per-s 500 --trials-per-day 1000000 > farm-3.token
-  treewrightd token create --database postgres://treewright@db/treewright --database-password-file password \\
-      --name watcher --scope read")]
+  treewrightd token create --database postgres://treewright@db/treewright \\
+      --database-password-file password --name watcher --scope read")]
     Create(Box<CreateConfig>),
     /// List all tokens, without their secrets.
     List {

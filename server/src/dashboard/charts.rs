@@ -323,10 +323,11 @@ pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)]) 
         cells.iter().map(|(sum, count)| (*count > 0).then(|| sum / f64::from(*count))).collect();
     let mut sorted: Vec<f64> = means.iter().flatten().copied().collect();
     sorted.sort_by(f64::total_cmp);
-    let mut svg = open_sized(600.0, 440.0, &format!("Mean cost over {} and {}", x_axis.name, y_axis.name));
+    let mut svg = open_sized(640.0, 440.0, &format!("Mean cost over {} and {}", x_axis.name, y_axis.name));
     for (index, mean) in means.iter().enumerate().filter_map(|(index, mean)| mean.map(|mean| (index, mean))) {
         let class = sorted.partition_point(|other| *other < mean) * 5 / sorted.len();
-        let (x, y) = (90.0 + 40.0 * (index % CELLS) as f64, 20.0 + 30.0 * (CELLS - 1 - index / CELLS) as f64);
+        let (x, y) =
+            (130.0 + 40.0 * (index % CELLS) as f64, 20.0 + 30.0 * (CELLS - 1 - index / CELLS) as f64);
         let words = format!("{} over {} runs", figure(mean), cells[index].1);
         put(
             &mut svg,
@@ -335,14 +336,15 @@ pub(super) fn contour(x_axis: &Axis, y_axis: &Axis, points: &[(f64, f64, f64)]) 
             ),
         );
     }
-    put(&mut svg, format_args!(r#"<rect class="axis" x="88" y="18" width="484" height="364"/>"#));
+    put(&mut svg, format_args!(r#"<rect class="axis" x="128" y="18" width="484" height="364"/>"#));
     for (x, y, anchor, words) in [
-        (90.0, 400.0, "start", &x_axis.low),
-        (570.0, 400.0, "end", &x_axis.high),
-        (330.0, 418.0, "middle", &x_axis.name),
-        (82.0, 380.0, "end", &y_axis.low),
-        (82.0, 30.0, "end", &y_axis.high),
-        (82.0, 205.0, "end", &y_axis.name),
+        (130.0, 400.0, "start", &x_axis.low),
+        (610.0, 400.0, "end", &x_axis.high),
+        (370.0, 418.0, "middle", &x_axis.name),
+        (122.0, 380.0, "end", &y_axis.low),
+        (122.0, 30.0, "end", &y_axis.high),
+        // Above the frame, where a long name has room.
+        (128.0, 12.0, "start", &y_axis.name),
     ] {
         let words = escape(words);
         put(&mut svg, format_args!(r#"<text x="{x}" y="{y}" text-anchor="{anchor}">{words}</text>"#));
