@@ -90,7 +90,9 @@ impl Tuning {
         &*self.environment.store
     }
 
-    pub(crate) fn now_ms(&self) -> i64 {
+    /// The time by the clock that leases go by, in milliseconds since 1970.
+    #[must_use]
+    pub fn now_ms(&self) -> i64 {
         self.environment.clock.now_ms()
     }
 

@@ -1,5 +1,6 @@
 //! What a machine has learnt is what follows from the trials that are stored: at the end of a world a fresh service goes
-//! through them, and has to answer as the machine does that has held the study.
+//! through them, and has to answer as the machine does that has held the study. That machine has ended every lease by
+//! then that has run out.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -9,8 +10,12 @@ use tokio::time::sleep;
 use treewright_core::tuner::Prediction;
 use treewright_server::clock::ManualClock;
 use treewright_server::tuning::Tuning;
+use treewright_store::Store as _;
 
 use crate::world::World;
+
+/// How often a machine is asked to end leases.
+const TRIES: usize = 10;
 
 /// What a service would exploit at each place, and what it says that costs.
 async fn answers(tuning: &Tuning, places: u32) -> Vec<Option<Prediction>> {
@@ -22,6 +27,24 @@ async fn answers(tuning: &Tuning, places: u32) -> Vec<Option<Prediction>> {
     answers
 }
 
+/// Whoever is asked ends the leases that have run out. A write may fail, so it is asked again.
+async fn end_leases(world: &World, tuning: &Tuning) {
+    let mut due = Vec::new();
+    for _ in 0..TRIES {
+        let asked_ms = tuning.now_ms();
+        if answers(tuning, 1).await.iter().all(Option::is_none) {
+            // It cannot be asked.
+            return;
+        }
+        sleep(Duration::from_secs(10)).await;
+        due = world.durable.store.studies_with_due_leases(asked_ms).await.unwrap_or_default();
+        if due.is_empty() {
+            return;
+        }
+    }
+    world.violation(format!("leases have run out, and their trials are open still: {due:?}"));
+}
+
 /// Compares the machine that holds the study, if one does, with what the durable store teaches.
 pub(crate) async fn check(world: &World) {
     let durable = &world.durable;
@@ -30,6 +53,7 @@ pub(crate) async fn check(world: &World) {
     let Some(machine) = holder.and_then(|holder| world.machine(holder)) else {
         return;
     };
+    end_leases(world, &machine.tuning).await;
     let learnt = answers(&machine.tuning, world.plan.places).await;
     // Whatever it still has to write is written.
     sleep(Duration::from_secs(10)).await;

@@ -35,6 +35,19 @@ fn nothing_is_wrong_in_the_first_worlds() {
     }
 }
 
+/// Worlds in which something was wrong once, each with what it was.
+#[test]
+fn what_was_found_stays_mended() {
+    let found = [
+        // What is proven of the nearest state was only looked at where nothing was known of the asked one.
+        7_000_494, 8_001_307,
+    ];
+    for seed in found {
+        let outcome = run(Plan::of(seed, 5_000, None));
+        assert!(outcome.violations.is_empty(), "seed {seed}: {:?}", outcome.violations);
+    }
+}
+
 #[test]
 fn planted_defects_are_found() {
     // A lease without a claim only shows where two replicas meet over one study.

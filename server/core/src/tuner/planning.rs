@@ -188,14 +188,15 @@ impl Tuner {
     }
 
     /// The state whose own measurements answer a question, as far as can be told before it is answered: the one it is
-    /// about, else the nearest.
+    /// about where that is explored to the end, else the nearest.
     fn state_that_answers(&self, query: &Query<'_>, here: Option<StateId>) -> Option<StateId> {
-        let is_measured = |state: &StateId| self.states.results(*state).best().is_some();
+        let answers_itself =
+            |state: &StateId| self.is_finished(*state) && self.states.results(*state).best().is_some();
         let nearest = || {
             let answer = Nearest.predict(query)?;
             answer.neighbours.first().map(|nearest| StateId(nearest.state_id))
         };
-        here.filter(is_measured).or_else(nearest)
+        here.filter(answers_itself).or_else(nearest)
     }
 
     /// Whether the client holds a trial of the state that it will get again.
