@@ -2,7 +2,7 @@
 //!
 //! Ratios of pairs survive a machine that changes its speed, but not every disturbance, and a search does not measure in
 //! pairs. So whoever tells a figure tells also what else the processors did meanwhile, as far as the system says
-//! (`/proc/stat` on Linux), and how much one and the same frame varied.
+//! (`/proc/stat` on Linux, of the processors that this process may use), and how much one and the same frame varied.
 
 use std::time::Instant;
 
@@ -89,21 +89,40 @@ fn judge(other_cores: Option<f64>, free_cores: f64, frame_ms: &[f64]) -> Disturb
 impl Busy {
     fn now() -> Option<Self> {
         let read = |path| std::fs::read_to_string(path).ok();
+        let allowed = allowed_processors(&read("/proc/self/status")?)?;
         Some(Self {
-            everybody: of_everybody(&read("/proc/stat")?)?,
+            everybody: of_everybody(&read("/proc/stat")?, &allowed)?,
             own: of_process(&read("/proc/self/stat")?)?,
         })
     }
 }
 
-/// All that was not idle or waiting for a disk; what a hypervisor gave to others counts, too. The columns after these
-/// are contained in the first two.
-fn of_everybody(stat: &str) -> Option<f64> {
-    let columns = stat.lines().next()?.strip_prefix("cpu ")?;
-    let ticks: Vec<f64> =
-        columns.split_whitespace().take(8).map_while(|column| column.parse().ok()).collect();
-    let idle = ticks.get(3)? + ticks.get(4)?;
-    Some(ticks.iter().sum::<f64>() - idle)
+/// The processors that this process may run on: a list such as `0-3,8`.
+fn allowed_processors(status: &str) -> Option<Vec<usize>> {
+    let list = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:"))?;
+    let mut allowed = Vec::new();
+    for part in list.trim().split(',') {
+        let (first, last) = part.split_once('-').unwrap_or((part, part));
+        allowed.extend(first.parse::<usize>().ok()?..=last.parse().ok()?);
+    }
+    Some(allowed)
+}
+
+/// All that was not idle or waiting for a disk on these processors; what a hypervisor gave to others counts, too. The columns
+/// after these are contained in the first two.
+fn of_everybody(stat: &str, allowed: &[usize]) -> Option<f64> {
+    let mut busy = 0.0;
+    for line in stat.lines().filter_map(|line| line.strip_prefix("cpu")) {
+        let mut columns = line.split(' ');
+        // The line without a number is the sum of the others.
+        let Some(processor) = columns.next().and_then(|number| number.parse().ok()) else { continue };
+        if !allowed.contains(&processor) {
+            continue;
+        }
+        let ticks: Vec<f64> = columns.take(8).map_while(|column| column.parse().ok()).collect();
+        busy += ticks.iter().sum::<f64>() - ticks.get(3)? - ticks.get(4)?;
+    }
+    stat.starts_with("cpu").then_some(busy)
 }
 
 /// User and system time of a process with all its threads: columns 14 and 15. The second column is a name in brackets
@@ -120,9 +139,12 @@ mod tests {
 
     #[test]
     fn ticks_are_read() {
-        let stat = "cpu  100 5 20 1000 30 1 2 7 50 0\ncpu0 1 1 1 1 1 1 1 1 1 1\n";
-        assert_eq!(of_everybody(stat), Some(135.0));
-        assert_eq!(of_everybody("intr 5"), None);
+        let stat = "cpu  103 7 20 1000 30 1 2 7 50 0\ncpu0 100 5 20 900 25 1 2 7 50 0\ncpu1 3 2 0 100 5 0 0 0 0 0\nintr 5\n";
+        assert_eq!(of_everybody(stat, &[0, 1]), Some(140.0));
+        assert_eq!(of_everybody(stat, &[1]), Some(5.0), "what others do elsewhere disturbs nobody here");
+        assert_eq!(of_everybody("intr 5", &[0]), None);
+        assert_eq!(allowed_processors("Name: x\nCpus_allowed_list:\t0-2,5\n"), Some(vec![0, 1, 2, 5]));
+        assert_eq!(allowed_processors("Name: x\n"), None);
         let own = "42 (a ) b) S 1 1 1 0 -1 4194560 100 0 0 0 31 11 0 0 20 0 4 0 100 1000 10";
         assert_eq!(of_process(own), Some(42.0));
         assert_eq!(of_process("42 (x) S"), None);

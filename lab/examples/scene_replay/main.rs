@@ -77,8 +77,10 @@ struct Contender {
 struct Scene {
     name: String,
     state: BTreeMap<String, f64>,
-    /// What ran in it, with the build and render time of each.
+    /// What ran in it, with the cost of each.
     ran: Vec<(Configuration, f64)>,
+    /// What others are told of it, one frame after the other.
+    frames: Vec<(Configuration, f64)>,
     /// What ran on every scene.
     candidates: Vec<Configuration>,
     landscape: Landscape,
@@ -104,13 +106,19 @@ fn scenes(book: &Book, space: &Space, objective: Objective) -> Vec<Scene> {
         let of = |kind: &str| format!("{kind} {} {name} 2@320x240", objective.name());
         let mut ran: Vec<(Configuration, f64)> = Vec::new();
         let mut recorded: Vec<Recorded> = Vec::new();
+        let mut frames = Vec::new();
         let mut state = None;
-        for search in [of("alone"), of("left-out")].iter().filter_map(|key| book.searches.get(key)) {
+        for key in [of("alone"), of("left-out")] {
+            let Some(search) = book.searches.get(&key) else { continue };
             state = Some(search.state.clone());
             for trial in &search.trials {
                 let known = configuration(space, trial.configuration.clone().into());
                 if let (Some(configuration), Some(times)) = (known, trial.times) {
-                    ran.push((configuration, times.build_ms / per_build + times.render_ms));
+                    let cost = times.build_ms / per_build + times.render_ms;
+                    ran.push((configuration.clone(), cost));
+                    if key == of("alone") {
+                        frames.push((configuration, cost));
+                    }
                 }
             }
         }
@@ -118,8 +126,19 @@ fn scenes(book: &Book, space: &Space, objective: Objective) -> Vec<Scene> {
         // Rounds and searches ran at different times: what ran in both sets their levels equal.
         let searched = costs(&ran);
         let mut candidates = Vec::new();
-        for rounds in [of("candidates"), of("winners")].iter().filter_map(|key| book.rounds.get(key)) {
+        if let Some(rounds) = book.rounds.get(&of("candidates")) {
             let mut of_rounds = Vec::new();
+            let most = rounds.contenders.iter().map(|one| one.render_ms.len()).max().unwrap_or(0);
+            for (round, one) in
+                (0..most).flat_map(|round| rounds.contenders.iter().map(move |one| (round, one)))
+            {
+                let known = one.configuration.clone().and_then(|raw| configuration(space, raw.into()));
+                let times = one.build_ms.get(round).or(one.build_ms.last()).zip(one.render_ms.get(round));
+                if let (None, Some(configuration), Some((build_ms, render_ms))) = (&one.failure, known, times)
+                {
+                    frames.push((configuration, build_ms / per_build + render_ms));
+                }
+            }
             for one in rounds.contenders.iter().filter(|one| one.failure.is_none()) {
                 let known = one.configuration.clone().and_then(|raw| configuration(space, raw.into()));
                 let (Some(configuration), false) = (known, one.render_ms.is_empty()) else { continue };
@@ -142,7 +161,7 @@ fn scenes(book: &Book, space: &Space, objective: Objective) -> Vec<Scene> {
         }
         recorded.extend(searched);
         let landscape = Landscape::of(space, &recorded);
-        all.push(Scene { name: name.clone(), state, ran, candidates, landscape });
+        all.push(Scene { name: name.clone(), state, ran, frames, candidates, landscape });
     }
     all
 }
@@ -185,7 +204,7 @@ fn run(spec: &StudySpec, scenes: &[Scene], place: usize, (seed, noise): (u64, f6
     let mut now_ms = 0;
     for other in scenes.iter().enumerate().filter(|(other, _)| *other != place).map(|(_, scene)| scene) {
         let ask = Ask { client_id: "teacher".into(), indicators: other.state.clone(), ..Ask::default() };
-        for (configuration, cost) in &other.ran {
+        for (configuration, cost) in &other.frames {
             now_ms += 1;
             let (trial, _) =
                 tuner.suggest_wanted(&ask, configuration.to_raw(), now_ms).expect("of the space");

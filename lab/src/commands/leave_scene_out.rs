@@ -17,19 +17,17 @@ use treewright_renderer::statistics::Ratio;
 use treewright_renderer::tuning::objective::Objective;
 
 use crate::leave_scene_out::book::{Book, OpenBook, RecordedRounds, SceneFacts};
-use crate::leave_scene_out::judge::{self, ALONE, CANDIDATES, FINAL, LEFT_OUT, Overall, Row, WINNERS, key};
+use crate::leave_scene_out::judge::{self, ALONE, CANDIDATES, FINAL, LEFT_OUT, Overall, Row, key};
 use crate::leave_scene_out::steps::{CHECKPOINTS, Stage};
 use crate::leave_scene_out::suite::{Context, Entry, built_in};
 
 /// Steps of the measurement, each of which needs those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 enum Step {
-    /// Hand-written configurations, on every scene.
-    Candidates,
     /// A separate search on every scene.
     Alone,
-    /// The winner of each scene, on every other scene.
-    Winners,
+    /// Hand-written configurations and the winner of each scene, side by side on every scene.
+    Candidates,
     /// Searches by a service that knows all scenes except this one.
     LeftOut,
     /// Their answers against all others, in new rounds.
@@ -42,7 +40,6 @@ impl Step {
         match self {
             Self::Candidates => CANDIDATES,
             Self::Alone => ALONE,
-            Self::Winners => WINNERS,
             Self::LeftOut => LEFT_OUT,
             Self::Final => FINAL,
         }
@@ -74,14 +71,14 @@ pub(super) struct Arguments {
     context: Vec<Context>,
 
     /// Run only these steps.
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Step::Candidates, Step::Alone, Step::Winners, Step::LeftOut, Step::Final])]
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Step::Alone, Step::Candidates, Step::LeftOut, Step::Final])]
     steps: Vec<Step>,
 
     /// Trials per search.
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(2..=1000))]
     iterations: u32,
 
-    /// Rounds of candidates and winners.
+    /// Rounds of candidates.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
@@ -180,7 +177,7 @@ fn is_missing(arguments: &Arguments, book: &Book, step: Step, scene: &str, conte
 fn is_taken(book: &Book, step: Step, name: &str) -> bool {
     match step {
         Step::Alone | Step::LeftOut => book.searches.contains_key(name),
-        Step::Candidates | Step::Winners | Step::Final => book.rounds.contains_key(name),
+        Step::Candidates | Step::Final => book.rounds.contains_key(name),
     }
 }
 
@@ -200,11 +197,7 @@ fn take(
         }
         match step {
             Step::Candidates => {
-                let rounds = stage.candidates(*objective, arguments.rounds)?;
-                keep(open, stage, name, rounds);
-            }
-            Step::Winners => {
-                let rounds = stage.winners(&open.book, *objective, arguments.rounds)?;
+                let rounds = stage.candidates(&open.book, *objective, arguments.rounds)?;
                 keep(open, stage, name, rounds);
             }
             Step::Alone | Step::LeftOut => {
@@ -352,10 +345,8 @@ fn fixed_table(book: &Book, objective: Objective) -> String {
                 .iter()
                 .filter(|(_, facts)| facts.instanced == instanced)
                 .filter_map(|(scene, _)| {
-                    let of = |kind| book.rounds.get(&key(kind, objective, scene, context));
-                    let rounds: Vec<&RecordedRounds> =
-                        [of(CANDIDATES), of(WINNERS)].into_iter().flatten().collect();
-                    (!rounds.is_empty()).then(|| judge::relative_costs(&rounds, objective.frames_per_build()))
+                    let rounds = book.rounds.get(&key(CANDIDATES, objective, scene, context))?;
+                    Some(judge::relative_costs(rounds, objective.frames_per_build()))
                 })
                 .collect();
             let all = judge::fixed(&scenes, &std::collections::BTreeSet::new());

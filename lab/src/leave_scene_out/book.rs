@@ -58,6 +58,27 @@ pub(crate) struct RecordedRounds {
     pub(crate) disturbed: bool,
 }
 
+impl RecordedRounds {
+    /// What a client would have reported that ran them: one frame after the other in the order in which they ran, and once
+    /// what failed. Native Embree path by path is in no space.
+    pub(crate) fn frames(&self) -> Vec<(&Configuration, Outcome, Option<FrameTimes>)> {
+        let own = || self.contenders.iter().filter_map(|one| Some((one, one.configuration.as_ref()?)));
+        let most = self.contenders.iter().map(|one| one.render_ms.len()).max().unwrap_or(0);
+        let failed = own().filter_map(|(one, configuration)| {
+            let failure = one.failure.clone()?;
+            Some((configuration, Outcome::infeasible(failure), None))
+        });
+        let ran = (0..most).flat_map(|round| {
+            own().filter(|(one, _)| one.failure.is_none()).filter_map(move |(one, configuration)| {
+                let build_ms = one.build_ms.get(round).or(one.build_ms.last())?;
+                let times = FrameTimes::of(*build_ms, *one.render_ms.get(round)?);
+                Some((configuration, Outcome::Ok, Some(times)))
+            })
+        });
+        failed.chain(ran).collect()
+    }
+}
+
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct RecordedContender {
     pub(crate) name: String,

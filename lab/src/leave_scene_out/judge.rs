@@ -12,7 +12,6 @@ use super::book::{Book, RecordedContender, RecordedRounds};
 
 /// Names of steps in a book.
 pub(crate) const CANDIDATES: &str = "candidates";
-pub(crate) const WINNERS: &str = "winners";
 pub(crate) const FINAL: &str = "final";
 pub(crate) const ALONE: &str = "alone";
 pub(crate) const LEFT_OUT: &str = "left-out";
@@ -32,30 +31,21 @@ pub(crate) fn key(kind: &str, objective: Objective, scene: &str, context: &str) 
 
 /// Costs of each configuration on a scene, in units of native Embree's default in the same rounds.
 pub(crate) fn relative_costs(
-    rounds: &[&RecordedRounds],
+    rounds: &RecordedRounds,
     frames_per_build: u32,
 ) -> BTreeMap<String, (Configuration, f64)> {
-    let mut costs: BTreeMap<String, (Configuration, Vec<f64>)> = BTreeMap::new();
-    for rounds in rounds {
-        let Some(native) = rounds.contenders.iter().find(|one| one.name == NATIVE_DEFAULT) else {
-            continue;
-        };
-        let native_ms = native.frame_ms(frames_per_build);
-        for one in &rounds.contenders {
-            let Some(configuration) = &one.configuration else {
-                continue;
-            };
-            let ratio = Ratio::of(&one.frame_ms(frames_per_build), &native_ms);
-            let cost = if ratio.count > 0 { ratio.median } else { f64::INFINITY };
-            let known = costs.entry(configuration.to_string());
-            known.or_insert_with(|| (configuration.clone(), Vec::new())).1.push(cost);
-        }
-    }
-    // The text of a configuration carries everything, so it serves as its identity.
-    costs
-        .into_iter()
-        .map(|(text, (configuration, all))| (text, (configuration, Summary::of(&all).median)))
-        .collect()
+    let Some(native) = rounds.contenders.iter().find(|one| one.name == NATIVE_DEFAULT) else {
+        return BTreeMap::new();
+    };
+    let native_ms = native.frame_ms(frames_per_build);
+    let own = rounds.contenders.iter().filter_map(|one| Some((one, one.configuration.as_ref()?)));
+    own.map(|(one, configuration)| {
+        let ratio = Ratio::of(&one.frame_ms(frames_per_build), &native_ms);
+        let cost = if ratio.count > 0 { ratio.median } else { f64::INFINITY };
+        // The text of a configuration carries everything, so it serves as its identity.
+        (configuration.to_string(), (configuration.clone(), cost))
+    })
+    .collect()
 }
 
 /// A configuration that ran on every scene, and the geometric mean of its costs there.
@@ -106,9 +96,8 @@ pub(crate) fn fixed_of_others(
         .keys()
         .filter(|other| *other != scene)
         .filter_map(|other| {
-            let of = |kind| book.rounds.get(&key(kind, objective, other, context));
-            let rounds: Vec<&RecordedRounds> = [of(CANDIDATES), of(WINNERS)].into_iter().flatten().collect();
-            (!rounds.is_empty()).then(|| relative_costs(&rounds, objective.frames_per_build()))
+            let rounds = book.rounds.get(&key(CANDIDATES, objective, other, context))?;
+            Some(relative_costs(rounds, objective.frames_per_build()))
         })
         .collect();
     fixed(&others, &without).into_iter().next()
@@ -250,7 +239,7 @@ mod tests {
             rounds(&[(NATIVE_DEFAULT, 99.0), ("a", 49.0), ("b", 29.0), ("c", 9.0)]),
             rounds(&[(NATIVE_DEFAULT, 99.0), ("a", 49.0), ("b", 199.0)]),
         ];
-        let costs: Vec<_> = scenes.iter().map(|rounds| relative_costs(&[rounds], 1000)).collect();
+        let costs: Vec<_> = scenes.iter().map(|rounds| relative_costs(rounds, 1000)).collect();
         let all = fixed(&costs, &BTreeSet::new());
         let names: Vec<String> = all.iter().map(|one| one.configuration.to_string()).collect();
         assert_eq!(names, ["name=a", "name=b"]);

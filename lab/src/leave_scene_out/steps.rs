@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use treewright_client::blocking::{Client, Study};
-use treewright_client::{Options, Outcome, Policy, SessionPolicy, detect_fingerprint};
+use treewright_client::{Options, Policy, SessionPolicy, detect_fingerprint};
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_renderer::disturbance::Watch;
@@ -23,7 +23,7 @@ use treewright_scene::indicators::SceneIndicators;
 use super::book::{Book, RecordedContender, RecordedRounds, RecordedSearch, RecordedTrial};
 use super::daemon::Daemon;
 use super::hand;
-use super::judge::{self, ALONE, CANDIDATES, FIXED_OF_OTHERS, LEFT_OUT, WINNERS, key};
+use super::judge::{self, ALONE, CANDIDATES, FIXED_OF_OTHERS, LEFT_OUT, key};
 use super::suite::Context;
 
 /// After so many reported trials the service is asked for the best.
@@ -65,21 +65,16 @@ impl Stage {
         View { camera: self.renderer.scene().cameras[0], seed: SEED, bounces: BOUNCES }
     }
 
-    /// Everything by hand.
-    pub(crate) fn candidates(&self, objective: Objective, rounds: u32) -> Result<RecordedRounds, CliError> {
-        let all = hand::rivals(&self.space(objective), objective)?;
-        Ok(self.rounds(all, objective, rounds))
-    }
-
-    /// What won on every scene, so that each of them has run on all scenes.
-    pub(crate) fn winners(
+    /// Everything that is one configuration for all scenes, in the same rounds: native Embree used well, what is written by
+    /// hand, and what won on every scene.
+    pub(crate) fn candidates(
         &self,
         book: &Book,
         objective: Objective,
         rounds: u32,
     ) -> Result<RecordedRounds, CliError> {
-        let mut all: Vec<Rival> = native_default();
         let space = self.space(objective);
+        let mut all = hand::rivals(&space, objective)?;
         for scene in book.scenes.keys() {
             let search = book.searches.get(&key(ALONE, objective, scene, &self.context.to_string()));
             if let Some(winner) = search.and_then(|search| search.answers.values().next_back()) {
@@ -118,10 +113,9 @@ impl Stage {
                 alone.answers.values().next_back().map(|own| ("its own search".to_owned(), own.clone())),
             );
         }
-        let of = |kind| book.rounds.get(&key(kind, objective, &self.scene, &context));
-        let ran: Vec<&RecordedRounds> = [of(CANDIDATES), of(WINNERS)].into_iter().flatten().collect();
-        let mut ranked: Vec<_> =
-            judge::relative_costs(&ran, objective.frames_per_build()).into_values().collect();
+        let ran = book.rounds.get(&key(CANDIDATES, objective, &self.scene, &context));
+        let costs = ran.map(|ran| judge::relative_costs(ran, objective.frames_per_build()));
+        let mut ranked: Vec<_> = costs.unwrap_or_default().into_values().collect();
         ranked.sort_by(|(_, a), (_, b)| a.total_cmp(b));
         let best = ranked.into_iter().take(2).enumerate();
         named.extend(
@@ -247,41 +241,15 @@ impl Stage {
                 let suggestion = study.trial_of(&search.state, &trial.configuration)?;
                 suggestion.report(measurements(trial.times, 1), trial.outcome.clone())?;
             }
-            // What ran beside all others there, as one measurement each.
-            for kind in [CANDIDATES, WINNERS] {
-                let Some(rounds) = book.rounds.get(&key(kind, objective, scene, &context)) else {
-                    continue;
-                };
-                for one in &rounds.contenders {
-                    self.teach_contender(one, search, study)?;
+            // Then what ran beside all others there, frame by frame in the order in which it ran.
+            if let Some(rounds) = book.rounds.get(&key(CANDIDATES, objective, scene, &context)) {
+                for (configuration, outcome, times) in rounds.frames() {
+                    let suggestion = study.trial_of(&search.state, configuration)?;
+                    suggestion.report(measurements(times, 1), outcome)?;
                 }
             }
         }
         client.flush(DEADLINE)?;
-        Ok(())
-    }
-
-    fn teach_contender(
-        &self,
-        one: &RecordedContender,
-        search: &RecordedSearch,
-        study: &Study,
-    ) -> Result<(), CliError> {
-        let Some(configuration) = &one.configuration else {
-            return Ok(());
-        };
-        let median = |all: &[f64]| treewright_renderer::statistics::Summary::of(all).median;
-        let (outcome, times) = match &one.failure {
-            Some(failure) => (Outcome::infeasible(failure.clone()), None),
-            None if one.render_ms.is_empty() => return Ok(()),
-            None => {
-                let times =
-                    treewright_renderer::frame::FrameTimes::of(median(&one.build_ms), median(&one.render_ms));
-                (Outcome::Ok, Some(times))
-            }
-        };
-        let suggestion = study.trial_of(&search.state, configuration)?;
-        suggestion.report(measurements(times, 1), outcome)?;
         Ok(())
     }
 }
@@ -325,9 +293,13 @@ mod tests {
         let context: Context = "0@16x12".parse().expect("it is sound");
         let stage = Stage::new("a", &scene, context, Interrupt::listen()).expect("Embree starts");
         let objective = Objective::Render;
-        let candidates = stage.candidates(Objective::Render, 1).expect("they are sound");
-        let facts = super::super::book::SceneFacts { triangles: 1, instanced: false };
         let mut book = Book::default();
+        let candidates = stage.candidates(&book, Objective::Render, 2).expect("they are sound");
+        let own = candidates.contenders.iter().filter(|one| one.configuration.is_some()).count();
+        let frames = candidates.frames();
+        assert_eq!(frames.len(), 2 * own, "each of them in every round, and native Embree's default in none");
+        assert_eq!(frames[0].0, frames[own].0, "one round after the other");
+        let facts = super::super::book::SceneFacts { triangles: 1, instanced: false };
         for scene in ["a", "b"] {
             book.scenes.insert(scene.to_owned(), facts);
             book.rounds.insert(key(CANDIDATES, objective, scene, "0@16x12"), candidates.clone());
