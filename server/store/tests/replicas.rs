@@ -71,6 +71,17 @@ async fn a_study_is_held_by_one_replica_and_left_to_the_next() {
 }
 
 #[tokio::test]
+async fn replicas_share_a_key_that_no_other_database_has() {
+    let (database, other) = (Database::create().await, Database::create().await);
+    let first = replica(&database, "http://first:1").await;
+    let second = replica(&database, "http://second:1").await;
+    let foreign = replica(&other, "http://first:1").await;
+    assert!(first.replica_key().is_some());
+    assert_eq!(first.replica_key(), second.replica_key());
+    assert_ne!(first.replica_key(), foreign.replica_key());
+}
+
+#[tokio::test]
 async fn what_a_killed_replica_held_is_free_at_once() {
     let database = Database::create().await;
     let first = replica(&database, "http://first:1").await;

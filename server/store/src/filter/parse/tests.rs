@@ -71,6 +71,7 @@ fn errors_name_the_place_and_what_was_expected() {
         ("number = 99999999999999999999", 10, "instead of a whole number"),
         ("client_id = \"open", 13, "not closed"),
         (r#"client_id = "a\n""#, 15, "a backslash stands only before"),
+        ("client_id = \"a\0\"", 15, "the character NUL"),
         ("client_id = renderer", 13, "found `renderer` instead of text"),
         ("config.Quality = 1", 8, "`Quality` is not a name"),
         ("config. = 1", 8, "`` is not a name"),
