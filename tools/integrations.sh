@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Tries the integrations with the real packages: the Python wheel, built and installed into an environment, with Optuna; the CMake package;
 # tinybvh-rs; the SDK for Node and three-mesh-bvh. Fetches from PyPI and npm. PROFILE=dev builds the wheel faster.
-# From nothing, on two cores that others shared: programs 9 minutes, wheel 8 (PROFILE=dev), CMake 12 s, tinybvh-rs 5, Node 3. With everything
+# From nothing, on two cores that others shared: programs 9 minutes, wheel 8 (PROFILE=dev), CMake 12 s, tinybvh-rs 5, Node 5. With everything
 # compiled before and the programs linked anew: 163, 22, 5, 1 and 29 s.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -55,7 +55,7 @@ else
     echo "passed by: tinybvh-rs, because this processor has no AVX2"
 fi
 
-step "Node: packages from npm, tests of the SDK, its types, three-mesh-bvh tuned on two small meshes; two minutes"
+step "Node: packages from npm, tests of the SDK, its types, three-mesh-bvh tuned on two small meshes; five minutes the first time"
 if command -v npm > /dev/null; then
     (cd integrations/javascript && npm ci --no-audit --no-fund --silent && node test/run.js "$url" &&
         npx tsc --noEmit --strict --skipLibCheck --module nodenext --target es2022 --types node test/typed.ts &&
