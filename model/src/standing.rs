@@ -126,10 +126,16 @@ impl Standing {
                     "{known} so far; confirmation goes on, {rounds} of at most {rounds_max} rounds are run"
                 )
             }
-            ConfirmationStage::Better => {
-                let by = gain.map(|gain| format!(", {gain} below the incumbent")).unwrap_or_default();
-                format!("confirmed as better in {rounds} rounds{by}")
-            }
+            ConfirmationStage::Better => match gain {
+                None => format!("confirmed as better in {rounds} rounds"),
+                Some(gain) if gain.low.is_some_and(|low| low > 0.0) => {
+                    format!("confirmed as better in {rounds} rounds, {gain} below the incumbent")
+                }
+                // What the rounds leave open was settled by all that was measured.
+                Some(gain) => format!(
+                    "proven better by all measurements together; the {rounds} rounds of confirmation alone say {gain} below the incumbent"
+                ),
+            },
             ConfirmationStage::NothingBetter => format!(
                 "nothing was proven better than the incumbent in {rounds} rounds of {measurements} measurements"
             ),
@@ -180,6 +186,14 @@ mod tests {
         let better = standing(ConfirmationStage::Better, false);
         assert_eq!(better.in_short(), "proven better");
         assert!(better.verdict().contains("12.3 % [10.1, 14.6] below the incumbent"));
+        let wide = Gain { low: Some(-0.172), high: Some(0.274), share: 0.077, probability_better: None };
+        let mut by_all = better;
+        by_all.confirmation.gain = Some(wide);
+        let said = by_all.verdict();
+        assert!(
+            said.starts_with("proven better by all measurements") && said.contains("[-17.2, 27.4]"),
+            "{said}"
+        );
         let nothing = standing(ConfirmationStage::NothingBetter, true);
         assert_eq!(nothing.in_short(), "nothing better");
         assert!(nothing.verdict().starts_with("nothing was proven better"));

@@ -172,6 +172,12 @@ pub const RETURN_GRACE: Duration = Duration::from_secs(10);
 /// How often it is looked whether a checkpoint is due.
 pub const CHECKPOINT_PERIOD: Duration = Duration::from_secs(1);
 
+/// For so long an orderly stop saves what was learnt since.
+pub const LAST_CHECKPOINTS: Duration = Duration::from_secs(2);
+
+/// Fewer completed trials behind a checkpoint are learnt again at the next start instead.
+pub const LAST_CHECKPOINT_TRIALS: u64 = 100;
+
 /// A connection that does not answer a ping within this time is closed, and the next ping follows after
 /// the same time: a vanished client's streams must not stay for ever.
 pub const KEEPALIVE: Duration = Duration::from_secs(20);

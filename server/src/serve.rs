@@ -160,7 +160,7 @@ pub async fn run(
     });
     let sweeper = tokio::spawn(sweep(Arc::clone(&tuning)));
     let checkpointer = tokio::spawn(save_checkpoints(Arc::clone(&tuning)));
-    let thinner = keep_trials.map(|keep| tokio::spawn(thin_trials(tuning, keep)));
+    let thinner = keep_trials.map(|keep| tokio::spawn(thin_trials(Arc::clone(&tuning), keep)));
     let follower = access.clone().map(|access| tokio::spawn(async move { access.follow().await }));
     let served = tokio::select! {
         served = &mut server => Some(served),
@@ -175,6 +175,10 @@ pub async fn run(
             // The server must go on while those inside finish.
             let finish = async {
                 admission.empty().await;
+                // The next start need not learn again what is known now; it is only an accelerator.
+                if timeout(limits::LAST_CHECKPOINTS, tuning.save_last_checkpoints()).await.is_err() {
+                    tracing::info!("the last checkpoints took too long; the next start reads more trials");
+                }
                 // Before the answers have left, so that other replicas take over at once.
                 store.close().await;
                 sleep(FLUSH).await;

@@ -13,6 +13,7 @@ use super::compute::compute;
 use super::loading::Saved;
 use super::runtime::{Live, Runtime};
 use crate::error::Error;
+use crate::limits;
 
 /// What is to be saved, and when it may be.
 struct DueCheckpoint {
@@ -22,9 +23,9 @@ struct DueCheckpoint {
 }
 
 impl Live {
-    fn take_due(&mut self, store: &dyn Store, after: u64) -> Option<DueCheckpoint> {
+    fn take_due(&mut self, store: &dyn Store, is_due: impl Fn(Saved, u64) -> bool) -> Option<DueCheckpoint> {
         let completed = self.tuner.statistics().completed_trials;
-        if !self.saved.is_due(completed, after) {
+        if !is_due(self.saved, completed) {
             return None;
         }
         // Should saving fail, the next attempt comes after as many trials again.
@@ -37,8 +38,18 @@ impl Live {
 impl Tuning {
     /// Saves checkpoints where they are due, one study after the other. To be called now and then.
     pub async fn save_checkpoints(&self) {
+        self.save_where(|saved, completed| saved.is_due(completed, self.checkpoint_after)).await;
+    }
+
+    /// Saves checkpoints wherever a start would otherwise learn many trials again. To be called at an orderly stop.
+    pub async fn save_last_checkpoints(&self) {
+        let many = limits::LAST_CHECKPOINT_TRIALS;
+        self.save_where(|saved, completed| completed.saturating_sub(saved.stored) >= many).await;
+    }
+
+    async fn save_where(&self, is_due: impl Fn(Saved, u64) -> bool) {
         for (study, runtime) in self.in_memory() {
-            let due = runtime.peek(|live| live.take_due(self.store(), self.checkpoint_after)).flatten();
+            let due = runtime.peek(|live| live.take_due(self.store(), &is_due)).flatten();
             let Some(due) = due else {
                 continue;
             };
@@ -151,6 +162,25 @@ pub(super) mod tests {
         let mask = FieldMask { paths: vec!["policy.predictor".to_owned()] };
         let update = PolicyUpdate::read(policy, Some(mask)).expect("valid");
         tuning.update_policy("hall", &update).await.expect("changed");
+    }
+
+    #[tokio::test]
+    async fn an_orderly_stop_saves_what_a_start_would_learn_again() {
+        let many = limits::LAST_CHECKPOINT_TRIALS;
+        let store = Arc::new(MemoryStore::new());
+        let start = || Tuning::new(Arc::clone(&store) as _, Arc::new(ManualClock::at(1_000)));
+        let tuning = start();
+        tuning.create_study("hall", &spec()).await.expect("created");
+        let _few = frames(&tuning, 0..many - 1).await;
+        tuning.save_last_checkpoints().await;
+        let checkpoint = store.load("hall").await.expect("loaded").checkpoint;
+        assert!(checkpoint.is_none(), "so few are learnt again at once");
+        let tuning = start();
+        let _last = frames(&tuning, many - 1..many).await;
+        tuning.save_checkpoints().await;
+        tuning.save_last_checkpoints().await;
+        let checkpoint = store.load("hall").await.expect("loaded").checkpoint;
+        assert_eq!(checkpoint.map(|checkpoint| checkpoint.completion), Some(many));
     }
 
     /// Whatever was saved and whenever the daemon starts, what it answers is the same.
