@@ -49,7 +49,7 @@ impl Daemon {
     /// # Panics
     /// When it does not say where it listens.
     pub fn start_by(command: Command, database: &Path) -> Self {
-        Self::spawn(command, database, &["--listen", &lasting_address()], Stdio::inherit())
+        Self::spawn(command, database, &["--listen", "127.0.0.1:0"], Stdio::inherit())
     }
 
     fn spawn(mut command: Command, database: &Path, arguments: &[&str], log: Stdio) -> Self {
