@@ -80,16 +80,22 @@ pub(crate) fn fixed(
     all
 }
 
-/// The best fixed configuration of all scenes of a context but one.
+/// The best fixed configuration of all scenes of a context but one. What only the search of that one found is not known to
+/// the others.
 pub(crate) fn fixed_of_others(
     book: &Book,
     objective: Objective,
     scene: &str,
     context: &str,
 ) -> Option<Fixed> {
-    let mut without = BTreeSet::new();
-    if let Some(own) = book.searches.get(&key(ALONE, objective, scene, context)) {
-        without.extend(own.answers.values().map(ToString::to_string));
+    let answers = |of: &str| -> BTreeSet<String> {
+        let search = book.searches.get(&key(ALONE, objective, of, context));
+        search.into_iter().flat_map(|search| search.answers.values().map(ToString::to_string)).collect()
+    };
+    let mut without = answers(scene);
+    for other in book.scenes.keys().filter(|other| *other != scene) {
+        let known = answers(other);
+        without.retain(|one| !known.contains(one));
     }
     let others: Vec<_> = book
         .scenes
@@ -141,12 +147,20 @@ pub(crate) fn rows(book: &Book, objectives: &[Objective]) -> Vec<Row> {
         let Some(objective) = objectives.iter().find(|one| one.name() == objective) else {
             continue;
         };
-        all.extend(row(rounds, *objective, scene, context));
+        let fixed = fixed_of_others(book, *objective, scene, context).map(|fixed| fixed.configuration);
+        all.extend(row(rounds, fixed.as_ref(), *objective, scene, context));
     }
     all
 }
 
-fn row(rounds: &RecordedRounds, objective: Objective, scene: &str, context: &str) -> Option<Row> {
+/// `fixed` is the best fixed configuration of the other scenes; where it did not run, it is what the rounds call so.
+fn row(
+    rounds: &RecordedRounds,
+    fixed: Option<&Configuration>,
+    objective: Objective,
+    scene: &str,
+    context: &str,
+) -> Option<Row> {
     let per_build = objective.frames_per_build();
     let of = |one: &RecordedContender| one.frame_ms(per_build);
     let median = |one: &RecordedContender| {
@@ -154,7 +168,10 @@ fn row(rounds: &RecordedRounds, objective: Objective, scene: &str, context: &str
         if times.is_empty() { f64::INFINITY } else { Summary::of(&times).median }
     };
     let find = |name: &str| rounds.contenders.iter().find(|one| one.name == name);
-    let fixed = find(FIXED_OF_OTHERS)?;
+    let named = find(FIXED_OF_OTHERS)?;
+    let same = |one: &&RecordedContender| fixed.is_some() && one.configuration.as_ref() == fixed;
+    // Answers that are the same configuration come earlier, and are runs of their own.
+    let fixed = if same(&named) { named } else { rounds.contenders.iter().rfind(same).unwrap_or(named) };
     let used_well = rounds
         .contenders
         .iter()
@@ -246,6 +263,36 @@ mod tests {
         assert!((all[0].mean_cost - 0.5).abs() < 1e-9 && (all[1].worst - 2.0).abs() < 1e-9);
         let without = BTreeSet::from(["name=a".to_owned()]);
         assert_eq!(fixed(&costs, &without).len(), 1);
+    }
+
+    #[test]
+    fn what_others_found_as_well_is_known_without_a_scene() {
+        let search = |names: &[&str]| {
+            let answers = names.iter().map(|name| Configuration::new().with("name", *name));
+            super::super::book::RecordedSearch {
+                state: treewright_client::Indicators::new(),
+                trials: Vec::new(),
+                first_answer: Configuration::new(),
+                answers: (1..).zip(answers).collect(),
+                disturbed: false,
+            }
+        };
+        let mut book = Book::default();
+        for (scene, found) in [("hall", ["start", "own"]), ("city", ["start", "start"])] {
+            let facts = super::super::book::SceneFacts { triangles: 1, instanced: false };
+            book.scenes.insert(scene.to_owned(), facts);
+            book.searches.insert(key(ALONE, Objective::Render, scene, "2@320x240"), search(&found));
+            let ran = rounds(&[(NATIVE_DEFAULT, 99.0), ("start", 49.0), ("own", 39.0), ("poor", 59.0)]);
+            book.rounds.insert(key(CANDIDATES, Objective::Render, scene, "2@320x240"), ran);
+        }
+        let best =
+            |scene| fixed_of_others(&book, Objective::Render, scene, "2@320x240").expect("there is one");
+        assert_eq!(
+            best("hall").configuration.to_string(),
+            "name=start",
+            "its own find is not known to others"
+        );
+        assert_eq!(best("city").configuration.to_string(), "name=own");
     }
 
     #[test]
