@@ -141,6 +141,10 @@ pub const REFUSAL_PERIOD: Duration = Duration::from_secs(10);
 /// How long a question waits for a processor to compute its plan; then it is answered from the tables.
 pub const PLANNING_WAIT: Duration = Duration::from_millis(5);
 
+/// By how much the threads that plan and fit are nicer than those that answer: with both busy on one processor, a
+/// tenth of it is theirs.
+pub const COMPUTING_NICENESS: i32 = 10;
+
 /// Completed trials that are read at once when a study is loaded: a few megabytes.
 pub const TRIALS_PER_READ: u32 = 1000;
 

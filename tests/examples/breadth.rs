@@ -1,21 +1,24 @@
 //! A study that grows wide: as many states, or as many client ids, as one is told, each with one trial, and retention on. Shows
 //! what the daemon needs for them, and whether the last are served like the first.
 //!
-//! `cargo run --release -p treewright-tests --example breadth -- states|clients [COUNT] [STREAMS]` (a million states or 100,000
-//! clients over 32 streams unless told; the daemon keeps 20,000 trials). Prints a line of JSON for each tenth: times in
+//! `cargo run --release -p treewright-tests --example breadth -- states|clients [COUNT] [STREAMS] [FOLDER] [FROM]` (a million
+//! states or 100,000 clients over 32 streams unless told; the daemon keeps 20,000 trials). With a folder the database stays
+//! there, and a later run goes on from the number that it is told. Prints a line of JSON for each tenth: times in
 //! milliseconds, memory and files in MB.
 
 mod leaf_study;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use leaf_study::report;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio_stream::wrappers::ReceiverStream;
+use tonic::Code;
+use tonic::transport::Channel;
 use treewright_proto::v1 as wire;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_tests::daemon::Daemon;
@@ -95,6 +98,18 @@ fn file_mb(path: &Path) -> f64 {
     std::fs::metadata(path).map_or(0.0, |file| file.len() as f64 / 1e6)
 }
 
+/// Asks until the daemon has read the study, and says how long that took.
+async fn wait_until_loaded(client: &mut TuningServiceClient<Channel>) {
+    let begin = Instant::now();
+    while let Err(refused) =
+        client.get_best(wire::GetBestRequest { study: "studies/wide".into(), ..Default::default() }).await
+    {
+        assert_eq!(refused.code(), Code::Unavailable, "{refused}");
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    println!("{}", serde_json::json!({ "seconds_to_load": begin.elapsed().as_secs_f64() }));
+}
+
 #[tokio::main]
 async fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -106,16 +121,22 @@ async fn main() {
     let number =
         |place: usize, or: u64| arguments.get(place).map_or(or, |text| text.parse().expect("a number"));
     let (count, streams) = (number(1, count), number(2, 32));
-    let folder = tempfile::tempdir().expect("a folder");
-    let database = folder.path().join("wide.db");
-    let daemon = Daemon::start_with(&database, &["--keep-trials", KEPT], &folder.path().join("log"));
+    let temporary = tempfile::tempdir().expect("a folder");
+    let folder = arguments.get(3).map_or_else(|| temporary.path().to_owned(), PathBuf::from);
+    let from = number(4, 0);
+    let database = folder.join("wide.db");
+    let daemon = Daemon::start_with(&database, &["--keep-trials", KEPT], &folder.join("log"));
     let mut first = TuningServiceClient::connect(daemon.url().to_owned()).await.expect("a connection");
-    let request = wire::CreateStudyRequest { study_id: "wide".into(), study: Some(study()) };
-    first.create_study(request).await.expect("the study is taken");
+    if from == 0 {
+        let request = wire::CreateStudyRequest { study_id: "wide".into(), study: Some(study()) };
+        first.create_study(request).await.expect("the study is taken");
+    } else {
+        wait_until_loaded(&mut first).await;
+    }
     let next = Arc::new(AtomicU64::new(0));
     for tenth in 1..=10 {
-        let (begin, end) = (Instant::now(), count * tenth / 10);
-        next.store(count * (tenth - 1) / 10, Ordering::Relaxed);
+        let (begin, end) = (Instant::now(), from + (count - from) * tenth / 10);
+        next.store(from + (count - from) * (tenth - 1) / 10, Ordering::Relaxed);
         let mut all = JoinSet::new();
         for _ in 0..streams {
             all.spawn(frames(daemon.url().to_owned(), width, Arc::clone(&next), end));

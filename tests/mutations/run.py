@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Mutation tests of store, server and client: changes the code in small ways and looks whether a test notices.
+"""Mutation tests of core, store, server and client: changes the code in small ways and looks whether a test notices.
 
 The changes are those of `cargo mutants --list` (cargo-mutants 27), of which a sample with a stated seed is taken. They are not
 compiled one at a time: the sources are copied below target/mutations, each changed function gets all its changed bodies
 beside its own, and a variable of the environment says which one runs ("mutant schemata"; Untch, Offutt, Harrold, 1993). So
-the crates are built once, and each change costs a run of the tests only.
+the crates are built once, and each change costs a run of the tests only: of those programs that came to the changed function
+in a first run without any change.
 
     tests/mutations/run.py --per-package 120 --seed 1 treewright-client treewright-store
 
@@ -23,23 +24,40 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 COPY = ROOT / "target" / "mutations" / "source"
 BUILD = ROOT / "target" / "mutations" / "build"
 VARIABLE = "TREEWRIGHT_MUTATION"
+# Names a folder: each change whose place is come to leaves a file there.
+REACHED = "TREEWRIGHT_MUTATIONS_REACHED"
 # Appended to each crate.
 SWITCH = f"""
 pub(crate) mod mutation {{
+    use std::sync::{{Mutex, OnceLock}};
+
     pub(crate) fn on(number: u32) -> bool {{
-        static ACTIVE: std::sync::OnceLock<u32> = std::sync::OnceLock::new();
+        static ACTIVE: OnceLock<u32> = OnceLock::new();
+        static REACHED: OnceLock<Option<(String, Mutex<std::collections::BTreeSet<u32>>)>> = OnceLock::new();
         let read = || std::env::var("{VARIABLE}").ok().and_then(|text| text.parse().ok()).unwrap_or(0);
+        let reached = || Some((std::env::var("{REACHED}").ok()?, Mutex::default()));
+        if let Some((folder, seen)) = REACHED.get_or_init(reached) {{
+            if seen.lock().unwrap().insert(number) {{
+                std::fs::write(format!("{{folder}}/{{number}}"), "").unwrap();
+            }}
+        }}
         *ACTIVE.get_or_init(read) == number
     }}
 }}
 """
-FOLDERS = {"treewright-client": "client", "treewright-server": "server", "treewright-store": "server/store"}
+FOLDERS = {
+    "treewright-client": "client",
+    "treewright-core": "server/core",
+    "treewright-server": "server",
+    "treewright-store": "server/store",
+}
 
 
 def listed(packages):
@@ -49,11 +67,11 @@ def listed(packages):
     return json.loads(out.stdout)
 
 
-def copy_sources():
-    """What git knows, with its times; what differs in the copy is put back."""
+def copy_sources(without):
+    """What git knows, with its times; what differs in the copy is put back. A file that is written again is compiled again."""
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     names = subprocess.run(command, cwd=ROOT, check=True, capture_output=True).stdout
-    for name in filter(None, names.decode().split("\0")):
+    for name in set(filter(None, names.decode().split("\0"))) - without:
         source, target = ROOT / name, COPY / name
         if source.is_file() and not (target.is_file() and target.read_bytes() == source.read_bytes()):
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -90,7 +108,8 @@ class Source:
 
 def planted(mutants):
     """Writes the copies of the files with all changes in; where in them each change stands."""
-    copy_sources()
+    roots = {f"{folder}/src/lib.rs" for folder in FOLDERS.values()}
+    copy_sources({mutant["file"] for mutant in mutants.values()} | roots)
     places = {}
     by_file = collections.defaultdict(list)
     for number, mutant in mutants.items():
@@ -116,17 +135,15 @@ def planted(mutants):
             text.append("{\n" + source.text[begin:end] + "\n}\n")
             last = end
         text.append(source.text[last:])
-        write(COPY / name, "".join(text))
-    for folder in FOLDERS.values():
-        root = COPY / folder / "src" / "lib.rs"
-        text = root.read_text()
-        if "mod mutation {" not in text:
-            root.write_text(text + SWITCH)
+        write(COPY / name, "".join(text) + (SWITCH if name in roots else ""))
+    for name in roots - set(by_file):
+        write(COPY / name, (ROOT / name).read_text() + SWITCH)
     return places
 
 
 def write(path, text):
-    if path.read_text() != text:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.is_file() or path.read_text() != text:
         path.write_text(text)
 
 
@@ -140,7 +157,11 @@ def cargo(command, packages, messages):
 
 
 def viable(mutants, packages):
-    """Leaves out what does not compile."""
+    """Leaves out what does not compile, and what did not in an earlier run."""
+    kept = BUILD / "does-not-compile.json"
+    known = set(json.loads(kept.read_text())) if kept.is_file() else set()
+    for number in [number for number, mutant in mutants.items() if mutant["name"] in known]:
+        del mutants[number]
     while True:
         places = planted(mutants)
         for number in [number for number in mutants if number not in places]:
@@ -157,8 +178,9 @@ def viable(mutants, packages):
             if code:
                 sys.exit("".join(one["message"]["rendered"] for one in messages if one["message"]["level"] == "error"))
             return
-        for number in bad:
-            del mutants[number]
+        known |= {mutants.pop(number)["name"] for number in bad}
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.write_text(json.dumps(sorted(known), indent=1))
 
 
 def programs(packages):
@@ -176,16 +198,38 @@ def programs(packages):
     return {package: sorted(all_of) for package, all_of in found.items()}
 
 
-def noticed(number, tests, limits_s):
-    """The first test program that does not end well with this change."""
-    for (_, name, program, folder), limit_s in zip(tests, limits_s):
-        environment = {**os.environ, VARIABLE: str(number)}
-        try:
-            run = subprocess.run([program, "--quiet"], cwd=folder, env=environment, capture_output=True, timeout=limit_s)
-        except subprocess.TimeoutExpired:
-            return f"{name} does not end"
-        if run.returncode:
-            return name
+def run_program(test, limit_s, **variables):
+    """How a test program ended: None where it did not in time."""
+    _, _, program, folder = test
+    environment = {**os.environ, **variables}
+    try:
+        return subprocess.run([program, "--quiet"], cwd=folder, env=environment, capture_output=True, timeout=limit_s).returncode
+    except subprocess.TimeoutExpired:
+        return None
+
+
+def unchanged(tests):
+    """Each test program's limit of time, and the changes that it comes to."""
+    looked_at = []
+    for test in tests:
+        begin = time.monotonic()
+        with tempfile.TemporaryDirectory() as folder:
+            if run_program(test, None, **{REACHED: folder}):
+                sys.exit(f"{test[1]} fails without any change")
+            reached = {int(name) for name in os.listdir(folder)}
+        taken_s = time.monotonic() - begin
+        print(f"{test[1]}: {taken_s:.0f} s, comes to {len(reached)} changes", flush=True)
+        looked_at.append((taken_s, test, reached))
+    return sorted(looked_at, key=lambda one: one[0])
+
+
+def noticed(number, looked_at):
+    """The first test program that does not end well with this change, the shortest first."""
+    for taken_s, test, reached in looked_at:
+        if number in reached:
+            code = run_program(test, 20 + 5 * taken_s, **{VARIABLE: str(number)})
+            if code != 0:
+                return test[1] if code else f"{test[1]} does not end"
     return None
 
 
@@ -202,20 +246,18 @@ def sample(given):
 
 def run(mutants, tests, package, given):
     """Runs the tests of a package with each of its changes, in random order; how many were run, and how many noticed."""
-    limits_s = []
-    for _, name, program, folder in tests:
-        begin = time.monotonic()
-        subprocess.run([program, "--quiet"], cwd=folder, check=True, capture_output=True)
-        limits_s.append(20 + 5 * (time.monotonic() - begin))
+    looked_at = unchanged(tests)
     ours = [(number, mutant) for number, mutant in mutants.items() if mutant["package"] == package]
     random.Random(given.seed).shuffle(ours)
     begin, count, caught = time.monotonic(), 0, 0
     for number, mutant in ours:
         if time.monotonic() - begin > 60 * given.minutes:
             break
-        by = noticed(number, tests, limits_s)
+        by = noticed(number, looked_at)
         count, caught = count + 1, caught + (by is not None)
-        print(f"{'caught by ' + by if by else 'SURVIVED'}: {mutant['name']}", flush=True)
+        come_to = any(number in reached for _, _, reached in looked_at)
+        words = f"caught by {by}" if by else "SURVIVED" if come_to else "NEVER COME TO"
+        print(f"{words}: {mutant['name']}", flush=True)
     return count, caught
 
 

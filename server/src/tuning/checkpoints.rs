@@ -9,7 +9,7 @@ use treewright_core::tuner::Learnt;
 use treewright_store::{Fence, Receipt, Store};
 
 use super::Tuning;
-use super::compute::compute;
+use super::compute::compute_aside;
 use super::loading::Saved;
 use super::runtime::{Live, Runtime};
 use crate::error::Error;
@@ -65,7 +65,7 @@ impl Tuning {
 
     async fn save(&self, due: DueCheckpoint, runtime: &Arc<Runtime>) -> Result<Saved, Error> {
         let DueCheckpoint { learnt, fence, before } = due;
-        let checkpoint = compute(move || learnt.checkpoint()).await?;
+        let checkpoint = compute_aside(move || learnt.checkpoint()).await?;
         before.durable().await?;
         self.store().save_checkpoint(&fence, &checkpoint).await?;
         let (completion, bytes) = (checkpoint.completion, checkpoint.bytes.len() as u64);

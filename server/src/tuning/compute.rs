@@ -1,18 +1,66 @@
-//! Where long computations run.
+//! Where long computations run: in threads of their own, some of which give way to those that answer.
 
-use tokio::runtime::{Handle, RuntimeFlavor};
+use std::sync::OnceLock;
+
+use tokio::runtime::{Builder, Handle, Runtime, RuntimeFlavor};
 
 use crate::error::Error;
+use crate::limits::COMPUTING_NICENESS;
 
 /// Learning and packing take a while, in which other studies go on. A runtime of one thread has no other place for it, and one that
 /// simulates time must not depend on how fast another thread is.
 pub(super) async fn compute<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Error> {
+    compute_on(&Handle::current(), work).await
+}
+
+/// The same with less of the processors where they are all busy: for fits and plans, without which a question is answered
+/// worse but not later. Otherwise a crowd that explores would slow down everybody's answers.
+pub(super) async fn compute_aside<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Error> {
+    /// Never dropped: its threads end with the process. `None` where the system refuses it.
+    static ASIDE: OnceLock<Option<Runtime>> = OnceLock::new();
+    let aside =
+        || Builder::new_current_thread().thread_name("computing").on_thread_start(give_way).build().ok();
+    match ASIDE.get_or_init(aside) {
+        Some(aside) => compute_on(aside.handle(), work).await,
+        None => compute(work).await,
+    }
+}
+
+async fn compute_on<T: Send + 'static>(
+    threads: &Handle,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Error> {
     match Handle::current().runtime_flavor() {
         RuntimeFlavor::CurrentThread => Ok(work()),
-        _ => tokio::task::spawn_blocking(work)
+        _ => threads
+            .spawn_blocking(work)
             .await
-            .map_err(|_| Error::Defect("rebuilding or packing a study panicked")),
+            .map_err(|_| Error::Defect("learning, planning or packing a study panicked")),
+    }
+}
+
+/// Lowers the priority of the calling thread. Elsewhere than on Linux it would be that of the process.
+fn give_way() {
+    #[cfg(target_os = "linux")]
+    if let Err(error) = rustix::process::nice(COMPUTING_NICENESS) {
+        tracing::debug!(%error, "the system refuses to lower the priority of a thread");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn only_what_is_computed_aside_gives_way() {
+        let niceness = || rustix::process::nice(0).expect("told");
+        let own = niceness();
+        assert_eq!(compute(niceness).await.expect("it ends"), own);
+        let lowest = 19;
+        assert_eq!(compute_aside(niceness).await.expect("it ends"), (own + COMPUTING_NICENESS).min(lowest));
     }
 }

@@ -8,12 +8,13 @@
 use std::sync::Arc;
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::time::timeout;
 use treewright_core::tuner::{PlanRequest, SuggestionPlan};
 use treewright_store::{Receipt, Store, StoreError};
 
 use super::Tuning;
-use super::compute::compute;
-use super::runtime::Live;
+use super::compute::compute_aside;
+use super::runtime::{Live, Runtime};
 use crate::error::Error;
 use crate::limits::PLANNING_WAIT;
 
@@ -64,7 +65,10 @@ impl Tuning {
             match preparation.take() {
                 None => {}
                 Some(Preparation::Update) => {
-                    self.update_models(study).await;
+                    let runtime = self.runtime(study);
+                    if let Ok(_turn) = timeout(PLANNING_WAIT, runtime.updating.lock()).await {
+                        self.update_models(&runtime).await;
+                    }
                     is_updated = true;
                 }
                 Some(Preparation::Plan(request, token)) => {
@@ -93,38 +97,41 @@ impl Tuning {
             drop(permit);
             plan
         };
-        self.metrics().planned(compute(fit)).await
+        self.metrics().planned(compute_aside(fit)).await
     }
 
     /// A permit to compute, if one is free in time. It goes with the work into another thread, so that it is held
     /// until the work has ended, also when nobody waits for the result any more.
     async fn planning_permit(&self) -> Option<OwnedSemaphorePermit> {
         let permit = Arc::clone(&self.planning_permits).acquire_owned();
-        tokio::time::timeout(PLANNING_WAIT, permit).await.ok()?.ok()
+        timeout(PLANNING_WAIT, permit).await.ok()?.ok()
     }
 
-    /// Waits for the disk, and computes meanwhile the updates of the models that a report has deferred.
+    /// Waits for the disk, and computes meanwhile the updates of the models that reports have deferred, unless another
+    /// request is about it.
     pub(super) async fn durable(
         &self,
         study: &str,
         receipt: Receipt,
         deferred: bool,
     ) -> Result<(), StoreError> {
-        if !deferred {
-            return self.metrics().durable(receipt).await;
+        let runtime = self.runtime(study);
+        let turn = if deferred { runtime.updating.try_lock().ok() } else { None };
+        match turn {
+            Some(_turn) => tokio::join!(self.metrics().durable(receipt), self.update_models(&runtime)).0,
+            None => self.metrics().durable(receipt).await,
         }
-        tokio::join!(self.metrics().durable(receipt), self.update_models(study)).0
     }
 
     /// Computes the updates that reports have deferred, if there is a processor for it in time; it is no loss if not.
-    async fn update_models(&self, study: &str) {
+    /// Whoever calls it holds `updating`: two at once would compute the same.
+    async fn update_models(&self, runtime: &Runtime) {
         let deferred =
             |live: &mut Live| Some((live.tuner.deferred_updates()?, Arc::clone(live.tuner.spec())));
-        let runtime = self.runtime(study);
-        let Some((updates, spec)) = runtime.peek(deferred).flatten() else {
+        let Some(permit) = self.planning_permit().await else {
             return;
         };
-        let Some(permit) = self.planning_permit().await else {
+        let Some((updates, spec)) = runtime.peek(deferred).flatten() else {
             return;
         };
         let update = move || {
@@ -132,7 +139,7 @@ impl Tuning {
             drop(permit);
             computed
         };
-        if let Ok(computed) = compute(update).await {
+        if let Ok(computed) = compute_aside(update).await {
             runtime.peek(|live| live.tuner.apply_updates(computed));
         }
     }
@@ -211,6 +218,22 @@ mod tests {
         let predicted =
             tuning.predict("hall", &[("x".to_owned(), 0.9)].into(), None).await.expect("an answer");
         assert_eq!(predicted.reason().source, "portfolio", "what serves the known states best");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn who_finds_the_models_being_updated_is_answered_all_the_same() {
+        let tuning = tuning().await;
+        frame(&tuning, "one", 0.1).await;
+        let runtime = tuning.runtime("hall");
+        let is_behind = || runtime.peek(|live| live.tuner.has_deferred_updates());
+        let turn = runtime.updating.lock().await;
+        for number in 0..4 {
+            frame(&tuning, "two", 0.2 * f64::from(number)).await;
+        }
+        assert_eq!(is_behind(), Some(true), "whoever has the turn computes");
+        drop(turn);
+        frame(&tuning, "three", 0.9).await;
+        assert_eq!(is_behind(), Some(false));
     }
 
     #[tokio::test(flavor = "multi_thread")]

@@ -14,7 +14,7 @@ use treewright_core::tuner::Learnt;
 use treewright_store::{ClosedTrial, Fence};
 
 use super::Tuning;
-use super::compute::compute;
+use super::compute::compute_aside;
 use super::runtime::Live;
 use crate::error::Error;
 use crate::limits::{TRIALS_PER_READ, TRIALS_PER_REMOVAL};
@@ -76,7 +76,7 @@ impl Tuning {
     /// How many were removed, and how many of those that were looked at stay.
     async fn thin(&self, due: DueRemoval) -> Result<(u64, u64), Error> {
         let DueRemoval { learnt, fence, number, completion } = due;
-        let measured_by = compute(move || learnt.measured_by()).await?;
+        let measured_by = compute_aside(move || learnt.measured_by()).await?;
         let may_go = |trial: &ClosedTrial| {
             trial.completion.is_none_or(|at| at <= completion) && !measured_by.contains(&trial.number)
         };

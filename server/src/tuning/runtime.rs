@@ -35,6 +35,8 @@ pub(super) struct Runtime {
     live: Mutex<Option<Live>>,
     /// The last load, which may be under way. Locked before `live` where both are.
     loading: Mutex<Option<Loading>>,
+    /// Held by whoever computes the updates of the models that reports have deferred.
+    pub(super) updating: tokio::sync::Mutex<()>,
 }
 
 /// A load of a study. It ends when this is dropped.
@@ -143,8 +145,8 @@ impl Live {
 impl Runtime {
     /// An empty cache of a study.
     pub(super) fn new(study: &str, environment: Arc<Environment>) -> Arc<Self> {
-        let (live, loading) = (Mutex::default(), Mutex::default());
-        Arc::new(Self { study: study.to_owned(), environment, live, loading })
+        let (live, loading, updating) = <_>::default();
+        Arc::new(Self { study: study.to_owned(), environment, live, loading, updating })
     }
 
     /// Computes on the tuner, loading it first where that is needed.
