@@ -51,5 +51,5 @@ peers: ## compare the searches with Optuna, SMAC3, Nevergrad and scipy (tests/pe
 	@test -d target/peers/kernel || { mkdir -p target/peers/kernel && cd target/peers/kernel && \
 		../env/bin/pip download --quiet --no-deps --no-binary :all: autotuning-methodology==1.1.0 && \
 		tar xzf *.tar.gz --wildcards --strip-components=5 '*/mockfiles/mock_gpu.json'; }
-	@for suite in bbob bbob-noiseless grid kernel; do \
+	@for suite in floor-held-out bbob-held-out grid-held-out bbob bbob-noiseless grid kernel; do \
 		target/peers/env/bin/python tests/peers/run.py --suite $$suite --folder target/peers/kernel --out target/peers/$$suite.jsonl || exit 1; done

@@ -296,10 +296,12 @@ fn the_reference_is_what_the_contract_says() {
 
 #[test]
 fn the_figures_of_the_documents_are_those_of_their_records() {
-    for name in ["record_tables.py", "evaluation_tables.py"] {
-        let script = workspace().join("tools").join(name);
-        let checked =
-            Command::new("python3").arg(script).arg("--check").output().expect("Python is installed");
+    for script in ["tools/record_tables.py", "tools/evaluation_tables.py", "tests/peers/tables.py"] {
+        let checked = Command::new("python3")
+            .arg(workspace().join(script))
+            .arg("--check")
+            .output()
+            .expect("Python is installed");
         assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
     }
 }

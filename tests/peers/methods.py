@@ -1,8 +1,11 @@
 """Optimisers behind one interface: `ask()` gives a configuration, `tell(configuration, cost)` takes what came of it
 (None where it could not be run), `recommend()` says what would be used now.
 
-Every peer is used as its own documentation shows it, with its default settings and the seed given. Where a peer
-has no word for "cannot be run", it is told a cost twice as bad as the worst it has seen, which is the usual advice.
+Every peer is used as its own documentation shows it, with its default settings and the seed given. All are treated alike:
+the first trial of each is the default configuration, which counts like every other; who is able to say what it would use by
+a model of its own is asked for that (`recommends`), and all others are taken at the best they measured; who has a word for
+noise is told of it. Where a peer has no word for "cannot be run", it is told a cost twice as bad as the worst it has seen,
+which is the usual advice.
 """
 
 import json
@@ -21,6 +24,11 @@ ASK_TELL = pathlib.Path(os.environ.get("ASK_TELL", ROOT / "target" / "release" /
 
 
 class Method:
+    """`propose()` is the method's own idea; `ask()` begins with the default configuration."""
+
+    # What `recommend` goes by.
+    recommends = "best measured"
+
     def __init__(self, parameters, budget, seed):
         self.parameters, self.budget, self.seed = parameters, budget, seed
         self.told = []
@@ -28,6 +36,9 @@ class Method:
 
     def default(self):
         return {parameter.name: parameter.default for parameter in self.parameters}
+
+    def ask(self):
+        return self.propose() if self.told else self.default()
 
     def penalty(self, cost):
         """A number for optimisers that only know numbers."""
@@ -64,10 +75,24 @@ def from_unit(parameter, u):
     return low + u * (high - low)
 
 
+def to_unit(parameter, value):
+    """The middle of the places of the unit interval that `from_unit` takes for this value."""
+    if parameter.kind == "switch":
+        return 0.75 if value else 0.25
+    if parameter.kind == "choice":
+        return (parameter.values.index(value) + 0.5) / len(parameter.values)
+    low, high = parameter.low, parameter.high
+    if parameter.log:
+        return math.log(value / low) / math.log(high / low)
+    return (value - low + 0.5) / (high - low + 1) if parameter.kind == "integer" else (value - low) / (high - low)
+
+
 class Treewright(Method):
-    """The tuner itself, driven through `examples/ask_tell`: one client in one state that always explores."""
+    """The tuner itself, driven through `examples/ask_tell`: one client in one state that always explores. It measures the
+    default first by itself."""
 
     search = "auto"
+    recommends = "own model"
 
     def __init__(self, parameters, budget, seed):
         super().__init__(parameters, budget, seed)
@@ -118,7 +143,10 @@ class Treewright(Method):
     def ask(self):
         answer = self._call({"ask": {}})
         self.trial = answer["trial"]
-        return self._filled(answer["configuration"])
+        configuration = self._filled(answer["configuration"])
+        if not self.told and configuration != self.default():
+            raise RuntimeError(f"the first trial is not the default but {configuration}")
+        return configuration
 
     def tell(self, configuration, cost):
         super().tell(configuration, cost)
@@ -141,12 +169,21 @@ class TreewrightModel(Treewright):
     search = "model"
 
 
+class TreewrightBestMeasured(Treewright):
+    """The same search, taken at the best that it measured, as most peers are: shows what its recommendation adds or costs."""
+
+    recommends = "best measured"
+
+    def recommend(self):
+        return Method.recommend(self)
+
+
 class Random(Method):
     def __init__(self, parameters, budget, seed):
         super().__init__(parameters, budget, seed)
         self.random = numpy.random.default_rng([1, seed])
 
-    def ask(self):
+    def propose(self):
         return {each.name: from_unit(each, self.random.random()) for each in self.parameters}
 
 
@@ -160,12 +197,12 @@ class ScipySobol(Method):
         sequence = qmc.Sobol(len(parameters), seed=seed)
         self.points = iter(sequence.random_base2(math.ceil(math.log2(budget))))
 
-    def ask(self):
+    def propose(self):
         return {each.name: from_unit(each, u) for each, u in zip(self.parameters, next(self.points))}
 
 
 class ScipyNelderMead(Method):
-    """A Latin hypercube of a quarter of the budget, then scipy's Nelder-Mead from its best point, in a thread."""
+    """The default and a Latin hypercube, together a quarter of the budget, then scipy's Nelder-Mead from its best point, in a thread."""
 
     method = "Nelder-Mead"
     options = {"initial_simplex": None, "xatol": 1e-9, "fatol": 0.0, "maxfev": 10_000}
@@ -191,6 +228,7 @@ class ScipyNelderMead(Method):
 
         dimension = len(self.parameters)
         design = qmc.LatinHypercube(dimension, seed=self.seed).random(max(self.budget // 4, 2))
+        design[0] = [to_unit(each, each.default) for each in self.parameters]
         try:
             costs = [self._cost(x) for x in design]
             start = design[int(numpy.argmin(costs))]
@@ -221,6 +259,8 @@ class ScipyPowell(ScipyNelderMead):
 
 
 class Optuna(Method):
+    """The tree-structured Parzen estimator; from version 5 on it is multivariate by default."""
+
     def sampler(self):
         import optuna
 
@@ -233,6 +273,8 @@ class Optuna(Method):
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         warnings.simplefilter("ignore")
         self.study = optuna.create_study(sampler=self.sampler())
+        on = active(parameters, self.default())
+        self.study.enqueue_trial({name: value for name, value in self.default().items() if name in on})
 
     def ask(self):
         self.trial = self.study.ask()
@@ -263,6 +305,15 @@ class Optuna(Method):
             self.study.tell(self.trial, cost)
 
 
+class OptunaIndependent(Optuna):
+    """Each parameter by itself, as the sampler was before Optuna 5 made the multivariate one its default."""
+
+    def sampler(self):
+        import optuna
+
+        return optuna.samplers.TPESampler(seed=self.seed, multivariate=False)
+
+
 class OptunaCmaEs(Optuna):
     def sampler(self):
         import optuna
@@ -271,6 +322,8 @@ class OptunaCmaEs(Optuna):
 
 
 class OptunaGp(Optuna):
+    """Its Gaussian process takes costs for noisy unless it is told otherwise."""
+
     def sampler(self):
         import optuna
 
@@ -279,6 +332,7 @@ class OptunaGp(Optuna):
 
 class Nevergrad(Method):
     optimizer = "NGOpt"
+    recommends = "own model"
 
     def __init__(self, parameters, budget, seed):
         import nevergrad as ng
@@ -301,6 +355,7 @@ class Nevergrad(Method):
         space = ng.p.Dict(**{each.name: one(each) for each in parameters})
         space.random_state.seed(seed)
         self.inner = ng.optimizers.registry[self.optimizer](parametrization=space, budget=budget)
+        self.inner.suggest(self.default())
 
     def ask(self):
         self.candidate = self.inner.ask()
@@ -311,11 +366,11 @@ class Nevergrad(Method):
         self.inner.tell(self.candidate, self.penalty(cost))
 
     def recommend(self):
-        # Its own recommendation averages noise away; it knows nothing of what cannot be run.
-        if any(each.kind != "float" for each in self.parameters):
-            return super().recommend()
         found = self.inner.provide_recommendation()
-        return {**self.default(), **found.value} if found is not None else self.default()
+        configuration = self.default() if found is None else {**self.default(), **found.value}
+        # Its own recommendation averages noise away, but knows nothing of what cannot be run.
+        failed = any(cost is None and told == configuration for told, cost in self.told)
+        return super().recommend() if failed else configuration
 
 
 class NevergradCma(Nevergrad):
@@ -323,7 +378,10 @@ class NevergradCma(Nevergrad):
 
 
 class Smac(Method):
-    """SMAC3's hyperparameter optimisation facade: random forest, log expected improvement."""
+    """SMAC3's hyperparameter optimisation facade: random forest, log expected improvement. It is told that costs are noisy:
+    it measures promising configurations again, and its incumbent is the best by the mean."""
+
+    recommends = "mean of repeats"
 
     def __init__(self, parameters, budget, seed):
         import logging
@@ -355,13 +413,23 @@ class Smac(Method):
                              else InCondition(made[each.name], made[name], list(values)))
                 space.add(condition)
         self.folder = tempfile.TemporaryDirectory()
-        scenario = Scenario(space, n_trials=budget, seed=seed, deterministic=True, output_directory=pathlib.Path(self.folder.name))
+        scenario = Scenario(space, n_trials=budget, seed=seed, deterministic=False, output_directory=pathlib.Path(self.folder.name))
+        self.space = space
         self.inner = Facade(scenario, lambda configuration, seed=0: 0.0, overwrite=True, logging_level=40)
 
+    def _plain(self, configuration):
+        values = {name: value.item() if hasattr(value, "item") else value for name, value in dict(configuration).items()}
+        return {**self.default(), **values}
+
     def ask(self):
-        self.info = self.inner.ask()
-        plain = {name: value.item() if hasattr(value, "item") else value for name, value in dict(self.info.config).items()}
-        return {**self.default(), **plain}
+        from smac.runhistory.dataclasses import TrialInfo
+
+        if self.told:
+            self.info = self.inner.ask()
+        else:
+            # What is told before the first question is a warm start; its seed becomes one of those that it repeats.
+            self.info = TrialInfo(self.space.get_default_configuration(), seed=0)
+        return self._plain(self.info.config)
 
     def tell(self, configuration, cost):
         from smac.runhistory.dataclasses import TrialValue
@@ -371,6 +439,10 @@ class Smac(Method):
         status = StatusType.CRASHED if cost is None else StatusType.SUCCESS
         self.inner.tell(self.info, TrialValue(cost=self.penalty(cost), status=status))
 
+    def recommend(self):
+        incumbents = self.inner.intensifier.get_incumbents()
+        return self._plain(incumbents[0]) if incumbents else self.default()
+
     def close(self):
         self.folder.cleanup()
 
@@ -379,11 +451,13 @@ METHODS = {
     "treewright": Treewright,
     "treewright-nelder-mead": TreewrightNelderMead,
     "treewright-model": TreewrightModel,
+    "treewright-best-measured": TreewrightBestMeasured,
     "random": Random,
     "scipy-sobol": ScipySobol,
     "scipy-lhs-nm": ScipyNelderMead,
     "scipy-lhs-powell": ScipyPowell,
     "optuna-tpe": Optuna,
+    "optuna-tpe-independent": OptunaIndependent,
     "optuna-cma": OptunaCmaEs,
     "optuna-gp": OptunaGp,
     "nevergrad-ngopt": Nevergrad,

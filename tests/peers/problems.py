@@ -48,12 +48,11 @@ class Problem:
 
 
 class Bbob(Problem):
-    """A function of COCO's bbob suite, shifted so that its optimum is 0, with multiplicative log-normal noise."""
+    """A function of COCO's bbob suite, shifted so that its optimum is 0, with multiplicative log-normal noise, which vanishes
+    where the optimum is."""
 
     def __init__(self, function, dimension, instance, noise):
-        import cocoex
-
-        suite = cocoex.Suite("bbob", "", f"function_indices:{function} dimensions:{dimension} instance_indices:{instance}")
+        suite = _suite(function, dimension, instance)
         self.inner = suite[0]
         self.suite = suite  # owns the problem
         self.noise = noise
@@ -69,16 +68,32 @@ class Bbob(Problem):
         return self.gap(configuration) * math.exp(self.noise * random.standard_normal())
 
 
+class Floor(Bbob):
+    """The same as a run time behaves: however good a configuration, a tenth of what a random one costs is always left, and
+    its noise with it. `gap` is the cost over the optimum's, as for the other problems with a cost."""
+
+    def __init__(self, function, dimension, instance, noise):
+        super().__init__(function, dimension, instance, noise)
+        points = numpy.random.default_rng([13, function, dimension, instance]).uniform(-5.0, 5.0, (1000, dimension))
+        self.floor = 0.1 * max(float(numpy.median([self.inner(x) for x in points])) - self.optimum, 1e-12)
+
+    def gap(self, configuration):
+        return 1.0 + super().gap(configuration) / self.floor
+
+
+def _suite(function, dimension, instance):
+    import cocoex
+
+    return cocoex.Suite("bbob", f"instances: {instance}", f"function_indices:{function} dimensions:{dimension}")
+
+
 def _optimum(function, dimension, instance):
     """The value of the optimum. COCO does not tell it by a call of its own, but prints the best parameter to a file."""
     import contextlib
     import os
     import tempfile
 
-    import cocoex
-
-    suite = cocoex.Suite("bbob", "", f"function_indices:{function} dimensions:{dimension} instance_indices:{instance}")
-    problem = suite[0]
+    problem = (suite := _suite(function, dimension, instance))[0]  # the suite owns the problem
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         problem._best_parameter("print")
         x = numpy.loadtxt(os.path.join(folder, "._bbob_problem_best_parameter.txt"))
@@ -204,22 +219,39 @@ class Kernel(Problem):
         return float(random.choice(runs)) if runs else None
 
 
+# Looked at while the search was made, by this comparison or by `lab/examples/search_quality`.
 BBOB_FUNCTIONS = (1, 2, 3, 6, 8, 10, 12, 13, 15, 17, 20, 21)
+# Looked at by neither: no constant was chosen on them.
+BBOB_HELD_OUT = (4, 5, 11, 18, 19, 22, 23, 24)
+DIMENSIONS = (2, 5, 10)
+# Instances of held-out functions: another one for each seed, so that shifts and rotations differ too.
+INSTANCES_FROM = 101
+GRIDS_HELD_OUT_FROM = 5000
 
 
 def suite(name, folder=None):
-    """The problems of a suite by name."""
-    if name.startswith("bbob"):
+    """The problems of a suite by name: functions that make one for a run's seed."""
+    held_out = [(function, dimension) for function in BBOB_HELD_OUT for dimension in DIMENSIONS]
+    if name == "bbob-held-out":
+        return [lambda seed, of=of: Bbob(*of, INSTANCES_FROM + seed, 0.1) for of in held_out]
+    if name == "floor-held-out":
+        return [lambda seed, of=of: Floor(*of, INSTANCES_FROM + seed, 0.1) for of in held_out]
+    if name in ("bbob", "bbob-noiseless"):
         noise = 0.0 if name == "bbob-noiseless" else 0.1
         return [
-            lambda function=function, dimension=dimension: Bbob(function, dimension, 1, noise)
+            lambda _, function=function, dimension=dimension: Bbob(function, dimension, 1, noise)
             for function in BBOB_FUNCTIONS
-            for dimension in (2, 5, 10)
+            for dimension in DIMENSIONS
         ]
     if name == "grid":
-        return [lambda seed=seed: Grid(seed) for seed in range(8)]
+        return [lambda _, number=number: Grid(number) for number in range(8)]
+    if name == "grid-held-out":
+        return [lambda seed, number=number: Grid(GRIDS_HELD_OUT_FROM + 8 * seed + number) for number in range(8)]
     if name == "kernel":
-        return [lambda path=path: Kernel(path) for path in sorted(pathlib.Path(folder).glob("mock_gpu.json"))]
+        return [lambda _, path=path: Kernel(path) for path in sorted(pathlib.Path(folder).glob("mock_gpu.json"))]
     if name == "recorded":
-        return [lambda path=path: Recorded(path) for path in sorted(pathlib.Path(folder).glob("*.json"))]
-    raise SystemExit(f"there is no suite {name}; there are bbob, bbob-noiseless, grid, kernel and recorded")
+        return [lambda _, path=path: Recorded(path) for path in sorted(pathlib.Path(folder).glob("*.json"))]
+    raise SystemExit(f"there is no suite {name}; there are {', '.join(SUITES)}")
+
+
+SUITES = ("bbob", "bbob-noiseless", "bbob-held-out", "floor-held-out", "grid", "grid-held-out", "kernel", "recorded")

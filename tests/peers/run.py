@@ -6,14 +6,13 @@
 
 Each line of the output is one run: the quality of what the optimiser would recommend after 20, 40 and 80 trials,
 and the time it took to think. A run that is in the file already is not repeated, so an interrupted comparison goes
-on where it stopped. The table at the end is made from the whole file.
+on where it stopped. The table at the end is made from the whole file (`tables.py`).
 """
 
 import argparse
 import collections
 import concurrent.futures
 import json
-import math
 import pathlib
 import sys
 import time
@@ -22,14 +21,13 @@ import numpy
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from methods import METHODS  # noqa: E402
-from problems import suite  # noqa: E402
-
-CHECKPOINTS = (20, 40, 80)
+from problems import SUITES, suite  # noqa: E402
+from tables import CHECKPOINTS, rows, table  # noqa: E402
 
 
 def run(suite_name, folder, index, method, seed, budget):
     """One optimiser on one problem."""
-    problem = suite(suite_name, folder)[index]()
+    problem = suite(suite_name, folder)[index](seed)
     random = numpy.random.default_rng([11, index, seed])  # the noise: the same for every optimiser
     optimiser = METHODS[method](problem.parameters, budget, seed)
     quality, thinking_s = {}, 0.0
@@ -48,48 +46,9 @@ def run(suite_name, folder, index, method, seed, budget):
             "ms_per_trial": 1e3 * thinking_s / budget}
 
 
-def rows(path):
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-
-
-def table(found, suite_name):
-    """Mean rank over problems and seeds, and the mean quality, at each checkpoint."""
-    found = [row for row in found if row["suite"] == suite_name]
-    methods = sorted({row["method"] for row in found})
-    by_case = collections.defaultdict(dict)
-    for row in found:
-        by_case[row["index"], row["seed"]][row["method"]] = row
-    cases = [case for case in by_case.values() if len(case) == len(methods)]
-    if not cases:
-        return f"{suite_name}: no case was run by every method yet"
-    relative = not suite_name.startswith("bbob")
-    label = "optimum / cost" if relative else "mean log10 gap"
-    lines = [f"{suite_name}: {len(cases)} cases (problems × seeds)", "",
-             "| method | " + " | ".join(f"rank at {trial}" for trial in CHECKPOINTS) + " | "
-             + " | ".join(f"{label} at {trial}" for trial in CHECKPOINTS) + " | ms a trial |",
-             "|---|" + "---|" * (2 * len(CHECKPOINTS) + 1)]
-    ranks = {method: {trial: [] for trial in CHECKPOINTS} for method in methods}
-    for case in cases:
-        for trial in CHECKPOINTS:
-            gaps = {method: case[method]["gap"][str(trial)] for method in methods}
-            for method in methods:
-                better = sum(other < gaps[method] for other in gaps.values())
-                same = sum(other == gaps[method] for other in gaps.values())
-                ranks[method][trial].append(better + (same + 1) / 2)
-    for method in sorted(methods, key=lambda method: numpy.mean(ranks[method][CHECKPOINTS[-1]])):
-        quality = []
-        for trial in CHECKPOINTS:
-            gaps = [case[method]["gap"][str(trial)] for case in cases]
-            quality.append(numpy.mean([1 / gap if relative else math.log10(gap) for gap in gaps]))
-        spent = numpy.median([case[method]["ms_per_trial"] for case in cases])
-        lines.append(f"| {method} | " + " | ".join(f"{numpy.mean(ranks[method][trial]):.2f}" for trial in CHECKPOINTS)
-                     + " | " + " | ".join(f"{value:.3f}" for value in quality) + f" | {spent:.2f} |")
-    return "\n".join(lines)
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--suite", default="bbob", help="bbob, bbob-noiseless, grid or recorded")
+    parser.add_argument("--suite", default="bbob", choices=SUITES)
     parser.add_argument("--folder", help="recorded landscapes, for --suite recorded")
     parser.add_argument("--methods", type=lambda text: text.split(","), default=list(METHODS))
     parser.add_argument("--seeds", type=int, default=15)

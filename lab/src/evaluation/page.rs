@@ -172,6 +172,8 @@ pub(crate) fn html(told: &Told<'_>) -> String {
     }
     page += &progress_figures::two_objectives(told.record, told.clock).unwrap_or_default();
     page += &part_page::html(told.record, told.space, told.clock, &told.strips);
+    // A figure and its unit stay on one line.
+    page = page.replace(" %", "\u{a0}%");
     page + "<h2>How to read this</h2><p>The roofline is the best configuration that the search found at a camera, measured again in the \
             same rounds as the answers; the best of many single measurements is partly luck, and stands beside it as the paper has it. Overhead is \
             the time of as many frames as the search had iterations, less their time with the best known configuration. The search has broken even \
