@@ -185,7 +185,7 @@ def viable(mutants, packages):
 
 def programs(packages):
     """The test programs of each package, the one inside the library first."""
-    code, messages = cargo(["test", "--no-run"], packages, "compiler-artifact")
+    code, messages = cargo(["test", "--no-run", "--lib", "--tests"], packages, "compiler-artifact")
     if code:
         sys.exit("the tests do not build")
     found = collections.defaultdict(list)

@@ -39,8 +39,9 @@ impl Live {
             return None;
         }
         self.thinned = stored;
-        // A change of predictor teaches the new models the latest trials before it.
-        let mut completion = stored.min(counts.completed_trials.saturating_sub(models));
+        // A change of predictor teaches the new models the latest trials before it. The last of all always stays: the
+        // study's counts are read from it, and a checkpoint that seems to be ahead of them is passed over.
+        let mut completion = stored.min(counts.completed_trials.saturating_sub(models.max(1)));
         let since = self.tuner.models_since();
         if stored <= since {
             completion = completion.min(since.saturating_sub(models));

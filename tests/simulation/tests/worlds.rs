@@ -41,6 +41,8 @@ fn what_was_found_stays_mended() {
     let found = [
         // What is proven of the nearest state was only looked at where nothing was known of the asked one.
         7_000_494, 8_001_307,
+        // The trial that was completed last was removed, and the checkpoint that covers it was passed over.
+        30_000_145,
     ];
     for seed in found {
         let outcome = run(Plan::of(seed, 5_000, None));
