@@ -85,7 +85,7 @@ def table(found, suite, methods=None):
     label = "optimum / cost" if relative else "log10 gap"
     mean = lambda of: statistics.fmean(of(runs) for runs in cases.values())
     problems, seeds = {index for index, _ in cases}, {seed for _, seed in cases}
-    lines = [f"{len(cases)} cases: {len(problems)} problems, {len(seeds)} seeds.", "",
+    lines = [f"{len(cases)} cases: {len(problems)} problems, {len(seeds)} seed{'s' if len(seeds) > 1 else ''}.", "",
              "| method | " + " | ".join(f"rank at {trial}" for trial in CHECKPOINTS) + " | "
              + " | ".join(f"{label} at {trial}" for trial in CHECKPOINTS) + " | ms a trial |",
              "|---|" + "---|" * (2 * len(CHECKPOINTS) + 1)]
@@ -109,7 +109,7 @@ def made():
     for suite, title in TITLES.items():
         for methods in about["tables"].get(suite, []):
             slow = sorted(set(methods).intersection(about["slow"]))
-            parts.append(f"{title}{'; with ' + ', '.join(slow) if slow else ''}. {table(found, suite, methods)}")
+            parts.append(f"{title}{'; with ' + ', '.join(slow) + ' beside them' if slow else ''}. {table(found, suite, methods)}")
     before, _, rest = PAGE.read_text().partition(BEGIN)
     _, _, after = rest.partition(END)
     if not after:

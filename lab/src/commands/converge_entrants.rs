@@ -30,9 +30,6 @@ use treewright_renderer::tuning::verdict::{
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::indicators::SceneIndicators;
 
-/// How long a frame of the search waits for the daemon at most.
-const DEADLINE_MS: u64 = 500;
-
 /// Which configurations take part besides the two defaults.
 #[derive(Args, Clone, Debug)]
 pub(super) struct EntrantArguments {
@@ -60,6 +57,10 @@ pub(super) struct EntrantArguments {
     /// can use what was tuned before.
     #[arg(long, value_name = "ID", requires = "server")]
     pub(super) study: Option<String>,
+
+    /// How long a question to the daemon may take at most, in milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 500, requires = "server", value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    pub(super) deadline_ms: u64,
 
     /// Number of configurations to try when tuning; 0 only asks for the prediction.
     #[arg(long, value_name = "N", default_value_t = 80, requires = "server", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(0..=i64::from(ITERATIONS_MAX)))]
@@ -134,7 +135,7 @@ impl EntrantArguments {
         let server = ServerArguments {
             server: server.clone(),
             study: self.study.clone(),
-            deadline_ms: DEADLINE_MS,
+            deadline_ms: self.deadline_ms,
             credentials: self.credentials.clone(),
         };
         let client = server.connect(setting.threads)?;

@@ -27,7 +27,7 @@ const NEEDLES: usize = 3_000;
 const CAMERA: u32 = 0;
 
 /// Samples a pixel of the moving picture.
-const PICTURE_SPP: u32 = 8;
+const PICTURE_SPP: u32 = 16;
 
 /// Pixels across and down a frame of the moving picture.
 const PICTURE_SIZE: [u32; 2] = [160, 120];

@@ -9,8 +9,8 @@ use super::folds::Split;
 use super::judge::{BreakEven, Ground, Row, Verdict};
 
 const WIDTH: f64 = 720.0;
-const LEFT: f64 = 120.0;
-const RIGHT: f64 = 20.0;
+const LEFT: f64 = 150.0;
+const RIGHT: f64 = 28.0;
 
 /// Colours of entrants, in their order, as the page names them.
 fn colour(index: usize) -> String {
@@ -94,7 +94,7 @@ pub(crate) fn boxes(
 
 /// Break-even points of each entrant on a logarithmic axis: how many of the drawn ones lie below.
 pub(crate) fn break_even(verdict: &Verdict, split: Split, entrants: &[String]) -> String {
-    let label = "iterations until the search has caught up; share of the points that are drawn";
+    let label = "iterations until the search has caught up (share of those drawn)";
     let at = |x: f64| LEFT + x.max(1.0).log10() / 4.0 * (WIDTH - LEFT - RIGHT);
     let up = |share: f64| 8.0 + 200.0 * (1.0 - share);
     let mut svg = begin(250.0, label);
@@ -105,9 +105,11 @@ pub(crate) fn break_even(verdict: &Verdict, split: Split, entrants: &[String]) -
                 continue;
             }
             let x = at(value);
+            // Where there is little room, only powers of ten are named.
+            let class = if unit > 1.0 { " class=\"minor\"" } else { "" };
             let _ = write!(
                 svg,
-                "<path d=\"M{x:.1} 8V208\" stroke=\"var(--line)\"/><text x=\"{x:.1}\" y=\"222\" text-anchor=\"middle\">{value:.0}</text>"
+                "<path d=\"M{x:.1} 8V208\" stroke=\"var(--line)\"/><text{class} x=\"{x:.1}\" y=\"222\" text-anchor=\"middle\">{value:.0}</text>"
             );
         }
     }

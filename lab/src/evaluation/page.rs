@@ -33,7 +33,7 @@ th{color:var(--soft);font-weight:600}svg{display:block;width:100%;height:auto}co
 .legend{display:flex;flex-wrap:wrap;gap:.1rem 1.1rem;list-style:none;padding:0;margin:.4rem 0;font-size:.85rem;color:var(--soft)}\
 .strip{aspect-ratio:4/3;max-width:30rem;margin:auto;background-position:0 0;animation:turn 5s infinite}@keyframes turn{to{background-position:0 100%}}\
 @media(prefers-reduced-motion:reduce){.strip{animation:none}}.legend i{display:inline-block;width:.8rem;height:.8rem;margin-right:.35rem;vertical-align:-.1rem}\
-@media(max-width:600px){svg{font-size:17px}table,tbody,tr,td{display:block}tr{border-bottom:1px solid var(--line);padding:.4rem 0}\
+@media(max-width:600px){svg{font-size:17px}.minor{display:none}table,tbody,tr,td{display:block}tr{border-bottom:1px solid var(--line);padding:.4rem 0}\
 tr:first-child{display:none}td{border:0;text-align:left;padding:.05rem 0}td:first-child{font-weight:650}td[data-l]::before{content:attr(data-l)\": \";color:var(--soft)}}";
 
 /// Of whom the first page speaks: the paper's two and what the service does by itself. They stood before anything was

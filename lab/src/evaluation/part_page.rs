@@ -155,15 +155,39 @@ fn parts_section(record: &Record, space: &TuningSpace, clock: Clock) -> String {
     text
 }
 
+/// At how many angles of a scene's round the cylinder was measured, and how many there are.
+fn round(record: &Record, scene: &str) -> (usize, usize) {
+    let all = record.pairs.keys().filter_map(|(of, versus)| match versus {
+        Versus::Needles { angles, .. } if of == scene => Some(*angles as usize),
+        _ => None,
+    });
+    all.fold((0, 0), |(measured, _), angles| (measured + 1, angles))
+}
+
 fn needles_section(record: &Record, clock: Clock, strips: &Strips) -> String {
-    let scenes = scenes(record, |versus| matches!(versus, Versus::Needles { .. }));
-    if scenes.is_empty() {
+    let begun = scenes(record, |versus| matches!(versus, Versus::Needles { .. }));
+    if begun.is_empty() {
         return String::new();
     }
+    let (scenes, stopped): (Vec<&str>, Vec<&str>) = begun.into_iter().partition(|scene| {
+        let (measured, angles) = round(record, scene);
+        measured == angles
+    });
     let mut text = "<h2>A cylinder of needles turns through each scene (Figure 9)</h2><p class=\"soft\">Half as long as the scene's \
                     diagonal, through its middle. Mean of the rounds at each angle, with and without splitting; the areas are where the \
                     true means lie with 99.99 %.</p>"
         .to_owned();
+    for scene in stopped {
+        let (measured, angles) = round(record, scene);
+        let _ = write!(
+            text,
+            "<p class=\"warn\">{}: {measured} of {angles} angles were measured. A round that was stopped is not shown.</p>",
+            escaped(scene)
+        );
+    }
+    if scenes.is_empty() {
+        return text;
+    }
     text += &legend(&[("without splitting", "c3"), ("with splitting", "c4")]);
     let heads = [
         "scene",
