@@ -124,6 +124,9 @@ mod tests {
         assert!(problem.contains("render_ms"), "{problem}");
         assert!(result(&spec(), &Outcome::Ok, &Measurements::from([("render_ms", 1.0)])).is_ok());
         assert!(result(&spec(), &Outcome::infeasible("depth limit reached"), &nothing).is_ok());
-        assert!(result(&spec(), &Outcome::aborted(f64::NAN), &nothing).is_err());
+        assert!(result(&spec(), &Outcome::aborted(5.0), &nothing).is_ok());
+        for bad in [f64::NAN, f64::INFINITY, -1.0] {
+            assert!(result(&spec(), &Outcome::aborted(bad), &nothing).is_err(), "{bad}");
+        }
     }
 }

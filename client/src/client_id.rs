@@ -92,6 +92,14 @@ mod tests {
         assert_ne!(both[0].id, both[1].id);
     }
 
+    /// Test vectors of draft-eastlake-fnv.
+    #[test]
+    fn machines_are_told_apart_by_fnv() {
+        for (text, expected) in [("", 0x811c_9dc5), ("a", 0xe40c_292c), ("foobar", 0xbf9c_f968)] {
+            assert_eq!(hash(text.as_bytes()), expected, "{text}");
+        }
+    }
+
     #[test]
     fn a_process_has_one_id() {
         let id = default_client_id();

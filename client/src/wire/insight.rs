@@ -49,3 +49,15 @@ fn omission(omission: v1::Omission) -> Omission {
         risk: omission.risk,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_omission_names_its_parameter_if_it_is_of_one() {
+        let named = |name: &str| omission(v1::Omission { parameter: name.to_owned(), ..Default::default() });
+        assert_eq!(named("leaf").parameter.as_deref(), Some("leaf"));
+        assert_eq!(named("").parameter, None);
+    }
+}
