@@ -25,6 +25,9 @@ const CHANGE: f64 = 5.0;
 /// Smaller changes than this share are not worth an alarm, and scales below it are not believed.
 const SHARE_LEAST: f64 = 0.01;
 
+/// So many measurements of its own the noise of all configurations is worth in that of one.
+pub(crate) const USUAL_COUNT: f64 = 4.0;
+
 /// The location of Hodges and Lehmann; 0 of nothing. Costs are finite and not negative.
 pub fn location(values: &[f64]) -> f64 {
     let mut means: Vec<f64> = Vec::with_capacity(values.len() * (values.len() + 1) / 2);
@@ -124,6 +127,18 @@ impl Evidence {
         location(&self.recent)
     }
 
+    /// The standard deviation of the logarithm of one measurement: of what is kept and of `usual`, that of other
+    /// configurations, which counts as [`USUAL_COUNT`] measurements. It is above the usual one where a configuration is
+    /// restless by itself, as a builder is whose threads meet by chance.
+    pub fn log_deviation(&self, usual: f64) -> f64 {
+        let logs: Vec<f64> = self.recent.iter().map(|cost| libm::log(cost.max(f64::MIN_POSITIVE))).collect();
+        let count = logs.len() as f64;
+        let mean = logs.iter().sum::<f64>() / count.max(1.0);
+        let scatter: f64 = logs.iter().map(|log| (log - mean) * (log - mean)).sum();
+        let freedom = USUAL_COUNT + (count - 1.0).max(0.0);
+        ((USUAL_COUNT * usual * usual + scatter) / freedom).sqrt()
+    }
+
     /// Multiplies all that is kept, because what it was measured on has changed its speed.
     pub fn scale(&mut self, factor: f64) {
         for cost in &mut self.recent {
@@ -206,6 +221,20 @@ mod tests {
             assert!(step <= 4 && (by / factor - 1.0).abs() < 0.1, "{step} {by}");
             assert!((evidence.location() / (10.0 * factor) - 1.0).abs() < 0.05);
         }
+    }
+
+    #[test]
+    fn a_restless_configuration_has_a_deviation_of_its_own() {
+        let of = |costs: &[f64]| {
+            let mut evidence = Evidence::default();
+            for cost in costs {
+                let _ = evidence.push(*cost);
+            }
+            evidence.log_deviation(0.05)
+        };
+        assert_eq!(of(&[10.0]), 0.05);
+        assert!(of(&[10.0, 10.0, 10.0, 10.0]) < 0.04);
+        assert!(of(&[141.7, 118.2, 155.5, 120.1, 283.7, 121.5, 491.0]) > 0.3);
     }
 
     #[test]

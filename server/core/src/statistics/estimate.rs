@@ -40,7 +40,7 @@ pub struct ConfigurationSample {
     pub features: Vec<f64>,
     /// Mean of the logarithms of its costs.
     pub mean: f64,
-    /// How many measurements there are, at least 1.
+    /// How many measurements there are; of a configuration that is more restless than others, fewer than it ran.
     pub count: f64,
     /// The sum of their squared deviations from the mean.
     pub scatter: f64,

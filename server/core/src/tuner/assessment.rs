@@ -17,7 +17,7 @@ use crate::gp::kernel::squared_distance;
 use crate::ids::StateId;
 use crate::limits::{ASSESSED_MAX, ASSESSED_SHARED_MAX, ASSESSMENTS_MAX};
 use crate::results::{Record, ResultTable};
-use crate::robust::{deviation, location};
+use crate::robust::{USUAL_COUNT, deviation, location};
 use crate::search::Layout;
 use crate::space::Space;
 use crate::standing::Gain;
@@ -35,6 +35,8 @@ const WILD_AFTER: usize = 4;
 const WILD: f64 = 4.0;
 /// The least deviation of logarithms that measurements are taken to have for that.
 const SPREAD_LEAST: f64 = 0.005;
+/// Most degrees of freedom that one configuration has a say with in what noise is usual.
+const FREEDOM_COUNTED: f64 = 3.0;
 /// Costs of zero have no logarithm: they count as this share of the largest.
 const SHARE_LEAST: f64 = 1e-12;
 
@@ -174,7 +176,7 @@ fn chosen<'a>(results: &'a ResultTable, named: [&Configuration; 2]) -> Vec<&'a R
 fn posterior(records: &[&Record], layout: &Layout, space: &Space) -> Option<CostPosterior> {
     let largest = records.iter().map(|record| record.mean_cost).fold(0.0, f64::max);
     let least = (SHARE_LEAST * largest).max(f64::MIN_POSITIVE);
-    let samples: Vec<ConfigurationSample> = records
+    let mut samples: Vec<ConfigurationSample> = records
         .iter()
         .map(|record| {
             let mut x = space.encode(&record.configuration);
@@ -186,10 +188,38 @@ fn posterior(records: &[&Record], layout: &Layout, space: &Space) -> Option<Cost
             )
         })
         .collect();
+    weigh(&mut samples);
     let kinds = layout.kinds();
     CostPosterior::of(&samples, |a, b| {
         kinds.iter().zip(a.iter().zip(b)).map(|(&kind, (&a, &b))| squared_distance(kind, a, b)).sum()
     })
+}
+
+/// Lets configurations whose measurements scatter more than is usual count for less: the posterior knows one noise for
+/// all, and some are restless by themselves, as a builder is whose threads meet by chance. Each one's own variance is
+/// drawn towards the usual one, as if that had been seen in [`USUAL_COUNT`] measurements of it.
+fn weigh(samples: &mut [ConfigurationSample]) {
+    let mut variances: Vec<(f64, f64)> = samples
+        .iter()
+        .filter(|sample| sample.count > 1.0)
+        .map(|sample| (sample.scatter / (sample.count - 1.0), (sample.count - 1.0).min(FREEDOM_COUNTED)))
+        .collect();
+    variances.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // The median of them, each counted as often as it has degrees of freedom, unless one has most of them.
+    let freedom: f64 = variances.iter().map(|(_, freedom)| freedom).sum();
+    let mut seen = 0.0;
+    let usual = variances.iter().find(|(_, freedom_of_one)| {
+        seen += freedom_of_one;
+        seen >= freedom / 2.0
+    });
+    let Some(&(usual, _)) = usual else { return };
+    let usual = usual.max(SPREAD_LEAST * SPREAD_LEAST);
+    for sample in samples {
+        let own = (USUAL_COUNT * usual + sample.scatter) / (USUAL_COUNT + sample.count - 1.0);
+        let share = (usual / own).min(1.0);
+        sample.count *= share;
+        sample.scatter *= share;
+    }
 }
 
 /// The measurements of one configuration; wild ones are drawn in.
@@ -226,5 +256,28 @@ impl Assessments {
             let oldest = self.made.iter().min_by_key(|(_, (made, _))| *made).map(|(&state, _)| state);
             oldest.map(|state| self.made.remove(&state));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_restless_counts_for_less_and_what_is_usual_for_all_it_ran() {
+        let of = |costs: &[f64]| sample(Vec::new(), costs.iter().map(|cost| libm::log(*cost)).collect());
+        let quiet = [of(&[10.0, 10.4, 9.7]), of(&[12.0, 12.5, 11.9]), of(&[11.0])];
+        let restless = of(&[14.2, 11.8, 15.6, 12.0, 28.4, 12.2, 49.1]);
+        let mut samples = quiet.to_vec();
+        samples.push(restless.clone());
+        weigh(&mut samples);
+        assert!(samples[3].count < 0.2 * restless.count, "{}", samples[3].count);
+        assert_eq!(samples[3].mean, restless.mean);
+        assert_eq!(samples[2].count, 1.0, "nothing is known of its own noise");
+        assert!(samples[0].count > 2.0 && samples[0].count <= 3.0, "{}", samples[0].count);
+        // Where nothing ran twice there is nothing to compare with.
+        let mut once = vec![of(&[10.0]), of(&[20.0])];
+        weigh(&mut once);
+        assert!(once.iter().all(|sample| sample.count == 1.0));
     }
 }

@@ -55,6 +55,9 @@ struct Client {
     factor: f64,
     /// The noise of a measurement when nothing was suspected.
     noise: f64,
+    /// That of the configuration by which the speed was last held.
+    #[serde(default)]
+    own_noise: f64,
     /// The state that it reported from last.
     state: u64,
     /// Trials since it was last held, and whether that agreed with what was expected.
@@ -72,6 +75,7 @@ impl Default for Client {
             speed: Speed::default(),
             factor: 1.0,
             noise: NOISE_PRIOR,
+            own_noise: 0.0,
             state: 0,
             since: 0,
             is_calm: false,
@@ -140,7 +144,11 @@ impl Speeds {
         client.settling = client.settling.saturating_sub(u64::from(known.is_some()));
         let mut jumped = None;
         if let Some(known) = known {
-            let noise = noise * (1.0 + 1.0 / known.evidence.count() as f64).sqrt();
+            // What is restless by itself says little of the machine. A measurement under suspicion is no noise of it.
+            if !client.speed.is_suspicious() {
+                client.own_noise = known.evidence.log_deviation(noise).max(noise);
+            }
+            let noise = client.own_noise.max(noise) * (1.0 + 1.0 / known.evidence.count() as f64).sqrt();
             let jumps = client.speed.jumps();
             client.speed.hold(cost, known.mean_cost, noise);
             if client.speed.jumps() > jumps {
