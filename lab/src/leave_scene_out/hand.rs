@@ -22,7 +22,10 @@ const RENDER: [&str; 12] = [
 ];
 
 /// For frames that pay for a build of their own.
-const TOTAL: [&str; 9] = [
+const TOTAL: [&str; 12] = [
+    "backend=tunable,search_radius=4,cluster_size=8,block_width=8,min_leaf_size=8,max_leaf_size=32",
+    "backend=tunable,search_radius=8,cluster_size=8,block_width=8,min_leaf_size=16,max_leaf_size=32",
+    "backend=tunable,search_radius=4,cluster_size=2,block_width=8,min_leaf_size=8,max_leaf_size=32",
     "backend=tunable,quality=1,block_width=4,min_leaf_size=4,max_leaf_size=28",
     "backend=tunable,quality=1,block_width=4,min_leaf_size=8,max_leaf_size=32",
     "backend=tunable,quality=1,block_width=8,min_leaf_size=8,max_leaf_size=32",

@@ -107,6 +107,7 @@ fn configuration(random: &mut ChaCha8Rng) -> BuildChoice {
         split_budget: random.random_range(1.0..=2.0),
         builder: one_of(random, &[Builder::Embree, Builder::Ploc]),
         search_radius: random.random_range(1..=32),
+        cluster_size: random.random_range(1..=8),
         ..TreeParameters::default()
     })
 }

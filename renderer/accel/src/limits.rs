@@ -52,6 +52,9 @@ pub const FLATTENED_TRIANGLES_MAX: u64 = 1 << 25;
 /// Permitted `search_radius`.
 pub const SEARCH_RADIUS_RANGE: std::ops::RangeInclusive<u32> = 1..=32;
 
+/// Permitted `cluster_size`: a part of the curve that becomes one cluster must fit into the smallest set of clusters.
+pub const CLUSTER_SIZE_RANGE: std::ops::RangeInclusive<u32> = 1..=8;
+
 /// Permitted `instance_opening`.
 pub const INSTANCE_OPENING_RANGE: std::ops::RangeInclusive<u32> = 1..=16;
 

@@ -72,6 +72,7 @@ fn parameters() -> Vec<TreeParameters> {
                 all.push(TreeParameters {
                     builder: Builder::Ploc,
                     search_radius,
+                    cluster_size: 1 << number,
                     branching_factor,
                     collapse,
                     order,

@@ -38,7 +38,7 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
     );
     let own = (
         prop::sample::select(vec![Builder::Embree, Builder::Ploc]),
-        1u32..=32,
+        (1u32..=32, 1u32..=8),
         prop::sample::select(vec![0u32, 500, 1_000_000]),
         1u32..=16,
         prop::sample::select(vec![ChildOrder::Builder, ChildOrder::Likely, ChildOrder::Topmost]),
@@ -48,7 +48,7 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
             (quality, branching_factor, max_depth, sah_block_size, (min_leaf_size, max_leaf_size)),
             rest,
             (block_width, format, collapse, reinsertion_passes, order, split_budget),
-            (builder, search_radius, flatten_below, instance_opening, child_order),
+            (builder, (search_radius, cluster_size), flatten_below, instance_opening, child_order),
         )| {
             let (traversal_cost, intersection_cost, static_scene, compact, robust) = rest;
             TreeParameters {
@@ -72,6 +72,7 @@ fn configuration() -> impl Strategy<Value = TreeParameters> {
                 split_budget,
                 builder,
                 search_radius,
+                cluster_size,
                 flatten_below,
                 instance_opening,
                 child_order,

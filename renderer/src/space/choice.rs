@@ -100,6 +100,7 @@ impl Values<'_> {
             block_width: self.whole("block_width", default.block_width),
             builder: self.word("builder", default.builder),
             search_radius: self.whole("search_radius", default.search_radius),
+            cluster_size: self.whole("cluster_size", default.cluster_size),
             collapse: self.word("collapse", default.collapse),
             reinsertion_passes: self.whole("reinsertion_passes", default.reinsertion_passes),
             order: self.word("order", default.order),

@@ -23,7 +23,8 @@
 //! The default is the best configuration known by hand, so that a search starts strong: tiles in stages, packets of
 //! sixteen for camera rays and their shadow rays, and our own tree. Where one build serves many frames it is grouped
 //! and improved after the build (over native medium, path by path: 1.4 to 2.2 times on seven scenes); where each frame
-//! pays for its build it is what Embree's Morton builder makes (1.2 to 1.9 times, build included).
+//! pays for its build it is what our own builder makes of runs of eight triangles (over what Embree's Morton builder
+//! makes, build and frame together: 0.89 to 1.42 times on seven scenes, 1.11 in the geometric mean).
 
 use super::explained::{Explained, boolean, choice, float, integer};
 use super::{Backend, Premises};
@@ -98,14 +99,13 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
     let quality = if each_frame { 1 } else { 2 };
     let collapse = if each_frame { "builder" } else { "optimal" };
     let order = if each_frame { "builder" } else { "depth_first" };
-    // Leaves of fewer triangles than a block leave lanes empty. A tree for one frame is sooner built with larger ones: of the
-    // configurations of `treewright-lab leave-scene-out` the best over ten scenes that does not fall behind in any.
+    // Leaves of fewer triangles than a block leave lanes empty. A tree for one frame is sooner built with larger ones.
     let min_leaf_size = if each_frame { 16 } else { 8 };
     let mut all = vec![
         tunable(choice(
             "builder",
             ["embree", "ploc"],
-            "embree",
+            if each_frame { "ploc" } else { "embree" },
             "who builds the tree: Embree's builders, or one that joins neighbours from the triangles up",
         )),
         integer(
@@ -118,8 +118,15 @@ fn tunable(premises: &Premises) -> Vec<Explained> {
         choice(
             "search_radius",
             [4, 8, 16, 32],
-            8,
+            if each_frame { 4 } else { 8 },
             "among how many neighbours either way a box looks for another",
+        )
+        .only_while("builder", ["ploc"]),
+        choice(
+            "cluster_size",
+            [1, 2, 4, 8],
+            if each_frame { 8 } else { 1 },
+            "how many triangles next to each other begin as one box: more build faster",
         )
         .only_while("builder", ["ploc"]),
         tunable(choice(

@@ -1,7 +1,7 @@
 //! A clustered tree becomes memory at once: wide nodes and their leaves as they are met, each thread in slabs of its
 //! own. For builds that have no time for a plan.
 
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 
@@ -42,14 +42,19 @@ struct Emitter<'a> {
     per_task: u32,
     slab: usize,
     slabs: Mutex<Vec<Arena>>,
+    /// What ended tasks left of theirs, for the next ones: a slab that each took for itself would stay mostly empty, and
+    /// the kernel zeroes the whole of it.
+    rooms: Mutex<Vec<Room>>,
 }
 
-/// Room of one thread.
-#[derive(Clone, Copy)]
+/// Room of one task.
 struct Room {
     next: *mut u8,
     left: usize,
 }
+
+// SAFETY: whoever has it alone writes to it, and it is handed on when nothing is written any more.
+unsafe impl Send for Room {}
 
 /// Lists that are used again and again.
 #[derive(Default)]
@@ -74,9 +79,10 @@ pub(super) fn emit<N: TreeNode, const B: usize>(
         per_task: (triangles.len() as u32 / tasks).max(TRIANGLES_PER_TASK),
         slab: (bytes / tasks as usize).next_power_of_two().clamp(SLAB_MIN, SLAB),
         slabs: Mutex::default(),
+        rooms: Mutex::default(),
     };
     let root = emitter.subtree::<N, B>(ploc.root, 0, &mut Room::new(), &mut Lists::default())?;
-    let slabs = emitter.slabs.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let slabs = emitter.slabs.into_inner().unwrap_or_else(PoisonError::into_inner);
     Ok((slabs, root))
 }
 
@@ -88,6 +94,10 @@ impl Room {
 }
 
 impl Emitter<'_> {
+    fn rooms(&self) -> MutexGuard<'_, Vec<Room>> {
+        self.rooms.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Room for so many values.
     fn take<T>(&self, room: &mut Room, count: usize) -> Result<*mut T, BuildError> {
         let bytes = count * size_of::<T>();
@@ -95,7 +105,7 @@ impl Emitter<'_> {
         if room.next.is_null() || padding.saturating_add(bytes) > room.left {
             let slab = Arena::new(self.slab.max(bytes))?;
             *room = Room { next: slab.start(), left: self.slab.max(bytes) };
-            self.slabs.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(slab);
+            self.slabs.lock().unwrap_or_else(PoisonError::into_inner).push(slab);
             return self.take(room, count);
         }
         let start = room.next.wrapping_add(padding);
@@ -129,8 +139,11 @@ impl Emitter<'_> {
             let below: Vec<Handed> = links[..count]
                 .par_iter()
                 .map(|&child| {
-                    let (mut room, mut lists) = (Room::new(), Lists::default());
-                    self.subtree::<N, B>(child, depth + 1, &mut room, &mut lists).map(Handed)
+                    let mut lists = Lists::default();
+                    let mut room = self.rooms().pop().unwrap_or_else(Room::new);
+                    let below = self.subtree::<N, B>(child, depth + 1, &mut room, &mut lists).map(Handed);
+                    self.rooms().push(room);
+                    below
                 })
                 .collect::<Result<_, _>>()?;
             below.into_iter().zip(&mut children).for_each(|(below, child)| child.1 = below.0);

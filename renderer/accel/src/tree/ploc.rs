@@ -6,7 +6,9 @@
 //! of the curve as Benthin, Meister, Barczak, Mehalwal, Tsakok and Kensler do ("H-PLOC: Hierarchical Parallel
 //! Locally-Ordered Clustering for Bounding Volume Hierarchy Construction", 2024): a part hands up a handful of clusters,
 //! which are joined with those of the part beside it. So everything a thread works on lies in its first cache, and
-//! parts are as independent as the halves of a sort.
+//! parts are as independent as the halves of a sort. Where there is no time for that, the lowest clusters are runs of
+//! the curve (`cluster_size`), as those of a tree by Morton codes: most of the work is done on the lowest levels, and
+//! least is lost there, since what ends up in one leaf need not be ordered at all.
 //!
 //! The tree is the same with any number of threads and with every instruction set.
 
@@ -15,11 +17,14 @@ use super::morton::{self, Key};
 use crate::geometry::Triangles;
 use crate::layout::Bounds;
 use crate::memory::wish_for_huge_pages;
-use crate::parameters::TreeParameters;
+use crate::parameters::{Collapse, TreeParameters};
 use crate::traverse::Isa;
 
 /// Fewest triangles that are worth a task of their own.
 const TRIANGLES_PER_TASK: usize = 4_096;
+
+/// Clusters that are looked at together.
+const LANES: usize = 16;
 
 /// Marks a link as a triangle.
 const TRIANGLE: u32 = 1 << 31;
@@ -44,16 +49,24 @@ struct Joined {
     triangles: u32,
     /// Whether those are best tested as one leaf.
     is_leaf: bool,
+    /// It is a leaf of triangles side by side on the curve, without halves: those from its first child's number on.
+    is_run: bool,
 }
 
 impl Joined {
-    const UNUSED: Self =
-        Self { bounds: Bounds::EMPTY, children: [ClusterLink(TRIANGLE); 2], triangles: 0, is_leaf: false };
+    const UNUSED: Self = Self {
+        bounds: Bounds::EMPTY,
+        children: [ClusterLink(TRIANGLE); 2],
+        triangles: 0,
+        is_leaf: false,
+        is_run: false,
+    };
 }
 
 /// The tree.
 pub(super) struct Ploc {
     boxes: Vec<Bounds>,
+    keys: Vec<Key>,
     nodes: Vec<Joined>,
     pub(super) root: ClusterLink,
 }
@@ -68,7 +81,8 @@ struct Costs {
     max_leaf_size: u32,
 }
 
-/// Clusters side by side along the curve: at most `P` less the radius, behind which it must stay free.
+/// Clusters side by side along the curve: at most `P` less the radius, behind which it must stay free. That is a multiple
+/// of [`LANES`].
 struct Clusters<const P: usize> {
     lower: [[f32; P]; 3],
     upper: [[f32; P]; 3],
@@ -143,34 +157,43 @@ impl<const P: usize> Clusters<P> {
 #[inline(always)]
 fn nearest<const R: usize, const P: usize>(clusters: &Clusters<P>, best: &mut [u32; P]) {
     best.fill(u32::MAX);
+    let mask = P.next_power_of_two() as u32 - 1;
     let least = |a: f32, b: f32| if a < b { a } else { b };
     let most = |a: f32, b: f32| if a > b { a } else { b };
-    for place in 0..clusters.count {
-        let next = place + 1;
-        let [lx, ly, lz] = [&clusters.lower[0], &clusters.lower[1], &clusters.lower[2]]
-            .map(|planes| window::<R, P>(planes, next));
-        let [ux, uy, uz] = [&clusters.upper[0], &clusters.upper[1], &clusters.upper[2]]
-            .map(|planes| window::<R, P>(planes, next));
-        let own = clusters.bounds(place);
-        let mut of_place = u32::MAX;
-        for k in 0..R {
-            let x = most(own.upper[0], ux[k]) - least(own.lower[0], lx[k]);
-            let y = most(own.upper[1], uy[k]) - least(own.lower[1], ly[k]);
-            let z = most(own.upper[2], uz[k]) - least(own.lower[2], lz[k]);
-            let area = x * y + (x + y) * z;
-            let mask = P.next_power_of_two() as u32 - 1;
-            let key = (area.to_bits() & !mask) | (place ^ (next + k)) as u32;
-            of_place = of_place.min(key);
-            best[next + k] = best[next + k].min(key);
+    // The compiler makes vectors of the loops over `lane`. Free places take part and come to nothing.
+    for start in (0..clusters.count).step_by(LANES) {
+        let [lx, ly, lz] = [0, 1, 2].map(|axis| lanes(&clusters.lower[axis], start));
+        let [ux, uy, uz] = [0, 1, 2].map(|axis| lanes(&clusters.upper[axis], start));
+        let mut of_start = [u32::MAX; LANES];
+        for step in 1..=R {
+            let other = start + step;
+            let [lx_other, ly_other, lz_other] = [0, 1, 2].map(|axis| lanes(&clusters.lower[axis], other));
+            let [ux_other, uy_other, uz_other] = [0, 1, 2].map(|axis| lanes(&clusters.upper[axis], other));
+            let mut keys = [0; LANES];
+            for lane in 0..LANES {
+                let x = most(ux[lane], ux_other[lane]) - least(lx[lane], lx_other[lane]);
+                let y = most(uy[lane], uy_other[lane]) - least(ly[lane], ly_other[lane]);
+                let z = most(uz[lane], uz_other[lane]) - least(lz[lane], lz_other[lane]);
+                let area = x * y + (x + y) * z;
+                keys[lane] = (area.to_bits() & !mask) | ((start + lane) ^ (other + lane)) as u32;
+            }
+            let of_other: &mut [u32; LANES] =
+                (&mut best[other..other + LANES]).try_into().expect("so many lanes");
+            for lane in 0..LANES {
+                of_start[lane] = of_start[lane].min(keys[lane]);
+                of_other[lane] = of_other[lane].min(keys[lane]);
+            }
         }
-        best[place] = best[place].min(of_place);
+        for (best, own) in best[start..].iter_mut().zip(of_start) {
+            *best = own.min(*best);
+        }
     }
 }
 
 /// So many numbers from a place on.
 #[inline(always)]
-fn window<const R: usize, const P: usize>(of: &[f32; P], place: usize) -> &[f32; R] {
-    of[place..].first_chunk().expect("behind the last cluster there is room for a window")
+fn lanes<const P: usize>(of: &[f32; P], place: usize) -> &[f32; LANES] {
+    of[place..].first_chunk().expect("behind the last cluster there is room for a radius")
 }
 
 type Nearest<const P: usize> = unsafe fn(&Clusters<P>, &mut [u32; P]);
@@ -201,6 +224,9 @@ unsafe fn nearest_avx512<const R: usize, const P: usize>(clusters: &Clusters<P>,
 struct Builder<'a, const R: usize, const P: usize> {
     boxes: &'a [Bounds],
     costs: Costs,
+    /// Triangles that are joined by the curve alone, and of how many the tree inside is not wanted.
+    cluster_size: usize,
+    run_size: usize,
     nearest: Nearest<P>,
 }
 
@@ -211,17 +237,19 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
     /// Adds the clusters of a part of the curve, which has the nodes from number `first` on to itself.
     fn part(&self, keys: &[Key], nodes: &mut [Joined], first: u32, clusters: &mut Clusters<P>) {
         if keys.len() <= Self::HANDED_UP {
-            for (free, key) in (first..).zip(keys) {
-                let number = key.number();
-                let bounds = &self.boxes[number as usize];
-                let cost = self.costs.block * bounds.half_area() as f32;
-                clusters.push(bounds, ClusterLink(number | TRIANGLE), free, 1, cost);
-            }
+            self.begin(keys, nodes, (first, first), clusters);
             return;
         }
         let middle = Key::middle(keys);
         let (keys_left, keys_right) = keys.split_at(middle);
         let (nodes_left, nodes_right) = nodes.split_at_mut(middle);
+        if keys_right.len() <= Self::HANDED_UP {
+            self.part(keys_left, nodes_left, first, clusters);
+            let next = first + middle as u32;
+            self.begin(keys_right, nodes_right, (next, next), clusters);
+            self.join(clusters, Self::HANDED_UP, nodes, first);
+            return;
+        }
         let mut right = Clusters::new();
         let of_left = |clusters: &mut Clusters<P>| self.part(keys_left, nodes_left, first, clusters);
         let of_right =
@@ -246,6 +274,52 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
             );
         }
         self.join(clusters, Self::HANDED_UP, nodes, first);
+    }
+
+    /// Adds the first clusters of a few triangles: as many of them as one cluster may begin with are joined where the
+    /// curve parts them, without a look at any neighbour. The nodes are those from number `first` on; `next` is the number
+    /// of the first triangle's own.
+    fn begin(
+        &self,
+        keys: &[Key],
+        nodes: &mut [Joined],
+        (first, next): (u32, u32),
+        clusters: &mut Clusters<P>,
+    ) {
+        if let [key] = keys {
+            let number = key.number();
+            let bounds = &self.boxes[number as usize];
+            let cost = self.costs.block * bounds.half_area() as f32;
+            clusters.push(bounds, ClusterLink(number | TRIANGLE), next, 1, cost);
+            return;
+        }
+        if self.cluster_size == 1 {
+            let each = keys.iter().zip(next..);
+            each.for_each(|(key, next)| {
+                self.begin(std::slice::from_ref(key), nodes, (first, next), clusters)
+            });
+            return;
+        }
+        if keys.len() <= self.run_size {
+            let boxes = keys.iter().map(|key| self.boxes[key.number() as usize]);
+            let bounds = boxes.fold(Bounds::EMPTY, Bounds::union);
+            let triangles = keys.len() as u32;
+            let blocks = triangles.div_ceil(self.costs.block_size);
+            let cost = self.costs.block * bounds.half_area() as f32 * blocks as f32;
+            let children = [ClusterLink(next); 2];
+            nodes[(next - first) as usize] =
+                Joined { bounds, children, triangles, is_leaf: true, is_run: true };
+            clusters.push(&bounds, ClusterLink(next), next + 1, triangles, cost);
+            return;
+        }
+        let middle = Key::middle(keys);
+        self.begin(&keys[..middle], nodes, (first, next), clusters);
+        self.begin(&keys[middle..], nodes, (first, next + middle as u32), clusters);
+        if keys.len() <= self.cluster_size {
+            let last = clusters.count - 1;
+            self.join_two(clusters, last - 1, last, nodes, first);
+            clusters.truncate(last);
+        }
     }
 
     /// Joins clusters until there are at most so many.
@@ -290,7 +364,7 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
         let is_leaf = triangles <= min_leaf_size || (triangles <= max_leaf_size && together <= apart);
         let number = clusters.free[place];
         let children = [clusters.links[place], clusters.links[other]];
-        nodes[(number - first) as usize] = Joined { bounds, children, triangles, is_leaf };
+        nodes[(number - first) as usize] = Joined { bounds, children, triangles, is_leaf, is_run: false };
         clusters.set(place, &bounds);
         (clusters.links[place], clusters.free[place]) = (ClusterLink(number), clusters.free[other]);
         clusters.triangles[place] = triangles;
@@ -301,9 +375,10 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
 fn build<const R: usize, const P: usize>(
     boxes: &[Bounds],
     keys: &[Key],
-    costs: Costs,
+    (costs, cluster_size, run_size): (Costs, usize, usize),
     nodes: &mut [Joined],
 ) -> ClusterLink {
+    const { assert!((P - R).is_multiple_of(LANES)) };
     let nearest: Nearest<P> = match Isa::detect() {
         #[cfg(all(target_arch = "x86_64", kernels_avx512))]
         Isa::Avx512 => nearest_avx512::<R, P>,
@@ -311,7 +386,7 @@ fn build<const R: usize, const P: usize>(
         Isa::Avx2 => nearest_avx2::<R, P>,
         _ => nearest_plain::<R, P>,
     };
-    let builder = Builder::<'_, R, P> { boxes, costs, nearest };
+    let builder = Builder::<'_, R, P> { boxes, costs, cluster_size, run_size, nearest };
     let mut clusters = Clusters::new();
     builder.part(keys, nodes, 0, &mut clusters);
     builder.join(&mut clusters, 1, nodes, 0);
@@ -337,13 +412,20 @@ impl Ploc {
             &mut nodes,
             rayon::iter::repeat_n(Joined::UNUSED, keys.len()),
         );
-        let root = match parameters.search_radius {
-            0..8 => build::<4, 20>(&boxes, &keys, costs, &mut nodes),
-            8..16 => build::<8, 40>(&boxes, &keys, costs, &mut nodes),
-            16..32 => build::<16, 80>(&boxes, &keys, costs, &mut nodes),
-            _ => build::<32, 160>(&boxes, &keys, costs, &mut nodes),
+        let cluster_size = parameters.cluster_size as usize;
+        // What ends in one leaf anyhow needs no tree, unless the tree is to be improved first.
+        let run_size = match parameters.collapse {
+            Collapse::Builder => cluster_size.min(parameters.min_leaf_size as usize),
+            Collapse::Optimal => 0,
         };
-        Self { boxes, nodes, root }
+        let how = (costs, cluster_size, run_size);
+        let root = match parameters.search_radius {
+            0..8 => build::<4, 20>(&boxes, &keys, how, &mut nodes),
+            8..16 => build::<8, 40>(&boxes, &keys, how, &mut nodes),
+            16..32 => build::<16, 80>(&boxes, &keys, how, &mut nodes),
+            _ => build::<32, 160>(&boxes, &keys, how, &mut nodes),
+        };
+        Self { boxes, keys, nodes, root }
     }
 
     /// The box around a node or triangle.
@@ -366,14 +448,23 @@ impl Ploc {
 
     /// The two children of a node.
     pub(super) fn halves(&self, link: ClusterLink) -> [ClusterLink; 2] {
-        self.nodes[link.0 as usize].children
+        let node = &self.nodes[link.0 as usize];
+        debug_assert!(!node.is_run, "it has none");
+        node.children
     }
 
     /// Appends the numbers of all triangles below.
     pub(super) fn gather(&self, link: ClusterLink, numbers: &mut Vec<u32>) {
-        match link.triangle() {
-            Some(triangle) => numbers.push(triangle),
-            None => self.halves(link).into_iter().for_each(|half| self.gather(half, numbers)),
+        if let Some(triangle) = link.triangle() {
+            numbers.push(triangle);
+            return;
+        }
+        let Joined { children, triangles, is_run, .. } = self.nodes[link.0 as usize];
+        if is_run {
+            let run = &self.keys[children[0].0 as usize..][..triangles as usize];
+            numbers.extend(run.iter().map(|key| key.number()));
+        } else {
+            children.into_iter().for_each(|half| self.gather(half, numbers));
         }
     }
 
@@ -445,8 +536,10 @@ mod tests {
     #[test]
     fn triangles_on_top_of_each_other_make_a_shallow_tree() {
         let same = vec![Bounds { lower: [1.0; 3], upper: [2.0; 3] }; 1 << 12];
-        for search_radius in [4, 8, 16, 32] {
-            let parameters = TreeParameters { search_radius, ..TreeParameters::default() };
+        for (search_radius, cluster_size) in [(4, 8), (4, 1), (8, 2), (16, 4), (32, 1)] {
+            let collapse = Collapse::Optimal;
+            let parameters =
+                TreeParameters { search_radius, cluster_size, collapse, ..TreeParameters::default() };
             let ploc = Ploc::build(&over(&same), &parameters);
             assert!(depth(&ploc, ploc.root) <= 24, "{}", depth(&ploc, ploc.root));
             check(&ploc.into_binary(), &same);
@@ -458,21 +551,39 @@ mod tests {
         fn every_triangle_is_there_once_and_every_box_fits(
             boxes in super::super::binary::tests::boxes(),
             search_radius in prop::sample::select(vec![4u32, 8, 16, 32]),
+            cluster_size in 1u32..=8,
+            min_leaf_size in 1u32..=4,
         ) {
-            let parameters = TreeParameters { search_radius, max_leaf_size: 4, ..TreeParameters::default() };
-            let ploc = Ploc::build(&over(&boxes), &parameters);
-            let mut open = vec![ploc.root];
-            while let Some(link) = open.pop() {
-                if ploc.is_leaf(link) {
-                    prop_assert!(ploc.triangles(link) <= 4);
-                    continue;
+            for collapse in [Collapse::Builder, Collapse::Optimal] {
+                let given = TreeParameters::default();
+                let parameters = TreeParameters {
+                    search_radius, cluster_size, collapse, min_leaf_size, max_leaf_size: 4, ..given
+                };
+                let ploc = Ploc::build(&over(&boxes), &parameters);
+                let (mut open, mut numbers) = (vec![ploc.root], Vec::new());
+                while let Some(link) = open.pop() {
+                    if ploc.is_leaf(link) {
+                        prop_assert!(ploc.triangles(link) <= 4);
+                        let before = numbers.len();
+                        ploc.gather(link, &mut numbers);
+                        prop_assert_eq!(numbers.len() - before, ploc.triangles(link) as usize);
+                        for number in &numbers[before..] {
+                            let around = ploc.bounds(link).union(boxes[*number as usize]);
+                            prop_assert_eq!(around, ploc.bounds(link));
+                        }
+                        continue;
+                    }
+                    let mut found = Vec::new();
+                    ploc.children(link, 8, &mut found);
+                    prop_assert!((2..=8).contains(&found.len()));
+                    open.extend(found.iter().map(|(_, child)| *child));
                 }
-                let mut found = Vec::new();
-                ploc.children(link, 8, &mut found);
-                prop_assert!((2..=8).contains(&found.len()));
-                open.extend(found.iter().map(|(_, child)| *child));
+                numbers.sort_unstable();
+                prop_assert!(numbers.into_iter().eq(0..boxes.len() as u32));
+                if collapse == Collapse::Optimal {
+                    check(&ploc.into_binary(), &boxes);
+                }
             }
-            check(&ploc.into_binary(), &boxes);
         }
     }
 }
