@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use indicatif::ProgressBar;
-use treewright_client::detect_fingerprint;
 
 use super::converge_entrants::{Chosen, EntrantArguments, EntrantSetting};
 use super::converge_output;
@@ -20,6 +19,7 @@ use treewright_render_cli::arguments::{Size, ViewArguments};
 use treewright_render_cli::error::{CliError, check_folder, write_file};
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
+use treewright_render_cli::server::machine;
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::{CONTENDERS_MAX, RUNS_MAX, SAMPLES_MAX, SECONDS_MAX};
@@ -175,7 +175,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         },
         size: [width, height],
         bounces: view.bounces,
-        machine: detect_fingerprint().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
+        machine: machine().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
         embree: renderer.embree_version(),
         budget_ms: plan.budget_ms,
         reference: ReferenceFacts {

@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use treewright_accel::Device;
-use treewright_client::detect_fingerprint;
 use treewright_render_cli::arguments::objective;
 use treewright_render_cli::error::{CliError, write_file};
 use treewright_render_cli::interrupt::Interrupt;
 use treewright_render_cli::output;
+use treewright_render_cli::server::machine;
 use treewright_renderer::limits::ROUNDS_MAX;
 use treewright_renderer::statistics::Ratio;
 use treewright_renderer::tuning::objective::Objective;
@@ -111,7 +111,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), CliError> {
         ));
     }
     let (major, minor, patch) = Device::open(threads)?.version();
-    let machine = detect_fingerprint()
+    let machine = machine()
         .software("treewright-lab", env!("CARGO_PKG_VERSION"))
         .software("embree", format!("{major}.{minor}.{patch}"));
     let mut open = OpenBook::open(&arguments.book, machine)?;

@@ -30,6 +30,10 @@ Examples:
   treewright-lab report --record paper.jsonl --out evaluation
   treewright-lab converge --scene builtin:hall --report converge.html
 
+Environment:
+  TREEWRIGHT_ISA  widest instruction set to use: sse2, avx2 or avx512. Default: the processor's best
+  TREEWRIGHT_LOG  what is written to standard error, for example info
+
 Exit codes:
   0  done
   1  the operation failed

@@ -5,9 +5,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use treewright_client::blocking::{Client, Study};
-use treewright_client::{Options, Policy, SessionPolicy, detect_fingerprint};
+use treewright_client::{Options, Policy, SessionPolicy};
 use treewright_render_cli::error::CliError;
 use treewright_render_cli::interrupt::Interrupt;
+use treewright_render_cli::server::machine;
 use treewright_renderer::disturbance::Watch;
 use treewright_renderer::frame::Renderer;
 use treewright_renderer::integrator::View;
@@ -160,7 +161,7 @@ impl Stage {
     ) -> Result<RecordedSearch, CliError> {
         let daemon = Daemon::start()?;
         let threads = u32::try_from(self.context.threads).unwrap_or(u32::MAX);
-        let options = Options::new().deadline(DEADLINE).fingerprint(detect_fingerprint().threads(threads));
+        let options = Options::new().deadline(DEADLINE).fingerprint(machine().threads(threads));
         let client = Client::connect(&daemon.url, options)?;
         let space = Arc::new(self.space(objective));
         let study =

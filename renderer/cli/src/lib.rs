@@ -26,6 +26,7 @@ use tracing_subscriber::Layer as _;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
+use treewright_accel::Isa;
 
 use commands::{animate, bench, best, image, info, play, rays, sample, tune};
 use error::CliError;
@@ -43,6 +44,10 @@ Examples:
   treewright-render verify --scene bmw.ply --rays 10000
 
 The commands from leave-out on are those of the program treewright-lab, which must lie in the same folder.
+
+Environment:
+  TREEWRIGHT_ISA  widest instruction set to use: sse2, avx2 or avx512. Default: the processor's best
+  TREEWRIGHT_LOG  what is written to standard error, for example info
 
 Exit codes:
   0  done
@@ -105,7 +110,8 @@ pub fn main() -> ExitCode {
 }
 
 /// Carries out what the command line asks a program for. Warnings of libraries go to standard error as far as
-/// `TREEWRIGHT_LOG` lets them, the reason of a failure in any case. Freed memory is kept for the next tree.
+/// `TREEWRIGHT_LOG` lets them, the reason of a failure in any case. Freed memory is kept for the next tree. Where
+/// `TREEWRIGHT_ISA` names an instruction set (`sse2`, `avx2`, `avx512`), nothing wider is used, as on an older processor.
 pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> ExitCode {
     // Where the C library does not know how, builds are slower and nothing else changes.
     let _ = treewright_accel::keep_freed_memory();
@@ -113,12 +119,27 @@ pub fn carry_out(program: &str, run: impl FnOnce() -> Result<(), CliError>) -> E
     let filter = filter.unwrap_or_else(|| Targets::new().with_default(LevelFilter::ERROR));
     let log = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
     tracing_subscriber::registry().with(log.with_filter(filter)).init();
-    match run() {
+    match limit_instruction_set().and_then(|()| run()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("{program}: {error}");
             error.exit_code()
         }
+    }
+}
+
+/// Keeps to the instruction set that the environment names.
+fn limit_instruction_set() -> Result<(), CliError> {
+    let Ok(name) = std::env::var("TREEWRIGHT_ISA") else { return Ok(()) };
+    let isa = Isa::ALL.into_iter().find(|isa| isa.name() == name).ok_or_else(|| {
+        let known: Vec<&str> = Isa::ALL.into_iter().map(Isa::name).collect();
+        CliError::Usage(format!("TREEWRIGHT_ISA is {name:?}; it is one of {}", known.join(", ")))
+    })?;
+    match isa.limit() {
+        true => Ok(()),
+        false => Err(CliError::Failed(format!(
+            "TREEWRIGHT_ISA is {name}, for which this processor or this program has no kernels; `make build` compiles them all"
+        ))),
     }
 }
 

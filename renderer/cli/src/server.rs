@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use clap::Args;
-use treewright_accel::Device;
+use treewright_accel::{Device, Isa};
 use treewright_client::blocking::Client;
-use treewright_client::{CredentialArguments, Options, detect_fingerprint};
+use treewright_client::{CredentialArguments, Fingerprint, Options, detect_fingerprint};
 
 use crate::error::CliError;
 use treewright_renderer::space::TuningSpace;
@@ -32,12 +32,21 @@ pub struct ServerArguments {
     pub credentials: CredentialArguments,
 }
 
+/// The machine that the renderer runs on, with the instruction set that it is kept to, if it is.
+pub fn machine() -> Fingerprint {
+    let mut machine = detect_fingerprint();
+    if let Some(isa) = Isa::widest() {
+        isa.name().clone_into(&mut machine.isa);
+    }
+    machine
+}
+
 impl ServerArguments {
     /// Connects, and makes sure that somebody answers.
     pub fn connect(&self, threads: usize) -> Result<Client, CliError> {
         let (major, minor, patch) = Device::open(threads)?.version();
         // Another version of either may build and trace otherwise: what older ones measured does not hold for it.
-        let mut fingerprint = detect_fingerprint()
+        let mut fingerprint = machine()
             .software("treewright-render", env!("CARGO_PKG_VERSION"))
             .software("embree", format!("{major}.{minor}.{patch}"));
         if threads > 0 {

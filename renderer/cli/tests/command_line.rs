@@ -222,6 +222,30 @@ fn the_laboratory_is_looked_for_beside_the_program() {
 }
 
 #[test]
+fn an_older_instruction_set_gives_the_same_picture() {
+    let folder = folder();
+    let path = folder.path();
+    let run = |isa: &str, more: &str| {
+        let arguments = format!("{SMALL} {more}");
+        let mut command = Command::new(PROGRAM);
+        command.args(arguments.split(' ')).current_dir(path).env("TREEWRIGHT_ISA", isa);
+        command.output().expect("the program starts")
+    };
+    let refused = run("mmx", "--out none.exr");
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("it is one of sse2, avx2, avx512"));
+    let plain = run("sse2", "--out plain.exr");
+    assert!(plain.status.success(), "{}", String::from_utf8_lossy(&plain.stderr));
+    succeeds(path, &format!("{SMALL} --out best.exr"));
+    let sum = |name: &str| {
+        let picture = image::open(path.join(name)).expect("the picture can be read").to_rgb32f();
+        picture.iter().map(|&value| f64::from(value)).sum::<f64>()
+    };
+    let (plain, best) = (sum("plain.exr"), sum("best.exr"));
+    assert!((plain - best).abs() < 1e-2 * best, "{plain} {best}");
+}
+
+#[test]
 fn the_rays_of_a_frame_are_recorded() {
     let folder = folder();
     let path = folder.path();

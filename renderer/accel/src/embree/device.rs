@@ -161,7 +161,8 @@ impl Device {
     /// A device that was told `further` options.
     fn new(threads: usize, further: &str, heard: Arc<Heard>) -> Result<Self, DeviceError> {
         // Configuration files in the home or working folder must not change what is measured.
-        let options = CString::new(format!("ignore_config_files=1,threads={threads},{further}"))
+        let widest = Isa::widest().map_or_else(String::new, |isa| format!("max_isa={},", isa.name()));
+        let options = CString::new(format!("ignore_config_files=1,threads={threads},{widest}{further}"))
             .expect("no zero byte in our own options");
         // SAFETY: a valid C string.
         let handle = unsafe { ffi::rtcNewDevice(options.as_ptr()) };

@@ -1,6 +1,11 @@
 //! Instruction sets the kernels are compiled for, and a way to compile a caller's loops for them as well. The build script
 //! says which (`kernels_NAME`): each, or that of the machine alone.
 
+use std::sync::OnceLock;
+
+/// The widest one that this process may use, where that is not the best available.
+static WIDEST: OnceLock<Isa> = OnceLock::new();
+
 /// An instruction set with kernels of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Isa {
@@ -16,9 +21,32 @@ impl Isa {
     /// All of them, the plainest first.
     pub const ALL: [Self; 3] = [Self::Scalar, Self::Avx2, Self::Avx512];
 
-    /// The best one that is available.
+    /// The best one that is available and not [ruled out](Self::limit).
     pub fn detect() -> Self {
-        Self::ALL.into_iter().rev().find(|isa| isa.is_available()).unwrap_or(Self::Scalar)
+        let widest = WIDEST.get().copied().unwrap_or(Self::Avx512);
+        let allowed = Self::ALL.into_iter().rev().filter(|isa| *isa <= widest);
+        allowed.into_iter().find(|isa| isa.is_available()).unwrap_or(Self::Scalar)
+    }
+
+    /// Keeps this process from anything wider, Embree's kernels included, as if the processor had no more. To be called
+    /// before the first device is opened, which is where Embree is told. `false` where the set is not available here, or
+    /// another one was named before.
+    pub fn limit(self) -> bool {
+        self.is_available() && *WIDEST.get_or_init(|| self) == self
+    }
+
+    /// What this process is [kept to](Self::limit), if anything.
+    pub fn widest() -> Option<Self> {
+        WIDEST.get().copied()
+    }
+
+    /// The name that machines are told by and Embree knows it by.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Scalar => "sse2",
+            Self::Avx2 => "avx2",
+            Self::Avx512 => "avx512",
+        }
     }
 
     /// Whether kernels are compiled for it and this processor has it.
@@ -117,6 +145,12 @@ mod tests {
         for isa in Isa::ALL {
             assert_eq!(isa.run(Norms(&vectors)), expected, "{isa:?}");
         }
+    }
+
+    #[test]
+    fn names_tell_them_apart() {
+        let names: std::collections::BTreeSet<&str> = Isa::ALL.into_iter().map(Isa::name).collect();
+        assert_eq!(names.len(), Isa::ALL.len());
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use treewright_client::blocking::{Client, Study, Tuner};
-use treewright_client::{Configuration, Indicators, Policy, SessionPolicy, Source, detect_fingerprint};
+use treewright_client::{Configuration, Indicators, Policy, SessionPolicy, Source};
 
 use super::tune_output;
 use crate::arguments::{
@@ -18,7 +18,7 @@ use crate::interrupt::Interrupt;
 use crate::narrowing::NarrowingArguments;
 use crate::output;
 use crate::report;
-use crate::server::ServerArguments;
+use crate::server::{ServerArguments, machine};
 use treewright_renderer::disturbance::{Disturbance, Watch};
 use treewright_renderer::frame::{Renderer, milliseconds};
 use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
@@ -240,7 +240,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         baseline: baseline.name,
         server: client.url().to_owned(),
         study: id,
-        machine: detect_fingerprint().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
+        machine: machine().threads(u32::try_from(renderer.threads()).unwrap_or(u32::MAX)),
         indicators: setting.indicators.clone(),
         overhead: Overhead::of(&found.trials),
         trials: found.trials,
