@@ -1,4 +1,5 @@
-//! Who takes part in `converge`: the two defaults, what the command line names, what the daemon answers.
+//! Who takes part in `converge`: the two defaults, native Embree used well, the best fixed configuration, what the command
+//! line names, what the daemon answers.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,7 +21,7 @@ use treewright_renderer::frame::{Renderer, milliseconds};
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::ITERATIONS_MAX;
 use treewright_renderer::measure::Contender;
-use treewright_renderer::space::{self, Choice, TuningSpace};
+use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::confirmation::confirm;
 use treewright_renderer::tuning::objective::{Objective, specification};
 use treewright_renderer::tuning::search;
@@ -30,7 +31,7 @@ use treewright_renderer::tuning::verdict::{
 use treewright_renderer::tuning::workload::Workload;
 use treewright_scene::indicators::SceneIndicators;
 
-/// Which configurations take part besides the two defaults.
+/// Which configurations take part besides those that always do.
 #[derive(Args, Clone, Debug)]
 pub(super) struct EntrantArguments {
     #[command(flatten)]
@@ -101,7 +102,7 @@ fn chosen(
 }
 
 impl EntrantArguments {
-    /// The two defaults and everything that is given on the command line, checked.
+    /// Those that always take part and everything that is given on the command line, checked.
     pub(super) fn read(&self, threads: usize) -> Result<Vec<Chosen>, CliError> {
         let space = self.space.whole(Objective::Render, threads)?;
         let native = Choice::native(NativeQuality::Medium);
@@ -109,6 +110,15 @@ impl EntrantArguments {
             untuned(PAPER_DEFAULT, Choice::paper_default(), "the paper's Table 1"),
             untuned(NATIVE_DEFAULT, native, "rtcCommitScene untold, single rays"),
         ];
+        let full = TuningSpace::new(
+            Preset::Full,
+            &Premises { robust: self.space.robust, threads, ..Premises::all() },
+        );
+        for Rival { contender, configuration } in verdict::used_well(&full) {
+            let origin = "with our stages and packets".to_owned();
+            all.push(Chosen { entrant: Entrant { contender, setup_ms: 0.0 }, configuration, origin });
+        }
+        all.push(untuned(BEST_FIXED, full.default_choice(), "where searches start"));
         if let Some(path) = &self.tuned {
             let (configuration, tuning_ms) = read_tuned(path)?;
             let known = if tuning_ms.is_some() { "" } else { ", which does not say how long tuning took" };

@@ -96,7 +96,15 @@ pub(super) fn headline(results: &ComparisonResults) -> String {
         let (_, row) = last_row(results, &found.curve.name)?;
         let speedup = row.speedups.first()?;
         let ratio = speedup.ratio.estimate;
-        Some(if ratio >= 1.0 {
+        let is_open = speedup.ratio.range.is_some_and(|[low, high]| low <= 1.0 && high >= 1.0);
+        Some(if is_open {
+            format!(
+                "Whether the {} configuration reaches the same picture sooner than {} is not shown: {}×.",
+                found.curve.name,
+                speedup.over,
+                with_range(&speedup.ratio, 2)
+            )
+        } else if ratio >= 1.0 {
             format!(
                 "The {} configuration reaches the same picture {ratio:.2}× sooner than {}.",
                 found.curve.name, speedup.over

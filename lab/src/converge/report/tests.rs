@@ -118,6 +118,19 @@ fn the_page_says_what_was_measured_and_stands_alone() {
 }
 
 #[test]
+fn no_gain_is_told_where_its_interval_holds_none() {
+    let mut results = results(0.0);
+    for row in results.equal_error.iter_mut().flat_map(|error| &mut error.rows) {
+        for speedup in &mut row.speedups {
+            speedup.ratio.range = Some([0.9, 2.5]);
+        }
+    }
+    let page = html(&results, &Yardstick::new(picture(1.0))).expect("it is put together");
+    assert!(page.contains("Whether the tuned configuration reaches the same picture sooner"));
+    assert!(page.contains("is not shown: 1.99 [0.90, 2.50]×"));
+}
+
+#[test]
 fn bias_is_reported() {
     let page = html(&results(1e-2), &Yardstick::new(picture(1.0))).expect("it is put together");
     assert!(page.contains("BIASED") && page.contains("which no time will remove: tuned."));
