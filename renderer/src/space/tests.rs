@@ -64,7 +64,8 @@ fn the_full_default_is_the_best_of_the_measured_ones() {
     let each_frame = TuningSpace::new(Preset::Full, &Premises { builds_each_frame: true, ..Premises::all() });
     let quick = self::tree(&each_frame, "");
     assert_eq!((quick.branching_factor, quick.block_width, quick.reinsertion_passes), (8, 8, 0));
-    assert_eq!((quick.quality, quick.collapse), (Quality::Morton, Collapse::Builder));
+    assert_eq!((quick.builder, quick.collapse), (Builder::Ploc, Collapse::Builder));
+    assert_eq!((quick.search_radius, quick.cluster_size), (4, 8));
     assert_eq!((tree.min_leaf_size, tree.max_leaf_size), (8, 32));
     assert_eq!((quick.min_leaf_size, quick.max_leaf_size), (16, 32));
 }
