@@ -128,7 +128,7 @@ impl Evidence {
     }
 
     /// The standard deviation of the logarithm of one measurement: of what is kept and of `usual`, that of other
-    /// configurations, which counts as [`USUAL_COUNT`] measurements. It is above the usual one where a configuration is
+    /// configurations, which counts as four measurements. It is above the usual one where a configuration is
     /// restless by itself, as a builder is whose threads meet by chance.
     pub fn log_deviation(&self, usual: f64) -> f64 {
         let logs: Vec<f64> = self.recent.iter().map(|cost| libm::log(cost.max(f64::MIN_POSITIVE))).collect();
