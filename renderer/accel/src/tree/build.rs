@@ -58,10 +58,12 @@ impl Tree {
             (Memory::Own(arena), node)
         };
         let bounds = bounds_below(node, parameters, triangles);
-        // SAFETY: the tree was just made with these parameters, and nobody else knows of it yet.
-        for_node!(parameters, N => for_block!(parameters, B => unsafe {
-            sort_children::<N, B>(node, bounds, parameters);
-        }));
+        if !matches!(memory, Memory::Slabs(_)) {
+            // SAFETY: the tree was just made with these parameters, and nobody else knows of it yet.
+            for_node!(parameters, N => for_block!(parameters, B => unsafe {
+                sort_children::<N, B>(node, bounds, parameters);
+            }));
+        }
         let root = Root { node, bounds, triangles: Arc::clone(triangles) };
         Ok(Self { root, kernels, isa, parameters: *parameters, motion: None, _memory: memory })
     }

@@ -1,16 +1,18 @@
 //! A clustered tree becomes memory at once: wide nodes and their leaves as they are met, each thread in slabs of its
-//! own. For builds that have no time for a plan.
+//! own, children in the order for shadow rays. For builds that have no time for a plan.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 
 use super::arena::Arena;
+use super::occlusion::{Prospect, area as area_of, order_of};
 use super::ploc::{ClusterLink, Ploc};
 use crate::error::BuildError;
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};
-use crate::parameters::TreeParameters;
+use crate::parameters::{ChildOrder, TreeParameters};
+use crate::prefetch::prefetch;
 
 /// Bytes of a slab: as large as a huge page, or for small trees a share of what they may come to.
 const SLAB: usize = 2 << 20;
@@ -25,19 +27,18 @@ const TASKS_PER_THREAD: u32 = 8;
 /// Fewest triangles that are worth a task of their own.
 const TRIANGLES_PER_TASK: u32 = 4_096;
 
-/// A reference on its way from the thread that wrote what it refers to.
+/// What was written, and what awaits a shadow ray there: on its way from the thread that wrote it.
 #[derive(Clone, Copy)]
-struct Handed(NodeRef);
+struct Written(NodeRef, Prospect);
 
 // SAFETY: the node is finished and nobody writes to it again.
-unsafe impl Send for Handed {}
+unsafe impl Send for Written {}
 
 /// What all threads share.
 struct Emitter<'a> {
     ploc: &'a Ploc,
     triangles: &'a Triangles,
-    watertight: bool,
-    max_depth: u32,
+    parameters: &'a TreeParameters,
     /// Subtrees of more triangles are shared between threads.
     per_task: u32,
     slab: usize,
@@ -59,6 +60,7 @@ unsafe impl Send for Room {}
 /// Lists that are used again and again.
 #[derive(Default)]
 struct Lists {
+    /// Triangles of a node's leaves, one leaf after the other.
     numbers: Vec<u32>,
     children: Vec<(Bounds, ClusterLink)>,
 }
@@ -74,14 +76,19 @@ pub(super) fn emit<N: TreeNode, const B: usize>(
     let emitter = Emitter {
         ploc,
         triangles,
-        watertight: parameters.robust,
-        max_depth: parameters.max_depth,
+        parameters,
         per_task: (triangles.len() as u32 / tasks).max(TRIANGLES_PER_TASK),
         slab: (bytes / tasks as usize).next_power_of_two().clamp(SLAB_MIN, SLAB),
         slabs: Mutex::default(),
         rooms: Mutex::default(),
     };
-    let root = emitter.subtree::<N, B>(ploc.root, 0, &mut Room::new(), &mut Lists::default())?;
+    let (all, room, lists) = ((ploc.bounds(ploc.root), ploc.root), &mut Room::new(), &mut Lists::default());
+    let Written(root, _) = if ploc.is_leaf(ploc.root) {
+        ploc.gather(ploc.root, &mut lists.numbers);
+        emitter.leaf::<B>(&all.0, &lists.numbers, room)?
+    } else {
+        emitter.subtree::<N, B>(all, 0, room, lists)?
+    };
     let slabs = emitter.slabs.into_inner().unwrap_or_else(PoisonError::into_inner);
     Ok((slabs, root))
 }
@@ -113,65 +120,143 @@ impl Emitter<'_> {
         Ok(start.cast())
     }
 
-    /// Writes what is below a node, and itself. Recursion is as deep as the wide tree may be.
+    /// Writes an inner node after what is below it. Recursion is as deep as the wide tree may be.
     fn subtree<N: TreeNode, const B: usize>(
         &self,
-        link: ClusterLink,
+        (bounds, link): (Bounds, ClusterLink),
         depth: u32,
         room: &mut Room,
         lists: &mut Lists,
-    ) -> Result<NodeRef, BuildError> {
-        if depth > self.max_depth {
-            return Err(BuildError::DepthLimit { max_depth: self.max_depth });
-        }
-        if self.ploc.is_leaf(link) {
-            return self.leaf::<B>(link, room, &mut lists.numbers);
+    ) -> Result<Written, BuildError> {
+        // Its children are a level deeper.
+        if depth >= self.parameters.max_depth {
+            return Err(BuildError::DepthLimit { max_depth: self.parameters.max_depth });
         }
         let place: *mut N = self.take(room, 1)?;
         self.ploc.children(link, N::WIDTH, &mut lists.children);
-        let mut children = [(Bounds::EMPTY, NodeRef::EMPTY); WIDTH_MAX];
-        let mut links = [link; WIDTH_MAX];
         let count = lists.children.len();
-        for (index, &(bounds, child)) in lists.children.iter().enumerate() {
-            (children[index].0, links[index]) = (bounds, child);
-        }
+        let mut found = [(Bounds::EMPTY, link); WIDTH_MAX];
+        found[..count].copy_from_slice(&lists.children);
+        let found = &found[..count];
+        let mut below = [const { Written(NodeRef::EMPTY, Prospect::NONE) }; WIDTH_MAX];
+        self.leaves::<B>(found, &mut below, room, &mut lists.numbers)?;
+        let inner = |place: &usize| !self.ploc.is_leaf(found[*place].1);
         if self.ploc.triangles(link) > self.per_task {
-            let below: Vec<Handed> = links[..count]
+            let inner: Vec<usize> = (0..count).filter(inner).collect();
+            let written: Vec<Written> = inner
                 .par_iter()
-                .map(|&child| {
+                .map(|&place| {
                     let mut lists = Lists::default();
                     let mut room = self.rooms().pop().unwrap_or_else(Room::new);
-                    let below = self.subtree::<N, B>(child, depth + 1, &mut room, &mut lists).map(Handed);
+                    let written = self.subtree::<N, B>(found[place], depth + 1, &mut room, &mut lists);
                     self.rooms().push(room);
-                    below
+                    written
                 })
                 .collect::<Result<_, _>>()?;
-            below.into_iter().zip(&mut children).for_each(|(below, child)| child.1 = below.0);
+            inner.into_iter().zip(written).for_each(|(place, written)| below[place] = written);
         } else {
-            for (&below, child) in links[..count].iter().zip(&mut children) {
-                child.1 = self.subtree::<N, B>(below, depth + 1, room, lists)?;
+            for place in (0..count).filter(inner) {
+                below[place] = self.subtree::<N, B>(found[place], depth + 1, room, lists)?;
             }
+        }
+        let prospects = below.map(|Written(_, prospect)| prospect);
+        let (order, prospect) = order_of(found, &prospects, bounds.half_area() as f32, self.parameters);
+        let mut children = [(Bounds::EMPTY, NodeRef::EMPTY); WIDTH_MAX];
+        for (child, &from) in children.iter_mut().zip(&order[..count]) {
+            *child = (found[usize::from(from)].0, below[usize::from(from)].0);
         }
         // SAFETY: the room was taken for it, is aligned and nobody else's.
         unsafe { place.write(N::new(&children[..count])) };
-        Ok(NodeRef::to_node(place))
+        Ok(Written(NodeRef::to_node(place), prospect))
+    }
+
+    /// Writes those of a node's children that are leaves.
+    fn leaves<const B: usize>(
+        &self,
+        found: &[(Bounds, ClusterLink)],
+        below: &mut [Written; WIDTH_MAX],
+        room: &mut Room,
+        numbers: &mut Vec<u32>,
+    ) -> Result<(), BuildError> {
+        numbers.clear();
+        let mut ends = [0; WIDTH_MAX];
+        for (end, &(_, link)) in ends.iter_mut().zip(found) {
+            if self.ploc.is_leaf(link) {
+                self.ploc.gather(link, numbers);
+            }
+            *end = numbers.len();
+        }
+        // Where a triangle's corners are is anywhere in memory, and only its indices say where.
+        numbers.iter().for_each(|&number| prefetch(self.triangles.indices(), number as usize));
+        let mut first = 0;
+        for ((end, &(bounds, _)), written) in ends.into_iter().zip(found).zip(below) {
+            if first < end {
+                *written = self.leaf::<B>(&bounds, &numbers[first..end], room)?;
+            }
+            first = end;
+        }
+        Ok(())
     }
 
     fn leaf<const B: usize>(
         &self,
-        link: ClusterLink,
+        bounds: &Bounds,
+        numbers: &[u32],
         room: &mut Room,
-        numbers: &mut Vec<u32>,
-    ) -> Result<NodeRef, BuildError> {
-        numbers.clear();
-        self.ploc.gather(link, numbers);
+    ) -> Result<Written, BuildError> {
+        for &number in numbers {
+            let corners = self.triangles.indices()[number as usize];
+            corners.into_iter().for_each(|corner| prefetch(self.triangles.positions(), corner as usize));
+        }
         let count = numbers.len().div_ceil(B);
         let blocks: *mut Block<B> = self.take(room, count)?;
+        let likely = self.parameters.child_order == ChildOrder::Likely;
+        let mut area = 0.0;
         for (index, some) in numbers.chunks(B).enumerate() {
-            let block = Block::new(some.iter().copied(), self.triangles, self.watertight);
+            let block = Block::new(some.iter().copied(), self.triangles, self.parameters.robust);
+            area += if likely { area_of(&block, self.parameters.robust) } else { 0.0 };
             // SAFETY: the room was taken for so many blocks, is aligned and nobody else's.
             unsafe { blocks.add(index).write(block) };
         }
-        Ok(NodeRef::to_leaf(blocks, count))
+        let prospect = Prospect::leaf(count, area, bounds.half_area() as f32, self.parameters);
+        Ok(Written(NodeRef::to_leaf(blocks, count), prospect))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::binary::tests::boxes;
+    use super::super::occlusion::sort_children;
+    use super::super::ploc::tests::over;
+    use super::*;
+    use crate::layout::Node;
+
+    /// All references below a node, depth first in the order of the children.
+    fn references(root: NodeRef, found: &mut Vec<*mut std::ffi::c_void>) {
+        found.push(root.into_raw());
+        if !root.is_leaf() {
+            // SAFETY: the test has just written nodes of this width, and their memory lives.
+            let node = unsafe { root.node::<Node<8>>() };
+            node.children()[..node.count()].iter().for_each(|&child| references(child, found));
+        }
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn children_come_in_the_order_that_sorting_gives_afterwards(boxes in boxes()) {
+            for child_order in [ChildOrder::Likely, ChildOrder::Topmost] {
+                let parameters = TreeParameters { child_order, max_leaf_size: 4, ..TreeParameters::default() };
+                let triangles = over(&boxes);
+                let ploc = Ploc::build(&triangles, &parameters);
+                let (_slabs, root) = emit::<Node<8>, 4>(&ploc, &triangles, &parameters).expect("it is not deep");
+                let mut emitted = Vec::new();
+                references(root, &mut emitted);
+                // SAFETY: it is of these nodes and blocks, and nobody else looks at it.
+                unsafe { sort_children::<Node<8>, 4>(root, ploc.bounds(ploc.root), &parameters) };
+                let mut sorted = Vec::new();
+                references(root, &mut sorted);
+                proptest::prop_assert!(emitted == sorted);
+            }
+        }
     }
 }

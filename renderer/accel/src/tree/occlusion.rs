@@ -19,7 +19,7 @@ const TASK_LEVELS: u32 = 3;
 
 /// What awaits a ray that meets a box and looks for any hit.
 #[derive(Clone, Copy, Debug, Default)]
-struct Prospect {
+pub(super) struct Prospect {
     /// Probability that it is blocked inside.
     blocked: f32,
     /// Expected cost of finding out.
@@ -27,8 +27,11 @@ struct Prospect {
 }
 
 impl Prospect {
+    /// Of nothing.
+    pub(super) const NONE: Self = Self { blocked: 0.0, cost: 0.0 };
+
     /// Of a leaf with blocks of triangles of such an area in a box of such half an area.
-    fn leaf(blocks: usize, area: f32, half_area: f32, parameters: &TreeParameters) -> Self {
+    pub(super) fn leaf(blocks: usize, area: f32, half_area: f32, parameters: &TreeParameters) -> Self {
         // Close to what independent crossings would give, `1 - exp(-crossings / 2)`, and the same on every machine. A box
         // without area of its own is as good as full.
         let blocked = if half_area > 0.0 { area / (area + 2.0 * half_area) } else { 1.0 };
@@ -53,6 +56,26 @@ impl Prospect {
     /// The greater, the sooner it should be visited.
     fn promise(self) -> f32 {
         self.blocked / self.cost.max(f32::MIN_POSITIVE)
+    }
+}
+
+/// The order that the parameters ask for among the children of a node of such half an area, and what awaits a ray there.
+pub(super) fn order_of<T>(
+    children: &[(Bounds, T)],
+    prospects: &[Prospect; WIDTH_MAX],
+    half_area: f32,
+    parameters: &TreeParameters,
+) -> ([u8; WIDTH_MAX], Prospect) {
+    let count = children.len();
+    match parameters.child_order {
+        ChildOrder::Builder => (std::array::from_fn(|place| place as u8), Prospect::NONE),
+        ChildOrder::Topmost => (order_by(count, |place| children[place].0.middle(1)), Prospect::NONE),
+        ChildOrder::Likely => {
+            let order = order_by(count, |place| prospects[place].promise());
+            let visits = order[..count].iter().rev().map(|&place| usize::from(place));
+            let visits = visits.map(|place| (children[place].0.half_area() as f32, prospects[place]));
+            (order, Prospect::node(visits, half_area, parameters))
+        }
     }
 }
 
@@ -164,17 +187,16 @@ fn order_by(count: usize, key: impl Fn(usize) -> f32) -> [u8; WIDTH_MAX] {
 }
 
 /// Area of a block's triangles.
-fn area<const B: usize>(block: &Block<B>, watertight: bool) -> f32 {
+pub(super) fn area<const B: usize>(block: &Block<B>, watertight: bool) -> f32 {
     let [a, b, c] = &block.vertices;
-    let mut sum = 0.0;
-    for lane in 0..B {
+    // The compiler makes vectors of the lanes.
+    let areas: [f32; B] = std::array::from_fn(|lane| {
         let of = |vertex: &[[f32; B]; 3]| glam::Vec3::from([0, 1, 2].map(|axis| vertex[axis][lane]));
         let (first, second) = if watertight { (of(b) - of(a), of(c) - of(a)) } else { (of(b), of(c)) };
-        let area = 0.5 * first.cross(second).length();
-        // Unused lanes hold NaN.
-        sum += if area.is_finite() { area } else { 0.0 };
-    }
-    sum
+        0.5 * first.cross(second).length()
+    });
+    // Unused lanes hold NaN.
+    areas.into_iter().filter(|area| area.is_finite()).sum()
 }
 
 #[cfg(test)]

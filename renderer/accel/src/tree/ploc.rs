@@ -15,16 +15,26 @@
 use super::binary::{BinaryTree, Source};
 use super::morton::{self, Key};
 use crate::geometry::Triangles;
-use crate::layout::Bounds;
+use crate::layout::{Bounds, WIDTH_MAX};
 use crate::memory::wish_for_huge_pages;
 use crate::parameters::{Collapse, TreeParameters};
+use crate::prefetch::prefetch;
 use crate::traverse::Isa;
 
 /// Fewest triangles that are worth a task of their own.
 const TRIANGLES_PER_TASK: usize = 4_096;
 
+/// Triangles whose boxes are fetched ahead of their use: parts along the curve are anywhere in memory.
+const FETCHED_AHEAD: usize = 64;
+
 /// Clusters that are looked at together.
 const LANES: usize = 16;
+
+/// Places behind the last cluster that are read: the largest radius, and a vector less one.
+const FREE_BEHIND: usize = 32 + LANES;
+
+/// Places of a stack of clusters at first; more are made where the curve is deep.
+const ROOM: usize = 256;
 
 /// Marks a link as a triangle.
 const TRIANGLE: u32 = 1 << 31;
@@ -81,39 +91,39 @@ struct Costs {
     max_leaf_size: u32,
 }
 
-/// Clusters side by side along the curve: at most `P` less the radius, behind which it must stay free. That is a multiple
-/// of [`LANES`].
-struct Clusters<const P: usize> {
-    lower: [[f32; P]; 3],
-    upper: [[f32; P]; 3],
-    links: [ClusterLink; P],
+/// What a cluster is, but for its box.
+#[derive(Clone, Copy)]
+struct Cluster {
+    link: ClusterLink,
     /// A place among the nodes that nobody has used: there is one for each cluster.
-    free: [u32; P],
-    triangles: [u32; P],
+    free: u32,
+    triangles: u32,
     /// Expected cost of the subtree, times the area of its box.
-    costs: [f32; P],
-    count: usize,
+    cost: f32,
 }
 
-impl<const P: usize> Clusters<P> {
+/// A stack of clusters in their order along the curve. A part works on those at its top; below wait those of the parts before
+/// it. Behind the last there are always [`LANES`] and a radius of free places.
+struct Clusters {
+    lower: [Vec<f32>; 3],
+    upper: [Vec<f32>; 3],
+    rest: Vec<Cluster>,
+}
+
+impl Clusters {
     fn new() -> Self {
+        let planes = |free: f32| std::array::from_fn(|_| vec![free; ROOM]);
+        // The box of a free place makes none but infinite ones.
         Self {
-            // The box of a free place makes none but infinite ones.
-            lower: [[f32::NEG_INFINITY; P]; 3],
-            upper: [[f32::INFINITY; P]; 3],
-            links: [ClusterLink(TRIANGLE); P],
-            free: [0; P],
-            triangles: [0; P],
-            costs: [0.0; P],
-            count: 0,
+            lower: planes(f32::NEG_INFINITY),
+            upper: planes(f32::INFINITY),
+            rest: Vec::with_capacity(ROOM),
         }
     }
 
     fn bounds(&self, place: usize) -> Bounds {
-        Bounds {
-            lower: self.lower.map(|planes| planes[place]),
-            upper: self.upper.map(|planes| planes[place]),
-        }
+        let at = |planes: &[Vec<f32>; 3]| [planes[0][place], planes[1][place], planes[2][place]];
+        Bounds { lower: at(&self.lower), upper: at(&self.upper) }
     }
 
     fn set(&mut self, place: usize, bounds: &Bounds) {
@@ -123,12 +133,20 @@ impl<const P: usize> Clusters<P> {
         }
     }
 
-    fn push(&mut self, bounds: &Bounds, link: ClusterLink, free: u32, triangles: u32, cost: f32) {
-        let place = self.count;
+    fn push(&mut self, bounds: &Bounds, cluster: Cluster) {
+        let place = self.rest.len();
+        if place + FREE_BEHIND >= self.lower[0].len() {
+            self.make_room();
+        }
         self.set(place, bounds);
-        (self.links[place], self.free[place]) = (link, free);
-        (self.triangles[place], self.costs[place]) = (triangles, cost);
-        self.count += 1;
+        self.rest.push(cluster);
+    }
+
+    #[cold]
+    fn make_room(&mut self) {
+        let places = 2 * self.lower[0].len();
+        self.lower.iter_mut().for_each(|plane| plane.resize(places, f32::NEG_INFINITY));
+        self.upper.iter_mut().for_each(|plane| plane.resize(places, f32::INFINITY));
     }
 
     /// Moves a cluster forward.
@@ -136,44 +154,47 @@ impl<const P: usize> Clusters<P> {
         if to < from {
             let bounds = self.bounds(from);
             self.set(to, &bounds);
-            (self.links[to], self.free[to]) = (self.links[from], self.free[from]);
-            (self.triangles[to], self.costs[to]) = (self.triangles[from], self.costs[from]);
+            self.rest[to] = self.rest[from];
         }
     }
 
     /// Frees the places from `count` on.
     fn truncate(&mut self, count: usize) {
         let nothing = Bounds { lower: [f32::NEG_INFINITY; 3], upper: [f32::INFINITY; 3] };
-        for place in count..self.count {
+        for place in count..self.rest.len() {
             self.set(place, &nothing);
         }
-        self.count = count;
+        self.rest.truncate(count);
     }
 }
 
-/// For each cluster which of those at most `R` places away makes the smallest box with it: the exclusive or of both
-/// places, behind the area's highest bits. That is the same for both of a pair, and different for the partners of one,
-/// so of equal areas too there is always one pair whose two choose each other, and equal boxes are joined pair by pair.
+/// For each cluster from `base` on, at most `P` less the radius, which of those at most `R` places away makes the smallest
+/// box with it: the exclusive or of both places, behind the area's highest bits. That is the same for both of a pair, and
+/// different for the partners of one, so of equal areas too there is always one pair whose two choose each other, and equal
+/// boxes are joined pair by pair.
 #[inline(always)]
-fn nearest<const R: usize, const P: usize>(clusters: &Clusters<P>, best: &mut [u32; P]) {
+fn nearest<const R: usize, const P: usize>(clusters: &Clusters, base: usize, best: &mut [u32; P]) {
+    const { assert!(R + LANES <= FREE_BEHIND) };
     best.fill(u32::MAX);
     let mask = P.next_power_of_two() as u32 - 1;
     let least = |a: f32, b: f32| if a < b { a } else { b };
     let most = |a: f32, b: f32| if a > b { a } else { b };
+    let [lx, ly, lz] = [0, 1, 2].map(|axis| &clusters.lower[axis][base..]);
+    let [ux, uy, uz] = [0, 1, 2].map(|axis| &clusters.upper[axis][base..]);
     // The compiler makes vectors of the loops over `lane`. Free places take part and come to nothing.
-    for start in (0..clusters.count).step_by(LANES) {
-        let [lx, ly, lz] = [0, 1, 2].map(|axis| lanes(&clusters.lower[axis], start));
-        let [ux, uy, uz] = [0, 1, 2].map(|axis| lanes(&clusters.upper[axis], start));
+    for start in (0..clusters.rest.len() - base).step_by(LANES) {
+        let [lx_own, ly_own, lz_own] = [lx, ly, lz].map(|planes| lanes(planes, start));
+        let [ux_own, uy_own, uz_own] = [ux, uy, uz].map(|planes| lanes(planes, start));
         let mut of_start = [u32::MAX; LANES];
         for step in 1..=R {
             let other = start + step;
-            let [lx_other, ly_other, lz_other] = [0, 1, 2].map(|axis| lanes(&clusters.lower[axis], other));
-            let [ux_other, uy_other, uz_other] = [0, 1, 2].map(|axis| lanes(&clusters.upper[axis], other));
+            let [lx_other, ly_other, lz_other] = [lx, ly, lz].map(|planes| lanes(planes, other));
+            let [ux_other, uy_other, uz_other] = [ux, uy, uz].map(|planes| lanes(planes, other));
             let mut keys = [0; LANES];
             for lane in 0..LANES {
-                let x = most(ux[lane], ux_other[lane]) - least(lx[lane], lx_other[lane]);
-                let y = most(uy[lane], uy_other[lane]) - least(ly[lane], ly_other[lane]);
-                let z = most(uz[lane], uz_other[lane]) - least(lz[lane], lz_other[lane]);
+                let x = most(ux_own[lane], ux_other[lane]) - least(lx_own[lane], lx_other[lane]);
+                let y = most(uy_own[lane], uy_other[lane]) - least(ly_own[lane], ly_other[lane]);
+                let z = most(uz_own[lane], uz_other[lane]) - least(lz_own[lane], lz_other[lane]);
                 let area = x * y + (x + y) * z;
                 keys[lane] = (area.to_bits() & !mask) | ((start + lane) ^ (other + lane)) as u32;
             }
@@ -192,35 +213,48 @@ fn nearest<const R: usize, const P: usize>(clusters: &Clusters<P>, best: &mut [u
 
 /// So many numbers from a place on.
 #[inline(always)]
-fn lanes<const P: usize>(of: &[f32; P], place: usize) -> &[f32; LANES] {
-    of[place..].first_chunk().expect("behind the last cluster there is room for a radius")
+fn lanes(of: &[f32], place: usize) -> &[f32; LANES] {
+    of[place..].first_chunk().expect("behind the last cluster there is room")
 }
 
-type Nearest<const P: usize> = unsafe fn(&Clusters<P>, &mut [u32; P]);
+type Nearest<const P: usize> = unsafe fn(&Clusters, usize, &mut [u32; P]);
 
 /// # Safety
 /// None is needed; it has the type of those that need processor features.
-unsafe fn nearest_plain<const R: usize, const P: usize>(clusters: &Clusters<P>, best: &mut [u32; P]) {
-    nearest::<R, P>(clusters, best);
+unsafe fn nearest_plain<const R: usize, const P: usize>(
+    clusters: &Clusters,
+    base: usize,
+    best: &mut [u32; P],
+) {
+    nearest::<R, P>(clusters, base, best);
 }
 
 /// # Safety
 /// The processor has AVX2.
 #[cfg(all(target_arch = "x86_64", kernels_avx2))]
 #[target_feature(enable = "avx2")]
-unsafe fn nearest_avx2<const R: usize, const P: usize>(clusters: &Clusters<P>, best: &mut [u32; P]) {
-    nearest::<R, P>(clusters, best);
+unsafe fn nearest_avx2<const R: usize, const P: usize>(
+    clusters: &Clusters,
+    base: usize,
+    best: &mut [u32; P],
+) {
+    nearest::<R, P>(clusters, base, best);
 }
 
 /// # Safety
 /// The processor has these features.
 #[cfg(all(target_arch = "x86_64", kernels_avx512))]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2")]
-unsafe fn nearest_avx512<const R: usize, const P: usize>(clusters: &Clusters<P>, best: &mut [u32; P]) {
-    nearest::<R, P>(clusters, best);
+unsafe fn nearest_avx512<const R: usize, const P: usize>(
+    clusters: &Clusters,
+    base: usize,
+    best: &mut [u32; P],
+) {
+    nearest::<R, P>(clusters, base, best);
 }
 
-/// A build in progress. Parts hand up half of what fits into `P`, less the radius.
+/// A build in progress. At most `P` less the radius clusters are looked at at once, a multiple of [`LANES`]; parts hand up
+/// half as many.
 struct Builder<'a, const R: usize, const P: usize> {
     boxes: &'a [Bounds],
     costs: Costs,
@@ -235,62 +269,49 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
     const HANDED_UP: usize = (P - R) / 2;
 
     /// Adds the clusters of a part of the curve, which has the nodes from number `first` on to itself.
-    fn part(&self, keys: &[Key], nodes: &mut [Joined], first: u32, clusters: &mut Clusters<P>) {
+    fn part(&self, keys: &[Key], nodes: &mut [Joined], first: u32, clusters: &mut Clusters) {
         if keys.len() <= Self::HANDED_UP {
             self.begin(keys, nodes, (first, first), clusters);
             return;
         }
+        let base = clusters.rest.len();
         let middle = Key::middle(keys);
         let (keys_left, keys_right) = keys.split_at(middle);
         let (nodes_left, nodes_right) = nodes.split_at_mut(middle);
-        if keys_right.len() <= Self::HANDED_UP {
+        let first_right = first + middle as u32;
+        if keys.len() > FETCHED_AHEAD {
+            [keys_left, keys_right]
+                .into_iter()
+                .filter(|part| part.len() <= FETCHED_AHEAD)
+                .flatten()
+                .for_each(|key| prefetch(self.boxes, key.number() as usize));
+        }
+        if keys.len() < TRIANGLES_PER_TASK || keys_right.len() <= Self::HANDED_UP {
             self.part(keys_left, nodes_left, first, clusters);
-            let next = first + middle as u32;
-            self.begin(keys_right, nodes_right, (next, next), clusters);
-            self.join(clusters, Self::HANDED_UP, nodes, first);
-            return;
-        }
-        let mut right = Clusters::new();
-        let of_left = |clusters: &mut Clusters<P>| self.part(keys_left, nodes_left, first, clusters);
-        let of_right =
-            |right: &mut Clusters<P>| self.part(keys_right, nodes_right, first + middle as u32, right);
-        if keys.len() < TRIANGLES_PER_TASK {
-            let mut of_left = of_left;
-            let mut of_right = of_right;
-            of_left(clusters);
-            of_right(&mut right);
+            self.part(keys_right, nodes_right, first_right, clusters);
         } else {
-            let (mut of_left, mut of_right) = (of_left, of_right);
-            rayon::join(|| of_left(clusters), || of_right(&mut right));
-        }
-        for place in 0..right.count {
-            let bounds = right.bounds(place);
-            clusters.push(
-                &bounds,
-                right.links[place],
-                right.free[place],
-                right.triangles[place],
-                right.costs[place],
+            let mut right = Clusters::new();
+            rayon::join(
+                || self.part(keys_left, nodes_left, first, clusters),
+                || self.part(keys_right, nodes_right, first_right, &mut right),
             );
+            for (place, cluster) in right.rest.iter().enumerate() {
+                clusters.push(&right.bounds(place), *cluster);
+            }
         }
-        self.join(clusters, Self::HANDED_UP, nodes, first);
+        self.join(clusters, base, Self::HANDED_UP, (nodes, first));
     }
 
     /// Adds the first clusters of a few triangles: as many of them as one cluster may begin with are joined where the
     /// curve parts them, without a look at any neighbour. The nodes are those from number `first` on; `next` is the number
     /// of the first triangle's own.
-    fn begin(
-        &self,
-        keys: &[Key],
-        nodes: &mut [Joined],
-        (first, next): (u32, u32),
-        clusters: &mut Clusters<P>,
-    ) {
+    fn begin(&self, keys: &[Key], nodes: &mut [Joined], (first, next): (u32, u32), clusters: &mut Clusters) {
         if let [key] = keys {
             let number = key.number();
             let bounds = &self.boxes[number as usize];
             let cost = self.costs.block * bounds.half_area() as f32;
-            clusters.push(bounds, ClusterLink(number | TRIANGLE), next, 1, cost);
+            let link = ClusterLink(number | TRIANGLE);
+            clusters.push(bounds, Cluster { link, free: next, triangles: 1, cost });
             return;
         }
         if self.cluster_size == 1 {
@@ -309,27 +330,27 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
             let children = [ClusterLink(next); 2];
             nodes[(next - first) as usize] =
                 Joined { bounds, children, triangles, is_leaf: true, is_run: true };
-            clusters.push(&bounds, ClusterLink(next), next + 1, triangles, cost);
+            clusters.push(&bounds, Cluster { link: ClusterLink(next), free: next + 1, triangles, cost });
             return;
         }
         let middle = Key::middle(keys);
         self.begin(&keys[..middle], nodes, (first, next), clusters);
         self.begin(&keys[middle..], nodes, (first, next + middle as u32), clusters);
         if keys.len() <= self.cluster_size {
-            let last = clusters.count - 1;
+            let last = clusters.rest.len() - 1;
             self.join_two(clusters, last - 1, last, nodes, first);
             clusters.truncate(last);
         }
     }
 
-    /// Joins clusters until there are at most so many.
-    fn join(&self, clusters: &mut Clusters<P>, most: usize, nodes: &mut [Joined], first: u32) {
+    /// Joins the clusters from `base` on until there are at most so many. The nodes are those from number `first` on.
+    fn join(&self, clusters: &mut Clusters, base: usize, most: usize, (nodes, first): (&mut [Joined], u32)) {
         let mut best = [0; P];
-        while clusters.count > most {
+        while clusters.rest.len() - base > most {
             // SAFETY: it was chosen for this processor.
-            unsafe { (self.nearest)(clusters, &mut best) };
+            unsafe { (self.nearest)(clusters, base, &mut best) };
             let partner = |place: usize| place ^ (best[place] as usize & (P.next_power_of_two() - 1));
-            let (mut count, before) = (0, clusters.count);
+            let (mut count, before) = (0, clusters.rest.len() - base);
             for place in 0..before {
                 let other = partner(place);
                 let is_mutual = other < before && partner(other) == place;
@@ -337,38 +358,37 @@ impl<const R: usize, const P: usize> Builder<'_, R, P> {
                     continue;
                 }
                 if is_mutual {
-                    self.join_two(clusters, place, other, nodes, first);
+                    self.join_two(clusters, base + place, base + other, nodes, first);
                 }
-                clusters.move_to(count, place);
+                clusters.move_to(base + count, base + place);
                 count += 1;
             }
-            clusters.truncate(count);
+            clusters.truncate(base + count);
         }
     }
 
     /// Joins the cluster at `other`, which is to vanish, to that at `place`.
     fn join_two(
         &self,
-        clusters: &mut Clusters<P>,
+        clusters: &mut Clusters,
         place: usize,
         other: usize,
         nodes: &mut [Joined],
         first: u32,
     ) {
         let bounds = clusters.bounds(place).union(clusters.bounds(other));
-        let triangles = clusters.triangles[place] + clusters.triangles[other];
+        let [one, two] = [clusters.rest[place], clusters.rest[other]];
+        let triangles = one.triangles + two.triangles;
         let Costs { node, block, block_size, min_leaf_size, max_leaf_size } = self.costs;
         let area = bounds.half_area() as f32;
-        let apart = node * area + clusters.costs[place] + clusters.costs[other];
+        let apart = node * area + one.cost + two.cost;
         let together = block * area * triangles.div_ceil(block_size) as f32;
         let is_leaf = triangles <= min_leaf_size || (triangles <= max_leaf_size && together <= apart);
-        let number = clusters.free[place];
-        let children = [clusters.links[place], clusters.links[other]];
-        nodes[(number - first) as usize] = Joined { bounds, children, triangles, is_leaf, is_run: false };
+        nodes[(one.free - first) as usize] =
+            Joined { bounds, children: [one.link, two.link], triangles, is_leaf, is_run: false };
         clusters.set(place, &bounds);
-        (clusters.links[place], clusters.free[place]) = (ClusterLink(number), clusters.free[other]);
-        clusters.triangles[place] = triangles;
-        clusters.costs[place] = if is_leaf { together } else { apart };
+        let cost = if is_leaf { together } else { apart };
+        clusters.rest[place] = Cluster { link: ClusterLink(one.free), free: two.free, triangles, cost };
     }
 }
 
@@ -389,15 +409,15 @@ fn build<const R: usize, const P: usize>(
     let builder = Builder::<'_, R, P> { boxes, costs, cluster_size, run_size, nearest };
     let mut clusters = Clusters::new();
     builder.part(keys, nodes, 0, &mut clusters);
-    builder.join(&mut clusters, 1, nodes, 0);
-    clusters.links[0]
+    builder.join(&mut clusters, 0, 1, (nodes, 0));
+    clusters.rest[0].link
 }
 
 impl Ploc {
     /// Builds over at least one triangle.
     pub(super) fn build(triangles: &Triangles, parameters: &TreeParameters) -> Self {
-        let boxes = morton::boxes(triangles);
-        let keys = morton::sorted(&boxes);
+        let (boxes, around) = morton::boxes(triangles);
+        let keys = morton::sorted(&boxes, &around);
         let costs = Costs {
             // A wide node stands for as many joined pairs as it has children, less one.
             node: parameters.traversal_cost / (parameters.branching_factor - 1) as f32,
@@ -471,17 +491,55 @@ impl Ploc {
     /// The children of a wide node made of `link`, which is no leaf: in place of the largest come its halves, as long
     /// as there is room for `width`. They stay in their order along the curve.
     pub(super) fn children(&self, link: ClusterLink, width: usize, found: &mut Vec<(Bounds, ClusterLink)>) {
+        /// Of what is not opened.
+        const CLOSED: f64 = f64::NEG_INFINITY;
+        let mut areas = [CLOSED; WIDTH_MAX];
         found.clear();
-        found.extend(self.halves(link).map(|half| (self.bounds(half), half)));
-        while found.len() < width {
-            let open = found.iter().enumerate().filter(|(_, (_, link))| !self.is_leaf(*link));
-            let by_area = |(place, (bounds, _)): (usize, &(Bounds, ClusterLink))| (bounds.half_area(), place);
-            let Some((_, place)) = open.map(by_area).max_by(|a, b| a.0.total_cmp(&b.0)) else {
-                break;
-            };
-            let [left, right] = self.halves(found[place].1).map(|half| (self.bounds(half), half));
-            found[place] = left;
-            found.insert(place + 1, right);
+        let (mut open, mut place) = (link, 0);
+        loop {
+            let halves = self.halves(open);
+            if found.is_empty() {
+                found.push((Bounds::EMPTY, link));
+            }
+            areas.copy_within(place + 1..WIDTH_MAX - 1, place + 2);
+            found.insert(place + 1, (Bounds::EMPTY, link));
+            for (place, half) in (place..).zip(halves) {
+                let bounds = self.bounds(half);
+                found[place] = (bounds, half);
+                areas[place] = if self.is_leaf(half) { CLOSED } else { bounds.half_area() };
+                self.fetch_below(half);
+            }
+            if found.len() == width {
+                return;
+            }
+            // The last of the largest.
+            let mut largest = CLOSED;
+            for (candidate, &area) in areas[..found.len()].iter().enumerate() {
+                if area >= largest {
+                    (largest, place) = (area, candidate);
+                }
+            }
+            if largest == CLOSED {
+                return;
+            }
+            open = found[place].1;
+        }
+    }
+
+    /// Fetches what is one step below a node ahead of its use.
+    #[inline]
+    fn fetch_below(&self, link: ClusterLink) {
+        if link.triangle().is_some() {
+            return;
+        }
+        let Joined { children, is_run, .. } = self.nodes[link.0 as usize];
+        if is_run {
+            prefetch(&self.keys, children[0].0 as usize);
+        } else {
+            children
+                .into_iter()
+                .filter(|half| half.triangle().is_none())
+                .for_each(|half| prefetch(&self.nodes, half.0 as usize));
         }
     }
 
@@ -508,7 +566,7 @@ impl Source for Ploc {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use glam::Vec3A;
     use proptest::prelude::*;
 
@@ -516,7 +574,7 @@ mod tests {
     use super::*;
 
     /// Triangles as large as some boxes.
-    fn over(boxes: &[Bounds]) -> Triangles {
+    pub(in crate::tree) fn over(boxes: &[Bounds]) -> Triangles {
         let corners = boxes.iter().flat_map(|bounds| {
             let (lower, upper) = (Vec3A::from_array(bounds.lower), Vec3A::from_array(bounds.upper));
             [lower, upper, Vec3A::new(lower.x, upper.y, lower.z)]
