@@ -7,20 +7,51 @@
 //! 2006; empirical Bayes: Efron and Morris, "Stein's estimation rule and its competitors", JASA 68, 1973).
 //!
 //! The logarithm of a configuration's cost is a level plus a Gaussian process over configurations plus noise; similar
-//! configurations so speak for each other, and repeats for themselves. How far likeness reaches and how large the
-//! differences are beside the noise is not estimated but averaged over a grid, each model weighed by its marginal
-//! likelihood (Hoeting, Madigan, Raftery and Volinsky, "Bayesian model averaging", Statistical Science 14, 1999), and
-//! the scale is integrated out in closed form (Rasmussen and Williams, "Gaussian processes for machine learning", 2006,
-//! section 2.7 for the level). One of the models says that all configurations cost the same: where it is not refuted,
-//! little gain is told.
+//! configurations so speak for each other, and repeats for themselves. In some of the models a part of what a
+//! configuration costs is its own, shared with not even the most similar one: cliffs, and valleys narrower than the
+//! distances between what was measured (the nugget effect of geostatistics, as far as it is not error of measurement:
+//! Cressie, "Statistics for spatial data", 1993). Unlike noise that is the same in each repeat, which tells the two apart;
+//! without it a rough landscape is taken for a noisy one, and what was really found is shrunk away as luck.
+//!
+//! How far likeness reaches, how rough the landscape is, and how large the differences are beside the noise is not
+//! estimated but averaged over a grid, each model weighed by its marginal likelihood (Hoeting, Madigan, Raftery and
+//! Volinsky, "Bayesian model averaging", Statistical Science 14, 1999), and the scale is integrated out in closed form
+//! (Rasmussen and Williams, "Gaussian processes for machine learning", 2006, section 2.7 for the level). One of the
+//! models says that all configurations cost the same: where it is not refuted, little gain is told.
 
 use crate::matrix::Factor;
 use crate::statistics::distribution::student_cdf;
 
-/// How far likeness reaches: distances in the space of features, in which a parameter's whole range is 1.
-const LENGTHS: [f64; 5] = [0.15, 0.4, 1.0, 2.5, 6.0];
-/// Variances of the differences between configurations, in variances of the noise.
-const RATIOS: [f64; 7] = [0.1, 0.4, 2.0, 10.0, 60.0, 400.0, 4000.0];
+/// Models in which costs differ.
+struct Family {
+    /// Their probability, all of them together, before anything is measured.
+    probability: f64,
+    /// The share of the differences' variance that is each configuration's own.
+    roughness: f64,
+    /// How far likeness reaches: distances in the space of features, in which a parameter's whole range is 1.
+    lengths: &'static [f64],
+    /// Variances of the differences between configurations, in variances of the noise.
+    ratios: &'static [f64],
+}
+
+/// The smooth and the rough. How rough matters little: shares of a tenth or a half find the same. Differences as small as
+/// the noise are not told apart from it, so that rough models are left out there, and their lengths can be fewer. The more
+/// probable they are beforehand, the more luck is believed where the landscape is flat or smooth; where it is rough, even a
+/// small probability is soon overruled.
+const FAMILIES: [Family; 2] = [
+    Family {
+        probability: 0.72,
+        roughness: 0.0,
+        lengths: &[0.15, 0.4, 1.0, 2.5, 6.0],
+        ratios: &[0.1, 0.4, 2.0, 10.0, 60.0, 400.0, 4000.0],
+    },
+    Family {
+        probability: 0.08,
+        roughness: 0.2,
+        lengths: &[0.4, 2.5],
+        ratios: &[2.0, 10.0, 60.0, 400.0, 4000.0],
+    },
+];
 /// The probability, before anything is measured, that all configurations cost the same.
 const FLAT_PRIOR: f64 = 0.2;
 /// The noise of logarithms of costs that is expected beforehand, and how many measurements that is worth.
@@ -105,26 +136,27 @@ impl CostPosterior {
                 distances[i * n + j] = distance_2(&samples[i].features, &samples[j].features);
             }
         }
-        let fits = |likeness: &[f64], ratio: f64| -> Option<(f64, Model)> {
-            let mut matrix: Vec<f64> = likeness.iter().map(|alike| ratio * alike).collect();
+        let fits = |likeness: &[f64], ratio: f64, roughness: f64| -> Option<(f64, Model)> {
+            let shared = ratio * (1.0 - roughness);
+            let mut matrix: Vec<f64> = likeness.iter().map(|alike| shared * alike).collect();
             (0..n).for_each(|i| matrix[i * n + i] = ratio + 1.0 / samples[i].count);
             fit(samples, Some(Factor::of(&matrix, n)?))
         };
-        let mut fitted: Vec<(f64, Model)> = Vec::with_capacity(1 + LENGTHS.len() * RATIOS.len());
+        let mut fitted: Vec<(f64, Model)> = Vec::new();
         if let Some((evidence, model)) = fit(samples, None) {
             fitted.push((evidence + libm::log(FLAT_PRIOR), model));
         }
         // With one configuration there are no differences.
-        if n > 1 {
-            let each = libm::log((1.0 - FLAT_PRIOR) / (LENGTHS.len() * RATIOS.len()) as f64);
-            for length in LENGTHS {
+        for Family { probability, roughness, lengths, ratios } in FAMILIES.iter().filter(|_| n > 1) {
+            let each = libm::log(probability / (lengths.len() * ratios.len()) as f64);
+            for length in *lengths {
                 let mut likeness = vec![0.0; n * n];
                 for i in 1..n {
                     let row = i * n..i * n + i;
                     let below = likeness[row.clone()].iter_mut().zip(&distances[row]);
                     below.for_each(|(alike, distance_2)| *alike = matern(distance_2 / (length * length)));
                 }
-                let models = RATIOS.iter().filter_map(|&ratio| fits(&likeness, ratio));
+                let models = ratios.iter().filter_map(|&ratio| fits(&likeness, ratio, *roughness));
                 fitted.extend(models.map(|(evidence, model)| (evidence + each, model)));
             }
         }

@@ -111,6 +111,32 @@ fn repeats_outweigh_a_lucky_measurement() {
 }
 
 #[test]
+fn what_is_rough_is_not_taken_for_noise() {
+    const NOISE: f64 = 0.03;
+    for seed in 0..4 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        // Close to each other, each with a cost of its own; the first ran six times, the others once.
+        let truths: Vec<f64> =
+            (0..40).map(|i| if i == 0 { 0.0 } else { 0.3 * normal(&mut random) }).collect();
+        let mut sample = |truth: &f64, runs: usize| {
+            let features = vec![0.5 + 0.04 * random.random::<f64>(), 0.5 + 0.04 * random.random::<f64>()];
+            let logs: Vec<f64> = (0..runs).map(|_| truth + NOISE * normal(&mut random)).collect();
+            let mean = mean(&logs);
+            let scatter = logs.iter().map(|x| (x - mean) * (x - mean)).sum();
+            ConfigurationSample { features, mean, count: runs as f64, scatter }
+        };
+        let samples: Vec<ConfigurationSample> =
+            truths.iter().enumerate().map(|(i, truth)| sample(truth, if i == 0 { 6 } else { 1 })).collect();
+        let posterior = CostPosterior::of(&samples, distance_2).expect("there are samples");
+        let means = posterior.means();
+        let least = (1..40).min_by(|&a, &b| samples[a].mean.total_cmp(&samples[b].mean)).expect("some");
+        assert!((means[least] - truths[least]).abs() < 0.15, "{} for {}", means[least], truths[least]);
+        assert!(posterior.compare(least, 0).probability_better > 0.95);
+        assert!(posterior.noise() < 0.12, "{}", posterior.noise());
+    }
+}
+
+#[test]
 fn the_unit_of_costs_and_the_order_of_samples_do_not_matter() {
     let samples = searched(|x| x[0], 3, 20, 1);
     let posterior = CostPosterior::of(&samples, distance_2).expect("there are samples");
