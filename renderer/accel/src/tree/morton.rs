@@ -255,8 +255,8 @@ mod tests {
         let codes = (0..3 * SHARED_MIN as u64).map(|number| match number {
             number if spread_out.contains(&number) => random() % (1 << CODE_BITS),
             // One value of the first digit, and of the second in most of them.
-            number if number % 8 == 0 => 5 << (2 * DIGIT_BITS) | random() % (1 << (2 * DIGIT_BITS)),
-            _ => 5 << (2 * DIGIT_BITS) | 7 << DIGIT_BITS | random() % 300,
+            number if number % 8 == 0 => (5 << (2 * DIGIT_BITS)) + random() % (1 << (2 * DIGIT_BITS)),
+            _ => (5 << (2 * DIGIT_BITS)) + (7 << DIGIT_BITS) + random() % 300,
         });
         let mut keys: Vec<Key> = codes.enumerate().map(|(number, code)| Key::new(code, number)).collect();
         let mut expected = keys.clone();
