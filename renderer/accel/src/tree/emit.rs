@@ -6,8 +6,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use rayon::prelude::*;
 
 use super::arena::Arena;
+use super::clusters::ClusterLink;
 use super::occlusion::{Prospect, area as area_of, order_of};
-use super::ploc::{ClusterLink, Ploc};
+use super::ploc::Ploc;
 use crate::error::BuildError;
 use crate::geometry::Triangles;
 use crate::layout::{Block, Bounds, NodeRef, TreeNode, WIDTH_MAX};

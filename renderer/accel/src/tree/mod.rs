@@ -6,6 +6,7 @@ mod arena;
 mod binary;
 mod build;
 mod callbacks;
+mod clusters;
 mod collapse;
 mod emit;
 mod flat;
