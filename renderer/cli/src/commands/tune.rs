@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use treewright_client::blocking::{Client, Study, Tuner};
-use treewright_client::{Configuration, Indicators, Policy, SessionPolicy, Source};
+use treewright_client::{Configuration, ConfirmationStage, Indicators, Policy, SessionPolicy, Source};
 
 use super::tune_output;
 use crate::arguments::{
@@ -76,7 +76,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "320x240")]
     size: Size,
 
-    /// Paired rounds in which the winner is measured again.
+    /// Interleaved rounds in which the winner is measured again, beside the start and native Embree. Who is not shown to be faster
+    /// than the start there does not replace it; fewer than six rounds show nothing by themselves.
     #[arg(long, value_name = "N", default_value_t = 21, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=i64::from(ROUNDS_MAX)))]
     rounds: u32,
 
@@ -203,10 +204,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     let judge = Judge { renderer: &renderer, study: &study, space: &space, workload, arguments, interrupt };
     let conditions = judge.conditions(camera);
     spinner.set_message("measuring everybody in fresh rounds");
-    let (standings, best, disturbance) = judge.standings(&winner, &rivals, paper.as_ref(), &conditions)?;
-    // Whatever beat what was found is what this run recommends.
+    let (mut standings, disturbance) = judge.standings(&winner, &rivals, paper.as_ref(), &conditions)?;
+    let is_proven = told.as_ref().is_some_and(|told| told.confirmation.stage == ConfirmationStage::Better);
+    let start = verdict::start(space.preset());
+    let best = verdict::crown(&mut standings, start, is_proven);
+    // Who is shown to be the fastest is what this run recommends, whether it was found or not.
     let own = rivals.iter().find(|rival| verdict::is_of(&rival.contender.name, &best, &standings));
-    let tuned = own.and_then(|rival| rival.configuration.clone()).unwrap_or_else(|| winner.clone());
+    let tuned = match own.and_then(|rival| rival.configuration.clone()) {
+        Some(configuration) => configuration,
+        None if best == start => space.default_configuration(),
+        None => winner.clone(),
+    };
     spinner.set_message("asking the predictor for another camera");
     let prediction = judge.prediction(&scene, &rivals).unwrap_or_else(|error| {
         notes.push(format!("the predictor could not be asked: {error}"));
@@ -387,26 +395,25 @@ impl Judge<'_> {
         standings(&measured, conditions.frames_per_build)
     }
 
-    /// Everybody that matters, and what was found, in fresh rounds; who was best in them; and what else the machine did.
+    /// Everybody that matters, and what was found, in fresh rounds; and what else the machine did.
     fn standings(
         &self,
         found: &Configuration,
         rivals: &[Rival],
         paper: Option<&Configuration>,
         conditions: &Conditions,
-    ) -> Result<(Vec<Standing>, String, Disturbance), CliError> {
+    ) -> Result<(Vec<Standing>, Disturbance), CliError> {
         let mut contenders: Vec<Contender> = rivals.iter().map(|rival| rival.contender.clone()).collect();
         if let Some(paper) = paper {
             contenders.push(verdict::contender(PAPER_TUNED, &TuningSpace::paper(), paper)?);
         }
         contenders.push(verdict::contender(FOUND, self.space, found)?);
         let watch = Watch::begin();
-        let mut standings = verdict::keep_best_native(self.measure(&contenders, conditions));
+        let standings = verdict::keep_best_native(self.measure(&contenders, conditions));
         let baseline = verdict::baseline(self.space.preset()).name;
         let rounds = standings.iter().find(|one| one.name == baseline).map(|one| one.rounds_ms.clone());
         let disturbance = watch.end(self.renderer.threads(), &rounds.unwrap_or_default());
-        let best = verdict::crown(&mut standings);
-        Ok((standings, best, disturbance))
+        Ok((standings, disturbance))
     }
 
     /// Asks the predictor for a camera that was never tuned, and measures its answer there.

@@ -4,7 +4,7 @@ use treewright_client::{Confirmation, ConfirmationStage, Standing};
 
 use crate::output;
 use treewright_renderer::tuning::results::TuningResults;
-use treewright_renderer::tuning::verdict::Gains;
+use treewright_renderer::tuning::verdict::{self, FOUND, Gains};
 
 /// Prints the results for people.
 pub(crate) fn print(results: &TuningResults) {
@@ -65,16 +65,26 @@ pub(crate) fn print(results: &TuningResults) {
     }
 }
 
-/// Who is best, and whether that is shown.
+/// Who is best, and how that is shown.
 fn verdict(results: &TuningResults) -> String {
-    match results.gains.over_best_fixed {
-        _ if !results.search_won() => {
-            format!("verdict: the search found nothing that is faster than \"{}\"", results.best)
-        }
-        Some(gain) if gain.is_gain() => {
+    let start = verdict::start(results.space);
+    let found =
+        results.standing(FOUND).zip(results.standing(start)).map(|(found, start)| found.gain_over(start));
+    match (results.search_won(), results.gains.over_best_fixed) {
+        (true, Some(gain)) if gain.is_gain() => {
             "verdict: what the search found is faster than everybody else".to_owned()
         }
-        _ => "verdict: what the search found was the fastest, but no more than the noise allows".to_owned(),
+        (true, _) => {
+            "verdict: what the search found won its race against the start; the rounds of this table alone leave that open".to_owned()
+        }
+        (false, _) => {
+            let ran = found.map(|ratio| format!("; what the search found ran at {ratio} its speed"));
+            let ran = ran.unwrap_or_default();
+            match results.best == start {
+                true => format!("verdict: nobody is shown to be faster than the {start}{ran}"),
+                false => format!("verdict: the fastest is \"{}\"{ran}", results.best),
+            }
+        }
     }
 }
 

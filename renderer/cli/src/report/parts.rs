@@ -47,7 +47,7 @@ pub(super) fn headline(results: &TuningResults) -> String {
         format!("Here {} is as good as anything the search found.", the(&results.baseline))
     } else if !results.search_won() {
         format!(
-            "Nothing the search found is faster than {}, which is {speedup:.2}× as fast as {}.",
+            "Nothing the search found is shown to be faster than {}, which is {speedup:.2}× as fast as {}.",
             the(&results.best),
             the(&results.baseline)
         )
