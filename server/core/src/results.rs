@@ -15,9 +15,10 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::Configuration;
+use crate::fnv;
 use crate::ids::{MachineId, StateId};
 use crate::limits::{FAILURES_PER_CONFIGURATION_MAX, NOISE_SAMPLES_MAX, RECORDS_PER_STATE_MAX};
-use crate::robust::{Deviation, Evidence, MAD_TO_DEVIATION, median};
+use crate::robust::{Deviation, Evidence, MAD_TO_DEVIATION, Moment, median};
 use crate::search::Verdict;
 use crate::space::Space;
 use crate::trial::{Mode, Outcome, Trial};
@@ -86,6 +87,12 @@ impl PartialOrd for Rank {
     }
 }
 
+/// When a trial was measured, and by whom; what was carried over from elsewhere has no such moment.
+fn moment(trial: &Trial) -> Option<Moment> {
+    let client = || fnv::hash(trial.client_id.bytes());
+    trial.decision.origin.is_none().then(|| Moment { client: client(), time: trial.number })
+}
+
 /// Every configuration that ran in one state, with what was measured of it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ResultTable {
@@ -139,7 +146,7 @@ impl ResultTable {
             Outcome::Ok => {
                 if let Some(cost) = trial.cost {
                     record.measurements += 1;
-                    match record.evidence.push(cost) {
+                    match record.evidence.push(cost, moment(trial)) {
                         Deviation::Usual => {}
                         Deviation::Outlier => self.outliers += 1,
                         Deviation::Changed(factor) => changed = Some(factor),
@@ -210,8 +217,8 @@ impl ResultTable {
         self.rewrite(configuration, change);
     }
 
-    /// States the latest costs of a configuration anew; none of them where all were taken back.
-    pub fn restate(&mut self, configuration: &Configuration, costs: &[f64]) {
+    /// States the latest costs of a configuration anew, each with the number of its trial; none of them where all were taken back.
+    pub fn restate(&mut self, configuration: &Configuration, costs: &[(u64, f64)]) {
         let change = |record: &mut Record| {
             record.evidence.restate(costs);
             if costs.is_empty() {

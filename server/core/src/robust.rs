@@ -65,10 +65,21 @@ pub fn lower_median(values: &[f64]) -> Option<f64> {
     sorted.get(sorted.len().checked_sub(1)? / 2).copied()
 }
 
+/// Who measured something, and when.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Moment {
+    /// A number of its own for each client.
+    pub client: u64,
+    /// The trial's number, by which time is counted.
+    pub time: u64,
+}
+
 /// The last measurements of one configuration in one state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
     recent: Vec<f64>,
+    /// When each was measured, where that is known.
+    moments: Vec<Option<Moment>>,
 }
 
 /// What a measurement told beside its value.
@@ -84,7 +95,7 @@ pub enum Deviation {
 
 impl Evidence {
     /// Takes a measurement.
-    pub fn push(&mut self, cost: f64) -> Deviation {
+    pub fn push(&mut self, cost: f64, moment: Option<Moment>) -> Deviation {
         let outlier = self.recent.len() >= OUTLIER_AFTER && {
             let usual = location(&self.recent);
             let scale = deviation(&self.recent, usual).max(SHARE_LEAST * usual);
@@ -92,10 +103,14 @@ impl Evidence {
         };
         if self.recent.len() == EVIDENCE_MAX {
             self.recent.remove(0);
+            self.moments.remove(0);
         }
         self.recent.push(cost);
+        self.moments.push(moment);
         if let Some(factor) = self.change() {
-            self.recent.drain(..self.recent.len() - RECENT);
+            let older = self.recent.len() - RECENT;
+            self.recent.drain(..older);
+            self.moments.drain(..older);
             return Deviation::Changed(factor);
         }
         if outlier { Deviation::Outlier } else { Deviation::Usual }
@@ -120,6 +135,11 @@ impl Evidence {
     /// The measurements, oldest first.
     pub fn values(&self) -> &[f64] {
         &self.recent
+    }
+
+    /// When they were made, in the same order.
+    pub fn moments(&self) -> &[Option<Moment>] {
+        &self.moments
     }
 
     /// The typical cost.
@@ -149,17 +169,25 @@ impl Evidence {
     /// Takes a measurement back, the latest of this value. `false` where it is not kept.
     pub fn take_back(&mut self, cost: f64) -> bool {
         let place = self.recent.iter().rposition(|kept| *kept == cost);
-        place.map(|place| self.recent.remove(place)).is_some()
+        if let Some(place) = place {
+            self.recent.remove(place);
+            self.moments.remove(place);
+        }
+        place.is_some()
     }
 
     /// Drops the latest measurement.
     pub fn drop_latest(&mut self) {
         self.recent.pop();
+        self.moments.pop();
     }
 
-    /// The latest measurements as they are understood now.
-    pub fn restate(&mut self, costs: &[f64]) {
-        self.recent = costs[costs.len().saturating_sub(EVIDENCE_MAX)..].to_vec();
+    /// The latest measurements as they are understood now, each with the number of its trial.
+    pub fn restate(&mut self, costs: &[(u64, f64)]) {
+        let latest = &costs[costs.len().saturating_sub(EVIDENCE_MAX)..];
+        let known = |time: u64| self.moments.iter().flatten().find(|moment| moment.time == time).copied();
+        self.moments = latest.iter().map(|(trial, _)| known(*trial)).collect();
+        self.recent = latest.iter().map(|(_, cost)| *cost).collect();
     }
 
     /// How many measurements are kept.
@@ -199,9 +227,9 @@ mod tests {
     fn one_wild_measurement_is_counted_and_does_not_move_the_location() {
         let mut evidence = Evidence::default();
         for step in 0..8 {
-            assert_eq!(evidence.push(10.0 + 0.05 * f64::from(step % 3)), Deviation::Usual);
+            assert_eq!(evidence.push(10.0 + 0.05 * f64::from(step % 3), None), Deviation::Usual);
         }
-        assert_eq!(evidence.push(10_000.0), Deviation::Outlier);
+        assert_eq!(evidence.push(10_000.0, None), Deviation::Outlier);
         assert!((evidence.location() - 10.05).abs() < 0.05, "{}", evidence.location());
     }
 
@@ -211,9 +239,9 @@ mod tests {
         for factor in [0.5, 1.5] {
             let mut evidence = Evidence::default();
             for _ in 0..12 {
-                evidence.push(10.0 * (0.05 * normal(&mut random)).exp());
+                evidence.push(10.0 * (0.05 * normal(&mut random)).exp(), None);
             }
-            let found = (0..7).find_map(|step| match evidence.push(10.0 * factor) {
+            let found = (0..7).find_map(|step| match evidence.push(10.0 * factor, None) {
                 Deviation::Changed(by) => Some((step, by)),
                 _ => None,
             });
@@ -228,7 +256,7 @@ mod tests {
         let of = |costs: &[f64]| {
             let mut evidence = Evidence::default();
             for cost in costs {
-                let _ = evidence.push(*cost);
+                let _ = evidence.push(*cost, None);
             }
             evidence.log_deviation(0.05)
         };
@@ -244,7 +272,7 @@ mod tests {
         let mut evidence = Evidence::default();
         for _ in 0..pushes {
             let cost = 10.0 * (0.07 * normal(&mut random)).exp();
-            alarms += u32::from(matches!(evidence.push(cost), Deviation::Changed(_)));
+            alarms += u32::from(matches!(evidence.push(cost, None), Deviation::Changed(_)));
         }
 
         assert!(alarms <= 10, "{alarms} alarms in {pushes}");
@@ -255,7 +283,7 @@ mod tests {
         for costs in [[0.0, 0.0, 0.0], [f64::MAX, f64::MIN_POSITIVE, 5e-324], [f64::MAX, f64::MAX, 0.0]] {
             let mut evidence = Evidence::default();
             for index in 0..60 {
-                if let Deviation::Changed(factor) = evidence.push(costs[(index / 5) % 3]) {
+                if let Deviation::Changed(factor) = evidence.push(costs[(index / 5) % 3], None) {
                     assert!(factor.is_finite() && factor > 0.0);
                 }
                 assert!(evidence.location().is_finite());

@@ -13,13 +13,24 @@
 //! Cressie, "Statistics for spatial data", 1993). Unlike noise that is the same in each repeat, which tells the two apart;
 //! without it a rough landscape is taken for a noisy one, and what was really found is shrunk away as luck.
 //!
+//! Machines change their speed, by more than what is looked for: clocks rise and fall, neighbours come and go. In some of
+//! the models all costs of a client are therefore multiplied by one factor whose logarithm wanders about its usual value
+//! (a process of Ornstein and Uhlenbeck over the trials; its covariance falls off exponentially with their distance).
+//! What ran next to each other then compares well, and what ran at different times badly, as it is with blocks in the
+//! design of experiments. Without these models a configuration that was lucky enough to run in a fast minute only is taken
+//! for a fast one.
+//!
 //! How far likeness reaches, how rough the landscape is, and how large the differences are beside the noise is not
 //! estimated but averaged over a grid, each model weighed by its marginal likelihood (Hoeting, Madigan, Raftery and
 //! Volinsky, "Bayesian model averaging", Statistical Science 14, 1999), and the scale is integrated out in closed form
-//! (Rasmussen and Williams, "Gaussian processes for machine learning", 2006, section 2.7 for the level). One of the
-//! models says that all configurations cost the same: where it is not refuted, little gain is told.
+//! (Rasmussen and Williams, "Gaussian processes for machine learning", 2006, section 2.7 for the level). Some of the
+//! models say that all configurations cost the same: where it is not refuted, little gain is told.
 
-use crate::matrix::Factor;
+use std::rc::Rc;
+
+use crate::limits::{CELLS_MAX, DRIFT_CELLS_LEAST};
+use crate::matrix::{Factor, dot};
+use crate::robust::Moment;
 use crate::statistics::distribution::student_cdf;
 
 /// Models in which costs differ.
@@ -32,6 +43,15 @@ struct Family {
     lengths: &'static [f64],
     /// Variances of the differences between configurations, in variances of the noise.
     ratios: &'static [f64],
+}
+
+/// How the speed of a machine wanders.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Drift {
+    /// Its variance, in variances of the noise.
+    variance: f64,
+    /// The distance in trials at which the covariance has fallen to 1/e.
+    trials: f64,
 }
 
 /// The smooth and the rough. How rough matters little: shares of a tenth or a half find the same. Differences as small as
@@ -52,11 +72,27 @@ const FAMILIES: [Family; 2] = [
         ratios: &[2.0, 10.0, 60.0, 400.0, 4000.0],
     },
 ];
+/// The same on a machine whose speed wanders: fewer, since there are several of each.
+const FAMILIES_DRIFTING: [Family; 2] = [
+    Family {
+        probability: 0.72,
+        roughness: 0.0,
+        lengths: &[0.4, 1.5, 6.0],
+        ratios: &[0.4, 2.0, 10.0, 60.0, 400.0],
+    },
+    Family { probability: 0.08, roughness: 0.2, lengths: &[0.4, 2.5], ratios: &[10.0, 60.0, 400.0] },
+];
+/// A machine that is restless from trial to trial, and one that is so from minute to minute.
+const DRIFTS: [Drift; 2] = [Drift { variance: 3.0, trials: 8.0 }, Drift { variance: 10.0, trials: 20.0 }];
+/// The probability, before anything is measured, that the speed of a machine wanders.
+const DRIFT_PRIOR: f64 = 0.4;
 /// The probability, before anything is measured, that all configurations cost the same.
 const FLAT_PRIOR: f64 = 0.2;
 /// The noise of logarithms of costs that is expected beforehand, and how many measurements that is worth.
 const NOISE_PRIOR: f64 = 0.05;
 const NOISE_PRIOR_COUNT: f64 = 3.0;
+/// Measurements of a configuration are one where they ran within so many trials: speed does not wander far in that time.
+const CELL_TRIALS: u64 = 2;
 /// Models of less weight beside the heaviest are left out.
 const WEIGHT_LEAST: f64 = 1e-3;
 /// What 95 % intervals leave out on either side.
@@ -64,26 +100,66 @@ const TAIL: f64 = 0.025;
 /// Halvings when a quantile is sought.
 const HALVINGS: usize = 50;
 
+/// A measurement of a configuration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measurement {
+    /// The logarithm of its cost.
+    pub log_cost: f64,
+    /// Who measured it, and when; `None` where that is not known.
+    pub moment: Option<Moment>,
+}
+
 /// The measurements of one configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConfigurationSample {
     /// Its place among the configurations.
     pub features: Vec<f64>,
+    /// Its measurements, oldest first; at least one.
+    pub measurements: Vec<Measurement>,
+    /// What each of them counts for: 1, or less for a configuration that is more restless than others.
+    pub weight: f64,
+}
+
+impl ConfigurationSample {
     /// Mean of the logarithms of its costs.
-    pub mean: f64,
-    /// How many measurements there are; of a configuration that is more restless than others, fewer than it ran.
-    pub count: f64,
+    pub fn mean(&self) -> f64 {
+        self.measurements.iter().map(|one| one.log_cost).sum::<f64>() / self.measurements.len() as f64
+    }
+
     /// The sum of their squared deviations from the mean.
-    pub scatter: f64,
+    pub fn scatter(&self) -> f64 {
+        let mean = self.mean();
+        self.measurements.iter().map(|one| (one.log_cost - mean) * (one.log_cost - mean)).sum()
+    }
+}
+
+/// Measurements of one configuration that ran close to each other.
+#[derive(Clone, Debug)]
+struct Cell {
+    configuration: usize,
+    /// Of the logarithms of costs.
+    mean: f64,
+    /// How many there are, weighed.
+    count: f64,
+    /// The weighed sum of squared deviations from the mean.
+    scatter: f64,
+    /// `None` for what has no time of its own.
+    moment: Option<Moment>,
 }
 
 /// One model of the grid, fitted.
 #[derive(Clone, Debug)]
 struct Model {
     weight: f64,
-    /// `None` for the model in which everything costs the same.
-    factor: Option<Factor>,
-    /// CostPosterior means of the logarithms of costs.
+    /// Of the covariance between cells.
+    factor: Factor,
+    /// How alike configurations are; `None` for a model in which everything costs the same.
+    likeness: Option<Rc<[f64]>>,
+    /// The variance that like configurations share, and that which is each one's own, in variances of the noise.
+    shared: f64,
+    own: f64,
+    drifts: bool,
+    /// Posterior means of the logarithms of costs.
     means: Vec<f64>,
     /// How much the level moves each mean, and the variance of the level in variances of the noise.
     by_level: Vec<f64>,
@@ -97,7 +173,9 @@ struct Model {
 #[derive(Clone, Debug)]
 pub struct CostPosterior {
     models: Vec<Model>,
-    counts: Vec<f64>,
+    /// Which configuration each cell is of.
+    cells: Vec<usize>,
+    configurations: usize,
 }
 
 /// How one configuration compares with another.
@@ -133,32 +211,19 @@ impl CostPosterior {
         let mut distances = vec![0.0; n * n];
         for i in 0..n {
             for j in 0..i {
-                distances[i * n + j] = distance_2(&samples[i].features, &samples[j].features);
+                let distance = distance_2(&samples[i].features, &samples[j].features);
+                (distances[i * n + j], distances[j * n + i]) = (distance, distance);
             }
         }
-        let fits = |likeness: &[f64], ratio: f64, roughness: f64| -> Option<(f64, Model)> {
-            let shared = ratio * (1.0 - roughness);
-            let mut matrix: Vec<f64> = likeness.iter().map(|alike| shared * alike).collect();
-            (0..n).for_each(|i| matrix[i * n + i] = ratio + 1.0 / samples[i].count);
-            fit(samples, Some(Factor::of(&matrix, n)?))
-        };
-        let mut fitted: Vec<(f64, Model)> = Vec::new();
-        if let Some((evidence, model)) = fit(samples, None) {
-            fitted.push((evidence + libm::log(FLAT_PRIOR), model));
-        }
-        // With one configuration there are no differences.
-        for Family { probability, roughness, lengths, ratios } in FAMILIES.iter().filter(|_| n > 1) {
-            let each = libm::log(probability / (lengths.len() * ratios.len()) as f64);
-            for length in *lengths {
-                let mut likeness = vec![0.0; n * n];
-                for i in 1..n {
-                    let row = i * n..i * n + i;
-                    let below = likeness[row.clone()].iter_mut().zip(&distances[row]);
-                    below.for_each(|(alike, distance_2)| *alike = matern(distance_2 / (length * length)));
-                }
-                let models = ratios.iter().filter_map(|&ratio| fits(&likeness, ratio, *roughness));
-                fitted.extend(models.map(|(evidence, model)| (evidence + each, model)));
-            }
+        let cells = cells(samples);
+        let grid = Grid { cells: &cells, configurations: n, distances: &distances };
+        // Whether speed wanders is seen by what ran more than once, at different times.
+        let drifts = cells.iter().filter(|cell| cell.moment.is_some()).count();
+        let may_drift = n > 1 && drifts >= n + DRIFT_CELLS_LEAST;
+        let steady = if may_drift { 1.0 - DRIFT_PRIOR } else { 1.0 };
+        let mut fitted = grid.fit(&FAMILIES, None, steady);
+        for drift in DRIFTS.into_iter().filter(|_| may_drift) {
+            fitted.extend(grid.fit(&FAMILIES_DRIFTING, Some(drift), DRIFT_PRIOR / DRIFTS.len() as f64));
         }
         let heaviest = fitted.iter().map(|(evidence, _)| *evidence).fold(f64::NEG_INFINITY, f64::max);
         let mut models: Vec<Model> = Vec::new();
@@ -170,13 +235,13 @@ impl CostPosterior {
         }
         let sum: f64 = models.iter().map(|model| model.weight).sum();
         models.iter_mut().for_each(|model| model.weight /= sum);
-        let counts = samples.iter().map(|sample| sample.count).collect();
-        (!models.is_empty()).then_some(CostPosterior { models, counts })
+        let cells = cells.iter().map(|cell| cell.configuration).collect();
+        (!models.is_empty()).then_some(CostPosterior { models, cells, configurations: n })
     }
 
     /// The expected logarithm of the cost of each configuration.
     pub fn means(&self) -> Vec<f64> {
-        let mut means = vec![0.0; self.counts.len()];
+        let mut means = vec![0.0; self.configurations];
         for model in &self.models {
             means.iter_mut().zip(&model.means).for_each(|(mean, own)| *mean += model.weight * own);
         }
@@ -190,7 +255,12 @@ impl CostPosterior {
 
     /// The probability that all configurations cost the same.
     pub fn flat_probability(&self) -> f64 {
-        self.models.iter().filter(|model| model.factor.is_none()).map(|model| model.weight).sum()
+        self.models.iter().filter(|model| model.likeness.is_none()).map(|model| model.weight).sum()
+    }
+
+    /// The probability that the speed of the machine wanders.
+    pub fn drift_probability(&self) -> f64 {
+        self.models.iter().filter(|model| model.drifts).map(|model| model.weight).sum()
     }
 
     /// Compares the cost of one configuration with that of another.
@@ -218,12 +288,11 @@ impl CostPosterior {
 
     /// What one model says of the logarithm of a cost.
     fn part_of(&self, model: &Model, one: usize) -> StudentT {
-        let own = model.factor.as_ref().map_or(0.0, |factor| {
-            let mut noise = vec![0.0; self.counts.len()];
-            noise[one] = 1.0 / self.counts[one];
-            factor.forward(&mut noise);
-            let explained: f64 = noise.iter().map(|x| x * x).sum();
-            (1.0 / self.counts[one] - explained).max(0.0)
+        let prior = model.shared + model.own;
+        let own = model.likeness.as_ref().map_or(0.0, |_| {
+            let mut with_cells = self.with_cells(model, one);
+            model.factor.forward(&mut with_cells);
+            (prior - dot(&with_cells, &with_cells)).max(0.0)
         });
         let by_level = model.by_level[one];
         let variance = own + by_level * by_level * model.level_variance;
@@ -234,21 +303,191 @@ impl CostPosterior {
     /// What one model says of the logarithm of a ratio of costs.
     fn part(&self, model: &Model, one: usize, other: usize) -> StudentT {
         let mean = model.means[other] - model.means[one];
-        let Some(factor) = model.factor.as_ref().filter(|_| one != other) else {
+        let Some(likeness) = model.likeness.as_ref().filter(|_| one != other) else {
             return StudentT { weight: model.weight, mean, deviation: 0.0, freedom: model.freedom };
         };
-        let n = self.counts.len();
-        // Of the difference: both noises, less what the process explains, and what the level adds.
-        let mut difference = vec![0.0; n];
-        difference[one] = 1.0 / self.counts[one];
-        difference[other] = -1.0 / self.counts[other];
-        let own = 1.0 / self.counts[one] + 1.0 / self.counts[other];
-        factor.forward(&mut difference);
-        let explained: f64 = difference.iter().map(|x| x * x).sum();
+        // Of the difference: what it is expected to be, less what the measurements explain, and what the level adds.
+        let mut difference = self.with_cells(model, one);
+        difference.iter_mut().zip(self.with_cells(model, other)).for_each(|(a, b)| *a -= b);
+        model.factor.forward(&mut difference);
+        let prior =
+            2.0 * model.shared * (1.0 - likeness[one * self.configurations + other]) + 2.0 * model.own;
         let by_level = model.by_level[one] - model.by_level[other];
-        let variance = (own - explained).max(0.0) + by_level * by_level * model.level_variance;
-        let deviation = (model.noise_2 * variance).sqrt();
+        let left = (prior - dot(&difference, &difference)).max(0.0);
+        let deviation = (model.noise_2 * (left + by_level * by_level * model.level_variance)).sqrt();
         StudentT { weight: model.weight, mean, deviation, freedom: model.freedom }
+    }
+
+    /// The covariance of a configuration with each cell.
+    fn with_cells(&self, model: &Model, one: usize) -> Vec<f64> {
+        match &model.likeness {
+            Some(likeness) => {
+                let row = &likeness[one * self.configurations..(one + 1) * self.configurations];
+                let own = |cell: usize| if cell == one { model.own } else { 0.0 };
+                self.cells.iter().map(|&cell| model.shared * row[cell] + own(cell)).collect()
+            }
+            None => vec![0.0; self.cells.len()],
+        }
+    }
+}
+
+/// The measurements as cells. Where there are too many, those of a configuration are one cell, without a time.
+fn cells(samples: &[ConfigurationSample]) -> Vec<Cell> {
+    let mut cells = Vec::new();
+    for (configuration, sample) in samples.iter().enumerate() {
+        let mut begin = 0;
+        for end in 1..=sample.measurements.len() {
+            let goes_on = sample.measurements.get(end).is_some_and(|next| {
+                let moments = sample.measurements[begin].moment.zip(next.moment);
+                moments.is_some_and(|(first, next)| {
+                    first.client == next.client && next.time.abs_diff(first.time) < CELL_TRIALS
+                })
+            });
+            if !goes_on {
+                cells.push(Cell::of(configuration, &sample.measurements[begin..end], sample.weight));
+                begin = end;
+            }
+        }
+    }
+    if cells.len() <= CELLS_MAX {
+        return cells;
+    }
+    let whole = samples.iter().enumerate().map(|(configuration, sample)| Cell {
+        moment: None,
+        ..Cell::of(configuration, &sample.measurements, sample.weight)
+    });
+    whole.collect()
+}
+
+impl Cell {
+    fn of(configuration: usize, measurements: &[Measurement], weight: f64) -> Cell {
+        let count = measurements.len() as f64;
+        let mean = measurements.iter().map(|one| one.log_cost).sum::<f64>() / count;
+        let scatter: f64 = measurements.iter().map(|one| (one.log_cost - mean) * (one.log_cost - mean)).sum();
+        let moment = measurements.first().and_then(|first| first.moment);
+        Cell { configuration, mean, count: weight * count, scatter: weight * scatter, moment }
+    }
+}
+
+/// What all models are fitted to.
+struct Grid<'a> {
+    cells: &'a [Cell],
+    configurations: usize,
+    /// Squared distances between configurations.
+    distances: &'a [f64],
+}
+
+impl Grid<'_> {
+    /// Fits all models of families, which have a probability together, and the flat one.
+    fn fit(&self, families: &[Family], drift: Option<Drift>, probability: f64) -> Vec<(f64, Model)> {
+        let n = self.cells.len();
+        let noise = self.noise(drift);
+        let mut fitted = Vec::new();
+        if let Some((evidence, model)) = self.model(noise.clone(), None, (0.0, 0.0)) {
+            fitted.push((evidence + libm::log(FLAT_PRIOR * probability), model));
+        }
+        // With one configuration there are no differences.
+        for family in families.iter().filter(|_| self.configurations > 1) {
+            let models = (family.lengths.len() * family.ratios.len()) as f64;
+            let each = libm::log(family.probability * probability / models);
+            for length in family.lengths {
+                let alike: Vec<f64> =
+                    self.distances.iter().map(|distance_2| matern(distance_2 / (length * length))).collect();
+                let alike: Rc<[f64]> = alike.into();
+                for ratio in family.ratios {
+                    let (shared, own) = (ratio * (1.0 - family.roughness), ratio * family.roughness);
+                    let mut matrix = noise.clone();
+                    for i in 0..n {
+                        let of = self.cells[i].configuration;
+                        let row = &alike[of * self.configurations..(of + 1) * self.configurations];
+                        for (entry, cell) in matrix[i * n..=i * n + i].iter_mut().zip(self.cells) {
+                            let rough = if cell.configuration == of { own } else { 0.0 };
+                            *entry += shared * row[cell.configuration] + rough;
+                        }
+                    }
+                    let model = self.model(matrix, Some(Rc::clone(&alike)), (shared, own));
+                    fitted.extend(model.map(|(evidence, model)| (evidence + each, model)));
+                }
+            }
+        }
+        fitted.iter_mut().for_each(|(_, model)| model.drifts = drift.is_some());
+        fitted
+    }
+
+    /// The covariance of the cells' errors, in variances of the noise; the lower triangle.
+    fn noise(&self, drift: Option<Drift>) -> Vec<f64> {
+        let n = self.cells.len();
+        let mut matrix = vec![0.0; n * n];
+        for (i, cell) in self.cells.iter().enumerate() {
+            matrix[i * n + i] = 1.0 / cell.count + drift.map_or(0.0, |drift| drift.variance);
+            let Some((drift, now)) = drift.zip(cell.moment) else {
+                continue;
+            };
+            for (j, other) in self.cells[..i].iter().enumerate() {
+                if let Some(then) = other.moment.filter(|then| then.client == now.client) {
+                    let distance = now.time.abs_diff(then.time) as f64;
+                    matrix[i * n + j] = drift.variance * libm::exp(-distance / drift.trials);
+                }
+            }
+        }
+        matrix
+    }
+
+    /// Fits one model: the logarithm of its marginal likelihood, but for what is the same for all of them, and its posterior.
+    fn model(
+        &self,
+        matrix: Vec<f64>,
+        likeness: Option<Rc<[f64]>>,
+        (shared, own): (f64, f64),
+    ) -> Option<(f64, Model)> {
+        let cells = self.cells;
+        let factor = Factor::of(&matrix, cells.len())?;
+        let solved = |mut b: Vec<f64>| {
+            factor.forward(&mut b);
+            factor.backward(&mut b);
+            b
+        };
+        let of_ones = solved(vec![1.0; cells.len()]);
+        let precision: f64 = of_ones.iter().sum();
+        let level = of_ones.iter().zip(cells).map(|(w, cell)| w * cell.mean).sum::<f64>() / precision;
+        let residuals: Vec<f64> = cells.iter().map(|cell| cell.mean - level).collect();
+        let weights = solved(residuals.clone());
+        let misfit = dot(&weights, &residuals);
+        let count: f64 = cells.iter().map(|cell| cell.count).sum();
+        let scatter: f64 = cells.iter().map(|cell| cell.scatter).sum();
+        let freedom = NOISE_PRIOR_COUNT + (count - 1.0).max(0.0);
+        let sum = NOISE_PRIOR_COUNT * NOISE_PRIOR * NOISE_PRIOR + misfit.max(0.0) + scatter;
+        let evidence =
+            -factor.half_log_determinant() - 0.5 * libm::log(precision) - 0.5 * freedom * libm::log(sum);
+        // What each configuration is expected to be apart from the level, and what of the level it does not know by itself.
+        let (mut means, mut by_level) = (vec![level; self.configurations], vec![1.0; self.configurations]);
+        if let Some(likeness) = &likeness {
+            let (mut of_misfits, mut of_levels) =
+                (vec![0.0; self.configurations], vec![0.0; self.configurations]);
+            for (cell, (w, one)) in cells.iter().zip(weights.iter().zip(&of_ones)) {
+                of_misfits[cell.configuration] += w;
+                of_levels[cell.configuration] += one;
+            }
+            for i in 0..self.configurations {
+                let row = &likeness[i * self.configurations..(i + 1) * self.configurations];
+                means[i] += shared * dot(row, &of_misfits) + own * of_misfits[i];
+                by_level[i] -= shared * dot(row, &of_levels) + own * of_levels[i];
+            }
+        }
+        let model = Model {
+            weight: 0.0,
+            factor,
+            likeness,
+            shared,
+            own,
+            drifts: false,
+            means,
+            by_level,
+            level_variance: 1.0 / precision,
+            noise_2: sum / freedom,
+            freedom,
+        };
+        evidence.is_finite().then_some((evidence, model))
     }
 }
 
@@ -289,53 +528,6 @@ fn interval(parts: &[StudentT]) -> (f64, f64) {
         high
     };
     (quantile(TAIL), quantile(1.0 - TAIL))
-}
-
-/// Fits one model: the logarithm of its marginal likelihood, and its posterior. Without a factor everything costs the
-/// same.
-fn fit(samples: &[ConfigurationSample], factor: Option<Factor>) -> Option<(f64, Model)> {
-    let n = samples.len();
-    // The inverse of the covariance of the means, times something.
-    let solved = |mut b: Vec<f64>| {
-        match &factor {
-            Some(factor) => {
-                factor.forward(&mut b);
-                factor.backward(&mut b);
-            }
-            None => b.iter_mut().zip(samples).for_each(|(b, sample)| *b *= sample.count),
-        }
-        b
-    };
-    let half_log_determinant = match &factor {
-        Some(factor) => factor.half_log_determinant(),
-        None => -0.5 * samples.iter().map(|sample| libm::log(sample.count)).sum::<f64>(),
-    };
-    let of_ones = solved(vec![1.0; n]);
-    let precision: f64 = of_ones.iter().sum();
-    let level = of_ones.iter().zip(samples).map(|(w, sample)| w * sample.mean).sum::<f64>() / precision;
-    let residuals: Vec<f64> = samples.iter().map(|sample| sample.mean - level).collect();
-    let weights = solved(residuals.clone());
-    let misfit: f64 = weights.iter().zip(&residuals).map(|(w, r)| w * r).sum();
-    let repeats: f64 = samples.iter().map(|sample| sample.count - 1.0).sum();
-    let scatter: f64 = samples.iter().map(|sample| sample.scatter).sum();
-    let freedom = NOISE_PRIOR_COUNT + (n - 1) as f64 + repeats;
-    let sum = NOISE_PRIOR_COUNT * NOISE_PRIOR * NOISE_PRIOR + misfit.max(0.0) + scatter;
-    let evidence = -half_log_determinant - 0.5 * libm::log(precision) - 0.5 * freedom * libm::log(sum);
-    let is_flat = factor.is_none();
-    let means = samples.iter().zip(&weights).map(|(sample, w)| match is_flat {
-        true => level,
-        false => sample.mean - w / sample.count,
-    });
-    let model = Model {
-        weight: 0.0,
-        means: means.collect(),
-        by_level: of_ones.iter().zip(samples).map(|(w, sample)| w / sample.count).collect(),
-        level_variance: 1.0 / precision,
-        noise_2: sum / freedom,
-        freedom,
-        factor,
-    };
-    evidence.is_finite().then_some((evidence, model))
 }
 
 #[cfg(test)]

@@ -17,12 +17,12 @@ use crate::gp::kernel::squared_distance;
 use crate::ids::StateId;
 use crate::limits::{ASSESSED_MAX, ASSESSED_SHARED_MAX, ASSESSMENTS_MAX};
 use crate::results::{Record, ResultTable};
-use crate::robust::{USUAL_COUNT, deviation, location};
+use crate::robust::{Evidence, USUAL_COUNT, deviation, location};
 use crate::search::Layout;
 use crate::space::Space;
 use crate::standing::Gain;
 use crate::statistics::confirm::GAIN_LEAST;
-use crate::statistics::estimate::{Comparison, ConfigurationSample, CostPosterior};
+use crate::statistics::estimate::{Comparison, ConfigurationSample, CostPosterior, Measurement};
 use crate::study::StudySpec;
 
 /// The probability of being better that counts as a proof.
@@ -181,11 +181,7 @@ fn posterior(records: &[&Record], layout: &Layout, space: &Space) -> Option<Cost
         .map(|record| {
             let mut x = space.encode(&record.configuration);
             let active = layout.canonical(&mut x);
-            let costs = record.evidence.values();
-            sample(
-                layout.features(&x, &active),
-                costs.iter().map(|cost| libm::log(cost.max(least))).collect(),
-            )
+            sample(layout.features(&x, &active), &record.evidence, least)
         })
         .collect();
     weigh(&mut samples);
@@ -199,40 +195,39 @@ fn posterior(records: &[&Record], layout: &Layout, space: &Space) -> Option<Cost
 /// all, and some are restless by themselves, as a builder is whose threads meet by chance. Each one's own variance is
 /// drawn towards the usual one, as if that had been seen in [`USUAL_COUNT`] measurements of it.
 fn weigh(samples: &mut [ConfigurationSample]) {
+    let freedom = |sample: &ConfigurationSample| sample.measurements.len() as f64 - 1.0;
     let mut variances: Vec<(f64, f64)> = samples
         .iter()
-        .filter(|sample| sample.count > 1.0)
-        .map(|sample| (sample.scatter / (sample.count - 1.0), (sample.count - 1.0).min(FREEDOM_COUNTED)))
+        .filter(|sample| sample.measurements.len() > 1)
+        .map(|sample| (sample.scatter() / freedom(sample), freedom(sample).min(FREEDOM_COUNTED)))
         .collect();
     variances.sort_by(|a, b| a.0.total_cmp(&b.0));
     // The median of them, each counted as often as it has degrees of freedom, unless one has most of them.
-    let freedom: f64 = variances.iter().map(|(_, freedom)| freedom).sum();
+    let all: f64 = variances.iter().map(|(_, freedom)| freedom).sum();
     let mut seen = 0.0;
     let usual = variances.iter().find(|(_, freedom_of_one)| {
         seen += freedom_of_one;
-        seen >= freedom / 2.0
+        seen >= all / 2.0
     });
     let Some(&(usual, _)) = usual else { return };
     let usual = usual.max(SPREAD_LEAST * SPREAD_LEAST);
     for sample in samples {
-        let own = (USUAL_COUNT * usual + sample.scatter) / (USUAL_COUNT + sample.count - 1.0);
-        let share = (usual / own).min(1.0);
-        sample.count *= share;
-        sample.scatter *= share;
+        let own = (USUAL_COUNT * usual + sample.scatter()) / (USUAL_COUNT + freedom(sample));
+        sample.weight *= (usual / own).min(1.0);
     }
 }
 
-/// The measurements of one configuration; wild ones are drawn in.
-fn sample(features: Vec<f64>, mut logs: Vec<f64>) -> ConfigurationSample {
+/// The measurements of one configuration; wild ones are drawn in. Costs count as `least` at least.
+fn sample(features: Vec<f64>, evidence: &Evidence, least: f64) -> ConfigurationSample {
+    let mut logs: Vec<f64> = evidence.values().iter().map(|cost| libm::log(cost.max(least))).collect();
     if logs.len() >= WILD_AFTER {
         let middle = location(&logs);
         let reach = WILD * deviation(&logs, middle).max(SPREAD_LEAST);
         logs.iter_mut().for_each(|log| *log = log.clamp(middle - reach, middle + reach));
     }
-    let count = logs.len() as f64;
-    let mean = logs.iter().sum::<f64>() / count;
-    let scatter = logs.iter().map(|log| (log - mean) * (log - mean)).sum();
-    ConfigurationSample { features, mean, count, scatter }
+    let measured = logs.into_iter().zip(evidence.moments());
+    let measurements = measured.map(|(log_cost, &moment)| Measurement { log_cost, moment }).collect();
+    ConfigurationSample { features, measurements, weight: 1.0 }
 }
 
 /// The last assessment of each state, of those that were assessed last. What stands here can always be made again.
@@ -265,19 +260,25 @@ mod tests {
 
     #[test]
     fn what_is_restless_counts_for_less_and_what_is_usual_for_all_it_ran() {
-        let of = |costs: &[f64]| sample(Vec::new(), costs.iter().map(|cost| libm::log(*cost)).collect());
+        let of = |costs: &[f64]| {
+            let mut evidence = Evidence::default();
+            costs.iter().for_each(|cost| {
+                evidence.push(*cost, None);
+            });
+            sample(Vec::new(), &evidence, f64::MIN_POSITIVE)
+        };
         let quiet = [of(&[10.0, 10.4, 9.7]), of(&[12.0, 12.5, 11.9]), of(&[11.0])];
         let restless = of(&[14.2, 11.8, 15.6, 12.0, 28.4, 12.2, 49.1]);
         let mut samples = quiet.to_vec();
         samples.push(restless.clone());
         weigh(&mut samples);
-        assert!(samples[3].count < 0.2 * restless.count, "{}", samples[3].count);
-        assert_eq!(samples[3].mean, restless.mean);
-        assert_eq!(samples[2].count, 1.0, "nothing is known of its own noise");
-        assert!(samples[0].count > 2.0 && samples[0].count <= 3.0, "{}", samples[0].count);
+        assert!(samples[3].weight < 0.2, "{}", samples[3].weight);
+        assert_eq!(samples[3].measurements, restless.measurements);
+        assert_eq!(samples[2].weight, 1.0, "nothing is known of its own noise");
+        assert!(samples[0].weight > 2.0 / 3.0 && samples[0].weight <= 1.0, "{}", samples[0].weight);
         // Where nothing ran twice there is nothing to compare with.
         let mut once = vec![of(&[10.0]), of(&[20.0])];
         weigh(&mut once);
-        assert!(once.iter().all(|sample| sample.count == 1.0));
+        assert!(once.iter().all(|sample| sample.weight == 1.0));
     }
 }

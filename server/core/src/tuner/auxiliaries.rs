@@ -46,8 +46,8 @@ pub(super) struct Auxiliaries {
     clock: u64,
 }
 
-/// The costs of a configuration as they are to stand in the table.
-pub(super) type Restated = Vec<(Configuration, Vec<f64>)>;
+/// The costs of configurations as they are to stand in the table, each with the number of its trial.
+pub(super) type Restated = Vec<(Configuration, Vec<(u64, f64)>)>;
 
 impl OfState {
     fn cost(&self, one: &Seen) -> f64 {
@@ -58,9 +58,9 @@ impl OfState {
         libm::exp(log - one.log_factor).min(f64::MAX)
     }
 
-    fn of(&self, configuration: &Configuration) -> Vec<f64> {
+    fn of(&self, configuration: &Configuration) -> Vec<(u64, f64)> {
         let own = self.seen.iter().filter(|one| one.configuration.0 == *configuration);
-        let costs: Vec<f64> = own.map(|one| self.cost(one)).collect();
+        let costs: Vec<(u64, f64)> = own.map(|one| (one.trial, self.cost(one))).collect();
         costs[costs.len().saturating_sub(EVIDENCE_MAX)..].to_vec()
     }
 

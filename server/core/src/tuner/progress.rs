@@ -9,7 +9,7 @@ use crate::limits::{PROGRESS_SAMPLES_MAX, REWARD_COST_MIN};
 use crate::results::{Record, ResultTable};
 use crate::search::Layout;
 use crate::space::Space;
-use crate::statistics::estimate::{ConfigurationSample, CostPosterior};
+use crate::statistics::estimate::{ConfigurationSample, CostPosterior, Measurement};
 
 /// The best configuration of a state, and by which share it costs less than another that was best before. `None` where
 /// nothing was measured.
@@ -50,12 +50,14 @@ fn chosen<'a>(results: &'a ResultTable, before: Option<&Configuration>) -> Vec<&
 fn sample(space: &Space, layout: &Layout, record: &Record) -> ConfigurationSample {
     let mut x = space.encode(&record.configuration);
     let active = layout.canonical(&mut x);
-    let costs = record.evidence.values();
-    let log_costs: Vec<f64> = costs.iter().map(|cost| libm::log(cost.max(REWARD_COST_MIN))).collect();
-    let count = log_costs.len().max(1) as f64;
-    let mean = log_costs.iter().sum::<f64>() / count;
-    let scatter = log_costs.iter().map(|x| (x - mean) * (x - mean)).sum();
-    ConfigurationSample { features: layout.features(&x, &active), mean, count, scatter }
+    let measured = record.evidence.values().iter().zip(record.evidence.moments());
+    let measurements = measured
+        .map(|(cost, &moment)| Measurement { log_cost: libm::log(cost.max(REWARD_COST_MIN)), moment });
+    ConfigurationSample {
+        features: layout.features(&x, &active),
+        measurements: measurements.collect(),
+        weight: 1.0,
+    }
 }
 
 fn distance_2(a: &[f64], b: &[f64]) -> f64 {

@@ -16,6 +16,11 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
+/// Measurements without a time.
+fn unordered(log_costs: &[f64]) -> Vec<Measurement> {
+    log_costs.iter().map(|&log_cost| Measurement { log_cost, moment: None }).collect()
+}
+
 /// What a search leaves behind that falls for luck: a quarter at random, then steps from the lowest mean.
 fn searched(
     truth: impl Fn(&[f64]) -> f64,
@@ -43,10 +48,10 @@ fn searched(
         let log_cost = truth(&all[place].0) + NOISE * normal(&mut random);
         all[place].1.push(log_cost);
     }
-    let sample = |(features, log_costs): (Vec<f64>, Vec<f64>)| {
-        let mean = mean(&log_costs);
-        let scatter = log_costs.iter().map(|x| (x - mean) * (x - mean)).sum();
-        ConfigurationSample { features, mean, count: log_costs.len() as f64, scatter }
+    let sample = |(features, log_costs): (Vec<f64>, Vec<f64>)| ConfigurationSample {
+        features,
+        measurements: unordered(&log_costs),
+        weight: 1.0,
     };
     all.into_iter().map(sample).collect()
 }
@@ -63,8 +68,8 @@ fn told(truth: impl Fn(&[f64]) -> f64, dimension: usize, trials: usize) -> (f64,
         let Comparison { gain, gain_low, gain_high, .. } = posterior.compare(best, 0);
         let log_ratio = truth(&samples[0].features) - truth(&samples[best].features);
         let true_gain = 1.0 - (-log_ratio).exp();
-        let lowest = samples.iter().map(|sample| sample.mean).fold(f64::INFINITY, f64::min);
-        let lucky = 1.0 - (lowest - samples[0].mean).exp();
+        let lowest = samples.iter().map(ConfigurationSample::mean).fold(f64::INFINITY, f64::min);
+        let lucky = 1.0 - (lowest - samples[0].mean()).exp();
         for (sum, x) in sums.iter_mut().zip([gain, true_gain, lucky]) {
             *sum += x / 20.0;
         }
@@ -95,14 +100,12 @@ fn what_a_bowl_gains_is_told_as_it_is() {
 
 #[test]
 fn repeats_outweigh_a_lucky_measurement() {
-    let sample = |x: f64, mean: f64, count: f64| ConfigurationSample {
-        features: vec![x],
-        mean,
-        count,
-        scatter: (count - 1.0) * 0.05 * 0.05,
+    let sample = |x: f64, mean: f64, runs: usize| {
+        let off = |run: usize| if runs == 1 { 0.0 } else { 0.05 * (1.0 - 2.0 * (run % 2) as f64) };
+        let log_costs: Vec<f64> = (0..runs).map(|run| mean + off(run)).collect();
+        ConfigurationSample { features: vec![x], measurements: unordered(&log_costs), weight: 1.0 }
     };
-    let samples =
-        [sample(0.0, 1.0, 10.0), sample(0.5, 0.8, 10.0), sample(1.0, 0.75, 1.0), sample(0.2, 1.0, 6.0)];
+    let samples = [sample(0.0, 1.0, 10), sample(0.5, 0.8, 10), sample(1.0, 0.75, 1), sample(0.2, 1.0, 6)];
     let posterior = CostPosterior::of(&samples, distance_2).expect("there are samples");
     let comparison = posterior.compare(1, 0);
     assert!(comparison.probability_better > 0.99 && comparison.gain_low > 0.1, "{comparison:?}");
@@ -121,15 +124,13 @@ fn what_is_rough_is_not_taken_for_noise() {
         let mut sample = |truth: &f64, runs: usize| {
             let features = vec![0.5 + 0.04 * random.random::<f64>(), 0.5 + 0.04 * random.random::<f64>()];
             let logs: Vec<f64> = (0..runs).map(|_| truth + NOISE * normal(&mut random)).collect();
-            let mean = mean(&logs);
-            let scatter = logs.iter().map(|x| (x - mean) * (x - mean)).sum();
-            ConfigurationSample { features, mean, count: runs as f64, scatter }
+            ConfigurationSample { features, measurements: unordered(&logs), weight: 1.0 }
         };
         let samples: Vec<ConfigurationSample> =
             truths.iter().enumerate().map(|(i, truth)| sample(truth, if i == 0 { 6 } else { 1 })).collect();
         let posterior = CostPosterior::of(&samples, distance_2).expect("there are samples");
         let means = posterior.means();
-        let least = (1..40).min_by(|&a, &b| samples[a].mean.total_cmp(&samples[b].mean)).expect("some");
+        let least = (1..40).min_by(|&a, &b| samples[a].mean().total_cmp(&samples[b].mean())).expect("some");
         assert!((means[least] - truths[least]).abs() < 0.15, "{} for {}", means[least], truths[least]);
         assert!(posterior.compare(least, 0).probability_better > 0.95);
         assert!(posterior.noise() < 0.12, "{}", posterior.noise());
@@ -143,7 +144,13 @@ fn the_unit_of_costs_and_the_order_of_samples_do_not_matter() {
     let shifted: Vec<ConfigurationSample> = samples
         .iter()
         .rev()
-        .map(|sample| ConfigurationSample { mean: sample.mean + 9.0, ..sample.clone() })
+        .map(|sample| {
+            let higher = |one: &Measurement| Measurement { log_cost: one.log_cost + 9.0, ..*one };
+            ConfigurationSample {
+                measurements: sample.measurements.iter().map(higher).collect(),
+                ..sample.clone()
+            }
+        })
         .collect();
     let other = CostPosterior::of(&shifted, distance_2).expect("there are samples");
     let last = samples.len() - 1;
@@ -156,11 +163,75 @@ fn the_unit_of_costs_and_the_order_of_samples_do_not_matter() {
 #[test]
 fn few_and_equal_samples_are_fine() {
     assert!(CostPosterior::of(&[], distance_2).is_none());
-    let one = ConfigurationSample { features: vec![0.1], mean: 2.0, count: 1.0, scatter: 0.0 };
+    let one = ConfigurationSample { features: vec![0.1], measurements: unordered(&[2.0]), weight: 1.0 };
     let posterior = CostPosterior::of(std::slice::from_ref(&one), distance_2).expect("there is a sample");
     assert_eq!(posterior.compare(0, 0).gain, 0.0);
     assert!((posterior.means()[0] - 2.0).abs() < 1e-12);
     let posterior = CostPosterior::of(&vec![one; 12], distance_2).expect("there are samples");
     let comparison = posterior.compare(3, 5);
     assert!(comparison.gain.abs() < 1e-9 && comparison.gain_low <= 0.0 && comparison.gain_high >= 0.0);
+}
+
+/// On a machine whose speed wanders (deviation 0.13, 20 trials) with little noise from trial to trial (0.04): the first
+/// configuration, and others whose logarithms are lower by `gain`. Each entry of `plan` is who runs next.
+fn wandering(plan: &[usize], gain: f64, seed: u64) -> Vec<ConfigurationSample> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let keep: f64 = (-1.0_f64 / 20.0).exp();
+    let mut speed = 0.13 * normal(&mut random);
+    let places = plan.iter().max().map_or(0, |last| last + 1);
+    let mut measured: Vec<Vec<Measurement>> = vec![Vec::new(); places];
+    for (time, &place) in plan.iter().enumerate() {
+        let log_cost = speed + 0.04 * normal(&mut random) - if place == 0 { 0.0 } else { gain };
+        measured[place].push(Measurement { log_cost, moment: Some(Moment { client: 1, time: time as u64 }) });
+        speed = keep * speed + 0.13 * (1.0 - keep * keep).sqrt() * normal(&mut random);
+    }
+    let sample = |(place, measurements)| {
+        let features = vec![place as f64 / places as f64, 0.5];
+        ConfigurationSample { features, measurements, weight: 1.0 }
+    };
+    measured.into_iter().enumerate().map(sample).collect()
+}
+
+#[test]
+fn a_fast_minute_proves_nothing() {
+    // The first one ran all the time, the others each in one stretch: of those some had a fast one.
+    let plan: Vec<usize> = (0..64).map(|time| if time % 8 < 2 { 0 } else { 1 + time / 8 }).collect();
+    let timeless = |mut samples: Vec<ConfigurationSample>| {
+        let all = samples.iter_mut().flat_map(|sample| &mut sample.measurements);
+        all.for_each(|one| one.moment = None);
+        samples
+    };
+    let proven = |samples: &[ConfigurationSample]| {
+        let posterior = CostPosterior::of(samples, distance_2).expect("there are samples");
+        (1..samples.len()).filter(|&one| posterior.compare(one, 0).probability_better > 0.95).count()
+    };
+    let (mut with, mut without) = (0, 0);
+    for seed in 0..20 {
+        let samples = wandering(&plan, 0.0, seed);
+        with += proven(&samples);
+        without += proven(&timeless(samples));
+    }
+    assert!(with <= 6 && without >= 20, "{with} of 160 with times, {without} without");
+}
+
+#[test]
+fn what_runs_in_turn_is_told_apart_on_a_machine_that_wanders() {
+    let plan: Vec<usize> = (0..40).map(|time| if time % 2 == 0 { 0 } else { 1 + (time / 2) % 2 }).collect();
+    let (mut found, mut drifts, mut noise) = (0, 0.0, 0.0);
+    for seed in 0..20 {
+        let posterior =
+            CostPosterior::of(&wandering(&plan, 0.08, seed), distance_2).expect("there are samples");
+        found += usize::from(posterior.compare(1, 0).probability_better > 0.95);
+        drifts += posterior.drift_probability() / 20.0;
+        noise += posterior.noise() / 20.0;
+    }
+    assert!(found >= 15 && drifts > 0.8 && noise < 0.06, "{found} of 20, {drifts}, {noise}");
+}
+
+#[test]
+fn many_measurements_are_bundled() {
+    let plan: Vec<usize> = (0..CELLS_MAX * 3).map(|time| time % 100).collect();
+    let posterior = CostPosterior::of(&wandering(&plan, 0.3, 1), distance_2).expect("there are samples");
+    assert_eq!((posterior.cells.len(), posterior.drift_probability()), (100, 0.0));
+    assert!(posterior.compare(1, 0).gain > 0.0);
 }
