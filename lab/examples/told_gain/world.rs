@@ -17,6 +17,11 @@ use treewright_core::value::Value;
 
 /// The noise of a measurement: the standard deviation of its logarithm.
 const NOISE: f64 = 0.07;
+/// The same from frame to frame on a machine that wanders; how far that goes, and after how many frames it has half forgotten
+/// where it was.
+const NOISE_CALM: f64 = 0.04;
+const WANDER: f64 = 0.13;
+const WANDER_FRAMES: f64 = 14.0;
 /// That of processor time.
 const CPU_NOISE: f64 = 0.02;
 /// The most frames that a client runs to wait for the verdict, beyond the trials of the search.
@@ -40,6 +45,8 @@ pub(crate) enum Machine {
     Jump,
     /// One and two other programs come and go.
     Load,
+    /// Its speed wanders by minutes, as that of a virtual machine beside others does; from frame to frame it is calmer.
+    Wander,
 }
 
 /// One search.
@@ -119,6 +126,7 @@ struct Speed {
     slows: bool,
     /// How many other programs run, and until when.
     others: (usize, usize),
+    log_factor: f64,
     random: ChaCha8Rng,
 }
 
@@ -135,6 +143,13 @@ impl Speed {
                     self.others = (self.random.random_range(0..3), frame + self.random.random_range(5..25));
                 }
                 [(1.0, 1.0), (1.6, 1.04), (2.2, 1.06)][self.others.0]
+            }
+            Machine::Wander => {
+                let keep = if frame == 0 { 0.0 } else { 0.5_f64.powf(1.0 / WANDER_FRAMES) };
+                let step = WANDER * (1.0 - keep * keep).sqrt() * normal(&mut self.random);
+                self.log_factor = keep * self.log_factor + step;
+                let factor = self.log_factor.exp();
+                (factor, factor)
             }
         }
     }
@@ -167,6 +182,7 @@ impl Search {
             jump_at: random.random_range(self.trials / 4..3 * self.trials / 4),
             slows: seed.is_multiple_of(2),
             others: (0, 0),
+            log_factor: 0.0,
             random: ChaCha8Rng::seed_from_u64(2000 + seed),
         };
         let ask = Ask { client_id: "renderer".into(), ..Ask::default() };
@@ -180,8 +196,9 @@ impl Search {
             }
             let truth = self.world.cost(&trial.configuration);
             let (wall, cpu) = speed.factors(frames);
+            let noise = if matches!(self.machine, Machine::Wander) { NOISE_CALM } else { NOISE };
             let mut metrics =
-                BTreeMap::from([("wall_ms".to_owned(), truth * wall * (NOISE * normal(&mut random)).exp())]);
+                BTreeMap::from([("wall_ms".to_owned(), truth * wall * (noise * normal(&mut random)).exp())]);
             metrics.insert("cpu_ms".to_owned(), truth * cpu * (CPU_NOISE * normal(&mut random)).exp());
             let (reported, _change) =
                 tuner.report(&trial, metrics, Outcome::Ok, frames as i64).expect("a report");

@@ -26,6 +26,14 @@ use crate::trial::{Mode, Outcome, Trial};
 /// A search of fewer configurations says little of a state.
 pub(crate) const SEARCHED_LEAST: usize = 6;
 
+/// A repeat within so many trials is one at once.
+const AT_ONCE: u64 = 3;
+/// So many repeats at once and later say whether the speed of a machine wanders: if the typical difference of the later ones
+/// is so many times that of the others, which counts as this at least.
+const WANDERS_AFTER: usize = 3;
+const WANDERS: f64 = 2.0;
+const WANDERS_LEAST: f64 = 0.01;
+
 /// What is known of one configuration in one state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
@@ -106,6 +114,10 @@ pub struct ResultTable {
     searched: usize,
     /// How far repeated measurements were from what was known before, as shares.
     repeats: Vec<f64>,
+    /// Logarithms, without a sign, of how far they were from the measurement before of the same configuration by the same
+    /// client: where that ran just before, and where it was longer ago.
+    at_once: Vec<f64>,
+    later: Vec<f64>,
     outliers: u64,
     drifts: u64,
     /// How often the speed of a client's machine jumped.
@@ -137,7 +149,7 @@ impl ResultTable {
         self.latest = trial.completion.unwrap_or(self.latest);
         self.is_carried_over |= trial.decision.origin.is_some();
         if let (Outcome::Ok, Some(cost)) = (outcome, trial.cost) {
-            self.note_repeat(index, cost);
+            self.note_repeat(index, cost, moment(trial));
         }
         let mut changed = None;
         let record = &mut self.records[index];
@@ -180,18 +192,30 @@ impl ResultTable {
     }
 
     /// Notes how far a measurement is from what is known of the configuration.
-    fn note_repeat(&mut self, index: usize, cost: f64) {
+    fn note_repeat(&mut self, index: usize, cost: f64, moment: Option<Moment>) {
         let Record { evidence, mean_cost, .. } = &self.records[index];
         if evidence.count() == 0 || *mean_cost <= 0.0 {
             return;
         }
+        let push = |samples: &mut Vec<f64>, sample: f64| {
+            if samples.len() == NOISE_SAMPLES_MAX {
+                samples.remove(0);
+            }
+            samples.push(sample);
+        };
+        let before = evidence.latest().and_then(|(before, then)| Some((before, then?)));
+        if let (Some((before, then)), Some(now)) = (before, moment)
+            && then.client == now.client
+            && before.min(cost) > 0.0
+        {
+            let off = (libm::log(cost) - libm::log(before)).abs();
+            let is_at_once = now.time.abs_diff(then.time) <= AT_ONCE;
+            push(if is_at_once { &mut self.at_once } else { &mut self.later }, off);
+        }
         // The known cost has an error of its own.
         let spread = (1.0 + 1.0 / evidence.count() as f64).sqrt();
         let share = (cost / mean_cost - 1.0).abs() / spread;
-        if self.repeats.len() == NOISE_SAMPLES_MAX {
-            self.repeats.remove(0);
-        }
-        self.repeats.push(share.min(1.0));
+        push(&mut self.repeats, share.min(1.0));
     }
 
     /// All but one configuration were measured before costs changed by a factor.
@@ -329,6 +353,14 @@ impl ResultTable {
         (!repeats.is_empty()).then(|| MAD_TO_DEVIATION * median(&mut repeats))
     }
 
+    /// Whether the speed of the machine is seen to wander: what is repeated at once agrees much better than what is repeated
+    /// later.
+    pub fn wanders(&self) -> bool {
+        let typical = |samples: &[f64]| median(&mut samples.to_vec());
+        self.at_once.len().min(self.later.len()) >= WANDERS_AFTER
+            && typical(&self.later) > WANDERS * typical(&self.at_once).max(WANDERS_LEAST)
+    }
+
     /// How many measurements were far from all before of the same configuration.
     pub fn outliers(&self) -> u64 {
         self.outliers
@@ -364,6 +396,11 @@ impl ResultTable {
             touch: 0,
         });
         index
+    }
+
+    /// Whether the last trial that was learnt here is one of that configuration.
+    pub fn is_latest(&self, record: &Record) -> bool {
+        record.touch == self.touches
     }
 
     /// What is known of one configuration; `None` when no trial of it was ever completed here.

@@ -142,6 +142,11 @@ impl Evidence {
         &self.moments
     }
 
+    /// The last measurement, and when it was made.
+    pub fn latest(&self) -> Option<(f64, Option<Moment>)> {
+        Some((*self.recent.last()?, *self.moments.last()?))
+    }
+
     /// The typical cost.
     pub fn location(&self) -> f64 {
         location(&self.recent)

@@ -143,7 +143,7 @@ impl Tuner {
             && is_beaten
             && record.measurements < DOUBTED_UNTIL
             && results.tried() as u64 >= DOUBTED_EVERY * record.measurements;
-        let is_due = is_doubtful || self.speeds.is_due(client_id, state, hurried);
+        let is_due = is_doubtful || self.speeds.is_due(client_id, state, hurried, results.wanders());
         if !(self.spec.policy.track_speed && goes_on && is_due) {
             return None;
         }
@@ -168,7 +168,9 @@ impl Tuner {
         }
         let others = results.ranked().filter(|record| record.configuration != *incumbent);
         let repeats: u64 = others.map(|record| record.measurements - 1).sum();
-        if repeats as f64 >= LEADERS_SHARE * tried as f64 {
+        // On a machine whose speed wanders only what runs next to the incumbent compares well with it.
+        let is_apart = results.wanders() && !results.is_latest(beside);
+        if repeats as f64 >= LEADERS_SHARE * tried as f64 || is_apart {
             return None;
         }
         let noise = results.noise().unwrap_or(NOISE_PRIOR).clamp(NOISE_LEAST, NOISE_MAX);

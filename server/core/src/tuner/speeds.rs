@@ -24,11 +24,10 @@ const NOISE_LEAST: f64 = 0.01;
 const NOISE_MAX: f64 = 0.2;
 /// So many measurements make the cost of a configuration known; of the default one, with which every search begins, one.
 const KNOWN_AFTER: usize = 4;
-/// After so many trials the incumbent is due; what ran near it compares well with it whatever the speed is. In worlds whose
-/// costs are known, 4 finds as much as 8 and 16 on quiet machines, and more on restless ones (docs/numerics.md).
-const INTERVAL: u64 = 4;
-/// The same where repeats agree as well as they can: nothing is to be seen by it but a jump.
-const INTERVAL_EXACT: u64 = 16;
+/// After so many trials the incumbent is due, and after twice as many once it agreed with what was expected.
+const INTERVAL: u64 = 8;
+/// The same where the speed is seen to wander: what ran near the incumbent compares well with it whatever the speed is.
+const INTERVAL_WANDERING: u64 = 4;
 /// The same while it is not known yet what auxiliary measurements explain, for which repeats are needed.
 const INTERVAL_HURRIED: u64 = 3;
 /// After a jump the incumbent runs so many times more, because what it costs now was only measured twice.
@@ -63,8 +62,9 @@ struct Client {
     own_noise: f64,
     /// The state that it reported from last.
     state: u64,
-    /// Trials since it was last held.
+    /// Trials since it was last held, and whether that agreed with what was expected.
     since: u64,
+    is_calm: bool,
     /// How often the incumbent is still to be run after a jump.
     settling: u64,
     unheld: Vec<Unheld>,
@@ -80,6 +80,7 @@ impl Default for Client {
             own_noise: 0.0,
             state: 0,
             since: 0,
+            is_calm: false,
             settling: 0,
             unheld: Vec::new(),
             latest: 0,
@@ -154,10 +155,10 @@ impl Speeds {
             client.speed.hold(cost, known.mean_cost, noise);
             if client.speed.jumps() > jumps {
                 jumped = Some(std::mem::take(&mut client.unheld));
-                (client.since, client.settling) = (0, SETTLING);
+                (client.since, client.is_calm, client.settling) = (0, false, SETTLING);
             } else if !client.speed.is_suspicious() {
                 client.unheld.clear();
-                client.since = 0;
+                (client.since, client.is_calm) = (0, true);
             }
         }
         let factor = client.speed.factor();
@@ -174,14 +175,16 @@ impl Speeds {
         Held { factor, jumped }
     }
 
-    /// Whether the incumbent of the client's state should be measured before anything else; it is due sooner where `hurried`.
-    pub(super) fn is_due(&self, client_id: &str, state: StateId, hurried: bool) -> bool {
+    /// Whether the incumbent of the client's state should be measured before anything else; it is due sooner where `hurried`,
+    /// and where the machine is seen to wander.
+    pub(super) fn is_due(&self, client_id: &str, state: StateId, hurried: bool, wanders: bool) -> bool {
         let Some(client) = self.clients.get(client_id).filter(|client| client.state == state.0) else {
             return false;
         };
         let interval = match hurried {
             true => INTERVAL_HURRIED,
-            false if client.noise <= NOISE_LEAST => INTERVAL_EXACT,
+            false if wanders => INTERVAL_WANDERING,
+            false if client.is_calm => 2 * INTERVAL,
             false => INTERVAL,
         };
         client.speed.is_suspicious() || client.settling > 0 || client.since >= interval

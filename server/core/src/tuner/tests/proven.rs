@@ -142,7 +142,7 @@ fn a_race_survives_a_restart_and_clients_that_never_come_back() {
     let mut tuner = tuner(policy);
     let mut states = BTreeMap::new();
     let (mut completed, mut raced) = (Vec::new(), 0);
-    for frame in 0..80 {
+    for frame in 0..100 {
         let (trial, handed) = tuner.suggest(&ask("a", 0.5, 0.5), 0).expect("valid");
         states.extend(handed.states.into_iter().map(|state| (state.id, state)));
         let last = trial.number;
