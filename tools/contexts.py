@@ -23,6 +23,8 @@ import sys
 import tempfile
 import time
 
+from rounds import ratio
+
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 BIN = pathlib.Path(os.environ.get("BIN", ROOT / "target" / "release"))
 # Name, and what is asked for: among them instances (forest), cut-out leaves (grove) and one of eight million triangles.
@@ -69,13 +71,8 @@ def measure(scene, context, rounds):
 
 
 def gain(rows, other):
-    """How many times as fast the start is as the other: the median of the rounds, and its 95 % interval from signs."""
-    ratios = sorted(theirs / ours for ours, theirs in zip(rows[START], rows[other]))
-    outside = 0
-    while outside < len(ratios) // 2 and 2 * sum(math.comb(len(ratios), below) for below in range(outside + 1)) * 0.5 ** len(ratios) <= 0.05:
-        outside += 1
-    interval = (ratios[outside - 1], ratios[-outside]) if outside else (-math.inf, math.inf)
-    return statistics.median(ratios), interval
+    """How many times as fast the start is as the other, and the interval."""
+    return ratio(rows[other], rows[START])
 
 
 def table(book):

@@ -15,7 +15,6 @@ Run it where nothing else does; taskset keeps it to some processors.
 
 import argparse
 import json
-import math
 import os
 import pathlib
 import random
@@ -24,6 +23,8 @@ import subprocess
 import sys
 import tempfile
 import threading
+
+from rounds import ratio
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 BIN = pathlib.Path(os.environ.get("BIN", ROOT / "target" / "release"))
@@ -109,20 +110,6 @@ def side_by_side(arguments, folder, named):
     return {row["name"]: row["rounds_ms"] for row in rows if row["name"] in named}
 
 
-def ratio(ours, theirs):
-    """The median of the rounds' ratios and its 95 % interval."""
-    ratios = sorted(a / b for a, b in zip(ours, theirs))
-    count = len(ratios)
-    outside, chance = 0, 2 * 0.5**count
-    while outside < (count - 1) // 2 and chance <= 0.05:
-        outside += 1
-        chance += 2 * math.comb(count, outside) * 0.5**count
-    outside -= chance > 0.05
-    if outside < 0:
-        return statistics.median(ratios), None
-    return statistics.median(ratios), (ratios[outside], ratios[-1 - outside])
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", default="builtin:hall")
@@ -133,7 +120,7 @@ def main():
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--size", default="320x240")
     parser.add_argument("--load", type=int, default=2, help="most busy processes")
-    parser.add_argument("--tune-rounds", type=int, default=5, help="rounds in which tune compares its winner, load included")
+    parser.add_argument("--tune-rounds", type=int, default=21, help="rounds in which tune compares its winner, load included")
     parser.add_argument("--rounds", type=int, default=15, help="quiet rounds of all winners")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=pathlib.Path, help="write everything as JSON")
@@ -160,11 +147,11 @@ def main():
     for name in named:
         over_quiet, over_start = ratio(costs[name], reference), ratio(costs[name], costs[START])
         gains[name] = {"over_quiet": over_quiet, "over_start": over_start}
-        shown = [f"{median:.3f}" + (f" [{ends[0]:.3f}, {ends[1]:.3f}]" if ends else "") for median, ends in (over_quiet, over_start)]
+        shown = [f"{median:.3f}" + f" [{ends[0]:.3f}, {ends[1]:.3f}]" for median, ends in (over_quiet, over_start)]
         print(f"| {name} | {shown[0]} | {shown[1]} |")
         if name.startswith("loaded"):
             near += over_quiet[0] <= NEAR
-            below += bool(over_start[1]) and over_start[1][0] > 1
+            below += over_start[1][0] > 1
     print(f"\n{near} of {arguments.runs} within 3 % of the quiet winners' median; {below} below the start beyond doubt")
     if arguments.out:
         everything = {"arguments": {key: str(value) for key, value in vars(arguments).items()}, "told": told,
