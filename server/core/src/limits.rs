@@ -60,13 +60,14 @@ pub const OBSERVATIONS_MAX: usize = 192;
 /// Most states of a study that have such a regression: those measured last.
 pub const DENOISED_STATES_MAX: usize = 1024;
 
-/// Most configurations that an assessment of a state looks at: its work grows with their cube, up to some milliseconds.
+/// Most configurations that an assessment of a state looks at: its work grows with their cube, up to some
+/// 25 milliseconds with their measurements apart (`benches/estimate.rs`).
 pub const ASSESSED_MAX: usize = 96;
 /// Most measurements or bundles of them that an assessment keeps apart by when they ran; beyond, one for each configuration.
 pub const CELLS_MAX: usize = 160;
 /// So many more of them than configurations must there be before a machine can be seen to change its speed.
 pub const DRIFT_CELLS_LEAST: usize = 4;
-/// Most configurations of a state that is assessed while others wait: less than a tenth of a millisecond.
+/// Most configurations of a state that is assessed while others wait: a quarter of a millisecond at most.
 pub const ASSESSED_SHARED_MAX: usize = 12;
 /// Most states of a study whose last assessment is kept.
 pub const ASSESSMENTS_MAX: usize = 1024;

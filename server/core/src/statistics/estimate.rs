@@ -151,6 +151,8 @@ struct Cell {
 #[derive(Clone, Debug)]
 struct Model {
     weight: f64,
+    /// Which configuration each of its cells is of.
+    cells: Rc<[usize]>,
     /// Of the covariance between cells.
     factor: Factor,
     /// How alike configurations are; `None` for a model in which everything costs the same.
@@ -173,8 +175,6 @@ struct Model {
 #[derive(Clone, Debug)]
 pub struct CostPosterior {
     models: Vec<Model>,
-    /// Which configuration each cell is of.
-    cells: Vec<usize>,
     configurations: usize,
 }
 
@@ -216,13 +216,14 @@ impl CostPosterior {
             }
         }
         let cells = cells(samples);
-        let grid = Grid { cells: &cells, configurations: n, distances: &distances };
         // Whether speed wanders is seen by what ran more than once, at different times.
-        let drifts = cells.iter().filter(|cell| cell.moment.is_some()).count();
-        let may_drift = n > 1 && drifts >= n + DRIFT_CELLS_LEAST;
+        let in_time = cells.iter().filter(|cell| cell.moment.is_some()).count();
+        let may_drift = n > 1 && in_time >= n + DRIFT_CELLS_LEAST;
         let steady = if may_drift { 1.0 - DRIFT_PRIOR } else { 1.0 };
-        let mut fitted = grid.fit(&FAMILIES, None, steady);
-        for drift in DRIFTS.into_iter().filter(|_| may_drift) {
+        let mut fitted = Grid::merged(samples, &cells, &distances).fit(&FAMILIES, None, steady);
+        let drifts = DRIFTS.into_iter().filter(|_| may_drift);
+        let grid = Grid::new(cells, n, &distances);
+        for drift in drifts {
             fitted.extend(grid.fit(&FAMILIES_DRIFTING, Some(drift), DRIFT_PRIOR / DRIFTS.len() as f64));
         }
         let heaviest = fitted.iter().map(|(evidence, _)| *evidence).fold(f64::NEG_INFINITY, f64::max);
@@ -235,8 +236,7 @@ impl CostPosterior {
         }
         let sum: f64 = models.iter().map(|model| model.weight).sum();
         models.iter_mut().for_each(|model| model.weight /= sum);
-        let cells = cells.iter().map(|cell| cell.configuration).collect();
-        (!models.is_empty()).then_some(CostPosterior { models, cells, configurations: n })
+        (!models.is_empty()).then_some(CostPosterior { models, configurations: n })
     }
 
     /// The expected logarithm of the cost of each configuration.
@@ -324,9 +324,9 @@ impl CostPosterior {
             Some(likeness) => {
                 let row = &likeness[one * self.configurations..(one + 1) * self.configurations];
                 let own = |cell: usize| if cell == one { model.own } else { 0.0 };
-                self.cells.iter().map(|&cell| model.shared * row[cell] + own(cell)).collect()
+                model.cells.iter().map(|&cell| model.shared * row[cell] + own(cell)).collect()
             }
-            None => vec![0.0; self.cells.len()],
+            None => vec![0.0; model.cells.len()],
         }
     }
 }
@@ -349,9 +349,11 @@ fn cells(samples: &[ConfigurationSample]) -> Vec<Cell> {
             }
         }
     }
-    if cells.len() <= CELLS_MAX {
-        return cells;
-    }
+    if cells.len() <= CELLS_MAX { cells } else { whole(samples) }
+}
+
+/// All measurements of a configuration as one cell, without a time.
+fn whole(samples: &[ConfigurationSample]) -> Vec<Cell> {
     let whole = samples.iter().enumerate().map(|(configuration, sample)| Cell {
         moment: None,
         ..Cell::of(configuration, &sample.measurements, sample.weight)
@@ -369,15 +371,32 @@ impl Cell {
     }
 }
 
-/// What all models are fitted to.
+/// What models are fitted to.
 struct Grid<'a> {
-    cells: &'a [Cell],
+    cells: Vec<Cell>,
+    of: Rc<[usize]>,
     configurations: usize,
     /// Squared distances between configurations.
     distances: &'a [f64],
+    /// What the logarithm of a likelihood is to be raised by, so that those of different cells compare.
+    offset: f64,
 }
 
-impl Grid<'_> {
+impl<'a> Grid<'a> {
+    fn new(cells: Vec<Cell>, configurations: usize, distances: &'a [f64]) -> Self {
+        let of = cells.iter().map(|cell| cell.configuration).collect();
+        Grid { cells, of, configurations, distances, offset: 0.0 }
+    }
+
+    /// The same with one cell for each configuration, which is all that a steady machine's models need to know: for them the
+    /// means of a configuration's cells are repeats, whose likelihood given their mean does not depend on the model.
+    fn merged(samples: &[ConfigurationSample], cells: &[Cell], distances: &'a [f64]) -> Self {
+        let whole = whole(samples);
+        let logs = |cells: &[Cell]| cells.iter().map(|cell| libm::log(cell.count)).sum::<f64>();
+        let offset = 0.5 * (logs(cells) - logs(&whole));
+        Grid { offset, ..Grid::new(whole, samples.len(), distances) }
+    }
+
     /// Fits all models of families, which have a probability together, and the flat one.
     fn fit(&self, families: &[Family], drift: Option<Drift>, probability: f64) -> Vec<(f64, Model)> {
         let n = self.cells.len();
@@ -400,7 +419,7 @@ impl Grid<'_> {
                     for i in 0..n {
                         let of = self.cells[i].configuration;
                         let row = &alike[of * self.configurations..(of + 1) * self.configurations];
-                        for (entry, cell) in matrix[i * n..=i * n + i].iter_mut().zip(self.cells) {
+                        for (entry, cell) in matrix[i * n..=i * n + i].iter_mut().zip(&self.cells) {
                             let rough = if cell.configuration == of { own } else { 0.0 };
                             *entry += shared * row[cell.configuration] + rough;
                         }
@@ -440,7 +459,7 @@ impl Grid<'_> {
         likeness: Option<Rc<[f64]>>,
         (shared, own): (f64, f64),
     ) -> Option<(f64, Model)> {
-        let cells = self.cells;
+        let cells = &self.cells;
         let factor = Factor::of(&matrix, cells.len())?;
         let solved = |mut b: Vec<f64>| {
             factor.forward(&mut b);
@@ -457,8 +476,10 @@ impl Grid<'_> {
         let scatter: f64 = cells.iter().map(|cell| cell.scatter).sum();
         let freedom = NOISE_PRIOR_COUNT + (count - 1.0).max(0.0);
         let sum = NOISE_PRIOR_COUNT * NOISE_PRIOR * NOISE_PRIOR + misfit.max(0.0) + scatter;
-        let evidence =
-            -factor.half_log_determinant() - 0.5 * libm::log(precision) - 0.5 * freedom * libm::log(sum);
+        let evidence = self.offset
+            - factor.half_log_determinant()
+            - 0.5 * libm::log(precision)
+            - 0.5 * freedom * libm::log(sum);
         // What each configuration is expected to be apart from the level, and what of the level it does not know by itself.
         let (mut means, mut by_level) = (vec![level; self.configurations], vec![1.0; self.configurations]);
         if let Some(likeness) = &likeness {
@@ -476,6 +497,7 @@ impl Grid<'_> {
         }
         let model = Model {
             weight: 0.0,
+            cells: Rc::clone(&self.of),
             factor,
             likeness,
             shared,

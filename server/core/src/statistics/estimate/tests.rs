@@ -232,6 +232,26 @@ fn what_runs_in_turn_is_told_apart_on_a_machine_that_wanders() {
 fn many_measurements_are_bundled() {
     let plan: Vec<usize> = (0..CELLS_MAX * 3).map(|time| time % 100).collect();
     let posterior = CostPosterior::of(&wandering(&plan, 0.3, 1), distance_2).expect("there are samples");
-    assert_eq!((posterior.cells.len(), posterior.drift_probability()), (100, 0.0));
+    assert!(posterior.models.iter().all(|model| model.cells.len() == 100 && !model.drifts));
     assert!(posterior.compare(1, 0).gain > 0.0);
+}
+
+#[test]
+fn a_steady_machine_needs_one_cell_for_each_configuration() {
+    let plan: Vec<usize> = (0..40).map(|time| (time * 7 % 11) * (time % 3) % 9).collect();
+    let mut samples = wandering(&plan, 0.2, 4);
+    samples[2].weight = 0.3;
+    let n = samples.len();
+    let distances: Vec<f64> =
+        (0..n * n).map(|pair| distance_2(&samples[pair / n].features, &samples[pair % n].features)).collect();
+    let apart = cells(&samples);
+    let merged = Grid::merged(&samples, &apart, &distances).fit(&FAMILIES, None, 1.0);
+    let apart = Grid::new(apart, n, &distances).fit(&FAMILIES, None, 1.0);
+    assert!(apart[0].1.cells.len() > n + 5 && merged[0].1.cells.len() == n);
+    for ((a, one), (b, other)) in apart.iter().zip(&merged) {
+        assert!((a - b).abs() < 1e-6 * a.abs().max(1.0), "{a} {b}");
+        let means = one.means.iter().zip(&other.means);
+        assert!(means.into_iter().all(|(a, b)| (a - b).abs() < 1e-6));
+        assert!((one.noise_2 / other.noise_2 - 1.0).abs() < 1e-6);
+    }
 }
