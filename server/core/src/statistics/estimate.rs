@@ -160,6 +160,7 @@ struct Model {
     /// The variance that like configurations share, and that which is each one's own, in variances of the noise.
     shared: f64,
     own: f64,
+    #[cfg(test)]
     drifts: bool,
     /// Posterior means of the logarithms of costs.
     means: Vec<f64>,
@@ -251,16 +252,6 @@ impl CostPosterior {
     /// The noise of the logarithm of one measurement: a standard deviation.
     pub fn noise(&self) -> f64 {
         self.models.iter().map(|model| model.weight * model.noise_2).sum::<f64>().sqrt()
-    }
-
-    /// The probability that all configurations cost the same.
-    pub fn flat_probability(&self) -> f64 {
-        self.models.iter().filter(|model| model.likeness.is_none()).map(|model| model.weight).sum()
-    }
-
-    /// The probability that the speed of the machine wanders.
-    pub fn drift_probability(&self) -> f64 {
-        self.models.iter().filter(|model| model.drifts).map(|model| model.weight).sum()
     }
 
     /// Compares the cost of one configuration with that of another.
@@ -429,6 +420,7 @@ impl<'a> Grid<'a> {
                 }
             }
         }
+        #[cfg(test)]
         fitted.iter_mut().for_each(|(_, model)| model.drifts = drift.is_some());
         fitted
     }
@@ -502,6 +494,7 @@ impl<'a> Grid<'a> {
             likeness,
             shared,
             own,
+            #[cfg(test)]
             drifts: false,
             means,
             by_level,
