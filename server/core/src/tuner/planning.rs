@@ -88,10 +88,8 @@ impl Tuner {
                 true
             }
         };
-        let ends = |here: &StateId| {
-            let is_at_end = self.states.results(*here).tried() >= self.room_of(&ask.session_policy);
-            is_at_end && self.is_to_be_confirmed(*here)
-        };
+        let ends =
+            |here: &StateId| self.is_spent_for(&ask.session_policy, *here) && self.is_to_be_confirmed(*here);
         let answers = if explores { here.filter(ends) } else { self.state_that_answers(&query(), here) };
         request.assessment = answers.and_then(|state| self.assessment_to_plan(state));
         match here {

@@ -177,6 +177,26 @@ fn a_race_survives_a_restart_and_clients_that_never_come_back() {
     assert_eq!(best.standing.confirmation.stage, ConfirmationStage::Better);
 }
 
+#[test]
+fn what_was_taken_back_keeps_no_race_from_beginning() {
+    let mut tuner = tuner(Policy { epsilon: 1.0, trials_per_state: 30, ..Policy::default() });
+    let ask = ask("a", 0.5, 0.5);
+    let mut rules = Vec::new();
+    for frame in 0..120 {
+        let question = tuner.question(&ask).expect("valid");
+        let plan = tuner.plan(&question, |_| true).map(PlanRequest::compute).unwrap_or_default();
+        let trial = tuner.suggest_planned(&ask, plan, 0).expect("valid").0;
+        rules.push(trial.reason().explanation.rule.expect("a rule"));
+        let _trial = finish(&mut tuner, &trial, Outcome::Ok);
+        if (5..8).contains(&frame) {
+            let state = StateId(trial.state_id);
+            tuner.states.amend(state, |results| results.restate(&trial.configuration, &[]));
+        }
+    }
+    assert!(rules.contains(&Rule::Confirming), "{rules:?}");
+    assert_eq!(rules.last(), Some(&Rule::Finished));
+}
+
 /// The first configuration of a state that is new to a study that knows two others, and what answers there after ten frames in
 /// which configurations cost what `cost_here` says, the first one being given.
 fn answer_in_a_new_state(
