@@ -16,6 +16,8 @@ use crate::tuner::confirmation::Stored;
 
 /// The regression is learnt anew after so many trials.
 const LEARNT_EVERY: u64 = 4;
+/// What was put down to the speed of a machine is judged anew once the auxiliary measurements have so much more of a say.
+const WEIGHT_GROWN: f64 = 0.25;
 /// Costs of zero have no logarithm.
 const COST_LEAST: f64 = 1e-300;
 
@@ -36,6 +38,8 @@ struct OfState {
     seen: Vec<Seen>,
     taken: u64,
     denoiser: Option<Denoiser>,
+    /// The weight of the auxiliary measurements when the factors were last judged.
+    weight: f64,
     latest: u64,
 }
 
@@ -110,8 +114,8 @@ impl Auxiliaries {
         })
     }
 
-    /// Takes a trial. Where the regression was learnt anew, tells the costs of all configurations by it, and whether it is
-    /// the first one of the state.
+    /// Takes a trial. Where the regression was learnt anew, tells the costs of all configurations by it, and whether the
+    /// speeds of machines are to be judged anew, because it explains what seemed to be speed.
     pub(super) fn take(
         &mut self,
         state: StateId,
@@ -143,12 +147,13 @@ impl Auxiliaries {
         }
         let knew = own.denoiser.is_some();
         own.learn();
-        let is_first = !knew && own.denoiser.is_some();
-        if is_first {
-            // What was put down to the machine's speed is explained better now.
+        let weight = own.denoiser.as_ref()?.weight();
+        let explains_more = !knew || weight > own.weight + WEIGHT_GROWN;
+        if explains_more {
+            own.weight = weight;
             own.seen.iter_mut().for_each(|one| one.log_factor = 0.0);
         }
-        own.denoiser.is_some().then(|| (own.all(), is_first))
+        Some((own.all(), explains_more))
     }
 
     /// Takes trials back, and tells the costs of their configurations without them.

@@ -167,11 +167,13 @@ impl Tuner {
         let mut learnt = (denoised / factor).min(f64::MAX);
         if let Some(auxiliary) = &auxiliary {
             let what = (trial.number, &trial.configuration);
-            if let Some((restated, is_first)) = self.auxiliaries.take(state, what, cost, auxiliary, factor) {
+            if let Some((restated, explains_more)) =
+                self.auxiliaries.take(state, what, cost, auxiliary, factor)
+            {
                 self.states.amend(state, |results| {
                     restated.iter().for_each(|(configuration, costs)| results.restate(configuration, costs));
                 });
-                if is_first {
+                if explains_more {
                     // The search was told other costs.
                     (factor, has_jumped) = (1.0, true);
                     self.speeds.reset(state);
