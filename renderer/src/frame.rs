@@ -6,7 +6,6 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 use treewright_accel::{
     BuildChoice, BuildError, Device, DeviceError, Intersector, Structure, Update, Visitor, build,
@@ -16,6 +15,7 @@ use treewright_accel::{
 use crate::film::Film;
 use crate::integrator::{Counts, Needs, Prepared, View, render_sample_until};
 use crate::render_options::RenderOptions;
+use crate::scheduling::{RunQueueDelay, ThreadTimes, thread_cpu_ms, undelayed_ms};
 use treewright_scene::Scene;
 
 /// What one frame took.
@@ -31,12 +31,43 @@ pub struct FrameTimes {
     /// Processor time of the render threads during the frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub render_cpu_ms: Option<f64>,
+    /// How long all threads together waited for a processor during the build; absent where the system does not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub build_delay_ms: Option<f64>,
+    /// How long the render threads together waited for a processor during the frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub render_delay_ms: Option<f64>,
 }
 
 impl FrameTimes {
     /// By the clock on the wall alone.
     pub fn of(build_ms: f64, render_ms: f64) -> Self {
         Self { build_ms, render_ms, ..Self::default() }
+    }
+
+    /// With what threads got of the processors in the meantime.
+    #[must_use]
+    pub fn with_threads(self, build: ThreadTimes, render: ThreadTimes) -> Self {
+        Self {
+            build_cpu_ms: Some(build.cpu_ms),
+            render_cpu_ms: Some(render.cpu_ms),
+            build_delay_ms: build.delay_ms,
+            render_delay_ms: render.delay_ms,
+            ..self
+        }
+    }
+
+    /// What the clock on the wall would have shown if no thread had waited for a processor ([`undelayed_ms`]); what it did
+    /// show where that is not known.
+    #[must_use]
+    pub fn undelayed(self) -> Self {
+        let undelayed = |wall_ms: f64, cpu_ms: Option<f64>, delay_ms: Option<f64>| {
+            cpu_ms.zip(delay_ms).map_or(wall_ms, |(cpu_ms, delay_ms)| undelayed_ms(wall_ms, cpu_ms, delay_ms))
+        };
+        Self::of(
+            undelayed(self.build_ms, self.build_cpu_ms, self.build_delay_ms),
+            undelayed(self.render_ms, self.render_cpu_ms, self.render_delay_ms),
+        )
     }
 }
 
@@ -61,6 +92,8 @@ pub enum RendererError {
 pub struct Renderer {
     device: Device,
     pool: rayon::ThreadPool,
+    /// Those of the pool's threads; none where the system does not tell.
+    delays: Vec<RunQueueDelay>,
     prepared: Arc<Prepared>,
     leave_out: bool,
     structure: Option<Structure>,
@@ -80,7 +113,10 @@ impl Renderer {
             .build()
             .map_err(|source| RendererError::Threads { threads, source })?;
         let prepared = Arc::new(pool.install(|| Prepared::new(scene)));
-        Ok(Self { device, pool, prepared, leave_out: true, structure: None, choice: None })
+        let delays: Option<Vec<_>> =
+            pool.broadcast(|_| RunQueueDelay::of_this_thread()).into_iter().collect();
+        let delays = delays.unwrap_or_default();
+        Ok(Self { device, pool, delays, prepared, leave_out: true, structure: None, choice: None })
     }
 
     /// The scene.
@@ -230,10 +266,25 @@ impl Renderer {
         Some((milliseconds(begin), is_whole))
     }
 
-    /// Processor time that the render threads have used so far, in milliseconds. Unlike the clock on the wall it hardly
-    /// notices other work on the machine.
-    pub fn render_cpu_ms(&self) -> f64 {
-        self.pool.broadcast(|_| cpu_ms(ClockId::ThreadCPUTime)).iter().sum()
+    /// Does some work, and tells what the render threads got of the processors meanwhile.
+    pub fn watching_threads<R>(&self, work: impl FnOnce() -> R) -> (R, ThreadTimes) {
+        // Asking the threads wakes them, for which they may wait: so that is done outside of what is told.
+        let cpu_before_ms = self.render_cpu_ms();
+        let delay_before_ms = self.delay_ms();
+        let result = work();
+        let delay_ms = delay_before_ms.zip(self.delay_ms()).map(|(before, after)| (after - before).max(0.0));
+        (result, ThreadTimes { cpu_ms: self.render_cpu_ms() - cpu_before_ms, delay_ms })
+    }
+
+    /// Processor time that the render threads have used so far, in milliseconds.
+    fn render_cpu_ms(&self) -> f64 {
+        self.pool.broadcast(|_| thread_cpu_ms()).iter().sum()
+    }
+
+    /// How long the render threads have waited for a processor so far, in milliseconds.
+    fn delay_ms(&self) -> Option<f64> {
+        let all: Option<Vec<f64>> = self.delays.iter().map(RunQueueDelay::read_ms).collect();
+        all.filter(|all| !all.is_empty()).map(|all| all.iter().sum())
     }
 
     /// Runs something on the render threads.
@@ -263,16 +314,6 @@ impl Visitor for Sample<'_> {
     }
 }
 
-/// Processor time that all threads of this process have used so far, Embree's own included, in milliseconds.
-pub fn process_cpu_ms() -> f64 {
-    cpu_ms(ClockId::ProcessCPUTime)
-}
-
-fn cpu_ms(clock: ClockId) -> f64 {
-    let time = clock_gettime(clock);
-    time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6
-}
-
 /// Milliseconds since `begin`.
 pub fn milliseconds(begin: Instant) -> f64 {
     begin.elapsed().as_secs_f64() * 1e3
@@ -281,6 +322,7 @@ pub fn milliseconds(begin: Instant) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scheduling::of_process;
     use crate::space::Choice;
     use treewright_accel::NativeQuality;
     use treewright_scene::builtin;
@@ -291,19 +333,30 @@ mod tests {
         let scene = Arc::new(builtin::build("quick", &options).expect("it is built in"));
         let mut renderer = Renderer::new(scene.clone(), 0).expect("Embree starts");
         let native = Choice::native(NativeQuality::Medium);
-        let before = process_cpu_ms();
-        renderer.rebuild(&native.build).expect("it builds");
-        assert!(process_cpu_ms() > before);
+        let (built, times) = of_process(|| renderer.rebuild(&native.build));
+        assert!(built.is_ok() && times.cpu_ms > 0.0);
         let view = View { camera: scene.cameras[0], seed: 1, bounces: 2 };
         let mut film = Film::new(64, 48);
-        let (begin, before) = (Instant::now(), renderer.render_cpu_ms());
-        for _ in 0..4 {
-            renderer.render(&view, &native.render, &mut film).expect("there is a structure");
-        }
-        let (used_ms, elapsed_ms) = (renderer.render_cpu_ms() - before, milliseconds(begin));
+        let begin = Instant::now();
+        let ((), times) = renderer.watching_threads(|| {
+            for _ in 0..4 {
+                renderer.render(&view, &native.render, &mut film).expect("there is a structure");
+            }
+        });
+        let (used_ms, elapsed_ms) = (times.cpu_ms, milliseconds(begin));
         assert!(
             used_ms > 0.0 && used_ms <= renderer.threads() as f64 * elapsed_ms + 1.0,
             "{used_ms} ms in {elapsed_ms} ms"
         );
+        assert_eq!(times.delay_ms.is_some(), RunQueueDelay::of_this_thread().is_some());
+    }
+
+    #[test]
+    fn times_without_delay_are_those_of_a_machine_of_ones_own() {
+        let threads = |cpu_ms, delay_ms| ThreadTimes { cpu_ms, delay_ms };
+        let times =
+            FrameTimes::of(10.0, 30.0).with_threads(threads(5.0, Some(5.0)), threads(40.0, Some(20.0)));
+        assert_eq!(times.undelayed(), FrameTimes::of(5.0, 20.0));
+        assert_eq!(FrameTimes::of(10.0, 30.0).undelayed(), FrameTimes::of(10.0, 30.0));
     }
 }

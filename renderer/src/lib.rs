@@ -7,6 +7,7 @@
 //! | `frame`, `render_options` | one frame: build, render, how long each took |
 //! | `space` | what can be tuned, and what a configuration means |
 //! | `disturbance` | what else a machine did while something was measured |
+//! | `scheduling` | what threads got of the processors, and how long they waited for one |
 //! | `measure`, `statistics` | contenders in interleaved rounds, and what may be concluded from them |
 //! | `tuning` | the loop of the paper's Figure 1, over the wire |
 //! | `recorder` | the rays of a frame in a file |
@@ -22,6 +23,7 @@ pub mod limits;
 pub mod measure;
 pub mod recorder;
 pub mod render_options;
+pub mod scheduling;
 pub mod space;
 pub mod statistics;
 pub mod tone;

@@ -1,8 +1,9 @@
 //! Comparing acceleration structures: all of them in each round, one after the other.
 //!
 //! The speed of a machine drifts by more than the differences that are looked for. Contenders are therefore
-//! measured interleaved, each round begins with another one, and what is told are ratios within rounds. Contenders that
-//! are the same work under two names are measured once.
+//! measured interleaved, each round begins with another one, and what is told are ratios within rounds, of times without
+//! that in which threads waited for processors that other programs held ([`FrameTimes::undelayed`]). Contenders that are
+//! the same work under two names are measured once.
 
 use serde::Serialize;
 use treewright_accel::Structure;
@@ -10,8 +11,12 @@ use treewright_accel::Structure;
 use crate::film::Film;
 use crate::frame::{FrameTimes, Renderer};
 use crate::integrator::View;
+use crate::scheduling::{ThreadTimes, of_process};
 use crate::space::Choice;
 use crate::statistics::{Ratio, Summary};
+
+/// From this share of the time on it is told that frames waited for processors.
+const DELAY_TOLD: f64 = 0.02;
 
 /// A named structure to be measured.
 #[derive(Clone, Debug)]
@@ -47,6 +52,10 @@ pub struct Measured {
     pub build_ms: Vec<f64>,
     /// Each frame, in the order of rounds.
     pub render_ms: Vec<f64>,
+    /// Each build without the time in which its threads waited for a processor; nothing where that is not known.
+    pub undelayed_build_ms: Vec<f64>,
+    /// The same of each frame.
+    pub undelayed_render_ms: Vec<f64>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
 }
@@ -67,8 +76,10 @@ pub struct Standing {
     pub frame_ms: Summary,
     /// Frame time of the first contender over this one's, pair by pair.
     pub speedup: Summary,
-    /// `frame_ms` round by round, so that anybody can be compared with anybody.
+    /// `frame_ms` round by round.
     pub rounds_ms: Vec<f64>,
+    /// The same without the time in which threads waited for processors, by which anybody can be compared with anybody.
+    pub undelayed_ms: Vec<f64>,
     /// Why there is nothing, if the structure cannot be built.
     pub failure: Option<String>,
 }
@@ -76,12 +87,12 @@ pub struct Standing {
 impl Standing {
     /// How many times faster this one is than another, pair by pair.
     pub fn speedup_over(&self, other: &Standing) -> Summary {
-        Summary::of_ratios(&other.rounds_ms, &self.rounds_ms)
+        Summary::of_ratios(&other.undelayed_ms, &self.undelayed_ms)
     }
 
     /// The same with the interval in which it lies.
     pub fn gain_over(&self, other: &Standing) -> Ratio {
-        Ratio::of(&other.rounds_ms, &self.rounds_ms)
+        Ratio::of(&other.undelayed_ms, &self.undelayed_ms)
     }
 
     /// The name for people, e.g. `native used well (high)`.
@@ -96,19 +107,34 @@ impl Standing {
 impl Measured {
     /// Each frame with its build; a structure that was built once counts for each of its frames.
     pub fn times(&self) -> Vec<FrameTimes> {
-        let Some(&last) = self.build_ms.last() else {
-            return Vec::new();
-        };
-        let builds = self.build_ms.iter().copied().chain(std::iter::repeat(last));
-        let pairs = builds.zip(&self.render_ms);
-        pairs.map(|(build_ms, &render_ms)| FrameTimes::of(build_ms, render_ms)).collect()
+        with_builds(&self.build_ms, &self.render_ms)
     }
 
     /// Time of each round's frame with its share of the build.
     fn frame_ms(&self, frames_per_build: u32) -> Vec<f64> {
-        let share = 1.0 / f64::from(frames_per_build);
-        self.times().iter().map(|times| times.build_ms * share + times.render_ms).collect()
+        costs(&self.times(), frames_per_build)
     }
+
+    /// The same without the time in which threads waited for a processor, as far as that is known.
+    fn undelayed_ms(&self, frames_per_build: u32) -> Vec<f64> {
+        if self.undelayed_render_ms.len() != self.render_ms.len() {
+            return self.frame_ms(frames_per_build);
+        }
+        costs(&with_builds(&self.undelayed_build_ms, &self.undelayed_render_ms), frames_per_build)
+    }
+}
+
+fn with_builds(build_ms: &[f64], render_ms: &[f64]) -> Vec<FrameTimes> {
+    let Some(&last) = build_ms.last() else {
+        return Vec::new();
+    };
+    let builds = build_ms.iter().copied().chain(std::iter::repeat(last));
+    builds.zip(render_ms).map(|(build_ms, &render_ms)| FrameTimes::of(build_ms, render_ms)).collect()
+}
+
+fn costs(times: &[FrameTimes], frames_per_build: u32) -> Vec<f64> {
+    let share = 1.0 / f64::from(frames_per_build);
+    times.iter().map(|times| times.build_ms * share + times.render_ms).collect()
 }
 
 impl Conditions {
@@ -152,10 +178,13 @@ fn in_turns(
     let mut measured: Vec<Measured> = Vec::new();
     for contender in contenders {
         let mut one = Measured { name: contender.name.clone(), ..Measured::default() };
-        match renderer.build(&contender.choice.build) {
+        let (built, threads) = of_process(|| renderer.build(&contender.choice.build));
+        match built {
             Ok((structure, build_ms)) => {
                 if !conditions.build_each_round() {
+                    let times = FrameTimes::of(build_ms, 0.0).with_threads(threads, ThreadTimes::default());
                     one.build_ms.push(build_ms);
+                    one.undelayed_build_ms.push(times.undelayed().build_ms);
                 }
                 structures.push(Some(structure));
             }
@@ -180,10 +209,13 @@ fn in_turns(
             let choice = &contenders[index].choice;
             match frame(renderer, structure, choice, conditions, &mut film) {
                 Ok(times) if round > 0 => {
+                    let (one, undelayed) = (&mut measured[index], times.undelayed());
                     if conditions.build_each_round() {
-                        measured[index].build_ms.push(times.build_ms);
+                        one.build_ms.push(times.build_ms);
+                        one.undelayed_build_ms.push(undelayed.build_ms);
                     }
-                    measured[index].render_ms.push(times.render_ms);
+                    one.render_ms.push(times.render_ms);
+                    one.undelayed_render_ms.push(undelayed.render_ms);
                 }
                 Ok(_) => {}
                 Err(reason) => {
@@ -203,31 +235,46 @@ fn frame(
     conditions: &Conditions,
     film: &mut Film,
 ) -> Result<FrameTimes, String> {
-    let mut times = FrameTimes::default();
+    let (mut build_ms, mut build) = (0.0, ThreadTimes::default());
     if conditions.build_each_round() {
-        (*structure, times.build_ms) = renderer.build(&choice.build).map_err(|error| error.to_string())?;
+        let built;
+        (built, build) = of_process(|| renderer.build(&choice.build));
+        (*structure, build_ms) = built.map_err(|error| error.to_string())?;
     }
     // The same sample each time, so that every contender is asked the same rays.
     film.clear();
-    times.render_ms = renderer.render_with(structure, &conditions.view, &choice.render, film).0;
-    Ok(times)
+    let rendered = || renderer.render_with(structure, &conditions.view, &choice.render, film).0;
+    let (render_ms, render) = renderer.watching_threads(rendered);
+    Ok(FrameTimes::of(build_ms, render_ms).with_threads(build, render))
+}
+
+/// In words, where it is worth a word: which share of their time frames only waited for processors. Ratios leave that out.
+pub fn delay_told(standings: &[Standing]) -> Option<String> {
+    let sum = |of: fn(&Standing) -> &Vec<f64>| -> f64 { standings.iter().flat_map(of).sum() };
+    let (all_ms, undelayed_ms) = (sum(|one| &one.rounds_ms), sum(|one| &one.undelayed_ms));
+    let share = if all_ms > 0.0 { 1.0 - undelayed_ms / all_ms } else { 0.0 };
+    (share > DELAY_TOLD).then(|| {
+        format!("frames waited for processors that other programs held {:.0} % of their time; ratios leave that out", 1e2 * share)
+    })
 }
 
 /// Compares everybody with the first contender.
 pub fn standings(measured: &[Measured], frames_per_build: u32) -> Vec<Standing> {
-    let first = measured.first().map(|first| first.frame_ms(frames_per_build)).unwrap_or_default();
+    let first = measured.first().map(|first| first.undelayed_ms(frames_per_build)).unwrap_or_default();
     measured
         .iter()
         .map(|one| {
-            let frame_ms = one.frame_ms(frames_per_build);
+            let (frame_ms, undelayed_ms) =
+                (one.frame_ms(frames_per_build), one.undelayed_ms(frames_per_build));
             Standing {
                 name: one.name.clone(),
                 variant: None,
                 build_ms: Summary::of(&one.build_ms),
                 render_ms: Summary::of(&one.render_ms),
                 frame_ms: Summary::of(&frame_ms),
-                speedup: Summary::of_ratios(&first, &frame_ms),
+                speedup: Summary::of_ratios(&first, &undelayed_ms),
                 rounds_ms: frame_ms,
+                undelayed_ms,
                 failure: one.failure.clone(),
             }
         })
@@ -248,7 +295,7 @@ mod tests {
             name: name.into(),
             build_ms: build_ms.into(),
             render_ms: render_ms.into(),
-            failure: None,
+            ..Measured::default()
         };
         let measured =
             [one("default", &[10.0], &[20.0, 40.0, 30.0]), one("tuned", &[5.0], &[10.0, 20.0, 15.0])];
@@ -264,6 +311,31 @@ mod tests {
         assert_eq!(built_each[1].frame_ms.median, 20.0);
         assert_eq!(built_each[1].speedup.median, 2.0);
         assert_eq!(built_each[1].gain_over(&built_each[0]).count, 3);
+    }
+
+    #[test]
+    fn ratios_leave_out_what_frames_waited_for() {
+        let loaded = Measured {
+            name: "loaded".into(),
+            build_ms: vec![10.0],
+            render_ms: vec![30.0, 60.0],
+            undelayed_build_ms: vec![10.0],
+            undelayed_render_ms: vec![30.0, 30.0],
+            failure: None,
+        };
+        let quiet = Measured {
+            name: "quiet".into(),
+            build_ms: vec![10.0],
+            render_ms: vec![40.0, 40.0],
+            ..Measured::default()
+        };
+        let all = standings(&[loaded, quiet], 1);
+        assert_eq!((&all[0].rounds_ms, &all[0].undelayed_ms), (&vec![40.0, 70.0], &vec![40.0, 40.0]));
+        assert_eq!(all[0].gain_over(&all[1]).median, 1.25);
+        assert_eq!(all[1].speedup.median, 0.8);
+        let told = delay_told(&all).expect("30 of 210 ms");
+        assert!(told.contains("14 %"), "{told}");
+        assert_eq!(delay_told(&all[1..]), None);
     }
 
     #[test]

@@ -91,7 +91,7 @@ pub(crate) struct RecordedContender {
 
 impl RecordedContender {
     pub(crate) fn new(measured: Measured, configuration: Option<Configuration>) -> Self {
-        let Measured { name, build_ms, render_ms, failure } = measured;
+        let Measured { name, build_ms, render_ms, failure, .. } = measured;
         Self { name, configuration, build_ms, render_ms, failure }
     }
 

@@ -8,7 +8,7 @@ use std::time::Duration;
 use treewright_client::blocking::{Client, Study, Tuner};
 use treewright_client::{ClientError, Configuration, OpenEnum, Rule, Source, Standing};
 
-use super::search::{self, Iteration, SearchSetting, measurements, run_choice};
+use super::search::{self, Iteration, SearchSetting, run_choice};
 use super::verdict::Rival;
 use crate::film::Film;
 use crate::frame::Renderer;
@@ -95,7 +95,7 @@ fn tell(
             }
             let trial = study.trial_of(&setting.indicators, configuration)?;
             let (outcome, times) = run_choice(renderer, &rival.contender.choice, None, setting, &mut film);
-            trial.report(measurements(times, setting.frames), outcome)?;
+            trial.report(setting.measurements(times), outcome)?;
         }
     }
     Ok(())

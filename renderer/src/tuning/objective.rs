@@ -14,11 +14,21 @@ pub const BUILD_MS: &str = "build_ms";
 /// Name of the measurement of a frame, in milliseconds.
 pub const RENDER_MS: &str = "render_ms";
 
-/// Name of the processor time of a build, of all threads together, in milliseconds. It explains the build's time.
+/// Name of the processor time of a build, of all threads together, in milliseconds.
 pub const BUILD_CPU_MS: &str = "build_cpu_ms";
 
 /// Name of the processor time of a frame, of all render threads together, in milliseconds.
 pub const RENDER_CPU_MS: &str = "render_cpu_ms";
+
+/// Name of the time that all threads together waited for a processor during a build, in milliseconds.
+pub const BUILD_DELAY_MS: &str = "build_delay_ms";
+
+/// Name of the time that the render threads together waited for a processor during a frame, in milliseconds.
+pub const RENDER_DELAY_MS: &str = "render_delay_ms";
+
+/// Name of what a study minimises as it would have been if no thread had waited for a processor, in milliseconds: it explains
+/// what other programs made of a cost.
+pub const UNDELAYED_MS: &str = "undelayed_ms";
 
 /// How many frames share a build in progressive rendering.
 const PROGRESSIVE_FRAMES_PER_BUILD: u32 = 1000;
@@ -81,12 +91,7 @@ pub fn specification(
     }
     let build_weight = 1.0 / f64::from(objective.frames_per_build());
     let builder = builder.minimise(BUILD_MS, build_weight).minimise(RENDER_MS, 1.0);
-    // Other work on the machine lengthens a frame, and the processor time of its threads much less.
-    let builder = match objective.builds_each_frame() {
-        true => builder.auxiliary(BUILD_CPU_MS).auxiliary(RENDER_CPU_MS),
-        false => builder.auxiliary(RENDER_CPU_MS),
-    };
-    Ok(builder.build()?)
+    Ok(builder.auxiliary(UNDELAYED_MS).build()?)
 }
 
 /// Name of the measurement of a frame with the share of its build that is true at the time, in milliseconds.
@@ -106,7 +111,7 @@ pub fn auto_specification(space: &TuningSpace, policy: Policy) -> Result<StudySp
     let all = workload::schema().chain([frames]);
     let builder =
         all.fold(builder, |builder, (name, min, max, scale)| builder.indicator(name, min..=max, scale));
-    Ok(builder.minimise(FRAME_MS, 1.0).build()?)
+    Ok(builder.minimise(FRAME_MS, 1.0).auxiliary(UNDELAYED_MS).build()?)
 }
 
 /// The id of that study, e.g. `auto-full`.

@@ -14,12 +14,16 @@ use treewright_client::{
     Outcome, Rule, Source, Suggestion,
 };
 
-use super::objective::{BUILD_CPU_MS, BUILD_MS, Objective, RENDER_CPU_MS, RENDER_MS};
+use super::objective::{
+    BUILD_CPU_MS, BUILD_DELAY_MS, BUILD_MS, Objective, RENDER_CPU_MS, RENDER_DELAY_MS, RENDER_MS,
+    UNDELAYED_MS, frame_cost,
+};
 use super::workload::Workload;
 use crate::disturbance::{Disturbance, Watch};
 use crate::film::Film;
-use crate::frame::{FrameTimes, Renderer, milliseconds, process_cpu_ms};
+use crate::frame::{FrameTimes, Renderer, milliseconds};
 use crate::integrator::View;
+use crate::scheduling::{ThreadTimes, of_process};
 use crate::space::{Choice, TuningSpace};
 use crate::statistics::Summary;
 use treewright_scene::camera_path::CameraPath;
@@ -92,6 +96,13 @@ pub struct SearchSetting {
     pub frames: u32,
     /// The state, as the service sees it.
     pub indicators: Indicators,
+}
+
+impl SearchSetting {
+    /// What is reported of a trial.
+    pub fn measurements(&self, times: Option<FrameTimes>) -> Measurements {
+        measurements(times, self.frames, self.objective.frames_per_build())
+    }
 }
 
 /// A camera that moves on with every iteration of a search.
@@ -194,7 +205,7 @@ pub(super) fn trials(
             waiting_ms,
             milliseconds(begin),
         );
-        previous = Some(suggestion.finished(measurements(times, setting.frames), outcome)?);
+        previous = Some(suggestion.finished(setting.measurements(times), outcome)?);
         let go_on = told(&iteration);
         all.push(iteration);
         if !go_on {
@@ -237,26 +248,27 @@ pub(super) fn run_choice(
     setting: &SearchSetting,
     film: &mut Film,
 ) -> (Outcome, Option<FrameTimes>) {
-    let cpu_ms = process_cpu_ms();
-    let build_ms = match renderer.rebuild(&choice.build) {
+    let (built, build) = of_process(|| renderer.rebuild(&choice.build));
+    let build_ms = match built {
         Ok(build_ms) => build_ms,
         Err(error) if error.is_infeasible() => {
             return (Outcome::infeasible(error.to_string()), None);
         }
         Err(error) => return (Outcome::failed(error.to_string()), None),
     };
-    let build_cpu_ms = Some(process_cpu_ms() - cpu_ms);
     // What a frame may take, so that it and its share of the build stay below the cap.
     let built = setting.objective.cost(FrameTimes::of(build_ms, 0.0));
     let limit_ms = cap_ms.map(|cap_ms| cap_ms - built);
     let mut frames = FrameSet::with_cap(limit_ms, setting.frames as usize);
-    let mut frames_cpu_ms = Vec::new();
+    let (mut cpu_ms, mut delay_ms) = (Vec::new(), Vec::new());
     while frames.goes_on() {
         film.clear();
-        let cpu_ms = renderer.render_cpu_ms();
-        match renderer.render_within(limit_ms, &setting.view, &choice.render, film) {
+        let (rendered, threads) = renderer
+            .watching_threads(|| renderer.render_within(limit_ms, &setting.view, &choice.render, film));
+        match rendered {
             Some((frame_ms, true)) => {
-                frames_cpu_ms.push(renderer.render_cpu_ms() - cpu_ms);
+                cpu_ms.push(threads.cpu_ms);
+                delay_ms.extend(threads.delay_ms);
                 frames.push(frame_ms);
             }
             Some((stopped_ms, false)) => frames.push_stopped(stopped_ms),
@@ -265,21 +277,33 @@ pub(super) fn run_choice(
     }
     match frames.result() {
         FrameSetResult::Measured(render_ms) => {
-            let render_cpu_ms = Some(Summary::of(&frames_cpu_ms).median);
-            (Outcome::Ok, Some(FrameTimes { build_ms, render_ms, build_cpu_ms, render_cpu_ms }))
+            let median_delay_ms = (!delay_ms.is_empty()).then(|| Summary::of(&delay_ms).median);
+            let render = ThreadTimes { cpu_ms: Summary::of(&cpu_ms).median, delay_ms: median_delay_ms };
+            (Outcome::Ok, Some(FrameTimes::of(build_ms, render_ms).with_threads(build, render)))
         }
         FrameSetResult::Stopped { lower_bound } => (Outcome::aborted(built + lower_bound), None),
     }
 }
 
-/// The raw measurements of a trial of so many frames, as they are reported.
-pub fn measurements(times: Option<FrameTimes>, frames: u32) -> Measurements {
+/// The raw measurements of a trial of so many frames, as they are reported, and [`UNDELAYED_MS`] where so many frames share a
+/// build.
+pub fn measurements(times: Option<FrameTimes>, frames: u32, frames_per_build: u32) -> Measurements {
     match times {
         Some(times) => {
-            let known = [(BUILD_CPU_MS, times.build_cpu_ms), (RENDER_CPU_MS, times.render_cpu_ms)];
+            let undelayed_ms = frame_cost(times.undelayed(), frames_per_build);
+            let known = [
+                (BUILD_CPU_MS, times.build_cpu_ms),
+                (RENDER_CPU_MS, times.render_cpu_ms),
+                (BUILD_DELAY_MS, times.build_delay_ms),
+                (RENDER_DELAY_MS, times.render_delay_ms),
+            ];
             let known = known.into_iter().filter_map(|(name, value)| Some((name, value?)));
-            let always =
-                [(BUILD_MS, times.build_ms), (RENDER_MS, times.render_ms), ("frames", f64::from(frames))];
+            let always = [
+                (BUILD_MS, times.build_ms),
+                (RENDER_MS, times.render_ms),
+                (UNDELAYED_MS, undelayed_ms),
+                ("frames", f64::from(frames)),
+            ];
             always.into_iter().chain(known).collect()
         }
         None => Measurements::new(),

@@ -264,7 +264,7 @@ mod tests {
 
     fn measured(name: &str, render_ms: f64) -> Measured {
         let rounds = (0..9).map(|round| render_ms * (1.0 + 0.01 * f64::from(round))).collect();
-        Measured { name: name.into(), build_ms: vec![2.0], render_ms: rounds, failure: None }
+        Measured { name: name.into(), build_ms: vec![2.0], render_ms: rounds, ..Measured::default() }
     }
 
     fn table(frames: &[(&str, f64)]) -> Vec<Standing> {
@@ -311,7 +311,7 @@ mod tests {
             name: name.into(),
             build_ms: vec![2.0],
             render_ms: rounds_ms.to_vec(),
-            failure: None,
+            ..Measured::default()
         };
         let start = of(BEST_FIXED, &[30.0; 9]);
         // Faster in five rounds of nine.
@@ -363,6 +363,7 @@ mod tests {
             frame_ms: Summary::of(&[50.0]),
             speedup: Summary::of(&[speedup]),
             rounds_ms: vec![50.0 / speedup],
+            undelayed_ms: vec![50.0 / speedup],
             failure: None,
         };
         let standings = [standing(PAPER_DEFAULT, 20.0, 1.0), standing(TUNED, 30.0, 1.25)];

@@ -17,7 +17,9 @@ use crate::interrupt::Interrupt;
 use crate::output;
 use treewright_renderer::disturbance::{Disturbance, Watch};
 use treewright_renderer::limits::{CONTENDERS_MAX, ROUNDS_MAX};
-use treewright_renderer::measure::{Conditions, Contender, Measured, Standing, interleaved, standings};
+use treewright_renderer::measure::{
+    Conditions, Contender, Measured, Standing, delay_told, interleaved, standings,
+};
 use treewright_renderer::space::{self, Choice, Premises, Preset, TuningSpace};
 use treewright_renderer::tuning::objective::Objective;
 use treewright_renderer::tuning::verdict::{BEST_FIXED, contender, keep_best_native, natives, used_well};
@@ -138,7 +140,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     println!("A frame with a whole build:\n{}", output::standings(&total, "build + render ms"));
     let disturbance =
         watch.end(renderer.threads(), &total.first().map_or_else(Vec::new, |one| one.rounds_ms.clone()));
-    if let Some(told) = disturbance.told() {
+    for told in disturbance.told().into_iter().chain(delay_told(&total)) {
         println!("note: {told}");
     }
     if let Some(path) = &arguments.json {

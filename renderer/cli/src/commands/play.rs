@@ -26,9 +26,10 @@ use crate::interrupt::Interrupt;
 use crate::output;
 use crate::server::ServerArguments;
 use treewright_renderer::film::Film;
-use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds, process_cpu_ms};
+use treewright_renderer::frame::{FrameTimes, Renderer, milliseconds};
 use treewright_renderer::integrator::View;
 use treewright_renderer::limits::ITERATIONS_MAX;
+use treewright_renderer::scheduling::{ThreadTimes, of_process};
 use treewright_renderer::space::{Choice, TuningSpace};
 use treewright_renderer::statistics::Summary;
 use treewright_renderer::tuning::objective::{
@@ -248,7 +249,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
         print(&frame);
         frames.push(frame);
         // What was shown without a new build cannot be reported where builds are part of the objective.
-        let mut measured = measurements(times, 1);
+        let mut measured = measurements(times, 1, frames_per_build);
         if let Some(times) = times {
             measured.set(FRAME_MS, frame_cost(times, frames_per_build));
         }
@@ -300,7 +301,8 @@ struct Flight {
 struct Kept {
     choice: Choice,
     build_ms: f64,
-    build_cpu_ms: f64,
+    /// What threads got of the processors for it.
+    threads: ThreadTimes,
 }
 
 impl Flight {
@@ -353,16 +355,15 @@ impl Flight {
             kept.choice = choice;
             return Ok(false);
         }
-        let cpu_ms = process_cpu_ms();
-        let built = match self.moment.take() {
+        let (built, threads) = of_process(|| match self.moment.take() {
             Some(scene) => self.follow(scene, &choice),
             None => self.renderer.rebuild(&choice.build),
-        };
+        });
         let build_ms = built.map_err(|error| match error.is_infeasible() {
             true => Outcome::infeasible(error.to_string()),
             false => Outcome::failed(error.to_string()),
         })?;
-        self.kept = Some(Kept { choice, build_ms, build_cpu_ms: process_cpu_ms() - cpu_ms });
+        self.kept = Some(Kept { choice, build_ms, threads });
         Ok(true)
     }
 
@@ -379,12 +380,11 @@ impl Flight {
 
     /// A frame with what is kept. `None` before the first build that succeeds.
     fn render(&mut self) -> Option<FrameTimes> {
-        let Kept { choice, build_ms, build_cpu_ms } = *self.kept.as_ref()?;
+        let Kept { choice, build_ms, threads } = *self.kept.as_ref()?;
         self.film.clear();
-        let cpu_ms = self.renderer.render_cpu_ms();
-        let (render_ms, _) = self.renderer.render(&self.view, &choice.render, &mut self.film)?;
-        let render_cpu_ms = Some(self.renderer.render_cpu_ms() - cpu_ms);
-        Some(FrameTimes { build_ms, render_ms, build_cpu_ms: Some(build_cpu_ms), render_cpu_ms })
+        let (renderer, view, film) = (&self.renderer, &self.view, &mut self.film);
+        let (rendered, render) = renderer.watching_threads(|| renderer.render(view, &choice.render, film));
+        Some(FrameTimes::of(build_ms, rendered?.0).with_threads(threads, render))
     }
 
     /// The same view with the baseline.

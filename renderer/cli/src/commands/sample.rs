@@ -31,7 +31,7 @@ use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, SAMPLES_PER_PLACE_MAX};
 use treewright_renderer::space::{Narrowing, TuningSpace};
 use treewright_renderer::tuning::objective::{Objective, specification};
 use treewright_renderer::tuning::sampling::{SAMPLE, SEQUENCE, Sequence};
-use treewright_renderer::tuning::search::{SearchSetting, measurements, trial};
+use treewright_renderer::tuning::search::{SearchSetting, trial};
 use treewright_renderer::tuning::verdict;
 use treewright_scene::camera_path::CameraPath;
 use treewright_scene::indicators::SceneIndicators;
@@ -331,7 +331,9 @@ impl Sampler<'_> {
                 self.study
             )));
         }
-        let told = measurements(times, place.setting.frames)
+        let told = place
+            .setting
+            .measurements(times)
             .with(SAMPLE, f64::from(number))
             .with(SEQUENCE, f64::from(place.sequence.identity()));
         self.patiently(|| self.client.tell(&open.name, &told, &outcome))?;

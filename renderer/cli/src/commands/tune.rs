@@ -22,7 +22,7 @@ use crate::server::{ServerArguments, machine};
 use treewright_renderer::disturbance::{Disturbance, Watch};
 use treewright_renderer::frame::{Renderer, milliseconds};
 use treewright_renderer::limits::{FRAMES_PER_TRIAL_MAX, ITERATIONS_MAX, ROUNDS_MAX};
-use treewright_renderer::measure::{Conditions, Contender, Standing, interleaved, standings};
+use treewright_renderer::measure::{Conditions, Contender, Standing, delay_told, interleaved, standings};
 use treewright_renderer::space::TuningSpace;
 use treewright_renderer::tuning::confirmation;
 use treewright_renderer::tuning::objective::{Objective, specification};
@@ -238,6 +238,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), CliError> {
     for (when, told) in whiles.into_iter().filter_map(|(when, seen)| Some((when, seen.told()?))) {
         notes.push(format!("while it was {when}, {told}"));
     }
+    notes.extend(delay_told(&standings));
     let results = TuningResults {
         scene: facts(&scene, &renderer),
         size: [arguments.size.width, arguments.size.height],

@@ -40,7 +40,7 @@ fn results(tuned_ms: f64, scene: &str) -> TuningResults {
         name: name.into(),
         build_ms: vec![20.0],
         render_ms: vec![render_ms; 9],
-        failure: None,
+        ..Measured::default()
     };
     let side_by_side = [
         measured(PAPER_DEFAULT, 100.0),

@@ -1,0 +1,114 @@
+//! What threads got of the processors: how long they ran, and how long they were ready to run but had to wait.
+//!
+//! The clock on the wall counts the waiting too. Where other programs run beside a frame it is most of what differs from one
+//! frame to the next, and says nothing of the structure that is measured. Linux tells each thread's run-queue delay
+//! (`/proc/PID/task/TID/schedstat`, the second number, in nanoseconds; Documentation/scheduler/sched-stats.rst), so what a
+//! frame would have taken without it can be told too: see [`undelayed_ms`].
+
+use std::fs::File;
+use std::os::unix::fs::FileExt as _;
+
+use rustix::time::{ClockId, clock_gettime};
+
+/// The file that tells a thread's run-queue delay; a dead thread's cannot be read any more.
+#[derive(Debug)]
+pub(crate) struct RunQueueDelay(File);
+
+impl RunQueueDelay {
+    /// That of the calling thread; `None` where the system does not tell.
+    pub(crate) fn of_this_thread() -> Option<Self> {
+        File::open("/proc/thread-self/schedstat").ok().map(Self).filter(|file| file.read_ms().is_some())
+    }
+
+    /// All of it so far, in milliseconds. A thread that waits just now has not been told of it yet.
+    pub(crate) fn read_ms(&self) -> Option<f64> {
+        let mut text = [0; 96];
+        let length = self.0.read_at(&mut text, 0).ok()?;
+        delay_ms(std::str::from_utf8(&text[..length]).ok()?)
+    }
+}
+
+/// The run-queue delay that all threads of this process have had so far, in milliseconds; `None` where the system does not
+/// tell. Threads that have ended are left out.
+pub(crate) fn process_delay_ms() -> Option<f64> {
+    let mut sum_ms = 0.0;
+    for thread in std::fs::read_dir("/proc/self/task").ok()? {
+        // One that has ended meanwhile cannot be read.
+        if let Ok(text) = std::fs::read_to_string(thread.ok()?.path().join("schedstat")) {
+            sum_ms += delay_ms(&text)?;
+        }
+    }
+    Some(sum_ms)
+}
+
+fn delay_ms(schedstat: &str) -> Option<f64> {
+    let delay_ns: u64 = schedstat.split_ascii_whitespace().nth(1)?.parse().ok()?;
+    Some(delay_ns as f64 * 1e-6)
+}
+
+/// What threads got of the processors during some work.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ThreadTimes {
+    /// Processor time of all of them together, in milliseconds.
+    pub cpu_ms: f64,
+    /// Their run-queue delay together, in milliseconds; `None` where the system does not tell.
+    pub delay_ms: Option<f64>,
+}
+
+/// Does some work, and tells what all threads of this process got meanwhile, Embree's own included.
+pub fn of_process<R>(work: impl FnOnce() -> R) -> (R, ThreadTimes) {
+    let (cpu_before_ms, delay_before_ms) = (process_cpu_ms(), process_delay_ms());
+    let result = work();
+    let delay_ms = delay_before_ms.zip(process_delay_ms()).map(|(before, after)| (after - before).max(0.0));
+    (result, ThreadTimes { cpu_ms: process_cpu_ms() - cpu_before_ms, delay_ms })
+}
+
+/// What some work would have taken by the clock on the wall if none of its threads had ever waited for a processor: the time
+/// it took, times the share of the time in which they wanted a processor that they had one. That is exact where work spreads
+/// evenly over the threads and they wait alike, and where one thread does it all.
+pub fn undelayed_ms(wall_ms: f64, cpu_ms: f64, delay_ms: f64) -> f64 {
+    if cpu_ms > 0.0 && delay_ms > 0.0 { wall_ms * cpu_ms / (cpu_ms + delay_ms) } else { wall_ms }
+}
+
+/// Processor time that all threads of this process have used so far, in milliseconds.
+fn process_cpu_ms() -> f64 {
+    cpu_ms(ClockId::ProcessCPUTime)
+}
+
+/// That of the calling thread.
+pub(crate) fn thread_cpu_ms() -> f64 {
+    cpu_ms(ClockId::ThreadCPUTime)
+}
+
+fn cpu_ms(clock: ClockId) -> f64 {
+    let time = clock_gettime(clock);
+    time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_second_number_is_the_delay() {
+        assert_eq!(delay_ms("4001315069 2500000 8\n"), Some(2.5));
+        assert_eq!(delay_ms("4001315069"), None);
+        assert_eq!(delay_ms("1 x 3"), None);
+    }
+
+    #[test]
+    fn waiting_is_taken_out() {
+        assert_eq!(undelayed_ms(30.0, 40.0, 20.0), 20.0);
+        assert_eq!(undelayed_ms(30.0, 40.0, 0.0), 30.0);
+        assert_eq!(undelayed_ms(30.0, 0.0, 20.0), 30.0, "nothing ran, so nothing is known");
+    }
+
+    #[test]
+    fn work_is_timed() {
+        let (sum, times) = of_process(|| (0..3_000_000_u64).fold(0, |sum: u64, x| sum.rotate_left(1) ^ x));
+        assert!(std::hint::black_box(sum) != 1 && times.cpu_ms > 0.0);
+        if let (Some(delay_ms), Some(delay)) = (times.delay_ms, RunQueueDelay::of_this_thread()) {
+            assert!(delay_ms >= 0.0 && delay.read_ms() >= Some(0.0));
+        }
+    }
+}
