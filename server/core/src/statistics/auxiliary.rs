@@ -7,12 +7,21 @@
 //! costs and predictions are, is told by configurations that were measured again. Of the measured cost and the predicted
 //! one the combination of least variance is taken, with the covariance of their noises: the method of control variates
 //! (Nelson, "Control variate remedies", Operations Research 38, 1990). Where the other quantities say nothing, the cost is
-//! left as it was measured. What disturbs costs may not have happened yet when all this is learnt: so costs are taken to be a
-//! little noisier than they were seen to be ([`UNSEEN_NOISE`]), which decides where both are as good.
+//! left as it was measured.
+//!
+//! Other programs come and go in spells that last for many trials. What was measured in one spell only would seem to be badly
+//! predicted, and where a search meets better configurations later the regression takes a spell for their merit. So it is also
+//! made over the differences between trials that follow each other, which cancel what lasts (differencing against serial
+//! correlation: Hamilton, "Time Series Analysis", 1994, chapter 8), and what a prediction is off is also told by the nearer
+//! of a trial's two neighbours: a spell that begins or ends is far from one of them, a badly predicted configuration from both.
+//!
+//! What disturbs costs may not have happened yet when all this is learnt: so costs are taken to be a little noisier than they
+//! were seen to be (`UNSEEN_NOISE`), which decides where both are as good.
 
 use serde::{Deserialize, Serialize};
 
 use crate::matrix::Factor;
+use crate::robust::median;
 
 /// Repeats, beyond the first measurement of each configuration, from which noise is judged.
 const REPEATS_LEAST: usize = 5;
@@ -21,7 +30,13 @@ const CONFIGURATIONS_SPARE: usize = 4;
 /// Coefficients are drawn to zero by so much, in variances of the quantity.
 const RIDGE: f64 = 1e-3;
 /// The standard deviation of the noise that costs alone may have beyond what was seen: other programs that did not run yet.
-const UNSEEN_NOISE: f64 = 0.02;
+const UNSEEN_NOISE: f64 = 0.03;
+/// Differences that are off by more than so many of their standard deviations are where a spell begins or ends.
+const SPELL_BEGINS: f64 = 3.0;
+/// The median of the absolute value of a normal variable of unit variance.
+const MEDIAN_OF_NORMAL: f64 = 0.6745;
+/// The mean square difference between a normal variable of unit variance and the nearer of two others: 2 − 2√3/π.
+const NEARER_OF_TWO: f64 = 0.8973;
 /// Variances of less are rounding.
 const VARIANCE_LEAST: f64 = 1e-18;
 
@@ -73,8 +88,66 @@ fn groups(observations: &[Observation]) -> Vec<(usize, Group)> {
     groups
 }
 
+/// How a cost differs with its auxiliary measurements, `count` times.
+struct Row {
+    count: f64,
+    log_cost: f64,
+    auxiliary: Vec<f64>,
+}
+
+/// The slopes through the origin that explain most, and the mean square of what they leave.
+fn least_squares(rows: &[Row], width: usize) -> Option<(Vec<f64>, f64)> {
+    let total: f64 = rows.iter().map(|row| row.count).sum();
+    let mean =
+        |of: &dyn Fn(&Row) -> f64| -> f64 { rows.iter().map(|row| row.count * of(row)).sum::<f64>() / total };
+    let mut matrix = vec![0.0; width * width];
+    let mut slopes = vec![0.0; width];
+    for i in 0..width {
+        for j in 0..=i {
+            matrix[i * width + j] = mean(&|row| row.auxiliary[i] * row.auxiliary[j]);
+        }
+        matrix[i * width + i] = matrix[i * width + i] * (1.0 + RIDGE) + VARIANCE_LEAST;
+        slopes[i] = mean(&|row| row.auxiliary[i] * row.log_cost);
+    }
+    let factor = Factor::of(&matrix, width)?;
+    factor.forward(&mut slopes);
+    factor.backward(&mut slopes);
+    let residual_2 = mean(&|row| row.left(&slopes) * row.left(&slopes));
+    Some((slopes, residual_2))
+}
+
+impl Row {
+    /// What slopes leave of it.
+    fn left(&self, slopes: &[f64]) -> f64 {
+        self.log_cost - self.auxiliary.iter().zip(slopes).map(|(x, slope)| slope * x).sum::<f64>()
+    }
+}
+
+/// The slopes by the differences between trials that follow each other, without those between spells, and the variance that
+/// they leave to a trial, spells included. `None` where there are too few.
+fn slopes_in_time(observations: &[Observation], width: usize) -> Option<(Vec<f64>, f64)> {
+    let pairs = observations.iter().zip(&observations[1..]);
+    let pairs = pairs.filter(|(one, next)| one.configuration != next.configuration);
+    let mut rows: Vec<Row> = pairs
+        .map(|(one, next)| Row {
+            count: 1.0,
+            log_cost: next.log_cost - one.log_cost,
+            auxiliary: next.auxiliary.iter().zip(&one.auxiliary).map(|(next, one)| next - one).collect(),
+        })
+        .collect();
+    if rows.len() < width + CONFIGURATIONS_SPARE {
+        return None;
+    }
+    let (slopes, residual_2) = least_squares(&rows, width)?;
+    let mut left: Vec<f64> = rows.iter().map(|row| row.left(&slopes).abs()).collect();
+    let limit = SPELL_BEGINS * median(&mut left) / MEDIAN_OF_NORMAL;
+    rows.retain(|row| row.left(&slopes).abs() <= limit);
+    let (slopes, _) = least_squares(&rows, width)?;
+    Some((slopes, 0.5 * residual_2))
+}
+
 impl Denoiser {
-    /// Learns from observations, all with the same auxiliary measurements. `None` where there are too few, or too few
+    /// Learns from observations in the order in which they were made, all with the same auxiliary measurements. `None` where there are too few, or too few
     /// repeats, to tell what helps.
     pub fn of(observations: &[Observation]) -> Option<Denoiser> {
         let width = observations.first()?.auxiliary.len();
@@ -89,19 +162,16 @@ impl Denoiser {
         };
         let level = mean(&|group| group.log_cost);
         let means: Vec<f64> = (0..width).map(|axis| mean(&|group| group.auxiliary[axis])).collect();
-        let mut matrix = vec![0.0; width * width];
-        let mut slopes = vec![0.0; width];
-        for i in 0..width {
-            for j in 0..=i {
-                matrix[i * width + j] =
-                    mean(&|group| (group.auxiliary[i] - means[i]) * (group.auxiliary[j] - means[j]));
-            }
-            matrix[i * width + i] = matrix[i * width + i] * (1.0 + RIDGE) + VARIANCE_LEAST;
-            slopes[i] = mean(&|group| (group.auxiliary[i] - means[i]) * (group.log_cost - level));
-        }
-        let factor = Factor::of(&matrix, width)?;
-        factor.forward(&mut slopes);
-        factor.backward(&mut slopes);
+        let apart = groups.iter().map(|(_, group)| Row {
+            count: group.count,
+            log_cost: group.log_cost - level,
+            auxiliary: group.auxiliary.iter().zip(&means).map(|(x, mean)| x - mean).collect(),
+        });
+        let (over_configurations, residual_2) = least_squares(&apart.collect::<Vec<_>>(), width)?;
+        let slopes = match slopes_in_time(observations, width) {
+            Some((in_time, in_time_2)) if in_time_2 < residual_2 => in_time,
+            _ => over_configurations,
+        };
         let mut denoiser = Denoiser { level, means, slopes, weight: 0.0, noise_2: 0.0, combined_2: 0.0 };
         // Noises of costs and predictions, by repeats.
         let (mut cost_2, mut predicted_2, mut both) = (0.0, 0.0, 0.0);
@@ -121,7 +191,7 @@ impl Denoiser {
             miss * miss - (cost_2 + predicted_2 - 2.0 * both) / group.count
         });
         let spare = (groups.len() - width - 1) as f64;
-        let off_2 = (misses.sum::<f64>() / spare).max(0.0);
+        let off_2 = (misses.sum::<f64>() / spare).max(0.0).min(denoiser.off_in_time_2(observations));
         if cost_2.is_nan() || cost_2 <= VARIANCE_LEAST {
             return None;
         }
@@ -133,6 +203,22 @@ impl Denoiser {
         denoiser.combined_2 =
             own * own * cost_2 + other * other * (predicted_2 + off_2) + 2.0 * own * other * both;
         denoiser.slopes.iter().all(|slope| slope.is_finite()).then_some(denoiser)
+    }
+
+    /// An upper bound of the variance by which predictions are off, noise included, that spells do not raise: from each trial
+    /// and the nearer of its neighbours in time. Infinite where there are none.
+    fn off_in_time_2(&self, observations: &[Observation]) -> f64 {
+        let off = |one: &Observation| one.log_cost - self.predicted(&one.auxiliary);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for three in observations.windows(3) {
+            let [before, one, after] = three else { continue };
+            // The same configuration is off by the same.
+            if before.configuration != one.configuration && after.configuration != one.configuration {
+                let nearer = (off(one) - off(before)).abs().min((off(one) - off(after)).abs());
+                (sum, count) = (sum + nearer * nearer, count + 1.0);
+            }
+        }
+        if count >= CONFIGURATIONS_SPARE as f64 { sum / count / NEARER_OF_TWO } else { f64::INFINITY }
     }
 
     /// What the auxiliary measurements alone predict.
@@ -230,6 +316,71 @@ mod tests {
             let off = denoiser.denoised(loaded.log_cost, &loaded.auxiliary) - 0.7;
             assert!(off.abs() < 0.2, "{off} off with a weight of {}", denoiser.weight());
         }
+    }
+
+    /// A search of 120 trials that finds better and better, the first configuration every eighth time, on a machine that is
+    /// slower for whole spells; the true costs by configuration.
+    fn search_in_spells(seed: u64, unlike: impl Fn(usize) -> f64) -> (Vec<Observation>, Vec<f64>) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let truths: Vec<f64> = (0..120_i32)
+            .map(|trial| {
+                2.0 + 0.4 * normal(&mut random).abs() * 0.97_f64.powi(trial) - 0.003 * f64::from(trial)
+            })
+            .collect();
+        let (mut load, mut latest) = (0.0, 0);
+        let mut observations = Vec::new();
+        for trial in 0..120 {
+            if random.random_range(0.0..1.0) < 0.05 {
+                load = [0.0, 0.4, 0.69][random.random_range(0..3)];
+            }
+            let configuration = match trial % 8 {
+                0 => 0,
+                3 => latest,
+                _ => trial,
+            };
+            latest = configuration;
+            let own = truths[configuration] + 0.03 * normal(&mut random);
+            let auxiliary = vec![own + 0.02 * normal(&mut random) - unlike(configuration)];
+            observations.push(Observation { configuration, log_cost: own + load, auxiliary });
+        }
+        (observations, truths)
+    }
+
+    #[test]
+    fn spells_of_load_are_nobodys_merit() {
+        let (mut denoised_sum, mut raw_sum) = (0.0, 0.0);
+        for seed in 0..20 {
+            let (observations, truths) = search_in_spells(seed, |_| 0.0);
+            let denoiser = Denoiser::of(&observations).expect("there are repeats");
+            let (denoised, raw) = errors(&observations, &truths, Some(&denoiser));
+            denoised_sum += denoised;
+            raw_sum += raw;
+        }
+        assert!(denoised_sum < 0.3 * raw_sum, "{denoised_sum} of {raw_sum}");
+    }
+
+    #[test]
+    fn what_predicts_some_configurations_badly_is_not_believed_of_them() {
+        let mut sum = 0.0;
+        for seed in 0..20 {
+            // A search that ends among configurations which do half the work at the same cost, as those that leave a
+            // thread idle do by processor time.
+            let halved = |configuration: usize| if configuration > 60 { 0.69 } else { 0.0 };
+            let (observations, truths) = search_in_spells(seed, halved);
+            let denoiser = Denoiser::of(&observations).expect("there are repeats");
+            // What those are off by on average, beside the others.
+            let off = |is_halved: bool| {
+                let those = observations.iter().filter(|one| (one.configuration > 60) == is_halved);
+                let off: Vec<f64> = those
+                    .map(|one| denoiser.denoised(one.log_cost, &one.auxiliary) - truths[one.configuration])
+                    .collect();
+                off.iter().sum::<f64>() / off.len() as f64
+            };
+            let bias = off(true) - off(false);
+            println!("{bias:.3} with a weight of {:.2}", denoiser.weight());
+            sum += bias / 20.0;
+        }
+        assert!(sum.abs() < 0.2, "{sum}");
     }
 
     #[test]
