@@ -45,9 +45,11 @@ impl FrameTimes {
         Self { build_ms, render_ms, ..Self::default() }
     }
 
-    /// With what threads got of the processors in the meantime.
+    /// With what threads got of the processors in the meantime; so many shared each of the two.
     #[must_use]
-    pub fn with_threads(self, build: ThreadTimes, render: ThreadTimes) -> Self {
+    pub fn with_threads(self, threads: usize, build: ThreadTimes, render: ThreadTimes) -> Self {
+        let build = build.shared_by(threads, self.build_ms);
+        let render = render.shared_by(threads, self.render_ms);
         Self {
             build_cpu_ms: Some(build.cpu_ms),
             render_cpu_ms: Some(render.cpu_ms),
@@ -355,7 +357,7 @@ mod tests {
     fn times_without_delay_are_those_of_a_machine_of_ones_own() {
         let threads = |cpu_ms, delay_ms| ThreadTimes { cpu_ms, delay_ms };
         let times =
-            FrameTimes::of(10.0, 30.0).with_threads(threads(5.0, Some(5.0)), threads(40.0, Some(20.0)));
+            FrameTimes::of(10.0, 30.0).with_threads(2, threads(5.0, Some(5.0)), threads(40.0, Some(20.0)));
         assert_eq!(times.undelayed(), FrameTimes::of(5.0, 20.0));
         assert_eq!(FrameTimes::of(10.0, 30.0).undelayed(), FrameTimes::of(10.0, 30.0));
     }

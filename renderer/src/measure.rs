@@ -182,7 +182,8 @@ fn in_turns(
         match built {
             Ok((structure, build_ms)) => {
                 if !conditions.build_each_round() {
-                    let times = FrameTimes::of(build_ms, 0.0).with_threads(threads, ThreadTimes::default());
+                    let times = FrameTimes::of(build_ms, 0.0);
+                    let times = times.with_threads(renderer.threads(), threads, ThreadTimes::default());
                     one.build_ms.push(build_ms);
                     one.undelayed_build_ms.push(times.undelayed().build_ms);
                 }
@@ -245,7 +246,7 @@ fn frame(
     film.clear();
     let rendered = || renderer.render_with(structure, &conditions.view, &choice.render, film).0;
     let (render_ms, render) = renderer.watching_threads(rendered);
-    Ok(FrameTimes::of(build_ms, render_ms).with_threads(build, render))
+    Ok(FrameTimes::of(build_ms, render_ms).with_threads(renderer.threads(), build, render))
 }
 
 /// In words, where it is worth a word: which share of their time frames only waited for processors. Ratios leave that out.

@@ -55,6 +55,16 @@ pub struct ThreadTimes {
     pub delay_ms: Option<f64>,
 }
 
+impl ThreadTimes {
+    /// Those of work that took so long by the clock on the wall and that so many threads shared: together they had no more
+    /// time than that to wait in. What is told beyond it is of other threads, or of two that waited for each other's place.
+    #[must_use]
+    pub fn shared_by(self, threads: usize, wall_ms: f64) -> Self {
+        let most_ms = (threads.max(1) as f64 * wall_ms - self.cpu_ms).max(0.0);
+        Self { delay_ms: self.delay_ms.map(|delay_ms| delay_ms.min(most_ms)), ..self }
+    }
+}
+
 /// Does some work, and tells what all threads of this process got meanwhile, Embree's own included.
 pub fn of_process<R>(work: impl FnOnce() -> R) -> (R, ThreadTimes) {
     let (cpu_before_ms, delay_before_ms) = (process_cpu_ms(), process_delay_ms());
@@ -101,6 +111,16 @@ mod tests {
         assert_eq!(undelayed_ms(30.0, 40.0, 20.0), 20.0);
         assert_eq!(undelayed_ms(30.0, 40.0, 0.0), 30.0);
         assert_eq!(undelayed_ms(30.0, 0.0, 20.0), 30.0, "nothing ran, so nothing is known");
+    }
+
+    #[test]
+    fn threads_wait_no_longer_than_the_work_lasts() {
+        let times = |cpu_ms, delay_ms| ThreadTimes { cpu_ms, delay_ms };
+        // Two threads on one processor, and a third one of the same process that has nothing to do with it.
+        assert_eq!(times(18.0, Some(28.0)).shared_by(2, 18.0), times(18.0, Some(18.0)));
+        assert_eq!(times(18.0, Some(5.0)).shared_by(2, 18.0), times(18.0, Some(5.0)));
+        assert_eq!(times(18.0, Some(5.0)).shared_by(1, 17.0), times(18.0, Some(0.0)));
+        assert_eq!(times(18.0, None).shared_by(2, 18.0), times(18.0, None));
     }
 
     #[test]

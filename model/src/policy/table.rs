@@ -76,9 +76,10 @@ macro_rules! policy_table {
             /// Once a state's search has ended, its best few configurations run against the default in at most so many
             /// rounds, 0 to 100; 0 leaves that out.
             ///
-            /// They add no configuration, so they do not count among `trials_per_state`. A race ends as soon as one is
-            /// proven better, or none can gain anything worth telling any more.
-            confirm_rounds: u32 | u32 = 10, unset "10", in Range::Within(0.0, CONFIRM_ROUNDS_MAX as f64), as "COUNT";
+            /// They add no configuration, so they do not count among `trials_per_state`. All run in the first ten rounds;
+            /// where the machine is noisy the best one goes on alone, until a gain of 2 % could be seen. A race ends as soon
+            /// as one is proven better, or none can gain anything worth telling any more.
+            confirm_rounds: u32 | u32 = 40, unset "40", in Range::Within(0.0, CONFIRM_ROUNDS_MAX as f64), as "COUNT";
 
             /// The default is measured again now and then while a state is searched, and costs are divided by how fast
             /// the client's machine is at the moment.

@@ -278,9 +278,10 @@ pub struct Policy {
     #[prost(bool, optional, tag = "16")]
     pub roll_back: ::core::option::Option<bool>,
     /// Once a state's search has ended, its best few configurations run against the default in at most so many rounds, as
-    /// ordinary trials of the rule CONFIRMING. They add no configuration and do not count among `trials_per_state`; the
-    /// race ends as soon as one is proven better, or none can be better by more than a negligible amount. OPTIONAL, 0 to 100; 0
-    /// leaves it out, unset means 10.
+    /// ordinary trials of the rule CONFIRMING. They add no configuration and do not count among `trials_per_state`. All run in
+    /// the first ten rounds; where the machine is noisy the best one goes on alone, until a gain of 2 % could be seen. The race
+    /// ends as soon as one is proven better, or none can be better by more than a negligible amount. OPTIONAL, 0 to 100; 0
+    /// leaves it out, unset means 40.
     #[prost(uint32, optional, tag = "20")]
     pub confirm_rounds: ::core::option::Option<u32>,
     /// The default is measured again now and then while a state is searched, and costs are divided by how fast the client's

@@ -16,9 +16,9 @@ use crate::frame::Renderer;
 /// Rounds of the configurations that anybody would try; the race has more for those that do well in them.
 const ROUNDS: u32 = 2;
 
-/// Most trials of a confirmation: five contenders in the most rounds that a policy allows by default, and as much again for
-/// frames that the service wants for other reasons.
-const TRIALS_MAX: u32 = 100;
+/// Most trials of a confirmation: five contenders in ten rounds, two in the thirty more that a policy allows by default, and
+/// as much again for frames that the service wants for other reasons.
+const TRIALS_MAX: u32 = 220;
 
 /// Trials that ran without the daemon's answer, after which nobody waits for its verdict any more.
 const UNANSWERED_MAX: u32 = 10;

@@ -279,7 +279,10 @@ pub(super) fn run_choice(
         FrameSetResult::Measured(render_ms) => {
             let median_delay_ms = (!delay_ms.is_empty()).then(|| Summary::of(&delay_ms).median);
             let render = ThreadTimes { cpu_ms: Summary::of(&cpu_ms).median, delay_ms: median_delay_ms };
-            (Outcome::Ok, Some(FrameTimes::of(build_ms, render_ms).with_threads(build, render)))
+            (
+                Outcome::Ok,
+                Some(FrameTimes::of(build_ms, render_ms).with_threads(renderer.threads(), build, render)),
+            )
         }
         FrameSetResult::Stopped { lower_bound } => (Outcome::aborted(built + lower_bound), None),
     }

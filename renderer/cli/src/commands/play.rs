@@ -384,7 +384,7 @@ impl Flight {
         self.film.clear();
         let (renderer, view, film) = (&self.renderer, &self.view, &mut self.film);
         let (rendered, render) = renderer.watching_threads(|| renderer.render(view, &choice.render, film));
-        Some(FrameTimes::of(build_ms, rendered?.0).with_threads(threads, render))
+        Some(FrameTimes::of(build_ms, rendered?.0).with_threads(renderer.threads(), threads, render))
     }
 
     /// The same view with the baseline.

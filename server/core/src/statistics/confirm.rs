@@ -16,15 +16,26 @@
 //!
 //! All values of m that are not refuted make a confidence interval that is valid at every time. Nobody replaces the
 //! incumbent without evidence: where no challenger is proven better, the verdict says so.
+//!
+//! On a noisy machine a gain that is worth having takes many rounds to be seen ([`rounds_needed`]). All contenders run in
+//! the first few of them; after those the best one goes on alone against the incumbent, if it is ahead at all, as in
+//! successive halving (Karnin, Koren and Somekh, "Almost optimal exploration in multi-armed bandits", ICML 2013).
 
 use serde::{Deserialize, Serialize};
 
+use crate::robust;
 use crate::statistics::distribution::normal_cdf;
 
 /// The probability that any verdict "is better" of a race is wrong.
 pub const ERROR_MAX: f64 = 0.05;
 /// A gain of less is not worth another round.
 pub const GAIN_LEAST: f64 = 0.01;
+/// Most rounds in which all contenders run.
+pub const ROUNDS_OF_ALL: usize = 10;
+/// A gain of so much is to be seen when the rounds are over.
+const GAIN_SOUGHT: f64 = 0.02;
+/// In deviations of the mean of the rounds: beyond what counts as a proof, so that chance seldom hides it.
+const GAIN_SOUGHT_DEVIATIONS: f64 = 2.5;
 /// Scales of V at which evidence is sought: variances of logarithms of ratios, from a quiet clock to a busy machine.
 const SCALES: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
 /// Largest magnitude of a logarithm of a ratio that is looked for when an interval is sought.
@@ -104,6 +115,36 @@ impl Pairs {
     pub fn mean(&self) -> f64 {
         self.log_ratios.iter().sum::<f64>() / self.log_ratios.len().max(1) as f64
     }
+
+    /// The typical logarithm, whatever a few pairs are that a disturbance parted (Hodges and Lehmann's location); 0 of none.
+    pub fn location(&self) -> f64 {
+        robust::location(&self.log_ratios)
+    }
+
+    /// The probability that the challenger costs less, for one who looks once, when all rounds are over: by the signed
+    /// ranks (Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1, 1945), of which a few disturbed
+    /// pairs say no more than any others. One half of fewer than [`ROUNDS_OF_ALL`] pairs.
+    pub fn probability_better(&self) -> f64 {
+        let mut pairs = self.log_ratios.clone();
+        pairs.retain(|log_ratio| *log_ratio != 0.0);
+        if pairs.len() < ROUNDS_OF_ALL {
+            return 0.5;
+        }
+        pairs.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
+        let ranks = pairs.iter().enumerate().filter(|(_, log_ratio)| **log_ratio > 0.0);
+        let sum: f64 = ranks.map(|(place, _)| (place + 1) as f64).sum();
+        let count = pairs.len() as f64;
+        let (mean, variance) =
+            (count * (count + 1.0) / 4.0, count * (count + 1.0) * (2.0 * count + 1.0) / 24.0);
+        normal_cdf((sum - mean - 0.5) / variance.sqrt())
+    }
+}
+
+/// How many rounds it takes to see a gain of 2 % where one measurement has so much noise (the standard deviation of its
+/// logarithm): at least [`ROUNDS_OF_ALL`], and at most `rounds_max`.
+pub fn rounds_needed(noise: f64, rounds_max: usize) -> usize {
+    let needed = 2.0 * (GAIN_SOUGHT_DEVIATIONS * noise / GAIN_SOUGHT).powi(2);
+    (needed.ceil() as usize).max(ROUNDS_OF_ALL).min(rounds_max)
 }
 
 /// `exp(λS - λ²V/2)` mixed over the positive half of a normal distribution of λ with variance 1/`scale`.
@@ -120,6 +161,13 @@ struct Racer {
     log_costs: Vec<f64>,
     /// It does not run any more: it cannot be run, or cannot win.
     is_out: bool,
+}
+
+impl Racer {
+    /// The mean of the logarithms of its costs; 0 of none.
+    fn mean(&self) -> f64 {
+        self.log_costs.iter().sum::<f64>() / self.log_costs.len().max(1) as f64
+    }
 }
 
 /// What a race came to.
@@ -156,7 +204,11 @@ impl Race {
         }
         let standing = (0..self.contenders.len()).filter(|&place| !self.contenders[place].is_out);
         let rounds = standing.map(|place| (self.contenders[place].log_costs.len() + running(place), place));
-        rounds.min().filter(|&(rounds, _)| rounds < self.rounds_max).map(|(_, place)| place)
+        let limit = match self.standing().count() {
+            0 | 1 => self.rounds_max,
+            _ => self.rounds_max.min(ROUNDS_OF_ALL),
+        };
+        rounds.min().filter(|&(rounds, _)| rounds < limit).map(|(_, place)| place)
     }
 
     /// Takes a measured cost of a contender, finite and not negative.
@@ -171,6 +223,7 @@ impl Race {
     pub fn fail(&mut self, place: usize) {
         if let Some(contender) = self.contenders.get_mut(place) {
             contender.is_out = true;
+            self.sort_out();
         }
     }
 
@@ -187,7 +240,13 @@ impl Race {
         ERROR_MAX / (self.contenders.len().max(2) - 1) as f64
     }
 
-    /// Drops challengers that cannot gain enough any more, and those that another one is proven better than.
+    /// The places of the challengers that still run.
+    fn standing(&self) -> impl Iterator<Item = usize> + '_ {
+        (1..self.contenders.len()).filter(|&place| !self.contenders[place].is_out)
+    }
+
+    /// Drops challengers that cannot gain enough any more, and those that another one is proven better than. Once all have
+    /// run their part of the rounds only the best one is left, and that only as long as it is ahead.
     fn sort_out(&mut self) {
         let error = self.error_each();
         for place in 1..self.contenders.len() {
@@ -201,13 +260,38 @@ impl Race {
             });
             self.contenders[place].is_out = beaten || hopeless;
         }
+        let has_run = |place: usize| self.contenders[place].log_costs.len() >= ROUNDS_OF_ALL;
+        let incumbent_fails = self.contenders[0].is_out;
+        if !self.standing().all(has_run) || !(incumbent_fails || has_run(0)) {
+            return;
+        }
+        let best = match incumbent_fails {
+            true => {
+                let mean = |place: &usize| self.contenders[*place].mean();
+                self.standing().min_by(|a, b| mean(a).total_cmp(&mean(b)))
+            }
+            false => {
+                let ahead = self.standing().map(|place| (place, self.pairs(0, place).location()));
+                let best = ahead.max_by(|a, b| a.1.total_cmp(&b.1));
+                best.filter(|(_, ahead)| *ahead > 0.0).map(|(place, _)| place)
+            }
+        };
+        for place in (1..self.contenders.len()).filter(|&place| Some(place) != best) {
+            self.contenders[place].is_out = true;
+        }
+    }
+
+    /// Who is better than the incumbent by the rounds themselves, once they are over: the best challenger, where chance
+    /// alone would put it so far ahead with a probability of at most 5 % for all of them together.
+    pub fn better_by_rounds(&self) -> Option<usize> {
+        let probability = |place: usize| self.pairs(0, place).probability_better();
+        self.standing().find(|&place| probability(place) >= 1.0 - self.error_each())
     }
 
     /// What the race came to so far. It is decided once the one challenger that is left is proven better, nobody is left,
     /// or the rounds are over.
     pub fn verdict(&self) -> RaceResult {
-        let standing: Vec<usize> =
-            (1..self.contenders.len()).filter(|&place| !self.contenders[place].is_out).collect();
+        let standing: Vec<usize> = self.standing().collect();
         if standing.is_empty() {
             return RaceResult::NothingBetter;
         }
@@ -220,10 +304,7 @@ impl Race {
         if !is_over && (standing.len() > 1 || !proven(standing[0])) {
             return RaceResult::Open;
         }
-        let mean = |place: usize| {
-            let costs = &self.contenders[place].log_costs;
-            costs.iter().sum::<f64>() / costs.len().max(1) as f64
-        };
+        let mean = |place: usize| self.contenders[place].mean();
         let best = standing
             .into_iter()
             .filter(|&place| proven(place) && !self.contenders[place].log_costs.is_empty());
@@ -322,6 +403,52 @@ mod tests {
         assert_eq!(race.next(|_| 0), Some(0));
         assert_eq!(race.next(|place| usize::from(place == 0)), Some(1));
         assert_eq!(race.next(|_| 2), None);
+    }
+
+    #[test]
+    fn noise_asks_for_rounds_and_only_the_best_runs_in_them() {
+        assert_eq!(rounds_needed(0.01, 40), ROUNDS_OF_ALL);
+        assert_eq!(rounds_needed(0.03, 40), 29);
+        assert_eq!(rounds_needed(0.3, 40), 40);
+        assert_eq!(rounds_needed(0.3, 4), 4);
+        let mut race = Race::new(4, Some(0.1), 40);
+        for round in 0..ROUNDS_OF_ALL {
+            for (place, cost) in [10.0, 9.9, 9.7, 10.2].into_iter().enumerate() {
+                assert_eq!(race.next(|_| 0), Some(place), "round {round}");
+                race.tell(place, cost);
+            }
+        }
+        assert_eq!(race.next(|_| 0), Some(0));
+        race.tell(0, 10.0);
+        assert_eq!(race.next(|_| 0), Some(2), "the best one");
+        race.tell(2, 30.0);
+        assert_eq!(race.verdict(), RaceResult::Open, "one disturbed round says little");
+        for _ in 0..2 * ROUNDS_OF_ALL {
+            if let Some(place) = race.next(|_| 0) {
+                race.tell(place, if place == 0 { 10.0 } else { 10.5 });
+            }
+        }
+        assert_eq!(race.verdict(), RaceResult::NothingBetter, "it is not ahead any more");
+    }
+
+    #[test]
+    fn a_small_gain_is_seen_in_much_noise_and_none_where_there_is_none() {
+        let (noise, rounds) = (0.05, 40);
+        let race = |gain: f64, seed| {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            let costs = [10.0, 10.0, 10.0 * (1.0 - gain), 10.1, 10.0];
+            let mut race = Race::new(costs.len(), Some(noise), rounds_needed(noise, rounds));
+            while let Some(place) = race.next(|_| 0) {
+                race.tell(place, costs[place] * (noise * normal(&mut random)).exp());
+            }
+            (race.better_by_rounds(), race.measurements())
+        };
+        let found = (0..100).filter(|&seed| race(0.05, seed).0 == Some(2)).count();
+        let wrong = (0..100).filter(|&seed| race(0.0, seed).0.is_some()).count();
+        let most = (0..100).map(|seed| race(0.05, seed).1).max();
+        assert!(found >= 80, "{found} of 100");
+        assert!(wrong <= 5, "{wrong} of 100");
+        assert!(most <= Some(5 * ROUNDS_OF_ALL + 2 * (rounds - ROUNDS_OF_ALL)), "{most:?}");
     }
 
     #[test]

@@ -3,7 +3,8 @@
 //! The incumbent of a state is what did best in other states, else the study's default configuration, until a race replaces
 //! it. Contenders are chosen by the state's [assessment](super::assessment), and measured by whichever clients explore there. What the
 //! [race](crate::statistics::confirm) leaves open when its rounds are over is settled by one more assessment, which looks
-//! at all that was ever measured. From then on the verdict is what is exploited, and nothing has to be computed for it.
+//! at all that was ever measured of the contenders, and else by a test of the rounds alone. From then on the verdict is what
+//! is exploited, and nothing has to be computed for it.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +18,7 @@ use crate::policy::Operation;
 use crate::results::ResultTable;
 use crate::space::Space;
 use crate::standing::{Confirmation, ConfirmationStage, Gain, Standing};
-use crate::statistics::confirm::{ERROR_MAX, Race, RaceResult};
+use crate::statistics::confirm::{ERROR_MAX, Race, RaceResult, rounds_needed};
 use crate::trial::{Outcome, Trial};
 use crate::tuner::Tuner;
 use crate::tuner::assessment::{Assessment, AssessmentRequest};
@@ -65,11 +66,13 @@ impl Confirming {
         let challengers = assessment.challengers.iter().take(CHALLENGERS_MAX);
         let contenders: Vec<Stored> =
             [incumbent].into_iter().chain(challengers).cloned().map(Stored).collect();
-        let race = Race::new(contenders.len(), Some(NOISE_MARGIN * noise.max(NOISE_LEAST)), rounds as usize);
+        let noise = noise.max(NOISE_LEAST);
+        let rounds_max = rounds_needed(noise, rounds as usize);
+        let race = Race::new(contenders.len(), Some(NOISE_MARGIN * noise), rounds_max);
         Confirming {
             contenders,
             race,
-            rounds_max: u64::from(rounds),
+            rounds_max: rounds_max as u64,
             tried: results.tried(),
             disturbances: results.disturbances(),
             open: BTreeMap::new(),
@@ -121,6 +124,16 @@ impl Confirming {
             RaceResult::Better(place) => self.contenders.get(place).map(|contender| &contender.0),
             RaceResult::Open | RaceResult::NothingBetter => None,
         }
+    }
+
+    /// Whether a configuration ran against the incumbent.
+    fn is_challenger(&self, configuration: &Configuration) -> bool {
+        self.contenders.iter().skip(1).any(|contender| contender.0 == *configuration)
+    }
+
+    /// Who is better by the rounds themselves, now that they are over.
+    fn better_by_rounds(&self) -> Option<&Configuration> {
+        Some(&self.contenders.get(self.race.better_by_rounds()?)?.0)
     }
 
     /// The gain of a contender over the incumbent by the rounds alone.
@@ -298,20 +311,21 @@ impl Tuner {
         Some(ProposedTrial { configuration, predicted_cost, point })
     }
 
-    /// Decides what follows from a race that is over: its winner is the incumbent from now on, or who is proven better by
-    /// all that was measured.
+    /// Decides what follows from a race that is over: its winner is the incumbent from now on, or the challenger that is proven
+    /// better by all that was measured, or by the rounds alone.
     fn settle_race(&mut self, state: StateId, planned: &Planned) -> Option<()> {
         let race = self.race(state).filter(|race| race.is_decided() && !race.settled)?;
         let winner = match race.winner() {
             Some(winner) => winner.clone(),
-            // Where the machine was disturbed meanwhile, costs of different times compare badly: only pairs count.
-            None if self.states.results(state).disturbances() > race.disturbances => {
-                self.incumbent(state).clone()
-            }
             None => {
                 let (assessment, _) =
                     self.assessment(state, planned).filter(|(_, is_current)| *is_current)?;
-                assessment.answer.clone()
+                // Where the machine was disturbed meanwhile, costs of different times compare badly: only pairs count.
+                let is_disturbed = self.states.results(state).disturbances() > race.disturbances;
+                let assessed =
+                    Some(&assessment.answer).filter(|answer| !is_disturbed && race.is_challenger(answer));
+                let better = assessed.or_else(|| race.better_by_rounds());
+                better.unwrap_or_else(|| self.incumbent(state)).clone()
             }
         };
         let is_default = winner == *self.spec.space.default_ref();
