@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::words::words;
 
+/// The probability of being better that counts as a proof.
+pub const PROVEN: f64 = 0.95;
+
 words! {
     /// How far the confirmation of a state's best configurations is.
     pub enum ConfirmationStage {
@@ -99,13 +102,23 @@ pub struct Standing {
 }
 
 impl Standing {
+    /// Whether the answer is proven to cost less than the default. What is answered while the search goes on need not be: it is
+    /// enough that much more is to be gained by it than lost.
+    pub fn is_proven(&self) -> bool {
+        let probability = self.gain.and_then(|gain| gain.probability_better);
+        !self.nothing_better && probability.is_some_and(|probability| probability >= PROVEN)
+    }
+
     /// What is proven, in a few words that fit a column of a table.
     pub fn in_short(&self) -> &'static str {
         match (self.confirmation.stage, self.nothing_better) {
             (ConfirmationStage::Racing, _) => "confirming",
             (ConfirmationStage::Searching, true) => "searching",
-            (ConfirmationStage::Searching | ConfirmationStage::Off, false)
-            | (ConfirmationStage::Better, _) => "proven better",
+            (ConfirmationStage::Searching | ConfirmationStage::Off, false) if self.is_proven() => {
+                "proven better"
+            }
+            (ConfirmationStage::Searching | ConfirmationStage::Off, false) => "likely better",
+            (ConfirmationStage::Better, _) => "proven better",
             (ConfirmationStage::Off | ConfirmationStage::NothingBetter, _) => "nothing better",
         }
     }
@@ -113,10 +126,10 @@ impl Standing {
     /// What is proven, as a sentence for people, without its full stop.
     pub fn verdict(&self) -> String {
         let Confirmation { rounds, rounds_max, measurements, gain, .. } = self.confirmation;
-        let known = if self.nothing_better {
-            "nothing is proven better than the incumbent"
-        } else {
-            "it is proven better than the default"
+        let known = match (self.nothing_better, self.is_proven()) {
+            (true, _) => "nothing is proven better than the incumbent",
+            (false, true) => "it is proven better than the default",
+            (false, false) => "it is likely to be better than the default",
         };
         let mut text = match self.confirmation.stage {
             ConfirmationStage::Off => format!("{known}; the policy wants no confirmation"),
@@ -199,5 +212,11 @@ mod tests {
         assert!(nothing.verdict().starts_with("nothing was proven better"));
         let searching = Standing { disturbances: 0, ..standing(ConfirmationStage::Searching, true) };
         assert!(searching.verdict().ends_with("the search goes on"));
+        let found = standing(ConfirmationStage::Searching, false);
+        assert_eq!(found.in_short(), "proven better");
+        let gain = found.gain.map(|gain| Gain { probability_better: Some(0.9), ..gain });
+        let likely = Standing { gain, ..found };
+        assert_eq!(likely.in_short(), "likely better");
+        assert!(likely.verdict().starts_with("it is likely to be better"), "{}", likely.verdict());
     }
 }

@@ -31,7 +31,7 @@ use std::rc::Rc;
 use crate::limits::{CELLS_MAX, DRIFT_CELLS_LEAST};
 use crate::matrix::{Factor, dot};
 use crate::robust::Moment;
-use crate::statistics::distribution::student_cdf;
+use crate::statistics::distribution::{student_cdf, student_excess};
 
 /// Models in which costs differ.
 struct Family {
@@ -190,6 +190,19 @@ pub struct Comparison {
     pub gain_high: f64,
     /// The probability that the first is the cheaper one; what is equal is not cheaper.
     pub probability_better: f64,
+    /// How far the first is expected to be below the other, counted as 0 where it is above: a logarithm of a ratio.
+    pub expected_gain: f64,
+    /// The same the other way round: what is to be lost by it.
+    pub expected_loss: f64,
+}
+
+impl Comparison {
+    /// Whether what is to be gained by the first is at least so many times what is to be lost. Equals are neither: a
+    /// landscape that may be flat is no reason to stay (Keating and Shadwick, "A universal performance measure", Journal of
+    /// Performance Measurement 6, 2002, whose ratio Omega this is, at a threshold of no gain).
+    pub fn is_worth(&self, times: f64) -> bool {
+        self.expected_gain > 0.0 && self.expected_gain >= times * self.expected_loss
+    }
 }
 
 /// The covariance of Matérn with smoothness 5/2 at a squared distance in lengths.
@@ -268,6 +281,8 @@ impl CostPosterior {
             gain_low: share(settled(low)),
             gain_high: share(settled(high)),
             probability_better: 1.0 - parts.iter().map(|part| part.at_most(0.0)).sum::<f64>(),
+            expected_gain: parts.iter().map(|part| part.excess(1.0)).sum(),
+            expected_loss: parts.iter().map(|part| part.excess(-1.0)).sum(),
         }
     }
 
@@ -525,6 +540,17 @@ impl StudentT {
             0.0
         };
         self.weight * probability
+    }
+
+    /// How far it is expected to be above zero, counted as 0 where it is below; with `sign` -1 the other way round.
+    fn excess(&self, sign: f64) -> f64 {
+        let mean = sign * self.mean;
+        let excess = if self.deviation > 0.0 {
+            self.deviation * student_excess(-mean / self.deviation, self.freedom)
+        } else {
+            mean.max(0.0)
+        };
+        self.weight * excess
     }
 }
 

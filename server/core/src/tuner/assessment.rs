@@ -1,10 +1,10 @@
 //! What is proven of the configurations of a state, and what is exploited there for it.
 //!
 //! The lowest of many noisy costs is mostly luck. So what a state's own measurements answer is read from a
-//! [posterior](crate::statistics::estimate): the configuration that is expected to cost least among those that are better
-//! than the state's incumbent with a probability of at least [`PROVEN`]; where there is none, the incumbent. That is the
+//! [posterior](crate::statistics::estimate): the configuration that is expected to cost least among those by which much more is
+//! to be gained than lost ([`WORTH`]) over the state's incumbent; where there is none, the incumbent. That is the
 //! best of other states or the study's default configuration, until a [confirmation](super::confirmation) has proven another
-//! one better.
+//! one better, which takes a probability of at least [`PROVEN`].
 //!
 //! An assessment takes a few milliseconds. It is made apart from the tuner, from a copy of the state's table, and kept until
 //! that changes; who cannot wait for one gets what the last one said.
@@ -20,13 +20,13 @@ use crate::results::{Record, ResultTable};
 use crate::robust::{Evidence, USUAL_COUNT, deviation, location};
 use crate::search::Layout;
 use crate::space::Space;
-use crate::standing::Gain;
+use crate::standing::{Gain, PROVEN};
 use crate::statistics::confirm::GAIN_LEAST;
 use crate::statistics::estimate::{Comparison, ConfigurationSample, CostPosterior, Measurement};
 use crate::study::StudySpec;
 
-/// The probability of being better that counts as a proof.
-pub(super) const PROVEN: f64 = 0.95;
+/// What is to be gained by an answer over the incumbent is at least so many times what is to be lost by it.
+const WORTH: f64 = 20.0;
 /// How many configurations with the lowest expected costs are looked at more closely.
 const LEADERS: usize = 8;
 /// So many measurements of one configuration must there be before any can be called wild.
@@ -61,6 +61,8 @@ pub struct Assessment {
     is_settled: bool,
     /// The configuration to exploit.
     pub(super) answer: Configuration,
+    /// The one that is expected to cost least among those that are proven better than the incumbent.
+    pub(super) proven: Option<Configuration>,
     /// Its cost, with the ends of the 95 % interval.
     pub(super) cost: f64,
     pub(super) cost_low: f64,
@@ -114,10 +116,14 @@ impl AssessmentRequest {
         };
         let compared: Vec<(usize, Option<Comparison>)> =
             leaders.iter().map(|&leader| (leader, over(leader))).collect();
-        let proven = compared.iter().find(|(_, comparison)| {
-            !self.is_settled && comparison.is_some_and(|comparison| comparison.probability_better >= PROVEN)
-        });
-        let answer = proven.map(|(leader, _)| *leader).or(incumbent_at).unwrap_or(leaders[0]);
+        let first = |rule: &dyn Fn(&Comparison) -> bool| {
+            let mut beside = compared.iter().filter(|_| !self.is_settled);
+            let found = beside.find(|(_, comparison)| comparison.as_ref().is_some_and(rule));
+            found.map(|(leader, _)| *leader)
+        };
+        let proven = first(&|comparison| comparison.probability_better >= PROVEN);
+        let worth = first(&|comparison| comparison.is_worth(WORTH));
+        let answer = worth.or(incumbent_at).unwrap_or(leaders[0]);
         let challengers = compared.iter().filter(|(_, comparison)| {
             comparison.is_some_and(|comparison| comparison.gain > 0.0 && comparison.gain_high > GAIN_LEAST)
         });
@@ -133,6 +139,7 @@ impl AssessmentRequest {
             confirmed: self.confirmed.clone(),
             is_settled: self.is_settled,
             answer: records[answer].configuration.clone(),
+            proven: proven.map(|proven| records[proven].configuration.clone()),
             cost: cost(means[answer]),
             cost_low: cost(low),
             cost_high: cost(high),
@@ -147,7 +154,7 @@ impl AssessmentRequest {
 
 /// A comparison as it is told.
 fn gain(comparison: Comparison) -> Gain {
-    let Comparison { gain, gain_low, gain_high, probability_better } = comparison;
+    let Comparison { gain, gain_low, gain_high, probability_better, .. } = comparison;
     let told = |share: f64| Some(share).filter(|share| share.is_finite());
     let share = gain.max(f64::MIN);
     Gain { share, low: told(gain_low), high: told(gain_high), probability_better: Some(probability_better) }

@@ -322,8 +322,8 @@ impl Tuner {
                     self.assessment(state, planned).filter(|(_, is_current)| *is_current)?;
                 // Where the machine was disturbed meanwhile, costs of different times compare badly: only pairs count.
                 let is_disturbed = self.states.results(state).disturbances() > race.disturbances;
-                let assessed =
-                    Some(&assessment.answer).filter(|answer| !is_disturbed && race.is_challenger(answer));
+                let proven = assessment.proven.as_ref();
+                let assessed = proven.filter(|proven| !is_disturbed && race.is_challenger(proven));
                 let better = assessed.or_else(|| race.better_by_rounds());
                 better.unwrap_or_else(|| self.incumbent(state)).clone()
             }

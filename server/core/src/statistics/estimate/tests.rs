@@ -256,3 +256,44 @@ fn a_steady_machine_needs_one_cell_for_each_configuration() {
         assert!((one.noise_2 / other.noise_2 - 1.0).abs() < 1e-6);
     }
 }
+
+#[test]
+fn what_is_to_be_gained_less_what_is_to_be_lost_is_the_gain() {
+    for seed in 0..6 {
+        let depth = f64::from(u32::from(seed % 2 == 0));
+        let bowl = |x: &[f64]| depth * x.iter().map(|x| (x - 0.4) * (x - 0.4)).sum::<f64>();
+        let samples = searched(bowl, 3, 30, seed);
+        let posterior = CostPosterior::of(&samples, distance_2).expect("samples");
+        for one in 1..samples.len() {
+            let there = posterior.compare(one, 0);
+            let back = posterior.compare(0, one);
+            let mean = -(1.0 - there.gain).ln();
+            let difference = there.expected_gain - there.expected_loss;
+            // The distribution function of Student's distribution is off by up to 0.002.
+            assert!((difference - mean).abs() < 0.01 * (mean.abs() + 0.1), "{difference} {mean}");
+            assert!((there.expected_gain - back.expected_loss).abs() < 1e-9);
+            assert!(there.expected_gain >= 0.0 && there.expected_loss >= 0.0);
+        }
+    }
+}
+
+#[test]
+fn a_landscape_that_may_be_flat_is_no_reason_to_stay() {
+    // Two configurations, one of which ran 6 % faster, in little noise: perhaps both are the same.
+    let sample = |features: f64, log_costs: &[f64]| ConfigurationSample {
+        features: vec![features],
+        measurements: unordered(log_costs),
+        weight: 1.0,
+    };
+    let slow = sample(0.2, &[0.0, 0.03, -0.02, 0.01]);
+    let compare = |fast: &[f64]| {
+        let posterior = CostPosterior::of(&[slow.clone(), sample(0.8, fast)], distance_2).expect("samples");
+        posterior.compare(1, 0)
+    };
+    let fast = compare(&[-0.06, -0.08]);
+    assert!(fast.probability_better < 0.95 && fast.is_worth(20.0), "{fast:?}");
+    let lucky = compare(&[-0.03]);
+    assert!(!lucky.is_worth(20.0), "{lucky:?}");
+    let same = compare(&[0.01, 0.0]);
+    assert!(!same.is_worth(1.5), "{same:?}");
+}
