@@ -176,7 +176,8 @@ impl Speeds {
     }
 
     /// Whether the incumbent of the client's state should be measured before anything else; it is due sooner where `hurried`,
-    /// and where the machine is seen to wander.
+    /// and where the machine is seen to wander. While it is hurried costs do not hold the speed, so that a suspicion which the
+    /// client brings from another state waits: the incumbent alone would never tell what else is to be known first.
     pub(super) fn is_due(&self, client_id: &str, state: StateId, hurried: bool, wanders: bool) -> bool {
         let Some(client) = self.clients.get(client_id).filter(|client| client.state == state.0) else {
             return false;
@@ -187,7 +188,8 @@ impl Speeds {
             false if client.is_calm => 2 * INTERVAL,
             false => INTERVAL,
         };
-        client.speed.is_suspicious() || client.settling > 0 || client.since >= interval
+        let is_unsettled = client.speed.is_suspicious() || client.settling > 0;
+        is_unsettled && !hurried || client.since >= interval
     }
 
     /// The factor on a client's costs at the moment.

@@ -227,3 +227,26 @@ fn what_did_best_elsewhere_is_what_is_to_be_beaten_in_a_new_state() {
         answer_in_a_new_state(|trial, first| if trial.configuration == *first { 30.0 } else { 10.0 });
     assert_ne!(answer, first, "it does badly here");
 }
+
+#[test]
+fn a_suspicion_from_another_state_does_not_keep_a_search_from_exploring() {
+    let policy = Policy { epsilon: 1.0, trials_per_state: 40, ..Policy::default() };
+    let mut spec = spec(policy);
+    spec.objective = spec.objective.with_auxiliary(vec!["cpu_ms".into()]).expect("valid");
+    let mut tuner = Tuner::new(Arc::new(spec)).expect("valid");
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let mut frame = |x: f64, speed: f64| {
+        let trial = suggest(&mut tuner, "a", x, 0.5);
+        // The whole machine is slower, so that nothing explains it.
+        let metrics = ["render_ms", "cpu_ms"]
+            .map(|name| (name.to_owned(), speed * cost(&trial) * f64::exp(0.02 * normal(&mut random))));
+        assert!(tuner.report(&trial, metrics.into(), Outcome::Ok, 1).is_ok());
+        trial
+    };
+    (0..30).for_each(|_| drop(frame(0.2, 1.0)));
+    // The client leaves for another scene when its incumbent has just been three times as slow as ever.
+    let rule = |trial: &Trial| trial.reason().explanation.rule;
+    assert!((0..30).any(|_| rule(&frame(0.2, 3.0)) == Some(Rule::Incumbent)), "it is measured now and then");
+    let there: BTreeSet<Configuration> = (0..24).map(|_| frame(0.9, 3.0).configuration).collect();
+    assert!(there.len() > 12, "{} configurations in 24 trials", there.len());
+}
