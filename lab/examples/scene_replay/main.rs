@@ -53,6 +53,7 @@ struct Book {
 struct Search {
     state: BTreeMap<String, f64>,
     trials: Vec<SearchTrial>,
+    answers: BTreeMap<u32, Assignment>,
 }
 
 #[derive(Deserialize)]
@@ -84,6 +85,8 @@ struct Scene {
     frames: Vec<(Configuration, f64)>,
     /// What ran on every scene.
     candidates: Vec<Configuration>,
+    /// What its own search answered.
+    found: Vec<Configuration>,
     landscape: Landscape,
 }
 
@@ -109,9 +112,14 @@ fn scenes(book: &Book, space: &Space, objective: Objective) -> Vec<Scene> {
         let mut recorded: Vec<Recorded> = Vec::new();
         let mut frames = Vec::new();
         let mut state = None;
+        let mut found: Vec<Configuration> = Vec::new();
         for key in [of("alone"), of("left-out")] {
             let Some(search) = book.searches.get(&key) else { continue };
             state = Some(search.state.clone());
+            if key == of("alone") {
+                let answers = search.answers.values();
+                found.extend(answers.filter_map(|answer| configuration(space, answer.clone().into())));
+            }
             for trial in &search.trials {
                 let known = configuration(space, trial.configuration.clone().into());
                 if let (Some(configuration), Some(times)) = (known, trial.times) {
@@ -162,7 +170,7 @@ fn scenes(book: &Book, space: &Space, objective: Objective) -> Vec<Scene> {
         }
         recorded.extend(searched);
         let landscape = Landscape::of(space, &recorded);
-        all.push(Scene { name: name.clone(), state, ran, frames, candidates, landscape });
+        all.push(Scene { name: name.clone(), state, ran, frames, candidates, found, landscape });
     }
     all
 }
@@ -180,11 +188,18 @@ fn costs(ran: &[(Configuration, f64)]) -> Vec<Recorded> {
         .collect()
 }
 
+/// Whether only the search of one scene found a configuration: the others do not know of it then, although it ran there.
+fn is_found_only_in(scenes: &[Scene], place: usize, configuration: &Configuration) -> bool {
+    let mut finders = scenes.iter().enumerate().filter(|(_, scene)| scene.found.contains(configuration));
+    finders.next().is_some_and(|(first, _)| first == place) && finders.next().is_none()
+}
+
 /// What ran everywhere and is best on the others.
 fn fixed_of_others(scenes: &[Scene], without: usize) -> &Configuration {
     let others = || scenes.iter().enumerate().filter(move |(place, _)| *place != without).map(|(_, one)| one);
     let on_all = others().next().expect("several scenes").candidates.iter();
     let on_all = on_all.filter(|one| others().all(|scene| scene.candidates.contains(one)));
+    let on_all = on_all.filter(|one| !is_found_only_in(scenes, without, one));
     let cost = |one: &Configuration| others().map(|scene| scene.landscape.cost(one).ln()).sum::<f64>();
     on_all.min_by(|a, b| cost(a).total_cmp(&cost(b))).expect("a candidate that ran everywhere")
 }
@@ -205,7 +220,8 @@ fn run(spec: &StudySpec, scenes: &[Scene], place: usize, (seed, noise, wild): (u
     let mut now_ms = 0;
     for other in scenes.iter().enumerate().filter(|(other, _)| *other != place).map(|(_, scene)| scene) {
         let ask = Ask { client_id: "teacher".into(), indicators: other.state.clone(), ..Ask::default() };
-        for (configuration, cost) in &other.frames {
+        let known = other.frames.iter().filter(|(one, _)| !is_found_only_in(scenes, place, one));
+        for (configuration, cost) in known {
             now_ms += 1;
             let (trial, _) =
                 tuner.suggest_wanted(&ask, configuration.to_raw(), now_ms).expect("of the space");

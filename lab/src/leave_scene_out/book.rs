@@ -3,7 +3,7 @@
 //! Recording and judging are apart. Searches and rounds are written down with every timing; tables are computed from the
 //! book alone, as often as one likes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -60,9 +60,13 @@ pub(crate) struct RecordedRounds {
 
 impl RecordedRounds {
     /// What a client would have reported that ran them: one frame after the other in the order in which they ran, and once
-    /// what failed. Native Embree path by path is in no space.
-    pub(crate) fn frames(&self) -> Vec<(&Configuration, Outcome, Option<FrameTimes>)> {
-        let own = || self.contenders.iter().filter_map(|one| Some((one, one.configuration.as_ref()?)));
+    /// what failed. Native Embree path by path is in no space; `without` are texts of configurations to leave out.
+    pub(crate) fn frames(
+        &self,
+        without: &BTreeSet<String>,
+    ) -> Vec<(&Configuration, Outcome, Option<FrameTimes>)> {
+        let all = || self.contenders.iter().filter_map(|one| Some((one, one.configuration.as_ref()?)));
+        let own = || all().filter(|(_, configuration)| !without.contains(&configuration.to_string()));
         let most = self.contenders.iter().map(|one| one.render_ms.len()).max().unwrap_or(0);
         let failed = own().filter_map(|(one, configuration)| {
             let failure = one.failure.clone()?;

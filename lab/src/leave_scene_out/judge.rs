@@ -80,6 +80,25 @@ pub(crate) fn fixed(
     all
 }
 
+/// What only the search of one scene found, and so is not known to the others although it ran on them as a candidate.
+pub(crate) fn found_only_in(
+    book: &Book,
+    objective: Objective,
+    scene: &str,
+    context: &str,
+) -> BTreeSet<String> {
+    let answers = |of: &str| -> BTreeSet<String> {
+        let search = book.searches.get(&key(ALONE, objective, of, context));
+        search.into_iter().flat_map(|search| search.answers.values().map(ToString::to_string)).collect()
+    };
+    let mut own = answers(scene);
+    for other in book.scenes.keys().filter(|other| *other != scene) {
+        let known = answers(other);
+        own.retain(|one| !known.contains(one));
+    }
+    own
+}
+
 /// The best fixed configuration of all scenes of a context but one. What only the search of that one found is not known to
 /// the others.
 pub(crate) fn fixed_of_others(
@@ -88,15 +107,7 @@ pub(crate) fn fixed_of_others(
     scene: &str,
     context: &str,
 ) -> Option<Fixed> {
-    let answers = |of: &str| -> BTreeSet<String> {
-        let search = book.searches.get(&key(ALONE, objective, of, context));
-        search.into_iter().flat_map(|search| search.answers.values().map(ToString::to_string)).collect()
-    };
-    let mut without = answers(scene);
-    for other in book.scenes.keys().filter(|other| *other != scene) {
-        let known = answers(other);
-        without.retain(|one| !known.contains(one));
-    }
+    let without = found_only_in(book, objective, scene, context);
     let others: Vec<_> = book
         .scenes
         .keys()

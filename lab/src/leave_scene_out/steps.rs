@@ -225,7 +225,8 @@ impl Stage {
         })
     }
 
-    /// Reports what was measured in other scenes, as their clients would have.
+    /// Reports what was measured in other scenes, as their clients would have. What only this scene's own search found ran
+    /// there as a candidate, and is left out: nobody would have known of it.
     fn teach(
         &self,
         book: &Book,
@@ -234,6 +235,7 @@ impl Stage {
         study: &Study,
     ) -> Result<(), CliError> {
         let context = self.context.to_string();
+        let own = judge::found_only_in(book, objective, &self.scene, &context);
         for scene in book.scenes.keys().filter(|scene| **scene != self.scene) {
             let Some(search) = book.searches.get(&key(ALONE, objective, scene, &context)) else {
                 continue;
@@ -247,7 +249,7 @@ impl Stage {
             }
             // Then what ran beside all others there, frame by frame in the order in which it ran.
             if let Some(rounds) = book.rounds.get(&key(CANDIDATES, objective, scene, &context)) {
-                for (configuration, outcome, times) in rounds.frames() {
+                for (configuration, outcome, times) in rounds.frames(&own) {
                     let suggestion = study.trial_of(&search.state, configuration)?;
                     suggestion.report(measurements(times, 1, objective.frames_per_build()), outcome)?;
                 }
@@ -287,6 +289,8 @@ fn named<'a>(rounds: &'a RecordedRounds, name: &str) -> Option<&'a treewright_cl
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
     use treewright_scene::builtin;
 
@@ -300,8 +304,11 @@ mod tests {
         let mut book = Book::default();
         let candidates = stage.candidates(&book, Objective::Render, 2).expect("they are sound");
         let own = candidates.contenders.iter().filter(|one| one.configuration.is_some()).count();
-        let frames = candidates.frames();
+        let frames = candidates.frames(&BTreeSet::new());
         assert_eq!(frames.len(), 2 * own, "each of them in every round, and native Embree's default in none");
+        let without = BTreeSet::from([frames[0].0.to_string()]);
+        let others = candidates.frames(&without);
+        assert!(others.len() == 2 * (own - 1) && others.iter().all(|frame| frame.0 != frames[0].0));
         assert_eq!(frames[0].0, frames[own].0, "one round after the other");
         let facts = super::super::book::SceneFacts { triangles: 1, instanced: false };
         for scene in ["a", "b"] {
