@@ -93,7 +93,8 @@ pub struct Standing {
     pub cost_high: f64,
     /// Its gain over the study's default configuration; `None` where that was not measured in the state.
     pub gain: Option<Gain>,
-    /// Nothing is proven to be better than the incumbent, which therefore is the answer.
+    /// The answer is the incumbent: nothing is worth to be answered in its place while the state is searched, and nothing is
+    /// proven better once that has ended.
     pub nothing_better: bool,
     /// How far its confirmation is.
     pub confirmation: Confirmation,

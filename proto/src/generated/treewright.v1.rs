@@ -1185,8 +1185,10 @@ pub struct Standing {
     /// Its gain over the study's default configuration, estimated likewise. Unset if that was not measured in the state.
     #[prost(message, optional, tag = "4")]
     pub gain: ::core::option::Option<Gain>,
-    /// Nothing is proven better than the incumbent, so the incumbent is the answer. The incumbent is what was last proven
-    /// better in this state; before that, the best fixed configuration of the other states; without one, the default.
+    /// The incumbent is the answer. While the state is searched, another configuration takes its place once at least twenty
+    /// times as much is to be gained by that as lost; when the search has ended, once it is proven better. The incumbent is
+    /// what was last proven better in this state; before that, the best fixed configuration of the other states; without one,
+    /// the default.
     #[prost(bool, tag = "5")]
     pub nothing_better: bool,
     #[prost(message, optional, tag = "6")]
