@@ -17,8 +17,9 @@
 //! the mediocre ones. Who was measured in such a state alone would look better than whoever did well everywhere. So every
 //! configuration is compared, in the states that both know, with one good configuration that is known in many: the
 //! anchor. What good configurations have in common in a state drops out of the difference. How much a state adds to an
-//! effect is estimated from those that are known in many states, and the best fixed configuration is one of these: the
-//! luckiest of hundreds that were measured once each is a member, if it helps, but never the first.
+//! effect is estimated from those that are known in many states, and the best fixed configuration is one of these. So are the
+//! members after it, as long as they help: what a search found in one state looks there as if nothing could help more,
+//! for it is the luckiest of hundreds that were measured once each. Such finds are members in what room is left.
 
 /// How many members a portfolio has.
 pub const MEMBERS: usize = 8;
@@ -30,6 +31,8 @@ const EFFECT: f64 = 0.2 * 0.2;
 const INFEASIBLE: f64 = 1.0;
 /// A member that lowers the mean logarithm of costs by less is not worth a measurement.
 const HELP_LEAST: f64 = 1e-4;
+/// The same for those known in many states, which are chosen before the others.
+const KNOWN_HELP_LEAST: f64 = 2e-3;
 
 /// The median of squares of normal numbers, in variances.
 const MEDIAN_SQUARE: f64 = 0.455;
@@ -145,52 +148,71 @@ impl CostTable {
     }
 
     /// The members of a portfolio, at most so many: places of configurations, the best fixed one first, then whoever helps
-    /// most beside those before. `always` are members whether they help or not, after the best fixed one; all of them
-    /// count towards the number. Empty where nothing was measured.
+    /// most beside those before; those known in many states, then `always`, then the others. `always` are members whether they
+    /// help or not; all of them count towards the number. Empty where nothing was measured.
     pub fn portfolio(&self, members: usize, always: &[usize]) -> Vec<usize> {
         let completed = self.completed();
         let Some(count) = completed.first().map(Vec::len) else {
             return Vec::new();
         };
-        // What each state pays with the members so far.
-        let mut paid = vec![f64::INFINITY; completed.len()];
-        let price = |paid: &[f64], place: usize| -> f64 {
-            completed.iter().zip(paid).map(|(row, paid)| row[place].min(*paid)).sum::<f64>()
-                / paid.len() as f64
+        let dearest = |row: &Vec<f64>| row.iter().copied().fold(0.0, f64::max);
+        let mut chosen = Chosen {
+            completed: &completed,
+            paid: completed.iter().map(dearest).collect(),
+            places: Vec::new(),
         };
-        let well_known = well_known(&self.measured());
-        let may_be_first = |place: usize| well_known.is_empty() || well_known.contains(&place);
-        let mut chosen: Vec<usize> = Vec::new();
-        let mut waiting = always.to_vec();
-        while chosen.len() < members.min(count) {
-            let first = chosen.is_empty();
-            let place = if !first && !waiting.is_empty() {
-                waiting.remove(0)
-            } else {
-                let others = (0..count)
-                    .filter(|&place| if first { may_be_first(place) } else { !chosen.contains(&place) });
-                let priced = others.map(|place| (price(&paid, place), place));
-                let Some((cost, place)) = priced.min_by(|a, b| a.0.total_cmp(&b.0)) else {
-                    break;
-                };
-                let before = paid.iter().sum::<f64>() / paid.len() as f64;
-                if !first && before - cost < HELP_LEAST {
-                    break;
-                }
-                place
-            };
-            if chosen.contains(&place) || place >= count {
-                continue;
+        let (members, well_known) = (members.min(count), well_known(&self.measured()));
+        let everything: Vec<usize> = (0..count).collect();
+        let known = if well_known.is_empty() { &everything } else { &well_known };
+        chosen.add_while_helpful(known, 1, f64::NEG_INFINITY);
+        chosen.add_while_helpful(known, members.saturating_sub(always.len()), KNOWN_HELP_LEAST);
+        for &place in always.iter().filter(|&&place| place < count) {
+            if chosen.places.len() < members && !chosen.places.contains(&place) {
+                chosen.add(place);
             }
-            paid.iter_mut().zip(&completed).for_each(|(paid, row)| *paid = paid.min(row[place]));
-            chosen.push(place);
         }
-        chosen
+        chosen.add_while_helpful(&everything, members, HELP_LEAST);
+        chosen.places
     }
 
     /// The best fixed configuration: its place. `None` where nothing was measured.
     pub fn best_fixed(&self) -> Option<usize> {
         self.portfolio(1, &[]).first().copied()
+    }
+}
+
+/// A portfolio that grows.
+struct Chosen<'a> {
+    completed: &'a [Vec<f64>],
+    /// What each state pays with the members so far.
+    paid: Vec<f64>,
+    places: Vec<usize>,
+}
+
+impl Chosen<'_> {
+    /// By how much a further member lowers what is paid on average.
+    fn help(&self, place: usize) -> f64 {
+        let saved = |(row, paid): (&Vec<f64>, &f64)| (paid - row[place]).max(0.0);
+        self.completed.iter().zip(&self.paid).map(saved).sum::<f64>() / self.paid.len() as f64
+    }
+
+    fn add(&mut self, place: usize) {
+        self.paid.iter_mut().zip(self.completed).for_each(|(paid, row)| *paid = paid.min(row[place]));
+        self.places.push(place);
+    }
+
+    /// Adds whoever of them helps most, one after the other, until there are so many members or nobody helps by so much.
+    fn add_while_helpful(&mut self, among: &[usize], members: usize, help_least: f64) {
+        while self.places.len() < members {
+            let others = among.iter().filter(|place| !self.places.contains(place));
+            let helpful =
+                others.map(|&place| (self.help(place), place)).filter(|(help, _)| *help >= help_least);
+            // The first of equals.
+            let Some((_, place)) = helpful.reduce(|best, one| if one.0 > best.0 { one } else { best }) else {
+                break;
+            };
+            self.add(place);
+        }
     }
 }
 
@@ -318,8 +340,26 @@ mod tests {
         assert_eq!(costs.best_fixed(), Some(0));
         // The second is nowhere the best, and is not needed.
         assert_eq!(costs.portfolio(MEMBERS, &[]), [0, 3, 2]);
-        assert_eq!(costs.portfolio(MEMBERS, &[1]), [0, 1, 3, 2]);
+        assert_eq!(costs.portfolio(MEMBERS, &[1]), [0, 3, 2, 1]);
         assert_eq!(costs.portfolio(2, &[1]), [0, 1]);
+    }
+
+    #[test]
+    fn specialists_known_in_many_states_come_before_lucky_finds() {
+        // The last three were each measured in one state alone, and look better there than anything known.
+        let costs = table(&[
+            &[10.0, 12.0, 9.0, 8.5, 0.0, 0.0],
+            &[20.0, 18.0, 24.0, 0.0, 17.0, 0.0],
+            &[5.0, 5.5, 5.6, 0.0, 0.0, 4.2],
+        ]);
+        let members = costs.portfolio(MEMBERS, &[]);
+        assert_eq!(members[0], 0);
+        let (mut known, mut found) = (members[1..3].to_vec(), members[3..].to_vec());
+        known.sort_unstable();
+        found.sort_unstable();
+        assert_eq!((known, found), (vec![1, 2], vec![3, 4, 5]));
+        // A branch is in it whatever helps.
+        assert_eq!(costs.portfolio(3, &[5]).last(), Some(&5));
     }
 
     #[test]

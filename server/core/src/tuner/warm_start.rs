@@ -1,7 +1,7 @@
 //! Warm start: what a search that begins in a new state is told of other states.
 //!
 //! It is the states nearest to it in which a search was begun, on whatever machine: what the nearest few measured makes
-//! [`MainEffects`], and the [portfolio] of all of them, with the favourite of those effects, are the first points. A portfolio of
+//! [`MainEffects`], and the [portfolio] of all of them, then the favourite of those effects, are the first points. A portfolio of
 //! the best configurations of other instances is how algorithm configurators begin as well (Feurer, Springenberg and Hutter,
 //! "Initializing Bayesian hyperparameter optimization via meta-learning", AAAI 2015).
 //!
@@ -68,7 +68,7 @@ impl MeasuredElsewhere {
         let mut first: Vec<Vec<f64>> = members.iter().map(|member| space.encode(member)).collect();
         let downhill = main_effects.descend(&layout, first.first()?);
         if !first.contains(&downhill) {
-            first.insert(1, downhill);
+            first.push(downhill);
         }
         // What other states expect to be best is what is to be beaten here. That needs no proof: neither it nor the default
         // is known here, and where it does badly the first few measurements say so. As it will be run: a point says a
