@@ -9,7 +9,10 @@
 //! "Auto-sklearn 2.0", JMLR 23, 2022.
 //!
 //! The first member is the best fixed configuration: of those known in many states the one that is best on average, so nobody
-//! who begins with the portfolio does worse than it. Not everything was measured everywhere. What is missing is completed by a sum of
+//! who begins with the portfolio does worse than it. A state that wants the opposite of all others has no more weight in that than
+//! a bound gives it, or what it gains threefold decides over the few percent that matter everywhere else (the mean of
+//! bounded losses: Huber, "Robust estimation of a location parameter", Annals of Mathematical Statistics 35, 1964). What such
+//! a state wants is among the members after the first, and runs there a few frames later. Not everything was measured everywhere. What is missing is completed by a sum of
 //! a level of the state and an effect of the configuration, the effect drawn towards that of a mediocre configuration by
 //! how few states it was seen in, so that one lucky scene makes nobody a member.
 //!
@@ -29,6 +32,9 @@ const INTERACTION: f64 = 0.1 * 0.1;
 const EFFECT: f64 = 0.2 * 0.2;
 /// A configuration that cannot be run in a state counts as so much dearer there, as a logarithm.
 const INFEASIBLE: f64 = 1.0;
+/// What a configuration costs in a state above the best of those known in many states counts as so much at most, a
+/// logarithm, when the first member is chosen.
+const EXCESS_MOST: f64 = 0.25;
 /// A member that lowers the mean logarithm of costs by less is not worth a measurement.
 const HELP_LEAST: f64 = 1e-4;
 /// The same for those known in many states, which are chosen before the others.
@@ -155,16 +161,17 @@ impl CostTable {
         let Some(count) = completed.first().map(Vec::len) else {
             return Vec::new();
         };
-        let dearest = |row: &Vec<f64>| row.iter().copied().fold(0.0, f64::max);
-        let mut chosen = Chosen {
-            completed: &completed,
-            paid: completed.iter().map(dearest).collect(),
-            places: Vec::new(),
-        };
-        let (members, well_known) = (members.min(count), well_known(&self.measured()));
+        let rows = self.measured();
+        let (members, well_known) = (members.min(count), well_known(&rows));
         let everything: Vec<usize> = (0..count).collect();
         let known = if well_known.is_empty() { &everything } else { &well_known };
-        chosen.add_while_helpful(known, 1, f64::NEG_INFINITY);
+        let Some(first) = first_of(known, &rows, &completed).filter(|_| members > 0) else {
+            return Vec::new();
+        };
+        let dearest = |row: &Vec<f64>| row.iter().copied().fold(0.0, f64::max);
+        let paid = completed.iter().map(dearest).collect();
+        let mut chosen = Chosen { completed: &completed, paid, places: Vec::new() };
+        chosen.add(first);
         chosen.add_while_helpful(known, members.saturating_sub(always.len()), KNOWN_HELP_LEAST);
         for &place in always.iter().filter(|&&place| place < count) {
             if chosen.places.len() < members && !chosen.places.contains(&place) {
@@ -179,6 +186,23 @@ impl CostTable {
     pub fn best_fixed(&self) -> Option<usize> {
         self.portfolio(1, &[]).first().copied()
     }
+}
+
+/// The best fixed configuration among those: the one whose excess over the best of them in a state is least on average, where
+/// no state in which it can be run counts for more than [`EXCESS_MOST`]. The first of equals.
+fn first_of(among: &[usize], rows: &[&[CostEntry]], completed: &[Vec<f64>]) -> Option<usize> {
+    let best_of =
+        |expected: &Vec<f64>| among.iter().map(|&place| expected[place]).fold(f64::INFINITY, f64::min);
+    let best: Vec<f64> = completed.iter().map(best_of).collect();
+    let excess = |place: usize| -> f64 {
+        let of_state = |state: usize| match rows[state][place] {
+            CostEntry::Infeasible => INFEASIBLE,
+            _ => (completed[state][place] - best[state]).min(EXCESS_MOST),
+        };
+        (0..rows.len()).map(of_state).sum()
+    };
+    let excesses = among.iter().map(|&place| (excess(place), place));
+    excesses.min_by(|one, other| one.0.total_cmp(&other.0)).map(|(_, place)| place)
 }
 
 /// A portfolio that grows.
@@ -383,6 +407,24 @@ mod tests {
             &[40.0, 42.0, 10.0, 10.1],
         ]);
         assert_eq!(costs.best_fixed(), Some(2));
+    }
+
+    #[test]
+    fn a_state_that_wants_the_opposite_does_not_decide_for_all_others() {
+        // The second is 7 % dearer than the first in six states, and three times as fast in the last.
+        let costs = table(&[
+            &[10.0, 10.7, 14.0],
+            &[20.0, 21.4, 28.0],
+            &[5.0, 5.35, 7.0],
+            &[40.0, 42.8, 56.0],
+            &[8.0, 8.56, 11.2],
+            &[30.0, 32.1, 42.0],
+            &[90.0, 30.0, 90.0],
+        ]);
+        assert_eq!(costs.portfolio(MEMBERS, &[]), [0, 1]);
+        // By what it cannot run, it does.
+        let costs = table(&[&[10.0, 10.7], &[20.0, 21.4], &[5.0, 5.35], &[-1.0, 40.0]]);
+        assert_eq!(costs.best_fixed(), Some(1));
     }
 
     #[test]
