@@ -9,12 +9,14 @@
 //! "Auto-sklearn 2.0", JMLR 23, 2022.
 //!
 //! The first member is the best fixed configuration: of those known in many states the one that is best on average, so nobody
-//! who begins with the portfolio does worse than it. A state that wants the opposite of all others has no more weight in that than
-//! a bound gives it, or what it gains threefold decides over the few percent that matter everywhere else (the mean of
-//! bounded losses: Huber, "Robust estimation of a location parameter", Annals of Mathematical Statistics 35, 1964). What such
-//! a state wants is among the members after the first, and runs there a few frames later. Not everything was measured everywhere. What is missing is completed by a sum of
-//! a level of the state and an effect of the configuration, the effect drawn towards that of a mediocre configuration by
-//! how few states it was seen in, so that one lucky scene makes nobody a member.
+//! who begins with the portfolio does worse than it. In that average what a configuration loses in a state is bounded (as in
+//! Huber, "Robust estimation of a location parameter", Annals of Mathematical Statistics 35, 1964). Without the bound one state
+//! that gains threefold by what no other wants would choose it for all of them, and a few percent would be lost in each. What
+//! such a state wants is among the members after the first, and runs a few frames later.
+//!
+//! Not everything was measured everywhere. What is missing is completed by a sum of a level of the state and an effect of the
+//! configuration, the effect drawn towards that of a mediocre configuration by how few states it was seen in, so that one
+//! lucky scene makes nobody a member.
 //!
 //! Effects differ in size from state to state: where a build costs most of a frame, all good configurations are far below
 //! the mediocre ones. Who was measured in such a state alone would look better than whoever did well everywhere. So every
@@ -422,8 +424,8 @@ mod tests {
             &[90.0, 30.0, 90.0],
         ]);
         assert_eq!(costs.portfolio(MEMBERS, &[]), [0, 1]);
-        // By what it cannot run, it does.
-        let costs = table(&[&[10.0, 10.7], &[20.0, 21.4], &[5.0, 5.35], &[-1.0, 40.0]]);
+        // By what it cannot run it does, and that counts for more than the bound.
+        let costs = table(&[&[10.0, 11.0], &[20.0, 22.0], &[5.0, 5.5], &[-1.0, 40.0]]);
         assert_eq!(costs.best_fixed(), Some(1));
     }
 
