@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tunes the evaluation scenes and measures the winners side by side with native Embree: the README's table.
+"""Tunes the evaluation scenes and measures the winners side by side with native Embree.
 
     make build
     SCENES=FOLDER tools/bench.py [--out bench.json] [--only NAME,...] [--rows 2@320x240,1@1280x720]

@@ -8,13 +8,30 @@ use std::process::{Command, Stdio};
 
 use treewright_tests::programs::{program, workspace};
 
-/// The pages of the book, below `docs`.
+/// What a page on the front and a page of measurements may hold, in bytes.
+const README_BYTES: usize = 9_000;
+const MEASUREMENT_BYTES: usize = 4_100;
+
+/// The pages of the book, in `docs` and `docs/measurements`.
 fn pages() -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(workspace().join("docs")).expect("the documentation");
+    let folders = ["docs", "docs/measurements"].map(|folder| workspace().join(folder));
+    let entries = folders.iter().flat_map(|folder| std::fs::read_dir(folder).expect("the documentation"));
     let mut found: Vec<_> = entries.map(|entry| entry.expect("an entry").path()).collect();
     found.retain(|path| path.extension().is_some_and(|extension| extension == "md"));
     found.sort();
     found
+}
+
+#[test]
+fn the_front_page_and_the_measurements_are_short() {
+    let mut limits = vec![(workspace().join("README.md"), README_BYTES)];
+    let measurements = pages()
+        .into_iter()
+        .filter(|page| page.parent().is_some_and(|folder| folder.ends_with("measurements")));
+    limits.extend(measurements.map(|page| (page, MEASUREMENT_BYTES)));
+    let long = limits.iter().filter(|(page, most)| read(page).len() > *most).collect::<Vec<_>>();
+    assert!(limits.len() > 1, "the pages were not found");
+    assert!(long.is_empty(), "longer than they may be: {long:#?}");
 }
 
 fn read(path: &Path) -> String {
@@ -62,7 +79,7 @@ fn every_page_stands_in_the_summary() {
     assert_eq!(listed.len(), summary.len(), "a page stands there twice");
     let there: BTreeSet<String> = pages()
         .iter()
-        .filter_map(|path| path.file_name()?.to_str().map(str::to_owned))
+        .filter_map(|path| path.strip_prefix(workspace().join("docs")).ok()?.to_str().map(str::to_owned))
         .filter(|name| name != "SUMMARY.md")
         .collect();
     let there: BTreeSet<&str> = there.iter().map(String::as_str).collect();
