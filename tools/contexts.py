@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Our start over native Embree in other picture sizes, numbers of threads and instruction sets: docs/contexts.md.
+"""Our start over native Embree in other picture sizes, numbers of threads and instruction sets: docs/measurements/start-progressive.md.
 
     make build
     SCENES=FOLDER tools/contexts.py [--out contexts.json] [--only NAME,...] [--contexts 2@320x240,1@1280x720:avx2]
