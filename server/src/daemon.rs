@@ -7,13 +7,12 @@ use std::sync::Arc;
 
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
-#[cfg(feature = "postgres")]
-use treewright_store::PostgresStore;
 use treewright_store::tokens::TokenError;
-use treewright_store::{OpenError, SqliteStore, Store};
+use treewright_store::{OpenError, SqliteStore, SqliteTokens, Store, TokenStore};
+#[cfg(feature = "postgres")]
+use treewright_store::{PostgresStore, PostgresTokens};
 
 use crate::access::Access;
-use crate::administration;
 use crate::clock::{SteadyClock, SystemClock};
 use crate::config::{Database, ServeConfig};
 use crate::idle::idle_for;
@@ -116,6 +115,19 @@ async fn open(
     }
 }
 
+/// Opens the tokens in the database that has just been opened.
+async fn open_tokens(config: &ServeConfig, database: &Database) -> Result<Arc<dyn TokenStore>, OpenError> {
+    #[cfg(not(feature = "postgres"))]
+    let _ = config;
+    match database {
+        Database::File(path) => Ok(Arc::new(SqliteTokens::open_served(path).await?)),
+        #[cfg(feature = "postgres")]
+        Database::Postgres(server) => {
+            Ok(Arc::new(PostgresTokens::open(server, config.database.wait()).await?))
+        }
+    }
+}
+
 /// Serves until SIGTERM or SIGINT, and counts in `metrics`.
 ///
 /// # Errors
@@ -164,7 +176,7 @@ pub async fn run(config: ServeConfig, metrics: Arc<Metrics>) -> Result<(), Daemo
     // Tokens end by the calendar, leases after a time.
     let (calendar, clock) = (Arc::new(SystemClock::default()), Arc::new(SteadyClock::new()));
     let access = if config.guard.asks_for_tokens(address) {
-        let tokens = administration::open(&config.database).await?;
+        let tokens = open_tokens(&config, &database).await?;
         Some(Arc::new(Access::open(tokens, calendar as _).await?))
     } else {
         None

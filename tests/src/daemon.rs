@@ -28,7 +28,16 @@ impl Daemon {
     /// # Panics
     /// When it does not say where it listens.
     pub fn start_at(database: &Path, address: &str) -> Self {
-        Self::spawn(Command::new(program("treewrightd")), database, &["--listen", address], Stdio::inherit())
+        Self::start_at_with(database, address, &[])
+    }
+
+    /// The same with further arguments.
+    ///
+    /// # Panics
+    /// When it does not say where it listens.
+    pub fn start_at_with(database: &Path, address: &str, arguments: &[&str]) -> Self {
+        let all = [&["--listen", address], arguments].concat();
+        Self::spawn(Command::new(program("treewrightd")), database, &all, Stdio::inherit())
     }
 
     /// Starts a daemon on any free port with further arguments, and its log in a file.
@@ -81,6 +90,11 @@ impl Daemon {
     /// `127.0.0.1:PORT`.
     pub fn address(&self) -> &str {
         self.url.split_once("://").map_or("", |(_, address)| address)
+    }
+
+    /// The number of its process.
+    pub fn id(&self) -> u32 {
+        self.process.id()
     }
 
     /// Sends a signal, such as `HUP`.

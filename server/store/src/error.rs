@@ -101,6 +101,36 @@ pub enum OpenError {
         /// The path.
         path: PathBuf,
     },
+    /// The name is a URL, which SQLite and other programs read in their own ways.
+    #[error("{} is a URL, and a database is named by its path: write tuning.db, or ./{} for a file that is called so", path.display(), path.display())]
+    Url {
+        /// What was given.
+        path: PathBuf,
+    },
+    /// The file is reached by several names.
+    #[error("{} has {count} names (hard links), and what SQLite keeps beside the file lies beside one of them only; remove the others (`find -samefile`), or copy the file with no daemon running", path.display())]
+    ManyNames {
+        /// The path.
+        path: PathBuf,
+        /// How many names.
+        count: u64,
+    },
+    /// The file was mounted without its folder.
+    #[error("{} is mounted as a file of its own, so the log that SQLite keeps beside it would be left behind; mount the folder that it lies in", path.display())]
+    MountedAlone {
+        /// The path.
+        path: PathBuf,
+    },
+    /// A program that is no daemon holds the daemon's lock.
+    #[error("{} cannot be taken: process {pid}, which is no treewrightd, holds a lock on {}; end that process (`ps {pid}` says what it is)", path.display(), lock.display())]
+    Held {
+        /// The path.
+        path: PathBuf,
+        /// The file that is locked.
+        lock: PathBuf,
+        /// Who holds it.
+        pid: u32,
+    },
     /// Another daemon serves this file.
     #[error("{} is in use by another treewrightd{}; stop it or choose another path", path.display(), pid.map(|pid| format!(" (pid {pid})")).unwrap_or_default())]
     InUse {

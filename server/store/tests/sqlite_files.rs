@@ -133,9 +133,127 @@ async fn a_second_daemon_is_told_who_has_the_file() {
     assert!(matches!(refusal(&link).await, OpenError::InUse { .. }));
     let hard_link = directory.path().join("other.db");
     std::fs::hard_link(&path, &hard_link).unwrap();
-    assert!(matches!(refusal(&hard_link).await, OpenError::InUse { .. }));
+    assert!(matches!(refusal(&hard_link).await, OpenError::ManyNames { count: 2, .. }));
+    std::fs::remove_file(&hard_link).unwrap();
     first.close().await;
     SqliteStore::open(&path).await.expect("free again");
+}
+
+/// SQLite takes such a name for a URL, so that `x.db` and `file:x.db` were one file under two locks.
+#[tokio::test]
+async fn a_url_is_refused_and_makes_no_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let database = directory.path().join("x.db");
+    for url in [
+        format!("file:{}", database.display()),
+        format!("file:{}?mode=memory", database.display()),
+        format!("sqlite://{}", database.display()),
+    ] {
+        let error = refusal(Path::new(&url)).await;
+        assert!(matches!(error, OpenError::Url { .. }), "{url}: {error}");
+        assert!(error.to_string().contains("named by its path"), "{error}");
+    }
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 0);
+    // A file may be called so.
+    let named = directory.path().join("file:x.db");
+    SqliteStore::open(&named).await.expect("a path").close().await;
+    assert!(named.is_file());
+}
+
+fn mode(path: &Path) -> u32 {
+    use std::os::unix::fs::PermissionsExt as _;
+    std::fs::metadata(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).permissions().mode()
+        & 0o777
+}
+
+fn set_mode(path: &Path, mode: u32) {
+    use std::os::unix::fs::PermissionsExt as _;
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
+}
+
+#[tokio::test]
+async fn only_the_owner_can_read_or_lock_the_files() {
+    const SUFFIXES: [&str; 4] = ["", "-wal", "-shm", ".lock"];
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    let file = |suffix: &str| directory.path().join(format!("studies.db{suffix}"));
+    let store = SqliteStore::open(&path).await.unwrap();
+    store.create_study("hall", &spec(), 5).await.unwrap();
+    for suffix in SUFFIXES {
+        assert_eq!(mode(&file(suffix)), 0o600, "{suffix:?} of a new database");
+    }
+    // As a daemon of an earlier version left them when it was killed.
+    let copies = tempfile::tempdir().unwrap();
+    for suffix in SUFFIXES {
+        let copy = copies.path().join(format!("studies.db{suffix}"));
+        std::fs::copy(file(suffix), &copy).unwrap();
+        set_mode(&copy, 0o644);
+    }
+    let store = SqliteStore::open(&copies.path().join("studies.db")).await.unwrap();
+    for suffix in SUFFIXES {
+        assert_eq!(
+            mode(&copies.path().join(format!("studies.db{suffix}"))),
+            0o600,
+            "{suffix:?} of an old one"
+        );
+    }
+    store.get_study("hall").await.expect("it is what it was");
+}
+
+/// A file that is locked from outside.
+#[tokio::test]
+async fn who_holds_the_lock_without_being_a_daemon_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    SqliteStore::open(&path).await.unwrap().close().await;
+    let lock = std::fs::File::open(directory.path().join("studies.db.lock")).unwrap();
+    std::fs::write(directory.path().join("studies.db.lock"), "1\n").unwrap();
+    lock.lock_shared().unwrap();
+    let error = refusal(&path).await;
+    let pid = std::process::id();
+    assert!(matches!(error, OpenError::Held { pid: held, .. } if held == pid), "{error}");
+    assert!(error.to_string().contains(&format!("end that process (`ps {pid}`")), "{error}");
+    drop(lock);
+    SqliteStore::open(&path).await.expect("free again");
+}
+
+/// A link in the place of the lock would have what it leads to written over.
+#[tokio::test]
+async fn a_lock_that_is_a_link_is_not_followed() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("studies.db");
+    let diary = directory.path().join("diary.txt");
+    std::fs::write(&diary, "dear diary").unwrap();
+    std::os::unix::fs::symlink(&diary, directory.path().join("studies.db.lock")).unwrap();
+    let error = refusal(&path).await;
+    assert!(matches!(error, OpenError::NotWritable { .. }), "{error}");
+    assert_eq!(std::fs::read_to_string(&diary).unwrap(), "dear diary");
+}
+
+/// The log that was deleted is open still, and folded into the file when that is closed.
+#[tokio::test]
+async fn after_a_deleted_log_an_orderly_end_saves_everything() {
+    for suffix in ["-wal", "-shm"] {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("studies.db");
+        let store = SqliteStore::open(&path).await.unwrap();
+        store.create_study("hall", &spec(), 5).await.unwrap();
+        let fence = store.load("hall").await.unwrap().fence;
+        for number in 1..=40 {
+            store.commit(&fence, &[change(vec![open(number)])]).durable().await.unwrap();
+        }
+        std::fs::remove_file(directory.path().join(format!("studies.db{suffix}"))).unwrap();
+        let error = store.commit(&fence, &[change(vec![open(41)])]).durable().await.unwrap_err();
+        let said = error.to_string();
+        assert!(
+            said.contains("stop the daemon with SIGTERM") && said.contains("Restore no backup"),
+            "{said}"
+        );
+        store.close().await;
+        treewright_store::maintenance::check(&path).await.expect("sound");
+        let store = SqliteStore::open(&path).await.unwrap();
+        assert_eq!(store.get_study("hall").await.unwrap().statistics.trials, 40, "{suffix}");
+    }
 }
 
 #[tokio::test]

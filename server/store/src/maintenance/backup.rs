@@ -12,6 +12,7 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::files::{self, PartialFile};
 use super::{Inventory, MaintenanceError, check_closed, connect, schema_version};
+use crate::sqlite::file;
 
 /// Writes a copy of `database` to the file `to`, which may exist only if it is to be replaced. While it is written,
 /// the database's write-ahead log cannot be folded and grows by what is written to it.
@@ -20,6 +21,7 @@ use super::{Inventory, MaintenanceError, check_closed, connect, schema_version};
 /// [`MaintenanceError`]; then `to` is as it was.
 pub async fn back_up(database: &Path, to: &Path, replace: bool) -> Result<Inventory, MaintenanceError> {
     files::need(database)?;
+    file::check_name(to)?;
     if to.is_dir() {
         files::need(to)?;
     }
@@ -45,7 +47,7 @@ pub async fn back_up(database: &Path, to: &Path, replace: bool) -> Result<Invent
     written.map_err(|error| MaintenanceError::System {
         path: to.to_owned(),
         doing: "written",
-        problem: crate::sqlite::file::message(&error),
+        problem: file::message(&error),
     })?;
     source.close().await.map_err(|error| MaintenanceError::sqlite(database, &error))?;
     draft.sync()?;

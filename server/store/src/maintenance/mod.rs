@@ -127,7 +127,8 @@ pub async fn check(database: &Path) -> Result<Inventory, MaintenanceError> {
 
 /// A connection to a file that exists, whoever has it.
 async fn connect(path: &Path) -> Result<SqliteConnection, MaintenanceError> {
-    file::check_path(path)?;
+    file::check_place(path)?;
+    file::check_names(path)?;
     let options = file::options(path).create_if_missing(false);
     options.connect().await.map_err(|error| MaintenanceError::sqlite(path, &error))
 }

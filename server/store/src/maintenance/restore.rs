@@ -34,8 +34,8 @@ pub async fn restore(from: &Path, database: &Path) -> Result<Restored, Maintenan
     }
     // A link to a database stands for the file that it names.
     let database = &database.canonicalize().unwrap_or_else(|_| database.to_owned());
-    file::check_path(database)?;
-    let lock = file::DatabaseLock::take_without_file(database)?;
+    file::check_place(database)?;
+    let lock = file::DatabaseLock::take(database)?;
     if fs::metadata(files::beside(from, "-wal")).is_ok_and(|log| log.len() > 0) {
         return Err(MaintenanceError::Unfit {
             path: from.to_owned(),

@@ -10,45 +10,55 @@ use std::path::{Path, PathBuf};
 
 use crate::error::StoreError;
 
+/// SQLite has the file open still, under another name or under none.
+const DATABASE_REMEDY: &str =
+    "put it back, and writes go on; where it is gone for good, stop the daemon and restore a backup";
+
+/// The log is open still, and closing the database folds it into the file, whatever lies under the log's name.
+const LOG_REMEDY: &str = "stop the daemon with SIGTERM, which writes all that it has acknowledged into the database, and \
+                          start it again. Restore no backup: nothing is lost unless another program wrote meanwhile";
+
 /// A file as the system tells it from others: device and inode.
 type Identity = (u64, u64);
 
+/// One of the files of an open database.
+#[derive(Debug)]
+struct KnownFile {
+    name: PathBuf,
+    /// Known once the file has been there; those beside the database then stay until it is closed.
+    is: Option<Identity>,
+    remedy: &'static str,
+}
+
 /// The files of an open database.
 #[derive(Debug)]
-pub(super) struct FileIdentity {
-    database: PathBuf,
-    log: PathBuf,
-    database_is: Option<Identity>,
-    /// Known once the log has been there; it then stays until the database is closed.
-    log_is: Option<Identity>,
-}
+pub(super) struct FileIdentity([KnownFile; 3]);
 
 impl FileIdentity {
     /// Remembers what lies under the name of a database that has just been opened.
     pub(super) fn of(database: &Path) -> Self {
-        // A link to the database stands for the file that it names, and the log lies beside that.
+        // A link to the database stands for the file that it names, and the others lie beside that.
         let database = database.canonicalize().unwrap_or_else(|_| database.to_owned());
-        let mut log = database.clone().into_os_string();
-        log.push("-wal");
-        let log = PathBuf::from(log);
-        Self { database_is: identity(&database), log_is: identity(&log), database, log }
+        let file = |suffix: &str, remedy| {
+            let mut name = database.clone().into_os_string();
+            name.push(suffix);
+            let name = PathBuf::from(name);
+            KnownFile { is: identity(&name), name, remedy }
+        };
+        Self([file("", DATABASE_REMEDY), file("-wal", LOG_REMEDY), file("-shm", LOG_REMEDY)])
     }
 
     /// Refuses when another file, or none, lies where one of ours was.
     pub(super) fn check(&mut self) -> Result<(), StoreError> {
-        let names = [(&self.database, self.database_is), (&self.log, self.log_is)];
-        for (name, known) in names {
-            if known.is_some() && identity(name) != known {
-                let problem = format!(
-                    "{} was moved, deleted or replaced while the daemon runs; put it back, or stop the daemon and \
-                     restore a backup",
-                    name.display()
-                );
+        for KnownFile { name, is, remedy } in &mut self.0 {
+            let found = identity(name);
+            if is.is_some() && found != *is {
+                let name = name.display();
+                let problem =
+                    format!("{name} was moved, deleted or replaced while the daemon runs; {remedy}");
                 return Err(StoreError::Unavailable { problem });
             }
-        }
-        if self.log_is.is_none() {
-            self.log_is = identity(&self.log);
+            *is = found;
         }
         Ok(())
     }

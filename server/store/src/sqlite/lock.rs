@@ -1,14 +1,18 @@
-//! One daemon, one database: advisory locks (`flock`), which the system releases when their holder dies, however it
+//! One daemon, one database: an advisory lock (`flock`), which the system releases when its holder dies, however it
 //! dies.
 //!
-//! `FILE.lock` holds the process id for the error message. The database file itself is locked as well, since it may
-//! be reached by several names: through hard links or bind mounts. SQLite's own locks (`fcntl`) are of another kind,
-//! and the two do not meet.
+//! `FILE.lock` is locked and holds the process id for the error message. The database file itself is not even opened:
+//! that is left to SQLite, as [`place`](super::place) explains. A second name of the file, for which the lock would be
+//! another one, is refused there.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read as _, Seek as _, Write as _};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
+use rustix::fs::OFlags;
+
+use super::place;
 use crate::error::OpenError;
 
 /// Held for as long as the store is open. The file stays behind: to delete it could delete the lock of
@@ -16,58 +20,66 @@ use crate::error::OpenError;
 #[derive(Debug)]
 pub(crate) struct DatabaseLock {
     _named: File,
-    _database: Option<File>,
 }
 
 impl DatabaseLock {
-    /// Takes the lock, or names the process that holds it. A database that does not exist yet is made, as an empty
-    /// file.
+    /// Takes the lock, or names the process that holds it.
     pub(crate) fn take(database: &Path) -> Result<Self, OpenError> {
-        Self::take_with(database, true)
-    }
-
-    /// The same, where no file is to be made.
-    pub(crate) fn take_without_file(database: &Path) -> Result<Self, OpenError> {
-        Self::take_with(database, false)
-    }
-
-    fn take_with(database: &Path, make: bool) -> Result<Self, OpenError> {
         let path = lock_path(database);
-        let mut named = open(&path)?;
-        if !try_lock(&named, &path)? {
-            let mut text = String::new();
-            // The process id is a courtesy; without it the message is only shorter.
-            let _ = named.read_to_string(&mut text);
-            return Err(OpenError::InUse { path: database.to_owned(), pid: text.trim().parse().ok() });
-        }
-        let file = if make || database.exists() { Some(open(database)?) } else { None };
-        if let Some(file) = &file
-            && !try_lock(file, database)?
-        {
-            return Err(OpenError::InUse { path: database.to_owned(), pid: None });
+        let failed = |error: std::io::Error| not_writable(&path, &error);
+        let mut named = open(&path).map_err(failed)?;
+        match named.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(refusal(database, path, named)),
+            Err(TryLockError::Error(error)) => return Err(failed(error)),
         }
         let written = named
             .set_len(0)
             .and_then(|()| named.rewind())
             .and_then(|()| writeln!(named, "{}", std::process::id()));
-        written.map_err(|error| not_writable(&path, &error))?;
-        Ok(Self { _named: named, _database: file })
+        written.map_err(failed)?;
+        Ok(Self { _named: named })
     }
 }
 
-fn open(path: &Path) -> Result<File, OpenError> {
+/// Opens the file, which nobody else may open: who can read a file can lock it, and would keep the daemon from starting.
+fn open(path: &Path) -> std::io::Result<File> {
     let mut options = OpenOptions::new();
-    let opened = options.read(true).write(true).create(true).truncate(false).open(path);
-    opened.map_err(|error| not_writable(path, &error))
+    options.read(true).write(true).create(true).truncate(false).mode(place::PRIVATE);
+    let file = options.custom_flags(OFlags::NOFOLLOW.bits().cast_signed()).open(path)?;
+    place::tighten(path);
+    Ok(file)
 }
 
-/// Whether the lock could be had.
-fn try_lock(file: &File, path: &Path) -> Result<bool, OpenError> {
-    match file.try_lock() {
-        Ok(()) => Ok(true),
-        Err(TryLockError::WouldBlock) => Ok(false),
-        Err(TryLockError::Error(error)) => Err(not_writable(path, &error)),
+/// Why the lock cannot be had.
+fn refusal(database: &Path, lock: PathBuf, mut named: File) -> OpenError {
+    let mut text = String::new();
+    // The process id is a courtesy; without it the message is only shorter.
+    let _ = named.read_to_string(&mut text);
+    let (said, holder) = (text.trim().parse().ok(), holder(&named));
+    let path = database.to_owned();
+    match holder {
+        Some(pid) if said != Some(pid) && !is_daemon(pid) => OpenError::Held { path, lock, pid },
+        _ => OpenError::InUse { path, pid: holder.or(said) },
     }
+}
+
+/// The process that holds a lock on the file, as far as Linux says (`proc_locks(5)`).
+fn holder(file: &File) -> Option<u32> {
+    let inode = format!(":{}", file.metadata().ok()?.ino());
+    let locks = std::fs::read_to_string("/proc/locks").ok()?;
+    locks.lines().find_map(|line| {
+        // Number, kind, "ADVISORY", "WRITE", process, DEVICE:INODE, first and last byte. Some file systems show another device
+        // here than to everybody else.
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let [_, "FLOCK", _, _, process, of, ..] = words[..] else { return None };
+        of.ends_with(&inode).then(|| process.parse().ok()).flatten().filter(|&pid| pid > 0)
+    })
+}
+
+fn is_daemon(pid: u32) -> bool {
+    let name = std::fs::read_to_string(format!("/proc/{pid}/comm"));
+    name.is_ok_and(|name| name.trim() == "treewrightd")
 }
 
 fn not_writable(path: &Path, error: &std::io::Error) -> OpenError {

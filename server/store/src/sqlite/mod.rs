@@ -1,6 +1,6 @@
 //! The store on SQLite: a write-ahead log, one writer, a few readers.
 //!
-//! `open` readies the file, `lock` keeps a second daemon out, `check` looks whether it is
+//! `open` readies the file, `place` looks at where it lies, `lock` keeps a second daemon out, `check` looks whether it is
 //! sound, `identity` whether it lies where it did, `writer`, `commands` and `script` write, `read`
 //! reads, `reap` removes what was deleted, `filter` translates questions, `statements` holds the fixed SQL.
 
@@ -11,6 +11,7 @@ mod filter;
 mod identity;
 mod lock;
 mod open;
+mod place;
 mod read;
 mod reap;
 mod script;
@@ -46,7 +47,8 @@ pub(crate) mod file {
     pub(crate) use super::check::{check, check_pages};
     pub(crate) use super::codes::message;
     pub(crate) use super::lock::DatabaseLock;
-    pub(crate) use super::open::{check_path, explain, known_version, options, owner};
+    pub(crate) use super::open::{explain, known_version, options, owner};
+    pub(crate) use super::place::{check as check_place, check_name, check_names};
 }
 pub(crate) use check::{Depth, Looked, Unsound};
 pub(crate) use open::FileOwner;

@@ -1,6 +1,5 @@
 //! Opening a database file: locks, settings, migrations, and an understandable answer when it fails.
 
-use std::io::ErrorKind;
 use std::path::Path;
 
 use sqlx::migrate::MigrateError;
@@ -13,6 +12,7 @@ use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _};
 use super::check::{self, Looked, Unsound};
 use super::codes::{message, primary_code};
 use super::lock::DatabaseLock;
+use super::place;
 use crate::error::OpenError;
 use crate::{limits, migrations};
 
@@ -28,8 +28,11 @@ pub(super) struct Opened {
 
 /// Opens or creates the file, and brings its schema up to date.
 pub(super) async fn open(path: &Path) -> Result<Opened, OpenError> {
-    check_path(path)?;
+    place::check(path)?;
+    place::check_names(path)?;
     let lock = DatabaseLock::take(path)?;
+    place::make_private(path)?;
+    place::warn_of_network(path);
     let options = options(path);
     inspect(path, &options).await?;
 
@@ -113,29 +116,6 @@ pub(super) async fn beside(path: &Path) -> Result<SqliteConnectOptions, OpenErro
         Err(other) => return Err(other),
     }
     Ok(options(path).create_if_missing(false))
-}
-
-/// Answers what the system can answer better than SQLite, whose one message is "unable to open".
-pub(crate) fn check_path(path: &Path) -> Result<(), OpenError> {
-    // To SQLite these are databases that vanish when they are closed.
-    if path.as_os_str().is_empty() || path.as_os_str() == ":memory:" {
-        return Err(OpenError::NoName { path: path.to_owned() });
-    }
-    if path.is_dir() {
-        return Err(OpenError::Directory { path: path.to_owned() });
-    }
-    let directory = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    if !directory.is_dir() {
-        return Err(OpenError::NoDirectory { path: directory.to_owned() });
-    }
-    match std::fs::OpenOptions::new().read(true).write(true).open(path) {
-        Ok(_) => Ok(()),
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
-        Err(error) => Err(OpenError::NotWritable { path: path.to_owned(), problem: error.to_string() }),
-    }
 }
 
 /// Looks at the file before anything in it is changed: can it be locked, and is it ours?

@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use async_trait::async_trait;
-use sqlx::sqlite::SqliteConnection;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions as _, Connection as _};
 use tokio::sync::{Mutex, MutexGuard};
 
@@ -30,7 +30,18 @@ impl SqliteTokens {
     /// # Errors
     /// [`OpenError`] with the cause and a remedy.
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
-        let options = open::beside(path).await?;
+        Self::connect(path, open::beside(path).await?).await
+    }
+
+    /// Opens the tokens of a database that this process serves, and has therefore locked and brought up to date.
+    ///
+    /// # Errors
+    /// [`OpenError`] with the cause and a remedy.
+    pub async fn open_served(path: &Path) -> Result<Self, OpenError> {
+        Self::connect(path, open::options(path).create_if_missing(false)).await
+    }
+
+    async fn connect(path: &Path, options: SqliteConnectOptions) -> Result<Self, OpenError> {
         let connection = options.connect().await.map_err(|error| open::explain(path, &error))?;
         Ok(Self { connection: Mutex::new(Some(connection)) })
     }

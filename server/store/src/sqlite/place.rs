@@ -1,0 +1,205 @@
+//! Where a database lies, and who may read it: what can be known without opening the file.
+//!
+//! Nothing in a process that has a database open may open one of its files but SQLite itself. SQLite's locks (`fcntl`) belong to
+//! the process and not to a descriptor, and the system drops all of them when the process closes *any* descriptor of the
+//! file: another program then takes itself for the only one, folds the write-ahead log into the file and deletes it
+//! (<https://sqlite.org/howtocorrupt.html>, 2.2). So everything here asks by name: `stat(2)`, `statx(2)`, `statfs(2)`,
+//! `access(2)`, `chmod(2)`.
+
+use std::fs::{self, OpenOptions, Permissions};
+use std::io::ErrorKind;
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
+use std::path::{Path, PathBuf};
+
+use rustix::fs::{Access, AtFlags, CWD};
+
+use crate::error::OpenError;
+
+/// What everybody but the owner is kept from: hashes of tokens, and what was measured.
+pub(super) const PRIVATE: u32 = 0o600;
+
+/// Answers what the system can answer better than SQLite, whose one message is "unable to open".
+pub(crate) fn check(path: &Path) -> Result<(), OpenError> {
+    check_name(path)?;
+    if path.is_dir() {
+        return Err(OpenError::Directory { path: path.to_owned() });
+    }
+    let directory = folder(path);
+    if !directory.is_dir() {
+        return Err(OpenError::NoDirectory { path: directory.to_owned() });
+    }
+    match rustix::fs::accessat(CWD, path, Access::READ_OK | Access::WRITE_OK, AtFlags::EACCESS) {
+        Ok(()) => Ok(()),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+        Err(error) => {
+            let problem = std::io::Error::from(error).to_string();
+            Err(OpenError::NotWritable { path: path.to_owned(), problem })
+        }
+    }
+}
+
+/// Refuses names that mean something else to SQLite, or to other programs, than a file of this name.
+pub(crate) fn check_name(path: &Path) -> Result<(), OpenError> {
+    // To SQLite these are databases that vanish when they are closed.
+    if path.as_os_str().is_empty() || path.as_os_str() == ":memory:" {
+        return Err(OpenError::NoName { path: path.to_owned() });
+    }
+    let text = path.to_string_lossy();
+    let scheme = text.split_once(':').map(|(scheme, _)| scheme).filter(|scheme| {
+        let is_word = scheme.len() > 1 && scheme.bytes().all(|byte| byte.is_ascii_alphabetic());
+        is_word
+            && (text[scheme.len()..].starts_with("://")
+                || ["file", "sqlite"].contains(&&*scheme.to_lowercase()))
+    });
+    match scheme {
+        Some(_) => Err(OpenError::Url { path: path.to_owned() }),
+        None => Ok(()),
+    }
+}
+
+/// Refuses a file with a second name: SQLite's write-ahead log and our lock lie beside the name that is given, so two
+/// programs that use different names do not see each other, and what is in the log is missing under the other name.
+pub(crate) fn check_names(path: &Path) -> Result<(), OpenError> {
+    let Ok(file) = fs::metadata(path) else { return Ok(()) };
+    let path = path.to_owned();
+    match file.nlink() {
+        _ if is_mounted_alone(&path) => Err(OpenError::MountedAlone { path }),
+        count @ 2.. => Err(OpenError::ManyNames { path, count }),
+        _ => Ok(()),
+    }
+}
+
+/// Whether the file itself, and not the folder that it lies in, was mounted, as containers do it with volumes of one file.
+fn is_mounted_alone(path: &Path) -> bool {
+    #[cfg(target_os = "linux")]
+    {
+        use rustix::fs::{StatxAttributes, StatxFlags, statx};
+        statx(CWD, path, AtFlags::empty(), StatxFlags::BASIC_STATS)
+            .is_ok_and(|file| file.stx_attributes.contains(StatxAttributes::MOUNT_ROOT))
+    }
+    #[cfg(not(target_os = "linux"))]
+    {
+        let _ = path;
+        false
+    }
+}
+
+/// Makes the database where there is none yet, and keeps others from it and from the files beside it, to which SQLite gives
+/// the rights of the database. To be called under the lock.
+pub(super) fn make_private(path: &Path) -> Result<(), OpenError> {
+    // A file that is new is nobody's yet, so that closing it drops no lock.
+    match OpenOptions::new().write(true).create_new(true).mode(PRIVATE).open(path) {
+        Ok(_) => return Ok(()),
+        // Also of a link that leads nowhere yet: SQLite follows it.
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+        Err(error) => {
+            return Err(OpenError::NotWritable { path: path.to_owned(), problem: error.to_string() });
+        }
+    }
+    let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    for suffix in ["", "-wal", "-shm"] {
+        let mut name = path.clone().into_os_string();
+        name.push(suffix);
+        tighten(&PathBuf::from(name));
+    }
+    Ok(())
+}
+
+/// Takes the rights of everybody but the owner, where others have any. Where that is not ours to do it is told.
+pub(super) fn tighten(path: &Path) {
+    let Ok(file) = fs::metadata(path) else { return };
+    if file.mode() & 0o077 == 0 {
+        return;
+    }
+    let mode = file.mode() & 0o700;
+    match fs::set_permissions(path, Permissions::from_mode(mode)) {
+        Ok(()) => tracing::info!(file = %path.display(), "others could read this file, and no longer can"),
+        Err(error) => tracing::warn!(
+            file = %path.display(),
+            %error,
+            "others can read this file or hold it locked; run `chmod go=` on it as its owner"
+        ),
+    }
+}
+
+/// Says so where the file lies on another machine: SQLite's write-ahead log needs memory that all who use it share
+/// (<https://sqlite.org/wal.html>), and many servers lock or sync otherwise than they say.
+pub(super) fn warn_of_network(path: &Path) {
+    let system = rustix::fs::statfs(folder(path)).ok().and_then(|found| network(found.f_type as u64));
+    if let Some(system) = system {
+        tracing::warn!(
+            database = %path.display(),
+            system,
+            "the database lies on a network file system, where neither its locks nor its syncs can be relied on; \
+             put it on a disk of this machine, or use PostgreSQL"
+        );
+    }
+}
+
+/// The name of a file system that is reached over a network, or by way of another program, by its number (`statfs(2)`).
+fn network(number: u64) -> Option<&'static str> {
+    // Some are negative as 32 bits, and are widened on the way.
+    Some(match number & 0xffff_ffff {
+        0x6969 => "NFS",
+        0x517b | 0xfe53_4d42 | 0xff53_4d42 => "SMB",
+        0x5346_414f | 0x6b41_4653 => "AFS",
+        0x7375_7245 => "Coda",
+        0x564c => "NCP",
+        0x0102_1997 => "9P",
+        0x00c3_6400 => "Ceph",
+        0x0bd0_0bd0 => "Lustre",
+        0x0116_1970 => "GFS2",
+        0x7461_636f => "OCFS2",
+        0x4750_4653 => "GPFS",
+        0x1983_0326 => "BeeGFS",
+        0xaad7_aaea => "PanFS",
+        0x7866_6d74 | 0x786f_4256 => "a shared folder of a virtual machine",
+        0x6573_5546 => "FUSE",
+        _ => return None,
+    })
+}
+
+fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_are_no_files_are_refused() {
+        for name in [
+            "file:x.db",
+            "file:x.db?mode=memory",
+            "file:///tmp/x.db",
+            "File:x.db",
+            "sqlite:x.db",
+            "sqlite:///x.db",
+            "mysql://u@h/d",
+        ] {
+            let refused = check_name(Path::new(name)).expect_err(name);
+            assert!(matches!(refused, OpenError::Url { .. }), "{name}: {refused}");
+        }
+        for name in ["x.db", "./file:x.db", "C:x.db", "farm 3: tuning.db", "data/a:b.db", "filed:x.db"] {
+            check_name(Path::new(name)).expect("a file's name");
+        }
+    }
+
+    #[test]
+    fn network_file_systems_are_known_by_their_numbers() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let here = rustix::fs::statfs(folder.path()).expect("some file system").f_type as u64;
+        assert_eq!(network(here), None, "{here:#x}");
+        assert_eq!(network(0x6969), Some("NFS"));
+        assert_eq!(network(0xff53_4d42), Some("SMB"));
+        assert_eq!(network(0xffff_ffff_ff53_4d42), Some("SMB"), "widened from 32 bits with its sign");
+        assert_eq!(network(0x6573_5546), Some("FUSE"));
+        for local in [0xef53, 0x9123_683e, 0x5846_5342, 0x0102_1994, 0x2fc1_2fc1, 0x794c_7630] {
+            assert_eq!(network(local), None, "{local:#x}");
+        }
+    }
+}

@@ -1,0 +1,302 @@
+//! SQLite's locks on the database: the daemon has them as long as it runs, whatever it is told to do, so that other programs
+//! can read the file beside it. They belong to the process, and the system drops them all when the process closes any
+//! descriptor of the file; so nothing but SQLite may open it there.
+
+use std::collections::BTreeMap;
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use prost_types::FieldMask;
+use tonic::transport::Channel;
+use treewright_proto::v1 as pb;
+use treewright_proto::v1::tuning_service_client::TuningServiceClient;
+use treewright_tests::daemon::Daemon;
+use treewright_tests::ports::lasting_address;
+use treewright_tests::programs::{run, stderr, stdout};
+
+use crate::guard::{Caller, Show, until};
+use crate::wire;
+
+/// Bytes of which SQLite keeps a shared lock in the database while it is open in the mode of a write-ahead log, and in the file of shared
+/// memory beside it (`SHARED_FIRST` and `UNIX_SHM_DMS` of its `os_unix.c`).
+const SHARED: [(&str, u64); 2] = [("", 0x4000_0002), ("-shm", 128)];
+
+/// Which of SQLite's locks the daemon lacks.
+fn missing_locks(daemon: &Daemon, database: &Path) -> Vec<String> {
+    let locks = std::fs::read_to_string("/proc/locks").expect("Linux lists them");
+    let is_held = |(suffix, first): &(&str, u64)| {
+        let inode = std::fs::metadata(beside(database, suffix)).map_or(0, |file| file.ino());
+        locks.lines().any(|line| {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let [_, "POSIX", _, "READ", process, file, begin, ..] = words[..] else { return false };
+            process == daemon.id().to_string()
+                && file.ends_with(&format!(":{inode}"))
+                && begin == first.to_string()
+        })
+    };
+    SHARED.iter().filter(|lock| !is_held(lock)).map(|(suffix, _)| format!("tuning.db{suffix}")).collect()
+}
+
+fn beside(database: &Path, suffix: &str) -> PathBuf {
+    PathBuf::from(format!("{}{suffix}", database.display()))
+}
+
+/// Nothing is missing after what has just been done.
+fn held(daemon: &Daemon, database: &Path, after: &str) {
+    let missing = missing_locks(daemon, database);
+    assert!(missing.is_empty(), "after {after} the daemon has no lock on {missing:?}");
+}
+
+/// Makes a token with the command line, beside the running daemon.
+pub(crate) fn token(database: &Path, more: &[&str]) -> String {
+    let database = database.to_str().expect("plain");
+    let mut arguments = vec!["token", "create", "--database", database, "--name", "a test"];
+    arguments.extend(more);
+    let made = run("treewrightd", &arguments);
+    assert!(made.status.success(), "{}", stderr(&made));
+    stdout(&made).trim().to_owned()
+}
+
+async fn caller(url: &str, token: Option<&str>) -> Caller {
+    let url = url.split(',').next().expect("an address").to_owned();
+    let channel = Channel::from_shared(url).expect("an address").connect().await.expect("it answers");
+    TuningServiceClient::with_interceptor(channel, Show(token.map(str::to_owned)))
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn no_option_costs_the_daemon_its_locks() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let socket = folder.path().join("daemon.sock");
+    let (metrics, dashboard) = (lasting_address(), lasting_address());
+    let options: [&[&str]; 10] = [
+        &[],
+        &["--tokens"],
+        &["--keep-trials", "20000"],
+        &["--metrics", &metrics],
+        &["--dashboard", &dashboard],
+        &["--socket", socket.to_str().expect("plain")],
+        &["--socket-only", "--socket", socket.to_str().expect("plain")],
+        &["--idle-exit-s", "600"],
+        &["--otlp", "http://127.0.0.1:9"],
+        &["--tokens", "--keep-trials", "20000", "--metrics", &metrics, "--dashboard", &dashboard],
+    ];
+    let log = folder.path().join("log");
+    for (number, options) in options.iter().enumerate() {
+        let database = folder.path().join(format!("{number}.db"));
+        // A new file, and one that is there.
+        for _ in 0..2 {
+            let daemon = Daemon::start_with(&database, options, &log);
+            held(&daemon, &database, &format!("a start with {options:?}"));
+            assert!(daemon.terminate().success());
+        }
+    }
+}
+
+/// What is asked of the daemon by the contract, each once and right.
+async fn ask_everything(mut client: Caller, mut asked: impl FnMut(&str)) {
+    let create = |id: &str| pb::CreateStudyRequest { study_id: id.into(), study: Some(wire::study()) };
+    let study = client.create_study(create("first")).await.expect("created").into_inner();
+    asked("CreateStudy");
+    let name = study.name.clone();
+    client.get_study(pb::GetStudyRequest { name: name.clone() }).await.expect("there");
+    asked("GetStudy");
+    client.list_studies(pb::ListStudiesRequest::default()).await.expect("listed");
+    asked("ListStudies");
+    let mut changed = study;
+    changed.policy = Some(pb::Policy { epsilon: Some(0.5), ..Default::default() });
+    let update_mask = Some(FieldMask { paths: vec!["policy.epsilon".into()] });
+    let update = pb::UpdateStudyRequest { study: Some(changed), update_mask };
+    client.update_study(update).await.expect("changed");
+    asked("UpdateStudy");
+    let trial = client.suggest(wire::suggestion(&name, "one", 0.5)).await.expect("a trial").into_inner();
+    asked("Suggest");
+    client.extend_lease(pb::ExtendLeaseRequest { trial: trial.name.clone() }).await.expect("extended");
+    asked("ExtendLease");
+    client.report(wire::report(&trial)).await.expect("reported");
+    asked("Report");
+    let other = client.suggest(wire::suggestion(&name, "one", 0.5)).await.expect("a trial").into_inner();
+    client.abandon_trial(pb::AbandonTrialRequest { trial: other.name }).await.expect("abandoned");
+    asked("AbandonTrial");
+    client.get_trial(pb::GetTrialRequest { name: trial.name }).await.expect("there");
+    asked("GetTrial");
+    let query = pb::QueryTrialsRequest { study: name.clone(), ..Default::default() };
+    client.query_trials(query).await.expect("found");
+    asked("QueryTrials");
+    let indicators = BTreeMap::from([("near".to_owned(), 0.5), ("far".to_owned(), 0.5)]);
+    let predict = pb::PredictRequest { study: name.clone(), indicators, ..Default::default() };
+    client.predict(predict).await.expect("predicted");
+    asked("Predict");
+    client
+        .get_best(pb::GetBestRequest { study: name.clone(), ..Default::default() })
+        .await
+        .expect("the best");
+    asked("GetBest");
+    let frame = pb::TuneRequest { report: None, suggest: Some(wire::suggestion(&name, "two", 0.5)) };
+    let mut answers = client.tune(tokio_stream::iter([frame])).await.expect("a stream").into_inner();
+    answers.message().await.expect("an answer").expect("a frame");
+    asked("Tune");
+    drop(answers);
+    client.delete_study(pb::DeleteStudyRequest { name }).await.expect("deleted");
+    asked("DeleteStudy");
+}
+
+/// A page of the dashboard or of the metrics.
+fn get(address: &str, path: &str, token: Option<&str>) {
+    let mut stream = TcpStream::connect(address).expect("it listens");
+    let cookie = token.map(|token| format!("Cookie: treewright={token}\r\n")).unwrap_or_default();
+    let request = format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{cookie}\r\n");
+    stream.write_all(request.as_bytes()).expect("asked");
+    stream.set_read_timeout(Some(Duration::from_secs(20))).expect("a socket");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("an answer");
+    assert!(answer.starts_with("HTTP/1.1 "), "{answer}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn no_request_costs_the_daemon_its_locks() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let database = folder.path().join("tuning.db");
+    let (metrics, dashboard) = (lasting_address(), lasting_address());
+    let options = ["--tokens", "--keep-trials", "20000", "--metrics", &metrics, "--dashboard", &dashboard];
+    let daemon = Daemon::start_with(&database, &options, &folder.path().join("log"));
+    held(&daemon, &database, "the start");
+    let admin = token(&database, &["--scope", "admin"]);
+    held(&daemon, &database, "token create");
+    let mut owner = caller(daemon.url(), Some(&admin)).await;
+    let listed = async || owner.list_studies(pb::ListStudiesRequest::default()).await;
+    until("the token comes into force", listed, Result::is_ok).await;
+    held(&daemon, &database, "a token that came into force");
+
+    ask_everything(caller(daemon.url(), Some(&admin)).await, |what| held(&daemon, &database, what)).await;
+    caller(daemon.url(), Some("nonsense"))
+        .await
+        .list_studies(pb::ListStudiesRequest::default())
+        .await
+        .expect_err("no");
+    held(&daemon, &database, "a wrong token");
+    for page in ["/metrics", "/livez", "/readyz", "/none"] {
+        get(&metrics, page, None);
+        held(&daemon, &database, page);
+    }
+    for page in ["/", "/login", "/style.css", "/studies/first", "/none"] {
+        get(&dashboard, page, Some(&admin));
+        held(&daemon, &database, page);
+    }
+
+    let text = database.to_str().expect("plain");
+    let copy = folder.path().join("copy.db");
+    let copy = copy.to_str().expect("plain");
+    let id = admin.split('_').nth(1).expect("an id");
+    let commands: [(&[&str], i32); 9] = [
+        (&["token", "list", "--database", text], 0),
+        (&["backup", "--database", text, "--to", copy], 0),
+        (&["backup", "--database", text, "--to", copy], 1),
+        (&["check", "--database", text], 0),
+        (&["check", "--database", copy], 0),
+        (&["restore", "--from", copy, "--database", text], 4),
+        (&["serve", "--listen", "127.0.0.1:0", "--database", text], 4),
+        (&["token", "revoke", "--database", text, id], 0),
+        (&["token", "revoke", "--forget", "--database", text, id], 0),
+    ];
+    for (command, code) in commands {
+        let ran = run("treewrightd", command);
+        assert_eq!(ran.status.code(), Some(code), "{command:?}: {}", stderr(&ran));
+        held(&daemon, &database, &format!("{command:?}"));
+    }
+    for signal in ["HUP", "HUP"] {
+        daemon.signal(signal);
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        held(&daemon, &database, "SIGHUP");
+    }
+    assert!(daemon.terminate().success());
+}
+
+/// Runs a statement in another program, as the shell of SQLite does: the answers, in lines.
+pub(crate) fn other_program(database: &Path, statement: &str) -> String {
+    let script = "import sqlite3, sys\n\
+                  c = sqlite3.connect(sys.argv[1], isolation_level=None, timeout=20)\n\
+                  for row in c.execute(sys.argv[2]): print(*row)\n\
+                  c.close()";
+    let output = Command::new("python3").args(["-c", script]).arg(database).arg(statement).output();
+    let output = output.expect("python3 runs");
+    assert!(output.status.success(), "{statement}: {}", stderr(&output));
+    stdout(&output)
+}
+
+/// Frames of one client until it is told to end: the names of the trials whose report was acknowledged.
+async fn frames(mut client: Caller, study: String, number: u32, is_over: Arc<AtomicBool>) -> Vec<String> {
+    let mut acknowledged = Vec::new();
+    for step in 0u32.. {
+        if is_over.load(Ordering::Relaxed) {
+            break;
+        }
+        let near = f64::from(number) / 8.0 + f64::from(step / 30 % 3) / 40.0;
+        let asked = client.suggest(wire::suggestion(&study, &format!("client-{number}"), near)).await;
+        let trial = asked.expect("a trial, whoever reads beside").into_inner();
+        client.report(wire::report(&trial)).await.expect("stored, whoever reads beside");
+        acknowledged.push(trial.name);
+    }
+    acknowledged
+}
+
+/// Other programs may look into the database of a daemon under load, and delete its checkpoints as `docs/operations.md` says.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn who_reads_beside_a_loaded_daemon_loses_it_nothing() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let database = folder.path().join("tuning.db");
+    let start = || Daemon::start_with(&database, &["--tokens"], &folder.path().join("log"));
+    let mut daemon = start();
+    let admin = token(&database, &["--scope", "admin"]);
+    let mut acknowledged = Vec::new();
+    for round in 0..3 {
+        let mut owner = caller(daemon.url(), Some(&admin)).await;
+        let create = pb::CreateStudyRequest { study_id: "beside".into(), study: Some(wire::study()) };
+        let created = async || owner.create_study(create.clone()).await;
+        until("the token comes into force", created, Result::is_ok).await;
+        let is_over = Arc::new(AtomicBool::new(false));
+        let mut clients = tokio::task::JoinSet::new();
+        for number in 0..4 {
+            let caller = caller(daemon.url(), Some(&admin)).await;
+            clients.spawn(frames(caller, "studies/beside".to_owned(), number, Arc::clone(&is_over)));
+        }
+        let asking = database.clone();
+        let asked = tokio::task::spawn_blocking(move || {
+            for number in 0..8 {
+                other_program(&asking, "SELECT count(*) FROM trials");
+                if number % 4 == 3 {
+                    other_program(&asking, "DELETE FROM checkpoints");
+                }
+            }
+        });
+        asked.await.expect("it is answered");
+        is_over.store(true, Ordering::Relaxed);
+        while let Some(ended) = clients.join_next().await {
+            acknowledged.extend(ended.expect("no client is refused"));
+        }
+        held(&daemon, &database, "other programs");
+        // In turns an orderly end and none.
+        if round % 2 == 0 {
+            assert!(daemon.terminate().success());
+        } else {
+            daemon.kill();
+        }
+        assert_eq!(other_program(&database, "PRAGMA integrity_check").trim(), "ok");
+        daemon = start();
+    }
+    let completed = other_program(&database, "SELECT number FROM trials WHERE state = 'COMPLETED'");
+    let stored: std::collections::BTreeSet<&str> = completed.lines().collect();
+    let number = |name: &String| name.rsplit('/').next().map(str::to_owned).expect("a number");
+    let lost: Vec<_> = acknowledged.iter().filter(|name| !stored.contains(&*number(name))).collect();
+    println!("{} reports acknowledged, {} lost", acknowledged.len(), lost.len());
+    assert!(acknowledged.len() > 100, "only {} reports", acknowledged.len());
+    assert!(lost.is_empty(), "{lost:?}");
+    assert!(daemon.terminate().success());
+    let checked = run("treewrightd", &["check", "--database", database.to_str().expect("plain")]);
+    assert!(checked.status.success(), "{}", stderr(&checked));
+}
