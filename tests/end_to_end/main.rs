@@ -21,5 +21,6 @@ mod security;
 mod sockets;
 mod storm;
 mod tuning;
+mod unit;
 mod upgrade;
 mod wire;
