@@ -53,25 +53,32 @@ impl Slot {
     }
 }
 
-/// `PROGRAM@MACHINE/USER`, of what can be found out. Machines of one name are told apart by what `machine-id(5)` says.
+/// `PROGRAM@MACHINE/USER`, of what can be found out.
 fn whoever() -> String {
     let program = std::env::current_exe()
         .ok()
         .and_then(|path| path.file_stem().map(|stem| stem.to_string_lossy().into_owned()))
         .unwrap_or_else(|| "client".to_owned());
-    let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    let machine = if machine.trim().is_empty() { "machine" } else { machine.trim() };
-    // Not the id itself, which is nobody's business.
-    let number = std::fs::read("/etc/machine-id").map_or(0, |bytes| hash(&bytes));
     let user =
         std::env::var("USER").or_else(|_| std::env::var("LOGNAME")).unwrap_or_else(|_| "user".to_owned());
-    let short =
-        |text: &str, most| text.chars().filter(|each| !each.is_control()).take(most).collect::<String>();
-    format!("{}@{}-{number:08x}/{}", short(&program, 32), short(machine, 32), short(&user, 24))
+    format!("{}@{}/{}", short(&program, 32), machine_name(), short(&user, 24))
+}
+
+/// The host's name, and a number by which hosts of one name are told apart: not what `machine-id(5)` says itself, which is nobody's
+/// business.
+pub(crate) fn machine_name() -> String {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name = if name.trim().is_empty() { "machine" } else { name.trim() };
+    let number = std::fs::read("/etc/machine-id").map_or(0, |bytes| hash(&bytes));
+    format!("{}-{number:08x}", short(name, 32))
+}
+
+fn short(text: &str, most: usize) -> String {
+    text.chars().filter(|each| !each.is_control()).take(most).collect()
 }
 
 /// FNV-1a with 32 bits (Fowler, Noll and Vo, draft-eastlake-fnv).
-fn hash(bytes: &[u8]) -> u32 {
+pub(crate) fn hash(bytes: &[u8]) -> u32 {
     bytes.iter().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193))
 }
 

@@ -1,21 +1,24 @@
-//! A daemon of one's own, for those who have none: started when it is needed, found again by its address file, and
+//! A daemon of one's own, for those who have none: started when it is needed, found again by its database, and
 //! ended by itself when nobody has asked it anything for a while.
 //!
-//! It listens on a Unix socket that only its user can reach, in the runtime folder of the user (XDG Base Directory
-//! Specification 0.8), or on a free port of the loopback interface where the path is too long for a socket. Its
-//! database is in the data folder. Several programs that look for it at once take turns by a lock on a file, so that
-//! only one is started.
+//! Its database is in the data folder of the user (XDG Base Directory Specification 0.8). It listens on a Unix socket in a folder
+//! beside the database, or below `/tmp` where that path is too long for a socket. So it is found by everybody who would use
+//! the same database, be it at a desk or in a job of cron: the folder for a session (`XDG_RUNTIME_DIR`) is there in the one and not
+//! in the other. Whoever can write to a folder can put another daemon or a link into it, so both folders
+//! have to be the user's alone. Several programs that look for the daemon at once take turns by a lock on a file, so that only
+//! one is started.
 
-use std::ffi::OsString;
 use std::fs::{DirBuilder, File, OpenOptions};
 use std::io::{BufRead as _, BufReader};
-use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+use std::os::unix::ffi::OsStrExt as _;
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _};
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::blocking::Client;
+use crate::client_id::{hash, machine_name};
 use crate::{ClientError, Options};
 
 /// It ends when nobody has asked it anything for so long, unless [`IDLE_VARIABLE`] says otherwise.
@@ -30,6 +33,8 @@ const ANSWER: Duration = Duration::from_secs(2);
 const PROGRAM: &str = "treewrightd";
 /// Bytes of a path that a Unix socket can have, and some to spare (`unix(7)`).
 const SOCKET_PATH_BYTES: usize = 100;
+/// Its name in the runtime folder.
+const SOCKET: &str = "daemon.sock";
 /// What the daemon says before its address when it is ready.
 const READY: &str = "treewrightd listening on ";
 
@@ -45,10 +50,21 @@ impl LocalDaemon {
     ///
     /// Errors: [`ClientError::NoLocalDaemon`] when neither HOME nor the XDG variables say where it is.
     pub fn of_user() -> Result<Self, ClientError> {
-        match (runtime_folder(), data_folder()) {
-            (Some(runtime), Some(data)) => Ok(Self { runtime, data }),
-            _ => Err(none("HOME is not set, so there is no place for its database".into())),
+        let data = folder("XDG_DATA_HOME", ".local/share");
+        data.map(Self::at)
+            .ok_or_else(|| none("HOME is not set, so there is no place for its database".into()))
+    }
+
+    /// The one whose database lies in a folder.
+    fn at(data: PathBuf) -> Self {
+        // Several machines may share a home, but not a socket.
+        let mut runtime = data.join(format!("run-{:08x}", hash(machine_name().as_bytes())));
+        if runtime.join(SOCKET).as_os_str().len() > SOCKET_PATH_BYTES {
+            let user = rustix::process::geteuid().as_raw();
+            let number = hash(runtime.as_os_str().as_bytes());
+            runtime = PathBuf::from(format!("/tmp/treewright-{user}-{number:08x}"));
         }
+        Self { runtime, data }
     }
 
     /// Its database, which may not exist yet.
@@ -57,8 +73,8 @@ impl LocalDaemon {
         self.data.join("tuning.db")
     }
 
-    fn address_file(&self) -> PathBuf {
-        self.runtime.join("address")
+    fn url(&self) -> String {
+        format!("unix:{}", self.runtime.join(SOCKET).display())
     }
 
     /// The log of the last one.
@@ -70,18 +86,27 @@ impl LocalDaemon {
     /// Its address, if it is running. Blocks for two seconds at most.
     #[must_use]
     pub fn running(&self) -> Option<String> {
-        let url = std::fs::read_to_string(self.address_file()).ok()?.trim().to_owned();
-        answers(&url).then_some(url)
+        // Before the socket is there, nobody needs to be waited for.
+        let is_safe =
+            self.folders().iter().all(|&(folder, may_be_link)| check_folder(folder, may_be_link).is_ok());
+        let is_there = is_safe && self.runtime.join(SOCKET).exists();
+        Some(self.url()).filter(|url| is_there && answers(url))
+    }
+
+    /// The folders, and whether each may be a link: that is the user's own choice, of another disk.
+    fn folders(&self) -> [(&Path, bool); 2] {
+        [(&self.data, true), (&self.runtime, false)]
     }
 
     /// Its address. It is started where it is not running, and `note` is told so. Blocks until it answers, for some
     /// seconds at most.
     ///
-    /// Errors: [`ClientError::NoLocalDaemon`] with what its log says.
+    /// Errors: [`ClientError::NoLocalDaemon`] with what its log says, or with the folder that is not the user's alone.
     pub fn start(&self, note: impl FnOnce(&str)) -> Result<String, ClientError> {
-        for folder in [&self.runtime, &self.data] {
+        for (folder, may_be_link) in self.folders() {
             let made = DirBuilder::new().recursive(true).mode(0o700).create(folder);
             made.map_err(|error| of_file(folder, &error))?;
+            check_folder(folder, may_be_link)?;
         }
         let lock_file = self.runtime.join("lock");
         let problem = |error: std::io::Error| of_file(&lock_file, &error);
@@ -101,8 +126,6 @@ impl LocalDaemon {
         loop {
             match self.spawn() {
                 Ok(url) => {
-                    let file = self.address_file();
-                    std::fs::write(&file, &url).map_err(|error| of_file(&file, &error))?;
                     note(&format!(
                         "started a local daemon on {url}; its database is {}, and it exits after {} s without a request",
                         self.database().display(),
@@ -119,24 +142,14 @@ impl LocalDaemon {
         }
     }
 
-    /// Where it listens, as arguments of the daemon.
-    fn listen(&self) -> Vec<OsString> {
-        let socket = self.runtime.join("daemon.sock");
-        if socket.as_os_str().len() <= SOCKET_PATH_BYTES {
-            vec!["--socket-only".into(), "--socket".into(), socket.into()]
-        } else {
-            vec!["--listen".into(), "127.0.0.1:0".into()]
-        }
-    }
-
     fn spawn(&self) -> Result<String, ClientError> {
         let program = program(PROGRAM)
             .ok_or_else(|| none(format!("the program {PROGRAM} is neither beside this one nor in PATH")))?;
         let log = self.log();
         let log_file = File::create(&log).map_err(|error| of_file(&log, &error))?;
         let mut child = Command::new(&program)
-            .arg("serve")
-            .args(self.listen())
+            .args(["serve", "--socket-only", "--socket"])
+            .arg(self.runtime.join(SOCKET))
             .args(["--idle-exit-s", &idle_s().to_string(), "--database"])
             .arg(self.database())
             .stdin(Stdio::null())
@@ -209,19 +222,32 @@ fn none(problem: String) -> ClientError {
     ClientError::NoLocalDaemon { problem }
 }
 
+/// Refuses a folder that is not the user's alone.
+fn check_folder(folder: &Path, may_be_link: bool) -> Result<(), ClientError> {
+    /// Who may write, besides the owner.
+    const OTHERS_WRITE: u32 = 0o022;
+    let user = rustix::process::geteuid().as_raw();
+    let failed = |error| of_file(folder, &error);
+    let entry = std::fs::symlink_metadata(folder).map_err(failed)?;
+    if entry.is_symlink() && !may_be_link {
+        return Err(unsafe_folder(folder, "is a link: remove it"));
+    }
+    let target = std::fs::metadata(folder).map_err(failed)?;
+    if [&entry, &target].iter().any(|one| one.uid() != user) {
+        return Err(unsafe_folder(folder, "belongs to another user: choose another with XDG_DATA_HOME"));
+    }
+    if target.mode() & OTHERS_WRITE != 0 {
+        return Err(unsafe_folder(folder, "can be written by others: run `chmod 700` on it"));
+    }
+    Ok(())
+}
+
+fn unsafe_folder(folder: &Path, problem: &str) -> ClientError {
+    none(format!("the folder {} {problem}", folder.display()))
+}
+
 fn of_file(path: &Path, error: &std::io::Error) -> ClientError {
     none(format!("{}: {error}", path.display()))
-}
-
-/// `~/.local/share/treewright`, where databases are.
-fn data_folder() -> Option<PathBuf> {
-    folder("XDG_DATA_HOME", ".local/share")
-}
-
-/// Where what lives only as long as the machine is up is kept; nobody else may look into it.
-fn runtime_folder() -> Option<PathBuf> {
-    let given = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_absolute());
-    given.map(|path| path.join("treewright")).or_else(|| folder("XDG_STATE_HOME", ".local/state"))
 }
 
 /// A folder of the user's: what the variable says, or one below HOME.

@@ -10,6 +10,7 @@ mod faults;
 mod flood;
 mod guard;
 mod lifecycle;
+mod local;
 mod locks;
 mod network;
 mod power;
