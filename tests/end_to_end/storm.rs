@@ -1,28 +1,33 @@
 //! A storm of `kill -9` at random moments under 32 clients, on one daemon with SQLite and on three with PostgreSQL, and one
 //! of SIGSTOP against whichever of three holds the study: nothing acknowledged is lost, no trial is handed to two clients,
-//! and every restart works by itself. The study has the default policy. Half of the clients make calls and begin a new
-//! session now and then, the other half keep a Tune stream open.
+//! and every restart works by itself. The study has the default policy, and the daemons ask for tokens. Half of the clients
+//! make calls and begin a new session now and then, the other half keep a Tune stream open. Another program reads the database
+//! all the while: it opens the file, counts and closes it, again and again.
 //!
 //! A dozen kills and two stops in a usual run; `TREEWRIGHT_STORM_KILLS=1000 TREEWRIGHT_STORM_STOPS=100 cargo test --release
 //! -p treewright-tests --test end_to_end storm -- --nocapture` shows more and prints what happened.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc;
-use tokio::task::JoinSet;
+use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Code;
-use tonic::transport::{Channel, Endpoint};
+use tonic::transport::Endpoint;
 use treewright_proto::v1 as pb;
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_test_postgres::{Database, Server, holder_of};
 use treewright_tests::daemon::Daemon;
+use treewright_tests::ports::lasting_address;
+use treewright_tests::programs::{run, stderr};
 
+use crate::guard::{Caller, Show, until};
+use crate::locks::{self, other_program};
 use crate::wire;
 
 const STUDY: &str = "storm";
@@ -48,6 +53,7 @@ struct Book {
 struct Storm {
     /// Where the daemons listen; any of them answers.
     urls: Vec<String>,
+    token: String,
     study: String,
     book: Mutex<Book>,
     is_over: AtomicBool,
@@ -57,9 +63,10 @@ struct Storm {
 }
 
 impl Storm {
-    fn new(daemons: &[Daemon], study: String) -> Arc<Self> {
+    fn new(daemons: &[Daemon], token: String, study: String) -> Arc<Self> {
         Arc::new(Self {
             urls: daemons.iter().map(|daemon| daemon.url().to_owned()).collect(),
+            token,
             study,
             book: Mutex::default(),
             is_over: AtomicBool::new(false),
@@ -104,22 +111,26 @@ impl Storm {
     }
 }
 
+/// A client of one daemon, which connects when it asks.
+fn caller(url: &str, token: &str) -> Caller {
+    let endpoint = Endpoint::from_shared(url.to_owned()).expect("an address").timeout(DEADLINE);
+    TuningServiceClient::with_interceptor(endpoint.connect_lazy(), Show(Some(token.to_owned())))
+}
+
 /// A client's connections, one to each daemon, of which it uses one until a call on it fails.
 struct Connections {
-    all: Vec<TuningServiceClient<Channel>>,
+    all: Vec<Caller>,
     current: usize,
 }
 
 impl Connections {
-    fn to(urls: &[String], first: u32) -> Self {
-        let connect = |url: &String| {
-            let endpoint = Endpoint::from_shared(url.clone()).expect("an address").timeout(DEADLINE);
-            TuningServiceClient::new(endpoint.connect_lazy())
-        };
-        Self { all: urls.iter().map(connect).collect(), current: first as usize % urls.len() }
+    fn to(storm: &Storm, first: u32) -> Self {
+        let urls = &storm.urls;
+        let all = urls.iter().map(|url| caller(url, &storm.token)).collect();
+        Self { all, current: first as usize % urls.len() }
     }
 
-    fn current(&mut self) -> &mut TuningServiceClient<Channel> {
+    fn current(&mut self) -> &mut Caller {
         &mut self.all[self.current]
     }
 
@@ -144,7 +155,7 @@ fn is_wrong(code: Code) -> bool {
 
 /// A client that makes calls.
 async fn by_calls(storm: Arc<Storm>, number: u32) {
-    let mut connections = Connections::to(&storm.urls, number);
+    let mut connections = Connections::to(&storm, number);
     let (mut step, mut asked) = (0u32, Instant::now());
     while !storm.is_over() {
         let question = question(&storm, number, step);
@@ -178,7 +189,7 @@ async fn by_calls(storm: Arc<Storm>, number: u32) {
 
 /// A client that keeps a Tune stream open, and opens another where it breaks.
 async fn by_stream(storm: Arc<Storm>, number: u32) {
-    let mut connections = Connections::to(&storm.urls, number);
+    let mut connections = Connections::to(&storm, number);
     let (mut step, mut asked) = (0u32, Instant::now());
     // Until somebody has acknowledged it.
     let mut unheard: Option<pb::Trial> = None;
@@ -246,17 +257,43 @@ struct Weather {
     daemons: Vec<Daemon>,
     storm: Arc<Storm>,
     clients: JoinSet<()>,
+    /// Who reads the database beside: says how often that went well.
+    reader: JoinHandle<u32>,
     begin: Instant,
+}
+
+fn start(database: &Path, address: &str) -> Daemon {
+    Daemon::start_at_with(database, address, &["--tokens"])
+}
+
+/// Reads a database again and again until the storm is over, by a program that begins anew each time: a file as any program
+/// that knows SQLite does it, PostgreSQL by way of its tokens.
+fn read_beside(database: PathBuf, storm: Arc<Storm>) -> u32 {
+    let mut count = 0;
+    while !storm.is_over() {
+        if database.exists() {
+            other_program(&database, "SELECT count(*) FROM trials");
+        } else {
+            let listed = run("treewrightd", &["token", "list", "--database", &database.to_string_lossy()]);
+            assert!(listed.status.success(), "{}", stderr(&listed));
+        }
+        count += 1;
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    count
 }
 
 impl Weather {
     async fn begin(database: &Path, replicas: usize) -> Self {
-        let daemons: Vec<Daemon> = (0..replicas).map(|_| Daemon::start(database)).collect();
-        let mut first = wire::connect(daemons[0].url()).await;
+        let daemons: Vec<Daemon> = (0..replicas).map(|_| start(database, &lasting_address())).collect();
+        let token = locks::token(database, &["--scope", "admin"]);
+        let mut first = caller(daemons[0].url(), &token);
+        let list = || pb::ListStudiesRequest::default();
+        until("the token comes into force", async || first.list_studies(list()).await, Result::is_ok).await;
         let study = pb::Study { policy: None, ..wire::study() };
         let request = pb::CreateStudyRequest { study_id: STUDY.into(), study: Some(study) };
         let study = first.create_study(request).await.expect("the study is taken").into_inner().name;
-        let storm = Storm::new(&daemons, study);
+        let storm = Storm::new(&daemons, token, study);
         let mut clients = JoinSet::new();
         for number in 0..CLIENTS {
             let storm = Arc::clone(&storm);
@@ -266,7 +303,9 @@ impl Weather {
                 clients.spawn(by_stream(storm, number));
             }
         }
-        Self { daemons, storm, clients, begin: Instant::now() }
+        let (file, of_reader) = (database.to_owned(), Arc::clone(&storm));
+        let reader = tokio::task::spawn_blocking(move || read_beside(file, of_reader));
+        Self { daemons, storm, clients, reader, begin: Instant::now() }
     }
 
     /// Lets everybody come to an end, then compares what clients were told with what is stored.
@@ -275,8 +314,10 @@ impl Weather {
         while let Some(ended) = self.clients.join_next().await {
             ended.expect("a client ends");
         }
-        let mut reader = wire::connect(self.daemons[0].url()).await;
-        let completed = wire::query(&mut reader, &self.storm.study, "state = COMPLETED").await;
+        let read = self.reader.await.expect("the database can be read all the while");
+        let mut reader = caller(self.daemons[0].url(), &self.storm.token);
+        let ask = async |request| reader.query_trials(request).await;
+        let completed = wire::query_by(ask, &self.storm.study, "state = COMPLETED").await;
         let stored: BTreeMap<String, pb::Trial> =
             completed.into_iter().map(|trial| (trial.name.clone(), trial)).collect();
         let book = self.storm.book.lock().expect("nobody has it open");
@@ -284,7 +325,7 @@ impl Weather {
         let lost = book.acknowledged.iter().filter(|(name, cost)| is_lost(name, **cost)).count();
         println!(
             "{} daemons, {troubles} {what} in {:.0} s: {} reports acknowledged, {lost} lost, {} trials handed out, {} wrong, \
-             {} calls failed and were tried again, longest wait of a client {} ms",
+             {} calls failed and were tried again, longest wait of a client {} ms, read {read} times beside",
             self.daemons.len(),
             self.begin.elapsed().as_secs_f64(),
             book.acknowledged.len(),
@@ -328,7 +369,7 @@ async fn rage(database: &Path, replicas: usize) {
         let victim = kill as usize % replicas;
         weather.daemons.remove(victim).kill();
         let started = Instant::now();
-        weather.daemons.insert(victim, Daemon::start_at(database, &addresses[victim]));
+        weather.daemons.insert(victim, start(database, &addresses[victim]));
         longest_start = longest_start.max(started.elapsed());
     }
     println!("longest start {} ms", longest_start.as_millis());
@@ -356,7 +397,7 @@ async fn freeze(database: &Database) {
         };
         weather.daemons[victim].signal("STOP");
         let stopped = Instant::now();
-        let mut other = wire::connect(weather.daemons[(victim + 1) % 3].url()).await;
+        let mut other = caller(weather.daemons[(victim + 1) % 3].url(), &weather.storm.token);
         while other.suggest(wire::suggestion(&weather.storm.study, "watcher", 0.9)).await.is_err() {
             assert!(stopped.elapsed() < Duration::from_secs(120), "nobody takes the study over");
             tokio::time::sleep(Duration::from_millis(20)).await;

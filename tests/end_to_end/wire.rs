@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use tonic::transport::Channel;
+use tonic::{Response, Status};
 use treewright_proto::v1::tuning_service_client::TuningServiceClient;
 use treewright_proto::v1::{self as pb, value::Kind};
 
@@ -91,6 +92,15 @@ pub(crate) async fn query(
     study: &str,
     filter: &str,
 ) -> Vec<pb::Trial> {
+    query_by(async |request| client.query_trials(request).await, study, filter).await
+}
+
+/// The same by whoever may ask.
+pub(crate) async fn query_by(
+    mut ask: impl AsyncFnMut(pb::QueryTrialsRequest) -> Result<Response<pb::QueryTrialsResponse>, Status>,
+    study: &str,
+    filter: &str,
+) -> Vec<pb::Trial> {
     let mut request = pb::QueryTrialsRequest {
         study: study.into(),
         filter: filter.into(),
@@ -99,7 +109,7 @@ pub(crate) async fn query(
     };
     let mut trials = Vec::new();
     loop {
-        let page = client.query_trials(request.clone()).await.expect("the query is answered").into_inner();
+        let page = ask(request.clone()).await.expect("the query is answered").into_inner();
         trials.extend(page.trials);
         if page.next_page_token.is_empty() {
             return trials;
