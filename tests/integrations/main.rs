@@ -2,6 +2,7 @@
 //! What needs packages from the network has a command of its own, `make integrations`.
 
 mod c_sdk;
+mod node_sdk;
 mod probe;
 mod python_sdk;
 mod rust_builders;

@@ -34,7 +34,10 @@ export interface StudySpec {
 }
 
 export interface Options {
-  /** Unique among the clients of a study, 1 to 128 characters. Default: program, machine, process. */
+  /**
+   * Unique among the processes that work on a study, 1 to 128 characters. Trials that one process runs side by side are told apart by
+   * themselves, as ID, ID#2, ID#3 and so on. Default: program, machine, process, and the number of a worker thread.
+   */
   clientId?: string;
   /** How long a suggestion may keep its caller waiting. Default 50. */
   deadlineMs?: number;
@@ -82,17 +85,52 @@ export class Client {
   readonly stats: Stats;
 }
 
+/** By how much the cost lies below that of the default, as a share of it, with its 95 % interval where that is known. */
+export interface Gain {
+  share: number;
+  low?: number;
+  high?: number;
+  probabilityBetter?: number;
+}
+
+/** What is proven of an answer: its cost, drawn from all that was measured and never the luckiest run, with its 95 % interval. */
+export interface Standing {
+  cost: number;
+  costLow: number;
+  costHigh: number;
+  /** Absent where the default was not measured in the state. */
+  gain?: Gain;
+  nothingBetter: boolean;
+  /** How far confirmation is: off, searching, racing, better, nothing_better. */
+  stage?: string;
+}
+
+export interface Best {
+  configuration: Configuration;
+  /** Mean objective of its measurements, and of the default's where there are some. */
+  cost: number;
+  defaultCost?: number;
+  measurements: number;
+  /** The most recent trial that measured it. */
+  trial: string;
+  standing?: Standing;
+}
+
 export class Study {
   readonly name: string;
-  /** Never rejects: without the daemon it is the last good configuration, or the default. */
+  /**
+   * What to run next. Rejects only for wrong indicators; without the daemon it is the last good configuration, or the default, and
+   * `problem` says why. Each suggestion that is neither reported nor given back is a trial of its own, whoever asks.
+   */
   suggest(indicators?: Numbers): Promise<Suggestion>;
   /** A trial of one's own choice. Here and below, a daemon that is still loading the study is asked again until `callDeadlineMs` is over. */
   trialOf(configuration: Configuration, indicators?: Numbers): Promise<Suggestion>;
   predict(indicators?: Numbers): Promise<{ configuration: Configuration; cost?: number }>;
-  best(indicators?: Numbers): Promise<{ configuration: Configuration; cost: number }>;
+  /** The best that is known there, or of all states without indicators. Rejects when nothing was measured. */
+  best(indicators?: Numbers): Promise<Best>;
 }
 
-/** Report it, or give it back with `abandon()`. */
+/** Report it, or give it back with `abandon()`; one that is forgotten is given back when it is collected. */
 export class Suggestion {
   readonly configuration: Configuration;
   readonly source: "daemon" | "last_good" | "default";

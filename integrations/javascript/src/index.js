@@ -4,13 +4,15 @@ import { existsSync } from "node:fs";
 import { availableParallelism, cpus, hostname } from "node:os";
 import { basename } from "node:path";
 import { fileURLToPath } from "node:url";
+import { threadId } from "node:worker_threads";
 
 import * as grpc from "@grpc/grpc-js";
 import { loadSync } from "@grpc/proto-loader";
 
 import { TreewrightError, refined } from "./error.js";
 import { Outbox } from "./outbox.js";
-import { configurationFromWire, configurationToWire, defaultConfiguration, specToWire } from "./wire.js";
+import { bestFromWire, checkIndicators, configurationFromWire, configurationToWire, defaultConfiguration, specToWire } from "./wire.js";
+import { takeWorker } from "./workers.js";
 
 export { TreewrightError };
 
@@ -40,7 +42,9 @@ export class Client {
     if (options.token && scheme === "http" && !isLocal(host))
       throw new TreewrightError("invalid", "a token is only sent over https, or to this machine");
     this.url = url;
-    const name = `${basename(process.argv[1] ?? "node")}@${hostname()}-${process.pid}`;
+    // Worker threads have a copy of this module each.
+    const thread = threadId === 0 ? "" : `.${threadId}`;
+    const name = `${basename(process.argv[1] ?? "node")}@${hostname()}-${process.pid}${thread}`;
     this.options = { clientId: name, deadlineMs: 50, callDeadlineMs: 5000, queue: 1024, ...options };
     const security = scheme === "https" ? grpc.credentials.createSsl(options.authority) : grpc.credentials.createInsecure();
     this.service = new Service(host, security, { "grpc.max_receive_message_length": 16 << 20 });
@@ -126,14 +130,20 @@ export class Study {
       await this.client.call("createStudy", this.request, deadlineMs);
       this.created = true;
     }
-    await this.client.outbox.told();
-    const { clientId } = this.client.options;
-    const request = { study: this.name, clientId, indicators, fingerprint: this.client.fingerprint, wanted };
-    const trial = await this.client.call("suggest", request, deadlineMs);
-    return new Suggestion(this, trial, configurationFromWire(trial.configuration));
+    const worker = takeWorker(this.client.url, this.client.options.clientId, this.name);
+    try {
+      await this.client.outbox.told(worker.name);
+      const request = { study: this.name, clientId: worker.name, indicators, fingerprint: this.client.fingerprint, wanted };
+      const trial = await this.client.call("suggest", request, deadlineMs);
+      return new Suggestion(this, worker, trial, configurationFromWire(trial.configuration));
+    } catch (error) {
+      worker.release();
+      throw error;
+    }
   }
 
   async suggest(indicators = {}) {
+    checkIndicators(indicators, this.spec);
     let timer;
     let late = false;
     const { deadlineMs } = this.client.options;
@@ -153,13 +163,14 @@ export class Study {
       late = true;
       this.client.stats.fallbacks += 1;
       this.client.stats.lastError = error.message;
-      return new Suggestion(this, undefined, this.#lastGood ?? defaultConfiguration(this.spec), this.#lastGood !== undefined, error);
+      return new Suggestion(this, undefined, undefined, this.#lastGood ?? defaultConfiguration(this.spec), this.#lastGood !== undefined, error);
     } finally {
       clearTimeout(timer);
     }
   }
 
   async trialOf(configuration, indicators = {}) {
+    checkIndicators(indicators, this.spec);
     const wanted = configurationToWire(configuration, this.spec);
     return this.client.untilReady((deadlineMs) => this.#ask(indicators, wanted, deadlineMs));
   }
@@ -173,7 +184,7 @@ export class Study {
   async best(indicators = {}) {
     const request = { study: this.name, indicators, fingerprint: this.client.fingerprint };
     const best = await this.client.untilReady((deadlineMs) => this.client.call("getBest", request, deadlineMs));
-    return { configuration: configurationFromWire(best.configuration), cost: best.cost };
+    return bestFromWire(best);
   }
 
   /** A configuration that cannot work here is no fallback. */
@@ -182,12 +193,23 @@ export class Study {
   }
 }
 
+/** Gives back the trial of a suggestion that was let go without a word. */
+const forgotten = new FinalizationRegistry(({ client, trial, worker }) => giveBack(client, trial, worker));
+
+function giveBack(client, trial, worker) {
+  client.outbox.put(worker.name, "abandon", () => client.call("abandonTrial", { trial }));
+  worker.release();
+}
+
 export class Suggestion {
   #study;
+  #worker;
   #open = true;
 
-  constructor(study, trial, configuration, isLastGood, problem) {
+  constructor(study, worker, trial, configuration, isLastGood, problem) {
     this.#study = study;
+    this.#worker = worker;
+    if (trial) forgotten.register(this, { client: study.client, trial: trial.name, worker }, this);
     this.configuration = configuration;
     this.source = trial ? "daemon" : isLastGood ? "last_good" : "default";
     this.trial = trial?.name;
@@ -206,8 +228,14 @@ export class Suggestion {
     }
     this.#open = false;
     const { client } = this.#study;
-    if (this.trial === undefined) client.stats.unreported += 1;
-    else client.outbox.put(this.trial, "report", () => client.call("report", { trial: this.trial, measurements, outcome }));
+    if (this.trial === undefined) {
+      client.stats.unreported += 1;
+      return;
+    }
+    const { trial } = this;
+    forgotten.unregister(this);
+    client.outbox.put(this.#worker.name, "report", () => client.call("report", { trial, measurements, outcome }));
+    this.#worker.release();
   }
 
   report(measurements) {
@@ -230,7 +258,8 @@ export class Suggestion {
   abandon() {
     if (!this.#open) return;
     this.#open = false;
-    const { client } = this.#study;
-    if (this.trial !== undefined) client.outbox.put(this.trial, "abandon", () => client.call("abandonTrial", { trial: this.trial }));
+    if (this.trial === undefined) return;
+    forgotten.unregister(this);
+    giveBack(this.#study.client, this.trial, this.#worker);
   }
 }

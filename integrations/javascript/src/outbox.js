@@ -9,7 +9,6 @@ const ATTEMPTS_AFTER_INTERNAL_ERROR = 8;
 export class Outbox {
   #waiting = [];
   #sending = false;
-  #idle = [];
   #closed = false;
 
   constructor(limit, stats) {
@@ -17,31 +16,32 @@ export class Outbox {
     this.stats = stats;
   }
 
-  /** `send` makes one attempt. */
-  put(trial, kind, send) {
+  /** `send` makes one attempt. `worker` is who ran the trial that it is about. */
+  put(worker, kind, send) {
+    if (this.#closed) {
+      this.stats.dropped += 1;
+      return;
+    }
     if (this.#waiting.length >= this.limit) {
-      this.#waiting.splice(this.#sending ? 1 : 0, 1);
+      for (const item of this.#waiting.splice(this.#sending ? 1 : 0, 1)) item.end();
       this.stats.dropped += 1;
     }
-    this.#waiting.push({ trial, kind, send, attempts: 0 });
+    let end;
+    const ended = new Promise((resolve) => (end = resolve));
+    this.#waiting.push({ worker, kind, send, end, ended, attempts: 0 });
     this.stats.queued = this.#waiting.length;
     this.#work();
   }
 
-  /** Resolves when the results that were queued before are told, so that a question does not overtake them. */
-  async told() {
-    if (this.#waiting.length > 0) await new Promise((resolve) => this.#idle.push(resolve));
+  /** Resolves when what was queued before is told, of this worker or of all, so that a question does not overtake it. */
+  async told(worker) {
+    await this.#waiting.findLast((item) => worker === undefined || item.worker === worker)?.ended;
   }
 
   close() {
     this.#closed = true;
     this.stats.dropped += this.#waiting.length;
-    this.#waiting.length = 0;
-    this.#rest();
-  }
-
-  #rest() {
-    for (const resolve of this.#idle.splice(0)) resolve();
+    for (const item of this.#waiting.splice(0)) item.end();
   }
 
   async #work() {
@@ -67,9 +67,9 @@ export class Outbox {
         this.stats.refused += 1;
       }
       if (this.#waiting[0] === item) this.#waiting.shift();
+      item.end();
       this.stats.queued = this.#waiting.length;
     }
     this.#sending = false;
-    this.#rest();
   }
 }

@@ -81,3 +81,29 @@ export function defaultConfiguration(spec) {
     if (!activeIf || activeIf.anyOf.includes(plain[activeIf.parameter])) plain[name] = value;
   return plain;
 }
+
+/** What is wrong with a program's indicators is told before anything is asked, as it will not pass. */
+export function checkIndicators(indicators, spec) {
+  const known = Object.keys(spec.indicators ?? {});
+  const wrong = (problem) => new TreewrightError("invalid", `indicators: ${problem}; this study has ${known.join(", ") || "none"}`);
+  for (const name of Object.keys(indicators)) if (!known.includes(name)) throw wrong(`there is none called ${name}`);
+  for (const name of known) {
+    if (!(name in indicators)) throw wrong(`${name} is missing`);
+    if (!Number.isFinite(indicators[name])) throw wrong(`${name} is ${indicators[name]}, which is not finite`);
+  }
+}
+
+// A number that is 0 is not sent; one that may be missing stays so.
+const gainFromWire = (gain) =>
+  gain ? { share: gain.share ?? 0, low: gain.low, high: gain.high, probabilityBetter: gain.probabilityBetter } : undefined;
+
+/** What is known best, with what is proven of it. */
+export function bestFromWire(best) {
+  const { cost = 0, defaultCost, measurements = 0, trial, standing } = best;
+  const told = standing ? {
+    cost: standing.cost ?? 0, costLow: standing.costLow ?? 0, costHigh: standing.costHigh ?? 0, gain: gainFromWire(standing.gain),
+    nothingBetter: standing.nothingBetter ?? false,
+    stage: standing.confirmation?.stage?.replace("CONFIRMATION_STAGE_", "").toLowerCase(),
+  } : undefined;
+  return { configuration: configurationFromWire(best.configuration), cost, defaultCost, measurements, trial, standing: told };
+}

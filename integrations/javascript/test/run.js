@@ -4,7 +4,8 @@ import assert from "node:assert/strict";
 
 import * as grpc from "@grpc/grpc-js";
 
-import { Client, TreewrightError } from "../src/index.js";
+// The package as it is installed somewhere, or else the one in the checkout.
+const { Client, TreewrightError } = await import(process.env.TREEWRIGHT_PACKAGE ?? "../src/index.js");
 
 const url = process.argv[2] ?? "http://127.0.0.1:50611";
 const spec = {
@@ -44,14 +45,50 @@ async function trials() {
   await client.flush(20000);
   assert.ok(client.stats.acknowledged >= 42 && client.stats.dropped === 0, JSON.stringify(client.stats));
   const best = await study.best(input);
-  assert.ok(best.cost >= 5 && best.cost <= 10, JSON.stringify(best));
+  assert.ok(best.cost >= 5 && best.cost <= 10 && best.measurements >= 1 && best.trial.startsWith("studies/node/trials/"), JSON.stringify(best));
+  const { standing } = best;
+  assert.ok(standing.costLow <= standing.cost && standing.cost <= standing.costHigh, JSON.stringify(best));
+  assert.ok(standing.gain.share >= 0 && standing.gain.low <= standing.gain.share && standing.stage.length > 2, JSON.stringify(best));
   assert.ok((await study.predict(input)).configuration.leaf >= 1);
   await rejects(study.trialOf({ leaf: 99 }, input), "refused", "leaf");
   await rejects(client.study("bad", { ...spec, minimise: {} }), "refused", "objective");
-  const unknown = await study.suggest({ triangle: 1 });
-  assert.match(unknown.problem, /triangle/);
-  assert.equal(unknown.source, "last_good");
+  for (const wrong of [{ triangle: 1 }, { ...input, triangle: 1 }, {}, { triangles: NaN }])
+    for (const ask of [() => study.suggest(wrong), () => study.trialOf(own.configuration, wrong)]) await rejects(ask(), "invalid", "triangle");
+  assert.equal(client.stats.fallbacks, 0);
   await client.deleteStudy("node");
+  client.close();
+}
+
+/** Each suggestion that is open is a trial of its own, and who starts again is given those that it left. */
+async function sideBySide() {
+  const client = new Client(url, { clientId: "node-side", deadlineMs: 20000 });
+  const definition = { ...spec, policy: { epsilon: 1, confirm_rounds: 0 } };
+  const studies = [await client.study("node-side", definition), await client.study("node-side", definition)];
+  const input = { triangles: 1000 };
+  const trials = new Set();
+  const loop = async (each) => {
+    for (let frame = 0; frame < 10; frame++) {
+      const suggestion = await studies[each % 2].suggest(input);
+      assert.equal(suggestion.source, "daemon", suggestion.problem);
+      trials.add(suggestion.trial);
+      await new Promise((resolve) => setTimeout(resolve, 1));
+      suggestion.report({ ms: 5 + Math.abs(suggestion.configuration.leaf - 3) });
+    }
+  };
+  await Promise.all([0, 1, 2, 3].map(loop));
+  assert.equal(trials.size, 40);
+  const left = await Promise.all([0, 1, 2].map(() => studies[0].suggest(input)));
+  assert.equal(new Set(left.map((each) => each.trial)).size, 3);
+  await client.flush(20000);
+  // As a program that ended without a word: its suggestions are nobody's any more.
+  const again = new Client(`${url}/`, { clientId: "node-side", deadlineMs: 20000 });
+  const study = await again.study("node-side", definition);
+  const found = await Promise.all([0, 1, 2].map(() => study.suggest(input)));
+  assert.deepEqual(new Set(found.map((each) => each.trial)), new Set(left.map((each) => each.trial)));
+  for (const each of found) each.abandon();
+  await again.flush(20000);
+  await again.deleteStudy("node-side");
+  again.close();
   client.close();
 }
 
@@ -97,7 +134,7 @@ async function whileTheStudyIsLoaded(times) {
   );
   const client = new Client(`http://127.0.0.1:${port}`, { callDeadlineMs: 20000 });
   const study = await client.study("loading", spec);
-  const own = await study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false });
+  const own = await study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false }, { triangles: 1000 });
   assert.deepEqual([own.configuration.leaf, asked], [3, times + 1]);
   own.abandon();
   await client.flush(20000);
@@ -108,13 +145,14 @@ async function whileTheStudyIsLoaded(times) {
   }
   client.options.callDeadlineMs = 300;
   [asked, times] = [0, Infinity];
-  await rejects(study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false }), "unreachable", "is being loaded");
+  await rejects(study.trialOf({ leaf: 3, split: "median", budget: 2, compact: false }, { triangles: 1000 }), "unreachable", "is being loaded");
   assert.ok(asked >= 1);
   client.close();
   server.forceShutdown();
 }
 
 await trials();
+await sideBySide();
 await whileTheStudyIsLoaded(3);
 await withoutDaemon();
 console.log("ok");
