@@ -21,7 +21,7 @@ use crate::{
 #[derive(Debug, Clone)]
 pub struct Client {
     pub(crate) core: Arc<Core>,
-    last_handle: Arc<LastHandle>,
+    pub(crate) last_handle: Arc<LastHandle>,
 }
 
 /// Shared by the client and its studies; dropped with the last of them.
@@ -32,7 +32,10 @@ pub(crate) struct LastHandle {
 
 impl Drop for LastHandle {
     fn drop(&mut self) {
-        self.core.outbox.close();
+        // In the child of a fork it is the parent's.
+        if self.core.is_of_this_process() {
+            self.core.outbox.close();
+        }
     }
 }
 

@@ -1,29 +1,23 @@
 //! The id of a client that was given none: the same again after a restart, and nobody else's at the same time.
 //!
-//! It names program, machine and user, and a slot that tells those apart that run side by side. A slot is held by a
-//! Unix socket in the abstract namespace (`unix(7)`), which the system gives back when its process ends, however
-//! it ends, and which leaves no file behind. Containers that share a machine's network share its slots as well; those
-//! with a network of their own have a host name of their own.
+//! It names program, machine and user, and a slot that tells those apart that run side by side. Containers that share a
+//! machine's network share its slots as well; those with a network of their own have a host name of their own.
 
-use std::os::linux::net::SocketAddrExt as _;
-use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::sync::{Mutex, PoisonError};
 
 use crate::limits::CLIENT_SLOTS;
-
-/// Bytes of an abstract socket's name.
-const NAME_BYTES: usize = 107;
+use crate::slot::Slot;
 
 /// An id that is taken for as long as this lives.
 #[derive(Debug)]
-struct Slot {
+struct DefaultId {
     id: String,
     /// One that was forked has its parent's slot, and needs one of its own.
     process: u32,
-    _socket: Option<UnixDatagram>,
+    _slot: Slot,
 }
 
-static OURS: Mutex<Option<Slot>> = Mutex::new(None);
+static OURS: Mutex<Option<DefaultId>> = Mutex::new(None);
 
 /// The id of this process, which holds it from the first question to its end.
 pub(crate) fn default_client_id() -> String {
@@ -31,25 +25,22 @@ pub(crate) fn default_client_id() -> String {
     if let Some(slot) = ours.as_ref().filter(|slot| slot.process == std::process::id()) {
         return slot.id.clone();
     }
-    ours.insert(Slot::take(&whoever())).id.clone()
+    ours.insert(DefaultId::take(&whoever())).id.clone()
 }
 
-impl Slot {
+impl DefaultId {
     /// The first slot of `who` that is free.
     fn take(who: &str) -> Self {
         let process = std::process::id();
         for number in 0..CLIENT_SLOTS {
-            let name = format!("treewright-client-{number}-{who}");
-            let name = &name.as_bytes()[..name.len().min(NAME_BYTES)];
-            let bound = SocketAddr::from_abstract_name(name).and_then(|name| UnixDatagram::bind_addr(&name));
-            match bound {
-                Ok(socket) => return Self { id: format!("{who}/{number}"), process, _socket: Some(socket) },
-                Err(error) if error.kind() == std::io::ErrorKind::AddrInUse => {}
-                Err(_) => break,
+            match Slot::take(&format!("treewright-client-{number}-{who}")) {
+                Slot::Taken => {}
+                Slot::Held(None) => break,
+                slot => return Self { id: format!("{who}/{number}"), process, _slot: slot },
             }
         }
         // Where there are no such sockets, at least nobody else has it.
-        Self { id: format!("{who}-{process}"), process, _socket: None }
+        Self { id: format!("{who}-{process}"), process, _slot: Slot::Held(None) }
     }
 }
 
@@ -89,13 +80,13 @@ mod tests {
     #[test]
     fn those_that_run_side_by_side_differ_and_who_starts_again_is_the_same() {
         let who = format!("a test of {}", std::process::id());
-        let (first, second) = (Slot::take(&who), Slot::take(&who));
+        let (first, second) = (DefaultId::take(&who), DefaultId::take(&who));
         assert_eq!((first.id.as_str(), second.id.as_str()), (&*format!("{who}/0"), &*format!("{who}/1")));
         drop(first);
-        assert_eq!(Slot::take(&who).id, format!("{who}/0"));
+        assert_eq!(DefaultId::take(&who).id, format!("{who}/0"));
         // Of names that are too long for a socket, none is taken twice all the same.
         let long = "x".repeat(200);
-        let both = [Slot::take(&long), Slot::take(&long)];
+        let both = [DefaultId::take(&long), DefaultId::take(&long)];
         assert_ne!(both[0].id, both[1].id);
     }
 

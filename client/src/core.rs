@@ -16,6 +16,7 @@ use crate::circuit_breaker::{CircuitBreaker, Status};
 use crate::failover::Failover;
 use crate::outbox::{Lost, Outbox};
 use crate::stats::Counters;
+use crate::workers::Workers;
 use crate::{ClientError, Credentials, Options, limits, wire};
 
 /// The connection, with what goes along with every call.
@@ -30,9 +31,10 @@ pub(crate) struct Core {
     pub(crate) outbox: Arc<Outbox>,
     pub(crate) counters: Counters,
     /// Who this is, to the service.
-    pub(crate) client_id: Arc<str>,
+    pub(crate) workers: Arc<Workers>,
     /// Tells this client from an earlier one of the same id.
     pub(crate) session: u64,
+    process: u32,
     channel: Failover,
     attach: Attach,
 }
@@ -57,12 +59,18 @@ impl Core {
             circuit_breaker: CircuitBreaker::new(),
             outbox: Arc::new(Outbox::new(options.queue)),
             counters: Counters::default(),
-            client_id: Arc::from(options.client_id.as_str()),
+            workers: Arc::new(Workers::new(&options.client_id, url)),
             session,
+            process: std::process::id(),
             channel,
             attach,
             options,
         })
+    }
+
+    /// False in the child of a fork, where nothing may be said and no lock be taken in the parent's name.
+    pub(crate) fn is_of_this_process(&self) -> bool {
+        self.process == std::process::id()
     }
 
     fn connection(&self) -> Connection {

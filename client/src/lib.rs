@@ -17,6 +17,7 @@
 //! | `client`, `study`, `suggestion`, `tuner`, `prefetching`, `paired`, `pages` | what a program calls |
 //! | `credentials`, `attach`, `machine`, `arguments` (a feature) | what is shown to the daemon with every call |
 //! | `circuit_breaker`, `back_off` | whether the daemon is there, and when to ask again |
+//! | `workers`, `slot` | who runs which trial, under the client's name |
 //! | `by_name` | ask and tell apart, for shells and for what carries measurements over |
 //! | `outbox`, `delivery`, `stats` | reports on their way, and counts of what became of them |
 //! | `study_context`, `shared` | what suggestions keep of their study, and what its handles share |
@@ -52,6 +53,7 @@ mod paired;
 mod prefetching;
 mod records;
 mod shared;
+mod slot;
 mod stats;
 mod stream;
 mod study;
@@ -59,6 +61,7 @@ mod study_context;
 mod suggestion;
 mod tuner;
 mod wire;
+mod workers;
 
 #[cfg(feature = "arguments")]
 pub use arguments::CredentialArguments;

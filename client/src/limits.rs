@@ -4,6 +4,8 @@ use std::time::Duration;
 
 /// Clients of one program, user and machine that run at the same time and are told apart by a slot.
 pub const CLIENT_SLOTS: u32 = 1024;
+/// Workers under one client's name, over all of its processes: trials that may be run side by side.
+pub const WORKERS: usize = 1024;
 /// Reports and abandoned trials that wait for the daemon, unless the options say otherwise.
 pub const DEFAULT_QUEUE: usize = 1024;
 /// The largest queue that the options may ask for.
@@ -13,7 +15,7 @@ pub const REMEMBERED_CONFIGURATIONS: usize = 16;
 /// Configurations remembered as infeasible, so that they are not handed out as a fallback.
 pub const REMEMBERED_INFEASIBLE: usize = 256;
 /// Suggestions that one study may have under way at once; a further one gets the fallback.
-pub const OUTSTANDING_SUGGESTIONS: usize = 64;
+pub const OUTSTANDING_SUGGESTIONS: usize = 256;
 /// Frames that a tuner's stream may have unanswered; a further one gets the fallback.
 pub const UNANSWERED_FRAMES: usize = 8;
 /// A report answered by an internal error of the daemon is given up after so many attempts.

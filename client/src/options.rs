@@ -9,10 +9,11 @@ use crate::{ClientError, Credentials, Fingerprint, client_id, detect_fingerprint
 /// Settings of a client; the defaults suit a renderer on the daemon's machine.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Who this is, to the service: 1 to 128 printable characters, unique among the clients of a study.
-    /// A study hands one trial per state and client out at a time, so give each frame loop its own id.
+    /// Who this is, to the service: 1 to 128 printable characters, unique among the machines that work on a study. Trials
+    /// that run side by side, by threads, tasks or processes of this machine, are told apart by themselves: their workers are
+    /// called `ID`, `ID#2`, `ID#3` and so on, up to [`limits::WORKERS`].
     /// Default: program, machine, user and the first free slot among those that run at the same time. It is the same
-    /// again after a restart, which so gets back the trial that was left unfinished; clients of one process share it.
+    /// again after a restart, which so gets back the trials that were left unfinished; clients of one process share it.
     pub client_id: String,
     /// The machine and software, sent with every suggestion. Default: [`crate::detect_fingerprint`].
     pub fingerprint: Fingerprint,

@@ -1,8 +1,8 @@
 //! Reports on their way, and which trials this client holds. One lock over both, because they answer
 //! one question: may this trial be handed to the program, given back, or must it wait?
 //!
-//! The service hands a client that already holds an open trial for a state that same trial again. So a
-//! new suggestion waits until what was said about earlier trials of the study has arrived, or it would be
+//! The service hands a worker that already holds an open trial for a state that same trial again. So a
+//! new suggestion waits until what was said about its worker's earlier trials has arrived, or it would be
 //! given a trial that is being reported at that moment.
 
 use std::collections::{HashMap, VecDeque};
@@ -25,6 +25,8 @@ pub(crate) enum Message {
 #[derive(Debug, Clone)]
 pub(crate) struct OutboxItem {
     pub(crate) study: Arc<str>,
+    /// Who ran the trial; see [`crate::workers`].
+    pub(crate) worker: Arc<str>,
     pub(crate) trial: Arc<str>,
     pub(crate) message: Message,
     /// How often it was sent already.
@@ -48,14 +50,22 @@ pub(crate) struct Outbox {
 #[derive(Debug, Default)]
 struct OutboxState {
     queue: VecDeque<OutboxItem>,
-    /// Study and trial of the item that is being sent.
-    sending: Option<(Arc<str>, Arc<str>)>,
+    /// The item that is being sent.
+    sending: Option<Sending>,
     held: HashMap<Arc<str>, HeldTrial>,
     /// Suggestions asked for and not yet answered.
     answers_due: usize,
     /// Reports that travel on a stream and are not yet acknowledged.
     reports_on_streams: usize,
     phase: OutboxPhase,
+}
+
+/// What is being sent: about which trial, and whose it was.
+#[derive(Debug)]
+struct Sending {
+    study: Arc<str>,
+    worker: Arc<str>,
+    trial: Arc<str>,
 }
 
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
@@ -84,7 +94,7 @@ impl Outbox {
         self.change_perhaps(|state| {
             let queued = state.queue.len();
             state.queue.retain(|item| item.trial != *trial || item.message != Message::Abandon);
-            let leaving = state.sending.as_ref().is_some_and(|(_, sent)| sent == trial)
+            let leaving = state.sending.as_ref().is_some_and(|sent| sent.trial == *trial)
                 || state.queue.iter().any(|item| item.trial == *trial)
                 || state.held.get(trial).is_some_and(|held| held.reported);
             if !leaving {
@@ -105,7 +115,7 @@ impl Outbox {
     }
 
     /// Lets go of a trial; without a result it is given back.
-    pub(crate) fn release(&self, study: &Arc<str>, trial: &Arc<str>) -> Lost {
+    pub(crate) fn release(&self, study: &Arc<str>, worker: &Arc<str>, trial: &Arc<str>) -> Lost {
         self.change_perhaps(|state| {
             let Some(held) = state.held.get_mut(trial) else {
                 return (Lost::default(), false);
@@ -119,8 +129,8 @@ impl Outbox {
             if reported {
                 return (Lost::default(), false);
             }
-            let (study, trial) = (Arc::clone(study), Arc::clone(trial));
-            let item = OutboxItem { study, trial, message: Message::Abandon, attempts: 0 };
+            let (study, worker, trial) = (Arc::clone(study), Arc::clone(worker), Arc::clone(trial));
+            let item = OutboxItem { study, worker, trial, message: Message::Abandon, attempts: 0 };
             (state.put(item, self.capacity), true)
         })
     }
@@ -140,7 +150,7 @@ impl Outbox {
             let _ = changes.wait_for(|state| !state.queue.is_empty() || over(state)).await;
             let (item, over) = self.change(|state| {
                 let item = state.queue.pop_front();
-                state.sending = item.as_ref().map(|item| (Arc::clone(&item.study), Arc::clone(&item.trial)));
+                state.sending = item.as_ref().map(Sending::of);
                 (item, over(state))
             });
             if item.is_some() || over {
@@ -170,11 +180,12 @@ impl Outbox {
         })
     }
 
-    /// Waits until nothing about the study's trials is queued or being sent.
-    pub(crate) async fn wait_until_told(&self, study: &str) {
+    /// Waits until nothing about the worker's trials of the study is queued or being sent.
+    pub(crate) async fn wait_until_told(&self, study: &str, worker: &str) {
         let told = |state: &OutboxState| {
-            state.queue.iter().all(|item| &*item.study != study)
-                && state.sending.as_ref().is_none_or(|(sent, _)| &**sent != study)
+            let is_other = |of: &str, by: &str| of != study || by != worker;
+            state.queue.iter().all(|item| is_other(&item.study, &item.worker))
+                && state.sending.as_ref().is_none_or(|sent| is_other(&sent.study, &sent.worker))
         };
         let _ = self.state.subscribe().wait_for(told).await;
     }
@@ -271,6 +282,13 @@ impl OutboxState {
     }
 }
 
+impl Sending {
+    fn of(item: &OutboxItem) -> Self {
+        let OutboxItem { study, worker, trial, .. } = item;
+        Self { study: Arc::clone(study), worker: Arc::clone(worker), trial: Arc::clone(trial) }
+    }
+}
+
 impl Lost {
     pub(crate) fn of(item: &OutboxItem) -> Self {
         match item.message {
@@ -310,7 +328,7 @@ mod tests {
 
     fn report(trial: &str) -> OutboxItem {
         let message = Message::Report(Measurements::from([("render_ms", 1.0)]), Outcome::Ok);
-        OutboxItem { study: name("s"), trial: name(trial), message, attempts: 0 }
+        OutboxItem { study: name("s"), worker: name("w"), trial: name(trial), message, attempts: 0 }
     }
 
     fn queued(outbox: &Outbox) -> Vec<String> {
@@ -321,13 +339,13 @@ mod tests {
     fn a_full_queue_loses_abandons_first_and_then_the_oldest_report() {
         let outbox = Outbox::new(2);
         assert!(outbox.hold(&name("a")));
-        assert_eq!(outbox.release(&name("s"), &name("a")), Lost::default());
+        assert_eq!(outbox.release(&name("s"), &name("w"), &name("a")), Lost::default());
         assert_eq!(outbox.report(report("b")), Lost::default());
         assert_eq!(outbox.report(report("c")), Lost { reports: 0, abandons: 1 });
         assert_eq!(outbox.report(report("d")), Lost { reports: 1, abandons: 0 });
         assert_eq!(queued(&outbox), ["c", "d"]);
         assert!(outbox.hold(&name("e")));
-        assert_eq!(outbox.release(&name("s"), &name("e")), Lost { reports: 0, abandons: 1 });
+        assert_eq!(outbox.release(&name("s"), &name("w"), &name("e")), Lost { reports: 0, abandons: 1 });
         assert_eq!(outbox.give_up(), Lost { reports: 2, abandons: 0 });
         assert_eq!(outbox.report(report("f")), Lost { reports: 1, abandons: 0 });
     }
@@ -336,9 +354,9 @@ mod tests {
     fn a_trial_is_given_back_by_its_last_handle_only() {
         let outbox = Outbox::new(9);
         assert!(outbox.hold(&name("a")) && outbox.hold(&name("a")));
-        outbox.release(&name("s"), &name("a"));
+        outbox.release(&name("s"), &name("w"), &name("a"));
         assert!(queued(&outbox).is_empty());
-        outbox.release(&name("s"), &name("a"));
+        outbox.release(&name("s"), &name("w"), &name("a"));
         assert_eq!(queued(&outbox), ["a"]);
     }
 
@@ -346,7 +364,7 @@ mod tests {
     fn a_trial_handed_out_again_is_not_given_back() {
         let outbox = Outbox::new(9);
         outbox.hold(&name("a"));
-        outbox.release(&name("s"), &name("a"));
+        outbox.release(&name("s"), &name("w"), &name("a"));
         assert!(outbox.hold(&name("a")), "the queued message is withdrawn");
         assert!(queued(&outbox).is_empty());
     }
@@ -358,16 +376,18 @@ mod tests {
         outbox.mark_reported(&name("a"));
         assert!(!outbox.hold(&name("a")), "held with its result");
         outbox.report(report("a"));
-        outbox.release(&name("s"), &name("a"));
+        outbox.release(&name("s"), &name("w"), &name("a"));
         assert!(!outbox.hold(&name("a")), "queued");
+        outbox.wait_until_told("s", "another").await;
         let item = outbox.next().await.unwrap();
         assert!(!outbox.hold(&name("a")), "being sent");
+        outbox.wait_until_told("s", "another").await;
         assert_eq!(outbox.waiting(), 1);
         outbox.put_back(item);
         assert_eq!(queued(&outbox), ["a"]);
         outbox.next().await.unwrap();
         outbox.done();
-        outbox.wait_until_told("s").await;
+        outbox.wait_until_told("s", "w").await;
         outbox.wait_until_quiet().await;
         assert!(outbox.hold(&name("a")));
     }

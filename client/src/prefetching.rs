@@ -1,8 +1,7 @@
 //! A per-frame loop that never waits: each call hands in the last result, asks for the next frame's suggestion, and returns
 //! at once with the one that was asked for a frame ago.
 //!
-//! A client holds one open trial for a state, and while a frame runs one the next is already asked for. So the loop
-//! takes part in its study as two clients, whose frames alternate.
+//! While a frame runs one trial the next is already asked for, so the loop has two workers, whose frames alternate.
 
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -10,14 +9,10 @@ use std::time::SystemTime;
 use tokio::sync::mpsc;
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
-use treewright_model::limits::CLIENT_ID_CHARACTERS_MAX;
 
 use crate::answer::Outstanding;
 use crate::stream::{self, Frame};
 use crate::{ClientError, Finished, Indicators, SharedError, Study, Suggestion, checks, limits};
-
-/// Added to a client's id for every second frame.
-const SECOND: &str = "+";
 
 /// A per-frame loop of one study whose calls return at once; see [`Study::prefetching_tuner`].
 ///
@@ -30,7 +25,7 @@ const SECOND: &str = "+";
 /// # use treewright_client::blocking::Study;
 /// # use treewright_client::{Indicators, Measurements, Outcome};
 /// # fn frames(study: &Study, indicators: Indicators) -> Result<(), treewright_client::ClientError> {
-/// let mut tuner = study.prefetching_tuner()?;
+/// let mut tuner = study.prefetching_tuner();
 /// let mut previous = None;
 /// for _frame in 0..100 {
 ///     let suggestion = tuner.next(&indicators, previous.take()); // some microseconds, whatever the daemon does
@@ -43,26 +38,16 @@ const SECOND: &str = "+";
 #[derive(Debug)]
 pub struct PrefetchingTuner {
     outstanding: Option<Outstanding>,
-    clients: [Arc<str>; 2],
     frames: mpsc::Sender<Frame>,
     // The last field: what is dropped before it still finds the outbox open.
     study: Study,
 }
 
 impl PrefetchingTuner {
-    pub(crate) fn new(study: &Study) -> Result<Self, ClientError> {
-        let first = Arc::clone(&study.shared.context.core.client_id);
-        let second: Arc<str> = format!("{first}{SECOND}").into();
-        if second.chars().count() > CLIENT_ID_CHARACTERS_MAX {
-            let problem = format!(
-                "it must have at most {} characters for a prefetching tuner",
-                CLIENT_ID_CHARACTERS_MAX - SECOND.len()
-            );
-            return Err(ClientError::invalid("client id", problem));
-        }
+    pub(crate) fn new(study: &Study) -> Self {
         let (frames, taken) = mpsc::channel(limits::UNANSWERED_FRAMES);
         tokio::spawn(stream::run(study.shared.clone(), taken));
-        Ok(Self { outstanding: None, clients: [first, second], frames, study: study.clone() })
+        Self { outstanding: None, frames, study: study.clone() }
     }
 
     /// The study that is tuned.
@@ -129,11 +114,12 @@ impl PrefetchingTuner {
         {
             return;
         }
+        let Ok(worker) = shared.worker(upcoming, previous.as_ref()) else {
+            return;
+        };
         let (reply, answer) = oneshot::channel();
         let due = shared.context.core.outbox.expect_answer(previous.is_some());
-        self.clients.swap(0, 1);
-        let client_id = Arc::clone(&self.clients[0]);
-        let frame = Frame { finished: previous, indicators: upcoming.clone(), client_id, reply, due };
+        let frame = Frame { finished: previous, indicators: upcoming.clone(), worker, reply, due };
         // A frame that finds no room is dropped here: its result goes to the outbox, and the closed reply is a fallback.
         drop(self.frames.try_send(frame));
         self.outstanding = Some(Outstanding { indicators: upcoming.clone(), answer });

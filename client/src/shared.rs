@@ -6,10 +6,15 @@ use tokio::sync::{Semaphore, oneshot, watch};
 use treewright_proto::convert::{configuration_to_wire, fingerprint_to_wire, session_policy_to_wire};
 use treewright_proto::v1;
 
+use crate::core::Core;
 use crate::delivery::worth_repeating;
 use crate::study_context::StudyContext;
 use crate::suggestion::Lease;
-use crate::{ClientError, Configuration, Indicators, SessionPolicy, SharedError, Suggestion, limits, wire};
+use crate::workers::Worker;
+use crate::{
+    ClientError, Configuration, Finished, Indicators, SessionPolicy, SharedError, Suggestion, checks, limits,
+    wire,
+};
 
 /// How often a suggestion is asked for again when the daemon names a trial that is just being reported.
 const ASK_AGAIN: usize = 3;
@@ -58,6 +63,18 @@ impl Shared {
         shared
     }
 
+    /// The same study for another client. What is the other's alone, such as what it is waiting for, stays there.
+    pub(crate) fn again(&self, core: &Arc<Core>) -> Arc<Self> {
+        let context = StudyContext::new(core, &self.context.name, self.context.spec.clone());
+        // Whether it is created shows in the first question.
+        let again = Self::new(context, true, self.ours, Vec::new());
+        // A lock that another thread held when the process was forked stays locked.
+        if let Ok(policy) = self.session_policy.try_lock() {
+            again.set_session_policy(*policy);
+        }
+        again
+    }
+
     /// What this process wants for itself from now on.
     pub(crate) fn set_session_policy(&self, policy: SessionPolicy) {
         *lock(&self.session_policy) = policy;
@@ -96,12 +113,25 @@ impl Shared {
         Suggestion::fallback(Arc::clone(&self.context), problem)
     }
 
+    /// Who asks for a trial: whoever hands in the result of the one before, or whoever is free.
+    pub(crate) fn worker(
+        &self,
+        indicators: &Indicators,
+        previous: Option<&Finished>,
+    ) -> Result<Arc<Worker>, ClientError> {
+        let StudyContext { core, name, spec, .. } = &*self.context;
+        if let Some(worker) = previous.and_then(Finished::worker).filter(|worker| worker.is_of(name)) {
+            return Ok(worker);
+        }
+        core.workers.take(name, indicators, |a, b| checks::are_one_state(spec, a, b))
+    }
+
     /// Turns a trial from the daemon into a suggestion.
-    pub(crate) fn accept(self: &Arc<Self>, trial: v1::Trial) -> SuggestAnswer {
+    pub(crate) fn accept(self: &Arc<Self>, trial: v1::Trial, worker: &Arc<Worker>) -> SuggestAnswer {
         let malformed = |problem: String| self.context.core.malformed("Suggest", problem);
         let has_configuration = trial.configuration.is_some();
         let trial = wire::trial_from_wire(trial).map_err(malformed)?;
-        let Some(lease) = Lease::take(&self.context, &trial.name) else {
+        let Some(lease) = Lease::take(&self.context, &trial.name, worker) else {
             return Err(malformed(format!("{} is just being reported by this client", trial.name)));
         };
         // From here on, what cannot be run is given back with the lease.
@@ -116,10 +146,10 @@ impl Shared {
         Ok(Suggestion::of_trial(Arc::clone(&self.context), trial, lease))
     }
 
-    pub(crate) fn suggest_request(&self, client_id: &str, indicators: &Indicators) -> v1::SuggestRequest {
+    pub(crate) fn suggest_request(&self, worker: &Worker, indicators: &Indicators) -> v1::SuggestRequest {
         v1::SuggestRequest {
             study: self.context.name.to_string(),
-            client_id: client_id.to_owned(),
+            client_id: worker.name().to_string(),
             indicators: indicators.0.clone(),
             fingerprint: Some(fingerprint_to_wire(&self.context.core.options.fingerprint)),
             wanted: None,
@@ -152,18 +182,27 @@ impl Shared {
     pub(crate) fn ask(self: &Arc<Self>, indicators: Indicators) -> oneshot::Receiver<SuggestAnswer> {
         let (reply, answer) = oneshot::channel();
         let shared = Arc::clone(self);
-        let Ok(permit) = Arc::clone(&self.questions).try_acquire_owned() else {
-            let limit = limits::OUTSTANDING_SUGGESTIONS;
-            // The receiver is still in this function, so that sending cannot fail.
-            let _ = reply.send(Err(ClientError::Busy { what: "suggestions under way", limit }));
-            return answer;
+        let busy =
+            |_| ClientError::Busy { what: "suggestions under way", limit: limits::OUTSTANDING_SUGGESTIONS };
+        let permit = Arc::clone(&self.questions).try_acquire_owned().map_err(busy);
+        let ready = permit.and_then(|permit| Ok((permit, self.worker(&indicators, None)?)));
+        let (permit, worker) = match ready {
+            Ok(ready) => ready,
+            Err(problem) => {
+                // The receiver is still in this function, so that sending cannot fail.
+                let _ = reply.send(Err(problem));
+                return answer;
+            }
         };
         let due = self.context.core.outbox.expect_answer(false);
         tokio::spawn(async move {
             let result =
-                tokio::time::timeout(limits::LATE_ANSWER, shared.ask_once_told(&indicators, None)).await;
+                tokio::time::timeout(limits::LATE_ANSWER, shared.ask_once_told(&worker, &indicators, None))
+                    .await;
             let result =
                 result.unwrap_or_else(|_| Err(shared.context.core.late("Suggest", limits::LATE_ANSWER)));
+            // Who is answered may be done with the trial at once, and ask again.
+            drop(worker);
             // A suggestion that nobody waits for comes back from here and gives its trial back.
             drop(reply.send(result));
             drop((permit, due));
@@ -173,18 +212,19 @@ impl Shared {
 
     pub(crate) async fn ask_once_told(
         self: &Arc<Self>,
+        worker: &Arc<Worker>,
         indicators: &Indicators,
         wanted: Option<&Configuration>,
     ) -> SuggestAnswer {
         let mut result = Err(ClientError::Busy { what: "attempts to get a trial", limit: ASK_AGAIN });
         for _ in 0..ASK_AGAIN {
-            self.context.core.outbox.wait_until_told(&self.context.name).await;
+            self.context.core.outbox.wait_until_told(&self.context.name, worker.name()).await;
             let mut rpc = self.context.core.rpc();
             let wanted = wanted.map(|wanted| configuration_to_wire(wanted.as_raw()));
-            let request = self.suggest_request(&self.context.core.client_id, indicators);
+            let request = self.suggest_request(worker, indicators);
             let asked = rpc.suggest(v1::SuggestRequest { wanted, ..request });
             match self.context.core.call("Suggest", limits::LATE_ANSWER, asked).await {
-                Ok(trial) => result = self.accept(trial),
+                Ok(trial) => result = self.accept(trial, worker),
                 Err(problem) => {
                     self.look_at_refusal(&problem);
                     return Err(problem);

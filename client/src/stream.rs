@@ -13,6 +13,7 @@ use treewright_proto::v1;
 use crate::delivery::worth_repeating;
 use crate::outbox::AnswerDue;
 use crate::shared::{Shared, SuggestAnswer};
+use crate::workers::Worker;
 use crate::{ClientError, Finished, Indicators, limits};
 
 /// One question of a tuner, with the result of the frame before.
@@ -20,7 +21,7 @@ use crate::{ClientError, Finished, Indicators, limits};
 pub(crate) struct Frame {
     pub(crate) finished: Option<Finished>,
     pub(crate) indicators: Indicators,
-    pub(crate) client_id: Arc<str>,
+    pub(crate) worker: Arc<Worker>,
     pub(crate) reply: oneshot::Sender<SuggestAnswer>,
     /// Lets a flush wait for this frame. The last field, so that a result that is dropped with the frame
     /// is in the outbox before the frame is no longer waited for.
@@ -92,15 +93,15 @@ impl Stream<'_> {
         }
     }
 
-    /// Sends a frame, once everything that was said about the study outside the stream has arrived.
+    /// Sends a frame, once everything that was said about its worker's trials outside the stream has arrived.
     async fn send(
         &mut self,
         mut frame: Frame,
         requests: &mpsc::Sender<v1::TuneRequest>,
     ) -> Result<(), ClientError> {
         let core = &self.shared.context.core;
-        let told =
-            timeout(core.options.deadline, core.outbox.wait_until_told(&self.shared.context.name)).await;
+        let told = core.outbox.wait_until_told(&self.shared.context.name, frame.worker.name());
+        let told = timeout(core.options.deadline, told).await;
         if told.is_err() {
             self.turn_away(frame, core.late("Report", core.options.deadline));
             return Ok(());
@@ -111,7 +112,7 @@ impl Stream<'_> {
             return Ok(());
         }
         let report = frame.finished.as_ref().and_then(Finished::request);
-        let suggest = Some(self.shared.suggest_request(&frame.client_id, &frame.indicators));
+        let suggest = Some(self.shared.suggest_request(&frame.worker, &frame.indicators));
         if let Some(finished) = &mut frame.finished {
             finished.note_attempt();
         }
@@ -122,11 +123,12 @@ impl Stream<'_> {
     /// The answer to the oldest frame.
     fn answered(&mut self, response: v1::TuneResponse) -> Result<(), ClientError> {
         let core = &self.shared.context.core;
-        let Some((mut frame, _)) = self.waiting.pop_front() else {
+        let Some((frame, _)) = self.waiting.pop_front() else {
             return Err(core.malformed("Tune", "an answer without a request".into()));
         };
+        let Frame { finished, worker, reply, due, .. } = frame;
         core.circuit_breaker.success();
-        if let Some(finished) = frame.finished.take() {
+        if let Some(finished) = finished {
             match (response.reported, response.report_error) {
                 (Some(reported), _) => finished.acknowledged(reported.duplicate),
                 (None, Some(error)) => {
@@ -142,15 +144,18 @@ impl Stream<'_> {
             }
         }
         let answer = match (response.trial, response.suggest_error) {
-            (Some(trial), _) => self.shared.accept(trial),
+            (Some(trial), _) => self.shared.accept(trial, &worker),
             (None, Some(error)) => Err(self.refusal("Suggest", &error)),
             (None, None) => Err(core.malformed("Tune", "neither a trial nor an error".into())),
         };
         if let Err(problem) = &answer {
             self.shared.look_at_refusal(problem);
         }
+        // Who is answered may be done with the trial at once, and ask again.
+        drop(worker);
         // A suggestion that nobody waits for comes back from here and gives its trial back.
-        drop(frame.reply.send(answer));
+        drop(reply.send(answer));
+        drop(due);
         Ok(())
     }
 
@@ -170,8 +175,8 @@ impl Stream<'_> {
 
     /// Answers a frame that cannot be sent; its result goes to the outbox.
     fn turn_away(&self, frame: Frame, problem: ClientError) {
-        let Frame { finished, reply, due, .. } = frame;
-        drop(finished);
+        let Frame { finished, worker, reply, due, .. } = frame;
+        drop((finished, worker));
         drop(reply.send(Err(problem)));
         drop(due);
     }

@@ -8,15 +8,16 @@ use crate::core::Core;
 use crate::shared::Shared;
 use crate::study_context::StudyContext;
 use crate::{
-    Best, ClientError, Configuration, Indicators, Paired, Prediction, PrefetchingTuner, SessionPolicy,
-    StudyRecord, StudySpec, Suggestion, Tuner, checks,
+    Best, Client, ClientError, Configuration, Indicators, Paired, Prediction, PrefetchingTuner,
+    SessionPolicy, StudyRecord, StudySpec, Suggestion, Tuner, checks,
 };
 
-/// A study of a client. Cheap to clone; clones share everything.
+/// A study of a client. Cheap to clone; clones share everything. Threads and tasks may share it, too: each suggestion that is
+/// neither reported nor given back is a trial of its own, run by a worker of the client ([`crate::Options::client_id`]).
 #[derive(Debug, Clone)]
 pub struct Study {
-    /// The late answer to an earlier question. Not among what suggestions share, because it holds one.
-    outstanding: Arc<Mutex<Option<Outstanding>>>,
+    /// Late answers to earlier questions. Not among what suggestions share, because they hold some.
+    outstanding: Arc<Mutex<Vec<Outstanding>>>,
     pub(crate) shared: Arc<Shared>,
     // The last field: what is dropped before it still finds the outbox open.
     _last_handle: Arc<LastHandle>,
@@ -34,6 +35,12 @@ impl Study {
     ) -> Self {
         let shared = Shared::new(StudyContext::new(core, name, spec), known, ours, differs);
         Self { outstanding: Arc::default(), shared, _last_handle: Arc::clone(last_handle) }
+    }
+
+    /// The same study by another client: the one of this process, after a fork.
+    pub(crate) fn again(&self, client: &Client) -> Self {
+        let shared = self.shared.again(&client.core);
+        Self { outstanding: Arc::default(), shared, _last_handle: Arc::clone(&client.last_handle) }
     }
 
     /// The resource name, `studies/{study}`.
@@ -73,14 +80,27 @@ impl Study {
     /// An answer that comes too late is kept for the next call with the same state, or given back.
     pub async fn suggest(&self, indicators: &Indicators) -> Suggestion {
         let shared = &self.shared;
-        let mut outstanding = self.outstanding().take();
+        let mut outstanding = self.late_answer(indicators);
         let suggestion =
             answer::within_deadline(shared, &mut outstanding, indicators, || shared.ask(indicators.clone()))
                 .await;
-        if outstanding.is_some() {
-            *self.outstanding() = outstanding;
-        }
+        self.outstanding().extend(outstanding);
         suggestion
+    }
+
+    /// The answer to an earlier question about this state; those about others are given back when they come.
+    fn late_answer(&self, indicators: &Indicators) -> Option<Outstanding> {
+        let mut all = self.outstanding();
+        let spec = self.spec();
+        let (mut same, others): (Vec<_>, Vec<_>) = std::mem::take(&mut *all)
+            .into_iter()
+            .partition(|each| checks::are_one_state(spec, &each.indicators, indicators));
+        let earliest = (!same.is_empty()).then(|| same.remove(0));
+        *all = same;
+        drop(all);
+        // Only now, because a suggestion that is given back takes locks.
+        drop(others);
+        earliest
     }
 
     /// A trial of a configuration of the program's own choice, e.g. to measure a winner once more or to try what
@@ -96,7 +116,8 @@ impl Study {
     ) -> Result<Suggestion, ClientError> {
         checks::state(&self.shared.context.spec, indicators)?;
         let core = &self.shared.context.core;
-        let ask = || self.shared.ask_once_told(indicators, Some(configuration));
+        let worker = self.shared.worker(indicators, None)?;
+        let ask = || self.shared.ask_once_told(&worker, indicators, Some(configuration));
         let suggestion = core.until_ready("Suggest", core.options.deadline, ask).await?;
         Ok(self.shared.deliver(suggestion))
     }
@@ -118,9 +139,8 @@ impl Study {
     }
 
     /// A per-frame loop whose calls never wait: what they answer was asked for a frame ago.
-    ///
-    /// Errors: [`ClientError::Invalid`] when the client's id is so long that no second one can be made of it.
-    pub fn prefetching_tuner(&self) -> Result<PrefetchingTuner, ClientError> {
+    #[must_use]
+    pub fn prefetching_tuner(&self) -> PrefetchingTuner {
         PrefetchingTuner::new(self)
     }
 
@@ -146,7 +166,7 @@ impl Study {
         self.shared.context.core.study_record(&self.shared.context.name).await
     }
 
-    fn outstanding(&self) -> MutexGuard<'_, Option<Outstanding>> {
+    fn outstanding(&self) -> MutexGuard<'_, Vec<Outstanding>> {
         // Nothing panics while it holds the lock; a poisoned one is still in order.
         self.outstanding.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -6,6 +6,7 @@ use std::time::SystemTime;
 use crate::delivery::report_request;
 use crate::outbox::{Message, OutboxItem};
 use crate::study_context::StudyContext;
+use crate::workers::Worker;
 use crate::{
     ClientError, Configuration, Measurements, Mode, OpenEnum, Outcome, Reason, SharedError, TrialRecord,
     checks,
@@ -146,8 +147,10 @@ impl Suggestion {
     /// Joins the result to the trial, for [`crate::Tuner::next`]. Dropping what this returns reports it, too.
     ///
     /// Errors: [`ClientError::Invalid`] when the service would refuse the result, e.g. a measurement
-    /// that is not finite; the trial is then given back.
+    /// that is not finite; the trial is then given back. Also in the child of a fork, whose parent was given the trial and
+    /// goes on with it.
     pub fn finished(mut self, measurements: Measurements, outcome: Outcome) -> Result<Finished, ClientError> {
+        self.is_ours()?;
         checks::result(&self.study.spec, &outcome, &measurements)?;
         self.study.learn(&self.configuration, &outcome);
         let lease = self.lease.take();
@@ -172,10 +175,19 @@ impl Suggestion {
     ///
     /// Errors: [`ClientError::Refused`] when the trial is no longer open; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn extend_lease(&mut self) -> Result<(), ClientError> {
+        self.is_ours()?;
         if let Some(lease) = &self.lease {
             self.lease_expire_time = self.study.core.extend_lease(&lease.trial).await?.lease_expire_time;
         }
         Ok(())
+    }
+
+    fn is_ours(&self) -> Result<(), ClientError> {
+        if self.study.core.is_of_this_process() {
+            return Ok(());
+        }
+        let problem = "it was given to the process that this one was forked from; report it there, or ask for another here";
+        Err(ClientError::invalid("trial", problem))
     }
 
     pub(crate) fn lease_is_live(&self, now: SystemTime) -> bool {
@@ -196,6 +208,16 @@ impl Finished {
     /// The message for a stream; `None` when there is no trial to report to.
     pub(crate) fn request(&self) -> Option<treewright_proto::v1::ReportRequest> {
         self.lease.as_ref().map(|lease| report_request(&lease.trial, &self.measurements, &self.outcome))
+    }
+
+    /// False in the child of a fork, whose parent reports it.
+    pub(crate) fn is_of_this_process(&self) -> bool {
+        self.lease.as_ref().is_none_or(|lease| lease.study.core.is_of_this_process())
+    }
+
+    /// Who ran the trial, and so may ask for the next; `None` when there was no trial.
+    pub(crate) fn worker(&self) -> Option<Arc<Worker>> {
+        self.lease.as_ref().map(|lease| Arc::clone(&lease.worker))
     }
 
     /// It is being sent outside the outbox.
@@ -228,13 +250,13 @@ impl Finished {
 
 impl Drop for Finished {
     fn drop(&mut self) {
-        if let Some(lease) = self.lease.take() {
+        if let Some(lease) = self.lease.take().filter(|lease| lease.study.core.is_of_this_process()) {
             let message = Message::Report(std::mem::take(&mut self.measurements), self.outcome.clone());
-            let (name, trial) = (Arc::clone(&lease.study.name), Arc::clone(&lease.trial));
             let core = &lease.study.core;
             core.count_lost(core.outbox.report(OutboxItem {
-                study: name,
-                trial,
+                study: Arc::clone(&lease.study.name),
+                worker: Arc::clone(lease.worker.name()),
+                trial: Arc::clone(&lease.trial),
                 message,
                 attempts: self.attempts,
             }));
@@ -247,19 +269,24 @@ impl Drop for Finished {
 pub(crate) struct Lease {
     study: Arc<StudyContext>,
     trial: Arc<str>,
+    /// Free for the next trial as soon as what this one came to is in the outbox.
+    worker: Arc<Worker>,
 }
 
 impl Lease {
     /// Takes hold; `None` when this client is just reporting that trial or giving it back.
-    pub(crate) fn take(study: &Arc<StudyContext>, trial: &str) -> Option<Self> {
-        let trial: Arc<str> = Arc::from(trial);
-        study.core.outbox.hold(&trial).then(|| Self { study: Arc::clone(study), trial })
+    pub(crate) fn take(study: &Arc<StudyContext>, trial: &str, worker: &Arc<Worker>) -> Option<Self> {
+        let (trial, worker) = (Arc::from(trial), Arc::clone(worker));
+        study.core.outbox.hold(&trial).then(|| Self { study: Arc::clone(study), trial, worker })
     }
 }
 
 impl Drop for Lease {
     fn drop(&mut self) {
         let core = &self.study.core;
-        core.count_lost(core.outbox.release(&self.study.name, &self.trial));
+        if !core.is_of_this_process() {
+            return;
+        }
+        core.count_lost(core.outbox.release(&self.study.name, self.worker.name(), &self.trial));
     }
 }

@@ -1,8 +1,6 @@
 //! A per-frame loop over one stream: the last result and the next question travel together, so that a
 //! frame costs one round trip.
 
-use std::sync::Arc;
-
 use tokio::sync::{mpsc, oneshot};
 
 use crate::answer::{self, Outstanding};
@@ -55,11 +53,17 @@ impl Tuner {
         let ask = move || {
             let (reply, answer) = oneshot::channel();
             let due = shared.context.core.outbox.expect_answer(previous.is_some());
-            let client_id = Arc::clone(&shared.context.core.client_id);
-            let frame = Frame { finished: previous, indicators: indicators.clone(), client_id, reply, due };
-            // A frame that finds no room is dropped here: its result goes to the outbox, and the closed
-            // reply makes the caller fall back.
-            drop(frames.try_send(frame));
+            match shared.worker(indicators, previous.as_ref()) {
+                Ok(worker) => {
+                    let indicators = indicators.clone();
+                    let frame = Frame { finished: previous, indicators, worker, reply, due };
+                    // A frame that finds no room is dropped here: its result goes to the outbox, and the closed
+                    // reply makes the caller fall back.
+                    drop(frames.try_send(frame));
+                }
+                // The receiver is still in this function, so that sending cannot fail.
+                Err(problem) => drop(reply.send(Err(problem))),
+            }
             answer
         };
         answer::within_deadline(shared, &mut self.outstanding, indicators, ask).await

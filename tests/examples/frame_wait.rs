@@ -137,8 +137,7 @@ fn main() {
         let every = Duration::from_secs_f64(1.0 / rate);
         for trouble in troubles {
             row("waiting", |study| Loop::Waiting(study.tuner()), every, trouble, time);
-            let prefetching =
-                |study: &Study| Loop::Prefetching(study.prefetching_tuner().expect("a short id"));
+            let prefetching = |study: &Study| Loop::Prefetching(study.prefetching_tuner());
             row("prefetching", prefetching, every, trouble, time);
         }
     }

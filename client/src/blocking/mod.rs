@@ -4,12 +4,18 @@
 //! asynchronous client never lets block ([`crate::Suggestion::report`], dropping a suggestion) does not block here.
 //!
 //! When the client and its last study are dropped, queued reports are sent for at most two more seconds.
+//!
+//! The child of a fork has none of its parent's threads, and must not speak on its parent's connection. Handles find out in
+//! which process they are used: in a child they connect anew, as workers of their own under the client's name. What the
+//! parent had under way (suggestions, queued reports, pages of trials) stays the parent's.
 
+mod per_process;
 mod runtime;
 
 use std::sync::Arc;
 use std::time::Duration;
 
+use per_process::{OfProcess, PerProcess};
 use runtime::RuntimeThread;
 
 use crate::{
@@ -21,109 +27,134 @@ use crate::{
 /// See [`crate::Client`]. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Client {
+    connected: Arc<PerProcess<ConnectedClient>>,
+}
+
+/// A client with the thread that drives it, of one process.
+#[derive(Debug)]
+struct ConnectedClient {
     // Dropped before the thread, whose end waits for the outbox.
     client: crate::Client,
     thread: Arc<RuntimeThread>,
 }
 
-impl Client {
-    /// Makes a client with a thread of its own; see [`crate::Client::connect`].
-    ///
-    /// Errors: [`ClientError::BadUrl`], [`ClientError::Invalid`]; [`ClientError::NoRuntime`] when the thread cannot be started.
-    pub fn connect(url: &str, options: Options) -> Result<Self, ClientError> {
+impl ConnectedClient {
+    fn connect(url: &str, options: Options) -> Result<Self, ClientError> {
         let thread = RuntimeThread::start()?;
         let client = thread.run(async || crate::Client::connect(url, options))?;
         thread.flush_at_the_end(&client);
         Ok(Self { client, thread: Arc::new(thread) })
     }
 
+    /// The same in another process.
+    fn again(&self) -> Result<Self, ClientError> {
+        Self::connect(self.client.url(), self.client.core.options.clone())
+    }
+}
+
+impl Client {
+    /// Makes a client with a thread of its own; see [`crate::Client::connect`].
+    ///
+    /// Errors: [`ClientError::BadUrl`], [`ClientError::Invalid`]; [`ClientError::NoRuntime`] when the thread cannot be
+    /// started, which in the child of a fork is an error of each call there.
+    pub fn connect(url: &str, options: Options) -> Result<Self, ClientError> {
+        let connected = ConnectedClient::connect(url, options)?;
+        Ok(Self { connected: Arc::new(PerProcess::new(connected)) })
+    }
+
+    /// What this process has, made at its first call. Errors: [`ClientError::NoRuntime`].
+    fn here(&self) -> Result<&ConnectedClient, ClientError> {
+        self.connected.get(ConnectedClient::again)
+    }
+
     /// See [`crate::Client::study`]. Errors: as there.
     pub fn study(&self, id: &str, spec: StudySpec) -> Result<Study, ClientError> {
-        Ok(self.wrap(self.thread.run(async || self.client.study(id, spec).await)?))
+        self.study_by(async |client| client.study(id, spec).await)
     }
 
     /// See [`crate::Client::existing_study`]. Errors: as there.
     pub fn existing_study(&self, id: &str) -> Result<Study, ClientError> {
-        Ok(self.wrap(self.thread.run(async || self.client.existing_study(id).await)?))
+        self.study_by(async |client| client.existing_study(id).await)
     }
 
     /// See [`crate::Client::url`].
     #[must_use]
     pub fn url(&self) -> &str {
-        self.client.url()
+        self.first().url()
     }
 
     /// See [`crate::Client::status`].
     #[must_use]
     pub fn status(&self) -> Status {
-        self.client.status()
+        self.here().map_or_else(|_| self.first().status(), |here| here.client.status())
     }
 
     /// See [`crate::Client::stats`].
     #[must_use]
     pub fn stats(&self) -> Stats {
-        self.client.stats()
+        self.here().map_or_else(|_| self.first().stats(), |here| here.client.stats())
     }
 
     /// See [`crate::Client::flush`]. Errors: as there.
     pub fn flush(&self, deadline: Duration) -> Result<(), ClientError> {
-        self.thread.run(async || self.client.flush(deadline).await)
+        self.run(async |client| client.flush(deadline).await)
     }
 
     /// See [`crate::Client::ping`]. Errors: as there.
     pub fn ping(&self) -> Result<Duration, ClientError> {
-        self.thread.run(async || self.client.ping().await)
+        self.run(async |client| client.ping().await)
     }
 
     /// See [`crate::Client::list_studies`]. Errors: as there.
     pub fn list_studies(&self) -> Result<Vec<StudyRecord>, ClientError> {
-        self.thread.run(async || self.client.list_studies().await)
+        self.run(async |client| client.list_studies().await)
     }
 
     /// See [`crate::Client::get_study`]. Errors: as there.
     pub fn get_study(&self, id: &str) -> Result<StudyRecord, ClientError> {
-        self.thread.run(async || self.client.get_study(id).await)
+        self.run(async |client| client.get_study(id).await)
     }
 
     /// See [`crate::Client::update_policy`]. Errors: as there.
     pub fn update_policy(&self, id: &str, change: &PolicyChange) -> Result<StudyRecord, ClientError> {
-        self.thread.run(async || self.client.update_policy(id, change).await)
+        self.run(async |client| client.update_policy(id, change).await)
     }
 
     /// See [`crate::Client::delete_study`]. Errors: as there.
     pub fn delete_study(&self, id: &str) -> Result<(), ClientError> {
-        self.thread.run(async || self.client.delete_study(id).await)
+        self.run(async |client| client.delete_study(id).await)
     }
 
     /// Reads trials one after the other; pages are fetched as they are needed. See [`crate::Client::trials`].
     #[must_use]
     pub fn trials(&self, study: &str, query: TrialQuery) -> Trials {
-        Trials { pages: Some(self.client.trials(study, query)), thread: Arc::clone(&self.thread) }
+        let pages = self.here().map(|here| (here.client.trials(study, query), Arc::clone(&here.thread)));
+        Trials { pages: Some(OfProcess::new(pages)) }
     }
 
     /// See [`crate::Client::predict`]. Errors: as there.
     pub fn predict(&self, study: &str, indicators: &Indicators) -> Result<Prediction, ClientError> {
-        self.thread.run(async || self.client.predict(study, indicators).await)
+        self.run(async |client| client.predict(study, indicators).await)
     }
 
     /// See [`crate::Client::best`]. Errors: as there.
     pub fn best(&self, study: &str, indicators: &Indicators) -> Result<Best, ClientError> {
-        self.thread.run(async || self.client.best(study, indicators).await)
+        self.run(async |client| client.best(study, indicators).await)
     }
 
     /// See [`Suggestion::extend_lease`]. Errors: as there.
     pub fn extend_lease(&self, suggestion: &mut Suggestion) -> Result<(), ClientError> {
-        self.thread.run(async || suggestion.extend_lease().await)
+        self.here()?.thread.run(async || suggestion.extend_lease().await)
     }
 
     /// See [`crate::Client::create_study`]. Errors: as there.
     pub fn create_study(&self, id: &str, spec: &StudySpec) -> Result<StudyRecord, ClientError> {
-        self.thread.run(async || self.client.create_study(id, spec).await)
+        self.run(async |client| client.create_study(id, spec).await)
     }
 
     /// See [`crate::Client::ask`]. Errors: as there.
     pub fn ask(&self, study: &str, question: &Question) -> Result<TrialRecord, ClientError> {
-        self.thread.run(async || self.client.ask(study, question).await)
+        self.run(async |client| client.ask(study, question).await)
     }
 
     /// See [`crate::Client::tell`]. Errors: as there.
@@ -133,73 +164,91 @@ impl Client {
         measurements: &Measurements,
         outcome: &Outcome,
     ) -> Result<(TrialRecord, bool), ClientError> {
-        self.thread.run(async || self.client.tell(trial, measurements, outcome).await)
+        self.run(async |client| client.tell(trial, measurements, outcome).await)
     }
 
     /// See [`crate::Client::give_back`]. Errors: as there.
     pub fn give_back(&self, trial: &str) -> Result<TrialRecord, ClientError> {
-        self.thread.run(async || self.client.give_back(trial).await)
+        self.run(async |client| client.give_back(trial).await)
     }
 
     /// See [`crate::Client::renew`]. Errors: as there.
     pub fn renew(&self, trial: &str) -> Result<TrialRecord, ClientError> {
-        self.thread.run(async || self.client.renew(trial).await)
+        self.run(async |client| client.renew(trial).await)
     }
 
     /// See [`crate::Client::trial`]. Errors: as there.
     pub fn trial(&self, trial: &str) -> Result<TrialRecord, ClientError> {
-        self.thread.run(async || self.client.trial(trial).await)
+        self.run(async |client| client.trial(trial).await)
     }
 
     /// See [`crate::Client::trial_in_state`]. Errors: as there.
     pub fn trial_in_state(&self, study: &str, state_id: i64) -> Result<Option<TrialRecord>, ClientError> {
-        self.thread.run(async || self.client.trial_in_state(study, state_id).await)
+        self.run(async |client| client.trial_in_state(study, state_id).await)
     }
 
     /// See [`crate::Client::best_of_state`]. Errors: as there.
     pub fn best_of_state(&self, study: &str, state_id: i64) -> Result<Option<Best>, ClientError> {
-        self.thread.run(async || self.client.best_of_state(study, state_id).await)
+        self.run(async |client| client.best_of_state(study, state_id).await)
     }
 
-    fn wrap(&self, study: crate::Study) -> Study {
-        Study { study, thread: Arc::clone(&self.thread) }
+    fn first(&self) -> &crate::Client {
+        &self.connected.first().client
+    }
+
+    fn run<T>(
+        &self,
+        call: impl AsyncFnOnce(&crate::Client) -> Result<T, ClientError>,
+    ) -> Result<T, ClientError> {
+        let here = self.here()?;
+        here.thread.run(async || call(&here.client).await)
+    }
+
+    fn study_by(
+        &self,
+        call: impl AsyncFnOnce(&crate::Client) -> Result<crate::Study, ClientError>,
+    ) -> Result<Study, ClientError> {
+        let study = self.run(call)?;
+        Ok(Study { client: self.clone(), study: Arc::new(PerProcess::new(study)) })
     }
 }
 
 /// See [`crate::Study`]. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Study {
-    study: crate::Study,
-    thread: Arc<RuntimeThread>,
+    // Dropped before the client, whose end waits for the outbox.
+    study: Arc<PerProcess<crate::Study>>,
+    client: Client,
 }
 
 impl Study {
     /// See [`crate::Study::name`].
     #[must_use]
     pub fn name(&self) -> &str {
-        self.study.name()
+        self.study.first().name()
     }
 
     /// See [`crate::Study::spec`].
     #[must_use]
     pub fn spec(&self) -> &StudySpec {
-        self.study.spec()
+        self.study.first().spec()
     }
 
     /// See [`crate::Study::set_session_policy`]. Errors: as there.
     pub fn set_session_policy(&self, policy: SessionPolicy) -> Result<(), ClientError> {
-        self.study.set_session_policy(policy)
+        self.here()?.set_session_policy(policy)
     }
 
     /// See [`crate::Study::policy_differs`].
     #[must_use]
     pub fn policy_differs(&self) -> Vec<String> {
-        self.study.policy_differs()
+        self.here().map(crate::Study::policy_differs).unwrap_or_default()
     }
 
     /// See [`crate::Study::suggest`]: answers within the deadline, whatever happens.
     pub fn suggest(&self, indicators: &Indicators) -> Suggestion {
-        self.thread.run(async || self.study.suggest(indicators).await)
+        let answer = self.run(async |study| Ok(study.suggest(indicators).await));
+        answer.unwrap_or_else(|problem| self.fall_back(problem))
     }
 
     /// See [`crate::Study::trial_of`]. Errors: as there.
@@ -208,7 +257,7 @@ impl Study {
         indicators: &Indicators,
         configuration: &Configuration,
     ) -> Result<Suggestion, ClientError> {
-        self.thread.run(async || self.study.trial_of(indicators, configuration).await)
+        self.run(async |study| study.trial_of(indicators, configuration).await)
     }
 
     /// See [`crate::Study::paired`].
@@ -219,81 +268,107 @@ impl Study {
         incumbent: &Configuration,
         challenger: &Configuration,
     ) -> Paired {
-        let paired = self.study.paired(indicators, incumbent, challenger);
-        Paired { paired, thread: Arc::clone(&self.thread) }
+        let pair = |study: &crate::Study| study.paired(indicators, incumbent, challenger);
+        Paired { paired: OfProcess::new(self.here().map(pair)), study: self.clone() }
     }
 
     /// See [`crate::Study::tuner`].
     #[must_use]
     pub fn tuner(&self) -> Tuner {
-        let tuner = self.thread.run(async || self.study.tuner());
-        Tuner { tuner, thread: Arc::clone(&self.thread) }
+        Tuner { tuner: None, study: self.clone() }
     }
 
-    /// See [`crate::Study::prefetching_tuner`]. Errors: as there.
-    pub fn prefetching_tuner(&self) -> Result<PrefetchingTuner, ClientError> {
-        let tuner = self.thread.run(async || self.study.prefetching_tuner())?;
-        Ok(PrefetchingTuner { tuner, _thread: Arc::clone(&self.thread) })
+    /// See [`crate::Study::prefetching_tuner`].
+    #[must_use]
+    pub fn prefetching_tuner(&self) -> PrefetchingTuner {
+        PrefetchingTuner { tuner: None, study: self.clone() }
     }
 
     /// See [`crate::Study::predict`]. Errors: as there.
     pub fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {
-        self.thread.run(async || self.study.predict(indicators).await)
+        self.run(async |study| study.predict(indicators).await)
     }
 
     /// See [`crate::Study::best`]. Errors: as there.
     pub fn best(&self, indicators: &Indicators) -> Result<Best, ClientError> {
-        self.thread.run(async || self.study.best(indicators).await)
+        self.run(async |study| study.best(indicators).await)
     }
 
     /// See [`crate::Study::record`]. Errors: as there.
     pub fn record(&self) -> Result<StudyRecord, ClientError> {
-        self.thread.run(async || self.study.record().await)
+        self.run(async |study| study.record().await)
+    }
+
+    fn here(&self) -> Result<&crate::Study, ClientError> {
+        self.study.get(|study| Ok(study.again(&self.client.here()?.client)))
+    }
+
+    fn run<T>(
+        &self,
+        call: impl AsyncFnOnce(&crate::Study) -> Result<T, ClientError>,
+    ) -> Result<T, ClientError> {
+        let study = self.here()?;
+        self.client.here()?.thread.run(async || call(study).await)
+    }
+
+    /// Where there is no thread to ask with.
+    fn fall_back(&self, problem: ClientError) -> Suggestion {
+        self.study.first().shared.fall_back(Arc::new(problem))
     }
 }
 
 /// See [`crate::Tuner`].
 #[derive(Debug)]
 pub struct Tuner {
-    tuner: crate::Tuner,
-    thread: Arc<RuntimeThread>,
+    /// Made in the process that uses it.
+    tuner: Option<OfProcess<crate::Tuner>>,
+    // The last field: what is dropped before it still finds the thread.
+    study: Study,
 }
 
 impl Tuner {
     /// See [`crate::Tuner::next`]: answers within the deadline, whatever happens.
     pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
-        let tuner = &mut self.tuner;
-        self.thread.run(async move || tuner.next(indicators, previous).await)
+        let Self { tuner, study } = self;
+        let answer = study.run(async |own| {
+            let tuner = OfProcess::of_this(tuner, || own.tuner());
+            let previous = previous.filter(Finished::is_of_this_process);
+            Ok(tuner.next(indicators, previous).await)
+        });
+        answer.unwrap_or_else(|problem| study.fall_back(problem))
     }
 }
 
 /// See [`crate::Paired`].
 #[derive(Debug)]
 pub struct Paired {
-    paired: crate::Paired,
-    thread: Arc<RuntimeThread>,
+    paired: OfProcess<Result<crate::Paired, ClientError>>,
+    // The last field: what is dropped before it still finds the thread.
+    study: Study,
 }
 
 impl Paired {
-    /// See [`crate::Paired::ask`]. Errors: as there.
+    /// See [`crate::Paired::ask`]. Errors: as there, and [`ClientError::Invalid`] in the child of a fork.
     pub fn ask(&mut self) -> Result<(Side, Suggestion), ClientError> {
-        let paired = &mut self.paired;
-        self.thread.run(async move || paired.ask().await)
+        let paired =
+            self.paired.here("a comparison in pairs")?.as_mut().map_err(|problem| problem.clone())?;
+        self.study.run(async move |_| paired.ask().await)
     }
 }
 
 /// See [`crate::PrefetchingTuner`].
 #[derive(Debug)]
 pub struct PrefetchingTuner {
-    // Dropped before the thread, whose end waits for the outbox.
-    tuner: crate::PrefetchingTuner,
-    _thread: Arc<RuntimeThread>,
+    /// Made in the process that uses it.
+    tuner: Option<OfProcess<crate::PrefetchingTuner>>,
+    // The last field: what is dropped before it still finds the thread.
+    study: Study,
 }
 
 impl PrefetchingTuner {
     /// See [`crate::PrefetchingTuner::next`]: returns at once.
     pub fn next(&mut self, indicators: &Indicators, previous: Option<Finished>) -> Suggestion {
-        self.tuner.next(indicators, previous)
+        self.next_before(indicators, indicators, previous)
     }
 
     /// See [`crate::PrefetchingTuner::next_before`]: returns at once.
@@ -303,15 +378,20 @@ impl PrefetchingTuner {
         upcoming: &Indicators,
         previous: Option<Finished>,
     ) -> Suggestion {
-        self.tuner.next_before(indicators, upcoming, previous)
+        let Self { tuner, study } = self;
+        let answer = study.run(async |own| {
+            let tuner = OfProcess::of_this(tuner, || own.prefetching_tuner());
+            let previous = previous.filter(Finished::is_of_this_process);
+            Ok(tuner.next_before(indicators, upcoming, previous))
+        });
+        answer.unwrap_or_else(|problem| study.fall_back(problem))
     }
 }
 
 /// Trials one after the other. Ends after the first error.
 #[derive(Debug)]
 pub struct Trials {
-    pages: Option<crate::TrialPages>,
-    thread: Arc<RuntimeThread>,
+    pages: Option<OfProcess<Result<(crate::TrialPages, Arc<RuntimeThread>), ClientError>>>,
 }
 
 impl Iterator for Trials {
@@ -319,7 +399,11 @@ impl Iterator for Trials {
 
     fn next(&mut self) -> Option<Self::Item> {
         let pages = self.pages.as_mut()?;
-        let next = self.thread.run(async || pages.next().await).transpose();
+        let next = pages.here("reading trials").and_then(|pages| {
+            let (pages, thread) = pages.as_mut().map_err(|problem| problem.clone())?;
+            thread.run(async || pages.next().await)
+        });
+        let next = next.transpose();
         if !matches!(next, Some(Ok(_))) {
             self.pages = None;
         }

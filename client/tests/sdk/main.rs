@@ -14,3 +14,4 @@ mod prefetching;
 mod released;
 mod suggesting;
 mod tuner;
+mod workers;

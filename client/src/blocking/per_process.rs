@@ -1,0 +1,83 @@
+//! What belongs to one process. After a fork the child has a copy of its parent's memory and none of its threads: nobody there
+//! will let go of a lock that one of them held, or answer. So what is the parent's is neither used nor cleaned up in the child.
+
+use std::sync::OnceLock;
+
+use crate::ClientError;
+
+/// A value of the process that made it. Elsewhere it is forgotten and not dropped.
+#[derive(Debug)]
+pub(super) struct OfProcess<T> {
+    process: u32,
+    /// `None` only while it is dropped.
+    value: Option<T>,
+}
+
+impl<T> OfProcess<T> {
+    pub(super) fn new(value: T) -> Self {
+        Self { process: std::process::id(), value: Some(value) }
+    }
+
+    /// The value, in its process. Errors: [`ClientError::Invalid`] for `what` elsewhere.
+    pub(super) fn here(&mut self, what: &'static str) -> Result<&mut T, ClientError> {
+        let problem = || {
+            let other = self.process;
+            ClientError::invalid(
+                what,
+                format!("it was begun by process {other}, before a fork; begin it anew in this one"),
+            )
+        };
+        let is_here = self.process == std::process::id();
+        if is_here { self.value.as_mut() } else { None }.ok_or_else(problem)
+    }
+
+    /// What this process has in `place`, where it is made if there is none or another process's.
+    pub(super) fn of_this(place: &mut Option<Self>, make: impl FnOnce() -> T) -> &mut T {
+        if place.as_ref().is_none_or(|there| there.process != std::process::id()) {
+            *place = None;
+        }
+        place.get_or_insert_with(|| Self::new(make())).value.as_mut().expect("it is only taken when dropped")
+    }
+}
+
+impl<T> Drop for OfProcess<T> {
+    fn drop(&mut self) {
+        if self.process != std::process::id() {
+            std::mem::forget(self.value.take());
+        }
+    }
+}
+
+/// A value for each process that uses it: of the one that made it, of its child after a fork, of that one's child, and so on.
+#[derive(Debug)]
+pub(super) struct PerProcess<T> {
+    first: OfProcess<T>,
+    child: OnceLock<Box<PerProcess<T>>>,
+}
+
+impl<T> PerProcess<T> {
+    pub(super) fn new(value: T) -> Self {
+        Self { first: OfProcess::new(value), child: OnceLock::new() }
+    }
+
+    /// What the process has that made it, to read what is the same in all.
+    pub(super) fn first(&self) -> &T {
+        self.first.value.as_ref().expect("it is only taken when dropped")
+    }
+
+    /// What this process has; made with that of the one before where it has none yet. Errors: those of `make`.
+    pub(super) fn get(&self, make: impl Fn(&T) -> Result<T, ClientError>) -> Result<&T, ClientError> {
+        let mut at = self;
+        while at.first.process != std::process::id() {
+            at = match at.child.get() {
+                Some(child) => child,
+                None => {
+                    let made = Self::new(make(at.first())?);
+                    // Where two threads make one at a time, the first is taken.
+                    at.child.get_or_init(|| Box::new(made))
+                }
+            };
+        }
+        Ok(at.first())
+    }
+}

@@ -1,0 +1,45 @@
+//! Names that one process of a machine has at a time. A name is held by a Unix socket in the abstract namespace (`unix(7)`),
+//! which the system gives back when its process ends, however it ends, and which leaves no file behind. Containers that
+//! share a machine's network share these names as well.
+
+use std::os::linux::net::SocketAddrExt as _;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
+
+/// Bytes of an abstract socket's name.
+const NAME_BYTES: usize = 107;
+
+/// What came of asking for a name.
+#[derive(Debug)]
+pub(crate) enum Slot {
+    /// It is held for as long as this lives; without a socket where the system has none of that kind.
+    Held(Option<UnixDatagram>),
+    /// Somebody else has it.
+    Taken,
+}
+
+impl Slot {
+    /// Takes the name if nobody has it. Of a longer name only the first 107 bytes count.
+    pub(crate) fn take(name: &str) -> Self {
+        let name = &name.as_bytes()[..name.len().min(NAME_BYTES)];
+        let bound = SocketAddr::from_abstract_name(name).and_then(|name| UnixDatagram::bind_addr(&name));
+        match bound {
+            Ok(socket) => Self::Held(Some(socket)),
+            Err(error) if error.kind() == std::io::ErrorKind::AddrInUse => Self::Taken,
+            Err(_) => Self::Held(None),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_held_once_and_free_again_afterwards() {
+        let name = format!("a slot of {}", std::process::id());
+        let held = Slot::take(&name);
+        assert!(matches!((&held, Slot::take(&name)), (Slot::Held(Some(_)), Slot::Taken)));
+        drop(held);
+        assert!(matches!(Slot::take(&name), Slot::Held(_)));
+    }
+}
