@@ -3,8 +3,7 @@ get_filename_component(_treewright_prefix "${CMAKE_CURRENT_LIST_DIR}/../../.." A
 if(NOT TARGET treewright::treewright)
   add_library(treewright::treewright SHARED IMPORTED)
   set_target_properties(treewright::treewright PROPERTIES
-    IMPORTED_LOCATION "${_treewright_prefix}/lib/libtreewright.so.0"
-    IMPORTED_SONAME "libtreewright.so.0"
+    IMPORTED_LOCATION "${_treewright_prefix}/lib/libtreewright.so"
     INTERFACE_INCLUDE_DIRECTORIES "${_treewright_prefix}/include")
   find_package(Threads REQUIRED)
   add_library(treewright::static STATIC IMPORTED)

@@ -112,9 +112,40 @@ fn a_c_program_gets_along_with_it() {
             "--show-leak-kinds=definite,indirect",
         ];
         let known = format!("--suppressions={}", file("c/tests/valgrind.supp").display());
-        let checked =
-            succeed(Command::new("valgrind").args(valgrind).arg(known).arg(&program).arg(again.url()));
+        // What is installed has no symbols, by which suppressions go.
+        let symbols = folder.path().join("symbols");
+        std::fs::create_dir(&symbols).expect("a folder");
+        let loaded = symbols.join(format!("libtreewright.so.{}", fitting_versions()));
+        std::os::unix::fs::symlink(built().join("libtreewright.so"), loaded).expect("a link");
+        let mut valgrind_of = Command::new("valgrind");
+        valgrind_of.env("LD_LIBRARY_PATH", &symbols).args(valgrind).arg(known);
+        let checked = succeed(valgrind_of.arg(&program).arg(again.url()));
         assert_eq!(checked, "ok\n");
+    }
+}
+
+/// The header promises that libraries of one major version fit each other, and before 1.0 of one minor version: so much is part of the
+/// name that a program asks the loader for.
+fn fitting_versions() -> String {
+    let version: Vec<&str> = env!("CARGO_PKG_VERSION").split('.').collect();
+    if version[0] == "0" { version[..2].join(".") } else { version[0].to_owned() }
+}
+
+#[test]
+fn the_loader_is_asked_for_what_fits() {
+    let folder = tempfile::tempdir().expect("a folder");
+    install(folder.path());
+    let fits = fitting_versions();
+    let library = folder.path().join("lib").join(format!("libtreewright.so.{fits}"));
+    assert!(library.exists(), "{} is not installed", library.display());
+    if has("readelf", "the name for the loader") {
+        let said = succeed(Command::new("readelf").arg("-d").arg(&library));
+        assert!(said.contains(&format!("Library soname: [libtreewright.so.{fits}]")), "{said}");
+    }
+    if has("strip", "the size of libtreewright") {
+        let size = |path: &Path| std::fs::metadata(path).expect("the library").len();
+        let (built, installed) = (size(&built().join("libtreewright.so")), size(&library));
+        assert!(installed < built, "{installed} of {built} bytes are left");
     }
 }
 

@@ -23,8 +23,9 @@
  * NULL; else *error is set on failure, and left alone on success. Free it with tw_error_free. There is no global state.
  *
  * Threads. tw_client, tw_study, tw_tuner and tw_scene may be used by several threads at once. Other handles
- * may move between threads but be used by one at a time; const ones may be read by several. One background thread per client
- * does the network; nothing may be used in the child of a fork.
+ * may move between threads but be used by one at a time; const ones may be read by several. Each suggestion that is open is a
+ * trial of its own, whichever thread asked for it. One background thread per client does the network. In the child of a fork
+ * clients, studies and tuners connect anew at their first use; suggestions remain the parent's (TW_INVALID).
  *
  * Waiting. tw_study_suggest and tw_tuner_next wait for the daemon no longer than the deadline (50 ms unless the options say
  * otherwise) and then hand out the last good configuration, or the default. Reports go into a bounded queue and return at once;
@@ -41,7 +42,8 @@
 extern "C" {
 #endif
 
-/* The interface's version. Libraries with the same major version (0: the same minor version, too) fit each other. */
+/* The interface's version. Libraries with the same major version (0: the same minor version, too) fit each other, and have the same
+ * name for the loader: libtreewright.so.0.1 for all of 0.1. */
 #define TREEWRIGHT_VERSION_MAJOR 0
 #define TREEWRIGHT_VERSION_MINOR 1
 #define TREEWRIGHT_VERSION_PATCH 0
@@ -91,7 +93,8 @@ void tw_error_free(tw_error *error);
 /* Defaults that suit a renderer on the daemon's machine. */
 tw_options *tw_options_new(void);
 void tw_options_free(tw_options *options);
-/* Who this is: 1 to 128 printable characters, unique among the clients of a study. Default: program, machine, process. */
+/* Who this is: 1 to 128 printable characters, unique among the machines that work on a study. Threads and processes of one
+ * machine are told apart by themselves, as ID, ID#2, ID#3 and so on. Default: program, machine, user, and a number for each process. */
 void tw_options_client_id(tw_options *options, const char *client_id);
 /* How long a suggestion may keep a frame waiting, connecting included. Default 50. */
 void tw_options_deadline_ms(tw_options *options, double ms);
@@ -195,6 +198,32 @@ tw_configuration *tw_study_predict(const tw_study *study, const tw_number *indic
 tw_configuration *tw_study_best(const tw_study *study, const tw_number *indicators, size_t count, double *cost,
                                 tw_error **error);
 
+enum tw_stage {
+  TW_STAGE_UNKNOWN = 0,       /* the daemon does not tell */
+  TW_STAGE_OFF = 1,           /* the policy wants no confirmation */
+  TW_STAGE_SEARCHING = 2,     /* the search goes on */
+  TW_STAGE_RACING = 3,        /* the best few run against the incumbent */
+  TW_STAGE_BETTER = 4,        /* a challenger was proven better */
+  TW_STAGE_NOTHING_BETTER = 5 /* none was */
+};
+
+/* What is proven of an answer. A number of which nothing is known is NaN. Intervals are those of 95 %. */
+typedef struct tw_standing {
+  double cost; /* from all that was measured, never the luckiest run */
+  double cost_low;
+  double cost_high;
+  double gain; /* the share by which it lies below the default's cost */
+  double gain_low;
+  double gain_high;
+  double probability_better;
+  int32_t stage;       /* one of enum tw_stage */
+  bool nothing_better; /* the answer is what was run before */
+} tw_standing;
+
+/* As tw_study_best, and fills *standing. */
+tw_configuration *tw_study_best_standing(const tw_study *study, const tw_number *indicators, size_t count, double *cost,
+                                         tw_standing *standing, tw_error **error);
+
 /* A frame loop in which report and question travel together: one round trip a frame. Fails: TW_INVALID. */
 tw_tuner *tw_tuner_new(const tw_study *study, tw_error **error);
 /* A result that was not sent yet goes into the queue. */
@@ -254,7 +283,7 @@ bool tw_configuration_has(const tw_configuration *configuration, const char *nam
 const char *tw_configuration_json(const tw_configuration *configuration);
 /* Reads that JSON; asks no daemon. Fails: TW_INVALID. */
 tw_configuration *tw_configuration_new(const char *json, tw_error **error);
-/* For those of tw_configuration_new, tw_study_predict and tw_study_best; not for borrowed ones. */
+/* For those of tw_configuration_new, tw_study_predict, tw_study_best and tw_study_best_standing; not for borrowed ones. */
 void tw_configuration_free(tw_configuration *configuration);
 
 /* ---- the seventeen indicators of a scene -------------------------------------------------------------------------- */

@@ -89,9 +89,13 @@ class ConfigurationView {
 // A configuration with the objective that is known or predicted of it.
 class Known {
  public:
-  Known(tw_configuration *handle, double cost) : cost(cost), owned_(handle) {}
+  Known(tw_configuration *handle, double cost, const tw_standing &standing = nothing_known())
+      : cost(cost), standing(standing), owned_(handle) {}
   ConfigurationView configuration() const { return ConfigurationView(owned_.get()); }
   double cost;  // NaN where nothing is known
+  // Of Study::best: what is proven, with its intervals. Of others nothing is known.
+  tw_standing standing;
+  static tw_standing nothing_known() { return {NAN, NAN, NAN, NAN, NAN, NAN, NAN, TW_STAGE_UNKNOWN, false}; }
 
  private:
   detail::Owned<tw_configuration> owned_;
@@ -174,22 +178,25 @@ class Study {
     }));
   }
   Known predict(const Numbers &indicators = {}) const {
-    return known(tw_study_predict, indicators);
+    double cost = 0;
+    tw_configuration *found = detail::checked([&](tw_error **error) {
+      return tw_study_predict(owned_.get(), indicators.data(), indicators.size(), &cost, error);
+    });
+    return Known(found, cost);
   }
-  Known best(const Numbers &indicators = {}) const { return known(tw_study_best, indicators); }
+  Known best(const Numbers &indicators = {}) const {
+    double cost = 0;
+    tw_standing standing = Known::nothing_known();
+    tw_configuration *found = detail::checked([&](tw_error **error) {
+      return tw_study_best_standing(owned_.get(), indicators.data(), indicators.size(), &cost, &standing, error);
+    });
+    return Known(found, cost, standing);
+  }
   Tuner tuner() const {
     return Tuner(detail::checked([&](tw_error **error) { return tw_tuner_new(owned_.get(), error); }));
   }
 
  private:
-  template <typename Ask>
-  Known known(Ask ask, const Numbers &indicators) const {
-    double cost = 0;
-    tw_configuration *found = detail::checked([&](tw_error **error) {
-      return ask(owned_.get(), indicators.data(), indicators.size(), &cost, error);
-    });
-    return Known(found, cost);
-  }
   detail::Owned<tw_study> owned_;
 };
 

@@ -3,7 +3,7 @@
 use std::mem::MaybeUninit;
 use std::sync::{Mutex, PoisonError};
 
-use treewright_client::{Finished, Outcome, blocking};
+use treewright_client::{ConfirmationStage, Finished, Outcome, blocking};
 
 use crate::configuration::{Configuration, from_json};
 use crate::edge::{Array, ErrorOut, Number, Text, guard, indicators, measurements, need, store};
@@ -90,6 +90,63 @@ pub(crate) extern "C" fn tw_study_best(
 ) -> Option<Box<Configuration>> {
     guard(error, || {
         let best = need(study, "study")?.0.best(&indicators(numbers, count)?)?;
+        put(cost, best.cost)?;
+        Ok(Box::new(Configuration::new(best.configuration)))
+    })
+}
+
+/// What is proven of an answer; see the header.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub(crate) struct Standing {
+    cost: f64,
+    cost_low: f64,
+    cost_high: f64,
+    gain: f64,
+    gain_low: f64,
+    gain_high: f64,
+    probability_better: f64,
+    stage: i32,
+    nothing_better: bool,
+}
+
+impl Standing {
+    fn of(known: Option<treewright_client::Standing>) -> Self {
+        let gain = known.and_then(|known| known.gain);
+        let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
+        Self {
+            cost: number(known.map(|known| known.cost)),
+            cost_low: number(known.map(|known| known.cost_low)),
+            cost_high: number(known.map(|known| known.cost_high)),
+            gain: number(gain.map(|gain| gain.share)),
+            gain_low: number(gain.and_then(|gain| gain.low)),
+            gain_high: number(gain.and_then(|gain| gain.high)),
+            probability_better: number(gain.and_then(|gain| gain.probability_better)),
+            stage: known.map_or(0, |known| match known.confirmation.stage {
+                ConfirmationStage::Off => 1,
+                ConfirmationStage::Searching => 2,
+                ConfirmationStage::Racing => 3,
+                ConfirmationStage::Better => 4,
+                ConfirmationStage::NothingBetter => 5,
+            }),
+            nothing_better: known.is_some_and(|known| known.nothing_better),
+        }
+    }
+}
+
+/// See the header.
+#[unsafe(no_mangle)]
+pub(crate) extern "C" fn tw_study_best_standing(
+    study: Option<&Study>,
+    numbers: Array<Number>,
+    count: usize,
+    cost: Option<&mut MaybeUninit<f64>>,
+    standing: Option<&mut MaybeUninit<Standing>>,
+    error: ErrorOut,
+) -> Option<Box<Configuration>> {
+    guard(error, || {
+        let best = need(study, "study")?.0.best(&indicators(numbers, count)?)?;
+        store(standing, Standing::of(best.standing))?;
         put(cost, best.cost)?;
         Ok(Box::new(Configuration::new(best.configuration)))
     })
