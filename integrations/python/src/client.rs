@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use treewright_client::{Credentials, Options, blocking};
 
+use crate::best::Best;
 use crate::convert::{Numbers, configuration_of, shown};
 use crate::error::{Invalid, raised};
 use crate::space::{Definition, Range, Space};
@@ -15,7 +16,8 @@ use crate::suggestion::{Suggestion, Tuner};
 /// Longest deadline, in milliseconds: an hour.
 const DEADLINE_MS_MAX: f64 = 3.6e6;
 
-/// See the stubs.
+/// A connection to a daemon, with a thread of its own. May be shared between threads. In the child of a fork it connects anew at
+/// its first use, as another worker under the same name.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Client(blocking::Client);
 
@@ -66,6 +68,7 @@ impl Client {
         python.detach(|| blocking::Client::connect(url, options)).map(Self).map_err(raised)
     }
 
+    /// Creates the study, or finds the equal one of that id. An absent daemon is no error: it is created when it is there.
     #[pyo3(signature = (id, space, *, minimise, indicators=HashMap::new(), auxiliary=Vec::new(), policy=HashMap::new(),
         display_name=String::new(), state_tolerance=None, seed=0))]
     #[allow(clippy::too_many_arguments)] // keywords of Python
@@ -103,29 +106,35 @@ impl Client {
         python.detach(|| self.0.study(id, spec)).map(Study).map_err(raised)
     }
 
+    /// A study that exists. Raises Refused when there is none.
     fn existing_study(&self, python: Python<'_>, id: &str) -> PyResult<Study> {
         python.detach(|| self.0.existing_study(id)).map(Study).map_err(raised)
     }
 
+    /// Deletes a study with all that was learnt.
     fn delete_study(&self, python: Python<'_>, id: &str) -> PyResult<()> {
         python.detach(|| self.0.delete_study(id)).map_err(raised)
     }
 
+    /// The ids of all studies.
     fn studies(&self, python: Python<'_>) -> PyResult<Vec<String>> {
         let studies = python.detach(|| self.0.list_studies()).map_err(raised)?;
         Ok(studies.iter().map(|study| study.id().to_owned()).collect())
     }
 
+    /// Waits until every report is acknowledged. Raises Unreachable when some are not.
     #[pyo3(signature = (deadline_ms=5000.0))]
     fn flush(&self, python: Python<'_>, deadline_ms: f64) -> PyResult<()> {
         let deadline = milliseconds(deadline_ms)?;
         python.detach(|| self.0.flush(deadline)).map_err(raised)
     }
 
+    /// How long the daemon takes to answer, in milliseconds.
     fn ping_ms(&self, python: Python<'_>) -> PyResult<f64> {
         python.detach(|| self.0.ping()).map(|took| took.as_secs_f64() * 1e3).map_err(raised)
     }
 
+    /// What became of suggestions and reports since the client was made.
     fn stats<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let stats = self.0.stats();
         let shown = PyDict::new(python);
@@ -148,23 +157,28 @@ impl Client {
     }
 }
 
-/// See the stubs.
+/// What is tuned: asks for suggestions, and for what is known. May be shared between threads and tasks.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Study(blocking::Study);
 
 #[pymethods]
 impl Study {
+    /// Its resource name, ``studies/ID``.
     #[getter]
     fn name(&self) -> &str {
         self.0.name()
     }
 
+    /// What to run next, within the deadline. Without the daemon it is the last good configuration, or the default; see
+    /// Suggestion.problem. Each suggestion that is open is a trial of its own, whichever thread or task asked for it.
+    /// Raises Invalid for wrong indicators.
     #[pyo3(signature = (indicators=None))]
-    fn suggest(&self, python: Python<'_>, indicators: Option<Numbers>) -> Suggestion {
+    fn suggest(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Suggestion> {
         let numbers = crate::convert::indicators(indicators);
-        Suggestion::new(python.detach(|| self.0.suggest(&numbers)))
+        Suggestion::checked(python.detach(|| self.0.suggest(&numbers)))
     }
 
+    /// A trial of the caller's own configuration. Raises where no daemon answers.
     #[pyo3(signature = (configuration, indicators=None))]
     fn trial_of(
         &self,
@@ -176,6 +190,7 @@ impl Study {
         python.detach(|| self.0.trial_of(&numbers, &wanted)).map(Suggestion::new).map_err(raised)
     }
 
+    /// What would be exploited, and the predicted objective. Writes nothing.
     #[pyo3(signature = (indicators=None))]
     fn predict<'py>(
         &self,
@@ -187,17 +202,15 @@ impl Study {
         Ok((shown(python, &known.configuration)?, known.predicted_cost))
     }
 
+    /// The best known, which unpacks into a configuration and its mean objective, and tells what is proven of it; of all
+    /// states without indicators. Raises Refused when nothing was measured.
     #[pyo3(signature = (indicators=None))]
-    fn best<'py>(
-        &self,
-        python: Python<'py>,
-        indicators: Option<Numbers>,
-    ) -> PyResult<(Bound<'py, PyDict>, f64)> {
+    fn best(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Best> {
         let numbers = crate::convert::indicators(indicators);
-        let best = python.detach(|| self.0.best(&numbers)).map_err(raised)?;
-        Ok((shown(python, &best.configuration)?, best.cost))
+        python.detach(|| self.0.best(&numbers)).map(Best::new).map_err(raised)
     }
 
+    /// A frame loop, in which report and question travel together.
     fn tuner(&self, python: Python<'_>) -> Tuner {
         Tuner::new(python.detach(|| self.0.tuner()))
     }

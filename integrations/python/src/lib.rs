@@ -4,6 +4,7 @@
 //! The interpreter's lock is let go wherever a call may wait. Handles are shared between threads as Python shares objects; the
 //! SDK below is thread-safe.
 
+mod best;
 mod client;
 mod convert;
 mod error;
@@ -12,13 +13,15 @@ mod suggestion;
 
 use pyo3::prelude::*;
 
-/// The module `treewright._native`.
+/// The native half of `treewright`, which has the same names.
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<space::Space>()?;
     module.add_class::<client::Client>()?;
     module.add_class::<client::Study>()?;
+    module.add_class::<best::Best>()?;
     module.add_class::<suggestion::Suggestion>()?;
     module.add_class::<suggestion::Tuner>()?;
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     error::register(module)
 }

@@ -9,7 +9,7 @@ use treewright_client::{
 use crate::convert::value_of;
 use crate::error::{Invalid, raised};
 
-/// See the stubs.
+/// What can be tuned. Every method returns the space itself; mistakes are told by Client.study.
 #[pyclass(module = "treewright", frozen)]
 #[derive(Debug, Default)]
 pub(crate) struct Space {
@@ -74,6 +74,7 @@ impl Space {
         Self::default()
     }
 
+    /// A whole number of a range with both ends; `default` is the value used so far.
     #[pyo3(signature = (name, min, max, *, default, log=false, active_if=None))]
     fn integer<'py>(
         this: PyRef<'py, Self>,
@@ -93,6 +94,7 @@ impl Space {
         )
     }
 
+    /// A number of a range with both ends.
     #[pyo3(signature = (name, min, max, *, default, log=false, active_if=None))]
     fn float<'py>(
         this: PyRef<'py, Self>,
@@ -106,6 +108,7 @@ impl Space {
         Self::add(this, name, Domain::Float { min, max, scale: scale(log) }, Value::Float(default), active_if)
     }
 
+    /// True or false.
     #[pyo3(signature = (name, *, default, active_if=None))]
     fn boolean<'py>(
         this: PyRef<'py, Self>,
@@ -116,6 +119,7 @@ impl Space {
         Self::add(this, name, Domain::Boolean, Value::Boolean(default), active_if)
     }
 
+    /// One of up to 64 words, or numbers, that have no order.
     #[pyo3(signature = (name, values, *, default, active_if=None))]
     fn choice<'py>(
         this: PyRef<'py, Self>,
@@ -129,6 +133,7 @@ impl Space {
         Self::add(this, name, Domain::Categorical { values }, default, active_if)
     }
 
+    /// Every configuration has lesser <= greater.
     fn less_or_equal(this: PyRef<'_, Self>, lesser: String, greater: String) -> PyRef<'_, Self> {
         this.with(|parts| parts.constraints.push(Constraint { lesser, greater }));
         this

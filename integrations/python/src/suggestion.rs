@@ -4,12 +4,13 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use treewright_client::{Configuration, Finished, Outcome, Source, blocking};
+use treewright_client::{ClientError, Configuration, Finished, Outcome, Source, blocking};
 
 use crate::convert::{Numbers, measurements, shown};
 use crate::error::{Invalid, raised};
 
-/// See the stubs.
+/// What to run next, and the trial that it is of. Report it, or give it back; leaving a ``with`` block gives back what is open, and tells
+/// an exception as the trial's failure.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Suggestion {
     configuration: Configuration,
@@ -41,6 +42,14 @@ impl Suggestion {
         }
     }
 
+    /// What was wrong with the question is raised: it will not pass, and the fallback would hide it.
+    pub(crate) fn checked(inner: treewright_client::Suggestion) -> PyResult<Self> {
+        match inner.problem() {
+            Some(problem @ ClientError::Invalid { .. }) => Err(raised(problem.clone())),
+            _ => Ok(Self::new(inner)),
+        }
+    }
+
     fn take(&self) -> PyResult<treewright_client::Suggestion> {
         lock(&self.open)
             .take()
@@ -54,11 +63,13 @@ impl Suggestion {
 
 #[pymethods]
 impl Suggestion {
+    /// What to run with.
     #[getter]
     fn configuration<'py>(&self, python: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         shown(python, &self.configuration)
     }
 
+    /// Where it came from: daemon, last_good or default.
     #[getter]
     fn source(&self) -> &'static str {
         match self.source {
@@ -68,31 +79,37 @@ impl Suggestion {
         }
     }
 
+    /// Name of its trial; None without the daemon.
     #[getter]
     fn trial(&self) -> Option<&str> {
         self.trial.as_deref()
     }
 
+    /// Why this configuration, in a sentence.
     #[getter]
     fn reason(&self) -> &str {
         &self.reason
     }
 
+    /// Why the daemon was not the source; None when it was.
     #[getter]
     fn problem(&self) -> Option<&str> {
         self.problem.as_deref()
     }
 
+    /// The predicted objective, where something is known.
     #[getter]
     fn predicted_cost(&self) -> Option<f64> {
         self.predicted_cost
     }
 
+    /// Stop as soon as the objective exceeds this, and call aborted; None is never.
     #[getter]
     fn abort_above(&self) -> Option<f64> {
         self.abort_above
     }
 
+    /// Whether it is neither reported nor given back.
     #[getter]
     fn is_open(&self) -> bool {
         lock(&self.open).is_some()
@@ -103,6 +120,7 @@ impl Suggestion {
         known.get_item(name)?.ok_or_else(|| pyo3::exceptions::PyKeyError::new_err(name.to_owned()))
     }
 
+    /// Ends the trial with what was measured; returns at once, and the report is sent in the background.
     #[pyo3(signature = (measurements=None, /, **named))]
     fn report(&self, measurements: Option<Numbers>, named: Option<Numbers>) -> PyResult<()> {
         let mut all = measurements.unwrap_or_default();
@@ -110,18 +128,22 @@ impl Suggestion {
         self.end(all, Outcome::Ok)
     }
 
+    /// It was stopped early: the objective is at least this.
     fn aborted(&self, lower_bound: f64) -> PyResult<()> {
         self.end(Numbers::new(), Outcome::aborted(lower_bound))
     }
 
+    /// The configuration cannot work for this input.
     fn infeasible(&self, reason: String) -> PyResult<()> {
         self.end(Numbers::new(), Outcome::infeasible(reason))
     }
 
+    /// It failed for a reason that says nothing about the configuration.
     fn failed(&self, reason: String) -> PyResult<()> {
         self.end(Numbers::new(), Outcome::failed(reason))
     }
 
+    /// Gives the trial back unmeasured.
     fn abandon(&self) {
         drop(lock(&self.open).take());
     }
@@ -156,7 +178,7 @@ impl Suggestion {
     }
 }
 
-/// See the stubs.
+/// A frame loop in which report and question travel together. Used by one thread; each has a tuner of its own.
 #[pyclass(module = "treewright", frozen)]
 pub(crate) struct Tuner(Mutex<(blocking::Tuner, Option<Finished>)>);
 
@@ -168,16 +190,18 @@ impl Tuner {
 
 #[pymethods]
 impl Tuner {
+    /// What to run in this frame; sends what finish left. Raises Invalid for wrong indicators.
     #[pyo3(signature = (indicators=None))]
-    fn next(&self, python: Python<'_>, indicators: Option<Numbers>) -> Suggestion {
+    fn next(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Suggestion> {
         let numbers = crate::convert::indicators(indicators);
-        Suggestion::new(python.detach(|| {
+        Suggestion::checked(python.detach(|| {
             let mut frames = lock(&self.0);
             let previous = frames.1.take();
             frames.0.next(&numbers, previous)
         }))
     }
 
+    /// Keeps the frame's result for the next question.
     #[pyo3(signature = (suggestion, measurements=None, /, **named))]
     fn finish(
         &self,

@@ -9,6 +9,8 @@ import importlib.util
 import os
 import sys
 import threading
+import time
+import warnings
 
 
 def documentation() -> None:
@@ -32,11 +34,16 @@ def stubs() -> None:
     classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
     assert public(classes) == public(dir(_native)), public(classes) ^ public(dir(_native))
     for name, node in classes.items():
-        if issubclass(getattr(_native, name), Exception):
+        there = getattr(_native, name)
+        assert there.__doc__ and "stubs" not in there.__doc__, name
+        if issubclass(there, Exception):
             continue
         told = {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
-        there = public(dir(getattr(_native, name)))
-        assert public(told) == there, (name, public(told) ^ there)
+        assert public(told) == public(dir(there)), (name, public(told) ^ public(dir(there)))
+        for each in public(told):
+            assert getattr(there, each).__doc__, f"{name}.{each} has no docstring"
+    version = treewright.__version__.split(".")
+    assert len(version) == 3 and all(part.isdigit() for part in version), version
 
 
 def trials(url: str) -> None:
@@ -67,6 +74,9 @@ def trials(url: str) -> None:
         (treewright.Invalid, lambda: trial.report(ms=1)),
         (treewright.Invalid, lambda: study.suggest().report(ms=float("nan"))),
         (treewright.Invalid, lambda: study.suggest().report({"ms": -1.0})),
+        (treewright.Invalid, lambda: study.suggest({"low": 1.0})),
+        (treewright.Invalid, lambda: study.tuner().next({"low": 1.0})),
+        (treewright.Invalid, lambda: study.trial_of({"split": "sah"}, {"low": 1.0})),
         (treewright.Refused, lambda: study.trial_of({"split": "other"})),
         (treewright.Refused, lambda: client.existing_study("nowhere")),
         (treewright.Invalid, lambda: treewright.Client(url, deadline_ms=-1)),
@@ -81,7 +91,11 @@ def trials(url: str) -> None:
     client.flush(20000)
     stats = client.stats()
     assert stats["acknowledged"] >= 31 and stats["abandoned"] >= 2 and stats["dropped"] == 0, stats
-    assert study.best()[1] >= 1 and "python" in client.studies()
+    best = study.best()
+    assert best[1] == best.cost >= 1 and best[0] == best.configuration and len(best) == 2 and "python" in client.studies()
+    low, high = best.cost_interval
+    assert low <= high and best.measurements >= 1 and best.verdict and best.stage, best
+    assert best.gain_interval[0] <= best.gain <= best.gain_interval[1] and not best.nothing_better, best
 
 
 def threads(url: str) -> None:
@@ -113,6 +127,114 @@ def threads(url: str) -> None:
     client.delete_study("python-threads")
 
 
+SHARED = """
+import os, sys, threading
+import treewright
+client = treewright.Client(sys.argv[1], client_id=sys.argv[2], deadline_ms=20000, call_deadline_ms=20000)
+space = treewright.Space().integer("leaf", 1, 4000, default=8)
+study = client.study("python-shared", space, minimise={"ms": 1.0}, policy={"epsilon": 1.0, "confirm_rounds": 0})
+"""
+
+
+def shared(url: str, name: str, then: str) -> "list[str]":
+    """Runs a program of its own on one study, and returns what it says."""
+    import subprocess
+
+    return subprocess.run([sys.executable, "-c", SHARED + then, url, name], check=True, stdout=subprocess.PIPE, text=True).stdout.split()
+
+
+def a_trial_each(url: str) -> None:
+    """Whoever shares a study runs trials of its own: threads, tasks, and the children of a fork."""
+    threads = """
+gate, trials = threading.Barrier(4), []
+def work():
+    for _ in range(10):
+        trial = study.suggest()
+        assert trial.source == "daemon", trial.problem
+        trials.append(trial.trial)
+        gate.wait()
+        trial.report(ms=trial["leaf"])
+workers = [threading.Thread(target=work) for _ in range(4)]
+for each in workers: each.start()
+for each in workers: each.join()
+client.flush(20000)
+print(len(trials), len(set(trials)), client.stats()["acknowledged"])
+"""
+    assert shared(url, "threads", threads) == ["40", "40", "40"]
+    tasks = """
+import asyncio, treewright.aio
+async def main():
+    client = await treewright.aio.connect(sys.argv[1], client_id=sys.argv[2], deadline_ms=20000, call_deadline_ms=20000)
+    study = await client.existing_study("python-shared")
+    async def one():
+        async with study.suggest() as trial:
+            await asyncio.sleep(0.01)
+            trial.report(ms=trial["leaf"])
+            return trial.trial
+    trials = await asyncio.gather(*(one() for _ in range(40)))
+    await client.flush(20000)
+    print(len(set(trials)), client.stats()["acknowledged"])
+asyncio.run(main())
+"""
+    assert shared(url, "tasks", tasks) == ["40", "40"]
+    forked = """
+import multiprocessing
+ours, tuner = study.suggest(), study.tuner()
+tuner.finish(tuner.next(), ms=9)
+def work(number):
+    trials = []
+    for _ in range(5):
+        with study.suggest() as trial:
+            assert trial.source == "daemon", trial.problem
+            trials.append(trial.trial)
+            trial.report(ms=trial["leaf"])
+    last = tuner.next()
+    trials.append(last.trial)
+    tuner.finish(last, ms=9)
+    for end in (lambda: ours.report(ms=1), lambda: ours.failed("x")):
+        try:
+            end()
+        except treewright.Invalid as problem:
+            assert "forked" in str(problem) or "already" in str(problem), problem
+        else:
+            raise AssertionError("a child reported its parent's trial")
+    client.flush(20000)
+    assert client.stats()["acknowledged"] == 5, client.stats()
+    return trials
+with multiprocessing.get_context("fork").Pool(4, maxtasksperchild=1) as pool:
+    trials = [ours.trial, *(each for part in pool.map(work, range(4), chunksize=1) for each in part)]
+ours.report(ms=5)
+client.flush(20000)
+print(len(trials), len(set(trials)))
+"""
+    assert shared(url, "forked", forked) == ["25", "25"]
+
+
+def recognised_after_a_crash(url: str) -> None:
+    """Who starts again with as many threads is given the trials that it left."""
+    crash = """
+trials, gate = [], threading.Barrier(3)
+def work():
+    trials.append(study.suggest())
+    gate.wait()
+workers = [threading.Thread(target=work) for _ in range(3)]
+for each in workers: each.start()
+for each in workers: each.join()
+print(*sorted(each.trial for each in trials), flush=True)
+os._exit(0)
+"""
+    import treewright
+
+    left = shared(url, "crashed", crash)
+    assert len(set(left)) == 3, left
+
+    client = treewright.Client(url, client_id="crashed", deadline_ms=20000)
+    beside = [client.existing_study("python-shared").suggest() for _ in range(3)]
+    assert sorted(each.trial for each in beside) == left
+    # Two programs of one name that run at the same time are not taken for each other.
+    assert not set(shared(url, "crashed", crash)) & set(left)
+
+
 def optuna_sampler(url: str) -> None:
     if importlib.util.find_spec("optuna") is None:
         return print("passed by: the Optuna sampler, because Optuna is not installed")
@@ -125,27 +247,121 @@ def optuna_sampler(url: str) -> None:
         "x": optuna.distributions.FloatDistribution(-4, 4),
         "n": optuna.distributions.IntDistribution(1, 64, log=True),
         "step": optuna.distributions.FloatDistribution(0, 1, step=0.25),
-        "kind": optuna.distributions.CategoricalDistribution(["a", None, 3]),
+        "Kind of tree": optuna.distributions.CategoricalDistribution(["a", None, 3]),
+        "block": optuna.distributions.CategoricalDistribution([16, 32]),
+        "compact": optuna.distributions.CategoricalDistribution([True, False]),
     }
-    client = treewright.Client(url, client_id="optuna", deadline_ms=20000)
-    sampler = TreewrightSampler(search_space, client, "optuna", policy={"epsilon": 1.0})
+    client = treewright.Client(url, client_id="optuna", deadline_ms=20000, call_deadline_ms=20000)
+    sampler = TreewrightSampler(search_space, client, "optuna", policy={"epsilon": 1.0, "confirm_rounds": 0})
 
     def objective(trial: "optuna.Trial") -> float:
         x, n = trial.suggest_float("x", -4, 4), trial.suggest_int("n", 1, 64, log=True)
-        step, kind = trial.suggest_float("step", 0, 1, step=0.25), trial.suggest_categorical("kind", ["a", None, 3])
+        step, kind = trial.suggest_float("step", 0, 1, step=0.25), trial.suggest_categorical("Kind of tree", ["a", None, 3])
+        block, compact = trial.suggest_categorical("block", [16, 32]), trial.suggest_categorical("compact", [True, False])
         if trial.number == 5:
             trial.report(9.0, 1)
             raise optuna.TrialPruned
-        return x * x + abs(n - 8) + step + (0 if kind is None else 1)
+        return x * x + abs(n - 8) + step + (0 if kind is None else 1) + block / 16 + compact
 
     study = optuna.create_study(sampler=sampler)
     study.optimize(objective, n_trials=40)
     client.flush(20000)
     first, best = study.trials[0].value, study.best_value
-    # The first trial is the default: x 0, n 8, step 0.5, and of the categories the one in the middle.
     assert best <= first, (first, best)
-    assert client.existing_study("optuna").best()[1] <= first
+    known = client.existing_study("optuna").best()
+    assert known.cost <= first
+    # Parameters and categories are called as in Optuna, as far as the daemon takes such names.
+    configuration = known.configuration
+    assert set(configuration) == {"x", "n", "step", "kind_of_tree", "block", "compact"}, configuration
+    assert configuration["kind_of_tree"] in ("a", "None", "3") and configuration["block"] in (16, 32), configuration
+    assert isinstance(configuration["compact"], bool) and -4 <= configuration["x"] <= 4, configuration
     print(f"Optuna: {first} to {best} in 40 trials")
+    at_its_own_point(client, optuna, TreewrightSampler)
+    in_parallel(client, optuna, TreewrightSampler)
+    maximised(client, optuna, TreewrightSampler)
+    without_daemon(optuna, treewright, TreewrightSampler)
+    optunas_own_cases(url)
+
+
+def at_its_own_point(client, optuna, TreewrightSampler) -> None:
+    """What a trial cost is booked on what it ran with, whoever chose that."""
+    space = {"x": optuna.distributions.FloatDistribution(-4, 4), "y": optuna.distributions.IntDistribution(0, 9)}
+    cost = lambda x, y: (x - 1.5) ** 2 + y + 1
+    objective = lambda trial: cost(trial.suggest_float("x", -4, 4), trial.suggest_int("y", 0, 9))
+    sampler = TreewrightSampler(space, client, "optuna-own-point", policy={"epsilon": 1.0, "confirm_rounds": 0})
+    study = optuna.create_study(sampler=sampler)
+    for wanted in ({"x": 1.5, "y": 0}, {"x": -2.0}, {"y": 7}):
+        study.enqueue_trial(wanted)
+        study.optimize(objective, n_trials=2)
+    client.flush(20000)
+    for each in study.trials:
+        assert each.value == cost(**each.params)
+    best = client.existing_study("optuna-own-point").best()
+    assert (best.configuration, best.cost) == ({"x": 1.5, "y": 0}, 1.0) and client.stats()["refused"] == 0, best
+
+
+def in_parallel(client, optuna, TreewrightSampler) -> None:
+    """With ``n_jobs`` each trial of Optuna is one of the daemon."""
+    sampler = TreewrightSampler(
+        {"x": optuna.distributions.FloatDistribution(-4, 4)}, client, "optuna-jobs", policy={"epsilon": 1.0, "confirm_rounds": 0}
+    )
+    study = optuna.create_study(sampler=sampler)
+    before = client.stats()["acknowledged"]
+
+    def objective(trial: "optuna.Trial") -> float:
+        x = trial.suggest_float("x", -4, 4)
+        time.sleep(0.02)
+        return x * x
+
+    study.optimize(objective, n_trials=24, n_jobs=4)
+    client.flush(20000)
+    assert client.stats()["acknowledged"] - before == 24
+    # Of equal configurations there may be several trials, but each was told once.
+    assert len(study.trials) == 24
+
+
+def maximised(client, optuna, TreewrightSampler) -> None:
+    sampler = TreewrightSampler(
+        {"x": optuna.distributions.FloatDistribution(-4, 4)}, client, "optuna-maximised", policy={"epsilon": 1.0, "confirm_rounds": 0}
+    )
+    study = optuna.create_study(sampler=sampler, direction="maximize")
+    study.optimize(lambda trial: 30 - (trial.suggest_float("x", -4, 4) - 1) ** 2, n_trials=25)
+    client.flush(20000)
+    assert study.best_value > 29.5, study.best_value
+    assert abs(client.existing_study("optuna-maximised").best().configuration["x"] - 1) < 1
+    costs = TreewrightSampler({"x": optuna.distributions.FloatDistribution(-4, 4)}, client, "optuna-costs")
+    study = optuna.create_study(sampler=costs)
+    try:
+        study.optimize(lambda trial: -1 - trial.suggest_float("x", -4, 4) ** 2, n_trials=1)
+    except ValueError as problem:
+        assert 'values="any"' in str(problem)
+    else:
+        raise AssertionError("a negative cost was taken")
+
+
+def without_daemon(optuna, treewright, TreewrightSampler) -> None:
+    """It says so, and goes on at random instead of with one point."""
+    away = treewright.Client("http://127.0.0.1:1", deadline_ms=50, call_deadline_ms=500)
+    sampler = TreewrightSampler({"x": optuna.distributions.FloatDistribution(-4, 4)}, away, "optuna-away")
+    study = optuna.create_study(sampler=sampler)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        study.optimize(lambda trial: trial.suggest_float("x", -4, 4) ** 2, n_trials=20)
+    at_random = [each for each in told if "at random, because no daemon answers" in str(each.message)]
+    assert len(at_random) == 20 and sum("is not learnt from" in str(each.message) for each in told) == 20, told
+    assert len({trial.params["x"] for trial in study.trials}) == 20
+
+
+def optunas_own_cases(url: str) -> None:
+    if importlib.util.find_spec("pytest") is None or importlib.util.find_spec("optuna.testing.pytest_samplers") is None:
+        return print("passed by: Optuna's own test cases, because pytest or this part of Optuna is not installed")
+    import subprocess
+
+    cases = os.path.join(os.path.dirname(os.path.abspath(__file__)), "optuna_cases.py")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", cases]
+    result = subprocess.run(command, env={**os.environ, "TREEWRIGHT_URL": url}, stdout=subprocess.PIPE, text=True)
+    assert result.returncode == 0, result.stdout
+    print(f"Optuna's own cases: {result.stdout.strip().splitlines()[-1]}")
 
 
 if __name__ == "__main__":
@@ -154,5 +370,7 @@ if __name__ == "__main__":
     stubs()
     trials(sys.argv[1])
     threads(sys.argv[1])
+    a_trial_each(sys.argv[1])
+    recognised_after_a_crash(sys.argv[1])
     optuna_sampler(sys.argv[1])
     print("ok")

@@ -10,6 +10,7 @@ def tune(client: treewright.Client) -> float:
         leaf = trial.configuration["leaf"]
         assert isinstance(leaf, int)
         trial.report(ms=float(leaf))
-    configuration, cost = study.best()
-    names: list[str] = sorted(configuration)
-    return cost + len(names)
+    best = study.best()
+    names: list[str] = sorted(best.configuration)
+    low, high = best.cost_interval or (best.cost, best[1])
+    return high - low + len(names)

@@ -12,9 +12,15 @@ Say what can be tuned and what describes the input, ask for a suggestion, and re
 ...         render_ms = 5 + abs(trial["leaf"] - 3)  # build and render with trial.configuration
 ...         trial.report(render_ms=render_ms)
 >>> client.flush()
->>> configuration, render_ms = study.best({"triangles": 262_267})
+>>> best = study.best({"triangles": 262_267})
+>>> configuration, render_ms = best
 >>> sorted(configuration), render_ms <= 10
 (['compact', 'leaf'], True)
+>>> low, high = best.cost_interval  # of 95 %; best.verdict says what is proven
+>>> low <= best.cost <= high
+True
+
+Threads, tasks and forked processes may share a study: each suggestion that is neither reported nor given back is a trial of its own.
 
 A suggestion never fails and never waits longer than the deadline (50 ms unless the client says otherwise): without the daemon it
 is the last good configuration, or the default.
@@ -36,6 +42,7 @@ that finds the nearest known shape.
 """
 
 from ._native import (
+    Best,
     Client,
     Invalid,
     Refused,
@@ -45,9 +52,11 @@ from ._native import (
     TreewrightError,
     Tuner,
     Unreachable,
+    __version__,
 )
 
 __all__ = [
+    "Best",
     "Client",
     "Invalid",
     "Refused",
@@ -57,4 +66,5 @@ __all__ = [
     "TreewrightError",
     "Tuner",
     "Unreachable",
+    "__version__",
 ]

@@ -1,7 +1,7 @@
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from types import TracebackType
-from typing import Literal, Optional, TypeVar, Union
+from typing import Any, Literal, Optional, TypeVar, Union, overload
 
 Value = Union[bool, int, float, str]
 Numbers = Mapping[str, float]
@@ -10,6 +10,8 @@ Range = Union[tuple[float, float], tuple[float, float, Literal["linear", "log"]]
 # A parameter that stands earlier, and the values with which this one exists.
 Condition = tuple[Union[Value, str], ...]
 _S = TypeVar("_S", bound="Suggestion")
+
+__version__: str
 
 class TreewrightError(Exception):
     """Something went wrong; the message names cause and remedy."""
@@ -41,7 +43,7 @@ class Space:
     def __len__(self) -> int: ...
 
 class Client:
-    """A connection to a daemon, with a thread of its own. May be shared between threads; not across a fork."""
+    """A connection to a daemon, with a thread of its own. May be shared between threads, and used in the child of a fork."""
 
     def __init__(
         self,
@@ -82,14 +84,48 @@ class Study:
     @property
     def name(self) -> str: ...
     def suggest(self, indicators: Optional[Numbers] = None) -> Suggestion:
-        """What to run next, within the deadline. Never fails; see Suggestion.problem."""
+        """What to run next, within the deadline; see Suggestion.problem. Raises Invalid for wrong indicators."""
     def trial_of(self, configuration: Mapping[str, Value], indicators: Optional[Numbers] = None) -> Suggestion:
         """A trial of the caller's own configuration."""
     def predict(self, indicators: Optional[Numbers] = None) -> tuple[dict[str, Value], Optional[float]]:
         """What would be exploited, and the predicted objective. Writes nothing."""
-    def best(self, indicators: Optional[Numbers] = None) -> tuple[dict[str, Value], float]:
-        """The best known and its mean objective; of all states without indicators. Raises Refused when nothing was measured."""
+    def best(self, indicators: Optional[Numbers] = None) -> Best:
+        """The best known, with what is proven of it; of all states without indicators. Raises Refused when nothing was measured."""
     def tuner(self) -> Tuner: ...
+
+class Best:
+    """The best known: ``configuration, cost = study.best()``, or by name."""
+
+    @property
+    def configuration(self) -> dict[str, Value]: ...
+    @property
+    def cost(self) -> float: ...
+    @property
+    def cost_interval(self) -> Optional[tuple[float, float]]: ...
+    @property
+    def default_cost(self) -> Optional[float]: ...
+    @property
+    def gain(self) -> Optional[float]: ...
+    @property
+    def gain_interval(self) -> Optional[tuple[Optional[float], Optional[float]]]: ...
+    @property
+    def probability_better(self) -> Optional[float]: ...
+    @property
+    def nothing_better(self) -> Optional[bool]: ...
+    @property
+    def stage(self) -> Optional[str]: ...
+    @property
+    def verdict(self) -> Optional[str]: ...
+    @property
+    def measurements(self) -> int: ...
+    @property
+    def trial(self) -> str: ...
+    def __len__(self) -> int: ...
+    @overload
+    def __getitem__(self, place: Literal[0, -2]) -> dict[str, Value]: ...
+    @overload
+    def __getitem__(self, place: Literal[1, -1]) -> float: ...
+    def __iter__(self) -> Iterator[Any]: ...
 
 class Suggestion:
     @property

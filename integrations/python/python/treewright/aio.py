@@ -20,7 +20,7 @@ from functools import partial
 from typing import Any, Optional
 
 from . import _native
-from ._native import Space, Suggestion
+from ._native import Best, Space, Suggestion
 
 __all__ = ["Client", "Study", "connect"]
 
@@ -99,5 +99,5 @@ class Study:
     async def predict(self, indicators: Optional[dict] = None) -> tuple:
         return await _beside(self._study.predict, indicators)
 
-    async def best(self, indicators: Optional[dict] = None) -> tuple:
+    async def best(self, indicators: Optional[dict] = None) -> Best:
         return await _beside(self._study.best, indicators)
