@@ -144,6 +144,7 @@ impl Client {
             ("unreported", stats.unreported),
             ("sent", stats.sent),
             ("acknowledged", stats.acknowledged),
+            ("duplicates", stats.duplicates),
             ("resent", stats.resent),
             ("refused", stats.refused),
             ("dropped", stats.dropped),
