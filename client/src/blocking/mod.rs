@@ -391,8 +391,10 @@ impl PrefetchingTuner {
 /// Trials one after the other. Ends after the first error.
 #[derive(Debug)]
 pub struct Trials {
-    pages: Option<OfProcess<Result<(crate::TrialPages, Arc<RuntimeThread>), ClientError>>>,
+    pages: Option<OfProcess<Result<PagesWithThread, ClientError>>>,
 }
+
+type PagesWithThread = (crate::TrialPages, Arc<RuntimeThread>);
 
 impl Iterator for Trials {
     type Item = Result<TrialRecord, ClientError>;
