@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use treewright_client::{Credentials, Options, blocking};
+use treewright_client::{Credentials, Options, TrialQuery, blocking};
 
 use crate::best::Best;
 use crate::convert::{Numbers, configuration_of, shown};
@@ -26,6 +26,12 @@ fn milliseconds(ms: f64) -> PyResult<Duration> {
         return Ok(Duration::from_secs_f64(ms / 1e3));
     }
     Err(Invalid::new_err(format!("a deadline of {ms} ms is not within 0 to {DEADLINE_MS_MAX}")))
+}
+
+impl Client {
+    fn holding(&self, study: blocking::Study) -> Study {
+        Study(study, self.0.clone())
+    }
 }
 
 #[pymethods]
@@ -103,12 +109,12 @@ impl Client {
             seed,
         };
         let spec = definition.spec(space)?;
-        python.detach(|| self.0.study(id, spec)).map(Study).map_err(raised)
+        python.detach(|| self.0.study(id, spec)).map(|study| self.holding(study)).map_err(raised)
     }
 
     /// A study that exists. Raises Refused when there is none.
     fn existing_study(&self, python: Python<'_>, id: &str) -> PyResult<Study> {
-        python.detach(|| self.0.existing_study(id)).map(Study).map_err(raised)
+        python.detach(|| self.0.existing_study(id)).map(|study| self.holding(study)).map_err(raised)
     }
 
     /// Deletes a study with all that was learnt.
@@ -160,7 +166,7 @@ impl Client {
 
 /// What is tuned: asks for suggestions, and for what is known. May be shared between threads and tasks.
 #[pyclass(module = "treewright", frozen)]
-pub(crate) struct Study(blocking::Study);
+pub(crate) struct Study(blocking::Study, blocking::Client);
 
 #[pymethods]
 impl Study {
@@ -209,6 +215,14 @@ impl Study {
     fn best(&self, python: Python<'_>, indicators: Option<Numbers>) -> PyResult<Best> {
         let numbers = crate::convert::indicators(indicators);
         python.detach(|| self.0.best(&numbers)).map(Best::new).map_err(raised)
+    }
+
+    /// The stored trials that match, e.g. ``state = COMPLETED AND cost < 12.5``; by number, or by ``cost`` or ``measurement.NAME``,
+    /// each with an optional `` desc``. ``study.trials().to_pandas()`` is a table.
+    #[pyo3(signature = (filter="", order_by=""))]
+    fn trials<'py>(&self, python: Python<'py>, filter: &str, order_by: &str) -> PyResult<Bound<'py, PyAny>> {
+        let query = TrialQuery::all().filter(filter).order_by(order_by);
+        crate::trials::read(python, &self.1, self.0.name(), query)
     }
 
     /// A frame loop, in which report and question travel together.

@@ -10,6 +10,7 @@ mod convert;
 mod error;
 mod space;
 mod suggestion;
+mod trials;
 
 use pyo3::prelude::*;
 

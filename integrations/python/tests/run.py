@@ -95,6 +95,13 @@ def trials(url: str) -> None:
     assert best[1] == best.cost >= 1 and best[0] == best.configuration and len(best) == 2 and "python" in client.studies()
     low, high = best.cost_interval
     assert low <= high and best.measurements >= 1 and best.verdict and best.stage, best
+    trials = study.trials("state = COMPLETED AND outcome = OK", "cost")
+    assert len(trials) == 30 and trials[0]["cost"] == min(each["cost"] for each in trials) and trials[0]["outcome"] == "ok", trials
+    row = trials.rows()[0]
+    assert row["config.low"] == row["measurement.ms"] == row["cost"] and row["client_id"].startswith("python-test"), row
+    if importlib.util.find_spec("pandas") is not None:
+        table = study.trials().to_pandas()
+        assert table.index.name == "number" and table["cost"].min() == row["cost"] and str(table["create_time"].dt.tz) == "UTC", table
     assert best.gain_interval[0] <= best.gain <= best.gain_interval[1] and not best.nothing_better, best
 
 

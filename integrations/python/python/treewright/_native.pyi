@@ -3,6 +3,8 @@ from os import PathLike
 from types import TracebackType
 from typing import Any, Literal, Optional, TypeVar, Union, overload
 
+from .trials import Trials
+
 Value = Union[bool, int, float, str]
 Numbers = Mapping[str, float]
 # Lowest and highest value, mapped to 0 and 1; with "log" by the logarithm.
@@ -91,6 +93,8 @@ class Study:
         """What would be exploited, and the predicted objective. Writes nothing."""
     def best(self, indicators: Optional[Numbers] = None) -> Best:
         """The best known, with what is proven of it; of all states without indicators. Raises Refused when nothing was measured."""
+    def trials(self, filter: str = "", order_by: str = "") -> Trials:
+        """The stored trials that match, by number unless said otherwise."""
     def tuner(self) -> Tuner: ...
 
 class Best:

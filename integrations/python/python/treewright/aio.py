@@ -21,6 +21,7 @@ from typing import Any, Optional
 
 from . import _native
 from ._native import Best, Space, Suggestion
+from .trials import Trials
 
 __all__ = ["Client", "Study", "connect"]
 
@@ -98,6 +99,9 @@ class Study:
 
     async def predict(self, indicators: Optional[dict] = None) -> tuple:
         return await _beside(self._study.predict, indicators)
+
+    async def trials(self, filter: str = "", order_by: str = "") -> Trials:
+        return await _beside(self._study.trials, filter, order_by)
 
     async def best(self, indicators: Optional[dict] = None) -> Best:
         return await _beside(self._study.best, indicators)

@@ -1,0 +1,31 @@
+"""The stored trials of a study: a list of dictionaries, and a table for pandas."""
+
+from typing import Any
+
+__all__ = ["Trials"]
+
+
+class Trials(list):  # type: ignore[type-arg]
+    """Trials by number. Each is a dictionary: number, client_id, state_id, mode, state, outcome, cost, late, create_time and complete_time
+    (seconds since 1970), configuration, indicators, measurements."""
+
+    def rows(self) -> "list[dict[str, Any]]":
+        """One flat dictionary a trial: parameters are called config.NAME, the others indicator.NAME and measurement.NAME."""
+        groups = {"configuration": "config", "indicators": "indicator", "measurements": "measurement"}
+        flat = []
+        for trial in self:
+            row = {name: value for name, value in trial.items() if name not in groups}
+            for group, prefix in groups.items():
+                row.update({f"{prefix}.{name}": value for name, value in trial[group].items()})
+            flat.append(row)
+        return flat
+
+    def to_pandas(self) -> Any:
+        """A DataFrame of rows(), by number; times are timestamps in UTC. Needs pandas."""
+        import pandas
+
+        table = pandas.DataFrame(self.rows())
+        for name in ("create_time", "complete_time"):
+            if name in table:
+                table[name] = pandas.to_datetime(table[name], unit="s", utc=True)
+        return table.set_index("number") if "number" in table else table
