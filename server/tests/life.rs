@@ -15,6 +15,7 @@ use tonic_reflection::pb::v1::ServerReflectionRequest;
 use tonic_reflection::pb::v1::server_reflection_client::ServerReflectionClient;
 use tonic_reflection::pb::v1::server_reflection_request::MessageRequest;
 use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
+use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
@@ -112,6 +113,12 @@ impl Store for Flaky {
     }
     async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
         self.inner.delete_study(study).await
+    }
+    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
+        self.inner.find_study(uid).await
+    }
+    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError> {
+        self.inner.rename_study(study, to).await
     }
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
         self.inner.load(study).await

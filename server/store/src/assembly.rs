@@ -1,5 +1,6 @@
 //! From rows to answers: what both databases do alike once the rows are read.
 
+use treewright_core::ids::StudyUid;
 use treewright_core::trial::{RawTrial, Trial};
 use treewright_core::tuner::{Checkpoint, Snapshot, StateRecord, StudyCounts};
 
@@ -13,12 +14,15 @@ row! {
     /// A row of `studies` with its counts.
     pub(crate) struct StudyRow {
         name: String,
+        uid: String,
+        named_after: i64,
+        skipped: i64,
         specification: String,
         policy: String,
         create_ms: i64,
         models_since: i64,
         states: i64,
-        trials: i64,
+        last_trial: i64,
         completed_trials: i64,
         open_trials: i64,
     }
@@ -26,13 +30,20 @@ row! {
 
 impl StudyRow {
     pub(crate) fn into_record(self) -> Result<StudyRecord, StoreError> {
+        let last_trial = unsigned(self.last_trial.max(self.named_after))?;
         Ok(StudyRecord {
             id: self.name,
+            uid: self
+                .uid
+                .parse::<StudyUid>()
+                .map_err(|error| inconsistent(format!("{:?}: {error}", self.uid)))?,
+            named_after: unsigned(self.named_after)?,
+            last_trial,
             spec: into_specification(&self.specification, &self.policy)?,
             create_ms: self.create_ms,
             statistics: StudyCounts {
                 states: unsigned(self.states)?,
-                trials: unsigned(self.trials)?,
+                trials: last_trial.saturating_sub(unsigned(self.skipped)?),
                 completed_trials: unsigned(self.completed_trials)?,
                 open_trials: unsigned(self.open_trials)?,
             },
@@ -72,7 +83,7 @@ impl StudyRows {
                 .into_iter()
                 .map(|row| row.into_visit()?.check(space).map_err(misfit))
                 .collect::<Result<_, _>>()?,
-            last_trial: study.statistics.trials,
+            last_trial: study.last_trial,
             models_since,
         };
         Ok(Loaded { fence, snapshot, open_trials, checkpoint: self.checkpoint, study })

@@ -21,6 +21,12 @@ pub enum StoreError {
         /// The first difference, in words.
         difference: String,
     },
+    /// Another study has the id that a study is to get.
+    #[error("study {study:?} exists already; choose another id, or delete or rename that study")]
+    NameTaken {
+        /// The id.
+        study: String,
+    },
     /// The database is full of studies.
     #[error("the database holds {limit} studies, which is its limit; delete some")]
     TooManyStudies {

@@ -23,6 +23,10 @@ pub const TOKEN_CHARACTERS: usize = 256;
 /// Most studies in one database.
 pub const STUDIES: u32 = 10_000;
 
+/// Former names of studies that are listed, each with the last trial number under it. What is no longer listed counts
+/// with the highest number among it.
+pub const FORMER_NAMES: u32 = 10_000;
+
 /// Most tokens in one database, those that were revoked included.
 pub const TOKENS: u32 = 10_000;
 

@@ -1,9 +1,11 @@
 //! The store without a disk: the oracle of the contract suite, and quick for tests.
 
 use std::collections::BTreeMap;
+use std::hash::{BuildHasher as _, Hasher as _, RandomState};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use async_trait::async_trait;
+use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial, TrialState};
@@ -24,6 +26,8 @@ pub struct MemoryStore {
 #[derive(Debug, Default)]
 struct MemoryTables {
     studies: BTreeMap<String, MemoryStudy>,
+    /// Names that studies had, and the highest trial number that was handed out under each.
+    former_names: BTreeMap<String, u64>,
     last_key: i64,
     closed: bool,
 }
@@ -31,6 +35,9 @@ struct MemoryTables {
 #[derive(Debug)]
 struct MemoryStudy {
     key: i64,
+    uid: StudyUid,
+    named_after: u64,
+    skipped: u64,
     spec: StudySpec,
     create_ms: i64,
     fence: Option<Fence>,
@@ -63,6 +70,36 @@ impl MemoryTables {
         self.studies.get(id).ok_or_else(|| not_found(id))
     }
 
+    /// The highest trial number that earlier studies have handed out under a name.
+    fn former(&self, id: &str) -> u64 {
+        let of = |name: &str| self.former_names.get(name).copied().unwrap_or(0);
+        of(id).max(of(""))
+    }
+
+    /// Takes a study away from its name, which is noted with the last number under it, and breaks its fence.
+    fn take(&mut self, id: &str) -> Result<MemoryStudy, StoreError> {
+        let mut study = self.studies.remove(id).ok_or_else(|| not_found(id))?;
+        if let Some(fence) = study.fence.take() {
+            fence.break_up();
+        }
+        let last = study.last_trial();
+        if last > 0 {
+            let noted = self.former_names.entry(id.to_owned()).or_default();
+            *noted = last.max(*noted);
+        }
+        // Of too many, the one with the lowest number is no longer listed: the empty name stands for it.
+        let listed = || self.former_names.iter().filter(|(name, _)| !name.is_empty());
+        if listed().count() > limits::FORMER_NAMES as usize
+            && let Some((name, last)) =
+                listed().min_by_key(|(_, last)| **last).map(|(name, last)| (name.clone(), *last))
+        {
+            self.former_names.remove(&name);
+            let rest = self.former_names.entry(String::new()).or_default();
+            *rest = last.max(*rest);
+        }
+        Ok(study)
+    }
+
     fn fenced(&mut self, fence: &Fence) -> Result<&mut MemoryStudy, StoreError> {
         fence.check()?;
         self.studies
@@ -70,6 +107,11 @@ impl MemoryTables {
             .filter(|study| study.key == fence.key())
             .ok_or_else(|| not_found(fence.study()))
     }
+}
+
+/// An identity that nobody had before. The standard library's hashes are keyed with randomness from the system.
+fn random_uid() -> StudyUid {
+    StudyUid(RandomState::new().build_hasher().finish())
 }
 
 fn not_found(id: &str) -> StoreError {
@@ -81,16 +123,24 @@ impl MemoryStudy {
         let is_open = |trial: &&Trial| trial.state == TrialState::Open;
         StudyRecord {
             id: id.to_owned(),
+            uid: self.uid,
+            named_after: self.named_after,
+            last_trial: self.last_trial(),
             spec: self.spec.clone(),
             create_ms: self.create_ms,
             statistics: StudyCounts {
                 states: self.states.len() as u64,
                 // Numbers and completions rise by one, and the last of each is never removed.
-                trials: self.trials.keys().last().copied().unwrap_or(0),
+                trials: self.last_trial() - self.skipped,
                 completed_trials: self.completed.keys().last().copied().unwrap_or(0),
                 open_trials: self.trials.values().filter(is_open).count() as u64,
             },
         }
+    }
+
+    /// The highest trial number that was handed out, or left to others.
+    fn last_trial(&self) -> u64 {
+        self.trials.keys().last().copied().unwrap_or(0).max(self.named_after)
     }
 
     fn apply(&mut self, changes: &[Change]) -> Result<(), StoreError> {
@@ -135,8 +185,12 @@ impl Store for MemoryStore {
             return Err(StoreError::TooManyStudies { limit: limits::STUDIES });
         }
         inner.last_key += 1;
+        let former = inner.former(id);
         let study = MemoryStudy {
             key: inner.last_key,
+            uid: random_uid(),
+            named_after: former,
+            skipped: former,
             spec: spec.clone(),
             create_ms: now_ms,
             fence: None,
@@ -169,11 +223,28 @@ impl Store for MemoryStore {
     }
 
     async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
-        let removed = self.lock()?.studies.remove(study).ok_or_else(|| not_found(study))?;
-        if let Some(fence) = removed.fence {
-            fence.break_up();
+        self.lock()?.take(study).map(drop)
+    }
+
+    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
+        let inner = self.lock()?;
+        Ok(inner.studies.iter().find(|(_, study)| study.uid == uid).map(|(id, _)| id.clone()))
+    }
+
+    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError> {
+        let mut inner = self.lock()?;
+        inner.study(study)?;
+        if study != to {
+            if inner.studies.contains_key(to) {
+                return Err(StoreError::NameTaken { study: to.to_owned() });
+            }
+            let (mut renamed, former) = (inner.take(study)?, inner.former(to));
+            let last = renamed.last_trial();
+            renamed.skipped += former.saturating_sub(last);
+            renamed.named_after = former.max(last);
+            inner.studies.insert(to.to_owned(), renamed);
         }
-        Ok(())
+        Ok(inner.study(to)?.record(to))
     }
 
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {
@@ -189,7 +260,7 @@ impl Store for MemoryStore {
             snapshot: Snapshot {
                 states: found.states.values().cloned().collect(),
                 visits: found.visits.values().cloned().collect(),
-                last_trial: found.trials.keys().last().copied().unwrap_or(0),
+                last_trial: found.last_trial(),
                 models_since: found.models_since,
             },
             open_trials: found.trials.values().filter(|t| t.state == TrialState::Open).cloned().collect(),

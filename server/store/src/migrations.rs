@@ -23,6 +23,7 @@ const SQLITE: &[(&str, &str)] = files!("sqlite":
     "0005_states_fingerprint",
     "0006_visits_since",
     "0007_trials_by_state",
+    "0008_studies_uid",
 );
 
 #[cfg(feature = "postgres")]
@@ -32,6 +33,7 @@ const POSTGRES: &[(&str, &str)] = files!("postgres":
     "0003_states_fingerprint",
     "0004_visits_since",
     "0005_trials_by_state",
+    "0006_studies_uid",
 );
 
 /// The schema of a SQLite file.

@@ -8,6 +8,7 @@
 macro_rules! reads {
     ($connection:ty) => {
         use tokio_stream::StreamExt as _;
+        use treewright_core::ids::StudyUid;
         use treewright_core::trial::RawTrial;
         use treewright_core::tuner::{Checkpoint, StateRecord};
 
@@ -25,6 +26,15 @@ macro_rules! reads {
                 .await
                 .map_err(failed)?
                 .ok_or_else(|| study_not_found(study))
+        }
+
+        /// The name of the study with an identity.
+        pub(super) async fn study_of_uid(
+            connection: &mut $connection,
+            uid: StudyUid,
+        ) -> Result<Option<String>, StoreError> {
+            let question = sqlx::query_scalar(sql::STUDY_OF_UID).bind(uid.to_string());
+            question.fetch_optional(connection).await.map_err(failed)
         }
 
         pub(super) async fn study(

@@ -1,6 +1,7 @@
 //! The store as the daemon sees it: one method, one transaction, one use case.
 
 use async_trait::async_trait;
+use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::{RawTrial, Trial};
@@ -16,6 +17,13 @@ use crate::filter::{Filter, Order};
 pub struct StudyRecord {
     /// The last part of its resource name.
     pub id: String,
+    /// Its identity, which outlasts its name.
+    pub uid: StudyUid,
+    /// Trials with numbers up to this were handed out before it got its name, by itself or by other studies.
+    pub named_after: u64,
+    /// The highest trial number that was ever handed out, or left to other studies. [`StudyCounts::trials`] of
+    /// `statistics` counts its own.
+    pub last_trial: u64,
     /// The specification, with the policy in force.
     pub spec: StudySpec,
     /// When it was created, in milliseconds since 1970.
@@ -96,7 +104,8 @@ pub struct ClosedTrial {
 /// once, so that a caller can hold a lock while it queues and let go before it waits.
 #[async_trait]
 pub trait Store: Send + Sync + 'static {
-    /// Creates a study, or finds an equal one under the same id.
+    /// Creates a study with an identity of its own, or finds an equal one under the same id. Its trial numbers begin after
+    /// those that earlier studies of that id have handed out.
     async fn create_study(&self, id: &str, spec: &StudySpec, now_ms: i64) -> Result<Created, StoreError>;
 
     /// Reads a study.
@@ -104,6 +113,13 @@ pub trait Store: Send + Sync + 'static {
 
     /// Reads at most `size` studies by rising id, behind `after`.
     async fn list_studies(&self, after: Option<&str>, size: u32) -> Result<Vec<StudyRecord>, StoreError>;
+
+    /// The id that the study with this identity has now; none where there is no such study.
+    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError>;
+
+    /// Gives a study another id, and breaks its fence. Its trial numbers go on after its own and those that earlier
+    /// studies of that id have handed out. [`StoreError::NameTaken`] when a study has the id.
+    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError>;
 
     /// Deletes a study with its states, trials and visits, and breaks its fence.
     async fn delete_study(&self, study: &str) -> Result<(), StoreError>;

@@ -49,6 +49,8 @@ contract!(
     a_newer_load_breaks_the_fence,
     policies_change_and_stay,
     deleting_takes_everything_along,
+    a_study_that_is_created_again_is_another,
+    a_renamed_study_stays_the_same_one,
     pages_follow_each_other_in_every_order,
     due_leases_are_found,
     unknown_names_are_named,
@@ -354,6 +356,72 @@ async fn deleting_takes_everything_along(store: &dyn Store) {
     assert!(commit(store, &held, &[change(vec![open(1)])]).await.is_err());
     assert_eq!(numbers(store, "").await, [0; 0]);
     assert_eq!(commit(store, &anew, &[change(vec![open(1)])]).await, Ok(()));
+}
+
+/// Hands out and completes trials up to a number.
+async fn trials_up_to(store: &dyn Store, study: &str, last: u64) -> Fence {
+    let fence = fence(store, study).await;
+    let first = store.get_study(study).await.unwrap().last_trial + 1;
+    for number in first..=last {
+        let trial = completed(number, number - first + 1, Outcome::Ok);
+        commit(store, &fence, &[change(vec![trial])]).await.unwrap();
+    }
+    fence
+}
+
+async fn a_study_that_is_created_again_is_another(store: &dyn Store) {
+    let old = trials_up_to(store, "hall", 3).await;
+    let before = store.get_study("hall").await.unwrap();
+    assert_eq!((before.named_after, before.last_trial, before.statistics.trials), (0, 3, 3));
+    assert_eq!(store.create_study("hall", &spec(), 9).await.unwrap().study.uid, before.uid);
+    assert_eq!(store.find_study(before.uid).await.unwrap().as_deref(), Some("hall"));
+    store.delete_study("hall").await.unwrap();
+    assert_eq!(store.find_study(before.uid).await.unwrap(), None);
+    assert!(!old.holds());
+
+    let after = store.create_study("hall", &spec(), 9).await.unwrap().study;
+    assert_ne!(after.uid, before.uid);
+    assert_eq!((after.named_after, after.last_trial, after.statistics.trials), (3, 3, 0));
+    assert_eq!(store.load("hall").await.unwrap().snapshot.last_trial, 3);
+    trials_up_to(store, "hall", 5).await;
+    assert_eq!(store.get_study("hall").await.unwrap().statistics.trials, 2);
+    assert_eq!(numbers(store, "").await, [4, 5]);
+    // Twice is no different, and other names know nothing of it.
+    store.delete_study("hall").await.unwrap();
+    assert_eq!(store.create_study("hall", &spec(), 9).await.unwrap().study.last_trial, 5);
+    assert_eq!(store.create_study("attic", &spec(), 9).await.unwrap().study.last_trial, 0);
+}
+
+async fn a_renamed_study_stays_the_same_one(store: &dyn Store) {
+    trials_up_to(store, "hall", 5).await;
+    store.delete_study("hall").await.unwrap();
+    let old = trials_up_to(store, "attic", 2).await;
+    let before = store.get_study("attic").await.unwrap();
+    let missing = store.rename_study("none", "other").await;
+    assert_eq!(missing, Err(StoreError::StudyNotFound { study: "none".to_owned() }));
+    let taken = |study: &str| Err(StoreError::NameTaken { study: study.to_owned() });
+    store.create_study("cellar", &spec(), 5).await.unwrap();
+    assert_eq!(store.rename_study("attic", "cellar").await, taken("cellar"));
+    assert!(old.holds(), "nothing happened to it");
+    assert_eq!(store.rename_study("attic", "attic").await.unwrap(), before);
+
+    // The name was another study's, which has handed out five trials.
+    let renamed = store.rename_study("attic", "hall").await.unwrap();
+    assert_eq!((renamed.id.as_str(), renamed.uid), ("hall", before.uid));
+    assert_eq!((renamed.named_after, renamed.last_trial, renamed.statistics), (5, 5, before.statistics));
+    assert_eq!(store.find_study(before.uid).await.unwrap().as_deref(), Some("hall"));
+    assert!(!old.holds());
+    assert!(store.get_study("attic").await.is_err());
+    assert_eq!(numbers(store, "").await, [1, 2], "its trials stay");
+    let fence = store.load("hall").await.unwrap().fence;
+    let next = change(vec![completed(6, 3, Outcome::Ok)]);
+    commit(store, &fence, &[next]).await.unwrap();
+    assert_eq!(store.get_study("hall").await.unwrap().statistics.trials, 3);
+    // What comes under its old name begins after it, and so does what comes under the new one.
+    assert_eq!(store.create_study("attic", &spec(), 9).await.unwrap().study.last_trial, 2);
+    let back = store.rename_study("hall", "loft").await.unwrap();
+    assert_eq!((back.named_after, back.last_trial, back.statistics.trials), (6, 6, 3));
+    assert_eq!(store.create_study("hall", &spec(), 9).await.unwrap().study.last_trial, 6);
 }
 
 async fn pages_follow_each_other_in_every_order(store: &dyn Store) {

@@ -13,6 +13,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use async_trait::async_trait;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::sleep;
+use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
@@ -315,6 +316,16 @@ impl Store for SimulatedDisk {
     async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
         self.barrier().await?;
         self.durable.store.delete_study(study).await
+    }
+
+    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
+        self.read().await?;
+        self.durable.store.find_study(uid).await
+    }
+
+    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError> {
+        self.barrier().await?;
+        self.durable.store.rename_study(study, to).await
     }
 
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {

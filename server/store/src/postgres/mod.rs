@@ -31,6 +31,7 @@ use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgPool, Postgres};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
+use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
@@ -177,6 +178,16 @@ impl Store for PostgresStore {
         let key = studies::delete(&mut *self.reader().await?, study).await?;
         self.shared.deleted(key);
         Ok(())
+    }
+
+    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
+        read::study_of_uid(&mut *self.reader().await?, uid).await
+    }
+
+    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError> {
+        let key = studies::rename(&mut *self.reader().await?, study, to).await?;
+        self.shared.deleted(key);
+        self.get_study(to).await
     }
 
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {

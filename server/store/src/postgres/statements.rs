@@ -77,16 +77,73 @@ pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1";
 
 pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies WHERE name IS NOT NULL";
 
-pub(super) const STUDY_INSERT: &str = "INSERT INTO studies (name, specification, policy, create_ms) \
-     VALUES ($1, $2::json, $3::json, $4) ON CONFLICT (name) DO NOTHING";
+/// The highest trial number that earlier studies have handed out under a name, as `former.last`.
+macro_rules! former {
+    ($name:literal) => {
+        concat!(
+            "(SELECT coalesce(max(last_trial), 0) AS last FROM former_names WHERE name IN (",
+            $name,
+            ", '')) AS former"
+        )
+    };
+}
+
+/// The highest trial number that a study has handed out, or left to others.
+macro_rules! last_trial {
+    () => {
+        "greatest(named_after, (SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id))"
+    };
+}
+
+pub(super) const STUDY_INSERT: &str = concat!(
+    "INSERT INTO studies (name, specification, policy, create_ms, named_after, skipped) ",
+    "SELECT $1::text, $2::json, $3::json, $4::bigint, former.last, former.last FROM ",
+    former!("$1::text"),
+    " ON CONFLICT (name) DO NOTHING"
+);
+
+/// Keeps others from storing what belongs to the study until the end of the transaction.
+pub(super) const STUDY_LOCK: &str = "SELECT id FROM studies WHERE name = $1 FOR UPDATE";
+
+/// Notes which numbers a study has handed out under the name that it is about to lose.
+pub(super) const NAME_LEFT: &str = concat!(
+    "INSERT INTO former_names (name, last_trial) SELECT name, last FROM (SELECT name, ",
+    last_trial!(),
+    " AS last FROM studies WHERE id = $1) AS study WHERE last > 0 ",
+    "ON CONFLICT (name) DO UPDATE SET last_trial = greatest(former_names.last_trial, excluded.last_trial)"
+);
+
+/// Of more than `$1` former names those with the lowest numbers are no longer listed: the empty name stands for them.
+pub(super) const NAMES_FOLDED: &str = "INSERT INTO former_names (name, last_trial) SELECT '', highest FROM \
+     (SELECT max(last_trial) AS highest FROM (SELECT last_trial FROM former_names WHERE name <> '' \
+     ORDER BY last_trial DESC OFFSET $1) AS lowest) AS rest WHERE highest IS NOT NULL \
+     ON CONFLICT (name) DO UPDATE SET last_trial = greatest(former_names.last_trial, excluded.last_trial)";
+
+pub(super) const FOLDED_NAMES_DELETE: &str = "DELETE FROM former_names WHERE name <> '' \
+     AND last_trial <= (SELECT last_trial FROM former_names WHERE name = '')";
 
 /// Takes the name from the study, which nobody finds any more, and raises its epoch, so that nobody stores.
 pub(super) const STUDY_DELETE: &str = concat!(
     "WITH gone AS (UPDATE studies SET name = NULL, owner = NULL, epoch = epoch + 1 ",
-    "WHERE name = $1 RETURNING id) SELECT id FROM gone, LATERAL pg_notify('",
+    "WHERE id = $1 RETURNING id) SELECT id FROM gone, LATERAL pg_notify('",
     channel!(),
     "', 'deleted ' || id)"
 );
+
+/// Gives the study another name, and raises its epoch: who has it in memory loads it again.
+pub(super) const STUDY_RENAME: &str = concat!(
+    "WITH renamed AS (UPDATE studies SET name = $2, owner = NULL, epoch = epoch + 1, named_after = greatest(former.last, ",
+    last_trial!(),
+    "), skipped = skipped + greatest(0, former.last - ",
+    last_trial!(),
+    ") FROM ",
+    former!("$2"),
+    " WHERE id = $1 RETURNING id) SELECT id FROM renamed, LATERAL pg_notify('",
+    channel!(),
+    "', 'deleted ' || id)"
+);
+
+pub(super) const STUDY_OF_UID: &str = "SELECT name FROM studies WHERE uid = $1 AND name IS NOT NULL";
 
 /// Who holds the study: its key, epoch, owner, and the owner's address while it lives.
 pub(super) const STUDY_OWNER: &str = concat!(
@@ -116,14 +173,14 @@ pub(super) const STUDY_CLAIM: &str = concat!(
 pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $3::json, models_since = $4 \
      WHERE id = $1 AND epoch = $2 AND name IS NOT NULL";
 
-/// A study with its counts. Trial numbers, state ids and completions rise by one from 1, so that the
-/// highest is the count; each is one look at the end of an index.
+/// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count; trial
+/// numbers leave some out; each is one look at the end of an index.
 macro_rules! study_select {
     ($rest:literal) => {
         concat!(
-            "SELECT name, specification::text, policy::text, create_ms, models_since, ",
+            "SELECT name, uid, named_after, skipped, specification::text, policy::text, create_ms, models_since, ",
             "(SELECT coalesce(max(s.id), 0) FROM states s WHERE s.study = studies.id) AS states, ",
-            "(SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id) AS trials, ",
+            "(SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id) AS last_trial, ",
             "(SELECT coalesce(max(t.completion), 0) FROM trials t WHERE t.study = studies.id ",
             "AND t.completion IS NOT NULL) AS completed_trials, ",
             "(SELECT count(*) FROM trials t WHERE t.study = studies.id AND t.state = 'OPEN') ",

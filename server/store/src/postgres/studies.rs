@@ -49,12 +49,44 @@ pub(super) async fn create(
 
 /// Makes a study unfindable, and returns its key. [`reap`] takes its rows away.
 pub(super) async fn delete(connection: &mut PgConnection, study: &str) -> Result<i64, StoreError> {
-    sqlx::query_scalar(sql::STUDY_DELETE)
-        .bind(study)
-        .fetch_optional(connection)
-        .await
-        .map_err(failed)?
-        .ok_or_else(|| study_not_found(study))
+    let mut transaction = sqlx::Connection::begin(connection).await.map_err(failed)?;
+    let key =
+        leave_name(&mut transaction, study).await.map_err(failed)?.ok_or_else(|| study_not_found(study))?;
+    sqlx::query(sql::STUDY_DELETE).bind(key).execute(&mut *transaction).await.map_err(failed)?;
+    transaction.commit().await.map_err(failed)?;
+    Ok(key)
+}
+
+/// Gives a study another name, and returns its key.
+pub(super) async fn rename(connection: &mut PgConnection, study: &str, to: &str) -> Result<i64, StoreError> {
+    if study == to {
+        return read::study_key(connection, study).await;
+    }
+    let mut transaction = sqlx::Connection::begin(connection).await.map_err(failed)?;
+    let key =
+        leave_name(&mut transaction, study).await.map_err(failed)?.ok_or_else(|| study_not_found(study))?;
+    let renamed = sqlx::query(sql::STUDY_RENAME).bind(key).bind(to).execute(&mut *transaction).await;
+    renamed.map_err(|error| match error.as_database_error() {
+        Some(database) if database.is_unique_violation() => StoreError::NameTaken { study: to.to_owned() },
+        _ => failed(error),
+    })?;
+    transaction.commit().await.map_err(failed)?;
+    Ok(key)
+}
+
+/// Notes which numbers a study has handed out under the name that it is about to lose, and returns its key; none where no
+/// study has the name. Until the end of the transaction nobody stores more of it.
+async fn leave_name(connection: &mut PgConnection, study: &str) -> Result<Option<i64>, sqlx::Error> {
+    let found: Option<i64> =
+        sqlx::query_scalar(sql::STUDY_LOCK).bind(study).fetch_optional(&mut *connection).await?;
+    let Some(key) = found else {
+        return Ok(None);
+    };
+    sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await?;
+    let folded = sqlx::query(sql::NAMES_FOLDED).bind(i64::from(limits::FORMER_NAMES));
+    folded.execute(&mut *connection).await?;
+    sqlx::query(sql::FOLDED_NAMES_DELETE).execute(connection).await?;
+    Ok(Some(key))
 }
 
 /// Removes closed trials of a study, if its epoch still holds.

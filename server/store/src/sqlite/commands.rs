@@ -24,6 +24,10 @@ pub(super) enum WriteCommand {
     Delete {
         study: String,
     },
+    Rename {
+        study: String,
+        to: String,
+    },
     /// Breaks the study's fence and sets up a new one.
     Fence {
         study: String,
@@ -76,7 +80,15 @@ pub(super) async fn apply(
             if let Some(fence) = fences.remove(&key) {
                 fence.break_up();
             }
+            leave_name(connection, key).await.map_err(refused)?;
             sqlx::query(sql::STUDY_DELETE).bind(key).execute(connection).await.map_err(refused)?;
+            Ok(WriteResult::Nothing)
+        }
+        WriteCommand::Rename { study, to } => {
+            let key = rename(connection, study, to).await?;
+            if let Some(fence) = key.and_then(|key| fences.remove(&key)) {
+                fence.break_up();
+            }
             Ok(WriteResult::Nothing)
         }
         WriteCommand::Fence { study } => {
@@ -116,6 +128,34 @@ pub(super) async fn apply(
             Ok(WriteResult::Nothing)
         }
     }
+}
+
+/// Notes which numbers a study has handed out under the name that it is about to lose.
+async fn leave_name(connection: &mut SqliteConnection, key: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(sql::NAME_LEFT).bind(key).execute(&mut *connection).await?;
+    fold_names(connection, limits::FORMER_NAMES).await
+}
+
+/// Keeps the list of former names short.
+async fn fold_names(connection: &mut SqliteConnection, listed: u32) -> Result<(), sqlx::Error> {
+    sqlx::query(sql::NAMES_FOLDED).bind(i64::from(listed)).execute(&mut *connection).await?;
+    sqlx::query(sql::FOLDED_NAMES_DELETE).execute(connection).await.map(|_| ())
+}
+
+/// Gives a study another name, and returns its key; none where it has that name.
+async fn rename(connection: &mut SqliteConnection, study: &str, to: &str) -> Result<Option<i64>, StoreError> {
+    let key = read::study_key(&mut *connection, study).await?;
+    if study == to {
+        return Ok(None);
+    }
+    match read::study_key(&mut *connection, to).await {
+        Ok(_) => return Err(StoreError::NameTaken { study: to.to_owned() }),
+        Err(StoreError::StudyNotFound { .. }) => {}
+        Err(error) => return Err(error),
+    }
+    leave_name(&mut *connection, key).await.map_err(refused)?;
+    sqlx::query(sql::STUDY_RENAME).bind(key).bind(to).execute(connection).await.map_err(refused)?;
+    Ok(Some(key))
 }
 
 /// Saves a part of a checkpoint; with the last one earlier checkpoints go, and what a crash left of others.
@@ -207,5 +247,34 @@ pub(super) fn refused(error: sqlx::Error) -> StoreError {
             inconsistent(database.message().to_owned())
         }
         _ => super::store_error(&error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sqlx::Connection as _;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn of_too_many_former_names_one_row_stands_for_the_lowest() {
+        let mut connection = SqliteConnection::connect("sqlite::memory:").await.expect("a database");
+        crate::migrations::sqlite().run(&mut connection).await.expect("the schema");
+        let mut listed = async |names: &[(&str, i64)], limit: u32| -> Vec<(String, i64)> {
+            for (name, last) in names {
+                let row = sqlx::query("INSERT INTO former_names VALUES ($1, $2)").bind(*name).bind(*last);
+                row.execute(&mut connection).await.expect("a row");
+            }
+            fold_names(&mut connection, limit).await.expect("folded");
+            let rows = sqlx::query_as("SELECT name, last_trial FROM former_names ORDER BY last_trial, name");
+            rows.fetch_all(&mut connection).await.expect("rows")
+        };
+        let own = |rows: &[(&str, i64)]| {
+            rows.iter().map(|(name, last)| ((*name).to_owned(), *last)).collect::<Vec<_>>()
+        };
+        let few = [("a", 4), ("b", 9), ("c", 2)];
+        assert_eq!(listed(&few, 3).await, own(&[("c", 2), ("a", 4), ("b", 9)]));
+        assert_eq!(listed(&[("d", 7), ("e", 3)], 3).await, own(&[("", 3), ("a", 4), ("d", 7), ("b", 9)]));
+        assert_eq!(listed(&[("f", 8)], 2).await, own(&[("", 7), ("f", 8), ("b", 9)]), "the floor rises");
     }
 }

@@ -28,6 +28,7 @@ use sqlx::pool::PoolConnection;
 use sqlx::sqlite::{Sqlite, SqliteConnection, SqlitePool};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
+use treewright_core::ids::StudyUid;
 use treewright_core::policy::Policy;
 use treewright_core::study::StudySpec;
 use treewright_core::trial::RawTrial;
@@ -169,6 +170,16 @@ impl Store for SqliteStore {
     async fn delete_study(&self, study: &str) -> Result<(), StoreError> {
         let study = study.to_owned();
         self.write(WriteCommand::Delete { study }).await.map(|_| ())
+    }
+
+    async fn find_study(&self, uid: StudyUid) -> Result<Option<String>, StoreError> {
+        read::study_of_uid(&mut *self.reader().await?, uid).await
+    }
+
+    async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, StoreError> {
+        let command = WriteCommand::Rename { study: study.to_owned(), to: to.to_owned() };
+        self.write(command).await?;
+        self.get_study(to).await
     }
 
     async fn load(&self, study: &str) -> Result<Loaded, StoreError> {

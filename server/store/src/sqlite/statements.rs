@@ -8,8 +8,58 @@ pub(super) const STUDY_KEY: &str = "SELECT id FROM studies WHERE name = $1 AND n
 
 pub(super) const STUDY_COUNT: &str = "SELECT count(*) FROM studies WHERE name < '~'";
 
-pub(super) const STUDY_INSERT: &str = "INSERT INTO studies (name, specification, policy, create_ms) \
-     VALUES ($1, $2, $3, $4)";
+/// The highest trial number that earlier studies have handed out under a name, as `last`.
+macro_rules! former {
+    ($name:literal) => {
+        concat!(
+            "(SELECT coalesce(max(last_trial), 0) AS last FROM former_names WHERE name IN (",
+            $name,
+            ", ''))"
+        )
+    };
+}
+
+/// The highest trial number that a study has handed out, or left to others.
+macro_rules! last_trial {
+    () => {
+        "max(named_after, (SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id))"
+    };
+}
+
+pub(super) const STUDY_INSERT: &str = concat!(
+    "INSERT INTO studies (name, specification, policy, create_ms, uid, named_after, skipped) ",
+    "SELECT $1, $2, $3, $4, lower(hex(randomblob(8))), last, last FROM ",
+    former!("$1")
+);
+
+/// Notes which numbers a study has handed out under the name that it is about to lose.
+pub(super) const NAME_LEFT: &str = concat!(
+    "INSERT INTO former_names (name, last_trial) SELECT name, ",
+    last_trial!(),
+    " AS last FROM studies WHERE id = $1 AND last > 0 ",
+    "ON CONFLICT (name) DO UPDATE SET last_trial = max(former_names.last_trial, excluded.last_trial)"
+);
+
+/// Of more than `$1` former names those with the lowest numbers are no longer listed: the empty name stands for them.
+pub(super) const NAMES_FOLDED: &str = "INSERT INTO former_names (name, last_trial) SELECT '', highest FROM \
+     (SELECT max(last_trial) AS highest FROM (SELECT last_trial FROM former_names WHERE name <> '' \
+     ORDER BY last_trial DESC LIMIT -1 OFFSET $1)) WHERE highest IS NOT NULL \
+     ON CONFLICT (name) DO UPDATE SET last_trial = max(former_names.last_trial, excluded.last_trial)";
+
+pub(super) const FOLDED_NAMES_DELETE: &str = "DELETE FROM former_names WHERE name <> '' \
+     AND last_trial <= (SELECT last_trial FROM former_names WHERE name = '')";
+
+pub(super) const STUDY_RENAME: &str = concat!(
+    "UPDATE studies SET name = $2, named_after = max(last, ",
+    last_trial!(),
+    "), skipped = skipped + max(0, last - ",
+    last_trial!(),
+    ") FROM ",
+    former!("$2"),
+    " WHERE id = $1"
+);
+
+pub(super) const STUDY_OF_UID: &str = "SELECT name FROM studies WHERE uid = $1 AND name < '~'";
 
 /// Gives a study a name that no study can have and that sorts behind all others. [`REAP_TRIALS`] and the following take
 /// its rows away.
@@ -34,14 +84,14 @@ pub(super) const REAP_STUDY: &str = "DELETE FROM studies WHERE id = $1";
 
 pub(super) const POLICY_UPDATE: &str = "UPDATE studies SET policy = $2, models_since = $3 WHERE id = $1";
 
-/// A study with its counts. Trial numbers, state ids and completions rise by one from 1, so that the
-/// highest is the count; each is one look at the end of an index.
+/// A study with its counts. State ids and completions rise by one from 1, so that the highest is the count; trial
+/// numbers leave some out; each is one look at the end of an index.
 macro_rules! study_select {
     ($rest:literal) => {
         concat!(
-            "SELECT name, specification, policy, create_ms, models_since, ",
+            "SELECT name, uid, named_after, skipped, specification, policy, create_ms, models_since, ",
             "(SELECT coalesce(max(s.id), 0) FROM states s WHERE s.study = studies.id) AS states, ",
-            "(SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id) AS trials, ",
+            "(SELECT coalesce(max(t.number), 0) FROM trials t WHERE t.study = studies.id) AS last_trial, ",
             "(SELECT coalesce(max(t.completion), 0) FROM trials t WHERE t.study = studies.id ",
             "AND t.completion IS NOT NULL) AS completed_trials, ",
             "(SELECT count(*) FROM trials t WHERE t.study = studies.id AND t.state = 'OPEN') ",
