@@ -79,15 +79,15 @@ impl Client {
     /// by a different specification; [`ClientError::Malformed`].
     pub async fn study(&self, id: &str, spec: StudySpec) -> Result<Study, ClientError> {
         let name = study_name(id);
-        let (known, differs) = match self.core.create_study(&name, &spec).await {
-            Ok(record) => (true, record.policy_differs),
+        let found = match self.core.create_study(&name, &spec).await {
+            Ok(record) => Some(record),
             Err(problem) if problem.is_unreachable() => {
                 self.core.counters.note(&problem);
-                (false, Vec::new())
+                None
             }
             Err(problem) => return Err(problem),
         };
-        Ok(Study::new(&self.core, &self.last_handle, &name, spec, known, true, differs))
+        Ok(Study::new(&self.core, &self.last_handle, &name, spec, found.as_ref(), true))
     }
 
     /// A study that exists already. It is not created again when it is deleted meanwhile.
@@ -95,8 +95,8 @@ impl Client {
     /// Errors: [`ClientError::Refused`] when there is none; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn existing_study(&self, id: &str) -> Result<Study, ClientError> {
         let record = self.core.study_record(&study_name(id)).await?;
-        let name = record.name.clone();
-        Ok(Study::new(&self.core, &self.last_handle, &name, record.into_spec()?, true, false, Vec::new()))
+        let spec = record.spec()?.clone();
+        Ok(Study::new(&self.core, &self.last_handle, &record.name, spec, Some(&record), false))
     }
 
     /// The address the client was made with.
@@ -182,6 +182,17 @@ impl Client {
     /// [`ClientError::Late`].
     pub async fn create_study(&self, id: &str, spec: &StudySpec) -> Result<StudyRecord, ClientError> {
         self.core.create_study(&study_name(id), spec).await
+    }
+
+    /// Gives a study another id. Its identity, trials and leases stay, and handles of it go on.
+    ///
+    /// Errors: [`ClientError::Refused`] when there is none, or the id is taken; [`ClientError::Away`],
+    /// [`ClientError::Late`].
+    pub async fn rename_study(&self, id: &str, to: &str) -> Result<StudyRecord, ClientError> {
+        let request = v1::RenameStudyRequest { name: study_name(id), study_id: to.to_owned() };
+        let mut rpc = self.core.rpc();
+        let study = self.core.admin("RenameStudy", rpc.rename_study(request)).await?;
+        self.core.read_study("RenameStudy", study)
     }
 
     /// Deletes a study with its states, trials and models.

@@ -99,6 +99,9 @@ impl TrialRecord {
 pub struct StudyRecord {
     /// `studies/{study}`.
     pub name: String,
+    /// Its identity, drawn when it was created; empty from a daemon that does not tell.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub uid: String,
     /// A line for people; may be empty.
     pub display_name: String,
     /// How the service decides.
@@ -127,8 +130,10 @@ impl StudyRecord {
             .map_err(|problem| ClientError::Malformed { call: "GetStudy", problem: problem.clone() })
     }
 
-    pub(crate) fn into_spec(self) -> Result<StudySpec, ClientError> {
-        self.spec.map_err(|problem| ClientError::Malformed { call: "GetStudy", problem })
+    /// `studies/{study}@{uid}`, which names this study whatever is called `studies/{study}` by then.
+    #[must_use]
+    pub fn identified_name(&self) -> String {
+        if self.uid.is_empty() { self.name.clone() } else { format!("{}@{}", self.name, self.uid) }
     }
 
     /// The name without `studies/`.

@@ -65,7 +65,7 @@ impl Shared {
 
     /// The same study for another client. What is the other's alone, such as what it is waiting for, stays there.
     pub(crate) fn again(&self, core: &Arc<Core>) -> Arc<Self> {
-        let context = StudyContext::new(core, &self.context.name, self.context.spec.clone());
+        let context = self.context.again(core);
         // Whether it is created shows in the first question.
         let again = Self::new(context, true, self.ours, Vec::new());
         // A lock that another thread held when the process was forked stays locked.
@@ -148,7 +148,7 @@ impl Shared {
 
     pub(crate) fn suggest_request(&self, worker: &Worker, indicators: &Indicators) -> v1::SuggestRequest {
         v1::SuggestRequest {
-            study: self.context.name.to_string(),
+            study: self.context.asked_name().to_string(),
             client_id: worker.name().to_string(),
             indicators: indicators.0.clone(),
             fingerprint: Some(fingerprint_to_wire(&self.context.core.options.fingerprint)),
@@ -244,6 +244,7 @@ impl Shared {
             self.context.core.circuit_breaker.wait_until_worth_asking().await;
             match self.context.core.create_study(&self.context.name, &self.context.spec).await {
                 Ok(record) => {
+                    self.context.identify(&record);
                     *lock(&self.policy_differs) = record.policy_differs;
                     break Registration::Done;
                 }

@@ -29,11 +29,15 @@ impl Study {
         last_handle: &Arc<LastHandle>,
         name: &str,
         spec: StudySpec,
-        known: bool,
+        found: Option<&StudyRecord>,
         ours: bool,
-        differs: Vec<String>,
     ) -> Self {
-        let shared = Shared::new(StudyContext::new(core, name, spec), known, ours, differs);
+        let context = StudyContext::new(core, name, spec);
+        if let Some(record) = found {
+            context.identify(record);
+        }
+        let differs = found.map(|record| record.policy_differs.clone()).unwrap_or_default();
+        let shared = Shared::new(context, found.is_some(), ours, differs);
         Self { outstanding: Arc::default(), shared, _last_handle: Arc::clone(last_handle) }
     }
 
@@ -149,21 +153,21 @@ impl Study {
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn predict(&self, indicators: &Indicators) -> Result<Prediction, ClientError> {
-        self.shared.context.core.predict(&self.shared.context.name, indicators).await
+        self.shared.context.core.predict(&self.shared.context.asked_name(), indicators).await
     }
 
     /// The best configuration of the state with these indicators, or of all states when there are none.
     ///
     /// Errors: [`ClientError::Refused`] when nothing is measured there yet; [`ClientError::Away`], [`ClientError::Late`].
     pub async fn best(&self, indicators: &Indicators) -> Result<Best, ClientError> {
-        self.shared.context.core.best(&self.shared.context.name, indicators).await
+        self.shared.context.core.best(&self.shared.context.asked_name(), indicators).await
     }
 
     /// The study as the daemon has stored it.
     ///
     /// Errors: [`ClientError::Refused`], [`ClientError::Away`], [`ClientError::Late`].
     pub async fn record(&self) -> Result<StudyRecord, ClientError> {
-        self.shared.context.core.study_record(&self.shared.context.name).await
+        self.shared.context.core.study_record(&self.shared.context.asked_name()).await
     }
 
     fn outstanding(&self) -> MutexGuard<'_, Vec<Outstanding>> {

@@ -5,20 +5,45 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::core::Core;
 use crate::memory::RememberedConfigurations;
-use crate::{Configuration, Outcome, StudySpec};
+use crate::{Configuration, Outcome, StudyRecord, StudySpec};
 
 #[derive(Debug)]
 pub(crate) struct StudyContext {
     pub(crate) core: Arc<Core>,
     /// The resource name.
     pub(crate) name: Arc<str>,
+    /// The same with the study's identity, once the daemon has told it: what is asked for.
+    identified: Mutex<Arc<str>>,
     pub(crate) spec: StudySpec,
     memory: Mutex<RememberedConfigurations>,
 }
 
 impl StudyContext {
     pub(crate) fn new(core: &Arc<Core>, name: &str, spec: StudySpec) -> Self {
-        Self { core: Arc::clone(core), name: Arc::from(name), spec, memory: Mutex::default() }
+        let name: Arc<str> = Arc::from(name);
+        let identified = Mutex::new(Arc::clone(&name));
+        Self { core: Arc::clone(core), name, identified, spec, memory: Mutex::default() }
+    }
+
+    /// The same study for another client. A lock that another thread held when the process was forked stays locked: the
+    /// study then goes by its name alone.
+    pub(crate) fn again(&self, core: &Arc<Core>) -> Self {
+        let mut again = Self::new(core, &self.name, self.spec.clone());
+        if let Ok(identified) = self.identified.try_lock() {
+            again.identified = Mutex::new(Arc::clone(&identified));
+        }
+        again
+    }
+
+    /// The name by which the daemon is asked.
+    pub(crate) fn asked_name(&self) -> Arc<str> {
+        Arc::clone(&self.identified.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// The daemon has told which study it is.
+    pub(crate) fn identify(&self, record: &StudyRecord) {
+        let mut identified = self.identified.lock().unwrap_or_else(PoisonError::into_inner);
+        *identified = Arc::from(record.identified_name());
     }
 
     /// The last configuration that came from the daemon and was not reported infeasible.

@@ -82,13 +82,13 @@ async fn frame(tuning: &Tuning, number: u64, states: u64, previous: Option<Trial
         let cost: f64 = (0..6).map(|parameter| (value(parameter) - 0.15 * parameter as f64).powi(2)).sum();
         let noise = 1.0 + 0.02 * ((trial.number * 7919 % 101) as f64 / 101.0);
         Report {
-            trial: TrialName { study: STUDY.to_owned(), number: trial.number },
+            trial: TrialName { study: STUDY.into(), number: trial.number },
             measurements: BTreeMap::from([("render_ms".to_owned(), 10.0 * noise * (1.0 + cost))]),
             outcome: Outcome::Ok,
         }
     });
     let reports = report.is_some();
-    let answer = tuning.frame(report, Some(Suggest { study: STUDY.to_owned(), ask, wanted: None })).await;
+    let answer = tuning.frame(report, Some(Suggest { study: STUDY.into(), ask, wanted: None })).await;
     if reports {
         answer.reported.ok_or("no answer to a report")??;
     }
@@ -106,7 +106,7 @@ async fn frames(tuning: &Tuning, count: u64, states: u64) -> Done<Vec<f64>> {
         times.push(begun.elapsed().as_secs_f64() * 1e6);
     }
     for trial in held.into_iter().flatten() {
-        tuning.abandon(&TrialName { study: STUDY.to_owned(), number: trial.number }).await?;
+        tuning.abandon(&TrialName { study: STUDY.into(), number: trial.number }).await?;
     }
     Ok(times)
 }
@@ -158,7 +158,7 @@ async fn measure(path: &Path, states: u64) -> Done<()> {
     let tuning = Tuning::new(Arc::clone(&store) as _, Arc::new(SystemClock::default()));
     let first = frame(&tuning, 0, states, None).await?;
     let first_ms = begun.elapsed().as_secs_f64() * 1e3;
-    tuning.abandon(&TrialName { study: STUDY.to_owned(), number: first.number }).await?;
+    tuning.abandon(&TrialName { study: STUDY.into(), number: first.number }).await?;
     tuning.save_checkpoints().await;
     let trials = tuning.get_study(STUDY).await?.statistics.completed_trials;
     let mut times = frames(&tuning, FRAMES as u64, states).await?;

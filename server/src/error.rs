@@ -32,6 +32,25 @@ pub enum Error {
         /// What does not fit.
         problem: RestoreError,
     },
+    /// The request is for a study that is gone, though its name is in use.
+    #[error(
+        "study {study:?} was deleted and created again, and this request is for the one before; open the study again"
+    )]
+    Replaced {
+        /// The study's id.
+        study: String,
+    },
+    /// The name of the trial stood for another one when it was handed out.
+    #[error(
+        "trial {number} was handed out before study {study:?} was created or renamed, and this is another study; \
+         open the study again"
+    )]
+    EarlierTrial {
+        /// The study's id.
+        study: String,
+        /// The trial's number.
+        number: u64,
+    },
     /// The study is being read from the database, which goes on whether somebody waits for it or not.
     #[error("study {study:?} is being loaded; try again")]
     Loading {

@@ -22,7 +22,7 @@ pub fn code(error: &Error) -> Code {
         Error::Invalid { .. } => Code::InvalidArgument,
         Error::Tuner(error) => tuner_code(error),
         Error::Store(error) => store_code(error),
-        Error::NothingMeasured { .. } => Code::NotFound,
+        Error::NothingMeasured { .. } | Error::Replaced { .. } | Error::EarlierTrial { .. } => Code::NotFound,
         Error::Loading { .. } | Error::Reloading { .. } | Error::Draining => Code::Unavailable,
         Error::Busy { .. } | Error::Quota { .. } => Code::ResourceExhausted,
         Error::Tokens(_) => Code::Unavailable,
@@ -59,7 +59,7 @@ fn tuner_code(error: &TunerError) -> Code {
 fn store_code(error: &StoreError) -> Code {
     match error {
         StoreError::StudyNotFound { .. } | StoreError::TrialNotFound { .. } => Code::NotFound,
-        StoreError::StudyExists { .. } => Code::AlreadyExists,
+        StoreError::StudyExists { .. } | StoreError::NameTaken { .. } => Code::AlreadyExists,
         StoreError::TooManyStudies { .. } | StoreError::QueueFull { .. } => Code::ResourceExhausted,
         StoreError::Fenced { .. }
         | StoreError::Elsewhere { .. }
@@ -96,6 +96,7 @@ pub fn reason(error: &Error) -> &'static str {
         Error::Loading { .. } => "loading",
         Error::Reloading { .. } => "reloading",
         Error::NothingMeasured { .. } => "nothing_measured",
+        Error::Replaced { .. } | Error::EarlierTrial { .. } => "replaced",
         Error::Tuner(_) => "tuner",
         Error::Store(_) | Error::Tokens(_) => "store",
         Error::Restore { .. } | Error::Defect(_) => "defect",

@@ -189,6 +189,7 @@ async fn other_studies_are_out_of_reach_and_out_of_sight() {
     for id in ["farm-1", "farm-2", "hall", "secret", "secret2"] {
         all.create_study(named(id)).await.expect("created");
     }
+    let hidden = all.get_study(get("secret")).await.expect("read").into_inner().uid;
     let mut seen = Vec::new();
     let mut page_token = String::new();
     loop {
@@ -228,6 +229,16 @@ async fn other_studies_are_out_of_reach_and_out_of_sight() {
         refused(some.query_trials(query).await.err());
         let best = wire::GetBestRequest { study: name, ..wire::GetBestRequest::default() };
         refused(some.get_best(best).await.err());
+        let rename = |from: &str, to: &str| wire::RenameStudyRequest {
+            name: format!("studies/{from}"),
+            study_id: to.to_owned(),
+        };
+        refused(some.rename_study(rename(id, "farm-3")).await.err());
+        refused(some.rename_study(rename("hall", id)).await.err());
+        // An identity leads to the study, and to no right in it.
+        refused(some.get_study(get(&format!("{id}@{hidden}"))).await.err());
+        refused(some.get_study(get(&format!("hall@{hidden}"))).await.err());
+        refused(some.get_study(get(&format!("{id}@0123456789abcdef"))).await.err());
     }
     assert_eq!(said.len(), 1, "{said:?}");
     guarded.server.stop().await;

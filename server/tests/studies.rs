@@ -216,5 +216,104 @@ async fn a_deleted_study_is_gone_and_its_id_is_free() {
     create(&mut client, "hall").await;
     let answer = client.report(common::report(&trial.name, 1.0)).await;
     assert_refused(answer, Code::NotFound, "trial 1");
-    assert_eq!(suggest(&mut client, "a", 10.0).await.name, "studies/hall/trials/1");
+    assert_eq!(suggest(&mut client, "a", 10.0).await.name, "studies/hall/trials/2");
+    let answer = client.report(common::report(&trial.name, 1.0)).await;
+    assert_refused(answer, Code::NotFound, "trial 1 was handed out before study \"hall\" was created");
+}
+
+/// `studies/{study}@{uid}`.
+fn identified(study: &wire::Study) -> String {
+    assert_eq!(study.uid.len(), 16);
+    format!("{}@{}", study.name, study.uid)
+}
+
+#[tokio::test]
+async fn a_study_that_is_created_again_is_told_from_the_one_before_by_its_identity() {
+    let server = Server::in_memory().await;
+    let mut client = server.client().await;
+    let before = create(&mut client, "hall").await;
+    let ask = |name: &str| wire::SuggestRequest { study: name.to_owned(), ..common::ask("a", 10.0) };
+    let stale = client.suggest(ask(&identified(&before))).await.expect("a trial").into_inner();
+    assert_eq!(stale.name, format!("{}/trials/1", identified(&before)), "named as it was asked for");
+    client.delete_study(wire::DeleteStudyRequest { name: before.name.clone() }).await.expect("deleted");
+    let answer = client.report(common::report(&stale.name, 0.001)).await;
+    assert_refused(answer, Code::NotFound, "study \"hall\" does not exist");
+    let after = create(&mut client, "hall").await;
+    assert_ne!(before.uid, after.uid);
+
+    let told = "was deleted and created again";
+    let trial = || stale.name.clone();
+    assert_refused(client.report(common::report(&stale.name, 0.001)).await, Code::NotFound, told);
+    let abandon = wire::AbandonTrialRequest { trial: trial() };
+    assert_refused(client.abandon_trial(abandon).await, Code::NotFound, told);
+    assert_refused(
+        client.extend_lease(wire::ExtendLeaseRequest { trial: trial() }).await,
+        Code::NotFound,
+        told,
+    );
+    assert_refused(client.get_trial(wire::GetTrialRequest { name: trial() }).await, Code::NotFound, told);
+    let study = || identified(&before);
+    assert_refused(client.suggest(ask(&study())).await, Code::NotFound, told);
+    assert_refused(client.get_study(wire::GetStudyRequest { name: study() }).await, Code::NotFound, told);
+    let best = wire::GetBestRequest { study: study(), ..Default::default() };
+    assert_refused(client.get_best(best).await, Code::NotFound, told);
+    let query = wire::QueryTrialsRequest { study: study(), ..Default::default() };
+    assert_refused(client.query_trials(query).await, Code::NotFound, told);
+    let predict = wire::PredictRequest {
+        study: study(),
+        indicators: [("triangles".into(), 1.0)].into(),
+        ..Default::default()
+    };
+    assert_refused(client.predict(predict).await, Code::NotFound, told);
+    assert_refused(
+        client.delete_study(wire::DeleteStudyRequest { name: study() }).await,
+        Code::NotFound,
+        told,
+    );
+
+    // The new one's own frames go on, with and without its identity.
+    let own = client.suggest(ask(&identified(&after))).await.expect("a trial").into_inner();
+    let done = client.report(common::report(&own.name, 50.0)).await.expect("taken").into_inner();
+    assert!(!done.duplicate);
+    assert_eq!(done.trial.expect("the trial").name, own.name);
+    let best = wire::GetBestRequest { study: "studies/hall".to_owned(), ..Default::default() };
+    assert_eq!(client.get_best(best).await.expect("measured").into_inner().cost, 50.0);
+}
+
+#[tokio::test]
+async fn who_names_a_study_by_its_identity_does_not_notice_that_it_is_renamed() {
+    let server = Server::in_memory().await;
+    let mut client = server.client().await;
+    let study = create(&mut client, "hall").await;
+    let ask = || wire::SuggestRequest { study: identified(&study), ..common::ask("a", 10.0) };
+    let open = client.suggest(ask()).await.expect("a trial").into_inner();
+    let plain = suggest(&mut client, "b", 10.0).await;
+    let rename =
+        |name: &str, to: &str| wire::RenameStudyRequest { name: name.to_owned(), study_id: to.to_owned() };
+    create(&mut client, "attic").await;
+    assert_refused(client.rename_study(rename("studies/hall", "attic")).await, Code::AlreadyExists, "attic");
+    assert_refused(client.rename_study(rename("studies/none", "loft")).await, Code::NotFound, "none");
+    assert_refused(
+        client.rename_study(rename("studies/hall", "Loft")).await,
+        Code::InvalidArgument,
+        "study_id",
+    );
+    let renamed = client.rename_study(rename("studies/hall", "loft")).await.expect("renamed").into_inner();
+    assert_eq!((renamed.name.as_str(), &renamed.uid), ("studies/loft", &study.uid));
+    assert_eq!(renamed.statistics.expect("counts").trials, 2);
+
+    let done = client.report(common::report(&open.name, 7.0)).await.expect("taken").into_inner();
+    let name = format!("studies/loft@{}/trials", study.uid);
+    assert_eq!(done.trial.expect("the trial").name, format!("{name}/1"));
+    assert_eq!(client.suggest(ask()).await.expect("a trial").into_inner().name, format!("{name}/3"));
+    // Who goes by the name has to learn the new one; its trial may be of whatever was called so before.
+    let answer = client.report(common::report(&plain.name, 7.0)).await;
+    assert_refused(answer, Code::NotFound, "study \"hall\" does not exist");
+    create(&mut client, "hall").await;
+    let answer = client.report(common::report(&plain.name, 7.0)).await;
+    assert_refused(answer, Code::NotFound, "trial 2 was handed out before study \"hall\"");
+    let under_new_name = plain.name.replace("hall", "loft");
+    assert_refused(client.report(common::report(&under_new_name, 7.0)).await, Code::NotFound, "trial 2");
+    let known = format!("{name}/2");
+    client.report(common::report(&known, 7.0)).await.expect("its identity proves it");
 }

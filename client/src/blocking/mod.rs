@@ -120,6 +120,11 @@ impl Client {
         self.run(async |client| client.update_policy(id, change).await)
     }
 
+    /// See [`crate::Client::rename_study`]. Errors: as there.
+    pub fn rename_study(&self, id: &str, to: &str) -> Result<StudyRecord, ClientError> {
+        self.run(async |client| client.rename_study(id, to).await)
+    }
+
     /// See [`crate::Client::delete_study`]. Errors: as there.
     pub fn delete_study(&self, id: &str) -> Result<(), ClientError> {
         self.run(async |client| client.delete_study(id).await)

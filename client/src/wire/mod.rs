@@ -23,6 +23,7 @@ pub(crate) fn study_from_wire(study: v1::Study) -> Result<StudyRecord, Problem> 
     let policy = policy_from_wire("study.policy", study.policy.clone().unwrap_or_default());
     Ok(StudyRecord {
         name: study.name.clone(),
+        uid: study.uid.clone(),
         display_name: study.display_name.clone(),
         policy: policy.map_err(|problem| problem.to_string())?,
         create_time: time_from_wire(study.create_time),

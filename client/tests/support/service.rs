@@ -105,6 +105,16 @@ impl TuningService for Service {
         Ok(Response::new(study.clone()))
     }
 
+    async fn rename_study(&self, request: Request<v1::RenameStudyRequest>) -> Answer<v1::Study> {
+        let v1::RenameStudyRequest { name, study_id } = request.into_inner();
+        let mut book = self.book();
+        book.study(&name)?;
+        let mut study = book.studies.remove(&name).expect("it was just there");
+        study.name = format!("studies/{study_id}");
+        book.studies.insert(study.name.clone(), study.clone());
+        Ok(Response::new(study))
+    }
+
     async fn delete_study(&self, request: Request<v1::DeleteStudyRequest>) -> Answer<()> {
         let name = request.into_inner().name;
         let mut book = self.book();

@@ -82,8 +82,7 @@ export class Client {
     const request = { studyId: id, study: specToWire(spec) };
     const study = new Study(this, `studies/${id}`, spec, request);
     try {
-      await this.call("createStudy", request);
-      study.created = true;
+      study.identify(await this.call("createStudy", request));
     } catch (error) {
       if (error.kind !== "unreachable") throw error;
       this.stats.lastError = error.message;
@@ -122,22 +121,30 @@ export class Study {
     this.name = name;
     this.spec = spec;
     this.request = request;
+    this.asked = name;
     this.created = false;
+  }
+
+  /** Asks from now on for the study that the daemon has created or found, whatever gets its name later. */
+  identify(found) {
+    this.asked = found.uid ? `${found.name}@${found.uid}` : this.name;
+    this.created = true;
   }
 
   async #ask(indicators, wanted, deadlineMs) {
     if (!this.created) {
-      await this.client.call("createStudy", this.request, deadlineMs);
-      this.created = true;
+      this.identify(await this.client.call("createStudy", this.request, deadlineMs));
     }
     const worker = takeWorker(this.client.url, this.client.options.clientId, this.name);
     try {
       await this.client.outbox.told(worker.name);
-      const request = { study: this.name, clientId: worker.name, indicators, fingerprint: this.client.fingerprint, wanted };
+      const request = { study: this.asked, clientId: worker.name, indicators, fingerprint: this.client.fingerprint, wanted };
       const trial = await this.client.call("suggest", request, deadlineMs);
       return new Suggestion(this, worker, trial, configurationFromWire(trial.configuration));
     } catch (error) {
       worker.release();
+      // It was deleted: it is created again before the next question.
+      if (error.code === grpc.status.NOT_FOUND) this.created = false;
       throw error;
     }
   }
@@ -176,13 +183,13 @@ export class Study {
   }
 
   async predict(indicators = {}) {
-    const request = { study: this.name, indicators, fingerprint: this.client.fingerprint };
+    const request = { study: this.asked, indicators, fingerprint: this.client.fingerprint };
     const known = await this.client.untilReady((deadlineMs) => this.client.call("predict", request, deadlineMs));
     return { configuration: configurationFromWire(known.configuration), cost: known.predictedCost };
   }
 
   async best(indicators = {}) {
-    const request = { study: this.name, indicators, fingerprint: this.client.fingerprint };
+    const request = { study: this.asked, indicators, fingerprint: this.client.fingerprint };
     const best = await this.client.untilReady((deadlineMs) => this.client.call("getBest", request, deadlineMs));
     return bestFromWire(best);
   }

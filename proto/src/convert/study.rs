@@ -10,7 +10,7 @@ use super::space::{scale_from_wire, space_from_wire, space_to_wire};
 use super::{Malformed, WireEnum};
 use crate::v1;
 
-/// A specification, without what only the daemon knows (name, time and statistics).
+/// A specification, without what only the daemon knows (name, identity, time and statistics).
 #[must_use]
 pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1::Study {
     let indicator = |indicator: &Indicator| v1::Indicator {
@@ -35,6 +35,7 @@ pub fn spec_to_wire<P: Clone + Into<PolicySettings>>(spec: &StudySpec<P>) -> v1:
         create_time: None,
         statistics: None,
         policy_differs: Vec::new(),
+        uid: String::new(),
     }
 }
 

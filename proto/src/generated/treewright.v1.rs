@@ -40,6 +40,10 @@ pub struct Study {
     /// policy, which stays as it is.
     #[prost(string, repeated, tag = "11")]
     pub policy_differs: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
+    /// OUTPUT_ONLY: the study's identity, 16 hexadecimal digits drawn when it was created. It outlasts a new name, and a
+    /// study that is created again under an old name has another. `studies/{study}@{uid}` names the study that has it.
+    #[prost(string, tag = "12")]
+    pub uid: ::prost::alloc::string::String,
 }
 /// Counts that tell how far a study is.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
@@ -461,7 +465,9 @@ impl PredictorMethod {
 /// One configuration, handed to one client for one state under a lease.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Trial {
-    /// Resource name, `studies/{study}/trials/{trial}`. Trial numbers rise by one from 1.
+    /// Resource name, `studies/{study}/trials/{trial}`, or `studies/{study}@{uid}/trials/{trial}` in the answer to a request
+    /// that named the study so. Trial numbers rise by one from 1. A study that is created again under a name, or gets
+    /// another, goes on after all numbers that were handed out under that name.
     #[prost(string, tag = "1")]
     pub name: ::prost::alloc::string::String,
     /// Who holds it.
@@ -857,6 +863,15 @@ pub struct UpdateStudyRequest {
     /// Paths `policy` (replaces the whole policy) or `policy.FIELD`. Unset means `policy`.
     #[prost(message, optional, tag = "2")]
     pub update_mask: ::core::option::Option<::prost_types::FieldMask>,
+}
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct RenameStudyRequest {
+    /// `studies/{study}`. REQUIRED.
+    #[prost(string, tag = "1")]
+    pub name: ::prost::alloc::string::String,
+    /// The new last part of the name, as in CreateStudyRequest. REQUIRED.
+    #[prost(string, tag = "2")]
+    pub study_id: ::prost::alloc::string::String,
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct DeleteStudyRequest {
@@ -1502,6 +1517,29 @@ pub mod tuning_service_client {
                 .insert(GrpcMethod::new("treewright.v1.TuningService", "UpdateStudy"));
             self.inner.unary(req, path, codec).await
         }
+        /// Gives a study another id, in one transaction. Its identity, trials and leases stay; who names it by its identity
+        /// notices nothing. Errors: NOT_FOUND; ALREADY_EXISTS when the id is taken.
+        pub async fn rename_study(
+            &mut self,
+            request: impl tonic::IntoRequest<super::RenameStudyRequest>,
+        ) -> std::result::Result<tonic::Response<super::Study>, tonic::Status> {
+            self.inner
+                .ready()
+                .await
+                .map_err(|e| {
+                    tonic::Status::unknown(
+                        format!("Service was not ready: {}", e.into()),
+                    )
+                })?;
+            let codec = tonic_prost::ProstCodec::default();
+            let path = http::uri::PathAndQuery::from_static(
+                "/treewright.v1.TuningService/RenameStudy",
+            );
+            let mut req = request.into_request();
+            req.extensions_mut()
+                .insert(GrpcMethod::new("treewright.v1.TuningService", "RenameStudy"));
+            self.inner.unary(req, path, codec).await
+        }
         /// Deletes a study with its states, trials and models. Errors: NOT_FOUND.
         pub async fn delete_study(
             &mut self,
@@ -1787,6 +1825,12 @@ pub mod tuning_service_server {
         async fn update_study(
             &self,
             request: tonic::Request<super::UpdateStudyRequest>,
+        ) -> std::result::Result<tonic::Response<super::Study>, tonic::Status>;
+        /// Gives a study another id, in one transaction. Its identity, trials and leases stay; who names it by its identity
+        /// notices nothing. Errors: NOT_FOUND; ALREADY_EXISTS when the id is taken.
+        async fn rename_study(
+            &self,
+            request: tonic::Request<super::RenameStudyRequest>,
         ) -> std::result::Result<tonic::Response<super::Study>, tonic::Status>;
         /// Deletes a study with its states, trials and models. Errors: NOT_FOUND.
         async fn delete_study(
@@ -2103,6 +2147,51 @@ pub mod tuning_service_server {
                     let inner = self.inner.clone();
                     let fut = async move {
                         let method = UpdateStudySvc(inner);
+                        let codec = tonic_prost::ProstCodec::default();
+                        let mut grpc = tonic::server::Grpc::new(codec)
+                            .apply_compression_config(
+                                accept_compression_encodings,
+                                send_compression_encodings,
+                            )
+                            .apply_max_message_size_config(
+                                max_decoding_message_size,
+                                max_encoding_message_size,
+                            );
+                        let res = grpc.unary(method, req).await;
+                        Ok(res)
+                    };
+                    Box::pin(fut)
+                }
+                "/treewright.v1.TuningService/RenameStudy" => {
+                    #[allow(non_camel_case_types)]
+                    struct RenameStudySvc<T: TuningService>(pub Arc<T>);
+                    impl<
+                        T: TuningService,
+                    > tonic::server::UnaryService<super::RenameStudyRequest>
+                    for RenameStudySvc<T> {
+                        type Response = super::Study;
+                        type Future = BoxFuture<
+                            tonic::Response<Self::Response>,
+                            tonic::Status,
+                        >;
+                        fn call(
+                            &mut self,
+                            request: tonic::Request<super::RenameStudyRequest>,
+                        ) -> Self::Future {
+                            let inner = Arc::clone(&self.0);
+                            let fut = async move {
+                                <T as TuningService>::rename_study(&inner, request).await
+                            };
+                            Box::pin(fut)
+                        }
+                    }
+                    let accept_compression_encodings = self.accept_compression_encodings;
+                    let send_compression_encodings = self.send_compression_encodings;
+                    let max_decoding_message_size = self.max_decoding_message_size;
+                    let max_encoding_message_size = self.max_encoding_message_size;
+                    let inner = self.inner.clone();
+                    let fut = async move {
+                        let method = RenameStudySvc(inner);
                         let codec = tonic_prost::ProstCodec::default();
                         let mut grpc = tonic::server::Grpc::new(codec)
                             .apply_compression_config(

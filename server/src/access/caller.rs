@@ -11,7 +11,6 @@ use treewright_store::tokens::{Quota, Scope, TokenError, TokenRecord, Usage, day
 
 use super::rate::Rate;
 use crate::clock::Clock;
-use crate::convert::names::{self, TrialName};
 use crate::error::Error;
 use crate::limits;
 
@@ -237,26 +236,6 @@ impl Caller {
     /// [`Error::Denied`].
     pub fn reach(&self, study: &str) -> Result<(), Error> {
         if self.sees(study) { Ok(()) } else { Err(Error::Denied("the token is not good for this study")) }
-    }
-
-    /// Reads `studies/{study}`, within the caller's reach.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] and [`Error::Denied`].
-    pub fn study(&self, field: &str, name: &str) -> Result<String, Error> {
-        let study = names::study(field, name)?;
-        self.reach(&study)?;
-        Ok(study)
-    }
-
-    /// Reads `studies/{study}/trials/{trial}`, within the caller's reach.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] and [`Error::Denied`].
-    pub fn trial(&self, field: &str, name: &str) -> Result<TrialName, Error> {
-        let trial = names::trial(field, name)?;
-        self.reach(&trial.study)?;
-        Ok(trial)
     }
 
     /// Counts a request or a frame of so many bytes.

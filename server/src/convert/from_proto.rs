@@ -14,7 +14,7 @@ use treewright_proto::convert::{
 };
 use treewright_proto::v1;
 
-use super::names::{self, TrialName};
+use super::names::{self, StudyName, TrialName};
 use crate::error::Error;
 
 /// A result as a client tells it.
@@ -31,8 +31,8 @@ pub struct Report {
 /// A question for the next trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Suggest {
-    /// The study's id.
-    pub study: String,
+    /// The study.
+    pub study: StudyName,
     /// Who asks, and where.
     pub ask: Ask,
     /// What the client wants to measure, if it does not leave that to the service.

@@ -1,13 +1,39 @@
-//! Resource names: `studies/{study}` and `studies/{study}/trials/{trial}`.
+//! Resource names: `studies/{study}` and `studies/{study}/trials/{trial}`, where `{study}@{uid}` may stand for `{study}`.
+
+use std::fmt;
+
+use treewright_core::ids::StudyUid;
 
 use crate::error::Error;
 use crate::limits::{NAME_BYTES, STUDY_ID_CHARACTERS};
 
+/// A study as a request names it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StudyName {
+    /// The study's id; after it was looked up by its identity, the one that it has by now.
+    pub id: String,
+    /// Its identity, where the request says it.
+    pub uid: Option<StudyUid>,
+}
+
+impl From<&str> for StudyName {
+    fn from(id: &str) -> Self {
+        Self { id: id.to_owned(), uid: None }
+    }
+}
+
+impl fmt::Display for StudyName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "studies/{}", self.id)?;
+        self.uid.map_or(Ok(()), |uid| write!(f, "@{uid}"))
+    }
+}
+
 /// A trial's place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TrialName {
-    /// The study's id.
-    pub study: String,
+    /// The study.
+    pub study: StudyName,
     /// The trial's number, from 1.
     pub number: u64,
 }
@@ -35,12 +61,20 @@ pub fn study_id(field: &str, id: &str) -> Result<String, Error> {
 ///
 /// # Errors
 /// [`Error::Invalid`] with the form.
-pub fn study(field: &str, name: &str) -> Result<String, Error> {
-    let id = short(name).and_then(|name| name.strip_prefix("studies/"));
-    id.and_then(|id| study_id(field, id).ok()).ok_or_else(|| {
+pub fn study(field: &str, name: &str) -> Result<StudyName, Error> {
+    short(name).and_then(|name| name.strip_prefix("studies/")).and_then(place).ok_or_else(|| {
         let name = shortened(name);
         Error::invalid(field, format!("{name:?} must have the form studies/STUDY"))
     })
+}
+
+/// Reads `{study}` or `{study}@{uid}`.
+fn place(text: &str) -> Option<StudyName> {
+    let (id, uid) = match text.split_once('@') {
+        Some((id, uid)) => (id, Some(uid.parse().ok()?)),
+        None => (text, None),
+    };
+    Some(StudyName { id: study_id("", id).ok()?, uid })
 }
 
 /// Reads `studies/{study}/trials/{trial}`.
@@ -51,10 +85,7 @@ pub fn trial(field: &str, name: &str) -> Result<TrialName, Error> {
     let read = || {
         let (study, number) = short(name)?.strip_prefix("studies/")?.split_once("/trials/")?;
         let plain = number.starts_with(|c: char| matches!(c, '1'..='9'));
-        Some(TrialName {
-            study: study_id(field, study).ok()?,
-            number: number.parse().ok().filter(|_| plain)?,
-        })
+        Some(TrialName { study: place(study)?, number: number.parse().ok().filter(|_| plain)? })
     };
     read().ok_or_else(|| {
         let name = shortened(name);
@@ -71,8 +102,8 @@ pub fn study_name(study: &str) -> String {
 
 /// Writes `studies/{study}/trials/{trial}`.
 #[must_use]
-pub fn trial_name(study: &str, number: u64) -> String {
-    format!("studies/{study}/trials/{number}")
+pub fn trial_name(study: &StudyName, number: u64) -> String {
+    format!("{study}/trials/{number}")
 }
 
 fn short(name: &str) -> Option<&str> {
@@ -95,9 +126,15 @@ mod tests {
 
     #[test]
     fn names_are_read_as_they_are_written() {
-        assert_eq!(study("name", &study_name("hall-2_b")).unwrap(), "hall-2_b");
-        let name = trial("name", &trial_name("hall", 17)).unwrap();
-        assert_eq!((name.study.as_str(), name.number), ("hall", 17));
+        let plain = StudyName::from("hall-2_b");
+        let identified = StudyName { uid: Some(StudyUid(0xabc)), ..plain.clone() };
+        assert_eq!(study_name("hall-2_b"), plain.to_string());
+        assert_eq!(identified.to_string(), "studies/hall-2_b@0000000000000abc");
+        for name in [plain, identified] {
+            assert_eq!(study("name", &name.to_string()).unwrap(), name);
+            let read = trial("name", &trial_name(&name, 17)).unwrap();
+            assert_eq!(read, TrialName { study: name, number: 17 });
+        }
     }
 
     #[test]
@@ -107,7 +144,16 @@ mod tests {
             let error = study_id("study_id", bad).unwrap_err().to_string();
             assert!(error.starts_with("study_id: "), "{error}");
         }
-        for bad in ["", "hall", "studies/", "studies/Hall", "studies/hall/trials/1"] {
+        for bad in [
+            "",
+            "hall",
+            "studies/",
+            "studies/Hall",
+            "studies/hall/trials/1",
+            "studies/hall@",
+            "studies/hall@0000000000000ABC",
+            "studies/@0000000000000abc",
+        ] {
             assert!(study("study", bad).is_err(), "{bad}");
         }
         for bad in [

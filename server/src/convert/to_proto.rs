@@ -11,7 +11,7 @@ use treewright_proto::v1;
 use treewright_store::StudyRecord;
 
 use super::insight;
-use super::names::{study_name, trial_name};
+use super::names::{StudyName, study_name, trial_name};
 
 /// A study with its counts.
 #[must_use]
@@ -19,6 +19,7 @@ pub fn study(record: &StudyRecord) -> v1::Study {
     let statistics = &record.statistics;
     v1::Study {
         name: study_name(&record.id),
+        uid: record.uid.to_string(),
         create_time: Some(timestamp_to_wire(record.create_ms)),
         statistics: Some(v1::StudyStatistics {
             states: signed(statistics.states),
@@ -30,9 +31,9 @@ pub fn study(record: &StudyRecord) -> v1::Study {
     }
 }
 
-/// A trial of a study.
+/// A trial of a study, which is named as the request named it.
 #[must_use]
-pub fn trial<C: Values>(study: &str, trial: &Trial<C>) -> v1::Trial {
+pub fn trial<C: Values>(study: &StudyName, trial: &Trial<C>) -> v1::Trial {
     trial_to_wire(trial_name(study, trial.number), trial)
 }
 
@@ -50,7 +51,7 @@ pub fn prediction(prediction: &Prediction) -> v1::PredictResponse {
 
 /// The best known configuration.
 #[must_use]
-pub fn best(study: &str, best: &Best) -> v1::Best {
+pub fn best(study: &StudyName, best: &Best) -> v1::Best {
     v1::Best {
         configuration: Some(configuration_to_wire(&best.configuration)),
         cost: best.cost,

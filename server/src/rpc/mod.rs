@@ -2,9 +2,10 @@
 //!
 //! `studies` and `trials` hold the handlers by topic, `tune` the stream. What they share is here: every request
 //! counts against its caller's quotas, is admitted, and is logged once when it is refused. Handlers read names
-//! through the [`Caller`], so that nobody reaches a study that is not theirs.
+//! through `reach`, so that nobody reaches a study that is not theirs.
 
 mod frames;
+mod reach;
 pub(crate) mod studies;
 pub(crate) mod trials;
 mod tune;
@@ -121,6 +122,13 @@ impl TuningService for Service {
         request: Request<wire::UpdateStudyRequest>,
     ) -> Result<Response<wire::Study>, Status> {
         self.answer(request, studies::update).await
+    }
+
+    async fn rename_study(
+        &self,
+        request: Request<wire::RenameStudyRequest>,
+    ) -> Result<Response<wire::Study>, Status> {
+        self.answer(request, studies::rename).await
     }
 
     async fn delete_study(&self, request: Request<wire::DeleteStudyRequest>) -> Result<Response<()>, Status> {

@@ -5,6 +5,7 @@ use treewright_proto::v1 as wire;
 use treewright_store::limits::PAGE_SIZE_DEFAULT;
 use treewright_store::{StudyRecord, cursor};
 
+use super::reach;
 use crate::access::caller::Caller;
 use crate::convert::from_proto::{self, required};
 use crate::convert::policy::PolicyUpdate;
@@ -53,8 +54,8 @@ pub(crate) async fn get(
     caller: &Caller,
     request: wire::GetStudyRequest,
 ) -> Result<wire::Study, Error> {
-    let id = caller.study("name", &request.name)?;
-    Ok(to_proto::study(&tuning.get_study(&id).await?))
+    let name = reach::study(tuning, caller, "name", &request.name).await?;
+    Ok(to_proto::study(&tuning.get_study(&name.id).await?))
 }
 
 pub(crate) async fn list(
@@ -118,10 +119,21 @@ pub(super) async fn update(
     request: wire::UpdateStudyRequest,
 ) -> Result<wire::Study, Error> {
     let study = request.study.ok_or_else(|| required("study"))?;
-    let id = caller.study("study.name", &study.name)?;
+    let name = reach::study(tuning, caller, "study.name", &study.name).await?;
     let update = PolicyUpdate::read(study.policy.unwrap_or_default(), request.update_mask)?;
-    let record = tuning.update_policy(&id, &update).await?;
+    let record = tuning.update_policy(&name.id, &update).await?;
     Ok(to_proto::study(&record))
+}
+
+pub(super) async fn rename(
+    tuning: &Tuning,
+    caller: &Caller,
+    request: wire::RenameStudyRequest,
+) -> Result<wire::Study, Error> {
+    let name = reach::study(tuning, caller, "name", &request.name).await?;
+    let to = names::study_id("study_id", &request.study_id)?;
+    caller.reach(&to)?;
+    Ok(to_proto::study(&tuning.rename_study(&name.id, &to).await?))
 }
 
 pub(super) async fn delete(
@@ -129,6 +141,6 @@ pub(super) async fn delete(
     caller: &Caller,
     request: wire::DeleteStudyRequest,
 ) -> Result<(), Error> {
-    let id = caller.study("name", &request.name)?;
-    tuning.delete_study(&id).await
+    let name = reach::study(tuning, caller, "name", &request.name).await?;
+    tuning.delete_study(&name.id).await
 }

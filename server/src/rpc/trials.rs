@@ -7,7 +7,9 @@ use treewright_store::TrialQuery;
 use treewright_store::cursor::Cursor;
 use treewright_store::filter::{Filter, Order};
 
+use super::reach;
 use crate::access::caller::Caller;
+use crate::convert::names::StudyName;
 use crate::convert::{from_proto, to_proto};
 use crate::error::Error;
 use crate::limits::PAGE_BYTES;
@@ -19,8 +21,8 @@ pub(super) async fn suggest(
     request: wire::SuggestRequest,
 ) -> Result<wire::Trial, Error> {
     let reports_waiting = request.reports_waiting;
-    let suggest = from_proto::suggest(request)?;
-    caller.reach(&suggest.study)?;
+    let mut suggest = from_proto::suggest(request)?;
+    suggest.study = reach::find(tuning, caller, suggest.study).await?;
     let spent = caller.spend_trial()?;
     let study = suggest.study.clone();
     let trial = tuning.suggest(suggest).await?;
@@ -34,14 +36,14 @@ pub(super) async fn report(
     caller: &Caller,
     request: wire::ReportRequest,
 ) -> Result<wire::ReportResponse, Error> {
-    let report = from_proto::report(request)?;
-    caller.reach(&report.trial.study)?;
+    let mut report = from_proto::report(request)?;
+    report.trial.study = reach::find(tuning, caller, report.trial.study).await?;
     let study = report.trial.study.clone();
     Ok(reported(&study, &tuning.report(report).await?))
 }
 
 /// The answer to a report.
-pub(super) fn reported(study: &str, reported: &Reported) -> wire::ReportResponse {
+pub(super) fn reported(study: &StudyName, reported: &Reported) -> wire::ReportResponse {
     let (trial, duplicate) = match reported {
         Reported::Taken(trial) => (to_proto::trial(study, trial), false),
         Reported::Duplicate(trial) => (to_proto::trial(study, trial), true),
@@ -54,9 +56,9 @@ pub(crate) async fn predict(
     caller: &Caller,
     request: wire::PredictRequest,
 ) -> Result<wire::PredictResponse, Error> {
-    let study = caller.study("study", &request.study)?;
+    let study = reach::study(tuning, caller, "study", &request.study).await?;
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
-    let prediction = tuning.predict(&study, &request.indicators, fingerprint.as_ref()).await?;
+    let prediction = tuning.predict(&study.id, &request.indicators, fingerprint.as_ref()).await?;
     Ok(to_proto::prediction(&prediction))
 }
 
@@ -65,7 +67,7 @@ pub(super) async fn abandon(
     caller: &Caller,
     request: wire::AbandonTrialRequest,
 ) -> Result<wire::Trial, Error> {
-    let name = caller.trial("trial", &request.trial)?;
+    let name = reach::trial(tuning, caller, "trial", &request.trial).await?;
     Ok(to_proto::trial(&name.study, &tuning.abandon(&name).await?))
 }
 
@@ -74,7 +76,7 @@ pub(super) async fn extend_lease(
     caller: &Caller,
     request: wire::ExtendLeaseRequest,
 ) -> Result<wire::Trial, Error> {
-    let name = caller.trial("trial", &request.trial)?;
+    let name = reach::trial(tuning, caller, "trial", &request.trial).await?;
     let trial = tuning.extend_lease(&name).await?;
     Ok(to_proto::trial(&name.study, &trial))
 }
@@ -84,7 +86,7 @@ pub(crate) async fn get(
     caller: &Caller,
     request: wire::GetTrialRequest,
 ) -> Result<wire::Trial, Error> {
-    let name = caller.trial("name", &request.name)?;
+    let name = reach::trial(tuning, caller, "name", &request.name).await?;
     let trial = tuning.get_trial(&name).await?;
     Ok(to_proto::trial(&name.study, &trial))
 }
@@ -94,19 +96,19 @@ pub(crate) async fn query(
     caller: &Caller,
     request: wire::QueryTrialsRequest,
 ) -> Result<wire::QueryTrialsResponse, Error> {
-    let study = caller.study("study", &request.study)?;
+    let study = reach::study(tuning, caller, "study", &request.study).await?;
     let filter = Filter::parse(&request.filter).map_err(|error| Error::invalid("filter", error))?;
     let order = Order::parse(&request.order_by).map_err(|error| Error::invalid("order_by", error))?;
     if filter.has_names() {
-        let spec = tuning.get_study(&study).await?.spec;
+        let spec = tuning.get_study(&study.id).await?.spec;
         let named = filter.check_names(&request.filter, &spec);
         named.map_err(|error| Error::invalid("filter", error))?;
     }
-    let question = [study.as_str(), &request.filter, &request.order_by];
+    let question = [study.id.as_str(), &request.filter, &request.order_by];
     let after =
         Cursor::parse(&request.page_token, &question).map_err(|error| Error::invalid("page_token", error))?;
     let query = TrialQuery { filter, order, after, size: from_proto::page_size(request.page_size)? };
-    let page = tuning.query_trials(&study, &query).await?;
+    let page = tuning.query_trials(&study.id, &query).await?;
 
     let mut next = page.next;
     let mut trials = Vec::with_capacity(page.trials.len());
@@ -132,9 +134,9 @@ pub(crate) async fn best(
     caller: &Caller,
     request: wire::GetBestRequest,
 ) -> Result<wire::Best, Error> {
-    let study = caller.study("study", &request.study)?;
+    let study = reach::study(tuning, caller, "study", &request.study).await?;
     let indicators = Some(&request.indicators).filter(|given| !given.is_empty());
     let fingerprint = request.fingerprint.map(fingerprint_from_wire).transpose()?;
-    let best = tuning.best(&study, indicators, fingerprint.as_ref()).await?;
+    let best = tuning.best(&study.id, indicators, fingerprint.as_ref()).await?;
     Ok(to_proto::best(&study, &best))
 }

@@ -13,7 +13,7 @@ use treewright_proto::v1 as wire;
 use treewright_store::tokens::Scope;
 
 use super::frames::{Attempt, FrameRouter};
-use super::trials;
+use super::{reach, trials};
 use crate::access::caller::{Caller, Spent};
 use crate::admission::{Admission, Admitted};
 use crate::connections::UnderWay;
@@ -99,15 +99,15 @@ impl TuneStream {
         }
     }
 
-    fn report(&self, report: wire::ReportRequest) -> Result<Report, Error> {
-        let report = from_proto::report(report)?;
-        self.caller.reach(&report.trial.study)?;
+    async fn report(&self, report: wire::ReportRequest) -> Result<Report, Error> {
+        let mut report = from_proto::report(report)?;
+        report.trial.study = reach::find(&self.tuning, &self.caller, report.trial.study).await?;
         Ok(report)
     }
 
-    fn suggest(&self, suggest: wire::SuggestRequest) -> Result<(Suggest, Spent<'_>), Error> {
-        let suggest = from_proto::suggest(suggest)?;
-        self.caller.reach(&suggest.study)?;
+    async fn suggest(&self, suggest: wire::SuggestRequest) -> Result<(Suggest, Spent<'_>), Error> {
+        let mut suggest = from_proto::suggest(suggest)?;
+        suggest.study = reach::find(&self.tuning, &self.caller, suggest.study).await?;
         Ok((suggest, self.caller.spend_trial()?))
     }
 
@@ -152,8 +152,16 @@ impl Attempt for TuneStream {
         };
         let wire::TuneRequest { report, suggest } = frame;
         let reports_waiting = suggest.as_ref().map(|suggest| suggest.reports_waiting);
-        let (report, report_error) = self.split(report.map(|report| self.report(report)));
-        let (suggest, suggest_error) = self.split(suggest.map(|suggest| self.suggest(suggest)));
+        let report = match report {
+            Some(report) => Some(self.report(report).await),
+            None => None,
+        };
+        let suggest = match suggest {
+            Some(suggest) => Some(self.suggest(suggest).await),
+            None => None,
+        };
+        let (report, report_error) = self.split(report);
+        let (suggest, suggest_error) = self.split(suggest);
         let (suggest, spent) = suggest.unzip();
         let report_study = report.as_ref().map(|report| report.trial.study.clone());
         let suggest_study = suggest.as_ref().map(|suggest| suggest.study.clone());

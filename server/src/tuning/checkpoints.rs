@@ -127,7 +127,7 @@ pub(super) mod tests {
     pub(in crate::tuning) async fn suggested(tuning: &Tuning, client_id: &str, place: f64) -> Trial {
         let indicators = BTreeMap::from([("x".to_owned(), place)]);
         let ask = Ask { client_id: client_id.to_owned(), indicators, ..Ask::default() };
-        let suggest = Suggest { study: "hall".to_owned(), ask, wanted: None };
+        let suggest = Suggest { study: "hall".into(), ask, wanted: None };
         tuning.suggest(suggest).await.expect("a trial")
     }
 
@@ -137,7 +137,7 @@ pub(super) mod tests {
         let number = |name: &str| trial.configuration.get(name).and_then(Value::as_number).expect("active");
         let cost = 1.0 + (number("a") - 9.0 * place).abs() + number("b");
         let report = Report {
-            trial: TrialName { study: "hall".to_owned(), number: trial.number },
+            trial: TrialName { study: "hall".into(), number: trial.number },
             measurements: BTreeMap::from([("render_ms".to_owned(), cost)]),
             outcome: Outcome::Ok,
         };

@@ -19,7 +19,8 @@ impl Tuning {
 
 impl Live {
     fn figures(&self, study: String, now_ms: i64) -> StudyFigures {
-        let statistics = self.tuner.statistics();
+        let mut statistics = self.tuner.statistics();
+        statistics.trials = statistics.trials.saturating_sub(self.identity.skipped);
         let errors = self.tuner.predictor_errors().into_iter();
         StudyFigures {
             study,

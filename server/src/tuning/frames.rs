@@ -1,7 +1,7 @@
 //! Suggest and report, as two requests or as one: what a client does every frame.
 
 use treewright_core::trial::{RawTrial, Trial, TrialState};
-use treewright_core::tuner::{Change, Tuner, TunerError};
+use treewright_core::tuner::{Change, TunerError};
 use treewright_store::{Fence, Receipt, Store};
 
 use super::planning::{Preparation, Prepared};
@@ -47,7 +47,7 @@ enum ReportOutcome {
     /// The trial is not open; the store knows what became of it.
     Closed,
     /// It is refused.
-    Refused(TunerError),
+    Refused(Error),
 }
 
 impl Tuning {
@@ -62,7 +62,7 @@ impl Tuning {
     /// The same, where a preparation is known to be needed.
     async fn suggest_after(&self, suggest: Suggest, begun: Option<Preparation>) -> Result<Trial, Error> {
         let (trial, receipt) = self
-            .with_plan(&suggest.study, begun, |live, store, prepared, now_ms| {
+            .with_plan(&suggest.study.id, begun, |live, store, prepared, now_ms| {
                 Ok(live.suggest(&suggest, prepared, now_ms)?.map(|(trial, change)| {
                     note(&suggest, &trial, &change);
                     (trial, live.commit(store, &[change]))
@@ -79,8 +79,8 @@ impl Tuning {
     /// As the wire contract names them.
     pub async fn report(&self, report: Report) -> Result<Reported, Error> {
         let answer = self
-            .with_tuner(&report.trial.study, |live, store, now_ms| {
-                let taken = take(&mut live.tuner, &report, now_ms);
+            .with_tuner(&report.trial.study.id, |live, store, now_ms| {
+                let taken = take(live, &report, now_ms);
                 queue(live, store, taken)
             })
             .await?;
@@ -90,7 +90,7 @@ impl Tuning {
     /// Takes a result and hands out the next trial, in one write where both are of one study.
     pub async fn frame(&self, report: Option<Report>, suggest: Option<Suggest>) -> FrameAnswer {
         match (report, suggest) {
-            (Some(report), Some(suggest)) if report.trial.study == suggest.study => {
+            (Some(report), Some(suggest)) if report.trial.study.id == suggest.study.id => {
                 self.joint_frame(report, suggest).await
             }
             (report, suggest) => FrameAnswer {
@@ -110,10 +110,10 @@ impl Tuning {
         /// The report, what was suggested or has to be prepared first, when it is durable, and whether updates of
         /// the models were deferred.
         type Joint = (Box<Trial>, Result<Result<Trial, TunerError>, Preparation>, Receipt, bool);
-        let study = suggest.study.clone();
+        let study = suggest.study.id.clone();
         let computed: Result<Option<Joint>, Error> = self
             .with_tuner(&study, |live, store, now_ms| {
-                let ReportOutcome::Now(completed, change) = take(&mut live.tuner, &report, now_ms) else {
+                let ReportOutcome::Now(completed, change) = take(live, &report, now_ms) else {
                     return None;
                 };
                 let mut changes = vec![change];
@@ -160,10 +160,10 @@ impl Tuning {
         for _ in 0..TRIES {
             match answer {
                 Queued::Taken(completed, receipt, deferred) => {
-                    self.durable(&report.trial.study, receipt, deferred).await?;
+                    self.durable(&report.trial.study.id, receipt, deferred).await?;
                     return Ok(Reported::Taken(completed));
                 }
-                Queued::Refused(error) => return Err(error.into()),
+                Queued::Refused(error) => return Err(error),
                 Queued::Closed(mark) => {
                     let stored = self.closed_trial(&report.trial, mark.receipt).await?;
                     if stored.state == TrialState::Completed {
@@ -171,7 +171,7 @@ impl Tuning {
                     }
                     let (fence, closed_changes) = (mark.fence, mark.closed_changes);
                     answer = self
-                        .with_tuner(&report.trial.study, |live, store, now_ms| {
+                        .with_tuner(&report.trial.study.id, |live, store, now_ms| {
                             if !live.is_at(&fence, closed_changes) {
                                 return Ok(queue(live, store, ReportOutcome::Closed));
                             }
@@ -193,7 +193,7 @@ impl Tuning {
                 }
             }
         }
-        Err(Error::Reloading { study: report.trial.study })
+        Err(Error::Reloading { study: report.trial.study.id })
     }
 }
 
@@ -202,7 +202,7 @@ enum Queued {
     /// Whether updates of the models were deferred.
     Taken(Box<Trial>, Receipt, bool),
     Closed(ClosedMark),
-    Refused(TunerError),
+    Refused(Error),
 }
 
 /// A point in a study's life at which a trial was not open.
@@ -270,14 +270,17 @@ impl Live {
     }
 }
 
-fn take(tuner: &mut Tuner, report: &Report, now_ms: i64) -> ReportOutcome {
-    let Some(open) = tuner.open_trial(report.trial.number).cloned() else {
+fn take(live: &mut Live, report: &Report, now_ms: i64) -> ReportOutcome {
+    if let Err(error) = live.knows(&report.trial) {
+        return ReportOutcome::Refused(error);
+    }
+    let Some(open) = live.tuner.open_trial(report.trial.number).cloned() else {
         return ReportOutcome::Closed;
     };
-    let taken = tuner.report(&open, report.measurements.clone(), report.outcome.clone(), now_ms);
+    let taken = live.tuner.report(&open, report.measurements.clone(), report.outcome.clone(), now_ms);
     match taken {
         Ok((completed, change)) => ReportOutcome::Now(Box::new(completed), change),
-        Err(error) => ReportOutcome::Refused(error),
+        Err(error) => ReportOutcome::Refused(error.into()),
     }
 }
 
@@ -293,7 +296,7 @@ fn queue(live: &mut Live, store: &dyn Store, taken: ReportOutcome) -> Queued {
 
 /// A line for each change of a client's state, and one for each trial for those who want all.
 fn note(suggest: &Suggest, trial: &Trial, change: &Change) {
-    let (study, client) = (suggest.study.as_str(), trial.client_id.as_str());
+    let (study, client) = (suggest.study.id.as_str(), trial.client_id.as_str());
     if !change.visits.is_empty() {
         tracing::debug!(
             study,

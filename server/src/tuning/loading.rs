@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use treewright_core::ids::StudyUid;
 use treewright_core::limits::CHECKPOINT_BYTES_PER_TRIAL;
 use treewright_core::space::Space;
 use treewright_core::trial::{RawTrial, Trial};
@@ -30,9 +31,20 @@ impl Saved {
     }
 }
 
+/// What a study is, beside its name.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Identity {
+    pub(super) uid: StudyUid,
+    /// Trials with numbers up to this were handed out before the study got its name.
+    pub(super) named_after: u64,
+    /// How many trial numbers were left to other studies of the name.
+    pub(super) skipped: u64,
+}
+
 /// A study in memory.
 pub(super) struct Read {
     pub(super) tuner: Tuner,
+    pub(super) identity: Identity,
     pub(super) fence: Fence,
     /// The checkpoint that it began with.
     pub(super) saved: Saved,
@@ -55,6 +67,8 @@ async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Er
         trial.lease_expire_ms = trial.lease_expire_ms.min(now_ms.saturating_add(lease_ms));
     }
     let known = record.statistics.completed_trials;
+    let skipped = record.last_trial.saturating_sub(record.statistics.trials);
+    let identity = Identity { uid: record.uid, named_after: record.named_after, skipped };
     let spec = Arc::new(record.spec);
     let failed = |problem| Error::Restore { study: study.clone(), problem };
     // One from a database that was put back in part could be ahead of the trials.
@@ -78,7 +92,7 @@ async fn read(store: &dyn Store, loaded: Loaded, now_ms: i64) -> Result<Read, Er
         restoring = compute(move || learn(restoring, &trials)).await?.map_err(failed)?;
     }
     let tuner = compute(move || restoring.finish(open_trials)).await?.map_err(failed)?;
-    Ok(Read { tuner, fence, saved })
+    Ok(Read { tuner, identity, fence, saved })
 }
 
 /// Learns trials that follow each other, as far as they are what comes next: a change of predictor goes back.

@@ -24,6 +24,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::Semaphore;
+use treewright_core::ids::StudyUid;
 use treewright_core::limits::CHECKPOINT_TRIALS_MIN;
 use treewright_store::Store;
 
@@ -145,6 +146,14 @@ impl Tuning {
         let entry = (Arc::clone(&runtime), now);
         runtimes.by_study.insert(study.to_owned(), entry);
         runtime
+    }
+
+    /// The identity of the study of an id, where it is in memory.
+    fn uid_in_memory(&self, study: &str) -> Option<StudyUid> {
+        let runtimes = self.runtimes.lock().unwrap_or_else(PoisonError::into_inner);
+        let runtime = runtimes.by_study.get(study).map(|(runtime, _)| Arc::clone(runtime));
+        drop(runtimes);
+        runtime?.peek(|live| live.identity.uid)
     }
 
     /// Begins to read a study into memory, where it is not there yet: who will ask for it soon need not wait as long then.

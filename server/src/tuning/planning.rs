@@ -170,7 +170,7 @@ mod tests {
     async fn suggest(tuning: &Tuning, client_id: &str) -> Trial {
         let indicators = [("x".to_owned(), 0.5)].into();
         let ask = Ask { client_id: client_id.to_owned(), indicators, ..Ask::default() };
-        tuning.suggest(Suggest { study: "hall".to_owned(), ask, wanted: None }).await.expect("a trial")
+        tuning.suggest(Suggest { study: "hall".into(), ask, wanted: None }).await.expect("a trial")
     }
 
     fn is_by_model(trial: &Trial) -> bool {

@@ -161,7 +161,7 @@ mod tests {
                 let after = tuning.get_study("hall").await.expect("there").statistics;
                 assert_eq!((after.trials, after.completed_trials), (before.trials, before.completed_trials));
                 assert_eq!(tuning.best("hall", None, None).await.expect("something"), best);
-                let name = crate::convert::names::TrialName { study: "hall".to_owned(), number: best.trial };
+                let name = crate::convert::names::TrialName { study: "hall".into(), number: best.trial };
                 tuning.get_trial(&name).await.expect("the best is always there");
                 tuning = self::tuning(store).await;
             }

@@ -18,9 +18,10 @@ use treewright_core::tuner::{Change, Tuner};
 use treewright_store::{Fence, Receipt, Store};
 
 use super::Environment;
-use super::loading::{self, Read, Saved};
+use super::loading::{self, Identity, Read, Saved};
 use super::planned_searches::PlannedSearches;
 use super::presence::back_since;
+use crate::convert::names::TrialName;
 use crate::error::Error;
 use crate::limits::LOADING_WAIT;
 use crate::metrics::{FrameCounts, Metrics};
@@ -90,6 +91,7 @@ impl Drop for Loading {
 #[derive(Debug)]
 pub(super) struct Live {
     pub(super) tuner: Tuner,
+    pub(super) identity: Identity,
     fence: Fence,
     metrics: Arc<Metrics>,
     /// Rises with each change of a trial that was not open. Whoever read such a trial from the store can
@@ -133,6 +135,19 @@ impl Live {
         if !change.is_empty() {
             // Whatever is queued later waits for it too; and should it fail, the fence breaks.
             drop(self.commit(store, &[change]));
+        }
+    }
+
+    /// Whether a request means this study and one of its trials. One that does not say the study's identity may come
+    /// from a client of an earlier study of that name.
+    pub(super) fn knows(&self, name: &TrialName) -> Result<(), Error> {
+        let study = &name.study;
+        match study.uid {
+            Some(uid) if uid != self.identity.uid => Err(Error::Replaced { study: study.id.clone() }),
+            None if name.number <= self.identity.named_after => {
+                Err(Error::EarlierTrial { study: study.id.clone(), number: name.number })
+            }
+            _ => Ok(()),
         }
     }
 
@@ -215,7 +230,7 @@ impl Runtime {
 
 /// Makes what was read the tuner of a study, if the study still has a place in memory.
 fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
-    let Read { mut tuner, fence, saved } = read;
+    let Read { mut tuner, identity, fence, saved } = read;
     let Some(runtime) = runtime.upgrade() else {
         return;
     };
@@ -227,6 +242,7 @@ fn keep(runtime: &Weak<Runtime>, read: Read, study: &str) {
     let (tally, planned_searches) = (FrameCounts::default(), PlannedSearches::default());
     *runtime.lock() = Some(Live {
         tuner,
+        identity,
         fence,
         metrics,
         closed_changes: 0,

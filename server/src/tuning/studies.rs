@@ -4,6 +4,7 @@ use treewright_core::study::StudySpec;
 use treewright_store::{Created, StudyRecord};
 
 use super::Tuning;
+use crate::convert::names::StudyName;
 use crate::convert::policy::PolicyUpdate;
 use crate::error::Error;
 
@@ -23,6 +24,39 @@ impl Tuning {
             );
         }
         Ok(created)
+    }
+
+    /// The study that a request names: the one with its identity, under the id that it has by now, where the request
+    /// says one; else the one of that id, which need not exist.
+    ///
+    /// # Errors
+    /// [`Error::Replaced`] where the id is that of another study, and when the store cannot be read.
+    pub async fn find(&self, name: StudyName) -> Result<StudyName, Error> {
+        let Some(uid) = name.uid else {
+            return Ok(name);
+        };
+        if self.uid_in_memory(&name.id) == Some(uid) {
+            return Ok(name);
+        }
+        match self.store().find_study(uid).await? {
+            Some(id) => Ok(StudyName { id, uid: Some(uid) }),
+            None => {
+                // Where there is none at all, that is the answer.
+                let other = self.store().get_study(&name.id).await?;
+                Err(Error::Replaced { study: other.id })
+            }
+        }
+    }
+
+    /// Gives a study another id.
+    ///
+    /// # Errors
+    /// As the wire contract names them.
+    pub async fn rename_study(&self, study: &str, to: &str) -> Result<StudyRecord, Error> {
+        let renamed = self.store().rename_study(study, to).await?;
+        self.forget(study);
+        tracing::info!(study, to, "study renamed");
+        Ok(renamed)
     }
 
     /// Reads a study.

@@ -27,7 +27,8 @@ impl Tuning {
     /// As the wire contract names them.
     pub async fn abandon(&self, name: &TrialName) -> Result<Trial, Error> {
         let mut found = self
-            .with_tuner(&name.study, |live, store, _| {
+            .with_tuner(&name.study.id, |live, store, _| {
+                live.knows(name)?;
                 let Some(open) = live.tuner.open_trial(name.number).cloned() else {
                     return Ok(TrialLookup::Closed(live.mark(store)));
                 };
@@ -47,7 +48,7 @@ impl Tuning {
             let stored = self.closed_trial(name, mark.receipt).await?;
             let (fence, closed_changes) = (mark.fence, mark.closed_changes);
             found = self
-                .with_tuner(&name.study, |live, store, _| {
+                .with_tuner(&name.study.id, |live, store, _| {
                     if !live.is_at(&fence, closed_changes) {
                         return Ok(TrialLookup::Closed(live.mark(store)));
                     }
@@ -58,7 +59,7 @@ impl Tuning {
                 })
                 .await??;
         }
-        Err(Error::Reloading { study: name.study.clone() })
+        Err(Error::Reloading { study: name.study.id.clone() })
     }
 
     /// Renews a lease.
@@ -67,13 +68,14 @@ impl Tuning {
     /// As the wire contract names them.
     pub async fn extend_lease(&self, name: &TrialName) -> Result<Trial, Error> {
         let found = self
-            .with_tuner(&name.study, |live, store, now_ms| {
+            .with_tuner(&name.study.id, |live, store, now_ms| {
+                live.knows(name)?;
                 let Some(open) = live.tuner.open_trial(name.number).cloned() else {
                     return Ok(TrialLookup::Closed(live.mark(store)));
                 };
                 let (trial, change) = live.tuner.extend_lease(&open, now_ms)?;
                 let receipt = live.commit(store, &[change]);
-                Ok::<_, TunerError>(TrialLookup::Done(Box::new(trial), receipt))
+                Ok::<_, Error>(TrialLookup::Done(Box::new(trial), receipt))
             })
             .await??;
         match found {
@@ -91,7 +93,7 @@ impl Tuning {
     /// Reads a trial that is not open, once everything before is stored.
     pub(super) async fn closed_trial(&self, name: &TrialName, before: Receipt) -> Result<RawTrial, Error> {
         self.metrics().durable(before).await?;
-        Ok(self.store().get_trial(&name.study, name.number).await?)
+        Ok(self.store().get_trial(&name.study.id, name.number).await?)
     }
 
     /// Reads a trial.
@@ -99,7 +101,7 @@ impl Tuning {
     /// # Errors
     /// When there is none, or the store cannot be read.
     pub async fn get_trial(&self, name: &TrialName) -> Result<RawTrial, Error> {
-        Ok(self.store().get_trial(&name.study, name.number).await?)
+        Ok(self.store().get_trial(&name.study.id, name.number).await?)
     }
 
     /// Reads a page of trials.

@@ -64,9 +64,10 @@ pub enum Kind {
     QueryTrials,
     GetBest,
     GetTrial,
+    RenameStudy,
 }
 
-const KINDS: [Kind; 13] = [
+const KINDS: [Kind; 14] = [
     Kind::CreateStudy,
     Kind::GetStudy,
     Kind::ListStudies,
@@ -80,6 +81,7 @@ const KINDS: [Kind; 13] = [
     Kind::QueryTrials,
     Kind::GetBest,
     Kind::GetTrial,
+    Kind::RenameStudy,
 ];
 
 async fn send(service: &Service, kind: Kind, bytes: &[u8]) -> Option<Result<(), Status>> {
@@ -97,6 +99,7 @@ async fn send(service: &Service, kind: Kind, bytes: &[u8]) -> Option<Result<(), 
         Kind::QueryTrials => service.query_trials(decode(bytes)?).await.map(drop),
         Kind::GetBest => service.get_best(decode(bytes)?).await.map(drop),
         Kind::GetTrial => service.get_trial(decode(bytes)?).await.map(drop),
+        Kind::RenameStudy => service.rename_study(decode(bytes)?).await.map(drop),
     })
 }
 

@@ -66,6 +66,8 @@ fn requests() -> Vec<(Kind, Vec<u8>)> {
         ..Default::default()
     };
     let other = wire::CreateStudyRequest { study_id: "other".to_owned(), study: Some(example::study()) };
+    let rename = wire::RenameStudyRequest { name: study(), study_id: "renamed".to_owned() };
+    let identified = "studies/s@0123456789abcdef/trials/1".to_owned();
     vec![
         (Kind::CreateStudy, other.encode_to_vec()),
         (Kind::GetStudy, wire::GetStudyRequest { name: study() }.encode_to_vec()),
@@ -89,6 +91,8 @@ fn requests() -> Vec<(Kind, Vec<u8>)> {
         (Kind::QueryTrials, query.encode_to_vec()),
         (Kind::GetBest, wire::GetBestRequest { study: study(), ..Default::default() }.encode_to_vec()),
         (Kind::GetTrial, wire::GetTrialRequest { name: trial() }.encode_to_vec()),
+        (Kind::GetTrial, wire::GetTrialRequest { name: identified }.encode_to_vec()),
+        (Kind::RenameStudy, rename.encode_to_vec()),
     ]
 }
 

@@ -159,7 +159,7 @@ impl Tuner {
         mut prediction: Prediction,
         now_ms: i64,
     ) -> Trial {
-        prediction.decision.silent = self.is_silent(&ask.client_id);
+        prediction.decision.silent = self.is_silent(ask);
         prediction.decision.session = ask.session;
         prediction.decision.lost_leases = self.searches.lost(state, &prediction.configuration);
         let trial = Trial {
@@ -193,12 +193,13 @@ impl Tuner {
         self.renew(number, now_ms)
     }
 
-    /// Counts the trial that is about to be handed out in its session, and tells whether it is not to be learnt.
-    fn is_silent(&mut self, client_id: &str) -> bool {
+    /// Counts the trial that is about to be handed out in its session, and tells whether it is not to be learnt. One
+    /// that is carried over is not run, so it warms nothing up.
+    fn is_silent(&mut self, ask: &Ask) -> bool {
         let warm_up = u64::from(self.spec.policy.warm_up);
         let frozen = self.spec.policy.operation == Operation::Freeze;
-        let before = self.visits.account_mut(client_id).map(|account| account.count());
-        frozen || before.is_some_and(|before| before < warm_up)
+        let before = self.visits.account_mut(&ask.client_id).map(|account| account.count());
+        frozen || (ask.origin.is_none() && before.is_some_and(|before| before < warm_up))
     }
 
     /// Gives an open trial a fresh lease.

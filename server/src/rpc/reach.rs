@@ -1,0 +1,46 @@
+//! Which study a request means, and whether its caller may know of it.
+
+use crate::access::caller::Caller;
+use crate::convert::names::{self, StudyName, TrialName};
+use crate::error::Error;
+use crate::tuning::Tuning;
+
+/// Reads the name of a study and finds it.
+///
+/// # Errors
+/// [`Error::Invalid`], and those of [`find`].
+pub(super) async fn study(
+    tuning: &Tuning,
+    caller: &Caller,
+    field: &str,
+    name: &str,
+) -> Result<StudyName, Error> {
+    find(tuning, caller, names::study(field, name)?).await
+}
+
+/// Reads the name of a trial and finds its study.
+///
+/// # Errors
+/// [`Error::Invalid`], and those of [`find`].
+pub(super) async fn trial(
+    tuning: &Tuning,
+    caller: &Caller,
+    field: &str,
+    name: &str,
+) -> Result<TrialName, Error> {
+    let TrialName { study, number } = names::trial(field, name)?;
+    Ok(TrialName { study: find(tuning, caller, study).await?, number })
+}
+
+/// The study that a request names, under the id that it has by now. Tokens are good for ids. What is out of the
+/// caller's reach is denied with the same words whether it exists or not.
+///
+/// # Errors
+/// [`Error::Denied`], and those of [`Tuning::find`].
+pub(super) async fn find(tuning: &Tuning, caller: &Caller, name: StudyName) -> Result<StudyName, Error> {
+    let asked = name.id.clone();
+    match tuning.find(name).await {
+        Ok(found) => caller.reach(&found.id).map(|()| found),
+        Err(error) => caller.reach(&asked).and(Err(error)),
+    }
+}
