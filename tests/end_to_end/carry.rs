@@ -66,7 +66,8 @@ fn two_sites_are_merged_in_both_directions_and_nothing_is_there_twice() {
         assert_eq!(ask(daemon, &["trials", "toy", "--all"]).as_array().map(Vec::len), Some(10));
     }
     let carried = ask(&a, &["explain", "studies/toy/trials/6"]);
-    assert_eq!(carried["origin"], "b/studies/toy/trials/1");
+    let uid = ask(&b, &["study", "show", "toy"])["uid"].as_str().expect("an identity").to_owned();
+    assert_eq!(carried["origin"], format!("b/studies/toy@{uid}/trials/1"));
     assert!(carried["fingerprint"]["cpu_model"].is_string(), "the machine is kept: {carried}");
     // A table does as well.
     say(&b, &["export", "toy", "--format", "csv", "--site", "b", "--out", &path("b.csv")]);
@@ -156,4 +157,119 @@ fn a_parameter_and_an_indicator_are_added_and_what_was_learnt_stays() {
     say(&daemon, &["unpin", "toy"]);
     assert_eq!(ask(&daemon, &["freeze", "toy"])["operation"], "freeze");
     assert_eq!(ask(&daemon, &["thaw", "toy"])["operation"], "tune");
+}
+
+/// The lines of an export, without what an import says of itself: when it was.
+fn exported(daemon: &Daemon, study: &str) -> Vec<Value> {
+    let text = say(daemon, &["export", study, "--site", "a"]);
+    let mut lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    for line in &mut lines {
+        line.as_object_mut().expect("an object").remove("complete_time");
+    }
+    lines
+}
+
+#[test]
+fn an_export_brings_its_study_back_after_it_was_deleted_and_into_another_database() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (a, b) = (Daemon::start(&folder.path().join("a.db")), Daemon::start(&folder.path().join("b.db")));
+    let path = study(folder.path(), "");
+    let text = std::fs::read_to_string(&path).expect("a file");
+    // What a document could lose on its way: auxiliary metrics, a warm-up that would swallow the first trials, a freeze.
+    let head = "auxiliary = [\"cpu_ms\", \"faults\"]\nseed = \"18446744073709551615\"\n";
+    std::fs::write(&path, format!("{head}{text}[policy]\nwarm_up = 3\n")).expect("a file");
+    say(&a, &["study", "create", &path]);
+    measure(&a, 9..14, 10);
+    say(&a, &["freeze", "toy"]);
+    let (out, before) = (folder.path().join("toy.jsonl"), exported(&a, "toy"));
+    assert_eq!(before.len(), 6);
+    assert_eq!(before[0]["study"]["auxiliary"], serde_json::json!(["cpu_ms", "faults"]));
+    let out = out.to_str().expect("text");
+    say(&a, &["export", "toy", "--out", out]);
+    assert_eq!(ask(&a, &["import", out])["known"], 5, "they are there");
+    say(&a, &["study", "delete", "toy", "--yes"]);
+    for daemon in [&a, &b] {
+        let tally = ask(daemon, &["import", out]);
+        assert_eq!((&tally["imported"], &tally["known"]), (&Value::from(5), &Value::from(0)), "{tally}");
+        assert_eq!(ask(daemon, &["import", out])["known"], 5, "it may be repeated");
+        let mut after = exported(daemon, "toy");
+        for (line, before) in after.iter_mut().zip(&before).skip(1) {
+            // The site is whatever the first export called it.
+            let origin = |line: &Value| {
+                line["origin"].as_str().expect("an origin").split_once('/').map(|(_, rest)| rest.to_owned())
+            };
+            assert_eq!(origin(line), origin(before));
+            line["origin"] = before["origin"].clone();
+        }
+        assert_eq!(after, before);
+        let best = ask(daemon, &["best", "toy", "--indicator", "megabytes=10"]);
+        assert_eq!(best["configuration"]["level"], 13, "what was carried is learnt");
+    }
+    // A program that made the study finds it again.
+    say(&a, &["study", "create", &path]);
+}
+
+#[test]
+fn a_study_of_the_same_name_and_machine_knows_nothing_of_another_ones_trials() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let a = Daemon::start(&folder.path().join("a.db"));
+    let file = study(folder.path(), "");
+    say(&a, &["study", "create", &file]);
+    measure(&a, 9..14, 10);
+    let out = folder.path().join("toy.csv");
+    let out = out.to_str().expect("text");
+    say(&a, &["export", "toy", "--format", "csv", "--out", out]);
+    say(&a, &["study", "delete", "toy", "--yes"]);
+    say(&a, &["study", "create", &file]);
+    measure(&a, 20..22, 10);
+    let tally = ask(&a, &["import", out, "--study", "toy"]);
+    assert_eq!((&tally["imported"], &tally["known"]), (&Value::from(5), &Value::from(0)), "{tally}");
+}
+
+#[test]
+fn a_running_program_goes_on_with_a_renamed_study_and_never_reports_to_one_that_was_created_again() {
+    use treewright_client::{Indicators, Options, Outcome, blocking::Client};
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(&folder.path().join("a.db"));
+    let file = study(folder.path(), "");
+    say(&daemon, &["study", "create", &file]);
+    let patient = Options { deadline: std::time::Duration::from_secs(20), ..Options::default() };
+    let client = Client::connect(daemon.url(), patient).expect("a client");
+    let flush = || client.flush(std::time::Duration::from_secs(20));
+    let spec = client.get_study("toy").expect("there").spec().expect("readable").clone();
+    let handle = client.study("toy", spec).expect("the same");
+    let state = Indicators::from([("megabytes", 10.0)]);
+    let open = handle.suggest(&state);
+    say(&daemon, &["study", "rename", "toy", "hall"]);
+    open.report([("loss", 7.0)].into(), Outcome::Ok).expect("queued");
+    flush().expect("taken");
+    handle.suggest(&state).report([("loss", 8.0)].into(), Outcome::Ok).expect("queued");
+    flush().expect("taken");
+    let costs = |study: &str| -> Vec<f64> {
+        let trials = ask(&daemon, &["trials", study, "--filter", "state = COMPLETED"]);
+        trials.as_array().expect("a list").iter().filter_map(|trial| trial["cost"].as_f64()).collect()
+    };
+    assert_eq!(costs("hall"), [7.0, 8.0]);
+
+    // The FAQ's way to start over, while the program runs.
+    let stale = handle.suggest(&state);
+    assert!(stale.trial().is_some());
+    say(&daemon, &["study", "delete", "hall", "--yes"]);
+    say(&daemon, &["study", "create", &file, "--id", "hall"]);
+    let trial = ask(&daemon, &["suggest", "hall", "--indicator", "megabytes=10"]);
+    let number = stale.trial().expect("a trial").rsplit('/').next().expect("a number").to_owned();
+    let plain = format!("studies/hall/trials/{number}");
+    stale.report([("loss", 0.001)].into(), Outcome::Ok).expect("queued");
+    flush().expect("refused, so nothing waits");
+    assert_eq!(client.stats().refused, 1);
+    let old = run("treewright", &["--server", daemon.url(), "report", &plain, "loss=0.001"]);
+    assert!(!old.status.success() && stderr(&old).contains("handed out before"), "{}", stderr(&old));
+    say(&daemon, &["report", trial["name"].as_str().expect("a name"), "loss=50"]);
+    assert_eq!(costs("hall"), [50.0]);
+    // The program specified the study under its first name: there it goes on, once it has created it again.
+    let begun = std::time::Instant::now();
+    while handle.suggest(&state).trial().is_none() {
+        assert!(begun.elapsed().as_secs() < 20, "it goes on");
+    }
+    assert_eq!(costs("hall"), [50.0]);
 }

@@ -22,7 +22,7 @@ pub(crate) const EXPORT_HELP: &str = "\
 JSON Lines contain everything: the first line is the study, as written by `study show --format json`, \
 and each further line is a trial. Parquet contains the same as a table with typed columns. CSV has a \
 column for each parameter, indicator and measurement, but no machines. Every trial carries its origin, \
-SITE/studies/ID/trials/NUMBER, by which an import recognises it.
+SITE/studies/ID@UID/trials/NUMBER, by whose identity UID an import recognises it.
 
 Examples:
   treewright export sponza --out sponza.jsonl

@@ -2,8 +2,9 @@
 //! carries over.
 //!
 //! A carried trial is never run again. It enters the study as a trial that its client wanted, with the result that it
-//! had elsewhere, its machine, and its origin: `SITE/studies/ID/trials/NUMBER`, by which it is known again. So an import
-//! can be repeated, and databases can be merged in any order.
+//! had elsewhere, its machine, and its origin: `SITE/studies/ID@UID/trials/NUMBER`, by which it is known again, whatever
+//! site and study are called by then. So an import can be repeated, and databases can be merged in any order. A trial of
+//! the study itself is known only where the study holds it: trials can have been removed, and databases restored.
 
 pub(crate) mod csv_table;
 pub(crate) mod foreign;
@@ -26,6 +27,8 @@ use treewright_client::{
 use crate::failure::Failure;
 use crate::progress;
 
+/// How the client of a carried trial is called, before its own name.
+const CARRIED: &str = "import:";
 /// Longest name of a client, in characters.
 const CLIENT_CHARACTERS: usize = 128;
 /// Progress is shown after so many trials.
@@ -64,7 +67,7 @@ impl CarriedTrial {
         let time = |time| humantime::format_rfc3339_millis(time).to_string();
         Some(Self {
             origin: origin(trial, site),
-            client_id: trial.client_id.clone(),
+            client_id: client_id(trial).to_owned(),
             indicators: trial.indicators.iter().map(|(name, value)| (name.to_owned(), value)).collect(),
             configuration: trial.configuration.clone(),
             measurements: trial.measurements.iter().map(|(name, value)| (name.to_owned(), value)).collect(),
@@ -79,6 +82,21 @@ impl CarriedTrial {
 /// Where a trial was measured: elsewhere, or in this database, which is called `site`.
 fn origin(trial: &TrialRecord, site: &str) -> String {
     trial.origin.clone().unwrap_or_else(|| format!("{site}/{}", trial.name))
+}
+
+/// What tells a trial from all others: from the study's identity on, where its origin says one.
+fn key(origin: &str) -> &str {
+    let is_key = |rest: &str| {
+        rest.split_once("/trials/")
+            .is_some_and(|(uid, _)| uid.len() == 16 && uid.bytes().all(|byte| byte.is_ascii_hexdigit()))
+    };
+    origin.rsplit_once('@').map(|(_, rest)| rest).filter(|rest| is_key(rest)).unwrap_or(origin)
+}
+
+/// Who measured a trial, here or elsewhere.
+fn client_id(trial: &TrialRecord) -> &str {
+    let carried = trial.origin.as_ref().and_then(|_| trial.client_id.strip_prefix(CARRIED));
+    carried.unwrap_or(&trial.client_id)
 }
 
 /// What became of the trials of an import.
@@ -117,9 +135,16 @@ pub(crate) struct Importer<'a> {
     client: &'a Client,
     study: &'a str,
     spec: &'a StudySpec,
-    /// How origins of this very study begin.
-    own: String,
+    /// What this database is called.
+    site: String,
+    /// The study, named with its identity.
+    name: String,
+    /// How origins of this very study begin: today's, and those of versions in which studies had no identity.
+    own: [String; 2],
+    /// The [keys](key) of what was imported before.
     known: BTreeSet<String>,
+    /// The study's own trials, by their numbers; read when the first that may be one of them comes.
+    held: Option<BTreeMap<u64, CarriedTrial>>,
     /// Values of indicators that the trials lack.
     indicators: BTreeMap<String, f64>,
     dry_run: bool,
@@ -140,14 +165,17 @@ impl<'a> Importer<'a> {
         let wanted = TrialQuery::all().filter("mode = PINNED AND state = COMPLETED");
         let mut known = BTreeSet::new();
         for trial in client.trials(study.id(), wanted) {
-            known.extend(trial?.origin);
+            known.extend(trial?.origin.map(|origin| key(&origin).to_owned()));
         }
         Ok(Self {
             client,
             study: study.id(),
             spec: study.spec()?,
-            own: format!("{site}/{}/trials/", study.name),
+            site: site.to_owned(),
+            name: study.identified_name(),
+            own: [format!("{}/trials/", study.uid), format!("{site}/{}/trials/", study.name)],
             known,
+            held: None,
             indicators: indicators.iter().cloned().collect(),
             dry_run,
         })
@@ -164,7 +192,8 @@ impl<'a> Importer<'a> {
         let mut tally = Tally { study: self.study.to_owned(), dry_run: self.dry_run, ..Tally::default() };
         for trial in trials {
             let trial = trial?;
-            if trial.origin.starts_with(&self.own) || self.known.contains(&trial.origin) {
+            let key = key(&trial.origin).to_owned();
+            if self.known.contains(&key) || self.holds(&key, &trial)? {
                 tally.known += 1;
                 continue;
             }
@@ -173,7 +202,7 @@ impl<'a> Importer<'a> {
                     if !self.dry_run {
                         self.add(&trial, &question, &measured)?;
                     }
-                    self.known.insert(trial.origin);
+                    self.known.insert(key);
                     tally.imported += 1;
                 }
                 Err(problem) => {
@@ -187,6 +216,35 @@ impl<'a> Importer<'a> {
         }
         progress::status_end();
         Ok(tally)
+    }
+
+    /// Whether the study itself measured this.
+    fn holds(&mut self, key: &str, trial: &CarriedTrial) -> Result<bool, Failure> {
+        let Some(number) = self.own.iter().find_map(|own| key.strip_prefix(own)?.parse().ok()) else {
+            return Ok(false);
+        };
+        let held = match self.held.take() {
+            Some(held) => held,
+            None => self.read_held()?,
+        };
+        // A table does not tell the time.
+        let at_once =
+            |own: &CarriedTrial| trial.complete_time.is_none() || trial.complete_time == own.complete_time;
+        let whole = |trial: &CarriedTrial| self.spec.space.complete(&trial.configuration).ok();
+        let is_held = held.get(&number).is_some_and(|own| {
+            at_once(own) && own.measurements == trial.measurements && whole(own) == whole(trial)
+        });
+        self.held = Some(held);
+        Ok(is_held)
+    }
+
+    fn read_held(&self) -> Result<BTreeMap<u64, CarriedTrial>, Failure> {
+        let mut held = BTreeMap::new();
+        for trial in self.client.trials(&self.name, TrialQuery::all().filter("state = COMPLETED")) {
+            let trial = trial?;
+            held.extend(trial.number().zip(CarriedTrial::of(&trial, &self.site)));
+        }
+        Ok(held)
     }
 
     /// The trial as one of this study. The error says why it cannot be.
@@ -213,7 +271,7 @@ impl<'a> Importer<'a> {
         }
         let measured = trial.measurements.iter().map(|(name, value)| (name.clone(), *value)).collect();
         let client_id: String = trial.client_id.chars().filter(|each| !each.is_control()).collect();
-        let client_id = format!("import:{client_id}").chars().take(CLIENT_CHARACTERS).collect();
+        let client_id = format!("{CARRIED}{client_id}").chars().take(CLIENT_CHARACTERS).collect();
         let question = Question {
             indicators,
             client_id: Some(client_id),
@@ -227,7 +285,7 @@ impl<'a> Importer<'a> {
     }
 
     fn add(&self, trial: &CarriedTrial, question: &Question, measured: &Measurements) -> Result<(), Failure> {
-        let open = self.client.ask(self.study, question)?;
+        let open = self.client.ask(&self.name, question)?;
         if let Err(problem) = self.client.tell(&open.name, measured, &trial.outcome) {
             // Else it would wait for its lease to end.
             let _ = self.client.give_back(&open.name);

@@ -5,7 +5,7 @@ use std::time::SystemTime;
 
 use treewright_client::{Configuration, Domain, Fingerprint, Outcome, StudySpec, TrialRecord, Value};
 
-use super::{CarriedTrial, origin};
+use super::{CarriedTrial, client_id, origin};
 use crate::show;
 
 /// Prefixes of columns that hold one number or value each.
@@ -114,7 +114,7 @@ fn fixed(site: String) -> Vec<TrialColumn> {
         TrialColumn::new("lower_bound", Kind::Number, move |trial| outcome(trial).2.map(TrialCell::Number)),
         TrialColumn::new("cost", Kind::Number, |trial| trial.cost.map(TrialCell::Number)),
         TrialColumn::new("state_id", Kind::Integer, |trial| Some(TrialCell::Integer(trial.state_id))),
-        TrialColumn::new("client_id", Kind::Text, move |trial| text(trial.client_id.clone())),
+        TrialColumn::new("client_id", Kind::Text, move |trial| text(client_id(trial).to_owned())),
         TrialColumn::new("complete_time", Kind::Time, |trial| trial.complete_time.map(TrialCell::Time)),
         TrialColumn::new("origin", Kind::Text, move |trial| text(origin(trial, &site))),
         TrialColumn::new(FINGERPRINT, Kind::Text, |trial| {

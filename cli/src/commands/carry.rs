@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use treewright_client::TrialQuery;
 use treewright_client::blocking::Client;
+use treewright_client::{Operation, Policy, PolicyChange, StudyRecord, StudySpec, TrialQuery};
 
 use crate::arguments::data::{Export, ExportFormat, Import};
 use crate::carry::foreign::Foreign;
@@ -41,7 +41,7 @@ pub(super) fn export(client: &Client, export: &Export) -> Result<String, Failure
 fn write(client: &Client, export: &Export, out: &mut (impl Write + Send)) -> Result<(), Failure> {
     let site = export.site.clone().unwrap_or_else(files::host);
     let study = client.get_study(&export.study)?;
-    let trials = client.trials(&export.study, TrialQuery::all().filter(&export.filter));
+    let trials = client.trials(&study.identified_name(), TrialQuery::all().filter(&export.filter));
     match export.format {
         ExportFormat::Csv => {
             csv_table::write(out, study.spec()?, trials.map(|trial| trial.map_err(Failure::from)), &site)
@@ -115,13 +115,10 @@ fn into_its_study(
         Some(id) => id,
         None => return Err(Failure::Usage("the file does not name a study; add --study ID".into())),
     };
-    let study = match client.get_study(&id) {
-        Err(problem) if problem.is_not_found() && !import.dry_run => {
-            client.create_study(&id, &header.study.spec()?)?
-        }
-        found => found?,
+    let add = |study: &StudyRecord| {
+        Importer::new(client, study, &site(import), &import.indicators, import.dry_run)?.run(trials)
     };
-    Importer::new(client, &study, &site(import), &import.indicators, import.dry_run)?.run(trials)
+    into_new_or_known(client, import, &id, &header.study, add)
 }
 
 /// Adds trials of a table that does not say what was tuned.
@@ -140,14 +137,47 @@ fn from_other(client: &Client, import: &Import, read: Foreign) -> Result<Tally, 
     }
     // Clap sees that it is there.
     let id = import.study.clone().unwrap_or_default();
-    let study = match client.get_study(&id) {
-        Err(problem) if problem.is_not_found() && !import.dry_run => {
-            client.create_study(&id, &read.study.spec()?)?
-        }
-        found => found?,
+    let file = read.study.clone();
+    let add = |study: &StudyRecord| {
+        let term = study.spec()?.objective.terms().first();
+        let metric = term.map(|term| term.metric.clone()).unwrap_or_default();
+        let trials = read.with_metric(&metric).trials;
+        let importer = Importer::new(client, study, &site(import), &import.indicators, import.dry_run)?;
+        importer.run(trials.into_iter().map(Ok))
     };
-    let metric = study.spec()?.objective.terms().first().map(|term| term.metric.clone()).unwrap_or_default();
-    let trials = read.with_metric(&metric).trials;
-    let importer = Importer::new(client, &study, &site(import), &import.indicators, import.dry_run)?;
-    importer.run(trials.into_iter().map(Ok))
+    into_new_or_known(client, import, &id, &file, add)
+}
+
+/// Adds trials to the study of this id, which is created where there is none.
+fn into_new_or_known(
+    client: &Client,
+    import: &Import,
+    id: &str,
+    file: &StudyFile,
+    add: impl FnOnce(&StudyRecord) -> Result<Tally, Failure>,
+) -> Result<Tally, Failure> {
+    match client.get_study(id) {
+        Err(problem) if problem.is_not_found() && !import.dry_run => {
+            create_with_trials(client, id, file.spec()?, add)
+        }
+        found => add(&found?),
+    }
+}
+
+/// Creates a study and adds trials to it. A frozen study learns nothing, so it freezes afterwards.
+pub(super) fn create_with_trials(
+    client: &Client,
+    id: &str,
+    mut spec: StudySpec,
+    add: impl FnOnce(&StudyRecord) -> Result<Tally, Failure>,
+) -> Result<Tally, Failure> {
+    let is_frozen = spec.policy.operation == Some(Operation::Freeze.into());
+    if is_frozen {
+        spec.policy.operation = None;
+    }
+    let tally = add(&client.create_study(id, &spec)?)?;
+    if is_frozen {
+        client.update_policy(id, &PolicyChange::set(Policy::new().operation(Operation::Freeze)))?;
+    }
+    Ok(tally)
 }

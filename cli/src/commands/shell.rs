@@ -12,11 +12,12 @@ use crate::output::either;
 use crate::progress;
 
 pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<String, Failure> {
+    let study = client.get_study(&ask.study)?;
     let wanted = if ask.wanted.is_empty() {
         None
     } else {
         let some: Configuration = ask.wanted.iter().cloned().collect();
-        Some(client.get_study(&ask.study)?.spec()?.space.complete(&some)?.into())
+        Some(study.spec()?.space.complete(&some)?.into())
     };
     let question = Question {
         indicators: ask.indicators.iter().cloned().collect(),
@@ -26,7 +27,8 @@ pub(super) fn suggest(client: &Client, ask: &Suggest, json: bool) -> Result<Stri
         wanted,
         ..Question::default()
     };
-    let trial = client.ask(&ask.study, &question)?;
+    // The trial's name says of which study it is, should that be deleted and created again before the report.
+    let trial = client.ask(&study.identified_name(), &question)?;
     match ask.format {
         SuggestFormat::Env if !json => Ok(environment(&trial, &ask.prefix)),
         SuggestFormat::Args if !json => {

@@ -5,6 +5,7 @@ use std::path::Path;
 use treewright_client::blocking::Client;
 use treewright_client::{Best, StudyRecord, TrialQuery};
 
+use super::carry::create_with_trials;
 use crate::arguments::study::{CloneStudy, StudyCommand};
 use crate::carry::{CarriedTrial, Importer, Tally};
 use crate::failure::Failure;
@@ -98,36 +99,24 @@ fn clone(client: &Client, copy: &CloneStudy) -> Result<Tally, Failure> {
         None => StudyFile::of(&original)?,
     };
     file.id = None;
-    let target = client.create_study(&copy.to, &file.spec()?)?;
-    if copy.no_trials {
-        return Ok(Tally { study: copy.to.clone(), ..Tally::default() });
-    }
-    let site = files::host();
-    let importer = Importer::new(client, &target, &site, &copy.indicators, false)?;
-    let trials = client.trials(&copy.name, TrialQuery::all().filter("state = COMPLETED"));
-    importer.run(trials.filter_map(|trial| match trial {
-        Ok(trial) => CarriedTrial::of(&trial, &site).map(Ok),
-        Err(problem) => Some(Err(problem.into())),
-    }))
+    create_with_trials(client, &copy.to, file.spec()?, |target| {
+        if copy.no_trials {
+            return Ok(Tally { study: copy.to.clone(), ..Tally::default() });
+        }
+        let site = files::host();
+        let importer = Importer::new(client, target, &site, &copy.indicators, false)?;
+        let trials =
+            client.trials(&original.identified_name(), TrialQuery::all().filter("state = COMPLETED"));
+        importer.run(trials.filter_map(|trial| match trial {
+            Ok(trial) => CarriedTrial::of(&trial, &site).map(Ok),
+            Err(problem) => Some(Err(problem.into())),
+        }))
+    })
 }
 
 fn rename(client: &Client, name: &str, to: &str, json: bool) -> Result<String, Failure> {
-    let copy = CloneStudy {
-        name: name.to_owned(),
-        to: to.to_owned(),
-        spec: None,
-        indicators: Vec::new(),
-        no_trials: false,
-    };
-    let tally = clone(client, &copy)?;
-    if tally.misfits > 0 {
-        return Err(Failure::Data(format!(
-            "{name} was kept, because not all of it could be copied: {}",
-            tally.words()
-        )));
-    }
-    client.delete_study(name)?;
-    either(json, &tally, || format!("renamed {name} to {to}, with {} trial(s)", tally.imported))
+    let study = client.rename_study(name, to)?;
+    either(json, &study, || format!("renamed {name} to {to}, with {} trial(s)", study.statistics.trials))
 }
 
 fn delete(client: &Client, name: &str, yes: bool, json: bool) -> Result<String, Failure> {

@@ -21,14 +21,16 @@ pub(super) fn list(client: &Client, which: &Trials, json: bool) -> Result<String
     }
     let query = TrialQuery::all().filter(filter).order_by(&which.order_by);
     let limit = if which.all { usize::MAX } else { which.limit };
-    let trials: Vec<_> = client.trials(&which.study, query).take(limit).collect::<Result<_, _>>()?;
+    let read = |study: &str| client.trials(study, query).take(limit).collect::<Result<Vec<_>, _>>();
+    if which.format == TrialFormat::Csv && !json {
+        let study = client.get_study(&which.study)?;
+        let trials = read(&study.identified_name())?;
+        let mut text = Vec::new();
+        csv_table::write(&mut text, study.spec()?, trials.into_iter().map(Ok), &files::host())?;
+        return Ok(String::from_utf8_lossy(&text).into_owned());
+    }
+    let trials = read(&which.study)?;
     match which.format {
-        TrialFormat::Csv if !json => {
-            let study = client.get_study(&which.study)?;
-            let mut text = Vec::new();
-            csv_table::write(&mut text, study.spec()?, trials.into_iter().map(Ok), &files::host())?;
-            Ok(String::from_utf8_lossy(&text).into_owned())
-        }
         TrialFormat::Table if !json => {
             either(false, &trials, || show::trials(&trials, limit, which.order_by.is_empty()))
         }

@@ -138,7 +138,7 @@ impl Job<'_> {
                 summary.end = "the requested number of trials is reached";
                 break;
             }
-            let trial = self.client.ask(self.id(), &self.question(None))?;
+            let trial = self.client.ask(&self.study.identified_name(), &self.question(None))?;
             if is_over(&trial) {
                 self.client.give_back(&trial.name)?;
                 break;
@@ -298,7 +298,8 @@ impl Job<'_> {
             let order = if pair % 2 == 0 { [default, winner] } else { [winner, default] };
             let mut costs = [None, None];
             for configuration in order {
-                let trial = self.client.ask(self.id(), &self.question(Some(configuration)))?;
+                let trial =
+                    self.client.ask(&self.study.identified_name(), &self.question(Some(configuration)))?;
                 match self.step(&TrialRecord { abort_above: None, ..trial }, false)? {
                     Step::Measured(cost) => costs[usize::from(configuration == winner)] = Some(cost),
                     Step::Stopped => {

@@ -35,9 +35,13 @@ pub(crate) struct StudyFile {
     /// Two inputs are one state when every normalised indicator differs by at most this much, 0 to 1. Default 0.01.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) state_tolerance: Option<f64>,
-    /// Seed of every random decision. Default 0.
+    /// Seed of every random decision. Default 0. From 2^63 on, which TOML does not reach, it is written as text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) seed: Option<u64>,
+    pub(crate) seed: Option<Seed>,
+    /// Further metrics of reports that explain costs, such as the processor time beside the wall time; at most 8. They
+    /// cost nothing themselves.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) auxiliary: Vec<String>,
     /// What can be tuned, 1 to 128. A condition may only name a parameter that stands earlier.
     pub(crate) parameters: Vec<ParameterEntry>,
     /// Relations that every configuration fulfils.
@@ -52,6 +56,33 @@ pub(crate) struct StudyFile {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(schema_with = "schema::policy")]
     pub(crate) policy: BTreeMap<String, PolicyEntry>,
+}
+
+/// A seed: a number, or a number as text.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub(crate) enum Seed {
+    /// As a number.
+    Number(u64),
+    /// In decimal digits.
+    Text(String),
+}
+
+impl From<u64> for Seed {
+    fn from(seed: u64) -> Self {
+        if i64::try_from(seed).is_ok() { Self::Number(seed) } else { Self::Text(seed.to_string()) }
+    }
+}
+
+impl Seed {
+    fn number(&self) -> Result<u64, Failure> {
+        match self {
+            Self::Number(number) => Ok(*number),
+            Self::Text(text) => text
+                .parse()
+                .map_err(|_| Failure::Usage(format!("seed: {text:?} is no whole number below 2^64"))),
+        }
+    }
 }
 
 /// A tunable.
@@ -298,7 +329,7 @@ impl StudyFile {
         }
         let mut builder = StudySpec::builder(space.build()?)
             .display_name(self.display_name.clone().unwrap_or_default())
-            .seed(self.seed.unwrap_or_default())
+            .seed(self.seed.as_ref().map_or(Ok(0), Seed::number)?)
             .policy(self.policy_settings()?);
         if let Some(tolerance) = self.state_tolerance {
             builder = builder.state_tolerance(tolerance);
@@ -309,6 +340,9 @@ impl StudyFile {
         }
         for term in &self.objective {
             builder = builder.minimise(&term.metric, term.weight);
+        }
+        for metric in &self.auxiliary {
+            builder = builder.auxiliary(metric);
         }
         builder.build().map_err(|error| Failure::Usage(error.to_string()))
     }
@@ -361,7 +395,8 @@ impl StudyFile {
             id: None,
             display_name: Some(spec.display_name.clone()).filter(|name| !name.is_empty()),
             state_tolerance: Some(spec.state_tolerance),
-            seed: Some(spec.seed),
+            seed: Some(spec.seed.into()),
+            auxiliary: spec.objective.auxiliary().to_vec(),
             parameters: spec.space.parameters().iter().map(ParameterEntry::of).collect(),
             constraints: spec
                 .space

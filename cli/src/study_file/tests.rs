@@ -7,6 +7,7 @@ id = "zstd"
 display_name = "a compressor"
 state_tolerance = 0.02
 seed = 7
+auxiliary = ["cpu_ms", "page_faults"]
 
 [[parameters]]
 name = "level"
@@ -69,6 +70,7 @@ fn what_is_written_is_read_back_in_both_languages() {
     let spec = file.spec().expect("a specification");
     assert_eq!(spec.space.parameters()[2].default, Value::Float(2.0), "whole numbers stand for floats");
     assert_eq!(spec.objective.terms()[0].weight, 1.0);
+    assert_eq!(spec.objective.auxiliary(), ["cpu_ms", "page_faults"]);
     let written = StudyFile {
         id: file.id.clone(),
         policy: policy_entries(&spec.policy).expect("plain data"),
@@ -94,8 +96,9 @@ fn a_policy_as_the_daemon_has_it_is_shortened_to_what_differs() {
 fn mistakes_are_named() {
     let parse = |text: &str| StudyFile::parse(text, Language::Toml).expect_err("a mistake");
     assert!(parse(&FILE.replace("display_name", "colour")).contains("colour"));
-    assert!(parse(&FILE.replace("seed = 7", "seed = \"x\"")).contains("line 5"));
+    assert!(parse(&FILE.replace("seed = 7", "seed = -7")).contains("line 5"));
     let spec = |text: &str| read(text).spec().expect_err("a mistake").to_string();
+    assert!(spec(&FILE.replace("seed = 7", "seed = \"x\"")).contains("seed"));
     assert!(spec(&FILE.replace("max = 19", "max = 19.5")).contains("19.5 is no whole number"));
     assert!(spec(&FILE.replace("default = 3", "default = 20")).contains("level"));
     assert!(spec(&FILE.replace("search = \"nelder_mead\"", "search = \"best\"")).contains("nelder_mead"));
