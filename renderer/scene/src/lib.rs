@@ -22,7 +22,10 @@ mod load;
 #[cfg(test)]
 mod load_tests;
 #[cfg(test)]
+mod load_text_tests;
+#[cfg(test)]
 mod load_texture_tests;
+mod mtl_text;
 mod needles;
 mod obj_file;
 mod obj_maps;
@@ -31,9 +34,12 @@ mod objects;
 pub mod part;
 pub mod placed;
 mod ply_file;
+mod ply_text;
+mod polygon;
 mod probe;
 pub mod shapes;
 mod sky;
+mod text;
 pub mod texture;
 mod textures;
 

@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::Material;
 use super::assemble::Assembler;
 use super::images::{self, Pixels};
-use super::obj_text::map;
+use super::mtl_text::map;
 use super::texture::{Encoding, Wrap};
 
 /// Alpha from which on a surface with a map of it is solid.

@@ -2,6 +2,8 @@
 
 use glam::{Mat3, Mat4, Vec2, Vec3};
 
+use super::polygon;
+
 /// Triangles with their own vertex numbering, before they join a scene.
 #[derive(Clone, Debug, Default)]
 pub struct Part {
@@ -50,8 +52,13 @@ impl Part {
         self.indices.extend(other.indices.iter().map(|triangle| triangle.map(|vertex| vertex + first)));
     }
 
-    /// Cuts a polygon into a fan of triangles.
+    /// Adds a polygon, cut into triangles. The positions of its corners have to be there already.
     pub fn push_polygon(&mut self, corners: &[u32]) {
+        polygon::triangles(corners, &self.positions, |triangle| self.indices.push(triangle));
+    }
+
+    /// Adds a fan of triangles round its first corner.
+    pub fn push_fan(&mut self, corners: &[u32]) {
         if let [first, rest @ ..] = corners {
             self.indices.extend(rest.windows(2).map(|edge| [*first, edge[0], edge[1]]));
         }

@@ -1,17 +1,20 @@
-//! Reads PLY, the Stanford polygon format: ASCII and binary of both byte orders. Colours and elements
-//! besides vertices and faces are ignored.
+//! Reads PLY, the Stanford polygon format: ASCII and binary of both byte orders. Colours, texture coordinates and
+//! elements besides vertices and faces are left out.
 
+use std::borrow::Cow;
 use std::io::Cursor;
 use std::path::Path;
 
 use glam::Vec3;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
-use ply_rs_bw::ply::{DefaultElement, ElementDef, Header, Property, PropertyAccess, PropertyAccessResult};
+use ply_rs_bw::ply::{
+    DefaultElement, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult,
+};
 
 use super::assemble::{Assembler, Lighting};
 use super::error::one_line;
 use super::part::Part;
-use super::{Material, Scene, SceneError};
+use super::{Material, Scene, SceneError, ply_text, text};
 
 /// Reads one file. See [`super::load`].
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
@@ -22,64 +25,109 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
         remedy: "export it again, complete and in PLY 1.0",
     };
     let told = |error: ParseError| malformed(one_line(&error.to_string()));
-    let mut reader = Reader::new(Cursor::new(bytes));
-    let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(told)?;
-    let mut part = Part::default();
-    let mut with_normals = false;
-    let mut assembler = Assembler::of_file(path);
-    let mut faces = 0;
-    for element in header.elements.values() {
-        // Every element takes at least a byte, whether a digit or an empty list's length.
-        if element.count > bytes.len() {
-            return Err(malformed(format!(
-                "its header promises {} elements \"{}\", more than the file has bytes",
-                element.count, element.name
-            )));
-        }
-        match element.name.as_str() {
-            "vertex" => {
-                let vertices = payload::<Vertex>(&mut reader, element, &header).map_err(told)?;
-                with_normals = ["nx", "ny", "nz"].iter().all(|name| element.properties.contains_key(*name));
-                part.positions = vertices.iter().map(|vertex| vertex.position).collect();
-                part.normals = vertices.iter().map(|vertex| vertex.normal).collect();
-            }
-            "face" => {
-                faces = element.count;
-                for (number, face) in
-                    payload::<Face>(&mut reader, element, &header).map_err(told)?.into_iter().enumerate()
-                {
-                    let corners: Option<Vec<u32>> =
-                        face.corners.iter().map(|corner| u32::try_from(*corner).ok()).collect();
-                    let corners = corners
-                        .ok_or_else(|| malformed(format!("face {number} has a negative vertex number")))?;
-                    part.push_polygon(&corners);
-                }
-            }
-            other => {
-                payload::<DefaultElement>(&mut reader, element, &header).map_err(told)?;
-                if other == "tristrips" {
-                    assembler.note("Ignored triangle strips; only faces are read.");
-                }
-            }
-        }
-    }
-    let vertices = part.positions.len();
-    let out_of_range = |corners: &&[u32; 3]| corners.iter().any(|corner| *corner as usize >= vertices);
-    if let Some(corners) = part.indices.iter().find(out_of_range) {
+    let (bytes, body) = ply_text::with_plain_header(bytes);
+    let header = Parser::<Vertex>::new().read_header(&mut Reader::new(Cursor::new(&bytes))).map_err(told)?;
+    // Every element takes at least a byte, whether a digit or an empty list's length.
+    if let Some(element) = header.elements.values().find(|element| element.count > bytes.len()) {
         return Err(malformed(format!(
-            "a face names vertices {corners:?}, but there are only {vertices} vertices"
+            "its header promises {} elements \"{}\", more than the file has bytes",
+            element.count, element.name
         )));
     }
-    if !with_normals {
-        part.normals.clear();
+    let bytes = match header.encoding {
+        Encoding::Ascii => {
+            let body_text = text::decoded(&bytes[body..]);
+            let body_text = ply_text::with_a_line_each(&body_text, &header);
+            Cow::Owned([&bytes[..body], body_text.as_bytes()].concat())
+        }
+        _ => bytes,
+    };
+    let mut reader = Reader::new(Cursor::new(&bytes[..]));
+    Parser::<Vertex>::new().read_header(&mut reader).map_err(told)?;
+    let mut assembler = Assembler::of_file(path);
+    let content = Content::read(&mut reader, &header).map_err(told)?;
+    for note in &content.notes {
+        assembler.note(note.clone());
     }
+    let part = content.part().map_err(malformed)?;
     if part.indices.is_empty() {
-        assembler.note(format!("{vertices} vertices and {faces} faces"));
+        assembler.note(format!("{} vertices and {} faces", part.positions.len(), content.faces.len()));
     }
     let material = assembler.material(Material::default());
     let name = assembler.name().to_owned();
     assembler.mesh(name, material, &part)?;
     assembler.finish(Lighting::Automatic, Vec::new())
+}
+
+/// What a file holds.
+#[derive(Default)]
+struct Content {
+    vertices: Vec<Vertex>,
+    with_normals: bool,
+    faces: Vec<Face>,
+    /// One sentence for each kind of thing that is left out.
+    notes: Vec<String>,
+}
+
+impl Content {
+    fn read(reader: &mut Reader<Cursor<&[u8]>>, header: &Header) -> Result<Self, ParseError> {
+        let mut content = Self::default();
+        for element in header.elements.values() {
+            let has = |names: &[&str]| names.iter().all(|name| element.properties.contains_key(*name));
+            let mut leave_out = |what: &str| {
+                if element.count > 0 {
+                    content.notes.push(format!("Ignored {} {what}.", element.count));
+                }
+            };
+            match element.name.as_str() {
+                "vertex" => {
+                    if has(&["red"]) || has(&["r"]) || has(&["diffuse_red"]) {
+                        leave_out("colours of vertices");
+                    }
+                    if has(&["s"]) || has(&["u"]) || has(&["texture_u"]) {
+                        leave_out("texture coordinates of vertices");
+                    }
+                    content.with_normals = has(&["nx", "ny", "nz"]);
+                    content.vertices = payload::<Vertex>(reader, element, header)?;
+                }
+                "face" => {
+                    if has(&["red"]) {
+                        leave_out("colours of faces");
+                    }
+                    if has(&["texcoord"]) {
+                        leave_out("texture coordinates of faces");
+                    }
+                    content.faces = payload::<Face>(reader, element, header)?;
+                }
+                other => {
+                    leave_out(&format!("elements \"{other}\"; only vertices and faces are read"));
+                    payload::<DefaultElement>(reader, element, header)?;
+                }
+            }
+        }
+        Ok(content)
+    }
+
+    /// Vertices and cut polygons, or a sentence about a face.
+    fn part(&self) -> Result<Part, String> {
+        let of = |pick: fn(&Vertex) -> Vec3| self.vertices.iter().map(pick).collect::<Vec<_>>();
+        let mut part = Part { positions: of(|vertex| vertex.position), ..Part::default() };
+        if self.with_normals {
+            part.normals = of(|vertex| vertex.normal);
+        }
+        let vertices = part.positions.len();
+        for (number, face) in self.faces.iter().enumerate() {
+            let corners: Option<Vec<u32>> =
+                face.corners.iter().map(|corner| u32::try_from(*corner).ok()).collect();
+            let corners = corners.ok_or_else(|| format!("face {number} has a negative vertex number"))?;
+            if corners.iter().any(|corner| *corner as usize >= vertices) {
+                let first = &corners[..corners.len().min(8)];
+                return Err(format!("face {number} names vertices {first:?}, but there are only {vertices}"));
+            }
+            part.push_polygon(&corners);
+        }
+        Ok(part)
+    }
 }
 
 fn payload<E: PropertyAccess>(

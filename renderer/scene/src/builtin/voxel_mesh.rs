@@ -138,7 +138,7 @@ fn push_face(part: &mut Part, origin: Vec3, u: Vec3, v: Vec3, along_axis: bool) 
     let first = part.positions.len() as u32;
     part.positions.extend([origin, origin + u, origin + u + v, origin + v]);
     let corners = if along_axis { [0, 1, 2, 3] } else { [0, 3, 2, 1] };
-    part.push_polygon(&corners.map(|corner| first + corner));
+    part.push_fan(&corners.map(|corner| first + corner));
 }
 
 #[cfg(test)]

@@ -1,0 +1,281 @@
+//! OBJ, MTL and PLY as people's programs write them: what is valid, or easily understood, is read.
+
+use glam::Vec3;
+
+use super::load_tests::load_bytes;
+use super::{Bounds, Material, Scene, load};
+
+const CORNERS: &str = "v -1 -1 -1\nv -1 -1 1\nv -1 1 -1\nv -1 1 1\nv 1 -1 -1\nv 1 -1 1\nv 1 1 -1\nv 1 1 1\n";
+const FACES: &str = "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n";
+const LAMP: &str = "newmtl lamp\nKd 0 0 0\nKe 1 0 0\n";
+
+/// The cube of the constants above: its triangles and its box.
+fn is_the_cube(scene: &Scene) -> bool {
+    let bounds = Bounds { min: Vec3::NEG_ONE, max: Vec3::ONE };
+    scene.triangles.len() == 12 && scene.bounds() == bounds
+}
+
+fn obj(bytes: &[u8]) -> Scene {
+    load_bytes("cube.obj", bytes).unwrap()
+}
+
+/// The scene of the first file among others.
+fn beside(files: &[(&str, &[u8])]) -> Scene {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in files {
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+    }
+    load(folder.path().join(files[0].0)).unwrap()
+}
+
+fn material(scene: &Scene) -> Material {
+    scene.materials[scene.meshes[0].material as usize]
+}
+
+fn has_note(scene: &Scene, part: &str) -> bool {
+    scene.notes.iter().any(|note| note.contains(part))
+}
+
+/// Area of all triangles, and of all in the direction of a normal.
+fn areas(scene: &Scene, normal: Vec3) -> (f32, f32) {
+    let vectors = (0..scene.triangles.len()).map(|triangle| {
+        let [a, b, c] = scene.triangles.corners(triangle).map(Vec3::from);
+        (b - a).cross(c - a) * 0.5
+    });
+    vectors.fold((0.0, 0.0), |(all, along), vector| (all + vector.length(), along + vector.dot(normal)))
+}
+
+#[test]
+fn a_concave_face_covers_what_its_outline_does() {
+    let outline = "v 0 4 0\nv 0 0 0\nv 4 0 0\nv 4 4 0\nv 2 1 0\nf 1 2 3 4 5\n";
+    assert_eq!(areas(&obj(outline.as_bytes()), Vec3::Z), (10.0, 10.0));
+    // The same the other way round, standing upright, and as a quadrangle.
+    assert_eq!(areas(&obj(outline.replace("1 2 3 4 5", "5 4 3 2 1").as_bytes()), Vec3::Z), (10.0, -10.0));
+    let upright = "v 0 0 4\nv 0 0 0\nv 0 4 0\nv 0 4 4\nv 0 2 1\nf 1 2 3 4 5\n";
+    assert_eq!(areas(&obj(upright.as_bytes()), Vec3::X), (10.0, 10.0));
+    let dart = "v 0 0 0\nv 2 -2 0\nv 0 4 0\nv -2 -2 0\nf 1 2 3 4\n";
+    let dart = obj(dart.as_bytes());
+    assert_eq!((dart.triangles.len(), areas(&dart, Vec3::Z)), (2, (8.0, 8.0)));
+    let ply = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n\
+               element face 1\nproperty list uchar int vertex_indices\nend_header\n0 4 0\n0 0 0\n4 0 0\n4 4 0\n2 1 0\n\
+               5 0 1 2 3 4\n";
+    assert_eq!(areas(&load_bytes("outline.ply", ply.as_bytes()).unwrap(), Vec3::Z), (10.0, 10.0));
+    // Faces may stand before their vertices.
+    let ply = "ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int vertex_indices\nelement vertex 4\n\
+               property float x\nproperty float y\nproperty float z\nend_header\n4 0 1 2 3\n0 0 0\n2 -2 0\n0 4 0\n-2 -2 0\n";
+    assert_eq!(areas(&load_bytes("before.ply", ply.as_bytes()).unwrap(), Vec3::Z), (8.0, 8.0));
+}
+
+#[test]
+fn a_byte_order_mark_costs_no_line() {
+    for text in [format!("\u{feff}{CORNERS}{FACES}"), format!("\u{feff}{CORNERS}v 9 9 9\n{FACES}")] {
+        assert!(is_the_cube(&obj(text.as_bytes())), "{text}");
+    }
+    let named = format!("\u{feff}mtllib m.mtl\nusemtl lamp\n{CORNERS}{FACES}");
+    let marked = format!("\u{feff}{LAMP}");
+    for lamp in [LAMP, &marked] {
+        let scene = beside(&[("s.obj", named.as_bytes()), ("m.mtl", lamp.as_bytes())]);
+        assert_eq!(material(&scene).emission, Vec3::X);
+    }
+    let wide: Vec<u8> =
+        format!("\u{feff}{CORNERS}{FACES}").encode_utf16().flat_map(u16::to_le_bytes).collect();
+    assert!(is_the_cube(&obj(&wide)));
+    let marked = format!("\u{feff}{}", ply("\n", "\n"));
+    assert!(is_the_cube(&load_bytes("marked.ply", marked.as_bytes()).unwrap()));
+}
+
+#[test]
+fn comments_may_stand_behind_numbers() {
+    let behind = |text: &str| text.replace('\n', " # side\n");
+    assert!(is_the_cube(&obj(format!("{}{}", behind(CORNERS), behind(FACES)).as_bytes())));
+    // A comment that ends in a backslash takes no line along.
+    assert!(is_the_cube(&obj(
+        format!("# C:\\models\\\n{CORNERS}{}", FACES.replace('\n', "#\\\n")).as_bytes()
+    )));
+    let lamp = LAMP.replace('\n', " # red\n").replace("lamp # red", "lamp");
+    let scene = beside(&[
+        ("s.obj", format!("mtllib m.mtl\nusemtl lamp\n{CORNERS}{FACES}").as_bytes()),
+        ("m.mtl", lamp.as_bytes()),
+    ]);
+    assert_eq!(material(&scene).emission, Vec3::X);
+}
+
+#[test]
+fn lines_go_on_behind_a_backslash() {
+    for end in ["\\\n", " \\  \n", "\\\r\n", "\\\r"] {
+        let faces = FACES.replace(" 4 ", &format!(" 4 {end} "));
+        assert!(is_the_cube(&obj(format!("{CORNERS}{faces}").as_bytes())), "{end:?}");
+    }
+}
+
+#[test]
+fn numbers_of_missing_corners_count_as_none() {
+    let with = |suffix: &str| -> String {
+        let corner =
+            |word: &str| word.parse::<u8>().map_or(word.to_owned(), |number| format!("{number}{suffix}"));
+        let line = |line: &str| line.split(' ').map(corner).collect::<Vec<_>>().join(" ") + "\n";
+        FACES.lines().map(line).collect()
+    };
+    for (start, suffix) in
+        [("vn 0 0 1\nvt 0 0\n", "/1/0"), ("", "/7"), ("", "//3"), ("vt 0 0\n", "/-9"), ("vn 0 0 1\n", "//2")]
+    {
+        let scene = obj(format!("{start}{CORNERS}{}", with(suffix)).as_bytes());
+        assert!(is_the_cube(&scene) && scene.normals.is_empty(), "{suffix}");
+        assert!(
+            has_note(&scene, "Ignored 24 numbers of texture coordinates or normals"),
+            "{:?}",
+            scene.notes
+        );
+    }
+    // Where only some corners have a normal, theirs stays.
+    let some = obj(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0.6 0.8\nf 1//1 2//0 3//1\n");
+    assert_eq!(some.normals[0], Vec3::new(0.0, 0.6, 0.8));
+    assert_eq!(some.normals[1], Vec3::Z);
+}
+
+#[test]
+fn several_and_quoted_material_files_are_found() {
+    let body = format!("usemtl lamp\n{CORNERS}{FACES}");
+    for line in [
+        "mtllib a.mtl b.mtl",
+        "mtllib \"my mats.mtl\"",
+        "mtllib  my mats.mtl ",
+        "mtllib\tb.mtl",
+        "mtllib 'b.mtl' gone.mtl",
+    ] {
+        let scene = beside(&[
+            ("s.obj", format!("{line}\n{body}").as_bytes()),
+            ("a.mtl", b"newmtl other\nKd 0 1 0\n"),
+            ("b.mtl", LAMP.as_bytes()),
+            ("my mats.mtl", LAMP.as_bytes()),
+        ]);
+        assert_eq!(material(&scene).emission, Vec3::X, "{line}");
+        assert_eq!(has_note(&scene, "cannot be read"), line.contains("gone"), "{:?}", scene.notes);
+    }
+    // Named behind its use, and not at all.
+    let files: [(&str, &[u8]); 2] =
+        [("s.obj", &format!("{body}mtllib b.mtl\n").into_bytes()), ("b.mtl", LAMP.as_bytes())];
+    assert_eq!(material(&beside(&files)).emission, Vec3::X);
+    assert!(has_note(&obj(body.as_bytes()), "1 materials, such as lamp, stand in no material file"));
+}
+
+#[test]
+fn a_dissolved_surface_lets_light_through_untinted() {
+    let sheet = |lines: &str| {
+        let library = format!("newmtl sheet\n{lines}");
+        let body = format!("mtllib m.mtl\nusemtl sheet\n{CORNERS}{FACES}");
+        material(&beside(&[("s.obj", body.as_bytes()), ("m.mtl", library.as_bytes())]))
+    };
+    for lines in [
+        "Kd 0 0 0\nillum 1\nd 0.5\n",
+        "Kd 0 0 0\nTr 0.5\n",
+        "Kd 0 0 0\nd -halo 0.5 # half\n",
+        "KD 0\nD 0.5\n",
+    ] {
+        let found = sheet(lines);
+        assert_eq!((found.base_color, found.transmission, found.opacity), (Vec3::ZERO, 0.5, 0.5), "{lines}");
+        assert!(found.blends && found.ior == 1.0, "{lines}");
+    }
+    let glass = sheet("Kd 1 0 0\nd 0.25\nNi 1.4\n");
+    assert_eq!((glass.ior, glass.blends, glass.transmission), (1.4, true, 0.75));
+    assert!(!sheet("Kd 1 0 0\nd 1\n").blends);
+}
+
+/// The cube as PLY text, with these line ends in the header and between the words of the body.
+fn ply(end: &str, between: &str) -> String {
+    let head = [
+        "ply",
+        "format ascii 1.0",
+        "element vertex 8",
+        "property float x",
+        "property float y",
+        "property float z",
+        "element face 6",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ];
+    let head: String = head.iter().flat_map(|line| [line, end]).collect();
+    let faces = FACES.lines().map(|line| {
+        let corners = line.split(' ').skip(1).filter_map(|word| word.parse::<u8>().ok());
+        let corners: String = corners.map(|corner| format!(" {}", corner - 1)).collect();
+        format!("4{corners}\n")
+    });
+    let body: String = CORNERS.replace("v ", "") + &faces.collect::<String>();
+    head + &body.replace('\n', between)
+}
+
+#[test]
+fn every_kind_of_line_end_is_one() {
+    for end in ["\r", "\r\n", "\n"] {
+        assert!(is_the_cube(&obj(format!("{CORNERS}{FACES}").replace('\n', end).as_bytes())), "{end:?}");
+        assert!(is_the_cube(&load_bytes("cube.ply", ply(end, end).as_bytes()).unwrap()), "{end:?}");
+        let scene = beside(&[
+            ("s.obj", format!("mtllib m.mtl\nusemtl lamp\n{CORNERS}{FACES}").as_bytes()),
+            ("m.mtl", LAMP.replace('\n', end).as_bytes()),
+        ]);
+        assert_eq!(material(&scene).emission, Vec3::X, "{end:?}");
+    }
+}
+
+#[test]
+fn ply_elements_may_take_several_lines_or_share_one() {
+    for text in
+        [ply("\n", " "), ply("\n", "\n\n"), ply("\n", "\n").replace(" 1\n", "\n1\n"), ply("\r", " \r ")]
+    {
+        assert!(is_the_cube(&load_bytes("cube.ply", text.as_bytes()).unwrap()), "{text}");
+    }
+    let short = ply("\n", " ").trim_end().trim_end_matches('3').to_owned();
+    assert!(load_bytes("short.ply", short.as_bytes()).is_err());
+}
+
+#[test]
+fn a_binary_ply_has_a_body_wherever_its_header_ends() {
+    for end in ["\r", "\r\n", "\n"] {
+        let head = ply(end, " ");
+        let head = head[..head.find("end_header").unwrap() + "end_header".len()]
+            .replace("ascii", "binary_little_endian");
+        // A comment in another encoding, which is no UTF-8.
+        let head = head.replace(&format!("1.0{end}"), &format!("1.0{end}comment caf\u{fffd}{end}"));
+        let mut bytes = format!("{head}{end}").into_bytes();
+        for line in CORNERS.lines() {
+            bytes.extend(line.split(' ').skip(1).flat_map(|word| word.parse::<f32>().unwrap().to_le_bytes()));
+        }
+        for line in FACES.lines() {
+            bytes.push(4);
+            let corners = line.split(' ').skip(1).map(|word| word.parse::<i32>().unwrap() - 1);
+            bytes.extend(corners.flat_map(i32::to_le_bytes));
+        }
+        let place = bytes.windows(3).position(|window| window == "\u{fffd}".as_bytes()).unwrap();
+        bytes.splice(place..place + 3, [0xe9]);
+        assert!(is_the_cube(&load_bytes("cube.ply", &bytes).unwrap()), "{end:?}");
+    }
+}
+
+#[test]
+fn what_is_left_out_is_told_once_with_its_count() {
+    let coloured = CORNERS.replace('\n', " 1 0 0\n");
+    let library = "newmtl lamp\nKd 1 1 1\nmap_bump a.png\nTf 1 1 1\nnewmtl b\nTf 0 0 0\n";
+    let scene = beside(&[
+        ("s.obj", format!("mtllib m.mtl\nusemtl lamp\n{coloured}{FACES}l 1 2\n").as_bytes()),
+        ("m.mtl", library.as_bytes()),
+    ]);
+    for told in ["Ignored 8 colours of vertices", "Ignored 1 points, lines", "Tf (2), map_bump (1)"] {
+        assert!(has_note(&scene, told), "{told}: {:?}", scene.notes);
+    }
+    let text = ply("\n", "\n")
+        .replace("float z\n", "float z\nproperty uchar red\n")
+        .replace("end_header\n", "element edge 1\nproperty int a\nend_header\n");
+    let text: String = text
+        .lines()
+        .map(|line| {
+            let is_vertex =
+                line.split(' ').count() == 3 && line.split(' ').all(|word| word.parse::<i8>().is_ok());
+            if is_vertex { format!("{line} 255\n") } else { format!("{line}\n") }
+        })
+        .collect();
+    let scene = load_bytes("coloured.ply", format!("{text}7\n").as_bytes()).unwrap();
+    for told in ["Ignored 8 colours of vertices", "Ignored 1 elements \"edge\""] {
+        assert!(has_note(&scene, told), "{told}: {:?}", scene.notes);
+    }
+    assert!(is_the_cube(&scene));
+}
