@@ -1,26 +1,26 @@
 //! Reads glTF 2.0, as text or binary: nodes with their transforms, meshes shared by several nodes (copied, or
 //! instances where [`INSTANCING_SAVES_MIN`] says so), metallic-roughness materials with their textures and the
-//! extensions for emissive strength, transmission, volume, index of refraction and texture transforms, cameras, and punctual lights. Lengths are metres and stay so.
+//! extensions for emissive strength, transmission, volume, index of refraction and texture transforms, copies of a mesh
+//! below a node, cameras, and punctual lights. Lengths are metres and stay so.
 
 use std::path::Path;
 
 use glam::{Affine3A, Mat4, Vec3};
 use gltf::camera::Projection;
 use gltf::khr_lights_punctual::Kind;
-use gltf::{Document, Gltf, Mesh, Node};
+use gltf::{Document, Mesh, Node};
 
 use super::assemble::{Assembler, Lighting};
 use super::error::one_line;
 use super::framing::CameraPose;
 use super::gltf_extras;
-use super::gltf_geometry::{self, Buffers, is_readable};
+use super::gltf_geometry::{self, Buffers};
+use super::gltf_instances::{self, Copies};
+use super::gltf_json::{self, Refusal};
 use super::gltf_material::{self, Materials};
 use super::limits::{INSTANCING_SAVES_MIN, NODE_DEPTH_MAX};
 use super::shapes::Shapes;
 use super::{Material, Scene, SceneError, Sky, Sun};
-
-/// Bytes of the header of a binary file.
-const GLB_HEADER_BYTES: u32 = 12;
 
 /// Reads one file. See [`super::load`].
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
@@ -30,9 +30,17 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
         cause,
         remedy: "export it again, complete and without mesh compression",
     };
-    check_header(bytes).map_err(malformed)?;
-    let parsed = Gltf::from_slice_without_validation(bytes).map_err(|error| malformed(told(&error)))?;
-    let (json, blob) = (parsed.document.into_json(), parsed.blob);
+    let prepared = gltf_json::read(bytes).map_err(|refusal| match refusal {
+        Refusal::Malformed(cause) => malformed(cause),
+        Refusal::Unsupported(what) => SceneError::Unsupported {
+            path: path.to_owned(),
+            what,
+            remedy: "export it again as glTF 2.0, without mesh compression".to_owned(),
+        },
+    })?;
+    let text = prepared.json.to_string();
+    let json = gltf::json::deserialize::from_str::<gltf::json::Root>(&text)
+        .map_err(|error| malformed(one_line(&error.to_string())))?;
     // The validation below takes it for granted that the positions' accessor exists.
     let attributes = json
         .meshes
@@ -47,17 +55,13 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
             json.accessors.len()
         )));
     }
-    let mut addresses = json.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
-    if let Some(address) = addresses.find(|address| !is_readable(address)) {
-        return Err(malformed(format!(
-            "a buffer's address is not UTF-8 behind its percent signs: {address:.80}"
-        )));
-    }
     let document = Document::from_json(json).map_err(|error| malformed(told(&error)))?;
     let base = path.parent();
-    let buffers = gltf::import_buffers(&document, base, blob).map_err(|error| malformed(told(&error)))?;
+    let buffers = gltf_geometry::buffers(&document, base, prepared.blob).map_err(malformed)?;
     let mut assembler = Assembler::of_file(path);
+    prepared.notes.into_iter().for_each(|note| assembler.note(note));
     let materials = gltf_material::read(&document, base, &buffers, &mut assembler);
+    let copies = gltf_instances::read(&prepared.json, &document, &buffers, &mut assembler);
     let mut walk = Walk {
         buffers: &buffers,
         materials,
@@ -66,29 +70,14 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Scene, SceneError> {
         sky: None,
         glows: Vec::new(),
         ignored_primitives: 0,
-        instanced: shared_meshes(&document),
+        orthographic: 0,
+        instanced: shared_meshes(&document, &copies),
+        copies,
         malformed: &malformed,
     };
     walk.scene(&document)?;
     walk.objects(&document)?;
     walk.finish(&document)
-}
-
-/// A binary file says its own length; a shorter one was cut off on the way.
-fn check_header(bytes: &[u8]) -> Result<(), String> {
-    if !bytes.starts_with(b"glTF") {
-        return Ok(());
-    }
-    match bytes.get(8..12).and_then(|length| length.try_into().ok()).map(u32::from_le_bytes) {
-        None => Err(format!("it is cut off after {} bytes, in its header", bytes.len())),
-        Some(length) if length < GLB_HEADER_BYTES => {
-            Err(format!("its header says it is only {length} bytes long"))
-        }
-        Some(length) if length as usize > bytes.len() => {
-            Err(format!("it is cut off: {length} bytes were announced, {} are there", bytes.len()))
-        }
-        Some(_) => Ok(()),
-    }
 }
 
 /// The parser's error in one line, with the places of a failed validation.
@@ -97,7 +86,9 @@ fn told(error: &gltf::Error) -> String {
         gltf::Error::Validation(faults) => {
             let shown: Vec<String> =
                 faults.iter().take(3).map(|(place, what)| format!("{place}: {what}")).collect();
-            format!("{} ({} faults in all)", shown.join("; "), faults.len())
+            let more = faults.len() - shown.len();
+            let more = if more > 0 { format!("; and {more} more") } else { String::new() };
+            format!("{}{more}", shown.join("; "))
         }
         other => one_line(&other.to_string()),
     }
@@ -105,10 +96,12 @@ fn told(error: &gltf::Error) -> String {
 
 /// An empty list for each mesh that is to become an object: those that several nodes name, if that saves
 /// enough triangles in all.
-fn shared_meshes(document: &Document) -> Vec<Option<Vec<Affine3A>>> {
+fn shared_meshes(document: &Document, copies: &Copies) -> Vec<Option<Vec<Affine3A>>> {
     let mut uses = vec![0u64; document.meshes().len()];
-    for mesh in document.nodes().filter_map(|node| node.mesh()) {
-        uses[mesh.index()] += 1;
+    for node in document.nodes() {
+        if let Some(mesh) = node.mesh() {
+            uses[mesh.index()] += copies.get(&node.index()).map_or(1, |copies| copies.len() as u64);
+        }
     }
     let saved: u64 = document
         .meshes()
@@ -136,6 +129,9 @@ struct Walk<'a> {
     sky: Option<Sky>,
     glows: Vec<Glow>,
     ignored_primitives: usize,
+    /// Cameras that are left out.
+    orthographic: usize,
+    copies: Copies,
     /// By mesh: where it stands, for one that becomes an object with instances.
     instanced: Vec<Option<Vec<Affine3A>>>,
     malformed: &'a dyn Fn(String) -> SceneError,
@@ -182,7 +178,7 @@ impl Walk<'_> {
                     framed_aspect: perspective.aspect_ratio(),
                     distance: None,
                 }),
-                Projection::Orthographic(_) => self.assembler.note("Ignored an orthographic camera."),
+                Projection::Orthographic(_) => self.orthographic += 1,
             }
         }
         if let Some(light) = node.light() {
@@ -204,17 +200,25 @@ impl Walk<'_> {
         let Some(mesh) = node.mesh() else {
             return Ok(());
         };
-        if node.skin().is_some() || mesh.weights().is_some() {
-            self.assembler.note("Skinned or morphed meshes are taken in their rest pose.");
+        let name = mesh.name().or(node.name()).map(str::to_owned);
+        let here = [Mat4::IDENTITY];
+        let copies = std::mem::take(&mut self.copies);
+        for copy in copies.get(&node.index()).map_or(&here[..], Vec::as_slice) {
+            self.placed(&mesh, name.clone(), &(*to_world * *copy))?;
         }
+        self.copies = copies;
+        Ok(())
+    }
+
+    /// Adds a mesh where it stands, or sets the place aside for its object.
+    fn placed(&mut self, mesh: &Mesh, name: Option<String>, to_world: &Mat4) -> Result<(), SceneError> {
         if let Some(places) = &mut self.instanced[mesh.index()]
             && to_world.determinant() != 0.0
         {
             places.push(Affine3A::from_mat4(*to_world));
             return Ok(());
         }
-        let name = mesh.name().or(node.name()).map(str::to_owned);
-        self.mesh(&mesh, name, Some(to_world))
+        self.mesh(mesh, name, Some(to_world))
     }
 
     /// Adds a mesh in the world, or as it is to the object that is being made.
@@ -257,6 +261,10 @@ impl Walk<'_> {
             let count = self.ignored_primitives;
             self.assembler
                 .note(format!("Ignored {count} primitives of points or lines or without a vertex."));
+        }
+        if self.orthographic > 0 {
+            let count = self.orthographic;
+            self.assembler.note(format!("Ignored {count} orthographic cameras."));
         }
         if document.meshes().len() == 0 {
             self.assembler.note("no meshes");

@@ -1,16 +1,50 @@
 //! What glTF keeps in buffers: the triangles of one primitive.
 
+use std::path::Path;
+
 use glam::Vec3;
 use gltf::accessor::{Accessor, DataType, Dimensions};
+use gltf::buffer::Source;
 use gltf::mesh::Mode;
 use gltf::{Primitive, Semantic};
 
 use super::gltf_material::Coordinates;
-use super::limits::VERTICES_MAX;
+use super::images::fetch;
+use super::limits::{FILE_BYTES_MAX, VERTICES_MAX};
 use super::part::Part;
 
 /// The buffers of a document, by index.
 pub(super) type Buffers = [gltf::buffer::Data];
+
+/// Reads the buffers of a document: its binary chunk, data in addresses, files in the folder `base`.
+///
+/// # Errors
+/// One sentence that names the buffer and its file.
+pub(super) fn buffers(
+    document: &gltf::Document,
+    base: Option<&Path>,
+    mut blob: Option<Vec<u8>>,
+) -> Result<Vec<gltf::buffer::Data>, String> {
+    let read = |buffer: gltf::Buffer| {
+        let number = buffer.index();
+        let mut data = match buffer.source() {
+            Source::Bin => {
+                blob.take().ok_or(format!("buffer {number} has neither an address nor a binary chunk"))?
+            }
+            Source::Uri(address) => fetch(address, base, FILE_BYTES_MAX).map_err(|cause| {
+                let name: String = address.chars().take(80).collect();
+                format!("buffer {number}, {name}: {cause}")
+            })?,
+        };
+        if data.len() < buffer.length() {
+            let (expected, found) = (buffer.length(), data.len());
+            return Err(format!("buffer {number} should have {expected} bytes, it has {found}"));
+        }
+        data.resize(data.len().next_multiple_of(4), 0);
+        Ok(gltf::buffer::Data(data))
+    };
+    document.buffers().map(read).collect()
+}
 
 /// Reads a primitive in the mesh's own space, with the texture coordinates that its material takes; nothing for points, lines and primitives without vertices.
 ///
@@ -69,7 +103,7 @@ pub(super) fn read(
                 }
             }))
         }
-        Mode::TriangleFan => part.push_polygon(&numbers),
+        Mode::TriangleFan => part.push_fan(&numbers),
         _ => part.indices.extend_from_slice(numbers.as_chunks().0),
     }
     Ok(Some(part))
@@ -96,7 +130,11 @@ const INDICES: (Dimensions, &[DataType]) =
 
 /// Checks an accessor before it is read: the reader trusts types, counts, offsets and strides to fit
 /// together.
-fn check(accessor: &Accessor, expected: (Dimensions, &[DataType]), buffers: &Buffers) -> Result<(), String> {
+pub(super) fn check(
+    accessor: &Accessor,
+    expected: (Dimensions, &[DataType]),
+    buffers: &Buffers,
+) -> Result<(), String> {
     let fault = |what: String| Err(format!("accessor {} {what}", accessor.index()));
     if accessor.dimensions() != expected.0 || !expected.1.contains(&accessor.data_type()) {
         return fault(format!("holds {:?} of {:?}", accessor.dimensions(), accessor.data_type()));
@@ -123,11 +161,4 @@ fn check(accessor: &Accessor, expected: (Dimensions, &[DataType]), buffers: &Buf
         (Some(end), Some(end_of_view)) if end <= view.length() && end_of_view <= available => Ok(()),
         _ => fault("reaches outside its buffer".to_owned()),
     }
-}
-
-/// Whether the name of a file beside this one is text once its percent signs are decoded. The importer takes that for
-/// granted.
-pub(super) fn is_readable(address: &str) -> bool {
-    // With a scheme it is no such name.
-    address.contains(':') || urlencoding::decode(address).is_ok()
 }

@@ -12,6 +12,7 @@ use gltf::texture::{Texture, WrappingMode};
 
 use super::assemble::Assembler;
 use super::images;
+use super::limits::IMAGE_BYTES_MAX;
 use super::texture::{Encoding, Wrap};
 use super::{Material, Volume};
 
@@ -190,7 +191,7 @@ impl Reader<'_> {
                 }
                 gltf::image::Source::Uri { uri, .. } => {
                     let name = if uri.starts_with("data:") { "" } else { uri };
-                    images::decode(&images::fetch(uri, base)?, Path::new(name))
+                    images::decode(&images::fetch(uri, base, IMAGE_BYTES_MAX)?, Path::new(name))
                 }
             }
         })

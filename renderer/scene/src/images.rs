@@ -47,26 +47,37 @@ fn decoded(bytes: &[u8], name: &Path, edge_max: u32) -> Result<DynamicImage, Str
 
 /// Reads an image file beside a scene.
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, String> {
+    read_within(path, IMAGE_BYTES_MAX)
+}
+
+fn read_within(path: &Path, bytes_max: u64) -> Result<Vec<u8>, String> {
     let told = |error: std::io::Error| error.to_string();
     let metadata = std::fs::metadata(path).map_err(told)?;
     if !metadata.is_file() {
         return Err("it is no file".to_owned());
     }
-    if metadata.len() > IMAGE_BYTES_MAX {
-        return Err(format!("it has {} bytes, more than the limit of {IMAGE_BYTES_MAX}", metadata.len()));
+    if metadata.len() > bytes_max {
+        return Err(format!("it has {} bytes, more than the limit of {bytes_max}", metadata.len()));
     }
     std::fs::read(path).map_err(told)
 }
 
-/// The bytes behind an address: data in the address itself, or a file beside the scene.
-pub(super) fn fetch(address: &str, base: Option<&Path>) -> Result<Vec<u8>, String> {
+/// The bytes behind an address: data in the address itself, or a file beside the scene. Some write a file's name with
+/// backslashes, or without percent signs for what needs them.
+pub(super) fn fetch(address: &str, base: Option<&Path>, bytes_max: u64) -> Result<Vec<u8>, String> {
     if let Some(data) = address.strip_prefix("data:") {
         let (_, encoded) = data.split_once(";base64,").ok_or("its data is not in base64")?;
-        return base64::engine::general_purpose::STANDARD.decode(encoded).map_err(|error| error.to_string());
+        let encoded: String = encoded.split_ascii_whitespace().collect();
+        let decoded = base64::engine::general_purpose::STANDARD.decode(encoded);
+        return decoded.map_err(|error| format!("its base64 data cannot be read: {error}"));
     }
     if address.contains("://") {
         return Err("it is not a file beside the scene".to_owned());
     }
-    let name = urlencoding::decode(address).map_err(|error| error.to_string())?;
-    read_file(&base.unwrap_or(Path::new(".")).join(&*name))
+    let base = base.unwrap_or(Path::new("."));
+    let not_text = |_| "its name is not UTF-8 behind its percent signs".to_owned();
+    let decoded = urlencoding::decode(address).map_err(not_text)?;
+    let names = [decoded.to_string(), address.to_owned(), decoded.replace('\\', "/")];
+    let name = names.iter().find(|name| base.join(name).is_file()).unwrap_or(&names[0]);
+    read_within(&base.join(name), bytes_max)
 }

@@ -14,11 +14,15 @@ pub mod framing;
 mod gltf_extras;
 mod gltf_file;
 mod gltf_geometry;
+mod gltf_instances;
+mod gltf_json;
 mod gltf_material;
 mod images;
 pub mod indicators;
 pub mod limits;
 mod load;
+#[cfg(test)]
+mod load_gltf_tests;
 #[cfg(test)]
 mod load_tests;
 #[cfg(test)]

@@ -1,0 +1,85 @@
+//! Copies of a mesh below one node (the extension EXT_mesh_gpu_instancing).
+
+use std::collections::HashMap;
+
+use glam::{Mat4, Quat, Vec3};
+use gltf::Document;
+use gltf::accessor::{DataType, Dimensions, Iter};
+use serde_json::Value;
+use treewright_accel::limits::INSTANCES_MAX;
+
+use super::assemble::Assembler;
+use super::gltf_geometry::{Buffers, check};
+
+/// By the number of a node: where the copies of its mesh stand, in its own space.
+pub(super) type Copies = HashMap<usize, Vec<Mat4>>;
+
+/// Reads the copies of all nodes. Those that cannot be read are told, and their mesh stands once.
+pub(super) fn read(
+    json: &Value,
+    document: &Document,
+    buffers: &Buffers,
+    assembler: &mut Assembler,
+) -> Copies {
+    let mut copies = Copies::new();
+    let mut unread = 0;
+    let nodes = json.get("nodes").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    for (number, node) in nodes.iter().enumerate() {
+        if let Some(attributes) = node.pointer("/extensions/EXT_mesh_gpu_instancing/attributes") {
+            match of_node(attributes, document, buffers) {
+                Some(places) => drop(copies.insert(number, places)),
+                None => unread += 1,
+            }
+        }
+    }
+    if unread > 0 {
+        assembler.note(format!(
+            "{unread} nodes have copies of their mesh (EXT_mesh_gpu_instancing) that cannot be read: one is shown."
+        ));
+    }
+    copies
+}
+
+fn of_node(attributes: &Value, document: &Document, buffers: &Buffers) -> Option<Vec<Mat4>> {
+    let mut count = None;
+    let mut vectors = |name: &str, default: Vec3| {
+        let Some(found) = attributes.get(name) else { return Some(Err(default)) };
+        let found: Vec<[f32; 3]> = numbers(found, Dimensions::Vec3, document, buffers)?;
+        (*count.get_or_insert(found.len()) == found.len()).then_some(Ok(found))
+    };
+    let translations = vectors("TRANSLATION", Vec3::ZERO)?;
+    let scales = vectors("SCALE", Vec3::ONE)?;
+    let rotations: Option<Vec<[f32; 4]>> = match attributes.get("ROTATION") {
+        Some(found) => Some(numbers(found, Dimensions::Vec4, document, buffers)?),
+        None => None,
+    };
+    let count = count.or(rotations.as_ref().map(Vec::len))?;
+    if rotations.as_ref().is_some_and(|all| all.len() != count) {
+        return None;
+    }
+    let of = |all: &Result<Vec<[f32; 3]>, Vec3>, place: usize| match all {
+        Ok(all) => Vec3::from_array(all[place]),
+        Err(default) => *default,
+    };
+    let place = |place: usize| {
+        let turn = rotations.as_ref().map_or(Quat::IDENTITY, |all| Quat::from_array(all[place]));
+        let turn = if turn.length_squared() > 0.0 { turn.normalize() } else { Quat::IDENTITY };
+        Mat4::from_scale_rotation_translation(of(&scales, place), turn, of(&translations, place))
+    };
+    Some((0..count).map(place).collect())
+}
+
+/// The values of an accessor of single-precision numbers, within limits.
+fn numbers<T: gltf::accessor::Item>(
+    number: &Value,
+    dimensions: Dimensions,
+    document: &Document,
+    buffers: &Buffers,
+) -> Option<Vec<T>> {
+    let accessor = document.accessors().nth(usize::try_from(number.as_u64()?).ok()?)?;
+    check(&accessor, (dimensions, &[DataType::F32]), buffers).ok()?;
+    if accessor.count() > INSTANCES_MAX {
+        return None;
+    }
+    Some(Iter::new(accessor, |buffer| buffers.get(buffer.index()).map(|data| &data.0[..]))?.collect())
+}

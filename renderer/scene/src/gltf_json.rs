@@ -1,0 +1,382 @@
+//! A glTF file's JSON before its parser sees it: that is stricter than the format, and silent about what it skips.
+//!
+//! What the format lets be absent is put in, what is never drawn is taken out, and whatever is in the file and not in the
+//! picture is told in one sentence of its kind. After that the parser's own checks are about faults.
+
+use std::collections::BTreeMap;
+
+use gltf::binary::Glb;
+use serde_json::{Value, json};
+
+use super::error::one_line;
+use super::text;
+
+/// A document ready for the parser.
+#[derive(Debug)]
+pub(super) struct Document {
+    pub(super) json: Value,
+    /// The binary chunk.
+    pub(super) blob: Option<Vec<u8>>,
+    /// One sentence for each kind of thing that is left out.
+    pub(super) notes: Vec<String>,
+}
+
+/// Why a document is not read.
+#[derive(Debug, PartialEq)]
+pub(super) enum Refusal {
+    /// It does not follow the format.
+    Malformed(String),
+    /// It needs what is not read: its name.
+    Unsupported(String),
+}
+
+/// Bytes of the header of a binary file.
+const GLB_HEADER_BYTES: u32 = 12;
+
+/// Extensions that are read.
+const READ: [&str; 6] = [
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_transmission",
+    "KHR_materials_volume",
+    "KHR_texture_transform",
+];
+
+/// Extensions that change nothing in the picture, or that are told by what they leave behind: compression beside plain
+/// data, other pictures of a texture, other materials, copies of a mesh, metadata.
+const TOLD_ELSEWHERE: [&str; 9] = [
+    "KHR_draco_mesh_compression",
+    "EXT_meshopt_compression",
+    "KHR_texture_basisu",
+    "EXT_texture_webp",
+    "EXT_texture_avif",
+    "MSFT_texture_dds",
+    "KHR_materials_pbrSpecularGlossiness",
+    "EXT_mesh_gpu_instancing",
+    "KHR_xmp_json_ld",
+];
+
+/// Extensions without which there is no geometry.
+const GEOMETRY: [&str; 3] =
+    ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"];
+
+/// Reads and prepares a file, text or binary.
+pub(super) fn read(bytes: &[u8]) -> Result<Document, Refusal> {
+    let (text, blob) = if bytes.starts_with(b"glTF") {
+        check_header(bytes)?;
+        let glb = Glb::from_slice(bytes).map_err(|error| Refusal::Malformed(one_line(&error.to_string())))?;
+        (glb.json, glb.bin.map(|data| data.into_owned()))
+    } else {
+        (text::decoded(bytes).into_owned().into_bytes().into(), None)
+    };
+    let parsed = serde_json::from_slice::<Value>(text::without_mark(&text));
+    let json = parsed.map_err(|error| Refusal::Malformed(one_line(&error.to_string())))?;
+    if !json.is_object() {
+        return Err(Refusal::Malformed("its JSON is no object".to_owned()));
+    }
+    check_version(&json)?;
+    let mut document = Document { json, blob, notes: Vec::new() };
+    document.check_required()?;
+    document.tell_extensions();
+    document.scenes();
+    document.stand_still();
+    document.materials();
+    document.textures();
+    document.primitives();
+    Ok(document)
+}
+
+/// A binary file says its own version and length; a shorter one was cut off on the way.
+fn check_header(bytes: &[u8]) -> Result<(), Refusal> {
+    let word = |place: usize| {
+        bytes.get(place..place + 4).and_then(|word| word.try_into().ok()).map(u32::from_le_bytes)
+    };
+    let malformed = |cause: String| Err(Refusal::Malformed(cause));
+    match (word(4), word(8)) {
+        (Some(version), _) if version != 2 => unsupported_version(&format!("{version}")),
+        (_, None) => malformed(format!("it is cut off after {} bytes, in its header", bytes.len())),
+        (_, Some(length)) if length < GLB_HEADER_BYTES => {
+            malformed(format!("its header says it is only {length} bytes long"))
+        }
+        (_, Some(length)) if length as usize > bytes.len() => {
+            malformed(format!("it is cut off: {length} bytes were announced, {} are there", bytes.len()))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn unsupported_version(version: &str) -> Result<(), Refusal> {
+    Err(Refusal::Unsupported(format!("version {version} of glTF (2.0 is read)")))
+}
+
+fn check_version(json: &Value) -> Result<(), Refusal> {
+    let said = |key: &str| json.pointer(key).and_then(Value::as_str);
+    match (said("/asset/version"), said("/asset/minVersion")) {
+        (None, _) => {
+            Err(Refusal::Malformed("it does not say its version of glTF (asset.version)".to_owned()))
+        }
+        (_, Some(version)) if version != "2.0" => unsupported_version(version),
+        (Some(version), _) if !version.starts_with("2.") => unsupported_version(version),
+        _ => Ok(()),
+    }
+}
+
+/// The members of a list; none where there is no such list.
+fn list<'a>(json: &'a Value, key: &str) -> &'a [Value] {
+    json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
+}
+
+fn list_mut<'a>(json: &'a mut Value, key: &str) -> impl Iterator<Item = &'a mut Value> {
+    json.get_mut(key).and_then(Value::as_array_mut).into_iter().flatten()
+}
+
+/// The members with a key, taken out.
+fn take(json: &mut Value, key: &str) -> Option<Value> {
+    json.as_object_mut().and_then(|object| object.remove(key))
+}
+
+fn index(value: &Value, key: &str) -> Option<usize> {
+    value.get(key).and_then(Value::as_u64).map(|number| number as usize)
+}
+
+impl Document {
+    fn note(&mut self, count: usize, what: &str) {
+        if count > 0 {
+            self.notes.push(what.replace("{}", &count.to_string()));
+        }
+    }
+
+    /// Refuses what cannot be drawn without an extension; other required ones are told and done without.
+    fn check_required(&mut self) -> Result<(), Refusal> {
+        let required: Vec<String> = list(&self.json, "extensionsRequired")
+            .iter()
+            .filter_map(|name| name.as_str().map(str::to_owned))
+            .collect();
+        if let Some(name) = required.iter().find(|name| GEOMETRY.contains(&name.as_str())) {
+            return Err(Refusal::Unsupported(format!("the required extension {name}")));
+        }
+        let known = |name: &String| READ.contains(&name.as_str()) || TOLD_ELSEWHERE.contains(&name.as_str());
+        for name in required.into_iter().filter(|name| !known(name)) {
+            self.notes.push(format!("The file requires the extension {name}, which is not read."));
+        }
+        take(&mut self.json, "extensionsRequired");
+        Ok(())
+    }
+
+    fn tell_extensions(&mut self) {
+        fn count(value: &Value, uses: &mut BTreeMap<String, usize>) {
+            match value {
+                Value::Object(members) => members.iter().for_each(|(key, value)| {
+                    if let ("extensions", Value::Object(extensions)) = (key.as_str(), value) {
+                        extensions.keys().for_each(|name| *uses.entry(name.clone()).or_default() += 1);
+                    }
+                    // What a converter wrote for itself is not the format's.
+                    if key != "extras" {
+                        count(value, uses);
+                    }
+                }),
+                Value::Array(values) => values.iter().for_each(|value| count(value, uses)),
+                _ => {}
+            }
+        }
+        let mut uses = BTreeMap::new();
+        count(&self.json, &mut uses);
+        let untold = |name: &str| !READ.contains(&name) && !TOLD_ELSEWHERE.contains(&name);
+        for (name, count) in uses.into_iter().filter(|(name, _)| untold(name)) {
+            self.notes.push(format!("Ignored {count} uses of the extension {name}."));
+        }
+    }
+
+    /// Gives the document a scene to show, and every scene its list of nodes.
+    fn scenes(&mut self) {
+        if list(&self.json, "scenes").is_empty() {
+            let nodes = list(&self.json, "nodes");
+            let mut is_root = vec![true; nodes.len()];
+            for child in nodes.iter().flat_map(|node| list(node, "children")).filter_map(Value::as_u64) {
+                if let Some(root) = is_root.get_mut(child as usize) {
+                    *root = false;
+                }
+            }
+            let roots: Vec<usize> = (0..nodes.len()).filter(|node| is_root[*node]).collect();
+            self.note(roots.len(), "The file has no scene; its {} root nodes are shown.");
+            self.json["scenes"] = json!([{ "nodes": roots }]);
+            self.json["scene"] = json!(0);
+        }
+        for scene in list_mut(&mut self.json, "scenes") {
+            if let Some(scene) = scene.as_object_mut() {
+                scene.entry("nodes").or_insert_with(|| json!([]));
+            }
+        }
+        let scenes = list(&self.json, "scenes");
+        let has_nodes = |scene: &Value| !list(scene, "nodes").is_empty();
+        let filled = scenes.iter().filter(|scene| has_nodes(scene)).count();
+        let shown = index(&self.json, "scene")
+            .unwrap_or_else(|| scenes.iter().position(has_nodes).unwrap_or_default());
+        self.note(filled.saturating_sub(1), &format!("Scene {shown} is shown; {{}} further ones are not."));
+        self.json["scene"] = json!(shown);
+    }
+
+    /// Takes out what moves.
+    fn stand_still(&mut self) {
+        let animations =
+            take(&mut self.json, "animations").map_or(0, |all| all.as_array().map_or(0, Vec::len));
+        self.note(animations, "Ignored {} animations: everything stands where its node says.");
+        take(&mut self.json, "skins");
+        let skinned = list_mut(&mut self.json, "nodes").filter_map(|node| take(node, "skin")).count();
+        self.note(skinned, "Took {} skinned meshes in their rest pose, without their skins.");
+        let mut morphed = 0;
+        for mesh in list_mut(&mut self.json, "meshes") {
+            let targets = list_mut(mesh, "primitives").filter_map(|part| take(part, "targets")).count();
+            take(mesh, "weights");
+            morphed += usize::from(targets > 0);
+        }
+        list_mut(&mut self.json, "nodes").for_each(|node| drop(take(node, "weights")));
+        self.note(morphed, "Took {} meshes without their morph targets.");
+    }
+
+    /// Materials of diffuse, specular and gloss in the terms of metal and roughness, where they have no others.
+    fn materials(&mut self) {
+        const OTHER: &str = "KHR_materials_pbrSpecularGlossiness";
+        let mut approximate = 0;
+        for material in list_mut(&mut self.json, "materials") {
+            let Some(other) = material.get_mut("extensions").and_then(|all| take(all, OTHER)) else {
+                continue;
+            };
+            if material.get("pbrMetallicRoughness").is_some() {
+                continue;
+            }
+            approximate += 1;
+            let gloss = other.get("glossinessFactor").and_then(Value::as_f64).unwrap_or(1.0);
+            let mut plain = json!({
+                "metallicFactor": 0.0,
+                "roughnessFactor": (1.0 - gloss).clamp(0.0, 1.0),
+                "baseColorFactor": other.get("diffuseFactor").cloned().unwrap_or(json!([1.0, 1.0, 1.0, 1.0])),
+            });
+            if let Some(texture) = other.get("diffuseTexture") {
+                plain["baseColorTexture"] = texture.clone();
+            }
+            material["pbrMetallicRoughness"] = plain;
+        }
+        self.note(
+            approximate,
+            "Took {} materials of specular and gloss (KHR_materials_pbrSpecularGlossiness) for dielectrics.",
+        );
+        // A spot without a cone has the one that the extension gives it.
+        if let Some(lights) = self.json.pointer_mut("/extensions/KHR_lights_punctual") {
+            for light in list_mut(lights, "lights").filter(|light| light["type"] == "spot") {
+                if let Some(light) = light.as_object_mut() {
+                    light.entry("spot").or_insert_with(|| json!({}));
+                }
+            }
+        }
+    }
+
+    /// Takes textures without a picture out of materials, and tells what samplers ask for in vain.
+    fn textures(&mut self) {
+        let mut others = BTreeMap::new();
+        let textures = list(&self.json, "textures");
+        let missing: Vec<bool> = textures.iter().map(|texture| texture.get("source").is_none()).collect();
+        for texture in textures.iter().filter(|texture| texture.get("source").is_none()) {
+            let extensions = texture.get("extensions").and_then(Value::as_object);
+            let name = extensions.and_then(|all| all.keys().next()).map_or("no picture", String::as_str);
+            *others.entry(name.to_owned()).or_insert(0) += 1;
+        }
+        for (name, count) in others {
+            self.notes.push(format!("Left out {count} textures with {name} alone."));
+        }
+        let nearest =
+            list(&self.json, "samplers").iter().filter(|sampler| sampler["magFilter"] == 9728).count();
+        self.note(nearest, "{} samplers ask for the nearest pixel; all textures are smooth between pixels.");
+        if !missing.contains(&true) {
+            return;
+        }
+        fn forget(value: &mut Value, missing: &[bool]) {
+            if let Value::Object(members) = value {
+                members.retain(|key, member| {
+                    let names = key.to_ascii_lowercase().ends_with("texture");
+                    !(names
+                        && index(member, "index").is_some_and(|number| missing.get(number) == Some(&true)))
+                });
+                members.values_mut().for_each(|member| forget(member, missing));
+            }
+        }
+        list_mut(&mut self.json, "materials").for_each(|material| forget(material, &missing));
+        // Nobody names them any more, but the parser wants a picture of each.
+        let picture = list(&self.json, "images").len();
+        let images = self.json.as_object_mut().map(|all| all.entry("images").or_insert_with(|| json!([])));
+        if let Some(images) = images.and_then(Value::as_array_mut) {
+            images.push(json!({ "uri": "data:," }));
+        }
+        for texture in list_mut(&mut self.json, "textures") {
+            if let Some(texture) = texture.as_object_mut() {
+                texture.entry("source").or_insert_with(|| json!(picture));
+            }
+        }
+    }
+
+    /// Takes out primitives without places or with none but zeros, whose accessors have no view, and tells what vertices
+    /// carry in vain.
+    fn primitives(&mut self) {
+        let accessors = list(&self.json, "accessors");
+        let is_void =
+            |accessor: &Value| accessor.get("bufferView").is_none() && accessor.get("sparse").is_none();
+        let void: Vec<bool> = accessors.iter().map(is_void).collect();
+        let is_void = |number: Option<usize>| number.is_some_and(|number| void.get(number) == Some(&true));
+        let (mut coloured, mut left_out, mut places) = (0, 0, Vec::new());
+        for mesh in list_mut(&mut self.json, "meshes") {
+            let Some(primitives) = mesh.get_mut("primitives").and_then(Value::as_array_mut) else {
+                continue;
+            };
+            primitives.retain_mut(|primitive| {
+                let no_indices = is_void(index(primitive, "indices"));
+                let Some(attributes) = primitive.get_mut("attributes").and_then(Value::as_object_mut) else {
+                    return true;
+                };
+                attributes.retain(|_, accessor| !is_void(accessor.as_u64().map(|number| number as usize)));
+                let place = attributes.get("POSITION").and_then(Value::as_u64);
+                let is_drawn = place.is_some() && !no_indices;
+                coloured += usize::from(is_drawn && attributes.contains_key("COLOR_0"));
+                left_out += usize::from(!is_drawn);
+                places.extend(place);
+                is_drawn
+            });
+        }
+        self.note(coloured, "Ignored the vertex colours (COLOR_0) of {} primitives.");
+        self.note(left_out, "Left out {} primitives without data for their positions or indices.");
+        // The parser wants them to say their box, which nobody asks for.
+        for place in places {
+            let accessor =
+                self.json.pointer_mut(&format!("/accessors/{place}")).and_then(Value::as_object_mut);
+            if let Some(accessor) = accessor {
+                accessor.entry("min").or_insert_with(|| json!([0, 0, 0]));
+                accessor.entry("max").or_insert_with(|| json!([0, 0, 0]));
+            }
+        }
+        if void.contains(&true) {
+            self.give_views();
+        }
+    }
+
+    /// The parser wants a view of each accessor; those without are named by nobody that is drawn.
+    fn give_views(&mut self) {
+        let Some(all) = self.json.as_object_mut() else { return };
+        let mut add = |key: &str, value: Value| {
+            let list = all.entry(key).or_insert_with(|| json!([]));
+            list.as_array_mut().map_or(0, |list| {
+                list.push(value);
+                list.len() - 1
+            })
+        };
+        let buffer =
+            add("buffers", json!({ "byteLength": 1, "uri": "data:application/octet-stream;base64,AA==" }));
+        let view = add("bufferViews", json!({ "buffer": buffer, "byteLength": 1 }));
+        for accessor in list_mut(&mut self.json, "accessors") {
+            if let Some(accessor) =
+                accessor.as_object_mut().filter(|accessor| !accessor.contains_key("sparse"))
+            {
+                accessor.entry("bufferView").or_insert_with(|| json!(view));
+            }
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! glTF as people's programs write it: what the format allows is read, what is left out is told, and a refusal names
+//! its cause.
+
+use glam::Vec3;
+use serde_json::{Value, json};
+
+use super::Scene;
+use super::load_tests::{glb, load_bytes, triangle_document};
+
+fn loaded(document: &Value) -> Scene {
+    load_bytes("a.glb", &glb(document, &triangle_document().1)).unwrap()
+}
+
+fn refused(name: &str, bytes: &[u8]) -> String {
+    let message = load_bytes(name, bytes).map(|_| ()).unwrap_err().to_string();
+    assert!(message.contains(name), "the message does not name the file: {message}");
+    message
+}
+
+/// The triangle's document with changes, each a path and a value; parents of what is put in have to be there.
+fn changed(changes: &[(&str, Value)]) -> Value {
+    let (mut document, _) = triangle_document();
+    for (path, value) in changes {
+        let (parent, key) = path.rsplit_once('/').unwrap();
+        document.pointer_mut(parent).unwrap()[key] = value.clone();
+    }
+    document
+}
+
+fn notes(changes: &[(&str, Value)]) -> String {
+    loaded(&changed(changes)).notes.join("\n")
+}
+
+#[test]
+fn without_a_scene_the_roots_are_shown() {
+    let nodes = json!([{"mesh": 0}, {"children": [0, 2], "translation": [5, 0, 0]}, {"mesh": 0}]);
+    let (mut document, _) = triangle_document();
+    document["nodes"] = nodes;
+    for scenes in [Value::Null, json!([])] {
+        document["scenes"] = scenes;
+        for scene in [json!(0), Value::Null] {
+            document["scene"] = scene;
+            let mut without = document.clone();
+            without.as_object_mut().unwrap().retain(|_, value| !value.is_null());
+            let scene = loaded(&without);
+            assert_eq!((scene.triangles.len(), scene.bounds().min.x), (2, 5.0));
+            assert!(scene.notes.iter().any(|note| note.contains("has no scene; its 1 root nodes")));
+        }
+    }
+}
+
+#[test]
+fn scenes_may_be_empty_and_further_ones_are_told() {
+    let with = |scenes: Value, scene: Value| {
+        let mut document = changed(&[("/scenes", scenes)]);
+        document["scene"] = scene;
+        document.as_object_mut().unwrap().retain(|_, value| !value.is_null());
+        loaded(&document)
+    };
+    let scene = with(json!([{"nodes": [0]}, {"name": "Scene.001"}]), json!(0));
+    assert!(!scene.notes.iter().any(|note| note.contains("Scene")), "{:?}", scene.notes);
+    // Without a default, an empty first scene is passed over.
+    assert_eq!(with(json!([{"name": "empty"}, {"nodes": [0]}]), Value::Null).triangles.len(), 1);
+    let scene = with(json!([{"nodes": [0]}, {"nodes": [0]}]), json!(1));
+    assert!(
+        scene.notes.iter().any(|note| note.contains("Scene 1 is shown; 1 further ones")),
+        "{:?}",
+        scene.notes
+    );
+}
+
+#[test]
+fn textures_without_a_picture_are_left_out_and_told() {
+    for extension in ["EXT_texture_webp", "KHR_texture_basisu", "MSFT_texture_dds"] {
+        let told = notes(&[
+            (
+                "/textures",
+                json!([{"extensions": {extension: {"source": 0}}}, {"extensions": {extension: {"source": 0}}}]),
+            ),
+            ("/images", json!([{"uri": "a.webp"}])),
+            (
+                "/materials",
+                json!([{
+                "emissiveTexture": {"index": 0}, "normalTexture": {"index": 1},
+                "pbrMetallicRoughness": {"baseColorTexture": {"index": 1}, "metallicFactor": 0}}]),
+            ),
+            ("/meshes/0/primitives/0/material", json!(0)),
+            ("/extensionsUsed", json!([extension])),
+            ("/extensionsRequired", json!([extension])),
+        ]);
+        assert!(told.contains(&format!("Left out 2 textures with {extension} alone.")), "{told}");
+    }
+    let told =
+        notes(&[("/textures", json!([{}])), ("/materials", json!([{"occlusionTexture": {"index": 0}}]))]);
+    assert!(told.contains("Left out 1 textures with no picture alone."), "{told}");
+}
+
+#[test]
+fn animations_skins_and_targets_are_told_and_never_refused() {
+    let told = notes(&[
+        (
+            "/animations",
+            json!([{
+            "channels": [{"sampler": 0, "target": {"path": "translation"}}, {"sampler": 0, "target": {"path": "pointer"}}],
+            "samplers": [{"input": 99, "output": 99}]}]),
+        ),
+        ("/skins", json!([{"joints": [0]}])),
+        ("/nodes/0/skin", json!(0)),
+        ("/meshes/0/weights", json!([1.0])),
+        ("/meshes/0/primitives/0/targets", json!([{"POSITION": 0}])),
+    ]);
+    for expected in
+        ["Ignored 1 animations", "Took 1 skinned meshes", "Took 1 meshes without their morph targets"]
+    {
+        assert!(told.contains(expected), "{told}");
+    }
+}
+
+#[test]
+fn accessors_without_a_view_hold_zeros() {
+    let (mut document, _) = triangle_document();
+    let zeros = |kind: &str| json!({"componentType": 5126, "count": 3, "type": kind});
+    document["accessors"].as_array_mut().unwrap().extend([zeros("VEC3"), zeros("VEC2")]);
+    document["meshes"][0]["primitives"] = json!([
+        {"attributes": {"POSITION": 0, "NORMAL": 2, "TEXCOORD_0": 3}, "indices": 1},
+        {"attributes": {"POSITION": 2}}, {"attributes": {"POSITION": 0}, "indices": 2}, {"attributes": {"NORMAL": 0}}]);
+    let scene = loaded(&document);
+    assert_eq!(scene.triangles.len(), 1);
+    assert!(
+        scene.notes.iter().any(|note| note.contains("Left out 3 primitives without data")),
+        "{:?}",
+        scene.notes
+    );
+    // Nor do they have to say their box.
+    let (mut document, _) = triangle_document();
+    document["accessors"][0].as_object_mut().unwrap().retain(|key, _| key != "min" && key != "max");
+    assert_eq!(loaded(&document).triangles.len(), 1);
+}
+
+#[test]
+fn what_is_not_honoured_is_told_once_with_its_count() {
+    let unlit = json!({"extensions": {"KHR_materials_unlit": {}}});
+    let told = notes(&[
+        (
+            "/materials",
+            json!([unlit, unlit, {"extensions": {"KHR_materials_clearcoat": {}, "KHR_materials_ior": {}}}]),
+        ),
+        ("/meshes/0/primitives/0/attributes/COLOR_0", json!(0)),
+        ("/samplers", json!([{"magFilter": 9728}, {"magFilter": 9729}])),
+        ("/nodes/0/extensions", json!({"EXT_new": {}})),
+        ("/extensionsRequired", json!(["EXT_new"])),
+        ("/nodes/0/extras", json!({"extensions": {"EXT_own": {}}})),
+        (
+            "/cameras",
+            json!([{"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "zfar": 9, "znear": 0.1}}]),
+        ),
+        ("/nodes/0/camera", json!(0)),
+    ]);
+    for expected in [
+        "Ignored 2 uses of the extension KHR_materials_unlit.",
+        "Ignored 1 uses of the extension KHR_materials_clearcoat.",
+        "Ignored the vertex colours (COLOR_0) of 1 primitives.",
+        "1 samplers ask for the nearest pixel",
+        "Ignored 1 uses of the extension EXT_new.",
+        "The file requires the extension EXT_new, which is not read.",
+        "Ignored 1 orthographic cameras.",
+    ] {
+        assert!(told.contains(expected), "{expected}: {told}");
+    }
+    assert!(!told.contains("EXT_own") && !told.contains("KHR_materials_ior"), "{told}");
+}
+
+#[test]
+fn materials_of_specular_and_gloss_are_dielectrics() {
+    let other = json!({"diffuseFactor": [0.1, 0.2, 0.3, 1], "specularFactor": [0.04, 0.04, 0.04], "glossinessFactor": 0.75});
+    let material = json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": other}});
+    let scene =
+        loaded(&changed(&[("/materials", json!([material])), ("/meshes/0/primitives/0/material", json!(0))]));
+    let found = scene.materials[scene.meshes[0].material as usize];
+    assert_eq!((found.base_color, found.metallic, found.roughness), (Vec3::new(0.1, 0.2, 0.3), 0.0, 0.25));
+    assert!(scene.notes.iter().any(|note| note.contains("Took 1 materials of specular and gloss")));
+}
+
+#[test]
+fn copies_of_a_mesh_stand_where_they_are_put() {
+    let (mut document, mut data) = triangle_document();
+    data.resize(44, 0);
+    for number in [
+        0.0_f32, 0.0, 0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 7.0, /* turns */ 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0,
+        0.0, 0.0, 0.0, 0.0, 0.0,
+    ] {
+        data.extend(number.to_le_bytes());
+    }
+    document["buffers"][0]["byteLength"] = json!(data.len());
+    document["bufferViews"].as_array_mut().unwrap().extend([
+        json!({"buffer": 0, "byteOffset": 44, "byteLength": 36}),
+        json!({"buffer": 0, "byteOffset": 80, "byteLength": 48}),
+    ]);
+    document["accessors"].as_array_mut().unwrap().extend([
+        json!({"bufferView": 2, "componentType": 5126, "count": 3, "type": "VEC3"}),
+        json!({"bufferView": 3, "componentType": 5126, "count": 3, "type": "VEC4"}),
+    ]);
+    document["nodes"] = json!([{"mesh": 0, "scale": [2, 2, 2], "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 2, "ROTATION": 3}}}}]);
+    let scene = load_bytes("copies.glb", &glb(&document, &data)).unwrap();
+    assert_eq!(scene.triangles.len(), 3);
+    let first = |triangle: usize| scene.triangles.corners(triangle).map(Vec3::from);
+    assert_eq!(first(0)[1], Vec3::new(2.0, 0.0, 0.0));
+    // Half a turn about the upright axis of z, at ten by the node's scale.
+    assert!((first(1)[1] - Vec3::new(18.0, 0.0, 0.0)).length() < 1e-5, "{:?}", first(1));
+    assert_eq!(first(2)[0], Vec3::new(0.0, 0.0, 14.0));
+    document["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["SCALE"] = json!(0);
+    document["accessors"][0]["count"] = json!(2);
+    let odd = load_bytes("odd.glb", &glb(&document, &data));
+    assert!(odd.is_err() || odd.unwrap().notes.iter().any(|note| note.contains("1 nodes have copies")));
+}
+
+#[test]
+fn refusals_name_what_is_missing() {
+    for extension in ["KHR_draco_mesh_compression", "EXT_meshopt_compression"] {
+        let document = changed(&[
+            ("/extensionsRequired", json!([extension])),
+            ("/accessors", json!([{"componentType": 5126, "count": 3, "type": "VEC3"}])),
+        ]);
+        let told = refused("packed.glb", &glb(&document, &[]));
+        assert!(told.contains(extension) && told.contains("without mesh compression"), "{told}");
+    }
+    let with = |uri: &str| {
+        let document = changed(&[("/buffers", json!([{"byteLength": 42, "uri": uri}]))]);
+        refused("a.gltf", document.to_string().as_bytes())
+    };
+    let told = with("gone.bin");
+    assert!(told.contains("buffer 0, gone.bin: No such file"), "{told}");
+    assert!(with("data:application/octet-stream;base64,AAMA==").contains("base64"));
+    assert!(with("data:application/octet-stream,AAAA").contains("base64"));
+    assert!(
+        with("data:application/octet-stream;base64,AAAA").contains("buffer 0 should have 42 bytes, it has 3")
+    );
+    assert!(with("https://a.example/b.bin").contains("not a file beside the scene"));
+    let old = r#"{"asset": {"version": "1.0"}, "meshes": {}, "scenes": {"s": {"nodes": []}}, "scene": "s"}"#;
+    assert!(refused("old.gltf", old.as_bytes()).contains("version 1.0 of glTF"));
+    let mut binary = glb(&triangle_document().0, &triangle_document().1);
+    binary[4] = 1;
+    assert!(refused("old.glb", &binary).contains("version 1 of glTF"));
+    let newer = changed(&[("/asset", json!({"version": "2.1", "minVersion": "2.1"}))]);
+    assert!(refused("new.glb", &glb(&newer, &[])).contains("version 2.1 of glTF"));
+    assert!(refused("none.gltf", b"{\"asset\": {}}").contains("does not say its version"));
+    assert!(refused("list.gltf", b"[1]").contains("is no object"));
+}
+
+#[test]
+fn names_with_backslashes_spaces_and_marks_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("data")).unwrap();
+    let (_, data) = triangle_document();
+    for name in ["data/a b.bin", "100%.bin"] {
+        std::fs::write(folder.path().join(name), &data).unwrap();
+    }
+    for uri in ["data\\a b.bin", "data/a%20b.bin", "data/a b.bin", "100%.bin"] {
+        let document = changed(&[("/buffers", json!([{"byteLength": 42, "uri": uri}]))]);
+        let path = folder.path().join("a.gltf");
+        std::fs::write(&path, format!("\u{feff}{document}")).unwrap();
+        assert_eq!(super::load(&path).map(|scene| scene.triangles.len()).ok(), Some(1), "{uri}");
+    }
+}
