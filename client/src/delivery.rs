@@ -89,13 +89,11 @@ pub(crate) fn report_request(
 /// Whether sending the same again may succeed.
 pub(crate) fn worth_repeating(problem: &ClientError, attempts: u32) -> bool {
     match problem {
-        ClientError::Away { .. } | ClientError::NotNow { .. } | ClientError::Late { .. } => true,
-        ClientError::Refused { code: Code::ResourceExhausted | Code::Aborted, .. } => true,
         // A defect of the daemon: it may pass, but must not hold up the queue for ever.
         ClientError::Refused { code: Code::Internal | Code::Unknown, .. } => {
             attempts < limits::ATTEMPTS_AFTER_INTERNAL_ERROR
         }
-        _ => false,
+        _ => problem.may_pass(),
     }
 }
 

@@ -167,6 +167,17 @@ impl ClientError {
         matches!(self, Self::Away { .. } | Self::NotNow { .. } | Self::Late { .. })
     }
 
+    /// Whether the same call may succeed later: the daemon could not be reached in time, has too much to do, or has a defect
+    /// that may pass.
+    #[must_use]
+    pub fn may_pass(&self) -> bool {
+        use tonic::Code::{Aborted, Internal, ResourceExhausted, Unknown};
+        match self {
+            Self::Refused { code, .. } => matches!(code, ResourceExhausted | Aborted | Internal | Unknown),
+            _ => self.is_unreachable(),
+        }
+    }
+
     /// Whether the daemon said that the thing does not exist.
     #[must_use]
     pub fn is_not_found(&self) -> bool {
