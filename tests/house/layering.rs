@@ -46,6 +46,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     (
         "treewright-fuzz",
         &[
+            "treewright-cli",
+            "treewright-client",
             "treewright-core",
             "treewright-model",
             "treewright-proto",

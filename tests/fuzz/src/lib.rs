@@ -6,6 +6,7 @@
 pub mod arguments;
 pub mod example;
 pub mod filters;
+pub mod printed;
 pub mod requests;
 pub mod scenes;
 pub mod seeds;
@@ -17,6 +18,7 @@ pub fn target(name: &str) -> Option<fn(&[u8])> {
     Some(match name {
         "arguments" => |bytes| std::str::from_utf8(bytes).map_or((), arguments::run),
         "filters" => |bytes| std::str::from_utf8(bytes).map_or((), filters::run),
+        "printed" => printed::run,
         "requests" => requests::run,
         "scenes" => scenes::run,
         "studies" => studies::run,
@@ -25,4 +27,4 @@ pub fn target(name: &str) -> Option<fn(&[u8])> {
 }
 
 /// The names of all targets.
-pub const TARGETS: [&str; 5] = ["arguments", "filters", "requests", "scenes", "studies"];
+pub const TARGETS: [&str; 6] = ["arguments", "filters", "printed", "requests", "scenes", "studies"];

@@ -38,6 +38,9 @@ pub fn all() -> Vec<Seed> {
     for (number, text) in ARGUMENTS.iter().enumerate() {
         seeds.push(("arguments", format!("{number:02}"), text.as_bytes().to_vec()));
     }
+    for (number, text) in PRINTED.iter().enumerate() {
+        seeds.push(("printed", format!("{number:02}"), text.as_bytes().to_vec()));
+    }
     for (name, kind, text) in SCENES {
         seeds.push(("scenes", name.to_owned(), [&[kind], text.as_bytes()].concat()));
     }
@@ -118,6 +121,18 @@ const ARGUMENTS: [&str; 6] = [
     "token create --database x.db --name hall --read --study hall",
     "token list --database x.db --json",
     "--help",
+];
+
+/// What programs print: one line an epoch, pretty, words in place of numbers, names and braces of other kinds.
+const PRINTED: [&str; 8] = [
+    "{\"epoch\": 1, \"loss\": 0.25}\n{\"epoch\": 2, \"loss\": NaN}\n",
+    "10 %\r20 %\r{\"loss\": 1.5e-3}\r\n",
+    "{\n  \"loss\": 0.5,\n  \"of\": {\n    \"a\": [1, -inf]\n  }\n}\n",
+    "\u{feff}{\"infeasible\": \"too \\\"deep\\\"\"}\n",
+    "{ loss: 0.5, p99-ms: undefined }\n{worker 3} ends\n",
+    "{\"loss\": 1, \"Throughput\": 3, \"cpu.user\": -1, \"best\": null, \"wall_ms\": 1e400}",
+    "{'loss': None}\n}\n",
+    "{\"loss\": 0.2",
 ];
 
 /// Small scenes of each text format.

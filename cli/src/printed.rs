@@ -1,0 +1,258 @@
+//! What a program that is tuned printed, read for its measurements: the last JSON object (RFC 8259) of its output, on a line
+//! of its own or over several, as pretty printers write it.
+//!
+//! The last object decides, and none but the last. Where it lacks what is minimised, or cannot be read, an earlier
+//! one would be the result of something else: of an epoch before, say. So such a run has no result, and the reason is told.
+//! Words that other languages print for numbers (`NaN`, `inf`, `None`, `-Infinity`, `1e999`) are no numbers, and do not make
+//! the object unreadable.
+
+use std::fmt;
+
+use serde_json::{Map, Value};
+use treewright_client::{Measurements, ObjectiveTerm};
+
+/// Longest piece of what was printed that is quoted in a reason, in characters.
+const QUOTED_CHARACTERS: usize = 60;
+/// How many names of what was printed are told where a metric is missing.
+const NAMES_TOLD: usize = 8;
+
+/// What the last JSON object of an output says.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Printed {
+    /// All that is minimised was measured.
+    Measured {
+        /// What can be reported: finite numbers of at least 0 under names that the service takes, and not too many of them.
+        measurements: Measurements,
+        /// What else was printed and cannot be reported.
+        left_out: Vec<LeftOut>,
+    },
+    /// The program says that the configuration cannot be used, and why.
+    Infeasible(String),
+    /// There is no result, for this reason.
+    NoResult(String),
+}
+
+/// A number beside the objective that cannot be reported.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct LeftOut {
+    /// As printed, shortened where it is long.
+    pub name: String,
+    /// What is wrong with it.
+    pub why: WhyLeftOut,
+}
+
+/// Why a number is left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum WhyLeftOut {
+    /// The service spells names otherwise.
+    Name,
+    /// It is below 0.
+    Negative,
+    /// It is NaN or infinite.
+    NotFinite,
+    /// There are more than a report holds.
+    TooMany,
+}
+
+impl fmt::Display for LeftOut {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = &self.name;
+        match self.why {
+            WhyLeftOut::Name => write!(f, "{name} (names are a-z, 0-9 and _, beginning with a letter)"),
+            WhyLeftOut::Negative => write!(f, "{name} (below 0)"),
+            WhyLeftOut::NotFinite => write!(f, "{name} (not a finite number)"),
+            WhyLeftOut::TooMany => {
+                write!(f, "{name} (a run has {} measurements at most)", Measurements::MOST)
+            }
+        }
+    }
+}
+
+/// Reads an output for what is minimised by `terms`. `taken` is what was measured from outside; a number that the program
+/// prints under the same name counts in its place.
+#[must_use]
+pub fn read(out: &str, terms: &[ObjectiveTerm], taken: &Measurements) -> Printed {
+    let found = match last_object(out) {
+        Ok(found) => found,
+        Err(problem) => return Printed::NoResult(problem),
+    };
+    let is_missing = found.is_none();
+    let found = found.unwrap_or_default();
+    match found.get("infeasible") {
+        Some(Value::String(why)) if !why.trim().is_empty() => return Printed::Infeasible(why.clone()),
+        Some(Value::String(_) | Value::Bool(true)) => {
+            return Printed::Infeasible("no reason given".to_owned());
+        }
+        _ => {}
+    }
+    let mut measurements = Measurements::new();
+    for ObjectiveTerm { metric, .. } in terms {
+        match number(metric, found.get(metric), taken.get(metric)) {
+            Ok(Some(value)) => measurements.set(metric.clone(), value),
+            Ok(None) => return Printed::NoResult(missing(metric, &found, is_missing)),
+            Err(problem) => return Printed::NoResult(problem),
+        }
+    }
+    let costs = terms.iter().map(|term| term.weight * measurements.get(&term.metric).unwrap_or_default());
+    if !costs.sum::<f64>().is_finite() {
+        return Printed::NoResult("what is minimised is too large a number".to_owned());
+    }
+    further(&found, taken, measurements)
+}
+
+/// The value of a metric of the objective; `None` where it was neither printed nor taken.
+fn number(metric: &str, printed: Option<&Value>, taken: Option<f64>) -> Result<Option<f64>, String> {
+    let Some(printed) = printed else { return Ok(taken) };
+    Err(match printed {
+        Value::Number(number) => match number.as_f64() {
+            Some(value) if value >= 0.0 && value.is_finite() => return Ok(Some(value)),
+            Some(value) if value.is_finite() => {
+                format!("{metric} is {value}, and what is minimised must be at least 0")
+            }
+            _ => format!("{metric} is {number}, not a finite number"),
+        },
+        Value::String(text) if text.starts_with(NOT_A_NUMBER) => {
+            format!("{metric} is {}, not a finite number", short(text))
+        }
+        Value::Array(_) => format!("{metric} is a list, not a number"),
+        Value::Object(_) => format!("{metric} is an object, not a number"),
+        Value::Null | Value::Bool(_) | Value::String(_) => {
+            format!("{metric} is {}, not a number", short(&printed.to_string()))
+        }
+    })
+}
+
+/// Says that a metric is not there, and what is.
+fn missing(metric: &str, found: &Map<String, Value>, is_missing: bool) -> String {
+    if is_missing {
+        return format!(
+            "{metric} is missing: it printed no JSON object, which should say it, like {{\"{metric}\": 1.5}}"
+        );
+    }
+    let names: Vec<_> = found.keys().take(NAMES_TOLD).map(|name| short(name)).collect();
+    let holds = if names.is_empty() { "nothing".to_owned() } else { names.join(", ") };
+    format!("{metric} is missing in the last JSON object that it printed, which holds {holds}")
+}
+
+/// Adds what can be reported besides.
+fn further(found: &Map<String, Value>, taken: &Measurements, mut measurements: Measurements) -> Printed {
+    let is_of_objective: Vec<String> = measurements.iter().map(|(name, _)| name.to_owned()).collect();
+    for (name, value) in taken.iter() {
+        if measurements.get(name).is_none() {
+            measurements.set(name, value);
+        }
+    }
+    let mut left_out = Vec::new();
+    for (name, value) in found.iter().filter(|(name, _)| !is_of_objective.contains(name)) {
+        let value = match value {
+            Value::Number(number) => number.as_f64().unwrap_or(f64::NAN),
+            Value::String(text) if text.starts_with(NOT_A_NUMBER) => f64::NAN,
+            // What a number that is not finite becomes in the JSON of some languages.
+            Value::Null => f64::NAN,
+            _ => continue,
+        };
+        let is_new = measurements.get(name).is_none();
+        let why = match value {
+            _ if !Measurements::is_name(name) => WhyLeftOut::Name,
+            _ if !value.is_finite() => WhyLeftOut::NotFinite,
+            _ if value < 0.0 => WhyLeftOut::Negative,
+            _ if is_new && measurements.len() >= Measurements::MOST => WhyLeftOut::TooMany,
+            _ => {
+                measurements.set(name.clone(), value);
+                continue;
+            }
+        };
+        left_out.push(LeftOut { name: short(name), why });
+    }
+    Printed::Measured { measurements, left_out }
+}
+
+/// Begins the text that stands for a word in place of a number. No program prints it.
+const NOT_A_NUMBER: char = '\u{1}';
+
+/// The last object; `None` where nothing that was printed looks like one. The error says why the last cannot be read.
+fn last_object(out: &str) -> Result<Option<Map<String, Value>>, String> {
+    let lines: Vec<&str> = out.split(['\n', '\r']).map(|line| line.trim_start_matches('\u{feff}')).collect();
+    for (index, line) in lines.iter().enumerate().rev() {
+        if looks_like_an_object(line.trim()) {
+            return object(line.trim()).map(Some);
+        }
+        // The end of one over several lines, whose first line is as far to the left.
+        if line.trim_end() == "}"
+            && let Some(begin) = lines[..index].iter().rposition(|line| line.starts_with('{'))
+        {
+            return object(&lines[begin..=index].join("\n")).map(Some);
+        }
+    }
+    Ok(None)
+}
+
+/// Whether a line is meant as an object: what begins like one, even if it was cut off, and what is in braces and names
+/// something.
+fn looks_like_an_object(line: &str) -> bool {
+    let Some(inner) = line.strip_prefix('{').map(str::trim_start) else { return false };
+    inner.starts_with(['"', '\'', '}']) || (inner.contains(':') && inner.ends_with('}'))
+}
+
+fn object(text: &str) -> Result<Map<String, Value>, String> {
+    let found: Map<String, Value> = serde_json::from_str(text)
+        .or_else(|_| serde_json::from_str(&with_words_as_text(text)))
+        .map_err(|problem| {
+            format!("the last JSON object that it printed cannot be read: {}: {problem}", short(text))
+        })?;
+    // Names without quotation marks are words, too.
+    let name = |name: String| name.trim_start_matches(NOT_A_NUMBER).to_owned();
+    Ok(found.into_iter().map(|(word, value)| (name(word), value)).collect())
+}
+
+/// The same with each bare word that JSON does not know, and each number beyond a double's range, as a text.
+fn with_words_as_text(text: &str) -> String {
+    let mut done = String::with_capacity(text.len() + 16);
+    let mut rest = text;
+    while let Some(first) = rest.chars().next() {
+        let length = match first {
+            '"' => text_length(rest),
+            _ if is_of_a_word(first) => rest.find(|each| !is_of_a_word(each)).unwrap_or(rest.len()),
+            _ => first.len_utf8(),
+        };
+        let (token, after) = rest.split_at(length);
+        let is_known = !is_of_a_word(first)
+            || matches!(token, "true" | "false" | "null")
+            || token.parse::<f64>().is_ok_and(f64::is_finite);
+        if is_known {
+            done.push_str(token);
+        } else {
+            done.push_str(&Value::String(format!("{NOT_A_NUMBER}{token}")).to_string());
+        }
+        rest = after;
+    }
+    done
+}
+
+/// How long the text in quotation marks is at the beginning, in bytes, both marks included.
+fn text_length(rest: &str) -> usize {
+    let mut is_escaped = false;
+    for (place, each) in rest.char_indices().skip(1) {
+        match each {
+            _ if is_escaped => is_escaped = false,
+            '\\' => is_escaped = true,
+            '"' => return place + 1,
+            _ => {}
+        }
+    }
+    rest.len()
+}
+
+fn is_of_a_word(each: char) -> bool {
+    each.is_alphanumeric() || "+-._".contains(each)
+}
+
+/// What is quoted of a text: its beginning, without control characters.
+fn short(text: &str) -> String {
+    let plain = text.chars().filter(|each| !each.is_control());
+    let mut shown: String = plain.clone().take(QUOTED_CHARACTERS).collect();
+    if plain.count() > QUOTED_CHARACTERS {
+        shown.push('…');
+    }
+    shown
+}

@@ -1,0 +1,4 @@
+//! Fuzzes what programs print.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|input: &[u8]| treewright_fuzz::printed::run(input));
