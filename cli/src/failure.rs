@@ -34,6 +34,14 @@ pub(crate) enum Failure {
     /// The result cannot be written out.
     #[error("the result cannot be written: {0}")]
     Output(std::io::Error),
+    /// Something was found before it went wrong.
+    #[error("{cause}")]
+    Unfinished {
+        /// What is to be printed of it.
+        found: String,
+        /// What went wrong.
+        cause: Box<Failure>,
+    },
     /// The result cannot be put into JSON.
     #[error("the result cannot be put into JSON: {0}")]
     Json(#[from] serde_json::Error),
@@ -48,6 +56,7 @@ impl Failure {
     /// 1 the operation failed, 2 wrong usage, 3 no daemon reached.
     pub(crate) fn exit_code(&self) -> ExitCode {
         ExitCode::from(match self {
+            Self::Unfinished { cause, .. } => return cause.exit_code(),
             Self::Usage(_)
             | Self::Space(_)
             | Self::Client(ClientError::BadUrl { .. } | ClientError::Invalid { .. }) => 2,

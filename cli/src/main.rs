@@ -26,6 +26,9 @@ use failure::Failure;
 use settings::Settings;
 
 fn main() -> ExitCode {
+    if let Some(code) = exec::supervisor::run_if_asked() {
+        return code;
+    }
     let mut settings = Settings::read();
     let arguments = match settings.arguments(std::env::args_os()) {
         Ok(arguments) => arguments,
@@ -34,6 +37,10 @@ fn main() -> ExitCode {
     match run(&arguments, &settings).and_then(|text| print(&text)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
+            if let Failure::Unfinished { found, .. } = &failure {
+                // What went wrong counts more than that it cannot be printed.
+                let _ = print(found);
+            }
             // Nobody may be listening; the exit code says it all the same.
             let _ = writeln!(std::io::stderr(), "treewright: {failure}");
             failure.exit_code()

@@ -9,25 +9,30 @@ use crate::show::figure;
 /// Counts trials and keeps the best.
 pub(crate) struct Progress {
     most: Option<u32>,
+    /// What costs are costs of.
+    objective: String,
     done: u32,
     first: Option<f64>,
     best: Option<f64>,
 }
 
 impl Progress {
-    pub(crate) fn new(most: Option<u32>) -> Self {
-        Self { most, done: 0, first: None, best: None }
+    pub(crate) fn new(most: Option<u32>, objective: String) -> Self {
+        Self { most, objective, done: 0, first: None, best: None }
     }
 
-    /// Another trial is done; without a cost it could not be used.
-    pub(crate) fn trial(&mut self, trial: &TrialRecord, cost: Option<f64>) {
+    /// Another trial is done, with a cost, or with the reason why it has none.
+    pub(crate) fn trial(&mut self, trial: &TrialRecord, result: Result<f64, &str>) {
         self.done += 1;
-        if let Some(cost) = cost {
+        if let Ok(cost) = result {
             self.first.get_or_insert(cost);
             self.best = Some(self.best.map_or(cost, |best| best.min(cost)));
         }
         let of = self.most.map(|most| format!("/{most}")).unwrap_or_default();
-        let cost = cost.map_or_else(|| "not usable".to_owned(), figure);
+        let result = match result {
+            Ok(cost) => format!("{} {}", self.objective, figure(cost)),
+            Err(reason) => reason.to_owned(),
+        };
         let best = self.best.map(|best| format!("  best {}", figure(best))).unwrap_or_default();
         let gain = match (self.first, self.best) {
             (Some(first), Some(best)) if first > 0.0 && self.done > 1 => {
@@ -35,7 +40,7 @@ impl Progress {
             }
             _ => String::new(),
         };
-        status(&format!("{}{of}  {cost}{best}{gain}  {}", self.done, trial.configuration));
+        status(&format!("{}{of}  {result}{best}{gain}  {}", self.done, trial.configuration));
     }
 
     /// Nothing follows.

@@ -16,8 +16,9 @@ In the command, {level} is replaced by the value, {long?--long} by --long if the
 also in the environment, as TREEWRIGHT_PARAM_LEVEL.
 
 Metrics: wall_ms and cpu_ms are always measured. With --metric json, so is every number in the last \
-output line that is a JSON object; {\"infeasible\": \"reason\"} says that the configuration cannot be \
-used. If the program exits with an error, the configuration counts as infeasible.
+JSON object that the program prints; {\"infeasible\": \"reason\"} says that the configuration cannot be \
+used. A run that exits with an error, or whose last JSON object lacks what is minimised, has failed. A \
+configuration that fails twice and never worked counts as infeasible.
 
 Examples:
   treewright exec zstd --tune 'level=1..19:3' --tune 'threads=1..4:1' \\
@@ -44,6 +45,9 @@ pub(crate) struct Exec {
     /// Where measurements come from
     #[arg(long, value_enum, default_value = "time")]
     pub(crate) metric: MetricSource,
+    /// Exit codes besides 0 with which a run counts, e.g. 1,3
+    #[arg(long, value_name = "CODES", value_delimiter = ',', value_parser = clap::value_parser!(i32).range(1..=255))]
+    pub(crate) accept_exit: Vec<i32>,
     /// Kill runs that take longer, e.g. 30s; such a configuration counts as infeasible
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     pub(crate) run_timeout: Option<Duration>,

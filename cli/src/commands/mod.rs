@@ -45,18 +45,29 @@ pub(crate) fn run(arguments: &Arguments, settings: &Settings) -> Result<String, 
         Command::Doctor => return doctor::run(arguments, settings),
         _ => {}
     }
-    let client = connect(arguments)?;
+    let address = address(arguments)?;
+    let client = connect(&address.url, arguments)?;
     let begun = Instant::now();
     loop {
-        match ask(&client, arguments) {
-            // A daemon that was just started reads a long study into memory first.
-            Err(Failure::Client(ClientError::NotNow { .. }))
-                if is_repeatable(&arguments.command) && begun.elapsed() < arguments.timeout =>
+        match ask(&client, &address, arguments) {
+            Err(Failure::Client(problem))
+                if is_worth_repeating(&arguments.command, &problem)
+                    && begun.elapsed() < arguments.timeout =>
             {
                 std::thread::sleep(PATIENCE);
             }
             done => return done,
         }
+    }
+}
+
+/// Whether a command may succeed a little later.
+fn is_worth_repeating(command: &Command, problem: &ClientError) -> bool {
+    match problem {
+        // A daemon that was just started reads a long study into memory first.
+        ClientError::NotNow { .. } => is_repeatable(command),
+        // What was measured is not lost because a daemon is started again.
+        _ => problem.may_pass() && matches!(command, Command::Report(_)),
     }
 }
 
@@ -82,10 +93,13 @@ fn is_repeatable(command: &Command) -> bool {
 }
 
 /// Does what needs a daemon.
-fn ask(client: &Client, arguments: &Arguments) -> Result<String, Failure> {
+fn ask(client: &Client, address: &Address, arguments: &Arguments) -> Result<String, Failure> {
     let json = arguments.json;
     match &arguments.command {
-        Command::Exec(exec) => exec::run(client, exec, json),
+        Command::Exec(exec) => {
+            let service = exec::Service { client, timeout: arguments.timeout, is_local: address.is_local };
+            exec::run(&service, exec, json)
+        }
         Command::Suggest(ask) => shell::suggest(client, ask, json),
         Command::Report(report) => shell::report(client, report, json),
         Command::Studies { standing: false } => studies::list(client, json),
@@ -112,27 +126,36 @@ fn ask(client: &Client, arguments: &Arguments) -> Result<String, Failure> {
     }
 }
 
-/// The daemon that the arguments mean.
-fn connect(arguments: &Arguments) -> Result<Client, Failure> {
-    let url = address(arguments)?;
+fn connect(url: &str, arguments: &Arguments) -> Result<Client, Failure> {
     let options =
         Options::new().call_deadline(arguments.timeout).credentials(arguments.credentials.credentials()?);
-    Ok(Client::connect(&url, options)?)
+    Ok(Client::connect(url, options)?)
 }
 
-/// Its address. Where none is said: the usual one if somebody answers there, else the local one.
-fn address(arguments: &Arguments) -> Result<String, Failure> {
+/// Where the daemon is that the arguments mean.
+struct Address {
+    url: String,
+    /// It is the user's own, which is started when it is needed.
+    is_local: bool,
+}
+
+/// The daemon's address. Where none is said: the usual one if somebody answers there, else the local one.
+fn address(arguments: &Arguments) -> Result<Address, Failure> {
+    let elsewhere = |url: &str| Address { url: url.to_owned(), is_local: false };
+    let here = |local: LocalDaemon| -> Result<Address, Failure> {
+        Ok(Address { url: local.start(progress::note)?, is_local: true })
+    };
     match arguments.server.as_deref() {
-        Some(LOCAL) => Ok(LocalDaemon::of_user()?.start(progress::note)?),
-        Some(url) => Ok(url.to_owned()),
-        None if local::answers(USUAL) => Ok(USUAL.to_owned()),
+        Some(LOCAL) => here(LocalDaemon::of_user()?),
+        Some(url) => Ok(elsewhere(url)),
+        None if local::answers(USUAL) => Ok(elsewhere(USUAL)),
         None => {
             let local = LocalDaemon::of_user()?;
             // Who only looks needs no new one, unless there is something to look at.
             if needs_a_daemon(&arguments.command) || local.database().exists() {
-                Ok(local.start(progress::note)?)
+                here(local)
             } else {
-                Ok(USUAL.to_owned())
+                Ok(elsewhere(USUAL))
             }
         }
     }

@@ -1,15 +1,24 @@
 //! `treewright exec`: tunes any program. It asks for a configuration, runs the program with it, takes the times or what
 //! the program prints, reports, and repeats until the search ends. At the end the winner may run against the
 //! default in interleaved pairs, because the best of many noisy runs is mostly luck.
+//!
+//! One bad run, number or daemon does not end it: what fails is tried again, what cannot be reported is left out, and a
+//! daemon that is away is waited for. What was found is shown at the end, however that comes.
 
+mod daemon;
 mod pairs;
 pub(crate) mod program;
+mod summary;
+pub(crate) mod supervisor;
 pub(crate) mod template;
 
-use std::sync::atomic::AtomicBool;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use serde::Serialize;
+use treewright_cli::printed::LeftOut;
 use treewright_client::blocking::Client;
 use treewright_client::{
     Configuration, Indicators, Measurements, OpenEnum, Outcome, Question, Rule, SessionPolicy, StudyRecord,
@@ -20,52 +29,42 @@ use crate::arguments::exec::Exec;
 use crate::failure::Failure;
 use crate::output::either;
 use crate::progress::{self, Progress};
-use crate::show::figure;
 use crate::study_file::find::find_or_create;
+use daemon::PatientClient;
 use pairs::Gain;
-use program::{Run, Runner};
+use program::{MetricSource, Run, Runner};
+use summary::{Confirmed, OwnRuns, Summary, Winner, WinnerSource};
 use template::Template;
 
 /// Leases are renewed after this share of their time.
 const RENEW_AFTER: f64 = 0.4;
+/// How often the default runs before it is believed that it does not work. Three of ten runs may fail by chance, and one of
+/// four hundred sessions gives up wrongly.
+const TRIES_OF_DEFAULT: u32 = 5;
+/// How often a configuration that never did its work fails before it counts as unusable.
+const FAILURES_MAX: u32 = 2;
+/// So many failures in a row, and not one run that worked: it is not the configurations' fault.
+const FAILURES_IN_VAIN_MAX: u32 = 10;
+/// Numbers that are left out are told until there were so many.
+const LEFT_OUT_TOLD_MAX: usize = 64;
+/// The exit code of a program that is interrupted by SIGINT, as shells have it.
+const INTERRUPTED: i32 = 130;
 
-/// What the command came to.
-#[derive(Debug, Serialize)]
-struct Summary {
-    study: String,
-    /// Runs of the program in this call, the pairs left out.
-    trials: u64,
-    /// How many of them could not be used.
-    infeasible: u64,
-    /// Why it ended.
-    end: &'static str,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    best: Option<Winner>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    confirmation: Option<Confirmation>,
-}
-
-/// What ran against the default in pairs, and what came out.
-#[derive(Debug, Serialize)]
-struct Confirmation {
-    configuration: Configuration,
-    #[serde(flatten)]
-    gain: Gain,
-}
-
-#[derive(Debug, Serialize)]
-struct Winner {
-    configuration: Configuration,
-    cost: f64,
-    default_cost: Option<f64>,
-    command: Vec<String>,
+/// The daemon that a session talks to.
+pub(crate) struct Service<'a> {
+    pub(crate) client: &'a Client,
+    /// How long it is waited for.
+    pub(crate) timeout: Duration,
+    /// It is the user's own, which is started when it is needed.
+    pub(crate) is_local: bool,
 }
 
 /// A study on one input, with the program to run.
 struct Job<'a> {
-    client: &'a Client,
+    daemon: PatientClient<'a>,
     study: StudyRecord,
-    spec: StudySpec,
+    spec: &'a StudySpec,
+    default: Configuration,
     template: Template,
     runner: Runner<'a>,
     indicators: Indicators,
@@ -74,21 +73,75 @@ struct Job<'a> {
     session_policy: SessionPolicy,
 }
 
+/// A session: the job, and what came of it so far.
+struct Session<'a> {
+    job: &'a Job<'a>,
+    own: OwnRuns,
+    /// Runs that failed since one worked.
+    failures_in_vain: u32,
+    left_out: BTreeSet<LeftOut>,
+}
+
 /// What became of one trial.
 enum Step {
     Measured(f64),
-    Bad,
+    Infeasible(String),
+    Failed(String),
     Aborted,
     Stopped,
 }
 
 /// Tunes a program and says what came out.
-pub(crate) fn run(client: &Client, exec: &Exec, json: bool) -> Result<String, Failure> {
+pub(crate) fn run(service: &Service, exec: &Exec, json: bool) -> Result<String, Failure> {
     let stop = stop_flag()?;
-    let study = find_or_create(client, &exec.study, exec.inline_study()?)?;
+    let daemon = PatientClient::new(service, &stop);
+    let study = daemon.ask(|client| find_or_create(client, &exec.study, exec.inline_study()?))?;
     let spec = study.spec()?.clone();
     let template = Template::read(&exec.command, &spec).map_err(Failure::Usage)?;
-    let unused = template.unused(&spec);
+    note_unused(&template, &spec);
+    let runner = Runner {
+        metric: exec.metric,
+        terms: spec.objective.terms(),
+        accepted: &exec.accept_exit,
+        show_output: exec.show_output,
+        limit: exec.run_timeout,
+        stop: &stop,
+    };
+    check_metrics(&runner)?;
+    let mut session_policy = SessionPolicy { epsilon: Some(1.0), ..SessionPolicy::default() };
+    let room = study.policy.trials_per_state.unwrap_or_default();
+    session_policy.trials_per_state = exec.trials.filter(|&trials| trials > room);
+    let job = Job {
+        daemon,
+        can_abort: only_wall_time(&spec).is_some(),
+        client_id: exec.client.clone().unwrap_or_else(default_client),
+        indicators: exec.indicators(),
+        default: spec.space.default_configuration().into(),
+        study,
+        spec: &spec,
+        template,
+        runner,
+        session_policy,
+    };
+    let mut session =
+        Session { job: &job, own: OwnRuns::default(), failures_in_vain: 0, left_out: BTreeSet::new() };
+    let mut summary = Summary::new(job.id(), &spec);
+    let done = session.tune(exec, &mut summary);
+    if summary.best.is_none() {
+        summary.best = session.winner();
+    }
+    let Err(problem) = done else { return either(json, &summary, || summary.words(&job.default)) };
+    if session.own.is_empty() {
+        return Err(problem);
+    }
+    summary.end = "ended by an error";
+    summary.error = Some(problem.to_string());
+    let found = either(json, &summary, || summary.words(&job.default))?;
+    Err(Failure::Unfinished { found, cause: Box::new(problem) })
+}
+
+fn note_unused(template: &Template, spec: &StudySpec) {
+    let unused = template.unused(spec);
     if !unused.is_empty() {
         progress::note(&format!(
             "the command does not use {}; every value is also in the program's environment, as {}…",
@@ -96,86 +149,24 @@ pub(crate) fn run(client: &Client, exec: &Exec, json: bool) -> Result<String, Fa
             program::variable("TREEWRIGHT_PARAM_", "name")
         ));
     }
-    let runner =
-        Runner { metric: exec.metric, show_output: exec.show_output, limit: exec.run_timeout, stop: &stop };
-    let mut session_policy = SessionPolicy { epsilon: Some(1.0), ..SessionPolicy::default() };
-    let room = study.policy.trials_per_state.unwrap_or_default();
-    session_policy.trials_per_state = exec.trials.filter(|&trials| trials > room);
-    let job = Job {
-        client,
-        can_abort: only_wall_time(&spec).is_some(),
-        client_id: exec.client.clone().unwrap_or_else(default_client),
-        indicators: exec.indicators(),
-        study,
-        spec,
-        template,
-        runner,
-        session_policy,
-    };
-    let summary = job.tune(exec)?;
-    either(json, &summary, || job.words(&summary))
+}
+
+/// Whether all that is minimised can be measured at all.
+fn check_metrics(runner: &Runner) -> Result<(), Failure> {
+    let is_taken = |metric: &str| metric == "wall_ms" || metric == "cpu_ms";
+    match runner.terms.iter().find(|term| !is_taken(&term.metric)) {
+        Some(term) if runner.metric == MetricSource::Time => Err(Failure::Usage(format!(
+            "the study minimises {0}, but only cpu_ms, wall_ms are measured; with --metric json, the program can print \
+             it: {{\"{0}\": 1.5}}",
+            term.metric
+        ))),
+        _ => Ok(()),
+    }
 }
 
 impl Job<'_> {
     fn id(&self) -> &str {
         self.study.id()
-    }
-
-    fn tune(&self, exec: &Exec) -> Result<Summary, Failure> {
-        let mut progress = Progress::new(exec.trials);
-        let mut summary = Summary {
-            study: self.id().to_owned(),
-            trials: 0,
-            infeasible: 0,
-            end: "the search has ended",
-            best: None,
-            confirmation: None,
-        };
-        let default: Configuration = self.spec.space.default_configuration().into();
-        let mut lowest: Option<(f64, Configuration)> = None;
-        loop {
-            if exec.trials.is_some_and(|most| summary.trials >= u64::from(most)) {
-                summary.end = "the requested number of trials is reached";
-                break;
-            }
-            let trial = self.client.ask(&self.study.identified_name(), &self.question(None))?;
-            if is_over(&trial) {
-                self.client.give_back(&trial.name)?;
-                break;
-            }
-            let step = self.step(&trial, summary.trials == 0)?;
-            match step {
-                Step::Stopped => {
-                    summary.end = "interrupted";
-                    break;
-                }
-                Step::Bad => summary.infeasible += 1,
-                Step::Measured(cost) => {
-                    let is_lower = lowest.as_ref().is_none_or(|(least, _)| cost < *least);
-                    if is_lower && trial.configuration != default {
-                        lowest = Some((cost, trial.configuration.clone()));
-                    }
-                }
-                Step::Aborted => {}
-            }
-            summary.trials += 1;
-            progress.trial(&trial, step.cost());
-        }
-        progress.end();
-        summary.best = self.winner()?;
-        // Where nothing is proven yet, the pairs may prove it.
-        let proven = summary.best.as_ref().map(|best| &best.configuration).filter(|best| **best != default);
-        let candidate = proven.cloned().or(lowest.map(|(_, configuration)| configuration));
-        if let Some(pairs) = exec.confirm.filter(|_| summary.end != "interrupted") {
-            if let Some(candidate) = candidate {
-                let gain = self.confirm(&default, &candidate, pairs)?;
-                summary.confirmation = gain.map(|gain| Confirmation { configuration: candidate, gain });
-                summary.best = self.winner()?;
-            } else {
-                progress::note("nothing better than the default was found, so there is nothing to confirm");
-            }
-        }
-        Ok(summary)
     }
 
     fn question(&self, wanted: Option<&Configuration>) -> Question {
@@ -189,124 +180,289 @@ impl Job<'_> {
         }
     }
 
-    /// Runs a trial and reports it.
-    fn step(&self, trial: &TrialRecord, is_first: bool) -> Result<Step, Failure> {
+    fn next(&self, wanted: Option<&Configuration>) -> Result<TrialRecord, Failure> {
+        self.daemon.ask(|client| client.ask(&self.study.identified_name(), &self.question(wanted)))
+    }
+
+    /// Runs the program for a trial.
+    fn run(&self, trial: &TrialRecord) -> Result<Run, Failure> {
         let command = self.template.fill(&trial.configuration);
-        let weight = only_wall_time(&self.spec);
-        let abort_after = match (trial.abort_above, weight) {
+        let abort_after = match (trial.abort_above, only_wall_time(self.spec)) {
             (Some(cost), Some(weight)) => Some(Duration::from_secs_f64((cost / weight / 1e3).min(1e9))),
             _ => None,
         };
         let renew = self.renewal(trial);
-        let ran = self.runner.run(&command, &trial.configuration, abort_after, renew);
-        let ran = match ran {
-            Ok(ran) => ran,
-            Err(problem) => {
-                self.client.give_back(&trial.name)?;
-                let program = command.first().map_or("", String::as_str);
-                return Err(Failure::Program(format!("{program} cannot be started: {problem}")));
-            }
-        };
-        Ok(match ran {
-            Run::Done(measured) => {
-                let cost = self.report_measured(trial, &measured)?;
-                Step::Measured(cost)
-            }
-            Run::Bad { reason, said } => {
-                let is_default = trial.configuration == self.spec.space.default_configuration().into();
-                if is_first && is_default {
-                    self.client.give_back(&trial.name)?;
-                    return Err(Failure::Program(format!(
-                        "the program fails even with the default parameters: {reason}\n{}\n{said}",
-                        shell_words(&command)
-                    )));
-                }
-                self.client.tell(&trial.name, &Measurements::new(), &Outcome::infeasible(reason))?;
-                Step::Bad
-            }
-            Run::TooSlow(wall_ms) => {
-                let bound = wall_ms * weight.unwrap_or(1.0);
-                self.client.tell(&trial.name, &Measurements::new(), &Outcome::aborted(bound))?;
-                Step::Aborted
-            }
-            Run::Stopped => {
-                self.client.give_back(&trial.name)?;
-                Step::Stopped
-            }
+        self.runner.run(&command, &trial.configuration, abort_after, renew).map_err(|problem| {
+            let program = command.first().map_or("", String::as_str);
+            Failure::Program(format!("{program} cannot be started: {problem}"))
         })
     }
 
-    fn report_measured(&self, trial: &TrialRecord, measured: &Measurements) -> Result<f64, Failure> {
-        let missing = self.spec.objective.terms().iter().find(|term| measured.get(&term.metric).is_none());
-        if let Some(term) = missing {
-            self.client.give_back(&trial.name)?;
-            let found: Vec<_> = measured.iter().map(|(name, _)| name).collect();
-            let metric = &term.metric;
-            let hint = match self.runner.metric {
-                program::MetricSource::Time => {
-                    format!("with --metric json, the program can print it: {{\"{metric}\": 1.5}}")
-                }
-                program::MetricSource::Json => "the last output line that is a JSON object counts".to_owned(),
-            };
-            return Err(Failure::Program(format!(
-                "the study minimises {metric}, but only {} was measured; {hint}",
-                found.join(", ")
-            )));
-        }
-        let (stored, _) = self.client.tell(&trial.name, measured, &Outcome::Ok)?;
-        stored.cost.ok_or_else(|| Failure::Data(format!("{} has no cost", stored.name)))
-    }
-
-    /// Renews the trial's lease while the program runs.
-    fn renewal(&self, trial: &TrialRecord) -> impl FnMut() + use<'_> {
+    /// Renews the trial's lease while the program runs, beside everything else: a daemon that hangs must not stop the clock.
+    fn renewal(&self, trial: &TrialRecord) -> impl FnMut() + use<> {
         let lease_s = f64::from(self.study.policy.lease_s.unwrap_or(60));
         let (every, client, name) =
-            (Duration::from_secs_f64(lease_s * RENEW_AFTER), self.client.clone(), trial.name.clone());
+            (Duration::from_secs_f64(lease_s * RENEW_AFTER), self.daemon.client.clone(), trial.name.clone());
         let mut last = Instant::now();
+        let mut under_way: Option<JoinHandle<()>> = None;
         move || {
-            if last.elapsed() > every {
+            if last.elapsed() > every && under_way.as_ref().is_none_or(JoinHandle::is_finished) {
+                let (client, name) = (client.clone(), name.clone());
                 // A report after the lease has ended is taken all the same.
-                let _ = client.renew(&name);
+                under_way = Some(std::thread::spawn(move || drop(client.renew(&name))));
                 last = Instant::now();
             }
         }
     }
 
-    /// The best that is known for this input.
-    fn winner(&self) -> Result<Option<Winner>, Failure> {
-        let best = match self.client.best(self.id(), &self.indicators) {
-            Ok(best) => best,
-            Err(problem) if problem.is_not_found() => return Ok(None),
-            Err(problem) => return Err(problem.into()),
-        };
-        let command = self.template.fill(&best.configuration);
-        let (configuration, cost, default_cost) = (best.configuration, best.cost, best.default_cost);
-        Ok(Some(Winner { configuration, cost, default_cost, command }))
+    /// Reports a result. A finished run is not lost: where the daemon does not come back, it is told how to hand it in.
+    fn tell(
+        &self,
+        trial: &TrialRecord,
+        measured: &Measurements,
+        outcome: &Outcome,
+    ) -> Result<TrialRecord, Failure> {
+        let told = self.daemon.ask(|client| client.tell(&trial.name, measured, outcome));
+        if matches!(&told, Err(Failure::Client(problem)) if problem.may_pass()) {
+            let numbers: Vec<_> = measured.iter().map(|(name, value)| format!("{name}={value}")).collect();
+            let what = match outcome {
+                Outcome::Ok => numbers.join(" "),
+                Outcome::Infeasible { reason } => format!("--infeasible {}", quoted(reason)),
+                Outcome::Failed { reason } => format!("--failed {}", quoted(reason)),
+                Outcome::Aborted { lower_bound } => format!("--aborted {lower_bound}"),
+            };
+            progress::note(&format!(
+                "a finished run could not be reported; hand it in when the daemon is back: treewright report {} {what}",
+                trial.name
+            ));
+        }
+        Ok(told?.0)
     }
 
-    /// Lets the winner run against the default, in turns; each run is reported.
-    fn confirm(
+    /// Gives a trial back. Where that fails, its lease runs out.
+    fn give_back(&self, trial: &TrialRecord) {
+        self.daemon.ask_once(|client| client.give_back(&trial.name));
+    }
+
+    fn winner_of(
         &self,
-        default: &Configuration,
-        winner: &Configuration,
-        pairs: u32,
-    ) -> Result<Option<Gain>, Failure> {
+        configuration: Configuration,
+        costs: (f64, Option<f64>),
+        source: WinnerSource,
+    ) -> Winner {
+        let command = self.template.fill(&configuration);
+        Winner { configuration, cost: costs.0, default_cost: costs.1, command, source }
+    }
+}
+
+impl Session<'_> {
+    fn tune(&mut self, exec: &Exec, summary: &mut Summary) -> Result<(), Failure> {
+        self.search(exec, summary)?;
+        summary.best = self.winner();
+        if let Some(pairs) = exec.confirm.filter(|_| summary.end != "interrupted") {
+            self.confirm(pairs, summary)?;
+        }
+        Ok(())
+    }
+
+    fn search(&mut self, exec: &Exec, summary: &mut Summary) -> Result<(), Failure> {
+        let mut progress = Progress::new(exec.trials, summary::objective(self.job.spec));
+        loop {
+            if exec.trials.is_some_and(|most| summary.trials >= u64::from(most)) {
+                summary.end = "the requested number of trials is reached";
+                break;
+            }
+            let trial = match self.job.next(None) {
+                Ok(trial) => trial,
+                Err(_) if self.is_stopped() => {
+                    summary.end = "interrupted";
+                    break;
+                }
+                Err(problem) => return Err(problem),
+            };
+            if is_over(&trial) {
+                self.job.give_back(&trial);
+                break;
+            }
+            let step = self.step(&trial)?;
+            let result = match &step {
+                Step::Stopped => {
+                    summary.end = "interrupted";
+                    break;
+                }
+                Step::Measured(cost) => Ok(*cost),
+                Step::Aborted => Err("stopped early".to_owned()),
+                Step::Infeasible(reason) => Err(format!("not usable: {reason}")),
+                Step::Failed(reason) => Err(format!("failed: {reason}")),
+            };
+            summary.trials += 1;
+            summary.infeasible += u64::from(matches!(step, Step::Infeasible(_)));
+            summary.failed += u64::from(matches!(step, Step::Failed(_)));
+            progress.trial(&trial, result.as_ref().map(|cost| *cost).map_err(String::as_str));
+        }
+        progress.end();
+        Ok(())
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.job.runner.stop.load(Ordering::Relaxed)
+    }
+
+    /// Runs a trial and reports it.
+    fn step(&mut self, trial: &TrialRecord) -> Result<Step, Failure> {
+        let job = self.job;
+        let is_first_default = self.own.is_empty() && trial.configuration == job.default;
+        let mut ran = job.run(trial);
+        for again in 2..=TRIES_OF_DEFAULT {
+            let Ok(Run::Failed { reason, .. }) = &ran else { break };
+            if !is_first_default {
+                break;
+            }
+            progress::note(&format!("the default failed: {reason}; try {again} of {TRIES_OF_DEFAULT}"));
+            ran = job.run(trial);
+        }
+        let ran = match ran {
+            // Its file is being written, say; it was there before.
+            Err(Failure::Program(reason)) if !self.own.is_empty() => {
+                Run::Failed { reason, said: String::new() }
+            }
+            ran => ran.inspect_err(|_| job.give_back(trial))?,
+        };
+        match ran {
+            Run::Done(measured, left_out) => {
+                self.tell_left_out(left_out);
+                let stored = job.tell(trial, &measured, &Outcome::Ok)?;
+                let cost =
+                    stored.cost.ok_or_else(|| Failure::Data(format!("{} has no cost", stored.name)))?;
+                self.own.measured(&trial.configuration, cost);
+                self.failures_in_vain = 0;
+                Ok(Step::Measured(cost))
+            }
+            Run::Infeasible(reason) if is_first_default => Err(self.useless_default(trial, &reason, "")),
+            Run::Failed { reason, said } if is_first_default => {
+                Err(self.useless_default(trial, &reason, &said))
+            }
+            // What worked before and does not now is not unusable.
+            Run::Infeasible(reason) if self.own.has_worked(&trial.configuration) => {
+                self.failed(trial, reason, "")
+            }
+            Run::Infeasible(reason) => {
+                job.tell(trial, &Measurements::new(), &Outcome::infeasible(&reason))?;
+                Ok(Step::Infeasible(reason))
+            }
+            Run::Failed { reason, said } => self.failed(trial, reason, &said),
+            Run::TooSlow(wall_ms) => {
+                let bound = wall_ms * only_wall_time(job.spec).unwrap_or(1.0);
+                job.tell(trial, &Measurements::new(), &Outcome::aborted(bound))?;
+                Ok(Step::Aborted)
+            }
+            Run::Stopped => {
+                job.give_back(trial);
+                Ok(Step::Stopped)
+            }
+        }
+    }
+
+    /// A run that failed: chance the first time; the configuration's fault where it fails again and never worked, while others do.
+    fn failed(&mut self, trial: &TrialRecord, reason: String, said: &str) -> Result<Step, Failure> {
+        let works = self.own.has_worked(&trial.configuration);
+        let is_unusable =
+            !works && self.own.failed(&trial.configuration) >= FAILURES_MAX && !self.own.is_empty();
+        if is_unusable {
+            self.job.tell(trial, &Measurements::new(), &Outcome::infeasible(&reason))?;
+            return Ok(Step::Infeasible(reason));
+        }
+        self.failures_in_vain += 1;
+        if self.own.is_empty() && self.failures_in_vain >= FAILURES_IN_VAIN_MAX {
+            self.job.give_back(trial);
+            return Err(Failure::Program(format!(
+                "the last {FAILURES_IN_VAIN_MAX} runs failed, and none worked: {reason}\n{}\n{said}",
+                shell_words(&self.job.template.fill(&trial.configuration))
+            )));
+        }
+        self.job.tell(trial, &Measurements::new(), &Outcome::failed(&reason))?;
+        Ok(Step::Failed(reason))
+    }
+
+    fn useless_default(&self, trial: &TrialRecord, reason: &str, said: &str) -> Failure {
+        self.job.give_back(trial);
+        let command = shell_words(&self.job.template.fill(&trial.configuration));
+        Failure::Program(format!(
+            "the program fails even with the default parameters: {reason}\n{command}\n{said}"
+        ))
+    }
+
+    /// Says, once of each, which numbers are not reported.
+    fn tell_left_out(&mut self, left_out: Vec<LeftOut>) {
+        let new: Vec<_> = left_out.into_iter().filter(|one| !self.left_out.contains(one)).collect();
+        if new.is_empty() || self.left_out.len() >= LEFT_OUT_TOLD_MAX {
+            return;
+        }
+        let room = LEFT_OUT_TOLD_MAX - self.left_out.len();
+        let more = if new.len() > room { format!(" and {} more", new.len() - room) } else { String::new() };
+        let names: Vec<_> = new.iter().take(room).map(ToString::to_string).collect();
+        progress::note(&format!("left out of what the program prints: {}{more}", names.join(", ")));
+        self.left_out.extend(new.into_iter().take(room));
+    }
+
+    /// The best that is known for this input: to the service, or, where that cannot be asked, to this call.
+    fn winner(&self) -> Option<Winner> {
+        let job = self.job;
+        if let Some(best) = job.daemon.ask_once(|client| client.best(job.id(), &job.indicators)) {
+            let costs = (best.cost, best.default_cost);
+            return Some(job.winner_of(best.configuration, costs, WinnerSource::Service));
+        }
+        let (configuration, cost) = self.own.best()?;
+        let costs = (cost, self.own.mean_cost(&job.default));
+        Some(job.winner_of(configuration.clone(), costs, WinnerSource::Runs))
+    }
+
+    /// Lets the best run against the default, in turns, and says which of the two to use.
+    fn confirm(&mut self, pairs: u32, summary: &mut Summary) -> Result<(), Failure> {
+        let default = &self.job.default;
+        // Where nothing is proven yet, the pairs may prove it.
+        let found = summary.best.as_ref().map(|best| &best.configuration).filter(|best| *best != default);
+        let Some(candidate) = found.cloned().or_else(|| self.own.lowest(default)) else {
+            progress::note("nothing better than the default was found, so there is nothing to confirm");
+            return Ok(());
+        };
+        let Some(gain) = self.pairs(&candidate, pairs)? else { return Ok(()) };
+        let is_certain = gain.is_certain();
+        let configuration = match (is_certain, gain.low > 0.0) {
+            (true, true) => &candidate,
+            (true, false) => default,
+            // All runs together, these among them, may know more.
+            (false, _) => match self.winner() {
+                Some(best) if best.configuration == candidate => &candidate,
+                _ => default,
+            },
+        };
+        let cost = if configuration == default { gain.default_cost } else { gain.cost };
+        let costs = (cost, Some(gain.default_cost));
+        summary.best = Some(self.job.winner_of(configuration.clone(), costs, WinnerSource::Pairs));
+        summary.confirmation = Some(Confirmed { configuration: candidate, gain, is_certain });
+        Ok(())
+    }
+
+    /// Each run of the pairs is reported.
+    fn pairs(&mut self, candidate: &Configuration, pairs: u32) -> Result<Option<Gain>, Failure> {
+        let job = self.job;
         let mut measured = Vec::new();
-        for pair in 0..pairs {
+        'pairs: for pair in 0..pairs {
             progress::status(&format!("confirming: pair {} of {pairs}", pair + 1));
             // Who goes first changes, so that neither always profits from the other's caches.
-            let order = if pair % 2 == 0 { [default, winner] } else { [winner, default] };
+            let order = if pair % 2 == 0 { [&job.default, candidate] } else { [candidate, &job.default] };
             let mut costs = [None, None];
             for configuration in order {
-                let trial =
-                    self.client.ask(&self.study.identified_name(), &self.question(Some(configuration)))?;
-                match self.step(&TrialRecord { abort_above: None, ..trial }, false)? {
-                    Step::Measured(cost) => costs[usize::from(configuration == winner)] = Some(cost),
-                    Step::Stopped => {
-                        progress::status_end();
-                        return Ok(Gain::of(&measured));
-                    }
-                    Step::Bad | Step::Aborted => {}
+                let step = match job.next(Some(configuration)) {
+                    Ok(trial) => self.step(&TrialRecord { abort_above: None, ..trial })?,
+                    Err(_) if self.is_stopped() => Step::Stopped,
+                    Err(problem) => return Err(problem),
+                };
+                match step {
+                    Step::Measured(cost) => costs[usize::from(configuration == candidate)] = Some(cost),
+                    Step::Stopped => break 'pairs,
+                    Step::Infeasible(_) | Step::Failed(_) | Step::Aborted => {}
                 }
             }
             if let [Some(default), Some(winner)] = costs {
@@ -315,49 +471,6 @@ impl Job<'_> {
         }
         progress::status_end();
         Ok(Gain::of(&measured))
-    }
-
-    fn words(&self, summary: &Summary) -> String {
-        let mut text = format!("{}: {} trial(s), {}", summary.study, summary.trials, summary.end);
-        if summary.infeasible > 0 {
-            text += &format!("; {} could not be used", summary.infeasible);
-        }
-        text.push('\n');
-        let Some(best) = &summary.best else { return text + "nothing measured\n" };
-        text += &format!("best: {}\n", best.configuration);
-        let default = best.default_cost.map(|cost| format!(", default {}", figure(cost))).unwrap_or_default();
-        text += &format!("cost {}{default}\n", figure(best.cost));
-        text += &format!("  {}\n", shell_words(&best.command));
-        if let Some(Confirmation { configuration, gain: found }) = &summary.confirmation {
-            let percent = |share: f64| format!("{:.1}", 100.0 * share);
-            let who = if *configuration == best.configuration {
-                String::new()
-            } else {
-                format!("{configuration}, the best of the runs, ")
-            };
-            text += &format!(
-                "{who}confirmed in {} interleaved pairs: {} % below the default, {} to {} % ({:.0} % interval of the \
-                 median)\n",
-                found.pairs,
-                percent(found.gain),
-                percent(found.low),
-                percent(found.high),
-                100.0 * found.confidence
-            );
-            if !found.is_certain() {
-                text += "that is within the noise; more pairs (--confirm=30) may decide it\n";
-            }
-        }
-        text
-    }
-}
-
-impl Step {
-    fn cost(&self) -> Option<f64> {
-        match self {
-            Self::Measured(cost) => Some(*cost),
-            Self::Bad | Self::Aborted | Self::Stopped => None,
-        }
     }
 }
 
@@ -395,11 +508,16 @@ fn default_client() -> String {
     format!("exec@{}-{}", crate::files::host(), std::process::id())
 }
 
-/// Set once somebody wants everything to end.
-fn stop_flag() -> Result<std::sync::Arc<AtomicBool>, Failure> {
-    let stop = std::sync::Arc::new(AtomicBool::new(false));
-    let set = std::sync::Arc::clone(&stop);
-    ctrlc::set_handler(move || set.store(true, std::sync::atomic::Ordering::Relaxed))
+/// Set once somebody wants everything to end. Who says so twice does not want to wait.
+fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let set = Arc::clone(&stop);
+    let told = move || {
+        if set.swap(true, Ordering::Relaxed) {
+            std::process::exit(INTERRUPTED);
+        }
+    };
+    ctrlc::set_handler(told)
         .map_err(|error| Failure::Program(format!("signals cannot be caught: {error}")))?;
     Ok(stop)
 }

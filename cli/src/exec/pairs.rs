@@ -20,29 +20,30 @@ pub(crate) struct Gain {
     pub(crate) high: f64,
     /// With which probability the interval holds the true median.
     pub(crate) confidence: f64,
+    /// The median of the winner's costs in these pairs.
+    pub(crate) cost: f64,
+    /// The median of the default's.
+    pub(crate) default_cost: f64,
 }
 
 impl Gain {
     /// Of pairs `(default, winner)` of costs above 0; `None` without any.
     pub(crate) fn of(pairs: &[(f64, f64)]) -> Option<Self> {
-        let mut ratios: Vec<f64> = pairs
-            .iter()
-            .filter(|(default, winner)| *default > 0.0 && winner.is_finite())
-            .map(|(default, winner)| winner / default)
-            .collect();
+        let usable = || pairs.iter().filter(|(default, winner)| *default > 0.0 && winner.is_finite());
+        let ratios = sorted(usable().map(|(default, winner)| winner / default));
         if ratios.is_empty() {
             return None;
         }
-        ratios.sort_by(f64::total_cmp);
         let count = ratios.len();
-        let median = (ratios[(count - 1) / 2] + ratios[count / 2]) / 2.0;
         let (cut, confidence) = cut(count);
         Some(Self {
             pairs: count,
-            gain: 1.0 - median,
+            gain: 1.0 - median(&ratios),
             low: 1.0 - ratios[count - 1 - cut],
             high: 1.0 - ratios[cut],
             confidence,
+            cost: median(&sorted(usable().map(|(_, winner)| *winner))),
+            default_cost: median(&sorted(usable().map(|(default, _)| *default))),
         })
     }
 
@@ -50,6 +51,17 @@ impl Gain {
     pub(crate) fn is_certain(&self) -> bool {
         self.confidence >= CONFIDENCE && (self.low > 0.0 || self.high < 0.0)
     }
+}
+
+fn sorted(numbers: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut numbers: Vec<f64> = numbers.collect();
+    numbers.sort_by(f64::total_cmp);
+    numbers
+}
+
+/// Of sorted numbers, at least one.
+fn median(sorted: &[f64]) -> f64 {
+    (sorted[(sorted.len() - 1) / 2] + sorted[sorted.len() / 2]) / 2.0
 }
 
 /// How many of the sorted ratios the interval leaves out at each end, and its confidence.
@@ -84,6 +96,7 @@ mod tests {
         let pairs: Vec<_> = (0..11).map(|index| (10.0, 7.5 + 0.1 * f64::from(index))).collect();
         let gain = Gain::of(&pairs).expect("pairs");
         assert!((gain.gain - 0.2).abs() < 1e-12 && gain.low < 0.2 && gain.high > 0.2);
+        assert_eq!((gain.default_cost, gain.cost), (10.0, 8.0));
         assert!(gain.is_certain());
         let even = Gain::of(&[(1.0, 0.9), (1.0, 1.1), (1.0, 0.95), (1.0, 1.05), (1.0, 0.8), (1.0, 1.2)]);
         assert!(!even.expect("pairs").is_certain());

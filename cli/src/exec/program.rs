@@ -1,19 +1,33 @@
-//! One run of the program that is tuned: start it, wait, and say what it took and how it ended.
+//! One run of the program that is tuned: start it under a supervisor, wait, and say what it took and how it ended.
+//!
+//! The result counts as soon as the program has ended. Who still holds its output open then, a helper in a session of its
+//! own, say, is not waited for.
 
-use std::io::{BufRead as _, BufReader, Read, Write as _};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::collections::VecDeque;
+use std::io::{Read, Write as _};
+use std::net::Shutdown;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::net::UnixStream;
+use std::process::{ChildStderr, ChildStdout, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use nix::sys::resource::{UsageWho, getrusage};
-use nix::sys::signal::{Signal, killpg};
-use nix::unistd::Pid;
-use treewright_client::{Configuration, Measurements};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use treewright_cli::printed::{self, LeftOut, Printed};
+use treewright_client::{Configuration, Measurements, ObjectiveTerm};
+
+use super::supervisor::{self, Fate};
 
 /// What is kept of each stream that the program writes to; the beginning is dropped.
 const KEPT_BYTES: usize = 64 << 10;
+/// What is read at once.
+const READ_BYTES: usize = 64 << 10;
 /// How often a running program is looked at for the limits it may reach. Its end is noticed at once.
 const LOOK: Duration = Duration::from_millis(100);
+/// How long what a program wrote before it ended is read, where somebody else goes on writing.
+const DRAIN: Duration = Duration::from_millis(250);
+/// How long is waited for a program that was killed. One that hangs in a device can take for ever.
+const KILLED: Duration = Duration::from_secs(5);
 /// What stands before a parameter's name in the program's environment.
 const VARIABLE: &str = "TREEWRIGHT_PARAM_";
 
@@ -22,7 +36,7 @@ const VARIABLE: &str = "TREEWRIGHT_PARAM_";
 pub(crate) enum MetricSource {
     /// `wall_ms` and `cpu_ms`, which are always taken.
     Time,
-    /// Also every number of the last JSON object that the program prints, each on a line of its own.
+    /// Also every number of the last JSON object that the program prints.
     Json,
 }
 
@@ -30,6 +44,10 @@ pub(crate) enum MetricSource {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Runner<'a> {
     pub(crate) metric: MetricSource,
+    /// What is minimised.
+    pub(crate) terms: &'a [ObjectiveTerm],
+    /// Exit codes besides 0 with which a run counts.
+    pub(crate) accepted: &'a [i32],
     /// Pass on what the program writes.
     pub(crate) show_output: bool,
     /// A program that takes longer is ended, and cannot be used so.
@@ -42,10 +60,12 @@ pub(crate) struct Runner<'a> {
 #[derive(Debug, PartialEq)]
 pub(crate) enum Run {
     /// It did its work.
-    Done(Measurements),
-    /// It said that it cannot, or ended badly.
-    Bad {
-        /// What it said last, or how it ended.
+    Done(Measurements, Vec<LeftOut>),
+    /// The configuration cannot be used: the program says so, or it takes longer than it may.
+    Infeasible(String),
+    /// It ended badly or without a result. That may be the configuration's fault, or chance.
+    Failed {
+        /// How it ended, with what it said last.
         reason: String,
         /// The end of what it wrote to standard error.
         said: String,
@@ -57,7 +77,7 @@ pub(crate) enum Run {
 }
 
 impl Runner<'_> {
-    /// Runs a command. `abort_after` ends it early; `alive` is called now and then while it runs.
+    /// Runs a command. `abort_after` ends it early; `alive` is called now and then while it runs, and must not wait.
     ///
     /// # Errors
     /// When it cannot be started at all.
@@ -66,76 +86,84 @@ impl Runner<'_> {
         command: &[String],
         configuration: &Configuration,
         abort_after: Option<Duration>,
-        mut alive: impl FnMut(),
+        alive: impl FnMut(),
     ) -> Result<Run, std::io::Error> {
         let Some((program, arguments)) = command.split_first() else {
             return Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, "the command is empty"));
         };
-        let cpu_before = cpu_ms();
-        let mut child = self.start(program, arguments, configuration)?;
-        let group = Pid::from_raw(i32::try_from(child.id()).unwrap_or(i32::MAX));
-        let (out, err) = (child.stdout.take(), child.stderr.take());
-        let show = self.show_output;
-        std::thread::scope(|scope| {
-            let out = scope.spawn(move || out.map(|out| drain(out, show)).unwrap_or_default());
-            let err = scope.spawn(move || err.map(|err| drain(err, show)).unwrap_or_default());
-            let (ended, end) = std::sync::mpsc::channel();
-            let begin = Instant::now();
-            scope.spawn(move || {
-                let status = child.wait();
-                // The receiver waits for this.
-                let _ = ended.send((status, begin.elapsed()));
-            });
-            let mut cut = None;
-            let (status, took) = loop {
-                match end.recv_timeout(LOOK) {
-                    Ok((status, took)) => break (status?, took),
-                    Err(_) if cut.is_some() => {}
-                    Err(_) => {
-                        alive();
-                        cut = self.reason_to_end(begin.elapsed(), abort_after);
-                        if cut.is_some() {
-                            // It may have ended by itself just now.
-                            let _ = killpg(group, Signal::SIGKILL);
-                        }
-                    }
-                }
-            };
-            // What it left running would hold its output open.
-            let _ = killpg(group, Signal::SIGKILL);
-            let out = out.join().unwrap_or_default();
-            let said = err.join().unwrap_or_default();
-            Ok(match cut {
-                Some(Cut::Stop) => Run::Stopped,
-                Some(Cut::Slow) => Run::TooSlow(took.as_secs_f64() * 1e3),
-                Some(Cut::Limit(limit)) => Run::Bad {
-                    reason: format!("it took longer than {}", humantime::format_duration(limit)),
-                    said,
-                },
-                None if self.stop.load(Ordering::Relaxed) => Run::Stopped,
-                None => self.result(status, took, cpu_ms() - cpu_before, &out, said),
-            })
+        let variables =
+            configuration.iter().map(|(name, value)| (variable(VARIABLE, name), value.to_string()));
+        let (socket, theirs) = UnixStream::pair()?;
+        let mut started = supervisor::command(program, arguments)?
+            .envs(variables)
+            .stdin(OwnedFd::from(theirs))
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()?;
+        let mut supervised = Supervised {
+            out: started.stdout.take().map(Tail::of),
+            err: started.stderr.take().map(Tail::of),
+            socket,
+            told: Vec::new(),
+            is_over: false,
+            show_output: self.show_output,
+        };
+        let cut = self.watch(&mut supervised, abort_after, alive)?;
+        let fate = supervised.fate();
+        if supervised.is_over {
+            started.wait()?;
+        }
+        supervised.drain()?;
+        let said = supervised.err.map(Tail::text).unwrap_or_default();
+        let (status, wall_ms, cpu_ms) = match fate {
+            Some(Fate::Ended { status, wall_ms, cpu_ms }) => (Fate::status(status), wall_ms, cpu_ms),
+            Some(Fate::NotStarted(number)) => {
+                return Err(number
+                    .map_or_else(|| std::io::ErrorKind::Other.into(), std::io::Error::from_raw_os_error));
+            }
+            None => {
+                let reason = "it was ended from outside, together with what supervises it".to_owned();
+                return Ok(cut.map_or(Run::Failed { reason, said }, |cut| cut.run(None)));
+            }
+        };
+        Ok(match cut {
+            Some(cut) => cut.run(Some(wall_ms)),
+            None if self.stop.load(Ordering::Relaxed) => Run::Stopped,
+            None => {
+                let taken = Measurements::from([("wall_ms", wall_ms), ("cpu_ms", cpu_ms)]);
+                self.result(status, &taken, &supervised.out.map(Tail::lines).unwrap_or_default(), said)
+            }
         })
     }
 
-    fn start(
+    /// Waits until the program has ended. Tells why it was ended before its time, if it was.
+    fn watch(
         &self,
-        program: &str,
-        arguments: &[String],
-        configuration: &Configuration,
-    ) -> Result<Child, std::io::Error> {
-        use std::os::unix::process::CommandExt as _;
-        let variables =
-            configuration.iter().map(|(name, value)| (variable(VARIABLE, name), value.to_string()));
-        Command::new(program)
-            .args(arguments)
-            .envs(variables)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            // Its children end with it.
-            .process_group(0)
-            .spawn()
+        supervised: &mut Supervised,
+        abort_after: Option<Duration>,
+        mut alive: impl FnMut(),
+    ) -> Result<Option<Cut>, std::io::Error> {
+        let begin = Instant::now();
+        let mut looked = begin;
+        let mut cut: Option<(Cut, Instant)> = None;
+        while !supervised.is_over {
+            supervised.read(LOOK)?;
+            match &cut {
+                Some((_, since)) if since.elapsed() > KILLED => break,
+                Some(_) => {}
+                None if looked.elapsed() < LOOK => {}
+                None => {
+                    looked = Instant::now();
+                    alive();
+                    cut = self.reason_to_end(begin.elapsed(), abort_after).map(|cut| (cut, Instant::now()));
+                    if cut.is_some() {
+                        // It may have ended by itself just now.
+                        let _ = supervised.socket.shutdown(Shutdown::Write);
+                    }
+                }
+            }
+        }
+        Ok(cut.map(|(cut, _)| cut))
     }
 
     fn reason_to_end(&self, elapsed: Duration, abort_after: Option<Duration>) -> Option<Cut> {
@@ -144,76 +172,180 @@ impl Runner<'_> {
         }
         match self.limit {
             Some(limit) if elapsed > limit => Some(Cut::Limit(limit)),
-            _ if abort_after.is_some_and(|after| elapsed > after) => Some(Cut::Slow),
-            _ => None,
+            _ => abort_after.filter(|&after| elapsed > after).map(Cut::Slow),
         }
     }
 
-    fn result(&self, status: ExitStatus, took: Duration, cpu_ms: f64, out: &str, said: String) -> Run {
-        let found = match self.metric {
-            MetricSource::Time => serde_json::Map::new(),
-            MetricSource::Json => last_object(out),
+    fn result(&self, status: ExitStatus, taken: &Measurements, out: &str, said: String) -> Run {
+        let is_accepted = status.success() || status.code().is_some_and(|code| self.accepted.contains(&code));
+        let printed = match self.metric {
+            MetricSource::Time => printed::read("{}", self.terms, taken),
+            MetricSource::Json => printed::read(out, self.terms, taken),
         };
-        if let Some(reason) = found.get("infeasible").and_then(serde_json::Value::as_str) {
-            return Run::Bad { reason: reason.to_owned(), said };
-        }
-        if !status.success() {
-            let last = said.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or_default();
-            let reason = if last.is_empty() { status.to_string() } else { format!("{status}: {last}") };
-            return Run::Bad { reason, said };
-        }
-        let mut measured =
-            Measurements::new().with("wall_ms", took.as_secs_f64() * 1e3).with("cpu_ms", cpu_ms);
-        for (name, value) in found {
-            if let Some(number) = value.as_f64() {
-                measured = measured.with(name, number);
+        match printed {
+            Printed::Infeasible(reason) => Run::Infeasible(reason),
+            _ if !is_accepted => {
+                let last = said.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or_default();
+                let reason = if last.is_empty() { status.to_string() } else { format!("{status}: {last}") };
+                Run::Failed { reason, said }
             }
+            Printed::NoResult(reason) => Run::Failed { reason, said },
+            Printed::Measured { measurements, left_out } => Run::Done(measurements, left_out),
         }
-        Run::Done(measured)
     }
 }
 
 /// Why a program is ended before its time.
 enum Cut {
     Stop,
-    Slow,
+    /// It took longer than this, which is more than is worth waiting for.
+    Slow(Duration),
     Limit(Duration),
+}
+
+impl Cut {
+    /// What that makes of the run, of which `wall_ms` is known once it has ended.
+    fn run(self, wall_ms: Option<f64>) -> Run {
+        match self {
+            Self::Stop => Run::Stopped,
+            Self::Slow(after) => Run::TooSlow(wall_ms.unwrap_or(after.as_secs_f64() * 1e3)),
+            Self::Limit(limit) => {
+                Run::Infeasible(format!("it took longer than {}", humantime::format_duration(limit)))
+            }
+        }
+    }
+}
+
+/// A program with its supervisor: what is read of them.
+struct Supervised {
+    out: Option<Tail<ChildStdout>>,
+    err: Option<Tail<ChildStderr>>,
+    socket: UnixStream,
+    /// What the supervisor said so far.
+    told: Vec<u8>,
+    /// It says no more.
+    is_over: bool,
+    show_output: bool,
+}
+
+impl Supervised {
+    /// Reads once whatever there is, and waits for it for so long. Tells whether there was anything.
+    fn read(&mut self, wait: Duration) -> Result<bool, std::io::Error> {
+        let sources = [
+            self.out.as_ref().and_then(Tail::source),
+            self.err.as_ref().and_then(Tail::source),
+            (!self.is_over).then(|| self.socket.as_fd()),
+        ];
+        let ready = ready(sources, wait)?;
+        if let Some(out) = self.out.as_mut().filter(|_| ready[0]) {
+            out.read(self.show_output);
+        }
+        if let Some(err) = self.err.as_mut().filter(|_| ready[1]) {
+            err.read(self.show_output);
+        }
+        if ready[2] {
+            let mut some = [0; 256];
+            match self.socket.read(&mut some) {
+                Ok(bytes) if bytes > 0 => self.told.extend(&some[..bytes]),
+                Err(problem) if problem.kind() == std::io::ErrorKind::Interrupted => {}
+                _ => self.is_over = true,
+            }
+        }
+        Ok(ready.contains(&true))
+    }
+
+    /// What became of the program; `None` where the supervisor did not live to tell.
+    fn fate(&self) -> Option<Fate> {
+        serde_json::from_slice(&self.told).ok()
+    }
+
+    /// Reads what the program wrote before it ended.
+    fn drain(&mut self) -> Result<(), std::io::Error> {
+        let begin = Instant::now();
+        self.is_over = true;
+        while begin.elapsed() < DRAIN && self.read(Duration::ZERO)? {}
+        Ok(())
+    }
+}
+
+/// Which of the sources can be read, after at most `wait`.
+fn ready(sources: [Option<BorrowedFd>; 3], wait: Duration) -> Result<[bool; 3], std::io::Error> {
+    let open: Vec<_> =
+        sources.iter().enumerate().filter_map(|(place, source)| Some((place, (*source)?))).collect();
+    let mut polled: Vec<_> = open.iter().map(|(_, source)| PollFd::new(*source, PollFlags::POLLIN)).collect();
+    let mut ready = [false; 3];
+    match poll(&mut polled, PollTimeout::try_from(wait).unwrap_or(PollTimeout::ZERO)) {
+        // A signal came; whoever asks looks again.
+        Err(nix::errno::Errno::EINTR) => return Ok(ready),
+        result => result?,
+    };
+    for ((place, _), polled) in open.iter().zip(&polled) {
+        ready[*place] = polled.any().unwrap_or(true);
+    }
+    Ok(ready)
+}
+
+/// The last of what comes from a source.
+struct Tail<R> {
+    /// Absent once it is at its end.
+    source: Option<R>,
+    kept: VecDeque<u8>,
+    /// The beginning was dropped.
+    is_cut: bool,
+}
+
+impl<R: Read + AsFd> Tail<R> {
+    fn of(source: R) -> Self {
+        Self { source: Some(source), kept: VecDeque::new(), is_cut: false }
+    }
+
+    fn source(&self) -> Option<BorrowedFd<'_>> {
+        self.source.as_ref().map(AsFd::as_fd)
+    }
+
+    /// Reads what is there. An error is taken for the end.
+    fn read(&mut self, show: bool) {
+        let Some(source) = &mut self.source else { return };
+        let mut some = [0; READ_BYTES];
+        match source.read(&mut some) {
+            Err(problem) if problem.kind() == std::io::ErrorKind::Interrupted => {}
+            Ok(bytes) if bytes > 0 => {
+                if show {
+                    // Nobody may be looking.
+                    let _ = std::io::stderr().write_all(&some[..bytes]);
+                }
+                self.keep(&some[..bytes]);
+            }
+            _ => self.source = None,
+        }
+    }
+
+    fn keep(&mut self, more: &[u8]) {
+        self.kept.extend(more);
+        let surplus = self.kept.len().saturating_sub(KEPT_BYTES);
+        self.is_cut |= surplus > 0;
+        self.kept.drain(..surplus);
+    }
+
+    fn text(self) -> String {
+        String::from_utf8_lossy(&Vec::from(self.kept)).into_owned()
+    }
+
+    /// The same without a line whose beginning was dropped: what is left of it may look like something else.
+    fn lines(self) -> String {
+        let is_cut = self.is_cut;
+        let text = self.text();
+        match text.split_once('\n') {
+            _ if !is_cut => text,
+            Some((_, rest)) => rest.to_owned(),
+            None => String::new(),
+        }
+    }
 }
 
 /// The name of an environment variable for a parameter.
 pub(crate) fn variable(prefix: &str, parameter: &str) -> String {
     format!("{prefix}{}", parameter.to_uppercase())
-}
-
-/// User and system time of all children that have ended, in milliseconds.
-fn cpu_ms() -> f64 {
-    let Ok(usage) = getrusage(UsageWho::RUSAGE_CHILDREN) else { return 0.0 };
-    let ms = |time: nix::sys::time::TimeVal| time.tv_sec() as f64 * 1e3 + time.tv_usec() as f64 / 1e3;
-    ms(usage.user_time()) + ms(usage.system_time())
-}
-
-/// Reads to the end and keeps the last of it.
-fn drain(stream: impl Read, show: bool) -> String {
-    let mut kept: Vec<u8> = Vec::new();
-    let mut reader = BufReader::new(stream);
-    let mut line = Vec::new();
-    while reader.read_until(b'\n', &mut line).is_ok_and(|bytes| bytes > 0) {
-        if show {
-            // Nobody may be looking.
-            let _ = std::io::stderr().write_all(&line);
-        }
-        kept.append(&mut line);
-        if kept.len() > 2 * KEPT_BYTES {
-            kept.drain(..kept.len() - KEPT_BYTES);
-        }
-    }
-    String::from_utf8_lossy(&kept).into_owned()
-}
-
-/// The last line that is a JSON object; empty where there is none.
-fn last_object(out: &str) -> serde_json::Map<String, serde_json::Value> {
-    let objects = out.lines().rev().filter_map(|line| serde_json::from_str(line.trim()).ok());
-    objects.into_iter().next().unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -222,46 +354,56 @@ mod tests {
 
     static GO_ON: AtomicBool = AtomicBool::new(false);
 
-    fn run(script: &str, metric: MetricSource, abort_after: Option<Duration>) -> Run {
-        let runner = Runner { metric, show_output: false, limit: None, stop: &GO_ON };
-        let command = ["sh", "-c", script].map(str::to_owned);
-        let configuration = Configuration::new().with("level", 7);
-        runner.run(&command, &configuration, abort_after, || {}).expect("sh runs")
+    fn ended(code: i32, out: &str, said: &str, metric: MetricSource) -> Run {
+        let terms = [ObjectiveTerm { metric: "loss".to_owned(), weight: 1.0 }];
+        let terms = if metric == MetricSource::Json { &terms[..] } else { &[] };
+        let runner = Runner { metric, terms, accepted: &[4], show_output: false, limit: None, stop: &GO_ON };
+        let taken = Measurements::from([("wall_ms", 9.0), ("cpu_ms", 8.0)]);
+        runner.result(Fate::status(code << 8), &taken, out, said.to_owned())
     }
 
     #[test]
     fn times_and_printed_numbers_are_taken() {
-        let Run::Done(times) = run("true", MetricSource::Time, None) else { panic!("it ends well") };
-        assert!(times.get("wall_ms").is_some_and(|wall| wall > 0.0) && times.get("cpu_ms").is_some());
-        let script = r#"echo '{"loss": 1}'; echo "{\"loss\": $TREEWRIGHT_PARAM_LEVEL.5}"; echo bye"#;
-        let Run::Done(printed) = run(script, MetricSource::Json, None) else { panic!("it ends well") };
+        let Run::Done(times, _) = ended(0, r#"{"loss": 1}"#, "", MetricSource::Time) else {
+            panic!("it is well")
+        };
+        assert_eq!((times.get("wall_ms"), times.get("loss")), (Some(9.0), None));
+        let printed = ended(0, "{\"loss\": 1}\n{\"loss\": 7.5}\nbye\n", "", MetricSource::Json);
+        let Run::Done(printed, _) = printed else { panic!("it is well") };
         assert_eq!(printed.get("loss"), Some(7.5), "the last object counts");
-        let Run::Done(plain) = run(script, MetricSource::Time, None) else { panic!("it ends well") };
-        assert_eq!(plain.get("loss"), None);
     }
 
     #[test]
     fn failures_are_told_in_the_programs_own_words() {
-        let Run::Bad { reason, said } = run("echo no >&2; echo memory >&2; exit 3", MetricSource::Time, None)
-        else {
+        let Run::Failed { reason, said } = ended(3, "", "no\nmemory\n\n", MetricSource::Time) else {
             panic!("it fails")
         };
         assert!(reason.contains("3") && reason.ends_with("memory"), "{reason}");
-        assert_eq!(said, "no\nmemory\n");
-        let infeasible = run(r#"echo '{"infeasible": "too deep"}'"#, MetricSource::Json, None);
-        assert!(matches!(infeasible, Run::Bad { reason, .. } if reason == "too deep"));
+        assert_eq!(said, "no\nmemory\n\n");
+        let infeasible = ended(3, r#"{"infeasible": "too deep"}"#, "", MetricSource::Json);
+        assert_eq!(infeasible, Run::Infeasible("too deep".to_owned()));
+        let without = ended(0, "done", "", MetricSource::Json);
+        assert!(matches!(without, Run::Failed { reason, .. } if reason.contains("loss")));
     }
 
     #[test]
-    fn what_takes_too_long_is_ended_with_its_children() {
-        let slow = run("sleep 60 & wait", MetricSource::Time, Some(Duration::from_millis(150)));
-        assert!(matches!(slow, Run::TooSlow(ms) if ms >= 150.0), "{slow:?}");
+    fn some_exit_codes_are_as_good_as_none() {
+        assert!(matches!(ended(4, r#"{"loss": 1}"#, "", MetricSource::Json), Run::Done(..)));
+        assert!(matches!(ended(5, r#"{"loss": 1}"#, "", MetricSource::Json), Run::Failed { .. }));
     }
 
     #[test]
-    fn a_program_that_is_not_there_is_an_error() {
-        let runner = Runner { metric: MetricSource::Time, show_output: false, limit: None, stop: &GO_ON };
-        assert!(runner.run(&["/no/such".to_owned()], &Configuration::new(), None, || {}).is_err());
-        assert!(runner.run(&[], &Configuration::new(), None, || {}).is_err());
+    fn what_is_kept_is_bounded_and_begins_with_a_whole_line() {
+        let tail = |pieces: &[&[u8]]| {
+            let mut tail = Tail::<ChildStdout> { source: None, kept: VecDeque::new(), is_cut: false };
+            pieces.iter().for_each(|piece| tail.keep(piece));
+            assert!(tail.kept.len() <= KEPT_BYTES);
+            tail
+        };
+        assert_eq!(tail(&[b"a\n", b"b"]).lines(), "a\nb");
+        let long = [b'x'; KEPT_BYTES];
+        assert_eq!(tail(&[&long, b"{\"loss\": 1}\n", b"end"]).lines(), "end");
+        assert_eq!(tail(&[&long, &long]).lines(), "", "no line is whole");
+        assert_eq!(tail(&[&long, &long]).text().len(), KEPT_BYTES);
     }
 }

@@ -1,0 +1,206 @@
+//! What a session came to, as JSON and in words. The last words name one configuration: the one to use.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use treewright_client::{Configuration, StudySpec};
+
+use super::pairs::Gain;
+use super::shell_words;
+use crate::show::figure;
+
+/// The version of the JSON. It rises when a field changes its meaning or goes.
+const FORMAT: u32 = 1;
+
+/// What the command came to.
+#[derive(Debug, Serialize)]
+pub(super) struct Summary {
+    format: u32,
+    pub(super) study: String,
+    /// What is minimised: a metric, with its unit in its name, or the weighted sum of several.
+    objective: String,
+    /// Trials of this call, the pairs left out.
+    pub(super) trials: u64,
+    /// In how many of them the configuration cannot be used.
+    pub(super) infeasible: u64,
+    /// How many failed otherwise.
+    pub(super) failed: u64,
+    /// Why it ended.
+    pub(super) end: &'static str,
+    /// What went wrong, if that is why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) error: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) best: Option<Winner>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) confirmation: Option<Confirmed>,
+}
+
+/// What ran against the default in pairs, and what came out.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Confirmed {
+    pub(super) configuration: Configuration,
+    #[serde(flatten)]
+    pub(super) gain: Gain,
+    /// The interval says which of the two is better.
+    pub(super) is_certain: bool,
+}
+
+/// The configuration to use.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Winner {
+    pub(super) configuration: Configuration,
+    /// Of the objective, in its unit.
+    pub(super) cost: f64,
+    pub(super) default_cost: Option<f64>,
+    pub(super) command: Vec<String>,
+    pub(super) source: WinnerSource,
+}
+
+/// Who says what is best.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum WinnerSource {
+    /// The service, from all that was ever measured in this study.
+    Service,
+    /// The pairs of this call.
+    Pairs,
+    /// The mean costs of this call's runs, because the daemon could not be asked.
+    Runs,
+}
+
+impl Summary {
+    pub(super) fn new(study: &str, spec: &StudySpec) -> Self {
+        Self {
+            format: FORMAT,
+            study: study.to_owned(),
+            objective: objective(spec),
+            trials: 0,
+            infeasible: 0,
+            failed: 0,
+            end: "the search has ended",
+            error: None,
+            best: None,
+            confirmation: None,
+        }
+    }
+
+    pub(super) fn words(&self, default: &Configuration) -> String {
+        let mut text = format!("{}: {} trial(s), {}", self.study, self.trials, self.end);
+        for (count, what) in [(self.infeasible, "could not be used"), (self.failed, "failed")] {
+            if count > 0 {
+                text += &format!("; {count} {what}");
+            }
+        }
+        text.push('\n');
+        let Some(best) = &self.best else { return text + "nothing measured\n" };
+        let is_default = best.configuration == *default;
+        let who = if is_default { "the default, " } else { "" };
+        text += &format!("best: {who}{}\n  {}\n", best.configuration, shell_words(&best.command));
+        text += &format!("{} {}", self.objective, figure(best.cost));
+        if let Some(cost) = best.default_cost.filter(|_| !is_default) {
+            text += &format!(", default {}", figure(cost));
+        }
+        if best.source == WinnerSource::Runs {
+            text += " (by this call's runs alone, because the daemon cannot be asked)";
+        }
+        text.push('\n');
+        if let Some(confirmed) = &self.confirmation {
+            text += &confirmed.words(best.configuration == confirmed.configuration);
+        }
+        text
+    }
+}
+
+impl Confirmed {
+    /// `is_best`: it is what is recommended.
+    fn words(&self, is_best: bool) -> String {
+        let percent = |share: f64| format!("{:.1}", 100.0 * share);
+        let Gain { pairs, gain, low, high, confidence, .. } = self.gain;
+        let found = format!(
+            "{} % below the default, {} to {} % ({:.0} % interval of the median)",
+            percent(gain),
+            percent(low),
+            percent(high),
+            100.0 * confidence
+        );
+        let noise = "that is within the noise; more pairs (--confirm=30) may decide it\n";
+        match (is_best, self.is_certain) {
+            (true, true) => format!("confirmed in {pairs} interleaved pairs: {found}\n"),
+            (true, false) => format!("in {pairs} interleaved pairs: {found}\n{noise}"),
+            (false, true) => {
+                format!("nothing better in {pairs} interleaved pairs: the best of the others was {found}\n")
+            }
+            (false, false) => {
+                format!(
+                    "nothing better is proven in {pairs} interleaved pairs: the best of the others was {found}\n{noise}"
+                )
+            }
+        }
+    }
+}
+
+/// What is minimised, in few words.
+pub(super) fn objective(spec: &StudySpec) -> String {
+    let terms = spec.objective.terms();
+    match terms {
+        [term] if term.weight == 1.0 => term.metric.clone(),
+        _ => {
+            let terms: Vec<_> =
+                terms.iter().map(|term| format!("{} {}", figure(term.weight), term.metric)).collect();
+            terms.join(" + ")
+        }
+    }
+}
+
+/// What this call measured itself: the costs of each configuration.
+#[derive(Debug, Default)]
+pub(super) struct OwnRuns {
+    costs: BTreeMap<String, (Configuration, Vec<f64>)>,
+    /// How often each failed, where it never did its work.
+    failures: BTreeMap<String, u32>,
+}
+
+impl OwnRuns {
+    pub(super) fn measured(&mut self, configuration: &Configuration, cost: f64) {
+        let name = configuration.to_string();
+        self.failures.remove(&name);
+        self.costs.entry(name).or_insert_with(|| (configuration.clone(), Vec::new())).1.push(cost);
+    }
+
+    /// Notes that a configuration failed, and tells how often it has, where it never did its work.
+    pub(super) fn failed(&mut self, configuration: &Configuration) -> u32 {
+        let count = self.failures.entry(configuration.to_string()).or_default();
+        *count += 1;
+        *count
+    }
+
+    pub(super) fn has_worked(&self, configuration: &Configuration) -> bool {
+        self.costs.contains_key(&configuration.to_string())
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.costs.is_empty()
+    }
+
+    /// The configuration of the lowest single cost, `but` one.
+    pub(super) fn lowest(&self, but: &Configuration) -> Option<Configuration> {
+        let least = |costs: &[f64]| costs.iter().copied().fold(f64::INFINITY, f64::min);
+        let others = self.costs.values().filter(|(configuration, _)| configuration != but);
+        others.min_by(|(_, one), (_, other)| least(one).total_cmp(&least(other))).map(|(one, _)| one.clone())
+    }
+
+    /// The configuration of the lowest mean cost.
+    pub(super) fn best(&self) -> Option<(&Configuration, f64)> {
+        let all = self.costs.values().map(|(configuration, costs)| (configuration, mean(costs)));
+        all.min_by(|(_, one), (_, other)| one.total_cmp(other))
+    }
+
+    pub(super) fn mean_cost(&self, configuration: &Configuration) -> Option<f64> {
+        self.costs.get(&configuration.to_string()).map(|(_, costs)| mean(costs))
+    }
+}
+
+fn mean(costs: &[f64]) -> f64 {
+    costs.iter().sum::<f64>() / costs.len() as f64
+}
