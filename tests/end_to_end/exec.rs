@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use treewright_tests::daemon::Daemon;
-use treewright_tests::programs::{program, run, stderr, stdout};
+use treewright_tests::programs::{program, run, stderr, stdout, workspace};
 
 /// Costs 5 at level 13, and more elsewhere.
 const TOY: &str = r#"l={level}; echo "{\"loss\": $(( (l-13)*(l-13) + 5 ))}""#;
@@ -34,6 +34,7 @@ fn a_program_is_tuned_and_its_winner_confirmed() {
     assert!(best["cost"].as_f64().is_some_and(|cost| cost <= 9.0), "{done}");
     let level = best["configuration"]["level"].as_i64().expect("a level");
     assert_eq!(best["command"][2], TOY.replace("{level}", &level.to_string()));
+    all_fields_are_documented(&done);
     let gain = &done["confirmation"];
     assert_eq!(gain["pairs"], 6);
     assert!(gain["low"].as_f64().is_some_and(|low| low > 0.9), "{done}");
@@ -42,6 +43,19 @@ fn a_program_is_tuned_and_its_winner_confirmed() {
     let all = ["--server", url, "--json", "trials", "toy", "--filter", "config.level = 3", "--all"];
     let of_default = json(&run("treewright", &all)).as_array().map_or(0, Vec::len);
     assert!((7..=9).contains(&of_default), "{of_default} trials of the default");
+}
+
+/// What `docs/exec.md` says of the JSON, and what it is, are the same fields.
+fn all_fields_are_documented(done: &Value) {
+    let page = std::fs::read_to_string(workspace().join("docs/exec.md")).expect("the page");
+    let told =
+        |field: &str| assert!(page.contains(&format!("`{field}`")), "docs/exec.md does not tell of {field}");
+    for (name, value) in done.as_object().expect("an object") {
+        told(name);
+        let inner = value.as_object().filter(|_| name == "best" || name == "confirmation");
+        inner.into_iter().flat_map(serde_json::Map::keys).for_each(|inner| told(&format!("{name}.{inner}")));
+    }
+    assert_eq!(done["format"], 1);
 }
 
 #[test]

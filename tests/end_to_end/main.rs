@@ -6,6 +6,7 @@ mod browser;
 mod carry;
 mod dashboard;
 mod exec;
+mod exec_trouble;
 mod faults;
 mod flood;
 mod guard;

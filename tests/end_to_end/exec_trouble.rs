@@ -1,0 +1,333 @@
+//! What goes wrong while programs are tuned: bad numbers, crashes by chance, helpers that stay, daemons that go. One of these
+//! does not end a session, and what was found is shown however it ends.
+
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use treewright_tests::daemon::Daemon;
+use treewright_tests::ports::lasting_address;
+use treewright_tests::programs::{program, run, stderr, stdout};
+
+/// A daemon with a folder of its own.
+struct Bench {
+    daemon: Daemon,
+    folder: tempfile::TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        Self { daemon: Daemon::start(&folder.path().join("tuning.db")), folder }
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().expect("a path of text").to_owned()
+    }
+
+    /// Tunes a shell script that prints a loss.
+    fn exec(&self, study: &str, more: &[&str], script: &str) -> Output {
+        exec(self.daemon.url(), study, more, script).output().expect("the program starts")
+    }
+
+    /// How many trials of a study match.
+    fn count(&self, study: &str, filter: &str) -> usize {
+        let all = ["--server", self.daemon.url(), "--json", "trials", study, "--all", "--filter", filter];
+        json(&run("treewright", &all)).as_array().expect("a list").len()
+    }
+}
+
+fn exec(url: &str, study: &str, more: &[&str], script: &str) -> Command {
+    let mut command = Command::new(program("treewright"));
+    command.env_remove("TREEWRIGHT_SERVER").current_dir(std::env::temp_dir());
+    command.args(["--server", url, "--json", "exec", study, "--tune", "x=1..8:4", "--minimise", "loss"]);
+    command.args(["--metric", "json"]).args(more).args(["--", "sh", "-c", script]);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn json(output: &Output) -> Value {
+    assert!(output.status.success(), "{}", stderr(output));
+    serde_json::from_str(&stdout(output)).expect("JSON")
+}
+
+/// Waits until something holds, for half a minute at most.
+fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
+    let patience = Instant::now() + Duration::from_secs(30);
+    while !holds() {
+        assert!(Instant::now() < patience, "{what}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status();
+    assert!(sent.expect("kill runs").success());
+}
+
+/// The numbers of processes that a script wrote into a file, a line each.
+fn numbers(file: &str) -> Vec<String> {
+    std::fs::read_to_string(file).unwrap_or_default().lines().map(str::to_owned).collect()
+}
+
+fn is_alive(number: &str) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{number}/stat")).unwrap_or_default();
+    stat.rsplit_once(')').is_some_and(|(_, rest)| !rest.trim_start().starts_with(['Z', 'X']))
+}
+
+#[test]
+fn a_run_whose_last_line_has_no_number_has_no_result() {
+    let bench = Bench::new();
+    for last in ["{\"loss\": NaN}", "{\"loss\": null}", "{\"acc\": 1}", "{\"loss\": \"0.5\"}"] {
+        let script = format!("echo '{{\"loss\": 0.25}}'; echo '{last}'; : {{x}}");
+        let output = bench.exec("earlier", &["--trials", "3"], &script);
+        assert_eq!(output.status.code(), Some(1), "{last}: {}", stderr(&output));
+        assert!(stderr(&output).contains("loss is"), "{last}: {}", stderr(&output));
+        assert_eq!(bench.count("earlier", "state = COMPLETED"), 0, "{last}");
+    }
+}
+
+#[test]
+fn values_without_a_number_do_not_end_the_search() {
+    let bench = Bench::new();
+    for (study, word) in [("nan", "NaN"), ("infinity", "-Infinity"), ("null", "null"), ("large", "1e999")] {
+        let script = format!(
+            "if [ {{x}} -gt 5 ]; then echo '{{\"loss\": {word}}}'; else echo '{{\"loss\": {{x}}.5}}'; fi"
+        );
+        let output = bench.exec(study, &["--trials", "12"], &script);
+        let done = json(&output);
+        assert_eq!(done["trials"], 12, "{done}");
+        assert!(done["failed"].as_u64() > Some(0), "{done}");
+        assert_eq!(done["best"]["configuration"]["x"], 1, "{done}");
+        assert_eq!(done["best"]["cost"], 1.5, "{done}");
+        assert_eq!(bench.count(study, "outcome = OK AND config.x > 5"), 0);
+        assert!(
+            stderr(&output).contains(&format!("loss is {word}")),
+            "the reason is told: {}",
+            stderr(&output)
+        );
+    }
+}
+
+#[test]
+fn numbers_that_cannot_be_reported_are_left_out_and_told_once() {
+    let bench = Bench::new();
+    let many: Vec<_> = (0..100).map(|number| format!("\\\"n{number}\\\": 1")).collect();
+    for (study, further, told) in [
+        ("capitals", "\\\"Throughput\\\": 3", "Throughput"),
+        ("dots", "\\\"cpu.user\\\": 3", "cpu.user"),
+        ("dashes", "\\\"p99-ms\\\": 3", "p99-ms"),
+        ("negative", "\\\"temperature\\\": -3", "temperature"),
+        ("words", "\\\"ratio\\\": NaN", "ratio"),
+        ("many", &many.join(", "), "64 measurements"),
+    ] {
+        let script = format!("echo \"{{\\\"loss\\\": {{x}}.5, {further}}}\"");
+        let output = bench.exec(study, &["--trials", "4"], &script);
+        assert_eq!(json(&output)["trials"], 4, "{study}");
+        assert_eq!(bench.count(study, "outcome = OK"), 4, "{study}");
+        assert_eq!(stderr(&output).matches("left out").count(), 1, "{study}: {}", stderr(&output));
+        assert!(stderr(&output).contains(told), "{study}: {}", stderr(&output));
+    }
+}
+
+#[test]
+fn a_default_that_fails_by_chance_is_tried_again() {
+    let bench = Bench::new();
+    let runs = bench.path("runs");
+    let script = format!("echo >> {runs}; [ $(wc -l < {runs}) -gt 3 ] || exit 9; echo '{{\"loss\": {{x}}}}'");
+    let output = bench.exec("late", &["--trials", "4"], &script);
+    assert_eq!(json(&output)["trials"], 4);
+    assert!(stderr(&output).contains("exit status: 9"), "{}", stderr(&output));
+    // One that never works ends, with its own words, after a few runs.
+    let never = bench.path("never");
+    let output = bench.exec("never", &[], &format!("echo >> {never}; echo port in use >&2; exit 9; : {{x}}"));
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("port in use"), "{}", stderr(&output));
+    assert_eq!(numbers(&never).len(), 5);
+    assert_eq!(bench.count("never", "state = COMPLETED"), 0, "nothing is said against any configuration");
+}
+
+#[test]
+fn who_crashes_by_chance_is_not_unusable() {
+    let bench = Bench::new();
+    let runs = bench.path("runs");
+    // Every fourth run is killed, whichever configuration it has.
+    let script = format!(
+        "echo >> {runs}; [ $(( $(wc -l < {runs}) % 4 )) = 0 ] && kill -SEGV $$; echo '{{\"loss\": {{x}}}}'"
+    );
+    let done = json(&bench.exec("flaky", &["--trials", "24"], &script));
+    assert_eq!(done["failed"].as_u64().unwrap_or(0) + done["infeasible"].as_u64().unwrap_or(0), 6, "{done}");
+    assert_eq!(done["best"]["configuration"]["x"], 1, "{done}");
+    for trial in 1..=8 {
+        let of_it =
+            |outcome: &str| bench.count("flaky", &format!("config.x = {trial} AND outcome = {outcome}"));
+        assert!(of_it("OK") == 0 || of_it("INFEASIBLE") == 0, "x = {trial} worked, and counts as unusable");
+    }
+    assert!(bench.count("flaky", "outcome = FAILED") > 0);
+}
+
+#[test]
+fn exit_codes_can_be_accepted() {
+    let bench = Bench::new();
+    let script = "echo '{\"loss\": {x}}'; exit 3";
+    assert_eq!(bench.exec("codes", &["--trials", "3"], script).status.code(), Some(1));
+    let accepted = bench.exec("codes", &["--trials", "3", "--accept-exit", "1,3"], script);
+    assert_eq!(json(&accepted)["trials"], 3);
+    assert_eq!(bench.count("codes", "outcome = OK"), 3);
+}
+
+#[test]
+fn helpers_that_stay_hold_nobody_up() {
+    let bench = Bench::new();
+    let begin = Instant::now();
+    let cut = bench.exec(
+        "limit",
+        &["--run-timeout", "2s", "--trials", "1"],
+        "setsid sleep 30 & echo started; sleep 30; : {x}",
+    );
+    assert!(begin.elapsed() < Duration::from_secs(8), "{:?}", begin.elapsed());
+    assert!(stderr(&cut).contains("longer than 2s"), "{}", stderr(&cut));
+
+    // A program that has ended has its result, whoever holds its output open, and even if that one writes on and on.
+    let (begin, pids) = (Instant::now(), bench.path("pids"));
+    for (study, helper) in [("quiet", "sleep 30"), ("loud", "sh -c 'while :; do echo x || exit; done'")] {
+        let script = format!("setsid {helper} & echo $! >> {pids}; echo '{{\"loss\": {{x}}}}'");
+        assert_eq!(json(&bench.exec(study, &["--trials", "3"], &script))["trials"], 3);
+    }
+    assert!(begin.elapsed() < Duration::from_secs(20), "{:?}", begin.elapsed());
+    for number in numbers(&pids) {
+        let _ = Command::new("kill").args(["-9", &number]).stderr(Stdio::null()).status();
+    }
+}
+
+#[test]
+fn who_is_interrupted_shows_what_was_found() {
+    let bench = Bench::new();
+    let runs = bench.path("runs");
+    let script = format!(
+        "echo >> {runs}; [ $(wc -l < {runs}) -lt 4 ] || {{ setsid sleep 30 & sleep 30; }}; echo '{{\"loss\": {{x}}}}'"
+    );
+    let child = exec(bench.daemon.url(), "stopped", &[], &script).spawn().expect("the program starts");
+    wait_until("the fourth run begins", || numbers(&runs).len() == 4);
+    std::thread::sleep(Duration::from_millis(200));
+    let begin = Instant::now();
+    signal(&child, "INT");
+    let output = child.wait_with_output().expect("it ends");
+    assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
+    let done = json(&output);
+    assert_eq!((&done["trials"], &done["end"]), (&Value::from(3), &Value::from("interrupted")));
+    assert!(done["best"]["cost"].as_f64().is_some(), "{done}");
+    assert_eq!(bench.count("stopped", "state = OPEN"), 0, "the trial is given back");
+}
+
+#[test]
+fn programs_end_with_who_runs_them() {
+    let bench = Bench::new();
+    let pids = bench.path("pids");
+    let script = format!(
+        "echo $$ >> {pids}; sleep 60 & echo $! >> {pids}; setsid sh -c 'echo $$ >> {pids}; sleep 60; :' & \
+         sleep 60; : {{x}}"
+    );
+    let mut child = exec(bench.daemon.url(), "killed", &[], &script).spawn().expect("the program starts");
+    wait_until("all three run", || numbers(&pids).len() == 3);
+    assert!(numbers(&pids).iter().all(|number| is_alive(number)));
+    child.kill().expect("it can be killed");
+    child.wait().expect("it ends");
+    wait_until("everything below it ends", || !numbers(&pids).iter().any(|number| is_alive(number)));
+}
+
+#[test]
+fn endless_output_takes_bounded_memory() {
+    let bench = Bench::new();
+    let ready = bench.path("ready");
+    let script = format!(
+        "head -c 200000000 /dev/zero | tr '\\000' x; echo > {ready}; sleep 2; echo; echo '{{\"loss\": {{x}}}}'"
+    );
+    let child = exec(bench.daemon.url(), "long", &["--trials", "1"], &script).spawn().expect("it starts");
+    wait_until("all is written", || Path::new(&ready).exists());
+    let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).expect("it runs");
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("Linux says it");
+    let peak_kb: u64 = peak.trim().trim_end_matches(" kB").parse().expect("a number");
+    assert_eq!(json(&child.wait_with_output().expect("it ends"))["trials"], 1);
+    assert!(peak_kb < 100_000, "{peak_kb} kB");
+}
+
+#[test]
+fn a_daemon_that_is_away_for_seconds_loses_no_run() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (database, address) = (folder.path().join("tuning.db"), lasting_address());
+    for (study, is_killed) in [("killed", true), ("stopped", false)] {
+        let daemon = Daemon::start_at(&database, &address);
+        let runs = folder.path().join(study);
+        let script = format!("echo {{x}} >> {}; sleep 0.4; echo '{{\"loss\": {{x}}}}'", runs.display());
+        let more = ["--trials", "6", "--timeout", "60s"];
+        let child = exec(daemon.url(), study, &more, &script).spawn().expect("the program starts");
+        wait_until("the second run begins", || numbers(runs.to_str().expect("text")).len() == 2);
+        if is_killed {
+            daemon.kill();
+        } else {
+            assert!(daemon.terminate().success());
+        }
+        std::thread::sleep(Duration::from_secs(2));
+        let daemon = Daemon::start_at(&database, &address);
+        let output = child.wait_with_output().expect("it ends");
+        assert_eq!(json(&output)["trials"], 6, "{}", stderr(&output));
+        assert_eq!(numbers(runs.to_str().expect("text")).len(), 6, "no run is done twice");
+        let all = ["--server", daemon.url(), "--json", "trials", study, "--all", "--filter", "outcome = OK"];
+        assert_eq!(json(&run("treewright", &all)).as_array().map(Vec::len), Some(6));
+        assert!(daemon.terminate().success());
+    }
+}
+
+#[test]
+fn a_daemon_that_stays_away_takes_nothing_with_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (database, address) = (folder.path().join("tuning.db"), lasting_address());
+    let daemon = Daemon::start_at(&database, &address);
+    let runs = folder.path().join("runs");
+    let script = format!("echo {{x}} >> {}; sleep 0.4; echo '{{\"loss\": {{x}}}}'", runs.display());
+    let mut command = exec(daemon.url(), "left", &["--timeout", "1s"], &script);
+    let child = command.spawn().expect("the program starts");
+    wait_until("the fourth run begins", || numbers(runs.to_str().expect("text")).len() == 4);
+    daemon.kill();
+    let output = child.wait_with_output().expect("it ends");
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    let found: Value = serde_json::from_str(&stdout(&output)).expect("JSON");
+    assert_eq!(
+        (&found["trials"], &found["best"]["source"]),
+        (&Value::from(3), &Value::from("runs")),
+        "{found}"
+    );
+    assert!(found["error"].as_str().is_some_and(|error| error.contains(&address)), "{found}");
+    // The finished run is told, and can be handed in.
+    let told = stderr(&output);
+    let command = told.split("treewright report ").nth(1).and_then(|rest| rest.lines().next());
+    let words: Vec<_> = command.expect("it says how").split(' ').collect();
+    let daemon = Daemon::start_at(&database, &address);
+    let all = [&["--server", daemon.url(), "report"][..], &words].concat();
+    assert!(stdout(&run("treewright", &all)).starts_with("reported studies/left/trials/4"), "{words:?}");
+}
+
+#[test]
+fn the_last_words_name_one_configuration() {
+    let bench = Bench::new();
+    let words = |study: &str, script: &str| {
+        let mut command = exec(bench.daemon.url(), study, &["--trials", "12", "--confirm=8"], script);
+        let all: Vec<_> =
+            command.get_args().filter(|word| *word != "--json").map(ToOwned::to_owned).collect();
+        command = Command::new(program("treewright"));
+        let output = command.args(all).output().expect("the program starts");
+        assert!(output.status.success(), "{}", stderr(&output));
+        stdout(&output)
+    };
+    let better = words("better", "echo '{\"loss\": {x}}'");
+    let lines: Vec<_> = better.lines().collect();
+    assert_eq!(lines[1], "best: x=1", "{better}");
+    assert!(lines[2].contains("\"loss\": 1}"), "{better}");
+    assert_eq!(lines[3], "loss 1, default 4", "{better}");
+    assert!(lines[4].starts_with("confirmed in 8 interleaved pairs: 75.0 % below the default"), "{better}");
+    let even = words("even", "echo '{\"loss\": 7}'; : {x}");
+    assert_eq!(even.matches("x=").count(), 1, "{even}");
+    assert!(even.contains("best: the default, x=4") && even.contains(": 4'"), "{even}");
+}
